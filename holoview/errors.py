@@ -22,6 +22,10 @@ class UserError(ValueError):
             parts.append(remedy)
         super().__init__("; ".join(parts))
 
+    def inside(self, outer: str) -> UserError:
+        """The same mistake, located from further out: "gap" inside "bench.toml: " is "bench.toml: gap"."""
+        return UserError(outer + self.where, self.found, expected=self.expected, remedy=self.remedy)
+
 
 def near_matches(word: str, known: Iterable[str]) -> str:
     """A remedy that names the known words nearest to `word`, or all of them when none is near."""

@@ -1,0 +1,59 @@
+"""holoview: an interactive hologram previewer for polychromatic, dual-modulator displays.
+
+    system = holoview.load("holochrome-8")
+    drive = holoview.random_drive(system, seed=0)
+    view = holoview.simulate(system, drive, planes=["10 mm"])
+    view.srgb8[0]  # what an eye sees, (y, x, 3)
+
+errors units schema      how mistakes read; people's units; what a parameter is
+system shorthand preset  the bench as data, and as TOML
+grid plan                FFT conventions; every derived number
+optics engine gpu        elements in torch; two executors of a plan; WebGPU plumbing
+colour metrics targets   the eye; PSNR, ΔE, speckle, eyebox; pictures to focal stacks
+optimise hologram        finding patterns; the file that holds them
+view cli                 what is seen; the command line
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+from holoview.errors import UserError
+from holoview.plan import Plan, make_plan
+from holoview.preset import load
+from holoview.system import Modulator, Relay, Sampling, Source, System
+
+if TYPE_CHECKING:
+    from holoview.view import View, random_drive, simulate
+
+try:
+    __version__ = version("holoview")
+except PackageNotFoundError:
+    __version__ = "0+unknown"
+
+_LAZY = {"View": "holoview.view", "random_drive": "holoview.view", "simulate": "holoview.view"}
+
+__all__ = [
+    "Modulator",
+    "Plan",
+    "Relay",
+    "Sampling",
+    "Source",
+    "System",
+    "UserError",
+    "View",
+    "__version__",
+    "load",
+    "make_plan",
+    "random_drive",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Loads what needs torch (seconds) when it is first used."""
+    if name not in _LAZY:
+        raise AttributeError(f"module 'holoview' has no attribute {name!r}")
+    return getattr(import_module(_LAZY[name]), name)

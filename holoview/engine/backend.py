@@ -1,0 +1,38 @@
+"""Choosing an executor by name, and saying which one it became. Nothing falls back silently."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from holoview.engine.frame import Executor
+from holoview.engine.torch import TorchExecutor
+from holoview.errors import UserError, near_matches
+from holoview.optics.slots import make_slots
+from holoview.plan import Plan
+
+BACKENDS = ("auto", "wgpu", "torch", "torch64")
+
+
+def open_executor(plan: Plan, drive: Any, backend: str = "auto", adapter: str | None = None) -> tuple[Executor[Any], str]:
+    """An executor of the plan for a drive, and its label.
+
+    Raises UserError for an unknown backend, and for "wgpu" where no adapter serves; "auto" then takes torch and its
+    label says why.
+    """
+    if backend not in BACKENDS:
+        raise UserError("backend", f'"{backend}"', expected=" or ".join(BACKENDS), remedy=near_matches(backend, BACKENDS))
+    if backend == "torch64":
+        return TorchExecutor(plan, make_slots(plan, drive, double=True), double=True), "torch, complex128"
+    slots = make_slots(plan, drive)
+    if backend == "torch":
+        return TorchExecutor(plan, slots), "torch, complex64"
+    from holoview.engine.wgpu import WgpuExecutor  # here, so that torch alone needs no WebGPU library
+    from holoview.gpu.device import open_device
+
+    try:
+        device = open_device(adapter)
+        return WgpuExecutor(plan, slots, device), f"wgpu: {device.label}"
+    except UserError as error:
+        if backend == "wgpu" or adapter is not None:
+            raise
+        return TorchExecutor(plan, slots), f"torch, complex64 (chosen because: {error})"

@@ -1,0 +1,96 @@
+"""The graph of stages, written once for both executors.
+
+    illuminate ─▶ modulate 1 ─▶ spectrum ─▶ transmit gap ─▶ field ─▶ modulate 2 ─▶ spectrum ─┬▶ transmit z₁ ─▶ field ─▶ |·|²
+                                                                                           └▶ transmit z₂ ─▶ …
+
+Frames and sources add in intensity. Everything up to the last spectrum is shared by all planes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.errors import UserError
+from holoview.plan import Plan
+
+Field = TypeVar("Field")
+Progress = Callable[[int, int], None]
+
+
+class Executor(Protocol[Field]):
+    """The stages of a frame. A `Field` is complex: on the modulator's area in space, on the padded grid as a spectrum.
+
+    A stage may reuse the storage of its input, except `transmit`, whose input stays valid for the next plane.
+    """
+
+    plan: Plan
+
+    def illuminate(self, wavelength: int, source: int) -> Field:
+        """The plane wave that falls on the first modulator."""
+
+    def modulate(self, field: Field, frame: int, modulator: int, wavelength: int) -> Field:
+        """field × exp(2πi·opd/λ), zero outside the modulator."""
+
+    def spectrum(self, field: Field) -> Field:
+        """Forward FFT of the zero-padded field."""
+
+    def transmit(self, spectrum: Field, relay: int, wavelength: int, distance_m: float) -> Field:
+        """spectrum × H × pupil."""
+
+    def field(self, spectrum: Field) -> Field:
+        """Inverse FFT, valid on the modulator's area."""
+
+    def clear(self, plane: int) -> None:
+        """Sets the intensity of a plane to zero."""
+
+    def accumulate(self, field: Field, plane: int, weight: float) -> None:
+        """Adds weight·|field|² to the intensity of a plane."""
+
+    def intensity(self, plane: int) -> NDArray[np.floating]:
+        """The accumulated intensity of a plane, (y, x)."""
+
+    def composite(self, intensity: NDArray[np.floating]) -> NDArray[np.floating]:
+        """XYZ (plane, y, x, 3) of intensities (plane, wavelength, y, x) through the observer's response."""
+
+
+def last_spectrum(executor: Executor[Field], wavelength: int, frame: int, source: int) -> Field:
+    """The spectrum behind the last modulator: what every focal plane is computed from."""
+    system = executor.plan.system
+    field = executor.modulate(executor.illuminate(wavelength, source), frame, 0, wavelength)
+    if system.gap_m is not None:
+        spectrum = executor.transmit(executor.spectrum(field), 0, wavelength, system.gap_m)
+        field = executor.modulate(executor.field(spectrum), frame, 1, wavelength)
+    return executor.spectrum(field)
+
+
+def wavelength_stack(executor: Executor[Field], wavelength: int) -> NDArray[np.floating]:
+    """Intensity (plane, y, x) of one wavelength, averaged over frames and sources, laser amplitudes applied."""
+    plan = executor.plan
+    planes = range(len(plan.planes_m))
+    for plane in planes:
+        executor.clear(plane)
+    for frame in plan.lit(wavelength):
+        for source in range(len(plan.slopes)):
+            spectrum = last_spectrum(executor, wavelength, frame, source)
+            for plane in planes:
+                seen = executor.field(executor.transmit(spectrum, 1, wavelength, float(plan.planes_m[plane])))
+                executor.accumulate(seen, plane, float(plan.weights[frame, wavelength]))
+    return np.stack([executor.intensity(plane) for plane in planes])
+
+
+def focal_stack(executor: Executor[Field], progress: Progress | None = None) -> NDArray[np.floating]:
+    """Intensity (plane, wavelength, y, x) of a whole frame; `progress(done, total)` after each wavelength."""
+    count = len(executor.plan.system.wavelengths_m)
+    stacks: list[NDArray[np.floating]] = []
+    for wavelength in range(count):
+        stacks.append(wavelength_stack(executor, wavelength))
+        if progress is not None:
+            progress(wavelength + 1, count)
+    intensity = np.stack(stacks, axis=1)
+    if not np.isfinite(intensity).all():
+        raise UserError("simulation", "the intensity isn't finite", remedy="check amplitudes and drive for extreme values")
+    return intensity

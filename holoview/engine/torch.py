@@ -1,0 +1,82 @@
+"""The reference executor: torch, complex64 or complex128, on the CPU or a torch device."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from holoview.optics.propagate import transfer_function
+from holoview.optics.slm import phasor, upsampled
+from holoview.optics.slots import Slots
+from holoview.optics.source import plane_wave
+from holoview.plan import Plan
+
+
+class TorchExecutor:
+    """Runs the stages of a frame in torch. Transfer functions are built in float64."""
+
+    def __init__(self, plan: Plan, slots: Slots, *, double: bool = False, device: str = "cpu") -> None:
+        self.plan = plan
+        self.slots = slots
+        self._device = torch.device(device)
+        self._dtype = torch.complex128 if double else torch.complex64
+        self._real = torch.float64 if double else torch.float32
+        self._transfers: dict[tuple[int, float], torch.Tensor] = {}
+        self._transfers_of = -1
+        self._intensity = torch.zeros(len(plan.planes_m), *plan.grid.shape, dtype=self._real, device=self._device)
+
+    def illuminate(self, wavelength: int, source: int) -> torch.Tensor:
+        """Plane wave on the first modulator, (y, x)."""
+        return plane_wave(self.plan, wavelength, source, self._dtype, self._device)
+
+    def modulate(self, field: torch.Tensor, frame: int, modulator: int, wavelength: int) -> torch.Tensor:
+        """field × exp(2πi·opd/λ), (y, x)."""
+        opd = self.slots.opd_m[frame, modulator].to(self._device, self._real)
+        pixels = phasor(opd, float(self.plan.system.wavelengths_m[wavelength]), self._dtype)
+        return field * upsampled(pixels, self.plan.grid.upsample)
+
+    def spectrum(self, field: torch.Tensor) -> torch.Tensor:
+        """Forward FFT of the field in the middle of the padded grid, (P_y, P_x)."""
+        padded = torch.zeros(self.plan.grid.padded, dtype=self._dtype, device=self._device)
+        padded[self.plan.grid.inside] = field
+        return torch.fft.fft2(padded)
+
+    def transmit(self, spectrum: torch.Tensor, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
+        """spectrum × H × pupil, (P_y, P_x)."""
+        return spectrum * self.transfer(relay, wavelength, distance_m)
+
+    def field(self, spectrum: torch.Tensor) -> torch.Tensor:
+        """Inverse FFT, cut to the modulator's area, (y, x)."""
+        return torch.fft.ifft2(spectrum)[self.plan.grid.inside]
+
+    def clear(self, plane: int) -> None:
+        """Sets the intensity of a plane to zero."""
+        self._intensity[plane] = 0.0
+
+    def accumulate(self, field: torch.Tensor, plane: int, weight: float) -> None:
+        """Adds weight·|field|² to the intensity of a plane."""
+        self._intensity[plane] += weight * (field.real.square() + field.imag.square())
+
+    def intensity(self, plane: int) -> NDArray[np.floating]:
+        """The accumulated intensity of a plane, (y, x)."""
+        return self._intensity[plane].cpu().numpy().copy()
+
+    def composite(self, intensity: NDArray[np.floating]) -> NDArray[np.floating]:
+        """XYZ (plane, y, x, 3) of intensities (plane, wavelength, y, x)."""
+        weights = torch.as_tensor(self.plan.colour_weights, dtype=self._real)
+        xyz: NDArray[np.floating] = torch.einsum("plyx,lc->pyxc", torch.from_numpy(intensity), weights).numpy()
+        return xyz
+
+    def transfer(self, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
+        """H × pupil of a relay, (P_y, P_x); kept for the frames and sources of one wavelength, the next one drops it."""
+        if wavelength != self._transfers_of:
+            self._transfers.clear()
+            self._transfers_of = wavelength
+        key = (relay, distance_m)
+        if key not in self._transfers:
+            step = self.plan.transfer(relay, wavelength, distance_m)
+            h = transfer_function(step, self.plan.grid, torch.complex128, self._device)
+            pupil = self.slots.pupils[relay][wavelength]
+            self._transfers[key] = (h if pupil is None else h * pupil.to(self._device)).to(self._dtype)
+        return self._transfers[key]

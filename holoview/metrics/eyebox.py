@@ -1,0 +1,88 @@
+"""How evenly the light fills the eyebox, the area in the pupil plane from which the image can be seen.
+
+It's reported beside PSNR because the two trade: a smooth phase sends the light through a small spot in the middle of
+the eyebox, which avoids speckle and so gains several decibels, but the image is gone when the eye moves, and it hardly
+blurs out of focus. A hologram is better only if its PSNR is higher at the same filling.
+
+A diffuse hologram's eyebox is speckled itself, so one point's intensity says nothing: what's judged are means of
+blocks. Those of n independent samples of fully developed speckle still scatter by 1/√n.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from holoview.errors import UserError
+
+CENTRE = 8
+"""The centre whose share is reported is 1/CENTRE of the eyebox wide and high."""
+
+
+@dataclass(frozen=True)
+class EyeboxUniformity:
+    """Filling of the eyebox, judged on means of blocks.
+
+    coefficient_of_variation: standard deviation of the block means over their mean; 0 when evenly filled.
+    uniformity: the darkest block over the mean; 1 when evenly filled, 0 when a block is dark.
+    centre_share: mean intensity of the central 1/8 × 1/8 over that of the whole; 1 when evenly filled, at most 64.
+    """
+
+    coefficient_of_variation: float
+    uniformity: float
+    centre_share: float
+
+
+def eyebox_uniformity(eyebox: ArrayLike, blocks: int = 8, envelope: ArrayLike | None = None) -> EyeboxUniformity:
+    """Uniformity of the intensity (y, x) over the eyebox, zero frequency at its centre (N//2, as `fftshift` puts it).
+
+    `envelope` (y, x), positive, is divided out first: the sinc² of the modulator's pixel, which no hologram can change.
+    Crop both to the band of the modulator, |f| ≤ 1/(2·pitch), beyond which the envelope falls to zero. `blocks` is the
+    number of blocks along each axis; they differ by a sample in size where it doesn't divide the shape.
+    Raises UserError for a shape smaller than the blocks, an envelope that doesn't fit or isn't positive, and no light.
+    """
+    light = np.asarray(eyebox, dtype=np.float64)
+    if light.ndim != 2 or blocks < 1 or min(light.shape) < blocks:
+        raise UserError("eyebox", f"shape {light.shape}", expected=f"(y, x) of at least {blocks} samples, a block each")
+    if envelope is not None:
+        light = light / _checked_envelope(envelope, light.shape)
+    if not light.mean() > 0.0:
+        raise UserError("eyebox", f"mean intensity {light.mean():g}", expected="some light")
+    means = _block_means(light, blocks)
+    return EyeboxUniformity(
+        coefficient_of_variation=float(means.std() / means.mean()),
+        uniformity=float(means.min() / means.mean()),
+        centre_share=float(light[_centre(light.shape[0]), _centre(light.shape[1])].mean() / light.mean()),
+    )
+
+
+def _checked_envelope(envelope: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    values = np.asarray(envelope, dtype=np.float64)
+    if values.shape != shape:
+        raise UserError("envelope", f"shape {values.shape}", expected=f"the eyebox's shape, {shape}")
+    if not values.min() > 0.0:
+        raise UserError(
+            "envelope",
+            f"least value {values.min():g}",
+            expected="positive everywhere",
+            remedy="crop to |f| ≤ 1/(2·pitch)",
+        )
+    return values
+
+
+def _block_means(light: NDArray[np.float64], blocks: int) -> NDArray[np.float64]:
+    """Means (blocks, blocks) of a grid of blocks that are as equal as whole samples allow."""
+    rows, columns = (np.arange(blocks) * n // blocks for n in light.shape)
+    sums = np.add.reduceat(np.add.reduceat(light, rows, axis=0), columns, axis=1)
+    heights, widths = np.diff(rows, append=light.shape[0]), np.diff(columns, append=light.shape[1])
+    means: NDArray[np.float64] = sums / np.outer(heights, widths)
+    return means
+
+
+def _centre(n: int) -> slice:
+    """The central 1/CENTRE of n samples, at least one, around zero frequency at n//2."""
+    width = max(1, round(n / CENTRE))
+    start = n // 2 - width // 2
+    return slice(start, start + width)

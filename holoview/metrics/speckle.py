@@ -1,0 +1,105 @@
+"""Speckle contrast: the standard deviation of an intensity over its mean, C = σ/μ, in a region that should be smooth.
+
+Fully developed speckle has C = 1; the sum of N independent patterns of equal mean has C = 1/√N (Goodman, *Speckle
+Phenomena in Optics*, 2007, ch. 3), so 1/C² counts the independent patterns that wavelengths, frames or sources bring.
+
+A picture has structure of its own, which σ/μ would count as speckle. Speckle is multiplicative, I = g·T·s with the
+target T, a gain g and a pattern s of mean 1, so where T is known the ratio I/(g·T) = s has exactly the contrast of the
+speckle, whatever the texture. A difference I − g·T would not do: its spread still follows the picture. σ/μ doesn't
+depend on g, which is fitted (Σ I/Σ T) only to report a mean near 1.
+
+Where T is dark, the ratio is stray light and noise over almost nothing: pixels whose target is below `TARGET_FLOOR` of
+its mean in the region are left out. Raising T to a floor instead would bias C, since the dark pixels' ratios would be
+far below 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from holoview.errors import UserError
+
+TARGET_FLOOR = 0.05
+"""Least target, as a share of its mean in the region, at which a pixel takes part."""
+
+Region = tuple[int, int, int, int]
+"""x, y, width, height in pixels; x runs along the last axis, and (0, 0) is the first sample."""
+
+
+@dataclass(frozen=True)
+class SpeckleContrast:
+    """Contrast σ/μ with the mean μ and standard deviation σ it comes from, and the number of pixels that took part.
+
+    With a target, μ and σ are those of the ratio to the fitted target, and no longer in the image's units.
+    """
+
+    contrast: float
+    mean: float
+    std: float
+    n_pixels: int
+
+
+def speckle_contrast(
+    intensity: ArrayLike, region: Region | None = None, target: ArrayLike | None = None
+) -> SpeckleContrast:
+    """Speckle contrast of an intensity image (y, x), in a region if given, with the target's structure divided out.
+
+    Grains that span several pixels make these dependent: the estimate is then noisier than n_pixels suggests, and low
+    in a region of few grains. Raises UserError for an image that isn't (y, x), a region that is empty or outside, a
+    target of another shape, and where nothing is left to measure (a dark image, or fewer than two pixels).
+    """
+    image = np.asarray(intensity, dtype=np.float64)
+    if image.ndim != 2 or image.size == 0:
+        raise UserError("image", f"shape {image.shape}", expected="one channel, (y, x)", remedy="take its luminance")
+    window = _window(region, image.shape[1], image.shape[0])
+    values = image[window].ravel()
+    if target is not None:
+        wanted = np.asarray(target, dtype=np.float64)
+        if wanted.shape != image.shape:
+            raise UserError("target", f"shape {wanted.shape}", expected=f"the image's shape, {image.shape}")
+        values = _without_structure(values, wanted[window].ravel())
+    mean = float(values.mean()) if values.size > 1 else 0.0
+    if not mean > 0.0:
+        raise UserError(
+            "region",
+            f"{values.size} usable pixels of mean {mean:g}",
+            expected="two or more pixels with light on them",
+            remedy="choose a larger or brighter region",
+        )
+    std = float(values.std())
+    return SpeckleContrast(contrast=std / mean, mean=mean, std=std, n_pixels=values.size)
+
+
+def independent_patterns(contrast: float) -> float:
+    """Number N = 1/C² of independent, equally bright speckle patterns whose sum has this contrast; inf for C = 0.
+
+    Raises UserError for a negative contrast.
+    """
+    if not contrast >= 0.0:
+        raise UserError("contrast", f"{contrast:g}", expected="0 or more")
+    return 1.0 / contrast**2 if contrast > 0.0 else float("inf")
+
+
+def _window(region: Region | None, width: int, height: int) -> tuple[slice, slice]:
+    """The region as slices of (y, x), checked against the image."""
+    if region is None:
+        return slice(None), slice(None)
+    x, y, w, h = region
+    if w < 1 or h < 1 or x < 0 or y < 0 or x + w > width or y + h > height:
+        raise UserError(
+            "region",
+            f"x = {x}, y = {y}, width = {w}, height = {h}",
+            expected=f"at least one pixel, inside the image of {width} × {height} pixels (width × height)",
+        )
+    return slice(y, y + h), slice(x, x + w)
+
+
+def _without_structure(values: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The ratio image I/(g·T) of the pixels whose target isn't too dark; empty where there is none."""
+    bright = (target > 0.0) & (target >= TARGET_FLOOR * target.mean())
+    values, target = values[bright], target[bright]
+    gain = values.sum() / target.sum() if values.size else 0.0
+    return values / (gain * target) if gain > 0.0 else np.zeros(0)

@@ -1,0 +1,65 @@
+"""The complex pupil of a relay: apodisation × exp(2πi·OPD/λ), beside the stops that the plan's support holds.
+
+OPD is a sum of Zernike terms, r.m.s.-normalised over the iris, in Noll's order (J. Opt. Soc. Am. 66, 207 (1976)).
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from holoview.grid import frequency_indices
+from holoview.plan import Plan
+
+
+def pupil(plan: Plan, relay: int, wavelength: int, dtype: torch.dtype, device: torch.device) -> torch.Tensor | None:
+    """(P_y, P_x) complex pupil in `fftfreq` order, or None for a relay with neither aberration nor apodisation.
+
+    The pupil lies at direction sines λu: its radius in frequency shrinks with the wavelength, its OPD is that of the
+    glass and doesn't.
+    """
+    description = plan.relays[relay]
+    if not description.aberration_m and description.apodisation_na is None:
+        return None
+    λ = float(plan.system.wavelengths_m[wavelength])
+    sine_y, sine_x = (
+        torch.from_numpy(frequency_indices(p)).to(device).double() * (λ * step)
+        for p, step in zip(plan.grid.padded, plan.grid.frequency_step, strict=True)
+    )
+    sine = torch.hypot(sine_y[:, None], sine_x[None, :])
+    amplitude = torch.ones_like(sine)
+    if description.apodisation_na is not None:
+        amplitude = torch.exp(-((sine / description.apodisation_na) ** 2))
+    opd = torch.zeros_like(sine)
+    angle = torch.atan2(sine_y[:, None], sine_x[None, :])
+    for noll, rms_m in description.aberration_m:
+        opd = opd + rms_m * zernike(noll, sine / float(description.iris_na or 1.0), angle)
+    return torch.polar(amplitude, 2 * math.pi * torch.remainder(opd / λ, 1.0)).to(dtype)
+
+
+def zernike(noll: int, radius: torch.Tensor, angle: torch.Tensor) -> torch.Tensor:
+    """Zernike polynomial Z_j (Noll index ≥ 1) with unit r.m.s. over the unit disc; zero outside it."""
+    n, m = noll_orders(noll)
+    radial = torch.zeros_like(radius)
+    for k in range((n - abs(m)) // 2 + 1):
+        numerator = (-1) ** k * math.factorial(n - k)
+        half_sum, half_difference = (n + abs(m)) // 2 - k, (n - abs(m)) // 2 - k
+        denominator = math.factorial(k) * math.factorial(half_sum) * math.factorial(half_difference)
+        radial = radial + numerator / denominator * radius ** (n - 2 * k)
+    if m == 0:
+        term = math.sqrt(n + 1) * radial
+    else:
+        wave = torch.cos(m * angle) if m > 0 else torch.sin(-m * angle)
+        term = math.sqrt(2 * (n + 1)) * radial * wave
+    return torch.where(radius <= 1, term, torch.zeros_like(term))
+
+
+def noll_orders(noll: int) -> tuple[int, int]:
+    """Radial order n and azimuthal order m of Noll's index: m > 0 is a cosine, m < 0 a sine."""
+    n = 0
+    while (n + 1) * (n + 2) // 2 < noll:
+        n += 1
+    rest = noll - n * (n + 1) // 2 - 1
+    m = 2 * ((rest + 1) // 2) if n % 2 == 0 else 2 * (rest // 2) + 1
+    return n, m if noll % 2 == 0 else -m

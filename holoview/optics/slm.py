@@ -1,0 +1,49 @@
+"""A phase modulator: drive → optical path → phase, and its square pixels on the simulation grid.
+
+Phase = 2π·opd/λ. The optical path that a drive gives doesn't depend on the wavelength, so the phase scales as 1/λ.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from holoview.system import Modulator
+
+
+def optical_path(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
+    """Optical path (m) of a drive in 0…1 of the stroke, any shape: the nearest level that the modulator can show."""
+    return nearest_level(drive, modulator) * modulator.stroke_m
+
+
+def nearest_level(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
+    """The drive itself for a continuous modulator, else the stroke fraction of the nearest level; gradients pass through.
+
+    Straight-through: the step function's gradient is taken as that of the identity (Bengio et al., arXiv:1308.3432).
+    """
+    if modulator.levels is None:
+        return drive
+    levels = torch.as_tensor(modulator.levels.copy(), dtype=drive.dtype, device=drive.device)
+    edges = (levels[1:] + levels[:-1]) / 2
+    shown = levels[torch.bucketize(drive.detach(), edges)]
+    return drive + (shown - drive).detach() if drive.requires_grad else shown
+
+
+def phasor(opd_m: torch.Tensor, wavelength_m: float, dtype: torch.dtype) -> torch.Tensor:
+    """exp(2πi·opd/λ), shape of `opd_m`; the turns are taken in the precision of `opd_m`."""
+    turns = opd_m * (1.0 / wavelength_m)
+    phase = (2 * math.pi) * torch.remainder(turns, 1.0)
+    return torch.polar(torch.ones_like(phase), phase).to(dtype)
+
+
+def upsampled(pixels: torch.Tensor, factor: int) -> torch.Tensor:
+    """Nearest-neighbour upsampling of the last two axes: a pixel is a square of constant value (fill factor 1)."""
+    return pixels.repeat_interleave(factor, dim=-2).repeat_interleave(factor, dim=-1)
+
+
+def pooled(samples: torch.Tensor, factor: int) -> torch.Tensor:
+    """The adjoint of `upsampled`: the sum of the samples of each pixel."""
+    *batch, rows, columns = samples.shape
+    blocks = samples.reshape(*batch, rows // factor, factor, columns // factor, factor)
+    return blocks.sum(dim=(-3, -1))

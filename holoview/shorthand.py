@@ -1,0 +1,130 @@
+"""What people may write instead of plain fields: white balance, a number of frames, a grid of sources.
+
+Both presets and edits pass through here; what comes out has only the fields of a `System`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview import units
+from holoview.colour import observer_weights, white_amplitudes
+from holoview.errors import UserError
+from holoview.schema import Array, Count, Number
+
+if TYPE_CHECKING:
+    from holoview.system import System
+
+_EVERY_MODULATOR = ("pitch", "shape", "stroke", "levels")
+_SAMPLING = ("upsample", "propagation")
+_SWITCH = Array(Number(low=0.0, high=1.0), axes=2)
+_WAVELENGTHS = Array(Number("nm", low=100e-9, high=10e-6))
+
+
+def expand_table(table: Mapping[str, Any]) -> dict[str, Any]:
+    """A preset's table with its shorthands (amplitudes = "white", frames, sequence, source.grid) written out.
+
+    frames = 3 repeats the amplitudes; sequence = [[1, 0], [0, 1]] says which lasers are on in each frame;
+    single = true keeps the first modulator only.
+    """
+    out = dict(table)
+    if out.pop("single", False):
+        out = _single(out)
+    frames, sequence = out.pop("frames", None), out.pop("sequence", None)
+    if out.get("amplitudes") == "white" and "wavelengths" in out:
+        wavelengths = _WAVELENGTHS.read(out["wavelengths"], "wavelengths")
+        assert wavelengths is not None
+        switches = _switches(sequence, frames, len(wavelengths))
+        out["amplitudes"] = _white(str(out.get("observer", "eye")), wavelengths, switches)
+    elif sequence is not None:
+        raise UserError("sequence", "without white balance", remedy='use it with amplitudes = "white", or give the table itself')
+    elif frames is not None and "amplitudes" in out:
+        row = Array(Number(low=0.0)).read(out["amplitudes"], "amplitudes")
+        out["amplitudes"] = np.tile(np.asarray(row), (Count().read(frames, "frames"), 1))
+    if isinstance(out.get("source"), Mapping) and "grid" in out["source"]:
+        out["source"] = _source_grid(out["source"])
+    return out
+
+
+def expand_edit(system: System, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Edits of a system with their shorthands written out: modulator keys without an index, sampling keys, white balance."""
+    out: dict[str, Any] = {}
+    for key, value in changes.items():
+        if key in _EVERY_MODULATOR:
+            out |= {f"modulators.{i}.{key}": value for i in range(len(system.modulators))}
+        elif key in _SAMPLING:
+            out[f"sampling.{key}"] = value
+        else:
+            out[key] = value
+    frames = out.pop("frames", None)
+    if isinstance(out.get("source"), Mapping) and "grid" in out["source"]:
+        out["source"] = _source_grid(out["source"])
+    wavelengths = _WAVELENGTHS.read(out.get("wavelengths", system.wavelengths_m), "wavelengths")
+    assert wavelengths is not None
+    if isinstance(out.get("amplitudes"), str):
+        out["amplitudes"] = _white_edit(system, out, wavelengths, frames)
+    elif frames is not None:
+        out["amplitudes"] = _repeated(system, out.get("amplitudes"), frames)
+    return out
+
+
+def _single(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The same bench with one modulator: no gap, and no relay between modulators."""
+    modulators = table.get("modulators")
+    if not isinstance(modulators, list) or not modulators:
+        raise UserError("modulators", f"{modulators!r}", expected="at least one [[modulators]] table")
+    return {k: v for k, v in table.items() if k not in ("gap", "relay1")} | {"modulators": modulators[:1]}
+
+
+def _white_edit(system: System, out: Mapping[str, Any], wavelengths: NDArray[np.float64], frames: Any) -> NDArray[np.float64]:
+    if out["amplitudes"] != "white":
+        raise UserError("amplitudes", f'"{out["amplitudes"]}"', expected='a table (frame, wavelength) or "white"')
+    sequence = (system.amplitudes > 0).astype(float)
+    if frames is not None or sequence.shape[1] != len(wavelengths) or not np.all(sequence.any(axis=0)):
+        sequence = np.ones((system.frames if frames is None else Count().read(frames, "frames"), len(wavelengths)))
+    return _white(str(out.get("observer", system.observer)), wavelengths, sequence)
+
+
+def _repeated(system: System, table: Any, frames: Any) -> NDArray[np.float64]:
+    rows = np.atleast_2d(np.asarray(system.amplitudes if table is None else table, dtype=np.float64))
+    if np.any(rows != rows[0]):
+        raise UserError("frames", str(frames), expected="frames with equal amplitudes", remedy="give the whole amplitude table instead")
+    return np.tile(rows[0], (Count().read(frames, "frames"), 1))
+
+
+def _white(observer: str, wavelengths: NDArray[np.float64], sequence: NDArray[np.float64]) -> NDArray[np.float64]:
+    return white_amplitudes(observer_weights(observer, wavelengths), sequence)
+
+
+def _switches(sequence: Any, frames: Any, wavelengths: int) -> NDArray[np.float64]:
+    if sequence is None:
+        return np.ones((1 if frames is None else Count().read(frames, "frames"), wavelengths))
+    table = _SWITCH.read(sequence, "sequence")
+    assert table is not None
+    if table.ndim != 2 or table.shape[1] != wavelengths or (frames is not None and len(table) != frames):
+        raise UserError("sequence", f"a table of shape {table.shape}", expected=f"(frames, {wavelengths}) of 0 and 1")
+    return table
+
+
+def _source_grid(source: Mapping[str, Any]) -> dict[str, Any]:
+    """`grid = [rows, columns]` with `spacing` (an angle) as directions centred on the axis."""
+    rest = {key: value for key, value in source.items() if key not in ("grid", "spacing")}
+    if "directions" in rest or "spacing" not in source:
+        raise UserError("source.grid", f"{source['grid']}", expected="grid and spacing together, and no directions")
+    try:
+        rows, columns = (Count(1, 64).read(n, "source.grid") for n in source["grid"])
+    except (TypeError, ValueError) as error:
+        raise UserError("source.grid", f"{source['grid']}", expected="[rows, columns]") from error
+    spacing = units.parse(source["spacing"], "source.spacing", "angle")
+    y, x = np.meshgrid(_centred(rows) * spacing, _centred(columns) * spacing, indexing="ij")
+    return rest | {"directions": np.stack([y.ravel(), x.ravel()], axis=1)}
+
+
+def _centred(count: int) -> NDArray[np.float64]:
+    return np.arange(count) - (count - 1) / 2
+
+
