@@ -6,8 +6,8 @@ The command line prints it and exits with code 2; Python callers catch `UserErro
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import Iterable
 
 
 class UserError(ValueError):

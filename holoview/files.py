@@ -1,12 +1,12 @@
-"""Where product files live, and how results are written: beside first, then renamed, so that none is ever half there."""
+"""Where product files live, and how results are written: beside first, then renamed, so none is half there."""
 
 from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Iterator
 
 from holoview.errors import UserError
 
@@ -41,9 +41,11 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     try:
         yield temporary
         temporary.chmod(0o666 & ~_umask())
-        os.replace(temporary, target)
+        temporary.replace(target)
     except OSError as error:
-        raise UserError(str(target), f"writing failed: {error}", remedy="free space or choose another folder") from error
+        raise UserError(
+            str(target), f"writing failed: {error}", remedy="free space or choose another folder"
+        ) from error
     finally:
         temporary.unlink(missing_ok=True)
 

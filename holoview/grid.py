@@ -21,7 +21,7 @@ def is_good_size(n: int) -> bool:
 
 
 def good_size(at_least: int, multiple_of: int = 1) -> int:
-    """The smallest n = 2^a·3^b·5^c that is at least `at_least` and divisible by `multiple_of` (itself such a number)."""
+    """The smallest n = 2^a·3^b·5^c that is at least `at_least` and divisible by `multiple_of` (also such a number)."""
     if not is_good_size(multiple_of):
         raise ValueError(f"multiple_of = {multiple_of}: expected a product of 2, 3 and 5")
     n = -(-max(at_least, 1) // multiple_of)
@@ -32,7 +32,7 @@ def good_size(at_least: int, multiple_of: int = 1) -> int:
 
 def positions(n: int, pitch_m: float) -> NDArray[np.float64]:
     """Sample positions (m), shape (n,), centred on (n − 1)/2."""
-    return (np.arange(n) - (n - 1) / 2) * pitch_m
+    return (np.arange(n, dtype=np.float64) - (n - 1) / 2) * pitch_m
 
 
 def frequency_indices(n: int) -> NDArray[np.int64]:

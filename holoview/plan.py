@@ -54,8 +54,8 @@ class Transfer:
 
     H = exp(−2πi·(z/λ)·A/(1+√(1−A))) where the support passes, 0 elsewhere; the carrier exp(2πi·z/λ) is dropped.
 
-    support: (P_y, 2) int32, for each row of frequencies (in `fftfreq` order) the smallest and largest |k_x| that passes;
-    the largest is −1 where nothing does.
+    support: (P_y, 2) int32, for each row of frequencies (`fftfreq` order) the smallest and largest |k_x| that passes; the
+    largest is −1 where nothing does.
     """
 
     distance_m: float
@@ -197,7 +197,7 @@ def _slopes(system: System) -> NDArray[np.float64]:
 
 
 def _support(grid: Grid, relay: Relay, λ: float, distance_m: float, propagation: str) -> NDArray[np.int32]:
-    """Rows of (smallest, largest) |k_x| inside: propagating waves, the band limit, the iris, and outside the DC block."""
+    """Rows of (smallest, largest) |k_x|: propagating waves inside the band limit and the iris, outside the DC block."""
     (py, px), (dfy, dfx) = grid.padded, grid.frequency_step
     ky = np.abs(frequency_indices(py))
     reachable = np.arange(px // 2 + 1)

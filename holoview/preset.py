@@ -78,7 +78,9 @@ def _find(preset: str | os.PathLike[str]) -> Path:
     path = Path(preset)
     if path.suffix == ".toml" or path.parent != Path():
         if not path.is_file():
-            raise UserError(str(path), "no such file", expected="a preset's TOML file", remedy="`holoview presets` lists names")
+            raise UserError(
+                str(path), "no such file", expected="a preset's TOML file", remedy="`holoview presets` lists names"
+            )
         return path
     known = data_dir("presets") / f"{path.name}.toml"
     if not known.is_file():

@@ -194,7 +194,9 @@ class Item:
         if isinstance(value, self.description):
             return value
         if not isinstance(value, Mapping):
-            raise UserError(where, f"{value!r}", expected=f"a table with the keys {', '.join(fields_by_key(self.description))}")
+            raise UserError(
+                where, f"{value!r}", expected=f"a table with the keys {', '.join(fields_by_key(self.description))}"
+            )
         try:
             return from_mapping(self.description, value)
         except UserError as error:
@@ -268,7 +270,7 @@ def to_mapping(instance: Any) -> dict[str, Any]:
 
 
 def edited(instance: Any, changes: Mapping[str, Any]) -> Any:
-    """A copy of a description with some keys changed; dots reach into nested ones ("relay1.iris_na", "modulators.0.pitch").
+    """A copy of a description with some keys changed; dots reach inside ("relay1.iris_na", "modulators.0.pitch").
 
     All changes are applied together and checked once, so that several may depend on each other.
     """
@@ -292,7 +294,9 @@ def _edited_inside(value: Any, changes: Mapping[str, Any], where: str) -> Any:
         for key, change in changes.items():
             index, _, rest = key.partition(".")
             if not index.isdigit() or int(index) >= len(entries) or not rest:
-                raise UserError(f"{where}.{key}", "unknown key", expected=f"{where}.0 to {where}.{len(entries) - 1} and a key")
+                raise UserError(
+                    f"{where}.{key}", "unknown key", expected=f"{where}.0 to {where}.{len(entries) - 1} and a key"
+                )
             entries[int(index)] = _edited_inside(entries[int(index)], {rest: change}, f"{where}.{index}")
         return tuple(entries)
     if not dataclasses.is_dataclass(value):

@@ -41,7 +41,9 @@ def expand_table(table: Mapping[str, Any]) -> dict[str, Any]:
         switches = _switches(sequence, frames, len(wavelengths))
         out["amplitudes"] = _white(str(out.get("observer", "eye")), wavelengths, switches)
     elif sequence is not None:
-        raise UserError("sequence", "without white balance", remedy='use it with amplitudes = "white", or give the table itself')
+        raise UserError(
+            "sequence", "without white balance", remedy='use it with amplitudes = "white", or give the table itself'
+        )
     elif frames is not None and "amplitudes" in out:
         row = Array(Number(low=0.0)).read(out["amplitudes"], "amplitudes")
         out["amplitudes"] = np.tile(np.asarray(row), (Count().read(frames, "frames"), 1))
@@ -51,7 +53,7 @@ def expand_table(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def expand_edit(system: System, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Edits of a system with their shorthands written out: modulator keys without an index, sampling keys, white balance."""
+    """Edits of a system with shorthands written out: modulator keys without index, sampling keys, white balance."""
     out: dict[str, Any] = {}
     for key, value in changes.items():
         if key in _EVERY_MODULATOR:
@@ -80,7 +82,9 @@ def _single(table: Mapping[str, Any]) -> dict[str, Any]:
     return {k: v for k, v in table.items() if k not in ("gap", "relay1")} | {"modulators": modulators[:1]}
 
 
-def _white_edit(system: System, out: Mapping[str, Any], wavelengths: NDArray[np.float64], frames: Any) -> NDArray[np.float64]:
+def _white_edit(
+    system: System, out: Mapping[str, Any], wavelengths: NDArray[np.float64], frames: Any
+) -> NDArray[np.float64]:
     if out["amplitudes"] != "white":
         raise UserError("amplitudes", f'"{out["amplitudes"]}"', expected='a table (frame, wavelength) or "white"')
     sequence = (system.amplitudes > 0).astype(float)
@@ -92,7 +96,12 @@ def _white_edit(system: System, out: Mapping[str, Any], wavelengths: NDArray[np.
 def _repeated(system: System, table: Any, frames: Any) -> NDArray[np.float64]:
     rows = np.atleast_2d(np.asarray(system.amplitudes if table is None else table, dtype=np.float64))
     if np.any(rows != rows[0]):
-        raise UserError("frames", str(frames), expected="frames with equal amplitudes", remedy="give the whole amplitude table instead")
+        raise UserError(
+            "frames",
+            str(frames),
+            expected="frames with equal amplitudes",
+            remedy="give the whole amplitude table instead",
+        )
     return np.tile(rows[0], (Count().read(frames, "frames"), 1))
 
 
@@ -125,6 +134,4 @@ def _source_grid(source: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _centred(count: int) -> NDArray[np.float64]:
-    return np.arange(count) - (count - 1) / 2
-
-
+    return np.arange(count, dtype=np.float64) - (count - 1) / 2

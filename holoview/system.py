@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from holoview import schema, units
 from holoview.errors import UserError
-from holoview.schema import Array, Choice, Coefficients, Count, Kind, Number, Shape, param
+from holoview.schema import Array, Choice, Coefficients, Count, Number, Shape, param
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ _EYE_RANGE_M = (390e-9, 830e-9)
 
 @dataclass(frozen=True)
 class Levels:
-    """The stroke fractions that a modulator can show: a count (equal steps), a rising list 0…1, or None (continuous)."""
+    """Stroke fractions that a modulator can show: a count (equal steps), a rising list 0…1, None (continuous)."""
 
     def read(self, value: Any, where: str) -> Floats | None:
         if value is None or (isinstance(value, str) and value == "continuous"):
@@ -101,7 +101,9 @@ class Relay(_Description):
     """Imaging optics between two planes: what its Fourier plane lets through, and with which path error."""
 
     iris_na: float | None = param(_APERTURE, "Numerical aperture of a round iris; none when absent.", default=None)
-    dc_block_na: float | None = param(_APERTURE, "Radius of a round stop at the zero order, as an aperture.", default=None)
+    dc_block_na: float | None = param(
+        _APERTURE, "Radius of a round stop at the zero order, as an aperture.", default=None
+    )
     apodisation_na: float | None = param(
         _APERTURE, "Aperture at which a Gaussian transmission falls to 1/e in amplitude.", default=None
     )
@@ -115,9 +117,11 @@ class Relay(_Description):
         schema.check(self)
         if self.dc_block_na and self.iris_na and self.dc_block_na >= self.iris_na:
             raise UserError(
-                "dc_block_na", f"{self.dc_block_na:g}", expected=f"less than iris_na = {self.iris_na:g}",
+                "dc_block_na",
+                f"{self.dc_block_na:g}",
+                expected=f"less than iris_na = {self.iris_na:g}",
                 remedy="nothing would pass the relay otherwise",
-            )  # fmt: skip
+            )
         if self.aberration_m and self.iris_na is None:
             raise UserError("aberration", "without an iris", remedy="give iris_na: Zernike terms are over the iris")
 
@@ -160,7 +164,9 @@ class System(_Description):
     source: Source = param(schema.Item(Source), "Illumination.", default_factory=Source)
     relay1: Relay = param(schema.Item(Relay), "Between the modulators.", default_factory=Relay)
     relay2: Relay = param(schema.Item(Relay), "From the last modulator to the focal planes.", default_factory=Relay)
-    observer: str = param(Choice(("eye", "cie1931", "mono")), "What looks: the eye's cones, CIE 1931, mono camera.", default="eye")
+    observer: str = param(
+        Choice(("eye", "cie1931", "mono")), "What looks: the eye's cones, CIE 1931, mono camera.", default="eye"
+    )
     sampling: Sampling = param(schema.Item(Sampling), "Grid of the simulation.", default_factory=Sampling)
     name: str = param(Choice(), "Name of the preset.", default="")
     description: str = param(Choice(), "The bench in a sentence.", default="")
@@ -180,9 +186,11 @@ class System(_Description):
         count = len(self.wavelengths_m)
         if self.amplitudes.ndim != 2 or self.amplitudes.shape[1] != count or len(self.amplitudes) == 0:
             raise UserError(
-                "amplitudes", f"a table of shape {self.amplitudes.shape}", expected=f"(frames, {count}): a row a frame, a column a wavelength",
+                "amplitudes",
+                f"a table of shape {self.amplitudes.shape}",
+                expected=f"(frames, {count}): a row a frame, a column a wavelength",
                 remedy='give amplitudes together with wavelengths, or "white"',
-            )  # fmt: skip
+            )
         if not np.any(self.amplitudes > 0):
             raise UserError("amplitudes", "all are zero", expected="at least one laser that is on")
 
@@ -192,33 +200,49 @@ class System(_Description):
             raise UserError("modulators", f"{count} of them", expected="one or two")
         if count == 1 and self.gap_m is not None:
             raise UserError(
-                "gap", f"{units.short(self.gap_m, 'mm')} with one modulator", expected="no gap",
+                "gap",
+                f"{units.short(self.gap_m, 'mm')} with one modulator",
+                expected="no gap",
                 remedy="add a second [[modulators]] table or remove the gap",
-            )  # fmt: skip
+            )
         if count == 2 and self.gap_m is None:
-            raise UserError("gap", "is missing", expected="the distance between the two modulators", remedy='e.g. gap = "2 mm"')
+            raise UserError(
+                "gap", "is missing", expected="the distance between the two modulators", remedy='e.g. gap = "2 mm"'
+            )
         if count == 1 and not self.relay1.is_clear:
-            raise UserError("relay1", "with one modulator", expected="no relay 1", remedy="it lies between two modulators: use relay2")
+            raise UserError(
+                "relay1",
+                "with one modulator",
+                expected="no relay 1",
+                remedy="it lies between two modulators: use relay2",
+            )
         first, last = self.modulators[0], self.modulators[-1]
         if first.pitch_m != last.pitch_m or first.shape != last.shape:
             raise UserError(
-                "modulators", f"{first.shape} of {first.pitch_m * 1e6:g} um and {last.shape} of {last.pitch_m * 1e6:g} um",
+                "modulators",
+                f"{first.shape} at {first.pitch_m} m and {last.shape} at {last.pitch_m} m",
                 expected="two modulators of equal shape and pitch (as imaged onto each other by relay 1)",
-            )  # fmt: skip
+            )
 
     def _check_source(self) -> None:
         tilts = self.source.tilts_rad
         if tilts is not None and len(tilts) != len(self.wavelengths_m):
-            raise UserError("source.tilts", f"{len(tilts)} rows", expected=f"a row for each of {len(self.wavelengths_m)} wavelengths")
+            raise UserError(
+                "source.tilts",
+                f"{len(tilts)} rows",
+                expected=f"a row for each of {len(self.wavelengths_m)} wavelengths",
+            )
 
     def _check_visible(self) -> None:
         low, high = _EYE_RANGE_M
         for i, wavelength in enumerate(self.wavelengths_m):
             if not low <= wavelength <= high:
                 raise UserError(
-                    f"wavelengths[{i}]", units.short(wavelength, "nm"), expected="390 to 830 nm, where the observer's response is known",
+                    f"wavelengths[{i}]",
+                    units.short(wavelength, "nm"),
+                    expected="390 to 830 nm, where the observer's response is known",
                     remedy='choose another wavelength or observer = "mono"',
-                )  # fmt: skip
+                )
 
     @property
     def frames(self) -> int:

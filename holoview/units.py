@@ -32,7 +32,9 @@ def parse(value: str | float, where: str, quantity: Quantity = "length") -> floa
         return float(value)
     match = _TEXT.fullmatch(value)
     if match is None:
-        raise UserError(where, f'"{value}" is not a {quantity}', expected=f"a number and a unit such as {_EXAMPLE[quantity]}")
+        raise UserError(
+            where, f'"{value}" is not a {quantity}', expected=f"a number and a unit such as {_EXAMPLE[quantity]}"
+        )
     number, unit = match.groups()
     if unit is None:
         raise UserError(where, f'"{value}" has no unit', expected=f"text such as {_EXAMPLE[quantity]}")

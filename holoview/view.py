@@ -50,7 +50,7 @@ class View:
 
 
 def random_drive(system: System, seed: int = 0) -> NDArray[np.float32]:
-    """Uniform random drive (frame, modulator, y, x) in 0…1: fully developed speckle. The same seed gives the same drive."""
+    """Uniform random drive (frame, modulator, y, x) in 0…1, which gives speckle; one seed gives one drive."""
     return np.random.default_rng(seed).random(system.drive_shape, dtype=np.float32)
 
 

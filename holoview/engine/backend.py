@@ -13,14 +13,18 @@ from holoview.plan import Plan
 BACKENDS = ("auto", "wgpu", "torch", "torch64")
 
 
-def open_executor(plan: Plan, drive: Any, backend: str = "auto", adapter: str | None = None) -> tuple[Executor[Any], str]:
+def open_executor(
+    plan: Plan, drive: Any, backend: str = "auto", adapter: str | None = None
+) -> tuple[Executor[Any], str]:
     """An executor of the plan for a drive, and its label.
 
     Raises UserError for an unknown backend, and for "wgpu" where no adapter serves; "auto" then takes torch and its
     label says why.
     """
     if backend not in BACKENDS:
-        raise UserError("backend", f'"{backend}"', expected=" or ".join(BACKENDS), remedy=near_matches(backend, BACKENDS))
+        raise UserError(
+            "backend", f'"{backend}"', expected=" or ".join(BACKENDS), remedy=near_matches(backend, BACKENDS)
+        )
     if backend == "torch64":
         return TorchExecutor(plan, make_slots(plan, drive, double=True), double=True), "torch, complex128"
     slots = make_slots(plan, drive)

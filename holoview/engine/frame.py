@@ -1,7 +1,8 @@
 """The graph of stages, written once for both executors.
 
-    illuminate ─▶ modulate 1 ─▶ spectrum ─▶ transmit gap ─▶ field ─▶ modulate 2 ─▶ spectrum ─┬▶ transmit z₁ ─▶ field ─▶ |·|²
-                                                                                           └▶ transmit z₂ ─▶ …
+    illuminate ─▶ modulate 1 ─▶ spectrum ─▶ transmit the gap ─▶ field ─▶ modulate 2 ─▶ spectrum
+        spectrum ─┬▶ transmit to z₁ ─▶ field ─▶ |·|²
+                  └▶ transmit to z₂ ─▶ …
 
 Frames and sources add in intensity. Everything up to the last spectrum is shared by all planes.
 """
@@ -92,5 +93,7 @@ def focal_stack(executor: Executor[Field], progress: Progress | None = None) -> 
             progress(wavelength + 1, count)
     intensity = np.stack(stacks, axis=1)
     if not np.isfinite(intensity).all():
-        raise UserError("simulation", "the intensity isn't finite", remedy="check amplitudes and drive for extreme values")
+        raise UserError(
+            "simulation", "the intensity isn't finite", remedy="check amplitudes and drive for extreme values"
+        )
     return intensity

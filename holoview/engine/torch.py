@@ -69,7 +69,7 @@ class TorchExecutor:
         return xyz
 
     def transfer(self, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
-        """H × pupil of a relay, (P_y, P_x); kept for the frames and sources of one wavelength, the next one drops it."""
+        """H × pupil of a relay, (P_y, P_x); kept for the frames and sources of one wavelength."""
         if wavelength != self._transfers_of:
             self._transfers.clear()
             self._transfers_of = wavelength

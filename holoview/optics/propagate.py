@@ -15,13 +15,20 @@ from holoview.plan import Grid, Transfer
 
 
 def transfer_function(transfer: Transfer, grid: Grid, dtype: torch.dtype, device: torch.device) -> torch.Tensor:
-    """H at every frequency of the padded grid, (P_y, P_x) complex, zero where the support stops the light."""
-    ky, kx = (torch.from_numpy(frequency_indices(p)).to(device) for p in grid.padded)
-    step_y, step_x = transfer.sine_step
-    a = (step_y * ky.double()).square()[:, None] + (step_x * kx.double()).square()[None, :]
+    """H at every frequency of the padded grid, (P_y, P_x) complex, zero where the support stops the light.
+
+    H is even in both frequencies: one quadrant is evaluated and the rest gathered from it.
+    """
+    ky, kx = (torch.from_numpy(frequency_indices(p)).abs().to(device) for p in grid.padded)
+    sine_y, sine_x = (
+        torch.arange(p // 2 + 1, device=device).double() * step
+        for p, step in zip(grid.padded, transfer.sine_step, strict=True)
+    )
+    a = sine_y.square()[:, None] + sine_x.square()[None, :]
     turns = -transfer.waves * a / (1 + torch.sqrt((1 - a).clamp_min(0)))
     phase = (2 * math.pi) * torch.remainder(turns, 1.0)
-    return torch.polar(support_mask(transfer, kx.abs()).double(), phase).to(dtype)
+    quadrant = torch.polar(torch.ones_like(phase), phase).to(dtype)
+    return quadrant[ky][:, kx] * support_mask(transfer, kx)
 
 
 def support_mask(transfer: Transfer, abs_kx: torch.Tensor) -> torch.Tensor:

@@ -18,7 +18,7 @@ def optical_path(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
 
 
 def nearest_level(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
-    """The drive itself for a continuous modulator, else the stroke fraction of the nearest level; gradients pass through.
+    """The drive of a continuous modulator, else the stroke fraction of the nearest level; gradients pass through.
 
     Straight-through: the step function's gradient is taken as that of the identity (Bengio et al., arXiv:1308.3432).
     """

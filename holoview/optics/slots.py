@@ -48,7 +48,11 @@ def check_drive(plan: Plan, drive: torch.Tensor) -> None:
     """UserError unless the drive has the system's shape and lies in 0…1."""
     expected = plan.system.drive_shape
     if tuple(drive.shape) != expected:
-        raise UserError("drive", f"an array of shape {tuple(drive.shape)}", expected=f"(frame, modulator, y, x) = {expected}")
+        raise UserError(
+            "drive", f"an array of shape {tuple(drive.shape)}", expected=f"(frame, modulator, y, x) = {expected}"
+        )
     low, high = (float(x) for x in torch.aminmax(drive))
     if not (low >= 0.0 and high <= 1.0):
-        raise UserError("drive", f"values from {low:g} to {high:g}", expected="0 to 1, a fraction of the modulator's stroke")
+        raise UserError(
+            "drive", f"values from {low:g} to {high:g}", expected="0 to 1, a fraction of the modulator's stroke"
+        )
