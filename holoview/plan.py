@@ -54,8 +54,8 @@ class Transfer:
 
     H = exp(−2πi·(z/λ)·A/(1+√(1−A))) where the support passes, 0 elsewhere; the carrier exp(2πi·z/λ) is dropped.
 
-    support: (P_y, 2) int32, for each row of frequencies (`fftfreq` order) the smallest and largest |k_x| that passes; the
-    largest is −1 where nothing does.
+    support: (P_y, 2) int32, for each row of frequencies (`fftfreq` order) the smallest and largest |k_x| that passes;
+    the largest is −1 where nothing does.
     """
 
     distance_m: float
@@ -79,12 +79,7 @@ class Transfer:
         k² times this, in wrapping 32-bit arithmetic, is the paraxial phase modulo one turn exactly: float32 alone loses
         it, since z·λ/2·df²·k² reaches hundreds of turns.
         """
-        words = np.zeros((2, 2), dtype=np.uint32)
-        for axis, step in enumerate(self.step):
-            turn = math.fmod(0.5 * self.distance_m * self.wavelength_m * step * step, 1.0)
-            scaled = int(turn * 2.0**48)  # exact: a float64 in [0, 1) has 53 bits
-            words[axis] = scaled >> 16, scaled & 0xFFFF
-        return words
+        return np.stack([fixed_turns(0.5 * self.distance_m * self.wavelength_m * step * step) for step in self.step])
 
 
 @dataclass(frozen=True)
@@ -138,6 +133,12 @@ def make_plan(system: System, planes: Sequence[float | str] | NDArray[np.float64
         slopes=_slopes(system),
         colour_weights=observer_weights(system.observer, system.wavelengths_m),
     )
+
+
+def fixed_turns(turns: float) -> NDArray[np.uint32]:
+    """A phase modulo one turn in fixed point: [the high 32 bits, 16 guard bits]."""
+    scaled = round(math.fmod(turns, 1.0) * 2.0**48) % (1 << 48)
+    return np.array([scaled >> 16, scaled & 0xFFFF], dtype=np.uint32)
 
 
 def walk_off(system: System, relay: Relay, distance_m: float) -> float:

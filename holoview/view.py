@@ -71,10 +71,10 @@ def simulate(
     """
     plan = make_plan(system, planes)
     executor, label = open_executor(plan, drive, backend, adapter)
-    intensity = focal_stack(executor, progress)
+    intensity, xyz = focal_stack(executor, progress)
     return View(
         intensity=intensity,
-        xyz=executor.composite(intensity),
+        xyz=xyz,
         wavelengths_m=system.wavelengths_m,
         planes_m=plan.planes_m,
         pitch_m=plan.grid.pitch_m,

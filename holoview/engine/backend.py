@@ -35,7 +35,7 @@ def open_executor(
 
     try:
         device = open_device(adapter)
-        return WgpuExecutor(plan, slots, device), f"wgpu: {device.label}"
+        return WgpuExecutor(plan, slots, device), f"wgpu: {device.info.label}"
     except UserError as error:
         if backend == "wgpu" or adapter is not None:
             raise

@@ -54,8 +54,14 @@ class Executor(Protocol[Field]):
     def intensity(self, plane: int) -> NDArray[np.floating]:
         """The accumulated intensity of a plane, (y, x)."""
 
-    def composite(self, intensity: NDArray[np.floating]) -> NDArray[np.floating]:
-        """XYZ (plane, y, x, 3) of intensities (plane, wavelength, y, x) through the observer's response."""
+    def clear_xyz(self) -> None:
+        """Sets what the observer sees to black."""
+
+    def composite(self, wavelength: int) -> None:
+        """Adds each plane's intensity, at this wavelength, to what the observer sees."""
+
+    def xyz(self) -> NDArray[np.floating]:
+        """What the observer sees, XYZ (plane, y, x, 3)."""
 
 
 def last_spectrum(executor: Executor[Field], wavelength: int, frame: int, source: int) -> Field:
@@ -80,20 +86,25 @@ def wavelength_stack(executor: Executor[Field], wavelength: int) -> NDArray[np.f
             for plane in planes:
                 seen = executor.field(executor.transmit(spectrum, 1, wavelength, float(plan.planes_m[plane])))
                 executor.accumulate(seen, plane, float(plan.weights[frame, wavelength]))
+    executor.composite(wavelength)
     return np.stack([executor.intensity(plane) for plane in planes])
 
 
-def focal_stack(executor: Executor[Field], progress: Progress | None = None) -> NDArray[np.floating]:
-    """Intensity (plane, wavelength, y, x) of a whole frame; `progress(done, total)` after each wavelength."""
+def focal_stack(
+    executor: Executor[Field], progress: Progress | None = None
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Intensity (plane, wavelength, y, x) of a whole frame, and XYZ (plane, y, x, 3) that the observer sees.
+
+    `progress(done, total)` is called after each wavelength. Raises UserError when the result isn't finite.
+    """
     count = len(executor.plan.system.wavelengths_m)
+    executor.clear_xyz()
     stacks: list[NDArray[np.floating]] = []
     for wavelength in range(count):
         stacks.append(wavelength_stack(executor, wavelength))
         if progress is not None:
             progress(wavelength + 1, count)
-    intensity = np.stack(stacks, axis=1)
-    if not np.isfinite(intensity).all():
-        raise UserError(
-            "simulation", "the intensity isn't finite", remedy="check amplitudes and drive for extreme values"
-        )
-    return intensity
+    intensity, xyz = np.stack(stacks, axis=1), executor.xyz()
+    if not (np.isfinite(intensity).all() and np.isfinite(xyz).all()):
+        raise UserError("simulation", "the intensity isn't finite", remedy="check the amplitudes for extreme values")
+    return intensity, xyz

@@ -25,6 +25,7 @@ class TorchExecutor:
         self._transfers: dict[tuple[int, float], torch.Tensor] = {}
         self._transfers_of = -1
         self._intensity = torch.zeros(len(plan.planes_m), *plan.grid.shape, dtype=self._real, device=self._device)
+        self._xyz = torch.zeros(*self._intensity.shape, 3, dtype=self._real, device=self._device)
 
     def illuminate(self, wavelength: int, source: int) -> torch.Tensor:
         """Plane wave on the first modulator, (y, x)."""
@@ -62,11 +63,18 @@ class TorchExecutor:
         """The accumulated intensity of a plane, (y, x)."""
         return self._intensity[plane].cpu().numpy().copy()
 
-    def composite(self, intensity: NDArray[np.floating]) -> NDArray[np.floating]:
-        """XYZ (plane, y, x, 3) of intensities (plane, wavelength, y, x)."""
-        weights = torch.as_tensor(self.plan.colour_weights, dtype=self._real)
-        xyz: NDArray[np.floating] = torch.einsum("plyx,lc->pyxc", torch.from_numpy(intensity), weights).numpy()
-        return xyz
+    def clear_xyz(self) -> None:
+        """Sets what the observer sees to black."""
+        self._xyz.zero_()
+
+    def composite(self, wavelength: int) -> None:
+        """Adds each plane's intensity, at this wavelength, to what the observer sees."""
+        for channel, weight in enumerate(self.plan.colour_weights[wavelength].tolist()):
+            self._xyz[..., channel].add_(self._intensity, alpha=weight)
+
+    def xyz(self) -> NDArray[np.floating]:
+        """What the observer sees, XYZ (plane, y, x, 3)."""
+        return self._xyz.cpu().numpy().copy()
 
     def transfer(self, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
         """H × pupil of a relay, (P_y, P_x); kept for the frames and sources of one wavelength."""

@@ -1,0 +1,9 @@
+"""The subcommands of `holoview`, one a file: each adds its parser and runs; no physics.
+
+common    arguments and messages that several share
+presets   list the benches that come with holoview
+info      derived numbers of a bench
+render    what an observer sees, as PNG
+optimise  a hologram for a picture
+demo      both of it on the shipped picture, compared with simultaneous colour
+"""

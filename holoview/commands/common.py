@@ -1,0 +1,87 @@
+"""Arguments and messages that several subcommands share."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from holoview import preset
+from holoview.errors import UserError
+from holoview.system import System
+
+Report = Callable[[int, int, str], None]
+
+
+def add_system(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
+    """PRESET and --set KEY=VALUE."""
+    parser.add_argument("preset", nargs="?" if optional else None, help="a preset's name (see `holoview presets`) or a TOML file")
+    parser.add_argument(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        dest="changes",
+        help='change the bench, e.g. --set gap="3 mm" --set relay2.iris_na=0.02; several may be given',
+    )
+
+
+def add_backend(parser: argparse.ArgumentParser) -> None:
+    """--backend and --adapter."""
+    parser.add_argument(
+        "--backend", default="auto", help="wgpu (WGSL shaders), torch, torch64, or auto: wgpu where an adapter is found"
+    )
+    parser.add_argument("--adapter", metavar="NAME", help="part of the name of the WebGPU adapter to use")
+
+
+def system_of(args: argparse.Namespace) -> System:
+    """The preset with the changes of --set."""
+    return changed(preset.load(args.preset), args.changes)
+
+
+def changed(system: System, changes: list[str]) -> System:
+    """A system with KEY=VALUE texts applied together; the value is TOML where it parses as such, else plain text."""
+    return system.edit(dict(_pair(change) for change in changes)) if changes else system
+
+
+def _pair(change: str) -> tuple[str, Any]:
+    key, equals, value = change.partition("=")
+    if not equals or not key.strip():
+        raise UserError(f"--set {change}", "isn't KEY=VALUE", expected='e.g. --set gap="3 mm"')
+    try:
+        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key.strip(), value.strip()
+
+
+def say(text: str) -> None:
+    """A line for people: to stderr, so that stdout stays clean for --json."""
+    print(text, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def progress_bar(title: str) -> Iterator[Report]:
+    """A bar on stderr while the block runs; call the yielded function with (done, total, note)."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=30),
+        TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+        TextColumn("{task.fields[note]}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task(title, total=1, note="")
+
+        def report(done: int, total: int, note: str = "") -> None:
+            bar.update(task, completed=done, total=total, note=note)
+
+        yield report

@@ -1,0 +1,27 @@
+"""`holoview presets`: the benches that come with holoview, a line each."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from holoview import preset
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Adds the subcommand."""
+    parser = commands.add_parser("presets", help="list the presets, a line each", description=__doc__)
+    parser.add_argument("--json", action="store_true", help="machine-readable output")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Prints name and description of every preset."""
+    described = {name: preset.load(name).description for name in preset.names()}
+    if args.json:
+        print(json.dumps(described, indent=2, ensure_ascii=False))
+        return 0
+    width = max(map(len, described))
+    for name, description in described.items():
+        print(f"{name:<{width}}  {description}")
+    return 0

@@ -1,0 +1,143 @@
+"""`holoview render PRESET`: what an observer sees of a hologram at a focal plane, as PNG."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import holoview
+from holoview import preset, units
+from holoview.commands.common import add_backend, add_system, changed, progress_bar, say
+from holoview.errors import UserError
+from holoview.system import System
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Adds the subcommand."""
+    parser = commands.add_parser("render", help="render what an observer sees, to PNG", description=__doc__)
+    add_system(parser, optional=True)
+    parser.add_argument("--hologram", metavar="FILE", help="a hologram file; alone, its own bench is used")
+    parser.add_argument("--slm1", metavar="PNG", nargs="+", help="pattern of modulator 1, one a frame (0…max is 0…stroke)")
+    parser.add_argument("--slm2", metavar="PNG", nargs="+", help="pattern of modulator 2, one a frame")
+    parser.add_argument("--random", metavar="SEED", type=int, help="random patterns: speckle (the default, with seed 0)")
+    parser.add_argument("--plane", metavar="DISTANCE", nargs="+", help='e.g. 10mm 11mm, or "all"; the middle plane if absent')
+    parser.add_argument("--exposure", metavar="STOPS", type=float, default=0.0, help="brighten by 2^STOPS")
+    add_backend(parser)
+    parser.add_argument("-o", "--output", metavar="PNG", type=Path, help="several planes are numbered: OUT-10mm.png")
+    parser.add_argument("--json", action="store_true", help="print what was made as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Renders and writes one PNG a plane."""
+    system, drive = _subject(args)
+    planes_m = _planes(args.plane, system)
+    output = args.output or Path(f"{system.name or 'holoview'}.png")
+    if output.suffix.lower() != ".png":
+        raise UserError(str(output), f'the suffix "{output.suffix}"', expected=".png")
+    if not output.parent.is_dir():
+        raise UserError(str(output), f"the folder {output.parent} doesn't exist", remedy="create it or choose another")
+    if not np.isfinite(args.exposure):
+        raise UserError("--exposure", str(args.exposure), expected="a finite number of stops")
+    started = time.perf_counter()
+    with progress_bar("rendering") as report:
+        view = holoview.simulate(
+            system, drive, planes_m, args.backend, adapter=args.adapter, progress=lambda n, total: report(n, total, "wavelengths")
+        )
+    seconds = time.perf_counter() - started
+    files = _write(view.exposed(args.exposure), system, output, args.exposure)
+    if args.json:
+        print(json.dumps({"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files}, indent=2))
+    else:
+        print(f"backend: {view.backend} ({seconds:.2f} s)")
+        for entry in files:
+            print(f"{entry['plane']}: {entry['file']}  speckle contrast {entry['speckle_contrast']:.3f} (central half)")
+    return 0
+
+
+def _subject(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
+    """The bench and the patterns on it, from whichever of the sources was named."""
+    named = [flag for flag in ("hologram", "slm1", "random") if getattr(args, flag) is not None]
+    if len(named) > 1:
+        raise UserError(f"--{named[0]} with --{named[1]}", "contradict each other", expected="one of them")
+    if args.slm2 and not args.slm1:
+        raise UserError("--slm2", "without --slm1", expected="a pattern for each modulator")
+    if args.hologram:
+        return _hologram(args)
+    if args.preset is None:
+        raise UserError("PRESET", "is missing", expected="a preset's name or file, or --hologram FILE")
+    system = changed(preset.load(args.preset), args.changes)
+    if args.slm1:
+        return system, _patterns(args, system)
+    return system, holoview.random_drive(system, args.random or 0)
+
+
+def _hologram(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
+    """A hologram file on its own bench, or with its lasers on the named one."""
+    from holoview.hologram import Hologram, load_hologram
+
+    hologram = load_hologram(args.hologram)
+    system = hologram.system
+    if args.preset is not None:
+        lasers = {"wavelengths": system.wavelengths_m, "amplitudes": system.amplitudes}
+        system = preset.load(args.preset).edit(lasers)
+    system = changed(system, args.changes)
+    try:
+        return system, Hologram(hologram.drive, system).drive
+    except UserError as error:
+        raise UserError(
+            str(args.hologram), f"patterns of shape {hologram.drive.shape}", expected=f"{system.drive_shape} for {system.name}",
+            remedy="leave the preset out to use the hologram's own bench",
+        ) from error  # fmt: skip
+
+
+def _patterns(args: argparse.Namespace, system: System) -> NDArray[np.float32]:
+    from holoview.pictures import read_pattern
+
+    groups = [args.slm1] + ([args.slm2] if args.slm2 else [])
+    frames, modulators = system.drive_shape[:2]
+    if len(groups) != modulators or any(len(group) != frames for group in groups):
+        found = " and ".join(f"{len(group)} for modulator {i}" for i, group in enumerate(groups, 1))
+        raise UserError("patterns", found, expected=f"{frames} (one a frame) for each of {modulators} modulators")
+    shape = system.modulators[0].shape
+    return np.stack([np.stack([read_pattern(path, shape) for path in group]) for group in groups], axis=1)
+
+
+def _planes(asked: list[str] | None, system: System) -> NDArray[np.float64]:
+    if not asked:
+        return system.planes_m[len(system.planes_m) // 2 :][:1]
+    if asked == ["all"]:
+        return system.planes_m
+    return np.array([units.parse(text, "--plane") for text in asked])
+
+
+def _write(view: Any, system: System, output: Path, exposure: float) -> list[dict[str, Any]]:
+    from holoview.metrics.speckle import speckle_contrast
+    from holoview.pictures import numbered, write_png
+    from holoview.score import central_region
+
+    written = []
+    for i, plane_m in enumerate(view.planes_m):
+        plane = units.text(float(plane_m), "mm")
+        path = output if len(view.planes_m) == 1 else numbered(output, plane.replace(" ", ""))
+        texts = {
+            "Software": f"holoview {holoview.__version__}",
+            "holoview.preset": system.name,
+            "holoview.plane": plane,
+            "holoview.exposure": f"{exposure:g} stops",
+            "holoview.backend": view.backend,
+            "holoview.system": preset.dumps(system),
+        }
+        luminance = view.xyz[i, ..., 1]
+        contrast = speckle_contrast(luminance, region=central_region(luminance.shape)).contrast
+        write_png(path, view.srgb8[i], texts)
+        written.append({"plane": plane, "file": str(path), "speckle_contrast": contrast, "mean_luminance": float(luminance.mean())})
+    if np.all(view.srgb8 == 0):
+        say("note: every picture is black; raise --exposure or the laser amplitudes")
+    return written

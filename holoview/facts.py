@@ -1,0 +1,128 @@
+"""Numbers that a bench implies: what `holoview info` shows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from holoview import units
+from holoview.plan import Plan, band_limit, make_plan, walk_off
+from holoview.system import Relay, System
+
+_COMPLEX64 = 8
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One derived number: under which heading, its name, and its text in people's units."""
+
+    heading: str
+    name: str
+    text: str
+
+
+def facts(system: System) -> list[Fact]:
+    """Everything derived that a person may want to check before trusting a simulation."""
+    plan = make_plan(system)
+    return [*_bench(system), *_diffraction(system), *_cut_offs(plan), *_sampling(plan), *_memory(plan)]
+
+
+def _bench(system: System) -> list[Fact]:
+    modulator = system.modulators[0]
+    rows, columns = modulator.shape
+    nm = [f"{λ * 1e9:.4g}" for λ in system.wavelengths_m]
+    levels = "continuous" if modulator.levels is None else f"{len(modulator.levels)} levels"
+    out = [
+        Fact("bench", "wavelengths", f"{len(nm)}: {', '.join(nm)} nm"),
+        Fact("bench", "frames", str(system.frames)),
+        Fact("bench", "source directions", str(len(system.source.directions_rad))),
+        Fact("bench", "modulators", f"{len(system.modulators)} of {columns} x {rows} pixels, {levels}"),
+        Fact("bench", "pixel pitch", units.short(modulator.pitch_m, "um")),
+        Fact("bench", "active area", f"{columns * modulator.pitch_m * 1e3:.4g} x {rows * modulator.pitch_m * 1e3:.4g} mm"),
+    ]
+    if system.gap_m is not None:
+        out.append(Fact("bench", "gap", units.short(system.gap_m, "mm")))
+    planes = ", ".join(f"{z * 1e3:.4g}" for z in system.planes_m)
+    return [*out, Fact("bench", "focal planes", f"{planes} mm"), Fact("bench", "observer", system.observer)]
+
+
+def _diffraction(system: System) -> list[Fact]:
+    modulator = system.modulators[0]
+    shortest, longest = float(system.wavelengths_m.min()), float(system.wavelengths_m.max())
+    pixels = math.prod(modulator.shape)
+    turns = [2 * modulator.stroke_m / λ for λ in (shortest, longest)]
+    angles = [math.degrees(math.asin(min(1.0, λ / (2 * modulator.pitch_m)))) for λ in (shortest, longest)]
+    depth = float(np.ptp(system.planes_m))
+    blur = depth * math.tan(math.radians(angles[1])) / modulator.pitch_m
+    return [
+        Fact("diffraction", "phase range", f"{turns[0]:.3g} pi at {shortest * 1e9:.4g} nm, {turns[1]:.3g} pi at {longest * 1e9:.4g} nm"),
+        Fact("diffraction", "largest angle (half)", f"{angles[0]:.3g}° to {angles[1]:.3g}°"),
+        Fact("diffraction", "étendue", f"{pixels * shortest**2 * 1e6:.3g} to {pixels * longest**2 * 1e6:.3g} mm² sr (pixels × λ²)"),
+        Fact("diffraction", "defocus over the stack", f"±{blur:.3g} modulator pixels"),
+    ]
+
+
+def _cut_offs(plan: Plan) -> list[Fact]:
+    system, dx = plan.system, plan.grid.pitch_m
+    out = [
+        Fact("cut-offs", "modulator", f"{0.5e-3 / system.modulators[0].pitch_m:.4g} cycles/mm"),
+        Fact("cut-offs", "simulation grid", f"{0.5e-3 / dx:.4g} cycles/mm"),
+    ]
+    for name, relay in (("relay 1", system.relay1), ("relay 2", system.relay2)):
+        if relay.iris_na is not None:
+            sides = [f"{relay.iris_na / λ * 1e-3:.4g}" for λ in (system.wavelengths_m.max(), system.wavelengths_m.min())]
+            out.append(Fact("cut-offs", f"iris of {name}", f"{' to '.join(sides)} cycles/mm (NA {relay.iris_na:g})"))
+        if relay.dc_block_na is not None:
+            out.append(Fact("cut-offs", f"DC block of {name}", f"NA {relay.dc_block_na:g}"))
+    longest, farthest = float(system.wavelengths_m.max()), float(plan.planes_m.max())
+    limit = min(band_limit(p, dx, longest, farthest) for p in plan.grid.padded)
+    bites = limit < 0.5 / dx and system.sampling.propagation != "periodic"
+    text = f"{limit * 1e-3:.4g} cycles/mm" if bites else "not needed (the kernel doesn't alias)"
+    return [*out, Fact("cut-offs", "band limit at the farthest plane", text)]
+
+
+def _sampling(plan: Plan) -> list[Fact]:
+    grid = plan.grid
+    return [
+        Fact("sampling", "simulated field", f"{grid.shape[1]} x {grid.shape[0]} at {units.short(grid.pitch_m, 'um')}"),
+        Fact("sampling", "transformed grid", f"{grid.padded[1]} x {grid.padded[0]} ({plan.system.sampling.propagation})"),
+        Fact("sampling", "expected wrap-around", wrap_around(plan)),
+    ]
+
+
+def wrap_around(plan: Plan) -> str:
+    """In words, how much of the field light reaches that left the grid on the other side."""
+    system = plan.system
+    paths: list[tuple[str, Relay, float]] = [("planes", system.relay2, float(plan.planes_m.max()))]
+    if system.gap_m is not None:
+        paths.insert(0, ("gap", system.relay1, system.gap_m))
+    worst, where, samples = 0.0, "", 0.0
+    for name, relay, distance_m in paths:
+        reach = walk_off(system, relay, distance_m)
+        for n, padded in zip(plan.grid.shape, plan.grid.padded, strict=True):
+            share = min(1.0, max(0.0, n + reach - padded) / n)
+            if share > worst:
+                worst, where, samples = share, name, reach
+    if worst == 0.0:
+        return "none: the padding exceeds the largest walk-off"
+    if system.sampling.propagation == "periodic":
+        return f"up to {worst:.0%} of a side ({samples:.0f} samples walk-off over the {where})"
+    return f"none: light that walks off by more than the padding ({samples:.0f} samples over the {where}) is cut"
+
+
+def _memory(plan: Plan) -> list[Fact]:
+    field = math.prod(plan.grid.padded) * _COMPLEX64
+    lasers, planes = len(plan.system.wavelengths_m), len(plan.planes_m)
+    stack = lasers * planes * math.prod(plan.grid.shape) * 4
+    optimiser = lasers * (planes + 1) * field + plan.system.frames * lasers * (planes + 2) * math.prod(plan.grid.shape) * 8
+    return [
+        Fact("memory", "one padded field", _bytes(field)),
+        Fact("memory", "focal stack of intensities", _bytes(stack)),
+        Fact("memory", "optimiser", f"about {_bytes(optimiser)}"),
+    ]
+
+
+def _bytes(count: float) -> str:
+    return f"{count / 2**20:.4g} MiB" if count < 2**30 else f"{count / 2**30:.3g} GiB"

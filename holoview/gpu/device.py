@@ -1,0 +1,217 @@
+"""An open graphics device: allocation checked before it happens, transfers, and cached pipelines.
+
+A native call on a lost device or a destroyed buffer aborts the process instead of raising. Buffers are therefore never
+destroyed, only dropped, and every submission is preceded by a question whether the device still lives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import wgpu
+from numpy.typing import DTypeLike, NDArray
+
+from holoview.errors import UserError
+from holoview.gpu.adapter import MIB, AdapterInfo, adapters, check_limits, choose_adapter, native_adapters
+from holoview.gpu.shader import ShaderSource, compile_error
+
+__all__ = ["AdapterInfo", "Buffer", "Device", "DeviceLost", "Pipeline", "adapters", "open_device"]
+
+Constants = Mapping[str, int | float | bool]
+_UNIFORM_ALIGNMENT = 16
+_COPY_ALIGNMENT = 4
+_REQUESTED_LIMITS = (
+    "max-buffer-size",
+    "max-storage-buffer-binding-size",
+    "max-uniform-buffer-binding-size",
+    "max-storage-buffers-per-shader-stage",
+    "max-compute-invocations-per-workgroup",
+    "max-compute-workgroup-size-x",
+    "max-compute-workgroup-size-y",
+    "max-compute-workgroup-size-z",
+    "max-compute-workgroup-storage-size",
+    "max-compute-workgroups-per-dimension",
+)
+
+
+class DeviceLost(UserError):
+    """The device was lost: its driver was reset or updated, or the adapter was removed."""
+
+    def __init__(self, info: AdapterInfo) -> None:
+        super().__init__(f"adapter {info.label}", "the device was lost", remedy="reopen the device or restart")
+
+
+@dataclass(frozen=True, eq=False)
+class Buffer:
+    """Memory on a device: `raw` is the wgpu buffer, `nbytes` the size asked for. Drop it to free it."""
+
+    raw: Any
+    nbytes: int
+    label: str
+
+
+@dataclass(frozen=True, eq=False)
+class Pipeline:
+    """A compiled compute shader; `raw` is the wgpu pipeline."""
+
+    raw: Any
+    label: str
+
+
+class Device:
+    """A wgpu device with checks. `raw` is the wgpu device, for what this class doesn't wrap (drawing)."""
+
+    def __init__(self, raw: Any, info: AdapterInfo, limits: Mapping[str, int]) -> None:
+        self.raw = raw
+        self.info = info
+        self.limits = limits
+        self._pipelines: dict[tuple[Any, ...], Pipeline] = {}
+        self._fence: Buffer | None = None
+
+    @property
+    def features(self) -> frozenset[str]:
+        """Names of the features that the device was opened with."""
+        return frozenset(self.raw.features)
+
+    def buffer(self, nbytes: int, label: str) -> Buffer:
+        """A storage buffer of `nbytes`, filled with zeros. Raises UserError when the device can't hold it."""
+        return self._allocate(nbytes, label, "storage")
+
+    def upload(self, array: NDArray[Any], label: str) -> Buffer:
+        """A storage buffer that holds `array` in C order. Raises UserError as `buffer` does."""
+        buffer = self.buffer(array.nbytes, label)
+        self.write(buffer, array)
+        return buffer
+
+    def uniform(self, data: bytes | NDArray[Any], label: str) -> Buffer:
+        """A uniform buffer that holds `data`, as a layout's `pack` makes it. Raises UserError as `buffer` does."""
+        array = _as_bytes(data)
+        buffer = self._allocate(array.nbytes, label, "uniform")
+        self.write(buffer, array)
+        return buffer
+
+    def write(self, buffer: Buffer, data: bytes | NDArray[Any]) -> None:
+        """Overwrite the start of `buffer`. Raises ValueError when the data is longer than it."""
+        array = _as_bytes(data)
+        if array.nbytes > buffer.nbytes:
+            raise ValueError(f"{buffer.label}: {array.nbytes} bytes of data for a buffer of {buffer.nbytes}")
+        self.check_alive()
+        padding = -array.nbytes % _COPY_ALIGNMENT
+        self.raw.queue.write_buffer(buffer.raw, 0, np.pad(array, (0, padding)) if padding else array)
+
+    def download(self, buffer: Buffer, dtype: DTypeLike, shape: tuple[int, ...]) -> NDArray[Any]:
+        """The start of `buffer` as an array, once all that was submitted has run."""
+        count = int(np.prod(shape))
+        nbytes = count * np.dtype(dtype).itemsize
+        if not 0 < nbytes <= buffer.nbytes:
+            raise ValueError(f"{buffer.label}: {nbytes} bytes asked of a buffer of {buffer.nbytes}")
+        self.check_alive()
+        data = self.raw.queue.read_buffer(buffer.raw, 0, nbytes + -nbytes % _COPY_ALIGNMENT)
+        return np.frombuffer(data, dtype=dtype, count=count).reshape(shape)
+
+    def wait(self) -> None:
+        """Return when all that was submitted has run."""
+        # wgpu 0.32's own wait raises TypeError; a few bytes read back come after all that was submitted before
+        self.check_alive()
+        if self._fence is None:
+            self._fence = self.buffer(_COPY_ALIGNMENT, "fence")
+        self.raw.queue.read_buffer(self._fence.raw)
+
+    def check_alive(self) -> None:
+        """Raise DeviceLost when the device was lost (a tiny allocation tells, in about 25 µs)."""
+        try:
+            self.raw.create_buffer(size=_COPY_ALIGNMENT, usage=wgpu.BufferUsage.COPY_DST)
+        except wgpu.GPUError as error:
+            if "lost" in str(error).lower():
+                raise DeviceLost(self.info) from error
+            raise _out_of_memory("device", _COPY_ALIGNMENT) from error
+
+    def pipeline(self, source: ShaderSource, constants: Constants | None = None, entry: str = "main") -> Pipeline:
+        """The compute pipeline of `source` with its override `constants`, compiled at the first call only.
+
+        Raises ShaderError where the shader is wrong, DeviceLost when there is nothing to compile for.
+        """
+        chosen = dict(constants or {})
+        key = (source, entry, tuple(sorted(chosen.items())))
+        if key not in self._pipelines:
+            self._pipelines[key] = self._compile(source, chosen, entry)
+        return self._pipelines[key]
+
+    def _compile(self, source: ShaderSource, constants: dict[str, int | float | bool], entry: str) -> Pipeline:
+        self.check_alive()
+        try:
+            module = self.raw.create_shader_module(label=source.label, code=source.text)
+            stage = {"module": module, "entry_point": entry, "constants": constants}
+            return Pipeline(
+                self.raw.create_compute_pipeline(label=source.label, layout="auto", compute=stage), source.label
+            )
+        except wgpu.GPUError as error:
+            raise compile_error(source, str(error)) from error
+
+    def _allocate(self, nbytes: int, label: str, kind: Literal["storage", "uniform"]) -> Buffer:
+        alignment = _UNIFORM_ALIGNMENT if kind == "uniform" else _COPY_ALIGNMENT
+        size = nbytes + -nbytes % alignment
+        self._check_size(size, label, kind)
+        usage = wgpu.BufferUsage.UNIFORM if kind == "uniform" else wgpu.BufferUsage.STORAGE
+        usage |= wgpu.BufferUsage.COPY_SRC | wgpu.BufferUsage.COPY_DST
+        try:
+            return Buffer(self.raw.create_buffer(label=label, size=size, usage=usage), nbytes, label)
+        except wgpu.GPUError as error:
+            if "lost" in str(error).lower():
+                raise DeviceLost(self.info) from error
+            if isinstance(error, MemoryError) or "memory" in str(error).lower():
+                raise _out_of_memory(label, size) from error
+            raise
+
+    def _check_size(self, size: int, label: str, kind: Literal["storage", "uniform"]) -> None:
+        if size < 1:
+            raise ValueError(f"{label}: a buffer of {size} bytes")
+        for name in (f"max-{kind}-buffer-binding-size", "max-buffer-size"):
+            if size > self.limits[name]:
+                raise UserError(
+                    f"buffer '{label}'",
+                    f"needs {_mib(size)}",
+                    expected=f"at most {_mib(self.limits[name])} ({name} of {self.info.name})",
+                    remedy="lower the size of the grid or the number of fields at a time",
+                )
+
+
+def open_device(adapter: str | None = None, features: Iterable[str] = ()) -> Device:
+    """Open the best adapter, or the best one whose name contains `adapter`, with its own maximum limits.
+
+    `features` are opened where the adapter has them and skipped where it hasn't: see `Device.features`.
+    Raises UserError when there is no adapter, none of that name, or when its limits are too small.
+    """
+    native = choose_adapter(native_adapters(), adapter)
+    info = AdapterInfo.of(native)
+    check_limits(info, native.limits)
+    limits = {name: native.limits[name] for name in _REQUESTED_LIMITS}
+    try:
+        raw = native.request_device_sync(
+            label="holoview", required_features=sorted(set(features) & set(native.features)), required_limits=limits
+        )
+    except (RuntimeError, wgpu.GPUError) as error:
+        remedy = "close other programs that use it, update its driver, or use --backend torch"
+        raise UserError(f"adapter {info.label}", f"can't be opened: {error}", remedy=remedy) from error
+    return Device(raw, info, dict(raw.limits))
+
+
+def _as_bytes(data: bytes | NDArray[Any]) -> NDArray[np.uint8]:
+    if isinstance(data, bytes):
+        return np.frombuffer(data, np.uint8)
+    return np.ascontiguousarray(data).reshape(-1).view(np.uint8)
+
+
+def _mib(nbytes: int) -> str:
+    return f"{nbytes / MIB:.4g} MiB" if nbytes >= MIB else f"{nbytes} bytes"
+
+
+def _out_of_memory(label: str, size: int) -> UserError:
+    return UserError(
+        f"buffer '{label}'",
+        f"no memory is left on the device for {_mib(size)}",
+        remedy="lower the size of the grid or the number of fields at a time, or close other programs",
+    )

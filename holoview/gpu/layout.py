@@ -1,0 +1,103 @@
+"""Structs shared by host and shader: one definition gives the WGSL declaration, the byte layout and the packing.
+
+Layouts follow WGSL's rules for the uniform address space, which storage buffers accept as well: a vec3 or vec4 starts
+at a multiple of 16 bytes, a vec2 at one of 8; elements of an array are multiples of 16 bytes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_SCALARS = {"u32": np.uint32, "i32": np.int32, "f32": np.float32}
+_VECTOR_ALIGNMENT = {2: 8, 3: 16, 4: 16}
+_VECTOR = re.compile(r"vec([234])<(u32|i32|f32)>")
+_SHORT_VECTOR = re.compile(r"vec([234])([uif])")
+_ARRAY = re.compile(r"array<\s*(.+?)\s*,\s*(\d+)\s*>")
+_ARRAY_ALIGNMENT = 16
+
+
+class Struct:
+    """A WGSL struct of scalars (u32, i32, f32), vectors (vec2<f32> or vec2f, …) and arrays of vec4.
+
+    `fields` are (name, WGSL type) in order. `dtype` is the same layout as a numpy dtype, padding included: an array
+    of it is what a shader sees as an array of the struct. `size` is in bytes. Raises ValueError for a type that a
+    uniform can't hold.
+    """
+
+    def __init__(self, name: str, fields: Sequence[tuple[str, str]]) -> None:
+        self.name = name
+        self.fields = tuple(fields)
+        names, formats, offsets = [], [], []
+        end, widest = 0, 4
+        for field_name, wgsl_type in self.fields:
+            dtype, alignment = _layout(wgsl_type)
+            offset = _round_up(end, alignment)
+            names.append(field_name)
+            formats.append(dtype)
+            offsets.append(offset)
+            end, widest = offset + dtype.itemsize, max(widest, alignment)
+        if not names or len(set(names)) != len(names):
+            raise ValueError(f"struct {name}: expected fields with names of their own, got {names}")
+        self.size = _round_up(end, widest)
+        self.dtype: np.dtype[np.void] = np.dtype(
+            {"names": names, "formats": formats, "offsets": offsets, "itemsize": self.size}
+        )
+
+    @property
+    def wgsl(self) -> str:
+        """The declaration, as `struct Name { … }`."""
+        members = "".join(f"    {name}: {wgsl_type},\n" for name, wgsl_type in self.fields)
+        return f"struct {self.name} {{\n{members}}}\n"
+
+    def pack(self, **values: Any) -> bytes:
+        """The bytes of one struct. Raises ValueError unless `values` names each field once."""
+        return self.pack_array([values])
+
+    def pack_array(self, items: Iterable[Mapping[str, Any]]) -> bytes:
+        """The bytes of an array of structs, each from a mapping of its fields."""
+        rows = list(items)
+        packed = np.zeros(len(rows), self.dtype)
+        expected = {name for name, _ in self.fields}
+        for row, values in zip(packed, rows, strict=True):
+            if set(values) != expected:
+                wrong = sorted(set(values) ^ expected)
+                raise ValueError(f"struct {self.name}: missing or unknown fields {wrong}; expected {sorted(expected)}")
+            for name, value in values.items():
+                row[name] = self._checked(name, value)
+        return packed.tobytes()
+
+    def _checked(self, name: str, value: Any) -> NDArray[Any]:
+        """`value` as an array; numpy's own assignment would repeat a scalar and cut a fraction without a word."""
+        array, dtype = np.asarray(value), self.dtype[name]
+        if array.shape != dtype.shape:
+            raise ValueError(f"{self.name}.{name}: expected the shape {dtype.shape}, got {array.shape}")
+        if dtype.base.kind in "iu" and array.dtype.kind not in "iub":
+            raise ValueError(f"{self.name}.{name}: expected whole numbers, got {array.dtype}")
+        return array
+
+
+def _layout(wgsl_type: str) -> tuple[np.dtype[Any], int]:
+    """The numpy dtype of a WGSL type, and its alignment in bytes."""
+    if wgsl_type in _SCALARS:
+        return np.dtype(_SCALARS[wgsl_type]), 4
+    vector = _VECTOR.fullmatch(wgsl_type) or _SHORT_VECTOR.fullmatch(wgsl_type)
+    if vector:
+        scalar = vector[2] if vector[2] in _SCALARS else f"{vector[2]}32"
+        count = int(vector[1])
+        return np.dtype((_SCALARS[scalar], (count,))), _VECTOR_ALIGNMENT[count]
+    array = _ARRAY.fullmatch(wgsl_type)
+    if array:
+        element, _ = _layout(array[1])
+        if element.itemsize % _ARRAY_ALIGNMENT:
+            raise ValueError(f"{wgsl_type}: elements of a uniform array must be multiples of 16 bytes, as vec4 is")
+        return np.dtype((element, (int(array[2]),))), _ARRAY_ALIGNMENT
+    raise ValueError(f"{wgsl_type}: expected u32, i32, f32, a vector of them, or an array of vec4")
+
+
+def _round_up(value: int, multiple: int) -> int:
+    return -(-value // multiple) * multiple

@@ -1,0 +1,108 @@
+"""A small linker for WGSL: files that include one another once, generated text after them, errors with file and line.
+
+A WGSL file includes another with a comment of its own on a line, so that it stays valid WGSL:
+
+    //#include "lib/complex.wgsl"
+
+Names are relative to the folder of shaders, wherever the including file is.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from holoview.files import data_dir
+
+_INCLUDE = re.compile(r'^\s*//#include\s+"([^"]+)"\s*$')
+_LOCATION = re.compile(r"wgsl:(\d+):(\d+)")
+
+
+class ShaderError(RuntimeError):
+    """A shader that doesn't link or compile: a fault of ours, not of the user. `file` and `line` say where."""
+
+    def __init__(self, message: str, file: str, line: int) -> None:
+        super().__init__(message)
+        self.file, self.line = file, line
+
+
+@dataclass(frozen=True)
+class Generated:
+    """WGSL made by code rather than read from a file; `name` stands for the file in errors."""
+
+    name: str
+    text: str
+
+
+@dataclass(frozen=True)
+class ShaderSource:
+    """Linked WGSL. `origins` holds the (file, line) that each line of `text` came from."""
+
+    label: str
+    text: str
+    origins: tuple[tuple[str, int], ...] = field(compare=False, repr=False)
+
+    def origin(self, line: int) -> tuple[str, int]:
+        """File and line of line `line` of the linked text, counted from 1."""
+        return self.origins[min(max(line, 1), len(self.origins)) - 1]
+
+
+def link(*parts: str | Generated, label: str = "", root: Path | None = None) -> ShaderSource:
+    """Join shader files (names below the shader folder, or below `root`) and generated text, in this order.
+
+    A file that is named or included several times appears once, before its first use.
+    Raises ShaderError when a file is missing or lies outside the folder.
+    """
+    linker = _Linker(root or data_dir("shaders"))
+    for part in parts:
+        if isinstance(part, Generated):
+            linker.add_text(part.name, part.text)
+        else:
+            linker.add_file(part, included_by=(part, 0))
+    last = parts[-1] if parts else "nothing"
+    name = label or (last.name if isinstance(last, Generated) else last)
+    return ShaderSource(name, "\n".join(linker.lines) + "\n", (*linker.origins, (name, 0)))
+
+
+class _Linker:
+    def __init__(self, root: Path) -> None:
+        self._root = root.resolve()
+        self._seen: set[Path] = set()
+        self.lines: list[str] = []
+        self.origins: list[tuple[str, int]] = []
+
+    def add_file(self, name: str, included_by: tuple[str, int]) -> None:
+        path = (self._root / name).resolve()
+        if path in self._seen:
+            return
+        self._seen.add(path)
+        if not path.is_relative_to(self._root) or not path.is_file():
+            file, line = included_by
+            raise ShaderError(f"{file}:{line}: no shader file '{name}' in {self._root}", file, line)
+        self.add_text(name, path.read_text(encoding="utf-8"))
+
+    def add_text(self, name: str, text: str) -> None:
+        for number, line in enumerate(text.splitlines(), start=1):
+            directive = _INCLUDE.match(line)
+            if directive:
+                self.add_file(directive[1], included_by=(name, number))
+            else:
+                self.lines.append(line)
+                self.origins.append((name, number))
+
+
+def compile_error(source: ShaderSource, message: str) -> ShaderError:
+    """The ShaderError for a compiler's `message` about linked text: its line numbers become file and line."""
+    place = _LOCATION.search(message)
+    if place is None:
+        return ShaderError(f"{source.label}: {message.strip()}", source.label, 0)
+    file, line = source.origin(int(place[1]))
+    lines = source.text.splitlines()
+    quoted = lines[min(int(place[1]), len(lines)) - 1].strip()
+
+    def to_origin(match: re.Match[str]) -> str:
+        name, number = source.origin(int(match[1]))
+        return f"{name}:{number}:{match[2]}"
+
+    return ShaderError(f"{file}:{line}: {quoted}\n{_LOCATION.sub(to_origin, message).strip()}", file, line)

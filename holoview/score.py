@@ -1,0 +1,91 @@
+"""How good a hologram is: fidelity, speckle and eyebox beside each other, because PSNR alone rewards an empty eyebox."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.colour import SRGB_TO_XYZ
+from holoview.engine.frame import last_spectrum
+from holoview.engine.torch import TorchExecutor
+from holoview.hologram import Hologram
+from holoview.metrics.delta_e import delta_e_linear_srgb
+from holoview.metrics.eyebox import EyeboxUniformity, eyebox_uniformity
+from holoview.metrics.psnr import Psnr, psnr_linear_srgb, psnr_luminance
+from holoview.metrics.speckle import SpeckleContrast, speckle_contrast
+from holoview.optics.slots import make_slots
+from holoview.plan import Plan, make_plan
+from holoview.view import View
+
+Region = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True)
+class Score:
+    """Fidelity of a view to its target stack, at fixed brightness. speckle: of the luminance, structure removed, a plane each."""
+
+    psnr: Psnr
+    psnr_luminance: Psnr
+    delta_e: float
+    speckle: tuple[SpeckleContrast, ...]
+
+    @property
+    def contrast(self) -> float:
+        """Mean speckle contrast over the planes."""
+        return float(np.mean([plane.contrast for plane in self.speckle]))
+
+
+def score(view: View, stack: NDArray[np.floating], region: Region | None = None) -> Score:
+    """Scores a view against its target (plane, y, x, 3) in linear sRGB; region (x, y, w, h) px for the speckle contrast."""
+    wanted = np.asarray(stack) @ SRGB_TO_XYZ.T
+    chosen = region or central_region(stack.shape[1:3])
+    return Score(
+        psnr=psnr_linear_srgb(view.rgb, stack),
+        psnr_luminance=psnr_luminance(view.xyz, wanted),
+        delta_e=delta_e_linear_srgb(np.clip(view.rgb, 0, 1), np.clip(stack, 0, 1)),
+        speckle=tuple(
+            speckle_contrast(seen[..., 1], region=chosen, target=known[..., 1])
+            for seen, known in zip(view.xyz, wanted, strict=True)
+        ),
+    )
+
+
+def central_region(shape: tuple[int, ...]) -> Region:
+    """The central half of an image of (rows, columns), as (x, y, w, h)."""
+    rows, columns = shape[0], shape[1]
+    return columns // 4, rows // 4, columns // 2, rows // 2
+
+
+def eyebox_of(hologram: Hologram) -> EyeboxUniformity:
+    """Uniformity of the light behind relay 2's stops, over the modulator's first order.
+
+    Lasers add by luminance at equal spatial frequency: every wavelength fills its own first order, |f| ≤ 1/(2·pitch).
+    """
+    system = hologram.system
+    plan = make_plan(system, system.planes_m[:1])
+    executor = TorchExecutor(plan, make_slots(plan, hologram.drive))
+    power = np.zeros(plan.grid.padded)
+    for wavelength in range(len(system.wavelengths_m)):
+        stop = executor.transfer(1, wavelength, float(plan.planes_m[0])).abs().square().numpy()
+        for frame in plan.lit(wavelength):
+            weight = plan.weights[frame, wavelength] * plan.colour_weights[wavelength, 1]
+            for source in range(len(plan.slopes)):
+                spectrum = last_spectrum(executor, wavelength, frame, source)
+                power += weight * stop * spectrum.abs().square().numpy()
+    return eyebox_uniformity(*_first_order(plan, power))
+
+
+def _first_order(plan: Plan, power: NDArray[np.floating]) -> tuple[NDArray[np.floating], int, NDArray[np.floating]]:
+    """The first order of a spectrum, its zero frequency in the middle; blocks; the sampled pixel's envelope.
+
+    A pixel of u samples has the envelope (sin(πuf)/(u·sin(πf)))², f in cycles a sample: sinc² as u grows.
+    """
+    shifted = np.fft.fftshift(power)
+    sides = [p // plan.grid.upsample for p in plan.grid.padded]
+    cut = tuple(slice(p // 2 - n // 2, p // 2 - n // 2 + n) for p, n in zip(plan.grid.padded, sides, strict=True))
+    upsample = plan.grid.upsample
+    cycles = [(np.arange(n) - n // 2) / p for n, p in zip(sides, plan.grid.padded, strict=True)]
+    y, x = ((np.sinc(upsample * f) / np.sinc(f)) ** 2 for f in cycles)
+    return shifted[cut], 8, y[:, None] * x[None, :]

@@ -1,0 +1,18 @@
+// Intensity of a field on the modulator's area, added with a weight: frames and sources add in intensity.
+// Twin: holoview/engine/torch.py, accumulate.
+//#include "lib/grid.wgsl"
+
+@group(0) @binding(0) var<uniform> grid: Grid;
+@group(0) @binding(1) var<uniform> share: Share;
+
+@group(1) @binding(0) var<storage, read> field: array<vec2f>;
+@group(1) @binding(1) var<storage, read_write> intensity: array<f32>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3u) {
+    if (id.x >= grid.shape.y) {
+        return;
+    }
+    let value = field[index_padded(grid, id.y + grid.offset.x, id.x + grid.offset.y)];
+    intensity[id.y * grid.shape.y + id.x] += share.weight * dot(value, value);
+}

@@ -1,0 +1,26 @@
+// A phase modulator: field × exp(2πi·opd/λ) inside, 0 outside. A pixel is a square of constant optical path.
+// Twin: holoview/engine/torch.py, modulate.
+//#include "lib/complex.wgsl"
+//#include "lib/grid.wgsl"
+
+@group(0) @binding(0) var<uniform> grid: Grid;
+@group(0) @binding(1) var<uniform> light: Light;
+
+@group(1) @binding(0) var<storage, read> opd: array<f32>;
+@group(1) @binding(1) var<storage, read_write> field: array<vec2f>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3u) {
+    if (id.x >= grid.padded.y) {
+        return;
+    }
+    let at = index_padded(grid, id.y, id.x);
+    var value = vec2f(0.0);
+    if (is_inside(grid, id.y, id.x)) {
+        let row = (id.y - grid.offset.x) / grid.upsample;
+        let column = (id.x - grid.offset.y) / grid.upsample;
+        let path = opd[row * (grid.shape.y / grid.upsample) + column];
+        value = cmul(field[at], cis(path * light.waves_per_metre));
+    }
+    field[at] = value;
+}
