@@ -40,7 +40,9 @@ def _bench(system: System) -> list[Fact]:
         Fact("bench", "source directions", str(len(system.source.directions_rad))),
         Fact("bench", "modulators", f"{len(system.modulators)} of {columns} x {rows} pixels, {levels}"),
         Fact("bench", "pixel pitch", units.short(modulator.pitch_m, "um")),
-        Fact("bench", "active area", f"{columns * modulator.pitch_m * 1e3:.4g} x {rows * modulator.pitch_m * 1e3:.4g} mm"),
+        Fact(
+            "bench", "active area", f"{columns * modulator.pitch_m * 1e3:.4g} x {rows * modulator.pitch_m * 1e3:.4g} mm"
+        ),
     ]
     if system.gap_m is not None:
         out.append(Fact("bench", "gap", units.short(system.gap_m, "mm")))
@@ -57,9 +59,17 @@ def _diffraction(system: System) -> list[Fact]:
     depth = float(np.ptp(system.planes_m))
     blur = depth * math.tan(math.radians(angles[1])) / modulator.pitch_m
     return [
-        Fact("diffraction", "phase range", f"{turns[0]:.3g} pi at {shortest * 1e9:.4g} nm, {turns[1]:.3g} pi at {longest * 1e9:.4g} nm"),
+        Fact(
+            "diffraction",
+            "phase range",
+            f"{turns[0]:.3g} pi at {shortest * 1e9:.4g} nm, {turns[1]:.3g} pi at {longest * 1e9:.4g} nm",
+        ),
         Fact("diffraction", "largest angle (half)", f"{angles[0]:.3g}° to {angles[1]:.3g}°"),
-        Fact("diffraction", "étendue", f"{pixels * shortest**2 * 1e6:.3g} to {pixels * longest**2 * 1e6:.3g} mm² sr (pixels × λ²)"),
+        Fact(
+            "diffraction",
+            "étendue",
+            f"{pixels * shortest**2 * 1e6:.3g} to {pixels * longest**2 * 1e6:.3g} mm² sr (pixels × λ²)",
+        ),
         Fact("diffraction", "defocus over the stack", f"±{blur:.3g} modulator pixels"),
     ]
 
@@ -72,7 +82,9 @@ def _cut_offs(plan: Plan) -> list[Fact]:
     ]
     for name, relay in (("relay 1", system.relay1), ("relay 2", system.relay2)):
         if relay.iris_na is not None:
-            sides = [f"{relay.iris_na / λ * 1e-3:.4g}" for λ in (system.wavelengths_m.max(), system.wavelengths_m.min())]
+            sides = [
+                f"{relay.iris_na / λ * 1e-3:.4g}" for λ in (system.wavelengths_m.max(), system.wavelengths_m.min())
+            ]
             out.append(Fact("cut-offs", f"iris of {name}", f"{' to '.join(sides)} cycles/mm (NA {relay.iris_na:g})"))
         if relay.dc_block_na is not None:
             out.append(Fact("cut-offs", f"DC block of {name}", f"NA {relay.dc_block_na:g}"))
@@ -87,7 +99,9 @@ def _sampling(plan: Plan) -> list[Fact]:
     grid = plan.grid
     return [
         Fact("sampling", "simulated field", f"{grid.shape[1]} x {grid.shape[0]} at {units.short(grid.pitch_m, 'um')}"),
-        Fact("sampling", "transformed grid", f"{grid.padded[1]} x {grid.padded[0]} ({plan.system.sampling.propagation})"),
+        Fact(
+            "sampling", "transformed grid", f"{grid.padded[1]} x {grid.padded[0]} ({plan.system.sampling.propagation})"
+        ),
         Fact("sampling", "expected wrap-around", wrap_around(plan)),
     ]
 
@@ -116,7 +130,9 @@ def _memory(plan: Plan) -> list[Fact]:
     field = math.prod(plan.grid.padded) * _COMPLEX64
     lasers, planes = len(plan.system.wavelengths_m), len(plan.planes_m)
     stack = lasers * planes * math.prod(plan.grid.shape) * 4
-    optimiser = lasers * (planes + 1) * field + plan.system.frames * lasers * (planes + 2) * math.prod(plan.grid.shape) * 8
+    optimiser = (
+        lasers * (planes + 1) * field + plan.system.frames * lasers * (planes + 2) * math.prod(plan.grid.shape) * 8
+    )
     return [
         Fact("memory", "one padded field", _bytes(field)),
         Fact("memory", "focal stack of intensities", _bytes(stack)),

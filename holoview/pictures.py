@@ -62,5 +62,5 @@ def read_pattern(path: str | os.PathLike[str], shape: tuple[int, int]) -> NDArra
 
 
 def numbered(path: Path, suffix: str) -> Path:
-    """"out.png" with "10mm" is "out-10mm.png"."""
+    """ "out.png" with "10mm" is "out-10mm.png"."""
     return path.with_name(f"{path.stem}-{suffix}{path.suffix}")

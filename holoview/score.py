@@ -1,4 +1,4 @@
-"""How good a hologram is: fidelity, speckle and eyebox beside each other, because PSNR alone rewards an empty eyebox."""
+"""How good a hologram is: fidelity, speckle and eyebox together, because PSNR alone rewards an empty eyebox."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Region = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class Score:
-    """Fidelity of a view to its target stack, at fixed brightness. speckle: of the luminance, structure removed, a plane each."""
+    """Fidelity of a view to its target, at fixed brightness; speckle of the luminance, structure removed, by plane."""
 
     psnr: Psnr
     psnr_luminance: Psnr
@@ -38,7 +38,7 @@ class Score:
 
 
 def score(view: View, stack: NDArray[np.floating], region: Region | None = None) -> Score:
-    """Scores a view against its target (plane, y, x, 3) in linear sRGB; region (x, y, w, h) px for the speckle contrast."""
+    """Scores a view against its target (plane, y, x, 3) in linear sRGB; region (x, y, w, h) px is for the speckle."""
     wanted = np.asarray(stack) @ SRGB_TO_XYZ.T
     chosen = region or central_region(stack.shape[1:3])
     return Score(

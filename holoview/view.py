@@ -43,6 +43,11 @@ class View:
         """Encoded sRGB (plane, y, x, 3), 8 bit; each channel is clipped to the gamut."""
         return to_srgb8(self.rgb)
 
+    def at(self, planes: Sequence[int]) -> View:
+        """The view at some of its planes, by their index."""
+        chosen = list(planes)
+        return replace(self, intensity=self.intensity[chosen], xyz=self.xyz[chosen], planes_m=self.planes_m[chosen])
+
     def exposed(self, stops: float) -> View:
         """The view with every intensity multiplied by 2^stops."""
         factor = 2.0**stops

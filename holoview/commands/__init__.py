@@ -1,4 +1,4 @@
-"""The subcommands of `holoview`, one a file: each adds its parser and runs; no physics.
+"""The subcommands of `holoview`, one a file: `configure` adds its arguments, `run` does it; no physics.
 
 common    arguments and messages that several share
 presets   list the benches that come with holoview

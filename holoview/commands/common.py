@@ -21,7 +21,9 @@ Report = Callable[[int, int, str], None]
 
 def add_system(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
     """PRESET and --set KEY=VALUE."""
-    parser.add_argument("preset", nargs="?" if optional else None, help="a preset's name (see `holoview presets`) or a TOML file")
+    parser.add_argument(
+        "preset", nargs="?" if optional else None, help="a preset's name (see `holoview presets`) or a TOML file"
+    )
     parser.add_argument(
         "--set",
         metavar="KEY=VALUE",

@@ -11,14 +11,12 @@ from holoview.commands.common import add_system, system_of
 from holoview.facts import facts
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Adds the subcommand."""
-    parser = commands.add_parser("info", help="show the derived numbers of a preset", description=__doc__)
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments."""
     add_system(parser)
     shown = parser.add_mutually_exclusive_group()
     shown.add_argument("--json", action="store_true", help="machine-readable output")
     shown.add_argument("--toml", action="store_true", help="the whole preset, to start your own from")
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -15,23 +15,32 @@ import holoview
 from holoview import preset, units
 from holoview.commands.common import add_backend, add_system, changed, progress_bar, say
 from holoview.errors import UserError
+from holoview.hologram import Hologram, load_hologram
+from holoview.metrics.speckle import speckle_contrast
+from holoview.pictures import numbered, read_pattern, write_png
+from holoview.score import central_region
 from holoview.system import System
+from holoview.view import View, random_drive, simulate
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Adds the subcommand."""
-    parser = commands.add_parser("render", help="render what an observer sees, to PNG", description=__doc__)
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments."""
     add_system(parser, optional=True)
     parser.add_argument("--hologram", metavar="FILE", help="a hologram file; alone, its own bench is used")
-    parser.add_argument("--slm1", metavar="PNG", nargs="+", help="pattern of modulator 1, one a frame (0…max is 0…stroke)")
+    parser.add_argument(
+        "--slm1", metavar="PNG", nargs="+", help="pattern of modulator 1, one a frame (0…max is 0…stroke)"
+    )
     parser.add_argument("--slm2", metavar="PNG", nargs="+", help="pattern of modulator 2, one a frame")
-    parser.add_argument("--random", metavar="SEED", type=int, help="random patterns: speckle (the default, with seed 0)")
-    parser.add_argument("--plane", metavar="DISTANCE", nargs="+", help='e.g. 10mm 11mm, or "all"; the middle plane if absent')
+    parser.add_argument(
+        "--random", metavar="SEED", type=int, help="random patterns: speckle (the default, with seed 0)"
+    )
+    parser.add_argument(
+        "--plane", metavar="DISTANCE", nargs="+", help='e.g. 10mm 11mm, or "all"; the middle plane if absent'
+    )
     parser.add_argument("--exposure", metavar="STOPS", type=float, default=0.0, help="brighten by 2^STOPS")
     add_backend(parser)
     parser.add_argument("-o", "--output", metavar="PNG", type=Path, help="several planes are numbered: OUT-10mm.png")
     parser.add_argument("--json", action="store_true", help="print what was made as JSON")
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -47,13 +56,23 @@ def run(args: argparse.Namespace) -> int:
         raise UserError("--exposure", str(args.exposure), expected="a finite number of stops")
     started = time.perf_counter()
     with progress_bar("rendering") as report:
-        view = holoview.simulate(
-            system, drive, planes_m, args.backend, adapter=args.adapter, progress=lambda n, total: report(n, total, "wavelengths")
+        view = simulate(
+            system,
+            drive,
+            planes_m,
+            args.backend,
+            adapter=args.adapter,
+            progress=lambda n, total: report(n, total, "wavelengths"),
         )
     seconds = time.perf_counter() - started
     files = _write(view.exposed(args.exposure), system, output, args.exposure)
     if args.json:
-        print(json.dumps({"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files}, indent=2))
+        print(
+            json.dumps(
+                {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files},
+                indent=2,
+            )
+        )
     else:
         print(f"backend: {view.backend} ({seconds:.2f} s)")
         for entry in files:
@@ -75,13 +94,11 @@ def _subject(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
     system = changed(preset.load(args.preset), args.changes)
     if args.slm1:
         return system, _patterns(args, system)
-    return system, holoview.random_drive(system, args.random or 0)
+    return system, random_drive(system, args.random or 0)
 
 
 def _hologram(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
     """A hologram file on its own bench, or with its lasers on the named one."""
-    from holoview.hologram import Hologram, load_hologram
-
     hologram = load_hologram(args.hologram)
     system = hologram.system
     if args.preset is not None:
@@ -92,14 +109,14 @@ def _hologram(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
         return system, Hologram(hologram.drive, system).drive
     except UserError as error:
         raise UserError(
-            str(args.hologram), f"patterns of shape {hologram.drive.shape}", expected=f"{system.drive_shape} for {system.name}",
+            str(args.hologram),
+            f"patterns of shape {hologram.drive.shape}",
+            expected=f"{system.drive_shape} for {system.name}",
             remedy="leave the preset out to use the hologram's own bench",
-        ) from error  # fmt: skip
+        ) from error
 
 
 def _patterns(args: argparse.Namespace, system: System) -> NDArray[np.float32]:
-    from holoview.pictures import read_pattern
-
     groups = [args.slm1] + ([args.slm2] if args.slm2 else [])
     frames, modulators = system.drive_shape[:2]
     if len(groups) != modulators or any(len(group) != frames for group in groups):
@@ -117,11 +134,7 @@ def _planes(asked: list[str] | None, system: System) -> NDArray[np.float64]:
     return np.array([units.parse(text, "--plane") for text in asked])
 
 
-def _write(view: Any, system: System, output: Path, exposure: float) -> list[dict[str, Any]]:
-    from holoview.metrics.speckle import speckle_contrast
-    from holoview.pictures import numbered, write_png
-    from holoview.score import central_region
-
+def _write(view: View, system: System, output: Path, exposure: float) -> list[dict[str, Any]]:
     written = []
     for i, plane_m in enumerate(view.planes_m):
         plane = units.text(float(plane_m), "mm")
@@ -137,7 +150,9 @@ def _write(view: Any, system: System, output: Path, exposure: float) -> list[dic
         luminance = view.xyz[i, ..., 1]
         contrast = speckle_contrast(luminance, region=central_region(luminance.shape)).contrast
         write_png(path, view.srgb8[i], texts)
-        written.append({"plane": plane, "file": str(path), "speckle_contrast": contrast, "mean_luminance": float(luminance.mean())})
+        written.append(
+            {"plane": plane, "file": str(path), "speckle_contrast": contrast, "mean_luminance": float(luminance.mean())}
+        )
     if np.all(view.srgb8 == 0):
         say("note: every picture is black; raise --exposure or the laser amplitudes")
     return written

@@ -55,7 +55,11 @@ class WgpuExecutor:
         self._no_pupil = device.upload(np.zeros(1, np.complex64), "no pupil")
         self._grid = device.uniform(
             GRID.pack(
-                padded=grid.padded, shape=grid.shape, offset=grid.offset, stride=self._fft.stride, upsample=grid.upsample
+                padded=grid.padded,
+                shape=grid.shape,
+                offset=grid.offset,
+                stride=self._fft.stride,
+                upsample=grid.upsample,
             ),
             "grid",
         )
@@ -154,7 +158,7 @@ class WgpuExecutor:
             self._recorder = None
 
     def put(self, values: NDArray[np.complexfloating], *, is_spectrum: bool = False) -> GpuField:
-        """A field (y, x), or a spectrum (P_y, P_x) zero frequency first, on the device: for looking at one stage alone."""
+        """A field (y, x) or spectrum (P_y, P_x), zero frequency first, on the device: to look at one stage alone."""
         self.submit()
         padded = np.zeros(self.plan.grid.padded, np.complex64)
         if is_spectrum:

@@ -63,12 +63,12 @@ class Struct:
         rows = list(items)
         packed = np.zeros(len(rows), self.dtype)
         expected = {name for name, _ in self.fields}
-        for row, values in zip(packed, rows, strict=True):
+        for index, values in enumerate(rows):
             if set(values) != expected:
                 wrong = sorted(set(values) ^ expected)
                 raise ValueError(f"struct {self.name}: missing or unknown fields {wrong}; expected {sorted(expected)}")
             for name, value in values.items():
-                row[name] = self._checked(name, value)
+                packed[name][index] = self._checked(name, value)
         return packed.tobytes()
 
     def _checked(self, name: str, value: Any) -> NDArray[Any]:
@@ -95,7 +95,7 @@ def _layout(wgsl_type: str) -> tuple[np.dtype[Any], int]:
         element, _ = _layout(array[1])
         if element.itemsize % _ARRAY_ALIGNMENT:
             raise ValueError(f"{wgsl_type}: elements of a uniform array must be multiples of 16 bytes, as vec4 is")
-        return np.dtype((element, (int(array[2]),))), _ARRAY_ALIGNMENT
+        return np.dtype((element.base, (int(array[2]), *element.shape))), _ARRAY_ALIGNMENT
     raise ValueError(f"{wgsl_type}: expected u32, i32, f32, a vector of them, or an array of vec4")
 
 

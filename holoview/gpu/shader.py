@@ -16,7 +16,8 @@ from pathlib import Path
 from holoview.files import data_dir
 
 _INCLUDE = re.compile(r'^\s*//#include\s+"([^"]+)"\s*$')
-_LOCATION = re.compile(r"wgsl:(\d+):(\d+)")
+_LOCATION = re.compile(r"(?<=┌─ ).*:(\d+):(\d+)")
+_GUTTER = re.compile(r"^ *(\d+)(?= │)", re.MULTILINE)
 
 
 class ShaderError(RuntimeError):
@@ -101,8 +102,12 @@ def compile_error(source: ShaderSource, message: str) -> ShaderError:
     lines = source.text.splitlines()
     quoted = lines[min(int(place[1]), len(lines)) - 1].strip()
 
-    def to_origin(match: re.Match[str]) -> str:
+    def place_in_origin(match: re.Match[str]) -> str:
         name, number = source.origin(int(match[1]))
         return f"{name}:{number}:{match[2]}"
 
-    return ShaderError(f"{file}:{line}: {quoted}\n{_LOCATION.sub(to_origin, message).strip()}", file, line)
+    def line_in_origin(match: re.Match[str]) -> str:
+        return str(source.origin(int(match[1]))[1])
+
+    located = _LOCATION.sub(place_in_origin, _GUTTER.sub(line_in_origin, message))
+    return ShaderError(f"{file}:{line}: {quoted}\n{located.strip()}", file, line)

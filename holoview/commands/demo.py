@@ -1,0 +1,171 @@
+"""`holoview demo`: a hologram for the shipped picture, and what HoloChrome gains over simultaneous colour.
+
+Optimises both displays with equal settings, renders every focal plane, and puts them beside the target.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import holoview
+from holoview import preset, units
+from holoview.colour import to_srgb8
+from holoview.commands.common import add_backend, progress_bar, say
+from holoview.commands.optimise import solve
+from holoview.errors import UserError
+from holoview.files import data_dir
+from holoview.hologram import Hologram
+from holoview.metrics.eyebox import EyeboxUniformity
+from holoview.optimise.solve import Settings
+from holoview.pictures import write_png
+from holoview.report.sheet import Tile, contact_sheet
+from holoview.score import Score, eyebox_of, score
+from holoview.targets.build import Placement, target_for
+from holoview.targets.focal_stack import Target
+from holoview.view import View, simulate
+
+_DISPLAYS = ("holochrome-8", "simultaneous")
+_HEADS = ("target", "HoloChrome, 8 wavelengths", "simultaneous, 3 wavelengths")
+_OUT_OF_FOCUS_M = 0.014
+# Details of the still life (x, y, w, h) as shares of the picture: the die in front, the vase behind.
+_FRONT, _BACK = (0.36, 0.68, 0.28, 0.28), (0.70, 0.06, 0.28, 0.28)
+
+
+@dataclass(frozen=True)
+class _Shown:
+    name: str
+    hologram: Hologram
+    view: View
+    out_of_focus: View
+    quality: Score
+    eyebox: EyeboxUniformity
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments."""
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, default=Path("holoview-demo"), help="folder to write to"
+    )
+    parser.add_argument("--iterations", type=int, default=40, help="of each display's optimisation")
+    parser.add_argument(
+        "--shape", type=int, nargs=2, metavar=("ROWS", "COLUMNS"), help="fewer modulator pixels: faster"
+    )
+    add_backend(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Runs the demonstration and says what was written and what to try next."""
+    if args.output.exists() and not args.output.is_dir():
+        raise UserError(str(args.output), "is a file", expected="a folder to write to")
+    try:
+        args.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(str(args.output), f"can't be made: {error.strerror}", remedy="choose another folder") from error
+    started = time.perf_counter()
+    settings = Settings(iterations=args.iterations)
+    target: Target | None = None
+    shown: list[_Shown] = []
+    for name in _DISPLAYS:
+        system = preset.load(name)
+        system = system.edit({"shape": args.shape}) if args.shape else system
+        target = target or _still_life(system)
+        found = solve(system, target, settings)
+        if found.interrupted:
+            raise KeyboardInterrupt
+        found.hologram.save(args.output / f"{name}.safetensors")
+        shown.append(_show(name, found.hologram, target, args))
+    assert target is not None
+    written = [path for display in shown for path in _write_planes(display, args.output)]
+    sheet = args.output / "contact-sheet.png"
+    write_png(sheet, _sheet(target, shown), {"Software": f"holoview {holoview.__version__}"})
+    _say_results(shown, [sheet, *written], args.output, time.perf_counter() - started)
+    return 0
+
+
+def _still_life(system: holoview.System) -> Target:
+    folder = data_dir("assets")
+    return target_for(system, folder / "still-life.png", Placement(depth=folder / "still-life-depth.png"))
+
+
+def _show(name: str, hologram: Hologram, target: Target, args: argparse.Namespace) -> _Shown:
+    """Renders all planes and one far out of focus in one go."""
+    planes = [*hologram.system.planes_m, _OUT_OF_FOCUS_M]
+    with progress_bar(f"rendering {name}") as report:
+        everything = simulate(
+            hologram.system,
+            hologram.drive,
+            planes,
+            args.backend,
+            adapter=args.adapter,
+            progress=lambda done, total: report(done, total, "wavelengths"),
+        )
+    view = everything.at(range(len(planes) - 1))
+    return _Shown(
+        name, hologram, view, everything.at([len(planes) - 1]), score(view, target.stack), eyebox_of(hologram)
+    )
+
+
+def _write_planes(display: _Shown, folder: Path) -> list[Path]:
+    written = []
+    for view, note in ((display.view, ""), (display.out_of_focus, "-out-of-focus")):
+        for i, plane_m in enumerate(view.planes_m):
+            plane = units.text(float(plane_m), "mm")
+            path = folder / f"{display.name}-{plane.replace(' ', '')}{note}.png"
+            texts = {"holoview.preset": display.name, "holoview.plane": plane, "holoview.backend": view.backend}
+            write_png(path, view.srgb8[i], {"Software": f"holoview {holoview.__version__}", **texts})
+            written.append(path)
+    return written
+
+
+def _sheet(target: Target, shown: list[_Shown]) -> NDArray[np.uint8]:
+    """Rows: all of the middle plane, the front in focus, the back in focus, and the same detail out of focus."""
+    last = len(target.planes_m) - 1
+    wanted = to_srgb8(target.stack)
+    rows = []
+    for plane, region, what in (
+        (last // 2, (0, 0, 1, 1), "all"),
+        (0, _FRONT, "front"),
+        (last, _BACK, "back"),
+        (0, _BACK, "back"),
+    ):
+        where = units.short(target.planes_m[plane], "mm")
+        row = [Tile(_cut(wanted[plane], region), f"{what}, focus at {where}")]
+        for display in shown:
+            quality = display.quality
+            numbers = (
+                f"PSNR {quality.psnr.planes_db[plane]:.1f} dB, speckle contrast {quality.speckle[plane].contrast:.2f}"
+            )
+            row.append(
+                Tile(_cut(display.view.srgb8[plane], region), numbers if what == "all" else f"{what}, focus at {where}")
+            )
+        rows.append(row)
+    return contact_sheet("One frame, two phase modulators: what the eye sees", _HEADS, rows)
+
+
+def _cut(picture: NDArray[np.uint8], region: tuple[float, float, float, float]) -> NDArray[np.uint8]:
+    rows, columns = picture.shape[:2]
+    x, y, w, h = (round(share * side) for share, side in zip(region, (columns, rows, columns, rows), strict=True))
+    return picture[y : y + h, x : x + w]
+
+
+def _say_results(shown: list[_Shown], written: list[Path], folder: Path, seconds: float) -> None:
+    say(f"rendered by {shown[0].view.backend}; {seconds:.0f} s in all")
+    print(f"{'':<14} {'PSNR':>9} {'lum. PSNR':>10} {'CIEDE2000':>10} {'speckle':>8} {'eyebox':>7}")
+    for d in shown:
+        fidelity = (
+            f"{d.quality.psnr.mean_db:6.2f} dB {d.quality.psnr_luminance.mean_db:7.2f} dB {d.quality.delta_e:10.2f}"
+        )
+        print(f"{d.name:<14} {fidelity} {d.quality.contrast:8.3f} {d.eyebox.uniformity:7.2f}")
+    print("\nwritten:")
+    for path in written:
+        print(f"  {path}")
+    print("\ntry next:")
+    print(f"  holoview render --hologram {folder / 'holochrome-8.safetensors'} --plane 9.3mm -o seen.png")
+    print("  holoview render holochrome-8 --random 1 --set gap='\"4 mm\"' -o speckle.png")
+    print("  holoview info bench-plm")

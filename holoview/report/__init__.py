@@ -1,0 +1,4 @@
+"""Pictures that explain.
+
+sheet    a grid of pictures with a title over each column and a caption under each picture
+"""

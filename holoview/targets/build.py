@@ -1,0 +1,93 @@
+"""A bench and a picture → the focal stack to aim at, on the bench's planes and simulation grid."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview import units
+from holoview.errors import UserError
+from holoview.plan import make_plan
+from holoview.system import System
+from holoview.targets.defocus import Aperture, diffraction_half_angle
+from holoview.targets.focal_stack import Target, picture_stack
+from holoview.targets.picture import Picture, fit, read_depth, read_picture
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where a picture stands: at one distance, or by a depth map from the nearest to the farthest distance (m)."""
+
+    at_m: float | None = None
+    depth: str | os.PathLike[str] | None = None
+    nearest_m: float | None = None
+    farthest_m: float | None = None
+
+
+def target_for(
+    system: System,
+    picture: str | os.PathLike[str] | Picture,
+    placement: Placement = Placement(),
+    brightness: float = 1.0,
+) -> Target:
+    """The focal stack of a picture with the natural defocus of the bench's eyebox.
+
+    Without a depth map the picture stands at `at_m` (the middle plane when None). With one, 0 … 1 in the map is spread
+    from `nearest_m` to `farthest_m` (the system's first and last planes when None). Blur comes from the largest angle
+    that the modulator diffracts to at the middle wavelength, or from the iris where that is smaller.
+
+    Raises UserError for files that can't be used, a distance outside the planes, and a depth map of another size.
+    """
+    source = read_picture(picture) if not isinstance(picture, Picture) else picture
+    grid = make_plan(system).grid
+    rgb = np.clip(fit(source.rgb, grid.shape), 0, None)
+    depth_m = _depth(system, placement, source, grid.shape)
+    half_angle, aperture = _blur(system)
+    stack = picture_stack(rgb, depth_m, system.planes_m, grid.pitch_m, half_angle, aperture)
+    return Target.of(stack, tuple(system.planes_m), source.source, brightness)
+
+
+def _depth(
+    system: System, placement: Placement, source: Picture, shape: tuple[int, int]
+) -> float | NDArray[np.floating]:
+    first, last = float(system.planes_m.min()), float(system.planes_m.max())
+    if placement.depth is None:
+        at_m = float(np.median(system.planes_m)) if placement.at_m is None else placement.at_m
+        _check_inside(at_m, first, last, "the picture's distance")
+        return at_m
+    if placement.at_m is not None:
+        raise UserError(str(placement.depth), "a depth map and one distance", expected="one of them")
+    depth = read_depth(placement.depth)
+    if depth.shape != source.rgb.shape[:2]:
+        sizes = [f"{columns} x {rows}" for rows, columns in (depth.shape, source.rgb.shape[:2])]
+        raise UserError(str(placement.depth), f"{sizes[0]} pixels", expected=f"the picture's size, {sizes[1]}")
+    nearest = first if placement.nearest_m is None else placement.nearest_m
+    farthest = last if placement.farthest_m is None else placement.farthest_m
+    _check_inside(nearest, first, last, "the nearest depth")
+    _check_inside(farthest, first, last, "the farthest depth")
+    if nearest > farthest:
+        raise UserError(
+            "depth range", f"{units.short(nearest, 'mm')} to {units.short(farthest, 'mm')}", expected="near to far"
+        )
+    return nearest + fit(depth, shape).astype(np.float64) * (farthest - nearest)
+
+
+def _check_inside(at_m: float, first: float, last: float, what: str) -> None:
+    if not first <= at_m <= last:
+        raise UserError(
+            what,
+            units.short(at_m, "mm"),
+            expected=f"inside the planes, {units.short(first, 'mm')} to {units.short(last, 'mm')}",
+            remedy="move it, or change planes",
+        )
+
+
+def _blur(system: System) -> tuple[float, Aperture]:
+    """Half angle and shape of the cone that reaches an image point: the modulator's first order, or a smaller iris."""
+    angle = diffraction_half_angle(float(np.median(system.wavelengths_m)), system.modulators[0].pitch_m)
+    iris = system.relay2.iris_na
+    return (math.asin(iris), "disc") if iris is not None and iris < math.sin(angle) else (angle, "square")

@@ -1,0 +1,108 @@
+"""The blur of a point out of focus, and how a picture is blurred without wrapping around at its borders.
+
+A point at distance d seen on the plane z is the aperture's shape, scaled to the half-width |z − d|·tan θ, where θ is
+the half-angle of the light cone: a square for a pixelated modulator's eyebox, a disc for a round iris. Kernels are
+area-true: each sample is the share of the shape's area in that pixel, so that the width may be any fraction of a pixel.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+Aperture = Literal["square", "disc"]
+_STRIPS = 64
+
+
+def diffraction_half_angle(wavelength_m: float, pitch_m: float) -> float:
+    """Half-angle (rad) of the cone that a modulator of pixel pitch p diffracts into: θ = asin(λ / 2p).
+
+    It is the grating equation at the finest grating that the pixels can carry, period 2p, and so the half-width of the
+    square eyebox. Arguments: wavelength and modulator pitch in metres.
+
+    Raises ValueError when either isn't positive or λ > 2p, where no such angle exists.
+    """
+    if not (wavelength_m > 0 and pitch_m > 0 and wavelength_m <= 2 * pitch_m):
+        raise ValueError(f"wavelength {wavelength_m} m, pitch {pitch_m} m: expected 0 < wavelength ≤ 2 · pitch")
+    return math.asin(wavelength_m / (2 * pitch_m))
+
+
+def blur_radius_px(distance_m: float, half_angle_rad: float, pitch_m: float) -> float:
+    """Half-width of the blur, in pixels of `pitch_m`, at `distance_m` from focus: |Δz|·tan θ / pitch."""
+    return abs(distance_m) * math.tan(half_angle_rad) / pitch_m
+
+
+def kernel(radius_px: float, aperture: Aperture) -> NDArray[np.float64]:
+    """The blur of a point, shape (2r + 1, 2r + 1) with r = ceil(radius − ½), summing to 1.
+
+    A radius below half a pixel is a single sample: nothing is blurred. A square of radius R reaches R in x and y, a
+    disc R all round. The disc's pixel shares are exact along one axis and summed over 64 strips a pixel along the
+    other, both ways round so that x and y are alike.
+    """
+    reach = max(math.ceil(radius_px - 0.5), 0)
+    if reach == 0:
+        return np.ones((1, 1))
+    if aperture == "square":
+        line = _overlap(np.array([radius_px]), reach)[0]
+        shape = np.outer(line, line)
+    else:
+        across = (np.arange((2 * reach + 1) * _STRIPS) + 0.5) / _STRIPS - 0.5 - reach
+        chords = np.sqrt(np.maximum(radius_px**2 - across**2, 0))
+        strips = _overlap(chords, reach).reshape(2 * reach + 1, _STRIPS, -1).sum(axis=1)
+        shape = strips + strips.T
+    return np.asarray(shape / shape.sum())
+
+
+def frame_share(
+    blur: NDArray[np.float64], shape: tuple[int, int], window: tuple[slice, slice] = (slice(None), slice(None))
+) -> NDArray[np.float32]:
+    """Share of the kernel inside a frame of `shape` (y, x), for the pixels in `window`; 1 away from the borders."""
+    reach = blur.shape[0] // 2
+    sums = np.zeros((blur.shape[0] + 1, blur.shape[1] + 1))
+    sums[1:, 1:] = blur.cumsum(axis=0).cumsum(axis=1)
+    (top, bottom), (left, right) = (
+        (np.clip(reach - at, 0, 2 * reach + 1), np.clip(reach + size - at, 0, 2 * reach + 1))
+        for size, at in ((size, np.arange(size)[part]) for size, part in zip(shape, window, strict=True))
+    )
+    inside = sums[bottom][:, right] - sums[top][:, right] - sums[bottom][:, left] + sums[top][:, left]
+    return np.asarray(inside, dtype=np.float32)
+
+
+class Blurrer:
+    """One picture (channel, y, x) to be convolved with many kernels: its spectrum is computed once.
+
+    It is padded with zeros by `reach`, the largest kernel radius to come, so that nothing wraps around.
+    """
+
+    def __init__(self, picture: NDArray[np.float32], reach: int) -> None:
+        self._picture = picture
+        self._reach = reach
+        self._size = [fft.next_fast_len(max(n, reach + 1) + reach, real=True) for n in picture.shape[1:]]
+        self._spectrum: NDArray[np.complex64] | None = None
+
+    def blurred(self, blur: NDArray[np.float64]) -> NDArray[np.float32]:
+        """The picture convolved with `blur`, same shape; light from outside the frame is missing, not wrapped."""
+        reach = blur.shape[0] // 2
+        if reach == 0:
+            return self._picture
+        if reach > self._reach:
+            raise ValueError(f"kernel reaches {reach} px: expected at most {self._reach}")
+        if self._spectrum is None:
+            self._spectrum = fft.rfft2(self._picture, s=self._size)
+        centred = np.zeros(self._size, dtype=np.float32)
+        centred[: blur.shape[0], : blur.shape[1]] = blur
+        transfer = fft.rfft2(np.roll(centred, (-reach, -reach), axis=(0, 1)))
+        full = fft.irfft2(self._spectrum * transfer, s=self._size)
+        return np.asarray(full[:, : self._picture.shape[1], : self._picture.shape[2]], dtype=np.float32)
+
+
+def _overlap(half_widths: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
+    """Length of [−h, h] inside each pixel [k − ½, k + ½], k = −reach … reach; shape (len(h), 2·reach + 1)."""
+    k = np.arange(-reach, reach + 1)
+    h = half_widths[:, None]
+    length: NDArray[np.float64] = np.maximum(np.minimum(k + 0.5, h) - np.maximum(k - 0.5, -h), 0)
+    return length

@@ -1,0 +1,219 @@
+"""What an eye should see at each plane: a picture with depth, naturally out of focus everywhere but where it belongs.
+
+`picture_stack` makes such a focal stack from one picture, `read_stack` reads one that was rendered elsewhere, and
+`Target` is either with its planes: what the optimiser aims at.
+
+A picture with a depth map is cut into layers of nearly equal depth. On each plane they are laid over each other from
+far to near, each blurred by its own distance, its blurred coverage hiding what lies behind:
+
+    light ← light·(1 − K∗m) + K∗(m·rgb)        coverage ← coverage·(1 − K∗m) + K∗m        result = light / coverage
+
+Where a nearer layer hides a farther one, the farther is continued beneath it with its neighbouring colours, because a
+blurred edge is translucent and a lens looks round it. Dividing by the coverage makes up for what is still missing.
+
+Limits: coverages of different layers are taken as independent, surfaces as matt (a reflection blurs with the mirror,
+not with what it shows), and hidden things are guessed.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from holoview.errors import UserError
+from holoview.targets.defocus import Aperture, Blurrer, blur_radius_px, frame_share, kernel
+from holoview.targets.picture import fit, read_picture
+
+MOST_LAYERS = 24
+_LAYER_STEP_PX = 0.5
+_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+
+
+@dataclass(frozen=True)
+class Target:
+    """A focal stack to aim at.
+
+    `stack` (plane, y, x, 3) float32 linear sRGB with `brightness` already applied, `planes_m` the planes' distances,
+    `source` what it was made from, in words.
+
+    Raises UserError when the number of pictures and of planes differ, ValueError for other shapes.
+    """
+
+    stack: NDArray[np.float32]
+    planes_m: tuple[float, ...]
+    source: str
+    brightness: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.stack.ndim != 4 or self.stack.shape[-1] != 3:
+            raise ValueError(f"stack {self.stack.shape}: expected (plane, y, x, 3)")
+        if len(self.stack) != len(self.planes_m):
+            raise UserError(
+                self.source,
+                f"has {len(self.stack)} pictures",
+                expected=f"one for each of the {len(self.planes_m)} planes",
+            )
+
+    @classmethod
+    def of(cls, stack: NDArray[np.float32], planes_m: Sequence[float], source: str, brightness: float = 1.0) -> Target:
+        """The target that shows `stack` at `brightness` (a factor on linear light, > 0)."""
+        if not (math.isfinite(brightness) and brightness > 0):
+            raise ValueError(f"brightness {brightness}: expected a positive number")
+        scaled = np.asarray(stack, dtype=np.float32) * np.float32(brightness)
+        return cls(scaled, tuple(float(z) for z in planes_m), source, brightness)
+
+
+def picture_stack(
+    rgb_linear: NDArray[np.float32],
+    depth_m: float | NDArray[np.floating],
+    planes_m: Sequence[float] | NDArray[np.floating],
+    pitch_m: float,
+    half_angle_rad: float,
+    aperture: Aperture = "square",
+    layers: int | None = None,
+) -> NDArray[np.float32]:
+    """Natural incoherent defocus of one picture, (plane, y, x, 3) float32.
+
+    `rgb_linear` (y, x, 3) linear light; `depth_m` where it lies, one distance or one per pixel (y, x), on the same axis
+    as `planes_m` (n,), the smaller the nearer: near layers hide far ones; `pitch_m` of the picture's pixels;
+    `half_angle_rad` of the light cone. `layers` at most; by default as many as keep neighbouring layers within half a
+    pixel of blur of each other, but no more than 24.
+
+    At the borders the missing light from outside is made up by dividing by the share of the blur inside the frame, so
+    that an even picture stays even and the borders don't darken.
+
+    Raises ValueError for wrong shapes, an unknown aperture, or numbers that aren't finite (positive where due).
+    """
+    depth = _checked(rgb_linear, depth_m, planes_m, pitch_m, half_angle_rad, aperture)
+    planes = np.asarray(planes_m, dtype=np.float64)
+    labels, distances = _cut(depth, layers or _layer_count(depth, half_angle_rad, pitch_m))
+    shape = labels.shape
+    radii = np.array([[blur_radius_px(z - d, half_angle_rad, pitch_m) for z in planes] for d in distances])
+    reach = max(math.ceil(float(radii.max()) - 0.5), 0)
+    total = np.zeros((len(planes), 4, *shape), dtype=np.float32)
+    for layer in reversed(range(len(distances))):
+        window = _window(labels == layer, 2 * reach + 2)
+        content = _continued(rgb_linear[window], labels[window], layer, 2 * reach + 1)
+        picture = Blurrer(content, reach)
+        for plane, radius in enumerate(radii[layer]):
+            blur = kernel(float(radius), aperture)
+            over = picture.blurred(blur) / frame_share(blur, (shape[0], shape[1]), window)
+            part = total[(plane, slice(None), *window)]
+            part *= 1 - np.clip(over[3], 0, 1)
+            part += over
+    light = total[:, :3] / np.maximum(total[:, 3:], np.float32(1e-6))
+    return np.ascontiguousarray(np.moveaxis(light, 1, -1))
+
+
+def read_stack(
+    pictures: str | os.PathLike[str] | Iterable[str | os.PathLike[str]], shape: tuple[int, int]
+) -> NDArray[np.float32]:
+    """A ready focal stack, one picture a plane, as (plane, y, x, 3) linear light fitted to `shape` (y, x).
+
+    `pictures` is a folder (its PNG, JPEG, TIFF and OpenEXR files in the order of the numbers in their names) or the
+    files in the planes' order.
+
+    Raises UserError when there are none, when one can't be read, or when their sizes differ.
+    """
+    if isinstance(pictures, str | os.PathLike):
+        where, files = str(pictures), _files_in(Path(pictures))
+    else:
+        files = [Path(p) for p in pictures]
+        where = "focal stack"
+    if not files:
+        raise UserError(where, "holds no pictures", expected=f"one a plane ({', '.join(_PICTURES)})")
+    stack = []
+    first: tuple[int, ...] = ()
+    for file in files:
+        rgb = read_picture(file).rgb
+        first = first or rgb.shape
+        if rgb.shape != first:
+            found = f"is {rgb.shape[1]} × {rgb.shape[0]}"
+            raise UserError(str(file), found, expected=f"{first[1]} × {first[0]} as {files[0].name}")
+        stack.append(fit(rgb, shape))
+    return np.stack(stack)
+
+
+def _files_in(folder: Path) -> list[Path]:
+    if not folder.is_dir():
+        found = "is a file" if folder.exists() else "there is no such folder"
+        raise UserError(str(folder), found, expected="a folder with one picture a plane")
+    files = [f for f in folder.iterdir() if f.suffix.lower() in _PICTURES and not f.name.startswith(".")]
+    return sorted(files, key=lambda f: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", f.name)])
+
+
+def _checked(
+    rgb: NDArray[np.float32],
+    depth_m: float | NDArray[np.floating],
+    planes_m: Sequence[float] | NDArray[np.floating],
+    pitch_m: float,
+    half_angle_rad: float,
+    aperture: Aperture,
+) -> NDArray[np.float64]:
+    """The depth per pixel (y, x), all arguments being sound."""
+    if rgb.ndim != 3 or rgb.shape[-1] != 3 or rgb.size == 0:
+        raise ValueError(f"picture {rgb.shape}: expected (y, x, 3)")
+    depth = np.asarray(depth_m, dtype=np.float64)
+    if depth.shape not in ((), rgb.shape[:2]):
+        raise ValueError(f"depth {depth.shape}: expected one number or {rgb.shape[:2]} as the picture")
+    planes = np.asarray(planes_m, dtype=np.float64)
+    if planes.ndim != 1 or planes.size == 0 or not (np.isfinite(planes).all() and np.isfinite(depth).all()):
+        raise ValueError("planes and depths: expected finite distances in metres, at least one plane")
+    if not (pitch_m > 0 and 0 <= half_angle_rad < math.pi / 2):
+        raise ValueError(f"pitch {pitch_m} m, half angle {half_angle_rad} rad: expected > 0 and 0 … π/2")
+    if aperture not in ("square", "disc"):
+        raise ValueError(f"aperture {aperture!r}: expected 'square' or 'disc'")
+    return np.broadcast_to(depth, rgb.shape[:2])
+
+
+def _layer_count(depth: NDArray[np.float64], half_angle_rad: float, pitch_m: float) -> int:
+    spread_px = blur_radius_px(float(np.ptp(depth)), half_angle_rad, pitch_m)
+    return min(max(math.ceil(spread_px / _LAYER_STEP_PX), 1), MOST_LAYERS)
+
+
+def _cut(depth: NDArray[np.float64], count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Layer (y, x) of each pixel, 0 nearest, and each layer's mean depth; layers without pixels are left out."""
+    low, spread = float(depth.min()), float(np.ptp(depth))
+    if spread == 0:
+        return np.zeros(depth.shape, dtype=np.int64), np.array([low])
+    slot = np.minimum(((depth - low) * (count / spread)).astype(np.int64), count - 1)
+    used, labels = np.unique(slot, return_inverse=True)
+    labels = labels.reshape(depth.shape)
+    sums = np.bincount(labels.ravel(), weights=depth.ravel(), minlength=len(used))
+    return labels, sums / np.bincount(labels.ravel(), minlength=len(used))
+
+
+def _window(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
+    """The smallest rectangle about the mask, widened by `margin` inside the frame."""
+    spans = []
+    for axis, size in enumerate(mask.shape):
+        hit = np.flatnonzero(mask.any(axis=1 - axis))
+        spans.append(slice(max(int(hit[0]) - margin, 0), min(int(hit[-1]) + 1 + margin, size)))
+    return spans[0], spans[1]
+
+
+def _continued(rgb: NDArray[np.float32], labels: NDArray[np.int64], layer: int, reach: int) -> NDArray[np.float32]:
+    """The layer's light and coverage (4, y, x), continued by up to `reach` pixels beneath the nearer layers.
+
+    A hidden pixel belongs to whichever of this and the farther layers is seen nearest to it, and takes the colour found
+    there. Pixels that touch a much nearer layer don't lend their colour: antialiasing has mixed the nearer one into it.
+    """
+    seen = labels == layer
+    behind = labels >= layer
+    source, owned = np.indices(labels.shape), seen
+    if not behind.all():
+        mixed = ndimage.binary_dilation(labels < layer - 1, np.ones((3, 3), dtype=bool))
+        lenders = behind & ~mixed if (seen & ~mixed).any() else behind
+        distance, nearest = ndimage.distance_transform_edt(~lenders, return_indices=True)
+        source = np.where(behind, source, nearest)
+        owned = seen | (~behind & (labels[tuple(source)] == layer) & (distance <= reach))
+    light = np.where(owned[..., None], rgb[tuple(source)], np.float32(0))
+    return np.stack([*np.moveaxis(light, -1, 0), owned.astype(np.float32)])

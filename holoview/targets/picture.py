@@ -1,0 +1,166 @@
+"""A user's picture as linear light, and a depth map as numbers from near to far.
+
+Integer files hold a display signal and are decoded with the sRGB curve; float files hold light and are taken as they
+are. Both end as (y, x, 3) linear light with sRGB primaries, 1 = the display's white.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from holoview.colour import srgb_decode
+from holoview.errors import UserError
+from holoview.targets.raster import Raster, decode, signature
+
+_DEPTH_FILES = "a grey PNG, TIFF or OpenEXR picture or a numpy .npy array"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """`rgb` (y, x, 3) float32 linear sRGB; `source` the file; `notes` what was done to it that a person should know."""
+
+    rgb: NDArray[np.float32]
+    source: str
+    notes: tuple[str, ...] = ()
+
+
+def read_picture(path: str | os.PathLike[str]) -> Picture:
+    """A PNG, JPEG, TIFF or OpenEXR file as linear light.
+
+    Alpha is composited over black, grey is copied to three channels, values above 1 or below 0 in float files are kept;
+    each is told in `notes`.
+
+    Raises UserError when the file is missing, a folder, no picture, truncated, without pixels, or holds NaN or
+    infinity.
+    """
+    file = Path(path)
+    raster = decode(file)
+    _refuse_non_finite(file, raster.values)
+    notes = list(raster.notes)
+    light = srgb_decode(raster.values) if raster.encoded else raster.values
+    if raster.alpha is not None:
+        light = _over_black(file, raster, light)
+        notes.append("alpha composited over black")
+    if light.shape[-1] == 1:
+        light = np.repeat(light, 3, axis=-1)
+        notes.append("grey copied to red, green and blue")
+    with np.errstate(over="ignore"):
+        rgb = light.astype(np.float32)
+    _refuse_non_finite(file, rgb)
+    if rgb.max() > 1:
+        notes.append(f"values up to {rgb.max():.4g} kept: brighter than the display's white (1)")
+    if rgb.min() < 0:
+        notes.append(f"values down to {rgb.min():.4g} kept: colours outside sRGB")
+    return Picture(rgb, str(file), tuple(notes))
+
+
+def read_depth(path: str | os.PathLike[str]) -> NDArray[np.float32]:
+    """A depth map (y, x), 0 nearest … 1 farthest.
+
+    Integer files are scaled by the full range of their type; float files and arrays must hold 0…1 already. Colour files
+    pass if their channels are equal. Arrays are loaded without unpickling.
+
+    Raises UserError for the faults of `read_picture`, for colours, transparency, and float values outside 0…1.
+    """
+    file = Path(path)
+    values = _load_array(file) if signature(file) == "NPY" else _grey(file, decode(file))
+    if values.ndim != 2 or values.size == 0:
+        raise UserError(str(file), f"holds an array of shape {values.shape}", expected="depths of shape (y, x)")
+    _refuse_non_finite(file, values)
+    low, high = float(values.min()), float(values.max())
+    if low < 0 or high > 1:
+        raise UserError(
+            str(file),
+            f"holds depths from {low:.4g} to {high:.4g}",
+            expected="0 (nearest) … 1 (farthest)",
+            remedy="rescale",
+        )
+    return values.astype(np.float32)
+
+
+def fit(array: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
+    """`array` scaled to cover `shape` (y, x) and cropped about its centre.
+
+    Light, (y, x, channel), is averaged over the source's area, which is right because it is linear, with a filter
+    without negative lobes, so that no ringing appears. Depth, (y, x), takes the nearest sample: an average across an
+    edge would be a depth at which there is nothing. An array of the right shape comes back equal.
+
+    Raises ValueError when `shape` isn't positive or `array` has neither two nor three axes.
+    """
+    if min(shape) < 1 or array.ndim not in (2, 3) or min(array.shape) < 1:
+        raise ValueError(f"array {array.shape} and shape {shape}: expected (y, x) or (y, x, channel), and a size ≥ 1")
+    height, width = array.shape[:2]
+    scale = max(shape[0] / height, shape[1] / width)
+    used = shape[0] / scale, shape[1] / scale
+    top, left = (height - used[0]) / 2, (width - used[1]) / 2
+    if scale == 1:
+        y, x = math.floor(top), math.floor(left)
+        return np.ascontiguousarray(array[y : y + shape[0], x : x + shape[1]], dtype=np.float32)
+    if array.ndim == 2:
+        rows = _nearest(shape[0], top, scale, height)
+        columns = _nearest(shape[1], left, scale, width)
+        return np.ascontiguousarray(array[np.ix_(rows, columns)], dtype=np.float32)
+    box = max(left, 0.0), max(top, 0.0), min(left + used[1], width), min(top + used[0], height)
+    how = Image.Resampling.HAMMING if scale < 1 else Image.Resampling.BILINEAR
+    channels = np.moveaxis(np.asarray(array, dtype=np.float32), -1, 0)
+    size = shape[1], shape[0]
+    resized = [np.asarray(Image.fromarray(np.ascontiguousarray(c)).resize(size, how, box)) for c in channels]
+    return np.stack(resized, axis=-1)
+
+
+def _nearest(count: int, start: float, scale: float, size: int) -> NDArray[np.int64]:
+    """Index of the source sample under the middle of each of `count` results."""
+    index: NDArray[np.int64] = np.floor(start + (np.arange(count) + 0.5) / scale).astype(np.int64)
+    return np.clip(index, 0, size - 1)
+
+
+def _over_black(file: Path, raster: Raster, light: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Light through its coverage; premultiplied files carry it already, but encoded ones must shed it for the curve."""
+    assert raster.alpha is not None
+    _refuse_non_finite(file, raster.alpha)
+    alpha = np.clip(raster.alpha, 0, 1)[..., None]
+    if not raster.premultiplied:
+        return light * alpha
+    if not raster.encoded:
+        return light
+    straight = np.divide(raster.values, alpha, out=np.zeros_like(raster.values), where=alpha > 0)
+    return srgb_decode(np.clip(straight, 0, 1)) * alpha
+
+
+def _grey(file: Path, raster: Raster) -> NDArray[np.float64]:
+    if raster.alpha is not None and (raster.alpha < 1).any():
+        raise UserError(str(file), "is partly transparent", expected="a depth everywhere", remedy="remove its alpha")
+    if (raster.values != raster.values[..., :1]).any():
+        raise UserError(str(file), "is in colour", expected=f"depths in {_DEPTH_FILES}", remedy="save it as grey")
+    return raster.values[..., 0]
+
+
+def _load_array(file: Path) -> NDArray[np.float64]:
+    try:
+        array = np.load(file, allow_pickle=False)
+    except (OSError, ValueError, EOFError, SyntaxError, MemoryError) as error:
+        raise UserError(
+            str(file),
+            f"the array is damaged or holds Python objects ({str(error).splitlines()[0]})",
+            expected="plain numbers",
+            remedy="save it again with numpy.save",
+        ) from error
+    if array.dtype.kind == "u":
+        return np.asarray(array / float(np.iinfo(array.dtype).max), dtype=np.float64)
+    if array.dtype.kind != "f":
+        raise UserError(str(file), f"holds {array.dtype} values", expected="unsigned integers, or floats in 0…1")
+    return np.asarray(array, dtype=np.float64)
+
+
+def _refuse_non_finite(file: Path, values: NDArray[np.floating]) -> None:
+    wrong = int(np.count_nonzero(~np.isfinite(values)))
+    if wrong:
+        found = f"{wrong} of {values.size} values are NaN or infinite"
+        raise UserError(str(file), found, expected="finite numbers", remedy="repair the file or export it again")
