@@ -45,5 +45,5 @@ def upsampled(pixels: torch.Tensor, factor: int) -> torch.Tensor:
 def pooled(samples: torch.Tensor, factor: int) -> torch.Tensor:
     """The adjoint of `upsampled`: the sum of the samples of each pixel."""
     *batch, rows, columns = samples.shape
-    blocks = samples.reshape(*batch, rows // factor, factor, columns // factor, factor)
-    return blocks.sum(dim=(-3, -1))
+    means = torch.nn.functional.avg_pool2d(samples.reshape(-1, 1, rows, columns), factor)
+    return means.reshape(*batch, rows // factor, columns // factor) * factor**2

@@ -20,7 +20,7 @@ import torch
 
 from holoview.optics.propagate import transfer_function
 from holoview.optics.pupil import pupil
-from holoview.optics.slm import phasor, pooled, upsampled
+from holoview.optics.slm import phasor, pooled
 from holoview.optics.source import plane_wave
 from holoview.plan import Plan
 
@@ -29,11 +29,11 @@ Tensor = torch.Tensor
 
 @dataclass
 class Trace:
-    """What the adjoint needs of one (laser, frame, source): the fields at the modulators and at each focal plane."""
+    """What the adjoint needs of one (laser, frame, source)."""
 
-    entering: tuple[Tensor, ...]  # field in front of each modulator, (y, x)
-    leaving: Tensor  # field behind the last modulator
-    seen: list[Tensor]  # field at each focal plane
+    pixels: tuple[Tensor, ...]  # exp(2πi·opd/λ) of each modulator, a value a pixel
+    leaving: tuple[Tensor, ...]  # field behind each modulator, (y, x)
+    seen: list[Tensor]  # field at each focal plane, (y, x)
 
 
 class Model:
@@ -44,25 +44,26 @@ class Model:
         self.device = torch.device(device)
         self.complex = torch.complex128 if double else torch.complex64
         self.real = torch.float64 if double else torch.float32
-        self.lasers = [(frame, λ) for frame in range(plan.system.frames) for λ in range(len(plan.system.wavelengths_m))]
-        self.lasers = [(frame, λ) for frame, λ in self.lasers if plan.weights[frame, λ] > 0]
+        lasers = [(frame, λ) for frame in range(plan.system.frames) for λ in range(len(plan.system.wavelengths_m))]
+        self.lasers = [(frame, λ) for frame, λ in lasers if plan.weights[frame, λ] > 0]
         self.sources = len(plan.slopes)
         self._h: dict[tuple[int, int, float], Tensor] = {}
+        # Scratch grids: fresh allocations of this size cost as much as the FFT itself. _padded stays zero outside.
         self._padded = torch.zeros(plan.grid.padded, dtype=self.complex, device=self.device)
+        self._spectrum, self._work, self._other = (torch.empty_like(self._padded) for _ in range(3))
 
     def trace(self, opd_m: Tensor, frame: int, wavelength: int, source: int) -> Trace:
         """Propagates one laser of one source through a frame of opd_m (frame, modulator, y, x)."""
-        system = self.plan.system
-        field = plane_wave(self.plan, wavelength, source, self.complex, self.device)
-        entering = [field]
-        field = field * self._pixels(opd_m[frame, 0], wavelength)
-        if system.gap_m is not None:
-            field = self._through(self._fft(field), 0, wavelength, system.gap_m)
-            entering.append(field)
-            field = field * self._pixels(opd_m[frame, 1], wavelength)
-        spectrum = self._fft(field)
-        seen = [self._through(spectrum, 1, wavelength, float(z)) for z in self.plan.planes_m]
-        return Trace(tuple(entering), field, seen)
+        λ = float(self.plan.system.wavelengths_m[wavelength])
+        pixels = tuple(phasor(opd, λ, self.complex) for opd in opd_m[frame])
+        field = self._modulated(plane_wave(self.plan, wavelength, source, self.complex, self.device), pixels[0])
+        leaving = [field]
+        if self.plan.system.gap_m is not None:
+            self._fft(field)
+            leaving.append(self._modulated(self._through(0, wavelength, self.plan.system.gap_m), pixels[1]))
+        self._fft(leaving[-1])
+        seen = [self._through(1, wavelength, float(z)) for z in self.plan.planes_m]
+        return Trace(pixels, tuple(leaving), seen)
 
     def intensity(self, traces: list[Trace]) -> Tensor:
         """Mean intensity over sources, (plane, y, x), at unit laser amplitude."""
@@ -72,54 +73,49 @@ class Model:
                 total[plane].addcmul_(field.real, field.real).addcmul_(field.imag, field.imag)
         return total.div_(len(traces)) if len(traces) > 1 else total
 
-    def backward(
-        self, trace: Trace, slope: Tensor, opd_m: Tensor, frame: int, wavelength: int, gradient: Tensor
-    ) -> None:
+    def backward(self, trace: Trace, slope: Tensor, frame: int, wavelength: int, gradient: Tensor) -> None:
         """Adds ∂L/∂opd of one trace to `gradient` (frame, modulator, y, x), given `slope` = ∂L/∂I (plane, y, x).
 
         Consumes the trace: its fields are overwritten.
         """
-        turn = 2 * math.pi / float(self.plan.system.wavelengths_m[wavelength])
-        carried: Tensor | None = None
+        carried = self._spectrum.zero_()
         for plane, field in enumerate(trace.seen):
-            conjugate = field.conj_physical_().mul_(slope[plane])
-            spectrum = self._ifft_padded(conjugate)
-            h = self._transfer(1, wavelength, float(self.plan.planes_m[plane]))
-            carried = spectrum.mul_(h) if carried is None else carried.addcmul_(spectrum, h)
-        assert carried is not None
+            spectrum = self._ifft_padded(field.conj_physical_().mul_(slope[plane]))
+            carried.addcmul_(spectrum, self._transfer(1, wavelength, float(self.plan.planes_m[plane])))
         conjugate = self._fft_cut(carried)
-        product = trace.leaving.mul_(conjugate)
-        gradient[frame, len(trace.entering) - 1].sub_(pooled(product.imag, self.plan.grid.upsample), alpha=2 * turn)
-        if len(trace.entering) == 1:
+        last = len(trace.leaving) - 1
+        self._add_gradient(gradient[frame, last], trace.leaving[last].mul_(conjugate), wavelength)
+        if last == 0:
             return
-        conjugate.mul_(self._pixels(opd_m[frame, 1], wavelength))
-        spectrum = self._ifft_padded(conjugate).mul_(
-            self._transfer(0, wavelength, float(self.plan.system.gap_m or 0.0))
-        )
-        product = self._fft_cut(spectrum).mul_(trace.entering[0]).mul_(self._pixels(opd_m[frame, 0], wavelength))
-        gradient[frame, 0].sub_(pooled(product.imag, self.plan.grid.upsample), alpha=2 * turn)
+        gap = self._transfer(0, wavelength, float(self.plan.system.gap_m or 0.0))
+        spectrum = self._ifft_padded(self._modulated(conjugate, trace.pixels[1])).mul_(gap)
+        self._add_gradient(gradient[frame, 0], trace.leaving[0].mul_(self._fft_cut(spectrum)), wavelength)
 
-    def eyebox(self, traces: list[Trace], wavelength: int) -> Tensor:
-        """Intensity over the pupil plane of relay 2 (P_y, P_x), zero frequency first, mean over the sources."""
-        stop = self._transfer(1, wavelength, float(self.plan.planes_m[0])).abs().square()
-        power = torch.stack([self._fft(trace.leaving).abs().square() for trace in traces]).mean(dim=0)
-        return power * stop
+    def _add_gradient(self, gradient: Tensor, product: Tensor, wavelength: int) -> None:
+        """∂L/∂opd = −2·(2π/λ)·Im(conj(g)·field), summed over the samples of each pixel."""
+        turn = 2 * math.pi / float(self.plan.system.wavelengths_m[wavelength])
+        gradient.sub_(pooled(product.imag, self.plan.grid.upsample), alpha=2 * turn)
 
-    def _pixels(self, opd_m: Tensor, wavelength: int) -> Tensor:
-        pixels = phasor(opd_m, float(self.plan.system.wavelengths_m[wavelength]), self.complex)
-        return upsampled(pixels, self.plan.grid.upsample)
+    def _modulated(self, field: Tensor, pixels: Tensor) -> Tensor:
+        """`field` (y, x), overwritten, times the modulator's pixels, each a square of equal samples."""
+        rows, columns = pixels.shape
+        factor = self.plan.grid.upsample
+        field.view(rows, factor, columns, factor).mul_(pixels[:, None, :, None])
+        return field
 
-    def _through(self, spectrum: Tensor, relay: int, wavelength: int, distance_m: float) -> Tensor:
-        return torch.fft.ifft2(spectrum * self._transfer(relay, wavelength, distance_m))[self.plan.grid.inside].clone()
+    def _through(self, relay: int, wavelength: int, distance_m: float) -> Tensor:
+        """The field behind a relay, from the spectrum that `_fft` left."""
+        torch.mul(self._spectrum, self._transfer(relay, wavelength, distance_m), out=self._work)
+        return torch.fft.ifft2(self._work, out=self._other)[self.plan.grid.inside].clone()
 
-    def _fft(self, field: Tensor) -> Tensor:
-        return torch.fft.fft2(self._pad(field))
+    def _fft(self, field: Tensor) -> None:
+        torch.fft.fft2(self._pad(field), out=self._spectrum)
 
     def _ifft_padded(self, conjugate: Tensor) -> Tensor:
-        return torch.fft.ifft2(self._pad(conjugate))
+        return torch.fft.ifft2(self._pad(conjugate), out=self._work)
 
     def _fft_cut(self, spectrum: Tensor) -> Tensor:
-        return torch.fft.fft2(spectrum)[self.plan.grid.inside].clone()
+        return torch.fft.fft2(spectrum, out=self._other)[self.plan.grid.inside].clone()
 
     def _pad(self, field: Tensor) -> Tensor:
         self._padded[self.plan.grid.inside] = field

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -26,17 +27,29 @@ class Objective:
     colours: Tensor
     target: Tensor
 
+    @cached_property
+    def shown(self) -> Tensor:
+        """The target as a display can show it, clipped to 0…1."""
+        return self.target.clamp(0, 1)
+
     def residual(self, image: Tensor) -> Tensor:
         """Overwrites `image` (plane, channel, y, x) with its difference from the target."""
         return image.sub_(self.target)
 
     def loss(self, residual: Tensor) -> float:
         """Mean squared residual."""
-        return float(residual.square().mean())
+        return float(torch.linalg.vector_norm(residual).double().square()) / residual.numel()
+
+    def slope(self, residual: Tensor, wavelength: int, weight: float) -> Tensor:
+        """weight × ½·∂(Σ residual²)/∂(intensity of a laser), (plane, y, x): its colour's share of the residual."""
+        slope = torch.zeros_like(residual[:, 0])
+        for channel, colour in enumerate(self.colours[wavelength].tolist()):
+            slope.add_(residual[:, channel], alpha=weight * colour)
+        return slope
 
     def psnr_db(self, image: Tensor) -> float:
         """PSNR (dB) of the image clipped to 0…1, the mean over planes."""
-        errors = (image.clamp(0, 1) - self.target.clamp(0, 1)).square().mean(dim=(1, 2, 3))
+        errors = image.clamp(0, 1).sub_(self.shown).square_().mean(dim=(1, 2, 3))
         return float((-10 * torch.log10(errors.clamp_min(1e-20))).mean())
 
 

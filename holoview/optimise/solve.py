@@ -171,9 +171,9 @@ class _Solver:
             )
             if weight == 0.0:
                 continue
-            slope = torch.einsum("pcyx,c->pyx", residual, weight * self.objective.colours[λ])
+            slope = self.objective.slope(residual, λ, weight)
             for trace in traces.pop((frame, λ), None) or self._traces(opd, frame, λ):
-                self.model.backward(trace, slope, opd, frame, λ, gradient)
+                self.model.backward(trace, slope, frame, λ, gradient)
         return gradient.mul_(self.stroke_m)
 
     def _update(self, gradient: Tensor, iteration: int) -> None:

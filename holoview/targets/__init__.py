@@ -4,4 +4,5 @@ raster.py        decode a picture file into samples, without deciding what they 
 picture.py       read_picture, read_depth, fit: a user's files as linear light and as depth
 defocus.py       how wide and how shaped the blur of a point out of focus is; convolution without wrap-around
 focal_stack.py   picture_stack, read_stack and the Target that the optimiser aims at
+build.py         target_for: a bench and a picture to the Target on its planes
 """

@@ -33,7 +33,7 @@ from holoview.targets.defocus import Aperture, Blurrer, blur_radius_px, frame_sh
 from holoview.targets.picture import fit, read_picture
 
 MOST_LAYERS = 24
-_LAYER_STEP_PX = 0.5
+_LAYER_STEP_PX = 1.0  # half a pixel either way is no blur; finer cuts are further from a real lens, seams add up
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 
 
@@ -84,8 +84,8 @@ def picture_stack(
 
     `rgb_linear` (y, x, 3) linear light; `depth_m` where it lies, one distance or one per pixel (y, x), on the same axis
     as `planes_m` (n,), the smaller the nearer: near layers hide far ones; `pitch_m` of the picture's pixels;
-    `half_angle_rad` of the light cone. `layers` at most; by default as many as keep neighbouring layers within half a
-    pixel of blur of each other, but no more than 24.
+    `half_angle_rad` of the light cone. `layers` at most; by default as many as keep every depth within half a pixel
+    of blur of its layer, but no more than 24.
 
     At the borders the missing light from outside is made up by dividing by the share of the blur inside the frame, so
     that an even picture stays even and the borders don't darken.

@@ -1,0 +1,97 @@
+"""The modulator: drive → optical path → phase, its levels, and its pixels on the simulation grid."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+import torch
+
+from holoview.optics.slm import nearest_level, optical_path, phasor, pooled, upsampled
+from holoview.system import Modulator
+
+
+def _modulator(levels: Any = None) -> Modulator:
+    return Modulator(pitch_m=8e-6, shape=(3, 4), stroke_m=825e-9, levels=levels)
+
+
+def _random(*shape: int, seed: int = 0) -> torch.Tensor:
+    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+def test_a_continuous_modulator_delays_by_the_drives_share_of_its_stroke() -> None:
+    drive = torch.tensor([0.0, 0.25, 1.0], dtype=torch.float64)
+    torch.testing.assert_close(optical_path(drive, _modulator()), drive * 825e-9, rtol=1e-15, atol=0)
+
+
+def test_phase_is_two_pi_turns_a_wavelength_of_path_so_that_it_scales_as_one_over_wavelength() -> None:
+    opd = torch.tensor([0.0, 133e-9, 266e-9, 532e-9 * 1000], dtype=torch.float64)
+    expected = torch.tensor([1, 1j, -1, 1], dtype=torch.complex128)
+    # At 1000 turns the product keeps 1e-13 of a turn.
+    torch.testing.assert_close(phasor(opd, 532e-9, torch.complex128), expected, rtol=0, atol=2e-12)
+    twice = phasor(opd, 1064e-9, torch.complex128)
+    torch.testing.assert_close(twice[:3] ** 2, expected[:3], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("count", [2, 4, 256])
+def test_the_nearest_of_equal_levels_is_shown(count: int) -> None:
+    drive = _random(200)
+    shown = nearest_level(drive, _modulator(count))
+    torch.testing.assert_close(shown, torch.round(drive * (count - 1)) / (count - 1), rtol=0, atol=1e-15)
+
+
+def test_the_nearest_of_unequal_levels_is_shown() -> None:
+    levels = [0, 0.05, 0.3, 0.35, 0.9, 1]
+    drive = _random(500, seed=1)
+    shown = nearest_level(drive, _modulator(levels))
+    table = torch.tensor(levels, dtype=torch.float64)
+    nearest = table[(drive[:, None] - table).abs().argmin(dim=1)]
+    torch.testing.assert_close(shown, nearest, rtol=0, atol=0)
+
+
+def test_a_level_shows_itself_exactly() -> None:
+    levels = torch.tensor([0, 0.05, 0.3, 0.35, 0.9, 1], dtype=torch.float64)
+    assert torch.equal(nearest_level(levels, _modulator(levels.tolist())), levels)
+
+
+def test_a_batch_of_frames_is_quantised_without_a_warning() -> None:
+    patterns = _random(3, 2, 3, 4)[:, 1]  # a view of one modulator of two, as the frames are stored
+    torch.set_warn_always(True)  # some warnings are given once a process only
+    try:
+        shown = nearest_level(patterns, _modulator(4))
+    finally:
+        torch.set_warn_always(False)
+    assert torch.equal(shown, nearest_level(patterns.clone(), _modulator(4)))
+
+
+def test_gradients_pass_through_the_levels_as_if_the_modulator_were_continuous() -> None:
+    drive = _random(20).requires_grad_()
+    shown = nearest_level(drive, _modulator(4))
+    assert torch.unique(shown.detach()).numel() <= 4
+    (gradient,) = torch.autograd.grad((3 * shown).sum(), drive)
+    torch.testing.assert_close(gradient, torch.full((20,), 3.0, dtype=torch.float64))
+
+
+def test_a_pixel_is_a_square_of_equal_samples() -> None:
+    pixels = torch.arange(6.0).reshape(2, 3)
+    fine = upsampled(pixels, 3)
+    assert fine.shape == (6, 9)
+    for y in range(6):
+        for x in range(9):
+            assert fine[y, x] == pixels[y // 3, x // 3]
+
+
+@pytest.mark.parametrize("factor", [1, 2, 3])
+def test_pooling_is_the_adjoint_of_upsampling(factor: int) -> None:
+    x, y = _random(2, 4, 5), _random(2, 4 * factor, 5 * factor, seed=1)
+    forward = float((upsampled(x, factor) * y).sum())
+    assert forward == pytest.approx(float((x * pooled(y, factor)).sum()), rel=1e-12)
+
+
+def test_a_phasor_has_modulus_one_in_single_precision_too() -> None:
+    values = phasor(_random(100).float() * 5e-6, 532e-9, torch.complex64)
+    assert values.dtype == torch.complex64
+    assert float((values.abs() - 1).abs().max()) <= 2e-7  # two roundings of float32
+    turns = math.tau * 0.25
+    assert float(phasor(torch.tensor(133e-9), 532e-9, torch.complex64).angle()) == pytest.approx(turns, rel=1e-6)

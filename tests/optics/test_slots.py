@@ -1,0 +1,99 @@
+"""Slots: drives are checked and become optical paths; relays get a pupil only where they need one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from holoview.errors import UserError
+from holoview.optics.slots import make_slots
+from holoview.plan import Plan, make_plan
+from holoview.system import Modulator, System
+
+
+def _plan(**changes: Any) -> Plan:
+    first = Modulator(pitch_m=8e-6, shape=(3, 4), stroke_m=800e-9)
+    second = Modulator(pitch_m=8e-6, shape=(3, 4), stroke_m=600e-9)
+    base = System([460e-9, 638e-9], [[1.0, 1.0]] * 2, (first, second), gap_m=2e-3)
+    return make_plan(base.edit(changes))
+
+
+@pytest.fixture(autouse=True)
+def _every_warning() -> Iterator[None]:
+    """Torch gives some warnings once a process; here every test must be without."""
+    torch.set_warn_always(True)
+    yield
+    torch.set_warn_always(False)
+
+
+def _drive(seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).random((2, 2, 3, 4))
+
+
+def test_each_modulator_turns_its_own_drive_into_its_own_path() -> None:
+    drive = _drive()
+    opd = make_slots(_plan(), drive, double=True).opd_m.numpy()
+    np.testing.assert_allclose(opd[:, 0], drive[:, 0] * 800e-9, rtol=1e-15)
+    np.testing.assert_allclose(opd[:, 1], drive[:, 1] * 600e-9, rtol=1e-15)
+
+
+def test_a_modulator_with_levels_shows_the_nearest_ones() -> None:
+    drive = _drive()
+    opd = make_slots(_plan(**{"modulators.1.levels": 3}), drive, double=True).opd_m.numpy()
+    np.testing.assert_allclose(opd[:, 0], drive[:, 0] * 800e-9, rtol=1e-15)
+    np.testing.assert_allclose(opd[:, 1], np.round(drive[:, 1] * 2) / 2 * 600e-9, rtol=1e-15)
+
+
+@pytest.mark.parametrize(("double", "dtype"), [(False, torch.float32), (True, torch.float64)])
+@pytest.mark.parametrize("kind", ["numpy", "torch", "list", "frozen", "reversed"])
+def test_any_kind_of_array_will_do(kind: str, double: bool, dtype: torch.dtype) -> None:
+    drive = _drive().astype(np.float32)
+    frozen = drive.copy()
+    frozen.setflags(write=False)
+    kinds: dict[str, Any] = {
+        "numpy": drive,
+        "torch": torch.from_numpy(drive),
+        "list": drive.tolist(),
+        "frozen": frozen,
+        "reversed": drive[::-1].copy()[::-1],
+    }
+    opd = make_slots(_plan(), kinds[kind], double=double).opd_m
+    assert opd.dtype == dtype
+    torch.testing.assert_close(opd, make_slots(_plan(), drive, double=double).opd_m, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("shape", "found"),
+    [((2, 2, 4, 3), r"\(2, 2, 4, 3\)"), ((2, 1, 3, 4), r"\(2, 1, 3, 4\)"), ((3, 4), r"\(3, 4\)"), ((0,), r"\(0,\)")],
+)
+def test_a_drive_of_another_shape_is_refused_with_the_shape_expected(shape: tuple[int, ...], found: str) -> None:
+    with pytest.raises(UserError, match=rf"drive: an array of shape {found}; .*\(2, 2, 3, 4\)"):
+        make_slots(_plan(), np.full(shape, 0.5))
+
+
+@pytest.mark.parametrize(("value", "found"), [(-0.01, "-0.01"), (1.01, "1.01"), (np.nan, "nan"), (np.inf, "inf")])
+def test_a_drive_outside_the_stroke_is_refused(value: float, found: str) -> None:
+    drive = _drive()
+    drive[1, 0, 2, 3] = value
+    with pytest.raises(UserError, match=rf"drive: values from .*{found}.*; expected 0 to 1"):
+        make_slots(_plan(), drive)
+
+
+@pytest.mark.parametrize("drive", [np.full((2, 2, 3, 4), 0.5j), "noise"], ids=["complex", "text"])
+def test_a_drive_that_is_no_real_array_is_refused(drive: Any) -> None:
+    with pytest.raises(UserError, match="drive"):
+        make_slots(_plan(), drive)
+
+
+def test_the_ends_of_the_stroke_are_allowed() -> None:
+    assert float(make_slots(_plan(), np.ones((2, 2, 3, 4)), double=True).opd_m.max()) == 800e-9
+
+
+def test_only_relays_with_glass_have_pupils() -> None:
+    slots = make_slots(_plan(**{"relay1.iris_na": 0.02, "relay2.apodisation_na": 0.02}), _drive())
+    assert slots.pupils[0] == (None, None)
+    assert all(glass is not None and glass.dtype == torch.complex128 for glass in slots.pupils[1])

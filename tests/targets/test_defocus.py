@@ -1,0 +1,109 @@
+"""A point out of focus is the aperture's shape: right width, unit energy, nothing wrapped around."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from holoview.targets.defocus import Aperture, Blurrer, blur_radius_px, diffraction_half_angle, frame_share, kernel
+
+FLOAT32_FFT = 2e-6  # rounding of a float32 transform pair on values up to 1
+APERTURES: tuple[Aperture, ...] = ("square", "disc")
+
+
+def test_half_angle_obeys_the_grating_equation() -> None:
+    assert math.sin(diffraction_half_angle(550e-9, 8e-6)) == pytest.approx(550e-9 / 16e-6, rel=1e-12)
+    assert diffraction_half_angle(1e-6, 0.5e-6) == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize(("wavelength", "pitch"), [(0, 1e-6), (1e-6, 0), (2.1e-6, 1e-6), (math.nan, 1e-6)])
+def test_half_angle_refuses_what_diffracts_nowhere(wavelength: float, pitch: float) -> None:
+    with pytest.raises(ValueError, match="0 < wavelength ≤ 2 · pitch"):
+        diffraction_half_angle(wavelength, pitch)
+
+
+def test_blur_grows_with_distance_on_both_sides_of_focus() -> None:
+    angle = math.atan(0.05)
+    assert blur_radius_px(2e-3, angle, 4e-6) == pytest.approx(25)
+    assert blur_radius_px(-2e-3, angle, 4e-6) == pytest.approx(25)
+
+
+@pytest.mark.parametrize("aperture", APERTURES)
+@pytest.mark.parametrize("radius", [0, 0.3, 0.5, 0.51, 1, 1.5, 2.25, 7.9, 20.5])
+def test_a_kernel_sums_to_one_and_is_symmetric(aperture: Aperture, radius: float) -> None:
+    blur = kernel(radius, aperture)
+    assert blur.sum() == pytest.approx(1, abs=1e-12)
+    assert blur.min() >= 0
+    for turned in (blur[::-1], blur[:, ::-1], blur.T):
+        assert blur == pytest.approx(turned, abs=1e-15)
+
+
+def test_below_half_a_pixel_nothing_is_blurred() -> None:
+    for aperture in APERTURES:
+        assert kernel(0.5, aperture).tolist() == [[1.0]]
+
+
+def test_a_square_of_whole_pixels_is_even() -> None:
+    assert kernel(2.5, "square") == pytest.approx(np.full((5, 5), 1 / 25))
+
+
+def test_the_rim_of_a_square_holds_the_share_of_its_pixels() -> None:
+    middle = kernel(1.75, "square")[2]
+    assert middle / middle[2] == pytest.approx(np.array([0.25, 1, 1, 1, 0.25]))
+
+
+@pytest.mark.parametrize("radius", [3.0, 5.4, 12.7])
+def test_second_moments_are_those_of_the_shape(radius: float) -> None:
+    for aperture, moment in (("square", radius**2 / 3), ("disc", radius**2 / 4)):
+        blur = kernel(radius, aperture)  # type: ignore[arg-type]
+        k = np.arange(len(blur)) - len(blur) // 2
+        for axis in (0, 1):
+            assert (blur.sum(axis=axis) * k**2).sum() == pytest.approx(
+                moment, abs=0.17
+            )  # a pixel adds 1/12, its sampling ± as much
+
+
+def test_inside_a_disc_every_pixel_has_one_over_its_area() -> None:
+    radius = 10.3
+    blur = kernel(radius, "disc")
+    y, x = np.indices(blur.shape) - len(blur) // 2
+    inside, outside = np.hypot(x, y) < radius - 0.71, np.hypot(x, y) > radius + 0.71
+    assert blur[inside] == pytest.approx(np.full(inside.sum(), 1 / (math.pi * radius**2)), rel=1e-4)
+    assert (blur[outside] == 0).all()
+
+
+@pytest.mark.parametrize("aperture", APERTURES)
+def test_a_blurred_point_is_the_kernel_at_the_point(aperture: Aperture) -> None:
+    point = np.zeros((2, 40, 33), dtype=np.float32)
+    point[0, 18, 15] = 1
+    blur = kernel(6.3, aperture)
+    image = Blurrer(point, 6).blurred(blur)
+    assert image[0, 12:25, 9:22] == pytest.approx(blur, abs=FLOAT32_FFT)
+    assert image[0].sum() == pytest.approx(1, abs=1e-5)
+    assert np.abs(image[1]).max() == 0
+
+
+def test_light_leaves_at_the_border_and_does_not_come_back_on_the_other_side() -> None:
+    point = np.zeros((1, 30, 30), dtype=np.float32)
+    point[0, 0, 29] = 1
+    image = Blurrer(point, 9).blurred(kernel(9, "square"))
+    assert np.abs(image[0, 15:]).max() < FLOAT32_FFT and np.abs(image[0, :, :15]).max() < FLOAT32_FFT
+
+
+def test_a_kernel_larger_than_announced_is_refused() -> None:
+    with pytest.raises(ValueError, match="reaches 9 px"):
+        Blurrer(np.zeros((1, 30, 30), dtype=np.float32), 8).blurred(kernel(9, "square"))
+
+
+@pytest.mark.parametrize("aperture", APERTURES)
+@pytest.mark.parametrize("shape", [(40, 31), (9, 12), (1, 5)])
+def test_the_share_inside_the_frame_is_what_blurring_an_even_frame_leaves(
+    aperture: Aperture, shape: tuple[int, int]
+) -> None:
+    blur = kernel(7.2, aperture)
+    even = Blurrer(np.ones((1, *shape), dtype=np.float32), 7).blurred(blur)[0]
+    assert frame_share(blur, shape) == pytest.approx(even, abs=FLOAT32_FFT)
+    window = (slice(0, 4), slice(2, 5))
+    assert (frame_share(blur, shape, window) == frame_share(blur, shape)[window]).all()
