@@ -74,8 +74,8 @@ def last_spectrum(executor: Executor[Field], wavelength: int, frame: int, source
     return executor.spectrum(field)
 
 
-def wavelength_stack(executor: Executor[Field], wavelength: int) -> NDArray[np.floating]:
-    """Intensity (plane, y, x) of one wavelength, averaged over frames and sources, laser amplitudes applied."""
+def run_wavelength(executor: Executor[Field], wavelength: int) -> None:
+    """Leaves each plane's intensity at one wavelength in the executor, averaged over frames and sources."""
     plan = executor.plan
     planes = range(len(plan.planes_m))
     for plane in planes:
@@ -86,8 +86,6 @@ def wavelength_stack(executor: Executor[Field], wavelength: int) -> NDArray[np.f
             for plane in planes:
                 seen = executor.field(executor.transmit(spectrum, 1, wavelength, float(plan.planes_m[plane])))
                 executor.accumulate(seen, plane, float(plan.weights[frame, wavelength]))
-    executor.composite(wavelength)
-    return np.stack([executor.intensity(plane) for plane in planes])
 
 
 def focal_stack(
@@ -101,7 +99,9 @@ def focal_stack(
     executor.clear_xyz()
     stacks: list[NDArray[np.floating]] = []
     for wavelength in range(count):
-        stacks.append(wavelength_stack(executor, wavelength))
+        run_wavelength(executor, wavelength)
+        executor.composite(wavelength)
+        stacks.append(np.stack([executor.intensity(plane) for plane in range(len(executor.plan.planes_m))]))
         if progress is not None:
             progress(wavelength + 1, count)
     intensity, xyz = np.stack(stacks, axis=1), executor.xyz()

@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from holoview.engine.frame import run_wavelength
 from holoview.optics.propagate import transfer_function
 from holoview.optics.slm import phasor, upsampled
 from holoview.optics.slots import Slots
@@ -24,8 +25,8 @@ class TorchExecutor:
         self._real = torch.float64 if double else torch.float32
         self._transfers: dict[tuple[int, float], torch.Tensor] = {}
         self._transfers_of = -1
-        self._intensity = torch.zeros(len(plan.planes_m), *plan.grid.shape, dtype=self._real, device=self._device)
-        self._xyz = torch.zeros(*self._intensity.shape, 3, dtype=self._real, device=self._device)
+        self._intensity = [self._dark() for _ in plan.planes_m]
+        self._xyz = torch.zeros(len(plan.planes_m), *plan.grid.shape, 3, dtype=self._real, device=self._device)
 
     def illuminate(self, wavelength: int, source: int) -> torch.Tensor:
         """Plane wave on the first modulator, (y, x)."""
@@ -53,15 +54,15 @@ class TorchExecutor:
 
     def clear(self, plane: int) -> None:
         """Sets the intensity of a plane to zero."""
-        self._intensity[plane] = 0.0
+        self._intensity[plane] = self._dark()
 
     def accumulate(self, field: torch.Tensor, plane: int, weight: float) -> None:
         """Adds weight·|field|² to the intensity of a plane."""
-        self._intensity[plane] += weight * (field.real.square() + field.imag.square())
+        self._intensity[plane] = self._intensity[plane] + weight * (field.real.square() + field.imag.square())
 
     def intensity(self, plane: int) -> NDArray[np.floating]:
         """The accumulated intensity of a plane, (y, x)."""
-        return self._intensity[plane].cpu().numpy().copy()
+        return self._intensity[plane].detach().cpu().numpy()
 
     def clear_xyz(self) -> None:
         """Sets what the observer sees to black."""
@@ -69,12 +70,24 @@ class TorchExecutor:
 
     def composite(self, wavelength: int) -> None:
         """Adds each plane's intensity, at this wavelength, to what the observer sees."""
-        for channel, weight in enumerate(self.plan.colour_weights[wavelength].tolist()):
-            self._xyz[..., channel].add_(self._intensity, alpha=weight)
+        for plane, intensity in enumerate(self._intensity):
+            for channel, weight in enumerate(self.plan.colour_weights[wavelength].tolist()):
+                self._xyz[plane, ..., channel].add_(intensity.detach(), alpha=weight)
 
     def xyz(self) -> NDArray[np.floating]:
         """What the observer sees, XYZ (plane, y, x, 3)."""
         return self._xyz.cpu().numpy().copy()
+
+    def differentiable(self) -> torch.Tensor:
+        """Intensity (plane, wavelength, y, x) as a tensor through which gradients reach the slots' optical paths."""
+        stacks = []
+        for wavelength in range(len(self.plan.system.wavelengths_m)):
+            run_wavelength(self, wavelength)
+            stacks.append(torch.stack(self._intensity))
+        return torch.stack(stacks, dim=1)
+
+    def _dark(self) -> torch.Tensor:
+        return torch.zeros(self.plan.grid.shape, dtype=self._real, device=self._device)
 
     def transfer(self, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
         """H × pupil of a relay, (P_y, P_x); kept for the frames and sources of one wavelength."""

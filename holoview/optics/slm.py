@@ -26,7 +26,7 @@ def nearest_level(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
         return drive
     levels = torch.as_tensor(modulator.levels.copy(), dtype=drive.dtype, device=drive.device)
     edges = (levels[1:] + levels[:-1]) / 2
-    shown = levels[torch.bucketize(drive.detach(), edges)]
+    shown = levels[torch.bucketize(drive.detach().contiguous(), edges)]
     return drive + (shown - drive).detach() if drive.requires_grad else shown
 
 

@@ -51,7 +51,7 @@ def check_drive(plan: Plan, drive: torch.Tensor) -> None:
         raise UserError(
             "drive", f"an array of shape {tuple(drive.shape)}", expected=f"(frame, modulator, y, x) = {expected}"
         )
-    low, high = (float(x) for x in torch.aminmax(drive))
+    low, high = (float(x) for x in torch.aminmax(drive.detach()))
     if not (low >= 0.0 and high <= 1.0):
         raise UserError(
             "drive", f"values from {low:g} to {high:g}", expected="0 to 1, a fraction of the modulator's stroke"

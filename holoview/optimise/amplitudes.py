@@ -36,7 +36,12 @@ def solve_amplitudes(intensities: list[Tensor], colours: Tensor, target: Tensor)
 
 
 def _non_negative(gram: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """argmin over a ≥ 0 of aᵀGa − 2bᵀa, by NNLS on a square root of G, in units where G's diagonal is 1."""
+    """argmin over a ≥ 0 of aᵀGa − 2bᵀa, by NNLS on a square root of G, in units where G's diagonal is 1.
+
+    Where no laser gives any light, none is on.
+    """
+    if not np.any(gram):
+        return np.zeros_like(right)
     scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(gram / scale[:, None] / scale[None, :])
     values = np.maximum(values, _EIGEN_FLOOR * values[-1])

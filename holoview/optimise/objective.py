@@ -61,6 +61,8 @@ def make_objective(plan: Plan, stack: NDArray[np.floating], *, device: str = "cp
     expected = (len(plan.planes_m), *plan.grid.shape, 3)
     if stack.shape != expected:
         raise UserError("target", f"a stack of shape {stack.shape}", expected=f"(plane, y, x, 3) = {expected}")
+    if not np.isfinite(stack).all() or not np.any(stack > 0):
+        raise UserError("target", "no light, or not a number somewhere", expected="finite values, some above 0")
     if plan.system.observer == "mono":
         colours = plan.colour_weights[:, 1:2]
         channels = stack @ SRGB_TO_XYZ[1][:, None]

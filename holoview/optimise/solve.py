@@ -42,10 +42,13 @@ class Settings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.iterations < 1:
-            raise UserError("iterations", str(self.iterations), expected="at least 1")
-        if self.step_rad <= 0:
+        for key, count in (("iterations", self.iterations), ("amplitudes_every", self.amplitudes_every)):
+            if not isinstance(count, int) or count < 1:
+                raise UserError(key, str(count), expected="at least 1")
+        if not 0 < self.step_rad < math.inf:
             raise UserError("step", str(self.step_rad), expected="a positive phase step")
+        if not all(0 <= beta < 1 for beta in self.betas):
+            raise UserError("betas", str(self.betas), expected="numbers from 0 to below 1")
 
 
 @dataclass(frozen=True)
