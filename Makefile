@@ -1,0 +1,38 @@
+# make demo   set up everything, make a hologram of the shipped picture and render what an eye sees
+# make test   set up everything, check style and types, run the tests
+# make bench  time the frame's stages on this machine
+.PHONY: demo test bench lint package clean help
+.DEFAULT_GOAL := help
+
+BIN := .venv/bin
+OUT ?= out/demo
+ITERATIONS ?= 50
+
+help:
+	@sed -n 's/^# \(make .*\)/\1/p' Makefile
+
+.venv/holoview.stamp: pyproject.toml .ci/constraints.txt .ci/setup
+	@bash .ci/setup
+
+demo: .venv/holoview.stamp
+	@bash .ci/adapter
+	@$(BIN)/holoview demo -o $(OUT) --iterations $(ITERATIONS)
+
+test: lint
+	@bash .ci/adapter
+	$(BIN)/python -m pytest
+
+lint: .venv/holoview.stamp
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: .venv/holoview.stamp
+	@bash .ci/adapter
+	$(BIN)/python -m benchmarks.frame_time
+
+package: .venv/holoview.stamp
+	$(BIN)/python -m build
+
+clean:
+	rm -rf .venv out dist build
