@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Mapping, Sequence
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,10 +72,25 @@ class AdapterInfo:
 def native_adapters() -> list[Any]:
     """The wgpu adapters of this machine, best first; an empty list where no driver is installed."""
     try:
-        found = wgpu.gpu.enumerate_adapters_sync()
+        with _runtime_folder():
+            found = wgpu.gpu.enumerate_adapters_sync()
     except RuntimeError:
         return []
     return sorted(found, key=lambda native: AdapterInfo.of(native).rank)
+
+
+@contextmanager
+def _runtime_folder() -> Iterator[None]:
+    """XDG_RUNTIME_DIR set while drivers are asked: without it, as in CI, they print an error that concerns nobody."""
+    if "XDG_RUNTIME_DIR" in os.environ or sys.platform != "linux":
+        yield
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["XDG_RUNTIME_DIR"] = folder
+        try:
+            yield
+        finally:
+            del os.environ["XDG_RUNTIME_DIR"]
 
 
 def adapters() -> list[AdapterInfo]:
