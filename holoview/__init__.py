@@ -5,7 +5,8 @@
     view = holoview.simulate(system, drive, planes=["10 mm"])
     view.srgb8[0]  # what an eye sees, (y, x, 3)
 
-errors units schema      how mistakes read; people's units; what a parameter is
+errors units             how mistakes read; people's units
+schema describe          what a parameter is; descriptions built from parameters
 system shorthand preset  the bench as data, and as TOML
 grid plan                FFT conventions; every derived number
 optics engine gpu        elements in torch; two executors of a plan; WebGPU plumbing

@@ -23,6 +23,7 @@ from holoview.files import replacing
 from holoview.system import System
 
 FORMAT, VERSION = "holoview-hologram", "1"
+_TENSORS = ("drive", "amplitudes", "wavelengths")
 _WHAT = "a hologram file that holoview wrote (safetensors)"
 
 
@@ -60,18 +61,30 @@ def load_hologram(path: str | os.PathLike[str]) -> Hologram:
     try:
         with safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
-    except (SafetensorError, OSError, ValueError) as error:
+            _check_contents(path, metadata, set(file.keys()))
+            tensors = {name: file.get_tensor(name) for name in _TENSORS}
+    except (SafetensorError, OSError, ValueError, TypeError, AttributeError) as error:
+        if isinstance(error, UserError):
+            raise
         raise UserError(str(path), f"can't be read: {error}", expected=_WHAT) from error
+    system = preset.loads(metadata["system"], f"{path}: system")
+    for name, known in (("wavelengths", system.wavelengths_m), ("amplitudes", system.amplitudes)):
+        if not np.array_equal(tensors[name], known):
+            raise UserError(f"{path}: {name}", "contradict the file's own system", remedy="write the hologram again")
+    drive = tensors["drive"]
+    if drive.dtype.kind != "f":
+        raise UserError(f"{path}: drive", f"values of type {drive.dtype}", expected="float32")
+    try:
+        return Hologram(drive.astype(np.float32), system)
+    except UserError as error:
+        raise error.inside(f"{path}: ") from error
+
+
+def _check_contents(path: str | os.PathLike[str], metadata: dict[str, str], names: set[str]) -> None:
+    """UserError unless the header is that of a hologram, before any tensor is read."""
     if metadata.get("format") != FORMAT or metadata.get("version") != VERSION:
         found = f'format "{metadata.get("format", "none")}", version {metadata.get("version", "none")}'
         raise UserError(str(path), found, expected=f'format "{FORMAT}", version {VERSION}')
-    missing = {"drive", "amplitudes", "wavelengths"} - set(tensors)
+    missing = set(_TENSORS) - names
     if missing or "system" not in metadata:
         raise UserError(str(path), f"lacks {', '.join(sorted(missing)) or 'its system'}", expected=_WHAT)
-    system = preset.loads(metadata["system"], f"{path}: system")
-    try:
-        system = system.edit({"wavelengths": tensors["wavelengths"], "amplitudes": tensors["amplitudes"]})
-        return Hologram(tensors["drive"].astype(np.float32), system)
-    except UserError as error:
-        raise error.inside(f"{path}: ") from error

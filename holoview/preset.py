@@ -13,7 +13,7 @@ from typing import Any
 
 import tomli_w
 
-from holoview import schema
+from holoview import describe
 from holoview.errors import UserError, near_matches
 from holoview.files import data_dir, replacing
 from holoview.shorthand import expand_table
@@ -51,7 +51,7 @@ def loads(text: str, where: str = "preset") -> System:
 
 def from_table(table: Mapping[str, Any]) -> System:
     """The system of a parsed preset, shorthands allowed."""
-    system: System = schema.from_mapping(System, expand_table(table))
+    system: System = describe.from_mapping(System, expand_table(table))
     return system
 
 
@@ -67,7 +67,7 @@ def save(system: System, path: str | os.PathLike[str]) -> None:
 
 
 def _written(system: System) -> dict[str, Any]:
-    table = schema.to_mapping(system)
+    table = describe.to_mapping(system)
     head = {key: table[key] for key in ("name", "description") if key in table}
     plain = {key: value for key, value in table.items() if key not in (*_TABLES, "modulators", *head)}
     nested = {key: table[key] for key in ("modulators", *_TABLES) if key in table}
@@ -89,6 +89,7 @@ def _find(preset: str | os.PathLike[str]) -> Path:
 
 
 def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
+    path = path.resolve()
     if path in seen:
         raise UserError(str(path), "its base leads back to itself", expected="a base that ends at a complete preset")
     try:

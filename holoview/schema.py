@@ -1,7 +1,7 @@
-"""What a parameter of the bench is: its unit, its range, how it is read from and written to people's text.
+"""What a parameter is: its unit, its range, how it is read from people's text and written to it.
 
-A field of a description carries one `Kind` in its metadata. Presets, the command line's `--set` and (through the same
-metadata) sliders and tooltips all use it, so that a parameter is described once.
+A `Kind` serves presets, the command line's `--set` and, through the metadata of a description's fields, sliders and
+tooltips, so that a parameter is described once.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview import units
-from holoview.errors import UserError, near_matches
+from holoview.errors import UserError
 
 
 class Kind(Protocol):
@@ -82,7 +82,7 @@ class Array:
             value = [value]
         if self.axes == 2 and isinstance(value, Iterable) and not isinstance(value, str):
             rows = list(value)
-            value = rows if not rows or np.ndim(rows[0]) else [rows]
+            value = [rows] if rows and all(_is_scalar(row) for row in rows) else rows
         return _frozen(self._nested(value, where, self.axes))
 
     def write(self, value: NDArray[np.float64] | None) -> Any:
@@ -171,7 +171,14 @@ class Coefficients:
         pairs = value.items() if isinstance(value, Mapping) else value
         if isinstance(pairs, str) or not isinstance(pairs, Iterable):
             raise UserError(where, f"{value!r}", expected=f'a table such as {{ {self.prefix}4 = "50 nm" }}')
-        terms = {self._index(key, where): self.item.read(x, f"{where}.{key}") or 0.0 for key, x in pairs}
+        terms: dict[int, float] = {}
+        for pair in pairs:
+            if isinstance(pair, str) or not isinstance(pair, Iterable) or len(both := tuple(pair)) != 2:
+                raise UserError(where, f"{pair!r}", expected=f'a table such as {{ {self.prefix}4 = "50 nm" }}')
+            index = self._index(both[0], where)
+            if index in terms:
+                raise UserError(f"{where}.{both[0]}", "given twice", expected="each term once")
+            terms[index] = self.item.read(both[1], f"{where}.{both[0]}") or 0.0
         return tuple(sorted(terms.items()))
 
     def write(self, value: tuple[tuple[int, float], ...]) -> dict[str, Any]:
@@ -179,141 +186,15 @@ class Coefficients:
 
     def _index(self, key: Any, where: str) -> int:
         digits = str(key).removeprefix(self.prefix)
-        if not digits.isdigit() or not 1 <= int(digits) <= self.highest:
+        if not (digits.isascii() and digits.isdigit()) or not 1 <= int(digits) <= self.highest:
             raise UserError(where, f'"{key}"', expected=f"{self.prefix}1 to {self.prefix}{self.highest}")
         return int(digits)
 
 
-@dataclasses.dataclass(frozen=True)
-class Item:
-    """A nested description, given as an instance or as a table of its keys."""
-
-    description: type[Any]
-
-    def read(self, value: Any, where: str) -> Any:
-        if isinstance(value, self.description):
-            return value
-        if not isinstance(value, Mapping):
-            raise UserError(
-                where, f"{value!r}", expected=f"a table with the keys {', '.join(fields_by_key(self.description))}"
-            )
-        try:
-            return from_mapping(self.description, value)
-        except UserError as error:
-            raise error.inside(f"{where}.") from error
-
-    def write(self, value: Any) -> dict[str, Any]:
-        return to_mapping(value)
-
-
-@dataclasses.dataclass(frozen=True)
-class Items:
-    """A tuple of nested descriptions."""
-
-    description: type[Any]
-
-    def read(self, value: Any, where: str) -> tuple[Any, ...]:
-        if isinstance(value, Mapping | str) or not isinstance(value, Iterable):
-            raise UserError(where, f"{value!r}", expected=f"a list of tables, one [[{where}]] each")
-        return tuple(Item(self.description).read(entry, f"{where}[{i}]") for i, entry in enumerate(value))
-
-    def write(self, value: tuple[Any, ...]) -> list[dict[str, Any]]:
-        return [to_mapping(entry) for entry in value]
-
-
-def param(kind: Kind, doc: str, **kwargs: Any) -> Any:
-    """A dataclass field that carries its `Kind` and a sentence that explains it."""
-    return dataclasses.field(metadata={"kind": kind, "doc": doc}, **kwargs)
-
-
-def key_of(name: str) -> str:
-    """The name that people write: the field's name without its unit."""
-    return name.removesuffix("_m").removesuffix("_rad")
-
-
-def fields_by_key(description: type[Any]) -> dict[str, dataclasses.Field[Any]]:
-    """The fields of a description by the name that people write."""
-    return {key_of(field.name): field for field in dataclasses.fields(description)}
-
-
-def field_for(description: type[Any], key: str) -> dataclasses.Field[Any]:
-    """The field that people call `key`; UserError with near matches when there is none."""
-    known = fields_by_key(description)
-    if key not in known:
-        raise UserError(key, "unknown key", remedy=near_matches(key, known))
-    return known[key]
-
-
-def check(instance: Any) -> None:
-    """Reads every field of a frozen description through its kind; call it first in `__post_init__`."""
-    for key, field in fields_by_key(type(instance)).items():
-        object.__setattr__(instance, field.name, field.metadata["kind"].read(getattr(instance, field.name), key))
-
-
-def from_mapping(description: type[Any], table: Mapping[str, Any]) -> Any:
-    """Builds a description from people's keys and values; UserError names the key that is unknown, missing or wrong."""
-    values = {field_for(description, key).name: value for key, value in table.items()}
-    for key, field in fields_by_key(description).items():
-        required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-        if required and field.name not in values:
-            raise UserError(key, "is missing", expected=field.metadata["doc"])
-    return description(**values)
-
-
-def to_mapping(instance: Any) -> dict[str, Any]:
-    """People's keys and values of a description, ready for TOML; absent options and empty text are left out."""
-    written = {
-        key: field.metadata["kind"].write(getattr(instance, field.name))
-        for key, field in fields_by_key(type(instance)).items()
-    }
-    return {key: value for key, value in written.items() if value is not None and value != "" and value != {}}
-
-
-def edited(instance: Any, changes: Mapping[str, Any]) -> Any:
-    """A copy of a description with some keys changed; dots reach inside ("relay1.iris_na", "modulators.0.pitch").
-
-    All changes are applied together and checked once, so that several may depend on each other.
-    """
-    values: dict[str, Any] = {}
-    inner: dict[str, dict[str, Any]] = {}
-    for key, value in changes.items():
-        head, _, rest = key.partition(".")
-        field = field_for(type(instance), head)
-        if rest:
-            inner.setdefault(field.name, {})[rest] = value
-        else:
-            values[field.name] = value
-    for name, nested in inner.items():
-        values[name] = _edited_inside(values.get(name, getattr(instance, name)), nested, key_of(name))
-    return dataclasses.replace(instance, **values)
-
-
-def _edited_inside(value: Any, changes: Mapping[str, Any], where: str) -> Any:
-    if isinstance(value, tuple):
-        entries = list(value)
-        for key, change in changes.items():
-            index, _, rest = key.partition(".")
-            if not index.isdigit() or int(index) >= len(entries) or not rest:
-                raise UserError(
-                    f"{where}.{key}", "unknown key", expected=f"{where}.0 to {where}.{len(entries) - 1} and a key"
-                )
-            entries[int(index)] = _edited_inside(entries[int(index)], {rest: change}, f"{where}.{index}")
-        return tuple(entries)
-    if not dataclasses.is_dataclass(value):
-        raise UserError(f"{where}.{next(iter(changes))}", "unknown key", remedy=f"{where} has no parts")
-    try:
-        return edited(value, changes)
-    except UserError as error:
-        raise error.inside(f"{where}.") from error
-
-
-def identity(value: Any) -> Any:
-    """A hashable equivalent of a description, for equality and as a cache key."""
-    if dataclasses.is_dataclass(value):
-        return tuple(identity(getattr(value, field.name)) for field in dataclasses.fields(value))
-    if isinstance(value, np.ndarray):
-        return value.shape, value.tobytes()
-    return tuple(identity(v) for v in value) if isinstance(value, tuple) else value
+def _is_scalar(value: Any) -> bool:
+    return (
+        isinstance(value, str) or not isinstance(value, Iterable) or (isinstance(value, np.ndarray) and value.ndim == 0)
+    )
 
 
 def _frozen(array: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _EVERY_MODULATOR = ("pitch", "shape", "stroke", "levels")
 _SAMPLING = ("upsample", "propagation")
 _SWITCH = Array(Number(low=0.0, high=1.0), axes=2)
+_AMPLITUDES = Array(Number(low=0.0), axes=2)
 _WAVELENGTHS = Array(Number("nm", low=100e-9, high=10e-6))
 
 
@@ -32,12 +33,14 @@ def expand_table(table: Mapping[str, Any]) -> dict[str, Any]:
     single = true keeps the first modulator only.
     """
     out = dict(table)
-    if out.pop("single", False):
+    single = out.pop("single", False)
+    if not isinstance(single, bool):
+        raise UserError("single", f"{single!r}", expected="true or false")
+    if single:
         out = _single(out)
     frames, sequence = out.pop("frames", None), out.pop("sequence", None)
-    if out.get("amplitudes") == "white" and "wavelengths" in out:
-        wavelengths = _WAVELENGTHS.read(out["wavelengths"], "wavelengths")
-        assert wavelengths is not None
+    if isinstance(out.get("amplitudes"), str) and out["amplitudes"] == "white" and "wavelengths" in out:
+        wavelengths = _read_wavelengths(out["wavelengths"])
         switches = _switches(sequence, frames, len(wavelengths))
         out["amplitudes"] = _white(str(out.get("observer", "eye")), wavelengths, switches)
     elif sequence is not None:
@@ -45,8 +48,7 @@ def expand_table(table: Mapping[str, Any]) -> dict[str, Any]:
             "sequence", "without white balance", remedy='use it with amplitudes = "white", or give the table itself'
         )
     elif frames is not None and "amplitudes" in out:
-        row = Array(Number(low=0.0)).read(out["amplitudes"], "amplitudes")
-        out["amplitudes"] = np.tile(np.asarray(row), (Count().read(frames, "frames"), 1))
+        out["amplitudes"] = _repeated(out["amplitudes"], frames)
     if isinstance(out.get("source"), Mapping) and "grid" in out["source"]:
         out["source"] = _source_grid(out["source"])
     return out
@@ -57,7 +59,9 @@ def expand_edit(system: System, changes: Mapping[str, Any]) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for key, value in changes.items():
         if key in _EVERY_MODULATOR:
-            out |= {f"modulators.{i}.{key}": value for i in range(len(system.modulators))}
+            modulators = changes.get("modulators", system.modulators)
+            count = len(modulators) if isinstance(modulators, list | tuple) else len(system.modulators)
+            out |= {f"modulators.{i}.{key}": value for i in range(count)}
         elif key in _SAMPLING:
             out[f"sampling.{key}"] = value
         else:
@@ -65,12 +69,11 @@ def expand_edit(system: System, changes: Mapping[str, Any]) -> dict[str, Any]:
     frames = out.pop("frames", None)
     if isinstance(out.get("source"), Mapping) and "grid" in out["source"]:
         out["source"] = _source_grid(out["source"])
-    wavelengths = _WAVELENGTHS.read(out.get("wavelengths", system.wavelengths_m), "wavelengths")
-    assert wavelengths is not None
     if isinstance(out.get("amplitudes"), str):
+        wavelengths = _read_wavelengths(out.get("wavelengths", system.wavelengths_m))
         out["amplitudes"] = _white_edit(system, out, wavelengths, frames)
     elif frames is not None:
-        out["amplitudes"] = _repeated(system, out.get("amplitudes"), frames)
+        out["amplitudes"] = _repeated(out.get("amplitudes", system.amplitudes), frames)
     return out
 
 
@@ -93,16 +96,24 @@ def _white_edit(
     return _white(str(out.get("observer", system.observer)), wavelengths, sequence)
 
 
-def _repeated(system: System, table: Any, frames: Any) -> NDArray[np.float64]:
-    rows = np.atleast_2d(np.asarray(system.amplitudes if table is None else table, dtype=np.float64))
-    if np.any(rows != rows[0]):
+def _repeated(table: Any, frames: Any) -> NDArray[np.float64]:
+    rows = _AMPLITUDES.read(table, "amplitudes")
+    assert rows is not None
+    if len(rows) == 0 or np.any(rows != rows[0]):
         raise UserError(
             "frames",
-            str(frames),
+            f"{frames!r} of different amplitudes",
             expected="frames with equal amplitudes",
             remedy="give the whole amplitude table instead",
         )
     return np.tile(rows[0], (Count().read(frames, "frames"), 1))
+
+
+def _read_wavelengths(value: Any) -> NDArray[np.float64]:
+    wavelengths = _WAVELENGTHS.read(value, "wavelengths")
+    if wavelengths is None or len(wavelengths) == 0:
+        raise UserError("wavelengths", "an empty list", expected="a list of at least one length")
+    return wavelengths
 
 
 def _white(observer: str, wavelengths: NDArray[np.float64], sequence: NDArray[np.float64]) -> NDArray[np.float64]:

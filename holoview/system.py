@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview import schema, units
+from holoview import describe, units
+from holoview.describe import Item, Items, param
 from holoview.errors import UserError
-from holoview.schema import Array, Choice, Coefficients, Count, Number, Shape, param
+from holoview.schema import Array, Choice, Coefficients, Count, Number, Shape
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +34,7 @@ class Levels:
     def read(self, value: Any, where: str) -> Floats | None:
         if value is None or (isinstance(value, str) and value == "continuous"):
             return None
-        if isinstance(value, int) and not isinstance(value, bool):
+        if isinstance(value, int | np.integer) and not isinstance(value, bool):
             count = Count(low=2, high=65536).read(value, where)
             value = np.linspace(0.0, 1.0, count)
         fractions = Array(Number(low=0.0, high=1.0)).read(value, where)
@@ -55,10 +56,10 @@ class _Description:
     """Equality and hash of a description by value, arrays included."""
 
     def __eq__(self, other: object) -> bool:
-        return type(other) is type(self) and schema.identity(other) == schema.identity(self)
+        return type(other) is type(self) and describe.identity(other) == describe.identity(self)
 
     def __hash__(self) -> int:
-        return hash(schema.identity(self))
+        return hash(describe.identity(self))
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,7 @@ class Source(_Description):
     )
 
     def __post_init__(self) -> None:
-        schema.check(self)
+        describe.check(self)
         for key, table in (("directions", self.directions_rad), ("tilts", self.tilts_rad)):
             if table is not None and (table.ndim != 2 or table.shape[0] < 1 or table.shape[1] != 2):
                 raise UserError(key, f"a table of shape {table.shape}", expected="rows of two angles [y, x]")
@@ -93,7 +94,7 @@ class Modulator(_Description):
     levels: Floats | None = param(Levels(), "Stroke fractions that can be shown.", default=None)
 
     def __post_init__(self) -> None:
-        schema.check(self)
+        describe.check(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +115,7 @@ class Relay(_Description):
     )
 
     def __post_init__(self) -> None:
-        schema.check(self)
+        describe.check(self)
         if self.dc_block_na and self.iris_na and self.dc_block_na >= self.iris_na:
             raise UserError(
                 "dc_block_na",
@@ -143,7 +144,7 @@ class Sampling(_Description):
     )
 
     def __post_init__(self) -> None:
-        schema.check(self)
+        describe.check(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,23 +157,23 @@ class System(_Description):
 
     wavelengths_m: Floats = param(Array(Number("nm", low=100e-9, high=10e-6)), "Vacuum wavelength of each laser.")
     amplitudes: Floats = param(Array(Number(low=0.0, high=1e6), axes=2), "Relative power of each laser in each frame.")
-    modulators: tuple[Modulator, ...] = param(schema.Items(Modulator), "One or two phase modulators.")
+    modulators: tuple[Modulator, ...] = param(Items(Modulator), "One or two phase modulators.")
     gap_m: float | None = param(Number("mm", low=0.0, high=10.0, optional=True), "From modulator 1 to 2.", default=None)
     planes_m: Floats = param(
         Array(Number("mm", low=0.0, high=10.0)), "Focal planes, measured from the last modulator.", default=(0.01,)
     )
-    source: Source = param(schema.Item(Source), "Illumination.", default_factory=Source)
-    relay1: Relay = param(schema.Item(Relay), "Between the modulators.", default_factory=Relay)
-    relay2: Relay = param(schema.Item(Relay), "From the last modulator to the focal planes.", default_factory=Relay)
+    source: Source = param(Item(Source), "Illumination.", default_factory=Source)
+    relay1: Relay = param(Item(Relay), "Between the modulators.", default_factory=Relay)
+    relay2: Relay = param(Item(Relay), "From the last modulator to the focal planes.", default_factory=Relay)
     observer: str = param(
         Choice(("eye", "cie1931", "mono")), "What looks: the eye's cones, CIE 1931, mono camera.", default="eye"
     )
-    sampling: Sampling = param(schema.Item(Sampling), "Grid of the simulation.", default_factory=Sampling)
+    sampling: Sampling = param(Item(Sampling), "Grid of the simulation.", default_factory=Sampling)
     name: str = param(Choice(), "Name of the preset.", default="")
     description: str = param(Choice(), "The bench in a sentence.", default="")
 
     def __post_init__(self) -> None:
-        schema.check(self)
+        describe.check(self)
         for key, array in (("wavelengths", self.wavelengths_m), ("planes", self.planes_m)):
             if array.ndim != 1 or len(array) == 0:
                 raise UserError(key, f"an array of shape {array.shape}", expected="a list of at least one length")
@@ -262,7 +263,7 @@ class System(_Description):
         """
         from holoview.shorthand import expand_edit
 
-        edited: System = schema.edited(self, expand_edit(self, changes))
+        edited: System = describe.edited(self, expand_edit(self, changes))
         return edited
 
     def with_(self, **changes: Any) -> System:

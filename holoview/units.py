@@ -6,8 +6,10 @@ Numbers are moved by powers of ten in decimal, so that "460 nm" → 4.6e-07 → 
 from __future__ import annotations
 
 import re
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal, InvalidOperation, Overflow
 from typing import Literal
+
+import numpy as np
 
 from holoview.errors import UserError, near_matches
 
@@ -26,26 +28,23 @@ def parse(value: str | float, where: str, quantity: Quantity = "length") -> floa
 
     Raises UserError that names `where` when the text isn't a number with a known unit of this quantity.
     """
-    if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise UserError(where, f"{value!r} is not a {quantity}", expected=f"text such as {_EXAMPLE[quantity]}")
+    a = "an angle" if quantity == "angle" else "a length"
+    if isinstance(value, bool) or not isinstance(value, str | int | float | np.integer | np.floating):
+        raise UserError(where, f"{value!r} is not {a}", expected=f"text such as {_EXAMPLE[quantity]}")
     if not isinstance(value, str):
         return float(value)
     match = _TEXT.fullmatch(value)
     if match is None:
-        raise UserError(
-            where, f'"{value}" is not a {quantity}', expected=f"a number and a unit such as {_EXAMPLE[quantity]}"
-        )
+        raise UserError(where, f'"{value}" is not {a}', expected=f"a number and a unit such as {_EXAMPLE[quantity]}")
     number, unit = match.groups()
     if unit is None:
         raise UserError(where, f'"{value}" has no unit', expected=f"text such as {_EXAMPLE[quantity]}")
     exponents = _EXPONENT[quantity]
     if unit not in exponents:
-        raise UserError(
-            where, f'"{value}" has the unit "{unit}"', expected=f"a {quantity}", remedy=near_matches(unit, exponents)
-        )
+        raise UserError(where, f'"{value}" has the unit "{unit}"', expected=a, remedy=near_matches(unit, exponents))
     try:
         return float(Decimal(number).scaleb(exponents[unit]))
-    except InvalidOperation as error:
+    except (InvalidOperation, Overflow) as error:
         raise UserError(where, f'"{value}" is out of range', expected=f"text such as {_EXAMPLE[quantity]}") from error
 
 

@@ -33,7 +33,7 @@ def make_slots(plan: Plan, drive: torch.Tensor | NDArray[np.floating], *, double
 
     Raises UserError when the drive's shape doesn't fit the system, or when it leaves 0…1.
     """
-    patterns = drive if isinstance(drive, torch.Tensor) else torch.from_numpy(np.ascontiguousarray(drive))
+    patterns = drive if isinstance(drive, torch.Tensor) else _as_tensor(drive)
     check_drive(plan, patterns)
     patterns = patterns.to(torch.float64 if double else torch.float32)
     modulators = plan.system.modulators
@@ -44,8 +44,17 @@ def make_slots(plan: Plan, drive: torch.Tensor | NDArray[np.floating], *, double
     return Slots(opd, pupils)
 
 
+def _as_tensor(drive: NDArray[np.floating]) -> torch.Tensor:
+    values = np.asarray(drive)
+    if values.dtype.kind not in "fiub":
+        raise UserError("drive", f"values of type {values.dtype}", expected="real numbers, 0 to 1 of the stroke")
+    return torch.from_numpy(np.array(values, order="C"))
+
+
 def check_drive(plan: Plan, drive: torch.Tensor) -> None:
     """UserError unless the drive has the system's shape and lies in 0…1."""
+    if drive.is_complex():
+        raise UserError("drive", "complex numbers", expected="real numbers, 0 to 1 of the modulator's stroke")
     expected = plan.system.drive_shape
     if tuple(drive.shape) != expected:
         raise UserError(

@@ -88,7 +88,9 @@ class _Solver:
         self.model = Model(plan)
         generator = torch.Generator().manual_seed(settings.seed)
         self.drive = (
-            torch.rand(system.drive_shape, generator=generator) if start is None else torch.from_numpy(start.copy())
+            torch.rand(system.drive_shape, generator=generator)
+            if start is None
+            else torch.tensor(start, dtype=torch.float32)
         )
         check_drive(plan, self.drive)
         strokes = torch.tensor([modulator.stroke_m for modulator in system.modulators])
