@@ -27,6 +27,9 @@ from holoview.preset import load
 from holoview.system import Modulator, Relay, Sampling, Source, System
 
 if TYPE_CHECKING:
+    from holoview.hologram import Hologram, load_hologram
+    from holoview.optimise.solve import Settings, iterate
+    from holoview.targets.build import Placement, target_for
     from holoview.view import View, random_drive, simulate
 
 try:
@@ -34,22 +37,38 @@ try:
 except PackageNotFoundError:
     __version__ = "0+unknown"
 
-_LAZY = {"View": "holoview.view", "random_drive": "holoview.view", "simulate": "holoview.view"}
+_LAZY = {
+    "Hologram": "holoview.hologram",
+    "Placement": "holoview.targets.build",
+    "Settings": "holoview.optimise.solve",
+    "View": "holoview.view",
+    "iterate": "holoview.optimise.solve",
+    "load_hologram": "holoview.hologram",
+    "random_drive": "holoview.view",
+    "simulate": "holoview.view",
+    "target_for": "holoview.targets.build",
+}
 
 __all__ = [
+    "Hologram",
     "Modulator",
+    "Placement",
     "Plan",
     "Relay",
     "Sampling",
+    "Settings",
     "Source",
     "System",
     "UserError",
     "View",
     "__version__",
+    "iterate",
     "load",
+    "load_hologram",
     "make_plan",
     "random_drive",
     "simulate",
+    "target_for",
 ]
 
 

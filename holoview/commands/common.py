@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,6 +18,7 @@ from holoview.errors import UserError
 from holoview.system import System
 
 Report = Callable[[int, int, str], None]
+_SECONDS_A_LINE = 10.0
 
 
 def add_system(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
@@ -67,9 +69,28 @@ def say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
+def _lines(title: str) -> Report:
+    next_line = time.monotonic() + _SECONDS_A_LINE
+
+    def report(done: int, total: int, note: str = "") -> None:
+        nonlocal next_line
+        if time.monotonic() >= next_line or done == total:
+            say(f"{title}: {done}/{total} {note}".rstrip())
+            next_line = time.monotonic() + _SECONDS_A_LINE
+
+    return report
+
+
 @contextmanager
 def progress_bar(title: str) -> Iterator[Report]:
-    """A bar on stderr while the block runs; call the yielded function with (done, total, note)."""
+    """A bar on stderr while the block runs; call the yielded function with (done, total, note).
+
+    Where stderr is no terminal, a line every ten seconds instead.
+    """
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _lines(title)
+        return
     columns = (
         TextColumn("{task.description}"),
         BarColumn(bar_width=30),
@@ -79,8 +100,7 @@ def progress_bar(title: str) -> Iterator[Report]:
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console) as bar:
         task = bar.add_task(title, total=1, note="")
 
         def report(done: int, total: int, note: str = "") -> None:
