@@ -6,6 +6,7 @@ import logging
 from collections.abc import Iterator
 
 import pytest
+import torch
 
 from holoview.errors import UserError
 from holoview.gpu.device import Device, open_device
@@ -31,6 +32,15 @@ def wgpu_log() -> Iterator[list[str]]:
     for logger in loggers:
         logger.removeHandler(collector)
     assert not collector.messages, f"wgpu logged: {collector.messages}"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_thread() -> Iterator[None]:
+    """On grids this small, threads that share their cores with other processes mostly wait for each other."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="session")

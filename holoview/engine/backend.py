@@ -26,7 +26,7 @@ def open_executor(
             "backend", f'"{backend}"', expected=" or ".join(BACKENDS), remedy=near_matches(backend, BACKENDS)
         )
     if backend == "torch64":
-        return TorchExecutor(plan, make_slots(plan, drive, double=True), double=True), "torch, complex128"
+        return TorchExecutor(plan, make_slots(plan, drive), double=True), "torch, complex128"
     slots = make_slots(plan, drive)
     if backend == "torch":
         return TorchExecutor(plan, slots), "torch, complex64"

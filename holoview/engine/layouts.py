@@ -22,7 +22,7 @@ WAVE = Struct(
         ("start", "u32"),  # phase of the first sample, 2³² to the turn
     ],
 )
-LIGHT = Struct("Light", [("waves_per_metre", "f32")])
+LIGHT = Struct("Light", [("waves", "f32")])  # a modulator's stroke in wavelengths
 PATH = Struct(
     "Path",
     [

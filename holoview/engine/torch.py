@@ -34,7 +34,7 @@ class TorchExecutor:
 
     def modulate(self, field: torch.Tensor, frame: int, modulator: int, wavelength: int) -> torch.Tensor:
         """field × exp(2πi·opd/λ), (y, x)."""
-        opd = self.slots.opd_m[frame, modulator].to(self._device, self._real)
+        opd = self.slots.opd_m[frame, modulator].to(self._device)
         pixels = phasor(opd, float(self.plan.system.wavelengths_m[wavelength]), self._dtype)
         return field * upsampled(pixels, self.plan.grid.upsample)
 

@@ -80,8 +80,11 @@ class WgpuExecutor:
 
     def modulate(self, field: GpuField, frame: int, modulator: int, wavelength: int) -> GpuField:
         """field × exp(2πi·opd/λ), zero outside the modulator."""
-        light = self._uniform(("light", wavelength), LIGHT, waves_per_metre=self._waves_per_metre(wavelength))
-        opd = self._stored(("opd", frame, modulator), self.slots.opd_m[frame, modulator].float().cpu().numpy())
+        stroke_m = self.plan.system.modulators[modulator].stroke_m
+        waves = stroke_m / float(self.plan.system.wavelengths_m[wavelength])
+        light = self._uniform(("light", modulator, wavelength), LIGHT, waves=waves)
+        strokes = self.slots.opd_m[frame, modulator] / stroke_m  # so that a float32 drive stays exact
+        opd = self._stored(("opd", frame, modulator), strokes.float().cpu().numpy())
         key = ("modulate", frame, modulator, wavelength, field.number)
         buffers = [opd, self._fields[field.number]]
         self._run(key, "stage/modulate.wgsl", LIGHT, [light], buffers, self.plan.grid.padded)
@@ -182,9 +185,6 @@ class WgpuExecutor:
     @property
     def _rows(self) -> tuple[int, int]:
         return self.plan.grid.offset[0], self.plan.grid.shape[0]
-
-    def _waves_per_metre(self, wavelength: int) -> float:
-        return 1.0 / float(self.plan.system.wavelengths_m[wavelength])
 
     def _recording(self) -> Recorder:
         if self._recorder is None:

@@ -31,10 +31,10 @@ def nearest_level(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
 
 
 def phasor(opd_m: torch.Tensor, wavelength_m: float, dtype: torch.dtype) -> torch.Tensor:
-    """exp(2πi·opd/λ), shape of `opd_m`; the turns are taken in the precision of `opd_m`."""
-    turns = opd_m * (1.0 / wavelength_m)
-    phase = (2 * math.pi) * torch.remainder(turns, 1.0)
-    return torch.polar(torch.ones_like(phase), phase).to(dtype)
+    """exp(2πi·opd/λ), shape of `opd_m`. Turns are reduced in the precision of `opd_m`: float64 loses nothing."""
+    phase = (2 * math.pi) * torch.remainder(opd_m * (1.0 / wavelength_m), 1.0)
+    phase = phase.to(torch.float64 if dtype == torch.complex128 else torch.float32)
+    return torch.polar(torch.ones_like(phase), phase)
 
 
 def upsampled(pixels: torch.Tensor, factor: int) -> torch.Tensor:

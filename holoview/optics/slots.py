@@ -19,7 +19,7 @@ from holoview.plan import Plan
 
 @dataclass(frozen=True)
 class Slots:
-    """opd_m (frame, modulator, y, x): optical path of each modulator pixel, m.
+    """opd_m (frame, modulator, y, x) float64: optical path of each modulator pixel, m.
 
     pupils[relay][wavelength]: (P_y, P_x) complex128 or None where the relay neither apodises nor aberrates.
     """
@@ -28,14 +28,14 @@ class Slots:
     pupils: tuple[tuple[torch.Tensor | None, ...], ...]
 
 
-def make_slots(plan: Plan, drive: torch.Tensor | NDArray[np.floating], *, double: bool = False) -> Slots:
+def make_slots(plan: Plan, drive: torch.Tensor | NDArray[np.floating]) -> Slots:
     """The slots of a plan for a drive (frame, modulator, y, x) in 0…1 of the stroke.
 
     Raises UserError when the drive's shape doesn't fit the system, or when it leaves 0…1.
     """
     patterns = drive if isinstance(drive, torch.Tensor) else _as_tensor(drive)
     check_drive(plan, patterns)
-    patterns = patterns.to(torch.float64 if double else torch.float32)
+    patterns = patterns.double()
     modulators = plan.system.modulators
     opd = torch.stack([optical_path(patterns[:, i], modulator) for i, modulator in enumerate(modulators)], dim=1)
     cpu = torch.device("cpu")

@@ -1,4 +1,5 @@
-// A phase modulator: field × exp(2πi·opd/λ) inside, 0 outside. A pixel is a square of constant optical path.
+// A phase modulator: field × exp(2πi·opd/λ) inside, 0 outside. A pixel is a square of constant optical path, given in
+// strokes of the modulator.
 // Twin: holoview/engine/torch.py, modulate.
 //#include "lib/complex.wgsl"
 //#include "lib/grid.wgsl"
@@ -20,7 +21,7 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
         let row = (id.y - grid.offset.x) / grid.upsample;
         let column = (id.x - grid.offset.y) / grid.upsample;
         let path = opd[row * (grid.shape.y / grid.upsample) + column];
-        value = cmul(field[at], cis(path * light.waves_per_metre));
+        value = cmul(field[at], cis(path * light.waves));
     }
     field[at] = value;
 }

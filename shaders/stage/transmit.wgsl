@@ -1,7 +1,7 @@
 // Propagation through a relay: spectrum × H × pupil.
 //   H = exp(−2πi·(z/λ)·A/(1 + √(1 − A))), A = (λ·df_y·k_y)² + (λ·df_x·k_x)²
-// −A/(1+√(1−A)) = −A/2 − A²/(2·(1+√(1−A))²): the first term, hundreds of turns, is exact in fixed point; the second is
-// below two turns and goes in f32. Twin: holoview/engine/torch.py, transmit.
+// −A/(1+√(1−A)) = −A/2 − A²/(2·(1+√(1−A))²): the first term, hundreds of turns, is exact in fixed point; the second
+// goes in f32. It is about (z/λ)·A²/8: at 4 µm samples half a turn at 10 mm, and 8 turns at 200 mm and 700 nm. Twin: holoview/engine/torch.py, transmit.
 //#include "lib/complex.wgsl"
 //#include "lib/fixed.wgsl"
 //#include "lib/grid.wgsl"

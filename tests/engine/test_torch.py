@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -17,15 +16,6 @@ from holoview.system import Modulator, Relay, System
 
 SINGLE_TOLERANCE = 1e-6  # relative L2 of intensity; measured 3e-7 … 5e-7
 DOUBLE_TOLERANCE = 1e-13  # measured up to 2e-14
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread() -> Iterator[None]:
-    """On grids this small, threads that share their cores with other processes mostly wait for each other."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def _system(**changes: Any) -> System:
@@ -46,7 +36,7 @@ def _drive(system: System, seed: int = 0) -> np.ndarray:
 
 def _simulated(system: System, drive: np.ndarray, double: bool = True) -> np.ndarray:
     plan = make_plan(system)
-    return focal_stack(TorchExecutor(plan, make_slots(plan, drive, double=double), double=double))[0]
+    return focal_stack(TorchExecutor(plan, make_slots(plan, drive), double=double))[0]
 
 
 # --- the formulas ---------------------------------------------------------------------------------------------------
@@ -212,7 +202,7 @@ def test_progress_counts_the_wavelengths() -> None:
 def test_the_composite_is_the_observers_sum_over_wavelengths(double: bool, tolerance: float) -> None:
     system = _system()
     plan = make_plan(system)
-    executor = TorchExecutor(plan, make_slots(plan, _drive(system), double=double), double=double)
+    executor = TorchExecutor(plan, make_slots(plan, _drive(system)), double=double)
     intensity, xyz = focal_stack(executor)
     expected = np.moveaxis(intensity.astype(float), 1, -1) @ plan.colour_weights
     assert np.linalg.norm(xyz - expected) <= tolerance * np.linalg.norm(expected)
@@ -233,7 +223,7 @@ def test_gradients_reach_the_drive() -> None:
     plan, start = make_plan(system), torch.from_numpy(_drive(system))
 
     def total(drive: torch.Tensor) -> torch.Tensor:
-        slots = make_slots(plan, drive, double=True)
+        slots = make_slots(plan, drive)
         return TorchExecutor(plan, slots, double=True).differentiable().square().sum()
 
     drive = start.clone().requires_grad_()
@@ -249,5 +239,5 @@ def test_gradients_reach_the_drive() -> None:
 def test_what_gradients_flow_through_is_the_intensity_itself() -> None:
     system = _system()
     plan = make_plan(system)
-    executor = TorchExecutor(plan, make_slots(plan, _drive(system), double=True), double=True)
+    executor = TorchExecutor(plan, make_slots(plan, _drive(system)), double=True)
     np.testing.assert_array_equal(executor.differentiable().numpy(), focal_stack(executor)[0])

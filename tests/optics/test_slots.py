@@ -36,21 +36,20 @@ def _drive(seed: int = 0) -> np.ndarray:
 
 def test_each_modulator_turns_its_own_drive_into_its_own_path() -> None:
     drive = _drive()
-    opd = make_slots(_plan(), drive, double=True).opd_m.numpy()
+    opd = make_slots(_plan(), drive).opd_m.numpy()
     np.testing.assert_allclose(opd[:, 0], drive[:, 0] * 800e-9, rtol=1e-15)
     np.testing.assert_allclose(opd[:, 1], drive[:, 1] * 600e-9, rtol=1e-15)
 
 
 def test_a_modulator_with_levels_shows_the_nearest_ones() -> None:
     drive = _drive()
-    opd = make_slots(_plan(**{"modulators.1.levels": 3}), drive, double=True).opd_m.numpy()
+    opd = make_slots(_plan(**{"modulators.1.levels": 3}), drive).opd_m.numpy()
     np.testing.assert_allclose(opd[:, 0], drive[:, 0] * 800e-9, rtol=1e-15)
     np.testing.assert_allclose(opd[:, 1], np.round(drive[:, 1] * 2) / 2 * 600e-9, rtol=1e-15)
 
 
-@pytest.mark.parametrize(("double", "dtype"), [(False, torch.float32), (True, torch.float64)])
 @pytest.mark.parametrize("kind", ["numpy", "torch", "list", "frozen", "reversed"])
-def test_any_kind_of_array_will_do(kind: str, double: bool, dtype: torch.dtype) -> None:
+def test_any_kind_of_array_will_do_and_becomes_double_precision(kind: str) -> None:
     drive = _drive().astype(np.float32)
     frozen = drive.copy()
     frozen.setflags(write=False)
@@ -61,9 +60,9 @@ def test_any_kind_of_array_will_do(kind: str, double: bool, dtype: torch.dtype) 
         "frozen": frozen,
         "reversed": drive[::-1].copy()[::-1],
     }
-    opd = make_slots(_plan(), kinds[kind], double=double).opd_m
-    assert opd.dtype == dtype
-    torch.testing.assert_close(opd, make_slots(_plan(), drive, double=double).opd_m, rtol=0, atol=0)
+    opd = make_slots(_plan(), kinds[kind]).opd_m
+    assert opd.dtype == torch.float64
+    torch.testing.assert_close(opd, make_slots(_plan(), drive).opd_m, rtol=0, atol=0)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +89,7 @@ def test_a_drive_that_is_no_real_array_is_refused(drive: Any) -> None:
 
 
 def test_the_ends_of_the_stroke_are_allowed() -> None:
-    assert float(make_slots(_plan(), np.ones((2, 2, 3, 4)), double=True).opd_m.max()) == 800e-9
+    assert float(make_slots(_plan(), np.ones((2, 2, 3, 4))).opd_m.max()) == 800e-9
 
 
 def test_only_relays_with_glass_have_pupils() -> None:

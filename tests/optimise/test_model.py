@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -32,15 +31,6 @@ CASES: dict[str, dict[str, Any]] = {
     "periodic": {"propagation": "periodic"},
     "upsampled thrice": {"upsample": 3},
 }
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread() -> Iterator[None]:
-    """On grids this small, threads that share their cores with other processes mostly wait for each other."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def _plan(case: str) -> Plan:
@@ -147,7 +137,7 @@ def test_the_adjoint_in_single_precision_is_near_that_in_double() -> None:
 def test_the_model_sees_what_the_executor_simulates(case: str) -> None:
     plan = _plan(case)
     drive = _random(2, *plan.system.drive_shape)
-    slots = make_slots(plan, drive, double=True)
+    slots = make_slots(plan, drive)
     expected, _ = focal_stack(TorchExecutor(plan, slots, double=True))
     model = Model(plan, double=True)
     found = np.zeros_like(expected)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 import holoview as hv
 from holoview.errors import UserError
@@ -17,15 +15,6 @@ from holoview.hologram import load_hologram
 from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.optimise.solve import Settings, State, iterate
 from holoview.system import Modulator, System
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread() -> Iterator[None]:
-    """On grids this small, threads that share their cores with other processes mostly wait for each other."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def _system(**changes: Any) -> System:

@@ -1,0 +1,58 @@
+"""`holoview export HOLOGRAM`: its patterns as greyscale PNG, one a frame and modulator, to drive real modulators."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.errors import UserError
+from holoview.hologram import load_hologram
+from holoview.pictures import write_pattern, write_png
+from holoview.system import Modulator
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments."""
+    parser.add_argument("hologram", help="a hologram file")
+    parser.add_argument("--png", metavar="DIR", type=Path, required=True, help="folder to write to; made if missing")
+    parser.add_argument("--bits", type=int, choices=(8, 16), default=8, help="grey levels: 0…max stands for 0…stroke")
+    parser.add_argument(
+        "--levels",
+        action="store_true",
+        help="write the modulator's level numbers 0…n-1 in rising order of path instead",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Writes slm1.png, slm2.png, or slm1-frame0.png … with several frames."""
+    hologram = load_hologram(args.hologram)
+    modulators = hologram.system.modulators
+    if args.levels and any(modulator.levels is None for modulator in modulators):
+        raise UserError(
+            "--levels", "the modulators are continuous", expected="modulators with levels", remedy="leave it out"
+        )
+    try:
+        args.png.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(str(args.png), f"can't be made: {error.strerror}", remedy="choose another folder") from error
+    frames = len(hologram.drive)
+    for frame, patterns in enumerate(hologram.drive):
+        for number, (pattern, modulator) in enumerate(zip(patterns, modulators, strict=True), start=1):
+            path = args.png / (f"slm{number}.png" if frames == 1 else f"slm{number}-frame{frame}.png")
+            if args.levels:
+                write_png(path, level_numbers(pattern, modulator), {"holoview.pattern": "level number"})
+            else:
+                write_pattern(path, pattern, args.bits)
+            print(path)
+    return 0
+
+
+def level_numbers(pattern: NDArray[np.float32], modulator: Modulator) -> NDArray[np.uint8 | np.uint16]:
+    """Index (y, x) of the level nearest to each pixel's drive, in rising order of optical path."""
+    assert modulator.levels is not None
+    edges = (modulator.levels[1:] + modulator.levels[:-1]) / 2
+    numbers = np.searchsorted(edges, pattern.astype(np.float64))
+    return numbers.astype(np.uint8 if len(modulator.levels) <= 256 else np.uint16)

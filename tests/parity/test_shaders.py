@@ -1,0 +1,172 @@
+"""Every shader compiles in every permutation; structs and phases reach the stages as the host means them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from holoview.engine import layouts
+from holoview.files import data_dir
+from holoview.gpu.device import Buffer, Device
+from holoview.gpu.layout import Struct
+from holoview.gpu.recorder import Pass, Recorder
+from holoview.gpu.shader import Generated, link
+from holoview.optics.propagate import transfer_function
+from holoview.plan import fixed_turns
+
+pytestmark = pytest.mark.gpu
+
+STRUCTS = {struct.name: struct for struct in vars(layouts).values() if isinstance(struct, Struct)}
+DECLARATIONS = Generated("layouts", "".join(struct.wgsl for struct in STRUCTS.values()))
+SWITCH = re.compile(r"^override (\w+): bool\b", re.MULTILINE)
+NUMBER = re.compile(r"^override (\w+): [ui]32;", re.MULTILINE)
+
+
+def _shaders() -> list[str]:
+    folder = data_dir("shaders")
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.wgsl"))
+
+
+def _permutations() -> Iterator[tuple[str, dict[str, int]]]:
+    """Each shader with each choice of its switches."""
+    for name in _shaders():
+        text = (data_dir("shaders") / name).read_text(encoding="utf-8")
+        switches, numbers = SWITCH.findall(text), NUMBER.findall(text)
+        for chosen in product((False, True), repeat=len(switches)):
+            yield name, dict(zip(switches, chosen, strict=True)) | dict.fromkeys(numbers, 8)
+
+
+def _run(device: Device, text: str, uniforms: list[Buffer], inputs: list[Buffer], out: Buffer, workgroups: int) -> None:
+    pipeline = device.pipeline(link(DECLARATIONS, Generated("probe", text)))
+    recorder = Recorder(device)
+    recorder.add(Pass.bind(device, pipeline, [uniforms, [*inputs, out]], (workgroups, 1, 1)))
+    recorder.submit()
+
+
+# --- compiling ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "constants"),
+    [
+        pytest.param(*found, id=" ".join([found[0], *(k for k, v in found[1].items() if v is True)]))
+        for found in _permutations()
+    ],
+)
+def test_a_shader_compiles_in_every_permutation(device: Device, name: str, constants: dict[str, int]) -> None:
+    is_stage = "@compute" in (data_dir("shaders") / name).read_text(encoding="utf-8")
+    probe = "" if is_stage else "@compute @workgroup_size(1) fn main() {}\n"
+    device.pipeline(link(DECLARATIONS, name, Generated("probe", probe), label=name), constants)
+
+
+def test_the_permutations_cover_every_folder_and_the_pupil() -> None:
+    found = list(_permutations())
+    assert {name.split("/")[0] for name, _ in found} >= {"display", "fft", "lib", "stage"}
+    assert ("stage/transmit.wgsl", {"has_pupil": True}) in found
+    assert ("stage/transmit.wgsl", {"has_pupil": False}) in found
+
+
+# --- structs --------------------------------------------------------------------------------------------------------
+
+
+def _numbers(struct: Struct) -> list[str]:
+    """A WGSL f32 expression for every number in the struct, in order of fields."""
+    return [
+        f"f32(given.{name}{part})"
+        for name, _ in struct.fields
+        for part in ([f".{c}" for c in "xyzw"[: struct.dtype[name].shape[0]]] if struct.dtype[name].shape else [""])
+    ]
+
+
+@pytest.mark.parametrize("name", STRUCTS)
+def test_a_stage_reads_back_every_field_of_its_struct_as_packed(device: Device, name: str) -> None:
+    struct, numbers = STRUCTS[name], _numbers(STRUCTS[name])
+    values, first = {}, 1
+    for field, _ in struct.fields:
+        shape = struct.dtype[field].shape
+        count = int(np.prod(shape))
+        values[field] = np.arange(first, first + count).reshape(shape)
+        first += count
+    lines = "".join(f"    echo[{i}] = {number};\n" for i, number in enumerate(numbers))
+    text = (
+        f"@group(0) @binding(0) var<uniform> given: {name};\n"
+        "@group(1) @binding(0) var<storage, read_write> echo: array<f32>;\n"
+        f"@compute @workgroup_size(1)\nfn main() {{\n{lines}}}\n"
+    )
+    echo = device.buffer(4 * len(numbers), "echo")
+    _run(device, text, [device.uniform(struct.pack(**values), name)], [], echo, 1)
+    assert device.download(echo, np.float32, (len(numbers),)).tolist() == list(range(1, first))
+
+
+# --- phases ---------------------------------------------------------------------------------------------------------
+
+COUNT = 4096
+LARGEST = 8192**2  # n = k² at the largest frequency of the longest transform
+TURNS_TIMES = """//#include "lib/fixed.wgsl"
+@group(1) @binding(0) var<storage, read> n: array<u32>;
+@group(1) @binding(1) var<storage, read> words: array<vec2u>;
+@group(1) @binding(2) var<storage, read_write> found: array<u32>;
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3u) { found[id.x] = turns_times(n[id.x], words[id.x]); }
+"""
+
+
+def _turns_times(device: Device, n: NDArray[np.uint32], words: NDArray[np.uint32]) -> list[int]:
+    inputs = [device.upload(n, "n"), device.upload(words, "words")]
+    out = device.buffer(4 * COUNT, "found")
+    _run(device, TURNS_TIMES, [], inputs, out, COUNT // 64)
+    return [int(found) for found in device.download(out, np.uint32, (COUNT,))]
+
+
+def _factors() -> NDArray[np.uint32]:
+    """Whole numbers to 2²⁶: the largest ones, the seams of 16-bit halves, squares, and random ones."""
+    rng = np.random.default_rng(4)
+    seams = [0, 1, 0xFFFF, 0x10000, 0x10001, LARGEST - 1, LARGEST]
+    squares = rng.integers(0, 8193, COUNT // 2) ** 2
+    rest = rng.integers(0, LARGEST + 1, COUNT - COUNT // 2 - len(seams))
+    return np.concatenate([seams, squares, rest]).astype(np.uint32)
+
+
+def test_a_multiple_of_fixed_point_turns_is_exact_to_its_last_bit(device: Device) -> None:
+    rng, n = np.random.default_rng(5), _factors()
+    words = np.stack([rng.integers(0, 2**32, COUNT), rng.integers(0, 2**16, COUNT)], axis=1).astype(np.uint32)
+    words[:8] = [0xFFFFFFFF, 0xFFFF]
+    for factor, (high, low), found in zip(n.tolist(), words.tolist(), _turns_times(device, n, words), strict=True):
+        assert found == (factor * ((high << 16) + low) >> 16) % 2**32
+
+
+def test_a_multiple_of_a_phase_keeps_22_bits_of_a_turn(device: Device) -> None:
+    rng, n = np.random.default_rng(6), _factors()
+    turns = rng.uniform(-3, 3, COUNT) * 10.0 ** rng.uniform(-9, 0, COUNT)
+    words = np.stack([fixed_turns(t) for t in turns.tolist()])
+    for factor, phase, found in zip(n.tolist(), turns.tolist(), _turns_times(device, n, words), strict=True):
+        off = (Fraction(found, 2**32) - factor * Fraction(phase)) % 1
+        assert min(off, 1 - off) <= Fraction(1, 2**22)
+
+
+PHASE_TOLERANCES = {"10 mm": 4e-7, "200 mm": 5e-6}
+"""Radians; seen 3.4e-7 (the sine's polynomial) and 3.9e-6 (the quartic term in f32, which reaches 2.2 turns)."""
+
+
+@pytest.mark.parametrize("plane", PHASE_TOLERANCES)
+def test_the_phase_of_the_transfer_function_is_that_of_double_precision(
+    both: Callable[..., Any], bench: Callable[..., Any], plane: str
+) -> None:
+    """450 nm at 4 µm a sample, 1024 × 768: up to 1400 turns."""
+    system = bench(shape=[384, 512], propagation="periodic", wavelengths=["450 nm"], amplitudes=[[1.0]], planes=[plane])
+    pair = both(system)
+    plan, distance_m = pair.plan, float(pair.plan.planes_m[0])
+    ones = pair.shaders.put(np.ones(plan.grid.padded, np.complex64), is_spectrum=True)
+    found = pair.shaders.get(pair.shaders.transmit(ones, 1, 0, distance_m)).astype(np.complex128)
+    expected = transfer_function(plan.transfer(1, 0, distance_m), plan.grid, torch.complex128, torch.device("cpu"))
+    difference = np.angle(found * expected.numpy().conj())
+    assert np.abs(difference).max() <= PHASE_TOLERANCES[plane]
+    assert np.abs(np.abs(found) - 1).max() <= 4e-7
