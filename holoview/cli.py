@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import io
 import os
+import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from typing import Any, NoReturn
 
 from holoview import __version__
 from holoview.errors import UserError
@@ -17,33 +20,65 @@ COMMANDS = {
     "info": "show the derived numbers of a preset",
     "render": "render what an observer sees, to PNG",
     "optimise": "find patterns and laser amplitudes for a picture",
+    "export": "write a hologram's patterns as PNG",
     "demo": "make and show a hologram of the shipped picture",
 }
 ALIASES = {"optimize": "optimise"}
 
 
+class _Parser(argparse.ArgumentParser):
+    """Takes "-1mm" for a value rather than an option, and refuses wrong usage in one line like any other mistake."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._negative_number_matcher = re.compile(r"-\.?\d")
+
+    def error(self, message: str) -> NoReturn:
+        raise UserError("", message, remedy=f"see `{self.prog} --help`")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs `holoview` with the arguments (those of the process when None) and returns its exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    args = _parser(given[0] if given else "").parse_args(given)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # "étendue" on a terminal that has no é
     try:
+        args = _parser(given[0] if given else "").parse_args(given)
         code: int = args.run(args)
         sys.stdout.flush()
     except UserError as error:
-        print(f"holoview: {error}", file=sys.stderr)
-        return 2
+        return _refuse(str(error))
     except KeyboardInterrupt:
         print("holoview: interrupted", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:  # e.g. `holoview presets | head -1`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return 0
+    except OSError as error:
+        if error.filename is None:  # standard output itself, e.g. on a full disk
+            _drop_output()
+        return _refuse(f"{error.filename or 'output'}: {error.strerror or error}")
+    except (MemoryError, RuntimeError) as error:
+        if not (isinstance(error, MemoryError) or "can't allocate memory" in str(error)):
+            raise
+        return _refuse("memory: not enough for a grid of this size; choose a smaller shape, upsample or frames")
     return code
+
+
+def _refuse(message: str) -> int:
+    """Says in one line why nothing was done."""
+    print(f"holoview: {' '.join(message.splitlines())}", file=sys.stderr)
+    return 2
+
+
+def _drop_output() -> None:
+    """Lets Python's flush at exit succeed though nobody reads what is left."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser(chosen: str) -> argparse.ArgumentParser:
     """The parser; only the chosen command's module is imported, so that help and lists come at once."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="holoview",
         description="Interactive hologram previewer for polychromatic, dual-modulator displays.",
         epilog="Start with `holoview demo`.",

@@ -11,7 +11,8 @@ from holoview import units
 from holoview.plan import Plan, band_limit, make_plan, walk_off
 from holoview.system import Relay, System
 
-_COMPLEX64 = 8
+_COMPLEX64, _FLOAT32 = 8, 4
+_MOST_KEPT_BYTES = 4 << 30  # as in holoview.optimise.solve, which would bring torch along
 
 
 @dataclass(frozen=True)
@@ -55,9 +56,10 @@ def _diffraction(system: System) -> list[Fact]:
     shortest, longest = float(system.wavelengths_m.min()), float(system.wavelengths_m.max())
     pixels = math.prod(modulator.shape)
     turns = [2 * modulator.stroke_m / λ for λ in (shortest, longest)]
-    angles = [math.degrees(math.asin(min(1.0, λ / (2 * modulator.pitch_m)))) for λ in (shortest, longest)]
-    depth = float(np.ptp(system.planes_m))
-    blur = depth * math.tan(math.radians(angles[1])) / modulator.pitch_m
+    sines = [min(1.0, λ / (2 * modulator.pitch_m)) for λ in (shortest, longest)]
+    angles = [math.degrees(math.asin(sine)) for sine in sines]
+    cone = min(sines[1], 0.999, system.relay2.iris_na or 1.0)
+    blur = float(np.ptp(system.planes_m)) * math.tan(math.asin(cone)) / modulator.pitch_m
     return [
         Fact(
             "diffraction",
@@ -90,8 +92,11 @@ def _cut_offs(plan: Plan) -> list[Fact]:
             out.append(Fact("cut-offs", f"DC block of {name}", f"NA {relay.dc_block_na:g}"))
     longest, farthest = float(system.wavelengths_m.max()), float(plan.planes_m.max())
     limit = min(band_limit(p, dx, longest, farthest) for p in plan.grid.padded)
-    bites = limit < 0.5 / dx and system.sampling.propagation != "periodic"
-    text = f"{limit * 1e-3:.4g} cycles/mm" if bites else "not needed (the kernel doesn't alias)"
+    text = f"{limit * 1e-3:.4g} cycles/mm"
+    if limit >= 0.5 / dx:
+        text = "not needed (the kernel doesn't alias)"
+    elif system.sampling.propagation == "periodic":
+        text = f"none (periodic), though the kernel aliases above {text}"
     return [*out, Fact("cut-offs", "band limit at the farthest plane", text)]
 
 
@@ -128,16 +133,28 @@ def wrap_around(plan: Plan) -> str:
 
 def _memory(plan: Plan) -> list[Fact]:
     field = math.prod(plan.grid.padded) * _COMPLEX64
-    lasers, planes = len(plan.system.wavelengths_m), len(plan.planes_m)
-    stack = lasers * planes * math.prod(plan.grid.shape) * 4
-    optimiser = (
-        lasers * (planes + 1) * field + plan.system.frames * lasers * (planes + 2) * math.prod(plan.grid.shape) * 8
-    )
+    stack = len(plan.system.wavelengths_m) * len(plan.planes_m) * math.prod(plan.grid.shape) * _FLOAT32
     return [
         Fact("memory", "one padded field", _bytes(field)),
         Fact("memory", "focal stack of intensities", _bytes(stack)),
-        Fact("memory", "optimiser", f"about {_bytes(optimiser)}"),
+        Fact("memory", "optimiser", f"about {_bytes(_optimiser_bytes(plan.system))}"),
     ]
+
+
+def _optimiser_bytes(system: System) -> float:
+    """What optimising holds at its peak on the compact grid, within a tenth or so.
+
+    Transfer functions, fields kept for the gradient (unless they are too many), an intensity a laser and frame, and
+    about six colour images: target, result, residual and their intermediates.
+    """
+    plan = make_plan(system.with_(propagation="compact") if system.sampling.propagation == "linear" else system)
+    planes, sources = len(plan.planes_m), len(plan.slopes)
+    padded, shown = (math.prod(shape) * _COMPLEX64 for shape in (plan.grid.padded, plan.grid.shape))
+    lasers = int(np.count_nonzero(plan.weights))
+    transfers = int(np.count_nonzero(plan.weights.any(axis=0))) * (planes + len(system.modulators) - 1) * padded
+    of_one = sources * (planes + len(system.modulators)) * shown
+    kept = lasers * of_one if lasers * of_one <= _MOST_KEPT_BYTES else of_one
+    return transfers + kept + (lasers + 6 * 3) * planes * shown / 2
 
 
 def _bytes(count: float) -> str:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 import time
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -19,6 +21,7 @@ from holoview.system import System
 
 Report = Callable[[int, int, str], None]
 _SECONDS_A_LINE = 10.0
+_LARGEST_SEED = 2**63 - 1
 
 
 def add_system(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
@@ -42,6 +45,33 @@ def add_backend(parser: argparse.ArgumentParser) -> None:
         "--backend", default="auto", help="wgpu (WGSL shaders), torch, torch64, or auto: wgpu where an adapter is found"
     )
     parser.add_argument("--adapter", metavar="NAME", help="part of the name of the WebGPU adapter to use")
+
+
+def seed(text: str) -> int:
+    """The whole number of --random or --seed."""
+    if not text.strip().isdecimal() or int(text) > _LARGEST_SEED:
+        raise argparse.ArgumentTypeError(f"{text}; expected a whole number from 0 to {_LARGEST_SEED}")
+    return int(text)
+
+
+def check_output(path: Path, suffix: str) -> None:
+    """Refuses a file that couldn't be written later, before any time is spent on what goes into it."""
+    if path.suffix.lower() != suffix:
+        raise UserError(str(path), f'the suffix "{path.suffix}"', expected=suffix)
+    if path.is_dir():
+        raise UserError(str(path), "is a folder", expected=f"the name of a {suffix} file to write")
+    if not path.parent.is_dir():
+        raise UserError(str(path), f"the folder {path.parent} doesn't exist", remedy="create it or choose another")
+    try:
+        tempfile.TemporaryFile(dir=path.parent).close()
+    except OSError as error:
+        raise UserError(str(path), f"can't be written: {error.strerror}", remedy="choose another folder") from error
+
+
+def check_backend(args: argparse.Namespace) -> None:
+    """Refuses an adapter for a backend that has none, rather than leave it aside silently."""
+    if args.adapter is not None and args.backend.startswith("torch"):
+        raise UserError("--adapter", f"with --backend {args.backend}", expected="--backend wgpu or auto")
 
 
 def system_of(args: argparse.Namespace) -> System:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 import holoview
 from holoview import preset, units
 from holoview.colour import to_srgb8
-from holoview.commands.common import add_backend, progress_bar, say
+from holoview.commands.common import add_backend, check_backend, check_output, progress_bar, say
 from holoview.commands.optimise import solve
 from holoview.errors import UserError
 from holoview.files import data_dir
@@ -28,11 +28,12 @@ from holoview.report.sheet import Tile, contact_sheet
 from holoview.score import Score, eyebox_of, score
 from holoview.targets.build import Placement, target_for
 from holoview.targets.focal_stack import Target
-from holoview.view import View, simulate
+from holoview.view import View, random_drive, simulate
 
 _DISPLAYS = ("holochrome-8", "simultaneous")
 _HEADS = ("target", "HoloChrome, 8 wavelengths", "simultaneous, 3 wavelengths")
 _OUT_OF_FOCUS_M = 0.014
+_LEAST_SIDE = 16  # the eyebox needs 8 blocks, and there is nothing to see below
 # Details of the still life (x, y, w, h) as shares of the picture: the die in front, the vase behind.
 _FRONT, _BACK = (0.36, 0.68, 0.28, 0.28), (0.70, 0.06, 0.28, 0.28)
 
@@ -61,31 +62,42 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Runs the demonstration and says what was written and what to try next."""
+    started = time.perf_counter()
+    settings = Settings(iterations=args.iterations)
+    changes = {"shape": args.shape} if args.shape else {}
+    systems = [preset.load(name).edit(changes) for name in _DISPLAYS]
+    _check(args, systems[0])
+    target = _still_life(systems[0])
+    shown: list[_Shown] = []
+    for system in systems:
+        found = solve(system, target, settings)
+        if found.interrupted:
+            raise KeyboardInterrupt
+        found.hologram.save(args.output / f"{system.name}.safetensors")
+        shown.append(_show(system.name, found.hologram, target, args))
+    written = [path for display in shown for path in _write_planes(display, args.output)]
+    sheet = args.output / "contact-sheet.png"
+    planes = ", ".join(units.text(z, "mm") for z in target.planes_m)
+    write_png(sheet, _sheet(target, shown), {"holoview.preset": ", ".join(_DISPLAYS), "holoview.plane": planes})
+    _say_results(shown, [sheet, *written], args.output, time.perf_counter() - started)
+    return 0
+
+
+def _check(args: argparse.Namespace, system: holoview.System) -> None:
+    """Refuses now what would otherwise fail after the optimisation: the backend, the size, the folder (made here)."""
+    check_backend(args)
+    rows, columns = system.modulators[0].shape
+    if min(rows, columns) < _LEAST_SIDE:
+        raise UserError("--shape", f"{rows} {columns}", expected=f"at least {_LEAST_SIDE} rows and columns")
+    small = system.edit({"shape": [2, 2]})
+    simulate(small, random_drive(small), backend=args.backend, adapter=args.adapter)
     if args.output.exists() and not args.output.is_dir():
         raise UserError(str(args.output), "is a file", expected="a folder to write to")
     try:
         args.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(str(args.output), f"can't be made: {error.strerror}", remedy="choose another folder") from error
-    started = time.perf_counter()
-    settings = Settings(iterations=args.iterations)
-    target: Target | None = None
-    shown: list[_Shown] = []
-    for name in _DISPLAYS:
-        system = preset.load(name)
-        system = system.edit({"shape": args.shape}) if args.shape else system
-        target = target or _still_life(system)
-        found = solve(system, target, settings)
-        if found.interrupted:
-            raise KeyboardInterrupt
-        found.hologram.save(args.output / f"{name}.safetensors")
-        shown.append(_show(name, found.hologram, target, args))
-    assert target is not None
-    written = [path for display in shown for path in _write_planes(display, args.output)]
-    sheet = args.output / "contact-sheet.png"
-    write_png(sheet, _sheet(target, shown), {"Software": f"holoview {holoview.__version__}"})
-    _say_results(shown, [sheet, *written], args.output, time.perf_counter() - started)
-    return 0
+    check_output(args.output / "contact-sheet.png", ".png")
 
 
 def _still_life(system: holoview.System) -> Target:
@@ -118,7 +130,7 @@ def _write_planes(display: _Shown, folder: Path) -> list[Path]:
             plane = units.text(float(plane_m), "mm")
             path = folder / f"{display.name}-{plane.replace(' ', '')}{note}.png"
             texts = {"holoview.preset": display.name, "holoview.plane": plane, "holoview.backend": view.backend}
-            write_png(path, view.srgb8[i], {"Software": f"holoview {holoview.__version__}", **texts})
+            write_png(path, view.srgb8[i], texts)
             written.append(path)
     return written
 
@@ -167,5 +179,5 @@ def _say_results(shown: list[_Shown], written: list[Path], folder: Path, seconds
         print(f"  {path}")
     print("\ntry next:")
     print(f"  holoview render --hologram {folder / 'holochrome-8.safetensors'} --plane 9.3mm -o seen.png")
-    print("  holoview render holochrome-8 --random 1 --set gap='\"4 mm\"' -o speckle.png")
+    print('  holoview render holochrome-8 --random 1 --set gap="4 mm" -o speckle.png')
     print("  holoview info bench-plm")

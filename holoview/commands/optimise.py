@@ -6,18 +6,24 @@ import argparse
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from holoview import units
-from holoview.commands.common import add_system, progress_bar, say, system_of
+from holoview.commands.common import add_system, check_output, progress_bar, say, seed, system_of
 from holoview.errors import UserError
 from holoview.hologram import Hologram, load_hologram
 from holoview.optimise.solve import Settings, State, iterate
-from holoview.score import Score, eyebox_of, score
+from holoview.score import Region, central_region, eyebox_of, score
 from holoview.system import System
 from holoview.targets.build import Placement, target_for
 from holoview.targets.focal_stack import Target
 from holoview.targets.picture import read_picture
 from holoview.view import simulate
+
+_LEAST_BRIGHTNESS = 1e-6
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--brightness", type=float, default=1.0, help="factor on the picture's linear light")
     parser.add_argument("--iterations", type=int, default=60)
     parser.add_argument("--step", metavar="RAD", type=float, default=1.0, help="first step of the patterns' phase")
-    parser.add_argument("--seed", type=int, default=0, help="of the random phase to begin with")
+    parser.add_argument("--seed", type=seed, default=0, help="of the random phase to begin with")
     parser.add_argument("--start", metavar="FILE", help="a hologram file whose patterns to begin with")
     parser.add_argument(
         "--grid",
@@ -51,8 +57,7 @@ def run(args: argparse.Namespace) -> int:
     """Optimises, saves (also after Ctrl-C: the best so far), and scores on the preset's own grid."""
     system = system_of(args)
     output = args.output or Path(f"{system.name or 'hologram'}-{Path(args.target).stem}.safetensors")
-    if not output.parent.is_dir():
-        raise UserError(str(output), f"the folder {output.parent} doesn't exist", remedy="create it or choose another")
+    check_output(output, ".safetensors")
     settings = Settings(iterations=args.iterations, step_rad=args.step, seed=args.seed)
     target = _target(args, system)
     start = _start(args.start)
@@ -61,8 +66,7 @@ def run(args: argparse.Namespace) -> int:
     if found.interrupted:
         say(f"interrupted after iteration {found.state.iteration}: the best so far is kept in {output}")
         return 130
-    view = simulate(found.hologram.system, found.hologram.drive, backend="torch")
-    _report(args, system, output, found, score(view, target.stack))
+    _report(args, system, output, found, _scored(found.hologram, target))
     return 0
 
 
@@ -107,9 +111,10 @@ def _target(args: argparse.Namespace, system: System) -> Target:
         text = getattr(args, flag)
         return None if text is None else units.parse(text, f"--{flag}")
 
-    if not args.brightness > 0:
-        raise UserError("--brightness", str(args.brightness), expected="a positive factor")
-    if args.depth is None and (args.near or args.far):
+    if not _LEAST_BRIGHTNESS <= args.brightness <= 1 / _LEAST_BRIGHTNESS:
+        expected = f"a factor from {_LEAST_BRIGHTNESS:g} to {1 / _LEAST_BRIGHTNESS:g}"
+        raise UserError("--brightness", f"{args.brightness:g}", expected=expected)
+    if args.depth is None and (args.near is not None or args.far is not None):
         raise UserError("--near/--far", "without --depth", expected="a depth map, or --at for one distance")
     picture = read_picture(args.target)
     for note in picture.notes:
@@ -122,28 +127,45 @@ def _start(path: str | None) -> Hologram | None:
     return None if path is None else load_hologram(path)
 
 
-def _report(args: argparse.Namespace, system: System, output: Path, found: Found, quality: Score) -> None:
-    eyebox = eyebox_of(found.hologram)
+def _scored(hologram: Hologram, target: Target) -> dict[str, Any] | str:
+    """How good the hologram is, on the preset's own grid; in words why that can't be said, e.g. of 4 x 4 pixels."""
+    view = simulate(hologram.system, hologram.drive, backend="torch")
+    try:
+        quality, eyebox = score(view, target.stack, _region(target.stack)), eyebox_of(hologram)
+    except UserError as error:
+        return str(error)
+    return {
+        "psnr_db": quality.psnr.mean_db,
+        "psnr_planes_db": list(quality.psnr.planes_db),
+        "psnr_luminance_db": quality.psnr_luminance.mean_db,
+        "delta_e": quality.delta_e,
+        "speckle_contrast": quality.contrast,
+        "eyebox_uniformity": eyebox.uniformity,
+        "eyebox_variation": eyebox.coefficient_of_variation,
+    }
+
+
+def _region(stack: NDArray[np.floating]) -> Region | None:
+    """Where to judge speckle: the central half, or everything when that is black in some plane."""
+    x, y, w, h = central_region(stack.shape[1:3])
+    lit = stack[:, y : y + h, x : x + w].any(axis=(1, 2, 3)).all()
+    return None if lit else (0, 0, stack.shape[2], stack.shape[1])
+
+
+def _report(args: argparse.Namespace, system: System, output: Path, found: Found, scores: dict[str, Any] | str) -> None:
+    """What was written and how good it is."""
+    state, grid = found.state, found.hologram.system.sampling.propagation
+    if isinstance(scores, str):
+        say(f"note: {output} is saved but can't be scored: {scores}")
+        scores = {}
     if args.json:
-        table = {
-            "preset": system.name,
-            "file": str(output),
-            "iterations": found.state.iteration,
-            "seconds": round(found.state.seconds, 2),
-            "psnr_db": quality.psnr.mean_db,
-            "psnr_planes_db": list(quality.psnr.planes_db),
-            "psnr_luminance_db": quality.psnr_luminance.mean_db,
-            "delta_e": quality.delta_e,
-            "speckle_contrast": quality.contrast,
-            "eyebox_uniformity": eyebox.uniformity,
-            "eyebox_variation": eyebox.coefficient_of_variation,
-        }
-        print(json.dumps(table, indent=2))
+        table = {"preset": system.name, "file": str(output), "iterations": state.iteration}
+        print(json.dumps(table | {"seconds": round(state.seconds, 2)} | scores, indent=2))
         return
-    grid = found.hologram.system.sampling.propagation
-    print(f"{output}: {found.state.iteration} iterations in {found.state.seconds:.1f} s")
-    print(f"PSNR {quality.psnr.mean_db:.2f} dB (linear sRGB, mean over planes, scored on the {grid} grid)")
-    print(f"luminance PSNR {quality.psnr_luminance.mean_db:.2f} dB, mean CIEDE2000 {quality.delta_e:.2f}")
-    print(f"speckle contrast {quality.contrast:.3f}")
-    print(f"eyebox: uniformity {eyebox.uniformity:.2f}, variation {eyebox.coefficient_of_variation:.2f}")
+    print(f"{output}: {state.iteration} iterations in {state.seconds:.1f} s")
+    if scores:
+        print(f"PSNR {scores['psnr_db']:.2f} dB (linear sRGB, mean over planes, scored on the {grid} grid)")
+        print(f"luminance PSNR {scores['psnr_luminance_db']:.2f} dB, mean CIEDE2000 {scores['delta_e']:.2f}")
+        print(f"speckle contrast {scores['speckle_contrast']:.3f}")
+        print(f"eyebox: uniformity {scores['eyebox_uniformity']:.2f}, variation {scores['eyebox_variation']:.2f}")
     print(f"look at it: holoview render --hologram {output} -o seen.png")

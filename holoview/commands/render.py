@@ -11,9 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import holoview
 from holoview import preset, units
-from holoview.commands.common import add_backend, add_system, changed, progress_bar, say
+from holoview.commands.common import (
+    add_backend,
+    add_system,
+    changed,
+    check_backend,
+    check_output,
+    progress_bar,
+    say,
+    seed,
+)
 from holoview.errors import UserError
 from holoview.hologram import Hologram, load_hologram
 from holoview.metrics.speckle import speckle_contrast
@@ -22,20 +30,23 @@ from holoview.score import central_region
 from holoview.system import System
 from holoview.view import View, random_drive, simulate
 
+_MOST_STOPS = 60  # 2^60 is past anything to see, and its square still far inside a float64
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
     add_system(parser, optional=True)
     parser.add_argument("--hologram", metavar="FILE", help="a hologram file; alone, its own bench is used")
+    several: dict[str, Any] = {"nargs": "+", "action": "extend"}
     parser.add_argument(
-        "--slm1", metavar="PNG", nargs="+", help="pattern of modulator 1, one a frame (0…max is 0…stroke)"
+        "--slm1", metavar="PNG", **several, help="pattern of modulator 1, one a frame (0…max is 0…stroke)"
     )
-    parser.add_argument("--slm2", metavar="PNG", nargs="+", help="pattern of modulator 2, one a frame")
+    parser.add_argument("--slm2", metavar="PNG", **several, help="pattern of modulator 2, one a frame")
     parser.add_argument(
-        "--random", metavar="SEED", type=int, help="random patterns: speckle (the default, with seed 0)"
+        "--random", metavar="SEED", type=seed, help="random patterns: speckle (the default, with seed 0)"
     )
     parser.add_argument(
-        "--plane", metavar="DISTANCE", nargs="+", help='e.g. 10mm 11mm, or "all"; the middle plane if absent'
+        "--plane", metavar="DISTANCE", **several, help='e.g. 10mm 11mm, or "all"; the middle plane if absent'
     )
     parser.add_argument("--exposure", metavar="STOPS", type=float, default=0.0, help="brighten by 2^STOPS")
     add_backend(parser)
@@ -48,12 +59,10 @@ def run(args: argparse.Namespace) -> int:
     system, drive = _subject(args)
     planes_m = _planes(args.plane, system)
     output = args.output or Path(f"{system.name or 'holoview'}.png")
-    if output.suffix.lower() != ".png":
-        raise UserError(str(output), f'the suffix "{output.suffix}"', expected=".png")
-    if not output.parent.is_dir():
-        raise UserError(str(output), f"the folder {output.parent} doesn't exist", remedy="create it or choose another")
-    if not np.isfinite(args.exposure):
-        raise UserError("--exposure", str(args.exposure), expected="a finite number of stops")
+    check_output(output, ".png")
+    check_backend(args)
+    if not abs(args.exposure) <= _MOST_STOPS:
+        raise UserError("--exposure", f"{args.exposure:g}", expected=f"from -{_MOST_STOPS} to {_MOST_STOPS} stops")
     started = time.perf_counter()
     with progress_bar("rendering") as report:
         view = simulate(
@@ -76,7 +85,9 @@ def run(args: argparse.Namespace) -> int:
     else:
         print(f"backend: {view.backend} ({seconds:.2f} s)")
         for entry in files:
-            print(f"{entry['plane']}: {entry['file']}  speckle contrast {entry['speckle_contrast']:.3f} (central half)")
+            contrast = entry["speckle_contrast"]
+            speckle = "" if contrast is None else f"  speckle contrast {contrast:.3f} (central half)"
+            print(f"{entry['plane']}: {entry['file']}{speckle}")
     return 0
 
 
@@ -90,7 +101,12 @@ def _subject(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
     if args.hologram:
         return _hologram(args)
     if args.preset is None:
-        raise UserError("PRESET", "is missing", expected="a preset's name or file, or --hologram FILE")
+        raise UserError(
+            "PRESET",
+            "is missing",
+            expected="a preset's name or file, or --hologram FILE",
+            remedy="give it first: behind --plane, --slm1 or --slm2 it is taken for one of their values",
+        )
     system = changed(preset.load(args.preset), args.changes)
     if args.slm1:
         return system, _patterns(args, system)
@@ -121,17 +137,27 @@ def _patterns(args: argparse.Namespace, system: System) -> NDArray[np.float32]:
     frames, modulators = system.drive_shape[:2]
     if len(groups) != modulators or any(len(group) != frames for group in groups):
         found = " and ".join(f"{len(group)} for modulator {i}" for i, group in enumerate(groups, 1))
-        raise UserError("patterns", found, expected=f"{frames} (one a frame) for each of {modulators} modulators")
+        wanted = " and ".join(f"{frames} for --slm{i + 1}" for i in range(modulators))
+        raise UserError("patterns", found, expected=f"{wanted}: one a frame, for each modulator of {system.name}")
     shape = system.modulators[0].shape
     return np.stack([np.stack([read_pattern(path, shape) for path in group]) for group in groups], axis=1)
 
 
 def _planes(asked: list[str] | None, system: System) -> NDArray[np.float64]:
+    """The distances asked for, each once; "all" stands for the bench's own."""
     if not asked:
         return system.planes_m[len(system.planes_m) // 2 :][:1]
-    if asked == ["all"]:
-        return system.planes_m
-    return np.array([units.parse(text, "--plane") for text in asked])
+    planes_m = [z for text in asked for z in (system.planes_m if text == "all" else [_plane(text)])]
+    return np.array(list(dict.fromkeys(planes_m)))
+
+
+def _plane(text: str) -> float:
+    distance_m = units.parse(text, "--plane")
+    if distance_m < 0:
+        raise UserError(
+            "--plane", f"{text} is behind the modulator", expected="0 mm or more, measured the way that the light goes"
+        )
+    return distance_m
 
 
 def _write(view: View, system: System, output: Path, exposure: float) -> list[dict[str, Any]]:
@@ -140,7 +166,6 @@ def _write(view: View, system: System, output: Path, exposure: float) -> list[di
         plane = units.text(float(plane_m), "mm")
         path = output if len(view.planes_m) == 1 else numbered(output, plane.replace(" ", ""))
         texts = {
-            "Software": f"holoview {holoview.__version__}",
             "holoview.preset": system.name,
             "holoview.plane": plane,
             "holoview.exposure": f"{exposure:g} stops",
@@ -148,11 +173,17 @@ def _write(view: View, system: System, output: Path, exposure: float) -> list[di
             "holoview.system": preset.dumps(system),
         }
         luminance = view.xyz[i, ..., 1]
-        contrast = speckle_contrast(luminance, region=central_region(luminance.shape)).contrast
         write_png(path, view.srgb8[i], texts)
-        written.append(
-            {"plane": plane, "file": str(path), "speckle_contrast": contrast, "mean_luminance": float(luminance.mean())}
-        )
+        numbers = {"speckle_contrast": _contrast(luminance), "mean_luminance": float(luminance.mean())}
+        written.append({"plane": plane, "file": str(path), **numbers})
     if np.all(view.srgb8 == 0):
         say("note: every picture is black; raise --exposure or the laser amplitudes")
     return written
+
+
+def _contrast(luminance: NDArray[np.floating]) -> float | None:
+    """Speckle contrast of the central half; None where there is no light."""
+    try:
+        return speckle_contrast(luminance, region=central_region(luminance.shape)).contrast
+    except UserError:
+        return None

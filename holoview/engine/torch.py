@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.engine.frame import run_wavelength
-from holoview.optics.propagate import transfer_function
+from holoview.optics.propagate import relay_response
 from holoview.optics.slm import phasor, upsampled
 from holoview.optics.slots import Slots
 from holoview.optics.source import plane_wave
@@ -97,7 +97,6 @@ class TorchExecutor:
         key = (relay, distance_m)
         if key not in self._transfers:
             step = self.plan.transfer(relay, wavelength, distance_m)
-            h = transfer_function(step, self.plan.grid, torch.complex128, self._device)
             pupil = self.slots.pupils[relay][wavelength]
-            self._transfers[key] = (h if pupil is None else h * pupil.to(self._device)).to(self._dtype)
+            self._transfers[key] = relay_response(step, self.plan.grid, pupil, self._dtype, self._device)
         return self._transfers[key]

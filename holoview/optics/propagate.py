@@ -31,6 +31,15 @@ def transfer_function(transfer: Transfer, grid: Grid, dtype: torch.dtype, device
     return quadrant[ky][:, kx] * support_mask(transfer, kx)
 
 
+def relay_response(
+    transfer: Transfer, grid: Grid, pupil: torch.Tensor | None, dtype: torch.dtype, device: torch.device
+) -> torch.Tensor:
+    """H × pupil of a relay, (P_y, P_x): what a spectrum is multiplied by on its way. A clear relay has no pupil."""
+    if pupil is None:
+        return transfer_function(transfer, grid, dtype, device)
+    return (transfer_function(transfer, grid, torch.complex128, device) * pupil.to(device)).to(dtype)
+
+
 def support_mask(transfer: Transfer, abs_kx: torch.Tensor) -> torch.Tensor:
     """(P_y, P_x) bool: which frequencies pass, from the plan's rows of (smallest, largest) |k_x|."""
     rows = torch.from_numpy(transfer.support).to(abs_kx.device)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import torch
 
-from holoview.optics.propagate import transfer_function
+from holoview.optics.propagate import relay_response
 from holoview.optics.pupil import pupil
 from holoview.optics.slm import phasor, pooled
 from holoview.optics.source import plane_wave
@@ -124,7 +124,6 @@ class Model:
     def _transfer(self, relay: int, wavelength: int, distance_m: float) -> Tensor:
         key = (relay, wavelength, distance_m)
         if key not in self._h:
-            h = transfer_function(self.plan.transfer(*key), self.plan.grid, torch.complex128, self.device)
             glass = pupil(self.plan, relay, wavelength, torch.complex128, self.device)
-            self._h[key] = (h if glass is None else h * glass).to(self.complex)
+            self._h[key] = relay_response(self.plan.transfer(*key), self.plan.grid, glass, self.complex, self.device)
         return self._h[key]
