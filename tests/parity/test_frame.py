@@ -19,7 +19,7 @@ Opened = Callable[..., Any]
 TOLERANCE = 2e-6
 """Relative L2 of the intensity of one wavelength at one plane.
 
-Seen on a CPU adapter (lavapipe, Mesa 22.3) with three random drives each: 3.8e-7 … 9.2e-7, and 1.10e-6 at 200 mm and
+Seen on a CPU adapter (lavapipe, Mesa 22.3) with three random drives each: 4.6e-7 … 8.7e-7, and 1.05e-6 at 200 mm and
 700 nm, where the quartic term of the transfer function, in f32, reaches 8 turns. Torch in complex64: 4e-7 … 6e-7.
 """
 XYZ_TOLERANCE = 1e-6  # relative L2; seen up to 7.7e-7
