@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from holoview import units
+from holoview.optimise.memory import peak_bytes
 from holoview.plan import Plan, band_limit, make_plan, walk_off
 from holoview.system import Relay, System
 
 _COMPLEX64, _FLOAT32 = 8, 4
-_MOST_KEPT_BYTES = 4 << 30  # as in holoview.optimise.solve, which would bring torch along
 
 
 @dataclass(frozen=True)
@@ -137,24 +137,8 @@ def _memory(plan: Plan) -> list[Fact]:
     return [
         Fact("memory", "one padded field", _bytes(field)),
         Fact("memory", "focal stack of intensities", _bytes(stack)),
-        Fact("memory", "optimiser", f"about {_bytes(_optimiser_bytes(plan.system))}"),
+        Fact("memory", "optimiser", f"about {_bytes(peak_bytes(plan.system))}"),
     ]
-
-
-def _optimiser_bytes(system: System) -> float:
-    """What optimising holds at its peak on the compact grid, within a tenth or so.
-
-    Transfer functions, fields kept for the gradient (unless they are too many), an intensity a laser and frame, and
-    about six colour images: target, result, residual and their intermediates.
-    """
-    plan = make_plan(system.with_(propagation="compact") if system.sampling.propagation == "linear" else system)
-    planes, sources = len(plan.planes_m), len(plan.slopes)
-    padded, shown = (math.prod(shape) * _COMPLEX64 for shape in (plan.grid.padded, plan.grid.shape))
-    lasers = int(np.count_nonzero(plan.weights))
-    transfers = int(np.count_nonzero(plan.weights.any(axis=0))) * (planes + len(system.modulators) - 1) * padded
-    of_one = sources * (planes + len(system.modulators)) * shown
-    kept = lasers * of_one if lasers * of_one <= _MOST_KEPT_BYTES else of_one
-    return transfers + kept + (lasers + 6 * 3) * planes * shown / 2
 
 
 def _bytes(count: float) -> str:

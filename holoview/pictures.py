@@ -66,5 +66,5 @@ def read_pattern(path: str | os.PathLike[str], shape: tuple[int, int]) -> NDArra
 
 
 def numbered(path: Path, suffix: str) -> Path:
-    """ "out.png" with "10mm" is "out-10mm.png"."""
+    """The name of one file of several: out.png with 10mm is out-10mm.png."""
     return path.with_name(f"{path.stem}-{suffix}{path.suffix}")

@@ -2,6 +2,7 @@
 
 model       intensities of every laser and frame, and the hand-written adjoint that gives pattern gradients
 amplitudes  laser amplitudes in closed form
+memory      what it all takes
 objective   target, colour space and loss
 solve       the iteration: patterns by Adam, amplitudes by least squares; an iterator of states
 """

@@ -21,14 +21,13 @@ from holoview.hologram import Hologram
 from holoview.optics.slm import nearest_level
 from holoview.optics.slots import check_drive
 from holoview.optimise.amplitudes import solve_amplitudes
+from holoview.optimise.memory import keeps_traces
 from holoview.optimise.model import Model, Trace
 from holoview.optimise.objective import Objective, make_objective
 from holoview.plan import make_plan
 from holoview.system import System
 
 Tensor = torch.Tensor
-
-_TRACE_BUDGET_BYTES = 4 << 30  # above this, fields are propagated again for the gradient instead of being kept
 
 
 @dataclass(frozen=True)
@@ -99,9 +98,7 @@ class _Solver:
         self.step = settings.step_rad * middle / (2 * math.pi * self.stroke_m)
         self.first, self.second = torch.zeros_like(self.drive), torch.zeros_like(self.drive)
         self.amplitudes = np.array(system.amplitudes)
-        fields = len(plan.planes_m) + len(system.modulators)
-        traces = len(self.model.lasers) * self.model.sources
-        self.keep = traces * fields * math.prod(plan.grid.shape) * 8 <= _TRACE_BUDGET_BYTES
+        self.keep = keeps_traces(plan)
 
     def states(self) -> Iterator[State]:
         started, best_loss, best_psnr, best = time.perf_counter(), math.inf, -math.inf, None
