@@ -6,7 +6,7 @@
 
 BIN := .venv/bin
 OUT ?= out/demo
-ITERATIONS ?= 50
+ITERATIONS ?= 40
 
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile

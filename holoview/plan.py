@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from holoview.colour import observer_weights
 from holoview.errors import UserError
 from holoview.grid import frequency_indices, good_size
-from holoview.schema import Array, Number
-from holoview.system import Relay, System
+from holoview.system import PLANES, Relay, System
 
 Pair = tuple[int, int]
 
@@ -158,7 +157,7 @@ def band_limit(padded: int, pitch_m: float, wavelength_m: float, distance_m: flo
 
 
 def _read_planes(planes: Sequence[float | str] | NDArray[np.float64]) -> NDArray[np.float64]:
-    read = Array(Number("mm", low=0.0, high=10.0)).read(planes, "planes")
+    read = PLANES.read(planes, "planes")
     if read is None or len(read) == 0:
         raise UserError("planes", "an empty list", expected="at least one distance")
     return read

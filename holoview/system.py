@@ -25,6 +25,10 @@ Floats = NDArray[np.float64]
 _ANGLE = Number("mrad", low=-1.0, high=1.0)
 _APERTURE = Number(low=1e-5, high=1.0, optional=True)
 _EYE_RANGE_M = (390e-9, 830e-9)
+_LONGEST_M = 1.0  # of any gap or plane: a bare "3" that meant millimetres is refused, not taken for metres
+
+PLANES = Array(Number("mm", low=0.0, high=_LONGEST_M))
+"""Distances of focal planes, measured from the last modulator."""
 
 
 @dataclass(frozen=True)
@@ -158,10 +162,10 @@ class System(_Description):
     wavelengths_m: Floats = param(Array(Number("nm", low=100e-9, high=10e-6)), "Vacuum wavelength of each laser.")
     amplitudes: Floats = param(Array(Number(low=0.0, high=1e6), axes=2), "Relative power of each laser in each frame.")
     modulators: tuple[Modulator, ...] = param(Items(Modulator), "One or two phase modulators.")
-    gap_m: float | None = param(Number("mm", low=0.0, high=10.0, optional=True), "From modulator 1 to 2.", default=None)
-    planes_m: Floats = param(
-        Array(Number("mm", low=0.0, high=10.0)), "Focal planes, measured from the last modulator.", default=(0.01,)
+    gap_m: float | None = param(
+        Number("mm", low=0.0, high=_LONGEST_M, optional=True), "From modulator 1 to 2.", default=None
     )
+    planes_m: Floats = param(PLANES, "Focal planes, measured from the last modulator.", default=(0.01,))
     source: Source = param(Item(Source), "Illumination.", default_factory=Source)
     relay1: Relay = param(Item(Relay), "Between the modulators.", default_factory=Relay)
     relay2: Relay = param(Item(Relay), "From the last modulator to the focal planes.", default_factory=Relay)
@@ -221,7 +225,7 @@ class System(_Description):
         if first.pitch_m != last.pitch_m or first.shape != last.shape:
             raise UserError(
                 "modulators",
-                f"{first.shape} at {first.pitch_m} m and {last.shape} at {last.pitch_m} m",
+                " and ".join(f"{m.shape} at {units.short(m.pitch_m, 'um')}" for m in (first, last)),
                 expected="two modulators of equal shape and pitch (as imaged onto each other by relay 1)",
             )
 

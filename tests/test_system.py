@@ -61,7 +61,7 @@ IMPOSSIBLE: list[tuple[dict[str, Any], tuple[str, ...]]] = [
     ({"gap": NAN}, ("gap: nan",)),
     ({"gap": "2"}, ('gap: "2" has no unit', "2 mm")),
     ({"modulators": [MODULATOR], "gap": MISSING, "relay1": {"iris_na": 0.1}}, ("relay1: ", "use relay2")),
-    ({"modulators": [MODULATOR, MODULATOR | {"pitch": "9 um"}]}, ("modulators: ", "9e-06", "equal shape and pitch")),
+    ({"modulators": [MODULATOR, MODULATOR | {"pitch": "9 um"}]}, ("modulators: ", "9 um", "equal shape and pitch")),
     ({"modulators": [MODULATOR, MODULATOR | {"shape": [6, 6]}]}, ("modulators: ", "(6, 6)", "equal shape and pitch")),
     (_modulators(pitch=MISSING), ("modulators[0].pitch: is missing",)),
     (_modulators(pitch="0.05 um"), ("modulators[0].pitch: 0.05 um", "between 0.1 um and 1000 um")),

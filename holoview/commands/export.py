@@ -38,14 +38,14 @@ def run(args: argparse.Namespace) -> int:
         args.png.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(str(args.png), f"can't be made: {error.strerror}", remedy="choose another folder") from error
-    frames = len(hologram.drive)
+    frames, texts = len(hologram.drive), {"holoview.preset": hologram.system.name}
     for frame, patterns in enumerate(hologram.drive):
         for number, (pattern, modulator) in enumerate(zip(patterns, modulators, strict=True), start=1):
             path = args.png / (f"slm{number}.png" if frames == 1 else f"slm{number}-frame{frame}.png")
             if args.levels:
-                write_png(path, level_numbers(pattern, modulator), {"holoview.pattern": "level number"})
+                write_png(path, level_numbers(pattern, modulator), {"holoview.pattern": "level number", **texts})
             else:
-                write_pattern(path, pattern, args.bits)
+                write_pattern(path, pattern, args.bits, texts)
             print(path)
     return 0
 

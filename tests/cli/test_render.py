@@ -1,0 +1,181 @@
+"""`holoview render`: where patterns come from, which planes, what the PNG carries, and which backend made it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import holoview as hv
+from holoview import preset
+from holoview.gpu.device import Device
+from holoview.hologram import Hologram
+from holoview.pictures import write_pattern
+
+Run = Callable[..., Any]
+
+SHAPE = (24, 32)
+SMALL = ("--set", "shape=[24,32]")
+TORCH = (*SMALL, "--backend", "torch")
+GOLDEN_TOLERANCE = 1
+"""Of 255: complex64 may round to the neighbouring level of complex128."""
+
+
+def _system(name: str = "holochrome-8", **changes: Any) -> hv.System:
+    return hv.load(name).edit({"shape": list(SHAPE)} | changes)
+
+
+def _pixels(path: Path) -> np.ndarray:
+    with Image.open(path) as image:
+        return np.asarray(image).astype(int)
+
+
+def _texts(path: Path) -> dict[Any, Any]:
+    with Image.open(path) as image:
+        return image.info
+
+
+def _assert_golden(path: Path, system: hv.System, drive: np.ndarray, plane: str) -> None:
+    golden = hv.simulate(system, drive, [plane], "torch64").srgb8[0]
+    assert golden.std() > 10, "a flat picture would compare equal to anything flat"
+    assert np.abs(_pixels(path) - golden).max() <= GOLDEN_TOLERANCE
+
+
+def test_the_middle_plane_of_random_patterns_is_the_default(holoview: Run, tmp_path: Path) -> None:
+    outcome = holoview("render", "holochrome-8", *TORCH)
+    assert outcome.code == 0
+    assert outcome.out.startswith("backend: torch, complex64 (")
+    assert "10 mm: holochrome-8.png  speckle contrast 0." in outcome.out
+    system = _system()
+    _assert_golden(tmp_path / "holochrome-8.png", system, hv.random_drive(system, 0), "10 mm")
+
+
+@pytest.mark.gpu
+def test_shaders_render_the_same_picture(holoview: Run, tmp_path: Path, device: Device) -> None:
+    outcome = holoview(
+        "render", "holochrome-8", *SMALL, "--random", 7, "--plane", "9.3mm", "--backend", "wgpu", "-o", "seen.png"
+    )
+    assert outcome.code == 0
+    system = _system()
+    _assert_golden(tmp_path / "seen.png", system, hv.random_drive(system, 7), "9.3 mm")
+
+
+@pytest.mark.gpu
+def test_the_adapter_is_named_and_a_cpu_or_opengl_one_called_so(holoview: Run, device: Device) -> None:
+    out = holoview("render", "holochrome-8", *SMALL, "-o", "seen.png").out
+    assert f"backend: wgpu: {device.info.label} (" in out
+    assert ("a CPU adapter" in out) == device.info.is_cpu
+    assert ("through OpenGL only" in out) == device.info.is_opengl
+
+
+def test_each_plane_is_a_numbered_file_written_once(holoview: Run, tmp_path: Path) -> None:
+    holoview("render", "simultaneous", *TORCH, "--plane", "10mm", "9.5 mm", "--plane", "1cm", "-o", "seen.png")
+    assert {path.name for path in tmp_path.iterdir()} == {"seen-10mm.png", "seen-9.5mm.png"}
+
+
+def test_all_stands_for_the_planes_of_the_bench(holoview: Run) -> None:
+    out = holoview("render", "simultaneous", *TORCH, "--plane", "all", "12mm", "10mm", "-o", "seen.png", "--json").out
+    planes = [entry["plane"] for entry in json.loads(out)["planes"]]
+    assert planes == ["9 mm", "9.5 mm", "10 mm", "10.5 mm", "11 mm", "12 mm"]
+
+
+def test_arguments_may_come_in_any_order(holoview: Run, tmp_path: Path) -> None:
+    first = holoview("render", "simultaneous", *TORCH, "--plane", "10mm", "-o", "a.png")
+    second = holoview("render", "--plane", "10mm", "-o", "b.png", *TORCH, "simultaneous")
+    assert (first.code, second.code) == (0, 0)
+    assert np.array_equal(_pixels(tmp_path / "a.png"), _pixels(tmp_path / "b.png"))
+
+
+def test_the_picture_says_how_it_was_made(holoview: Run, tmp_path: Path) -> None:
+    holoview("render", "simultaneous", *TORCH, "--exposure", "-1.5", "--set", "gap=3 mm", "-o", "seen.png")
+    texts = _texts(tmp_path / "seen.png")
+    assert texts["Software"] == f"holoview {hv.__version__}"
+    assert texts["holoview.preset"] == "simultaneous"
+    assert texts["holoview.plane"] == "10 mm"
+    assert texts["holoview.exposure"] == "-1.5 stops"
+    assert texts["holoview.backend"] == "torch, complex64"
+    assert preset.loads(texts["holoview.system"]) == _system("simultaneous", gap="3 mm")
+
+
+def test_json_says_what_was_made_and_nothing_else_is_on_stdout(holoview: Run) -> None:
+    table = json.loads(holoview("render", "simultaneous", *TORCH, "--json", "-o", "seen.png").out)
+    assert (table["preset"], table["backend"]) == ("simultaneous", "torch, complex64")
+    (entry,) = table["planes"]
+    assert (entry["plane"], entry["file"]) == ("10 mm", "seen.png")
+    assert 0.1 < entry["speckle_contrast"] < 2
+    assert entry["mean_luminance"] > 0
+
+
+def test_two_seeds_give_two_speckles_and_one_seed_gives_one(holoview: Run, tmp_path: Path) -> None:
+    for seed, name in ((1, "a"), (2, "b"), (1, "c")):
+        holoview("render", "simultaneous", *TORCH, "--random", seed, "-o", f"{name}.png")
+    a, b, c = (_pixels(tmp_path / f"{name}.png") for name in "abc")
+    assert np.array_equal(a, c)
+    assert np.abs(a - b).mean() > 10
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_pattern_files_are_shown_as_the_drive_they_hold(holoview: Run, tmp_path: Path, bits: int) -> None:
+    system = _system("simultaneous")
+    levels = 2**bits - 1
+    drive = (np.rint(hv.random_drive(system, 5).astype(np.float64) * levels) / levels).astype(np.float32)
+    for number in (0, 1):
+        write_pattern(tmp_path / f"{number}.png", drive[0, number], bits)
+    holoview("render", "simultaneous", *TORCH, "--slm1", "0.png", "--slm2", "1.png", "-o", "seen.png")
+    _assert_golden(tmp_path / "seen.png", system, drive, "10 mm")
+
+
+def test_several_frames_take_a_pattern_each(holoview: Run, tmp_path: Path) -> None:
+    system = _system("time-sequential-1slm")
+    drive = np.rint(hv.random_drive(system, 2) * 255).astype(np.float32) / np.float32(255)
+    for frame in range(3):
+        write_pattern(tmp_path / f"{frame}.png", drive[frame, 0])
+    arguments = ("--slm1", "0.png", "1.png", "--slm1", "2.png")
+    assert holoview("render", "time-sequential-1slm", *TORCH, *arguments, "-o", "seen.png").code == 0
+    _assert_golden(tmp_path / "seen.png", system, drive, "10 mm")
+
+
+def test_a_hologram_is_shown_on_its_own_bench_or_another_with_its_lasers(holoview: Run, tmp_path: Path) -> None:
+    system = _system("simultaneous", amplitudes=[[0.2, 0.1, 0.3]], gap="1 mm")
+    drive = hv.random_drive(system, 9)
+    Hologram(drive, system).save(tmp_path / "h.safetensors")
+    holoview("render", "--hologram", "h.safetensors", "--backend", "torch", "-o", "own.png")
+    _assert_golden(tmp_path / "own.png", system, drive, "10 mm")
+    assert holoview("render", "holochrome-8", *TORCH, "--hologram", "h.safetensors", "-o", "other.png").code == 0
+    _assert_golden(tmp_path / "other.png", system.with_(gap="2 mm"), drive, "10 mm")
+
+
+def test_a_stop_of_exposure_doubles_the_light(holoview: Run) -> None:
+    def luminance(*arguments: str) -> float:
+        out = holoview("render", "simultaneous", *TORCH, "--json", "-o", "seen.png", *arguments).out
+        return float(json.loads(out)["planes"][0]["mean_luminance"])
+
+    assert luminance("--exposure", "1") == pytest.approx(2 * luminance(), rel=1e-6)
+
+
+def test_a_black_picture_is_written_with_a_note(holoview: Run, tmp_path: Path) -> None:
+    outcome = holoview("render", "simultaneous", *TORCH, "--exposure", "-60", "-o", "seen.png")
+    assert outcome.code == 0
+    assert "every picture is black" in outcome.err
+    assert not _pixels(tmp_path / "seen.png").any()
+
+
+def test_without_any_light_there_is_no_speckle_to_speak_of(holoview: Run, tmp_path: Path) -> None:
+    write_pattern(tmp_path / "flat.png", np.zeros(SHAPE, np.float32))
+    blocked = ("--set", "relay2.dc_block_na=0.9", "--set", "relay2.iris_na=0.91")
+    arguments = ("render", "simultaneous-1slm", *TORCH, *blocked, "--slm1", "flat.png", "-o", "seen.png")
+    assert "speckle" not in holoview(*arguments).out
+    assert json.loads(holoview(*arguments, "--json").out)["planes"][0]["speckle_contrast"] is None
+
+
+def test_auto_says_that_it_took_torch_and_why(holoview: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("holoview.gpu.device.native_adapters", list)
+    outcome = holoview("render", "simultaneous", *SMALL, "-o", "seen.png")
+    assert outcome.code == 0
+    assert "backend: torch, complex64 (chosen because: graphics adapter: none was found; " in outcome.out
+    assert "chosen because" in _texts(tmp_path / "seen.png")["holoview.backend"]

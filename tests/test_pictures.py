@@ -1,0 +1,146 @@
+"""PNG files: patterns come back exactly, texts travel along, and no file is ever half there."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+import sys
+from pathlib import Path
+from typing import Any, NoReturn
+
+import imagecodecs
+import numpy as np
+import pytest
+from PIL import Image
+
+from holoview import __version__
+from holoview.errors import UserError
+from holoview.pictures import numbered, read_pattern, write_pattern, write_png
+
+SHAPE = (6, 9)
+
+
+def _levels(bits: int, seed: int = 0) -> np.ndarray:
+    levels = np.random.default_rng(seed).integers(0, 2**bits, SHAPE)
+    levels[0, :2] = 0, 2**bits - 1
+    return levels
+
+
+def _drive(bits: int) -> np.ndarray:
+    return (_levels(bits) / (2**bits - 1)).astype(np.float32)
+
+
+def _open(path: Path) -> tuple[np.ndarray, dict[Any, Any]]:
+    with Image.open(path) as image:
+        return np.asarray(image), image.info
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_a_pattern_comes_back_exactly(tmp_path: Path, bits: int) -> None:
+    drive = _drive(bits)
+    write_pattern(tmp_path / "a.png", drive, bits)
+    found = read_pattern(tmp_path / "a.png", SHAPE)
+    assert found.dtype == np.float32
+    assert np.array_equal(found, drive)
+
+
+@pytest.mark.parametrize(("bits", "dtype"), [(8, np.uint8), (16, np.uint16)])
+def test_the_file_holds_0_to_max_for_0_to_the_stroke(tmp_path: Path, bits: int, dtype: type) -> None:
+    write_pattern(tmp_path / "a.png", _drive(bits), bits)
+    pixels, texts = _open(tmp_path / "a.png")
+    assert pixels.dtype == dtype
+    assert np.array_equal(pixels, _levels(bits))
+    assert texts["holoview.pattern"] == "0…max is 0…stroke"
+
+
+def test_a_drive_between_two_levels_goes_to_the_nearest(tmp_path: Path) -> None:
+    drive = np.array([[0.4, 0.6, 254.4, 254.6, 255.0]], np.float32) / 255
+    write_pattern(tmp_path / "a.png", drive)
+    assert _open(tmp_path / "a.png")[0].tolist() == [[0, 1, 254, 255, 255]]
+
+
+@pytest.mark.parametrize("kind", ["RGB", "RGBA", "LA", "P"])
+def test_grey_stored_as_colour_is_read_as_grey(tmp_path: Path, kind: str) -> None:
+    Image.fromarray(_levels(8).astype(np.uint8)).convert(kind).save(tmp_path / "a.png")
+    assert np.array_equal(read_pattern(tmp_path / "a.png", SHAPE), _drive(8))
+
+
+def test_16_bit_colour_keeps_its_16_bits(tmp_path: Path) -> None:
+    grey = _levels(16).astype(np.uint16)
+    (tmp_path / "a.png").write_bytes(imagecodecs.png_encode(np.repeat(grey[..., None], 3, axis=-1)))
+    assert np.array_equal(read_pattern(tmp_path / "a.png", SHAPE), _drive(16))
+
+
+@pytest.mark.parametrize("bits", [1, 2, 4])
+def test_few_bits_are_still_0_to_max(tmp_path: Path, bits: int) -> None:
+    levels = np.resize(np.arange(2**bits), SHAPE)
+    palette_free = Image.fromarray((levels * (255 // (2**bits - 1))).astype(np.uint8))
+    palette_free.convert("1" if bits == 1 else "L").save(tmp_path / "a.png")
+    wanted = (levels / (2**bits - 1)).astype(np.float32)
+    assert np.allclose(read_pattern(tmp_path / "a.png", SHAPE), wanted, atol=1e-7)
+
+
+def test_a_pattern_of_another_size_is_refused_with_both_sizes(tmp_path: Path) -> None:
+    write_pattern(tmp_path / "a.png", _drive(8))
+    with pytest.raises(UserError, match=r"a\.png: 9 x 6 pixels; expected 6 x 9 pixels"):
+        read_pattern(tmp_path / "a.png", (9, 6))
+
+
+@pytest.mark.parametrize("wrong", [-0.01, 1.01, np.nan])
+def test_a_drive_outside_the_stroke_is_not_written(tmp_path: Path, wrong: float) -> None:
+    drive = _drive(8)
+    drive[2, 3] = wrong
+    with pytest.raises(UserError, match="outside 0…1"):
+        write_pattern(tmp_path / "a.png", drive)
+    assert not list(tmp_path.iterdir())
+
+
+def test_only_8_and_16_bits_are_written(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="bits: 12; expected 8 or 16"):
+        write_pattern(tmp_path / "a.png", _drive(8), bits=12)
+
+
+def test_texts_of_any_language_and_length_travel_along_with_the_version(tmp_path: Path) -> None:
+    texts = {"holoview.preset": "Bank 3 – λ²", "holoview.plane": "10 mm", "holoview.system": "gap = 1\n" * 100}
+    write_png(tmp_path / "a.png", np.zeros((2, 3, 3), np.uint8), texts)
+    assert _open(tmp_path / "a.png")[1] == {"Software": f"holoview {__version__}"} | texts
+
+
+def test_a_pattern_may_carry_more_texts(tmp_path: Path) -> None:
+    write_pattern(tmp_path / "a.png", _drive(8), texts={"holoview.preset": "mine"})
+    assert _open(tmp_path / "a.png")[1]["holoview.preset"] == "mine"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX permissions")
+@pytest.mark.parametrize("mask", [0o022, 0o077])
+def test_the_file_has_the_permissions_that_the_umask_leaves(tmp_path: Path, mask: int) -> None:
+    before = os.umask(mask)
+    try:
+        write_png(tmp_path / "a.png", np.zeros((2, 3, 3), np.uint8), {})
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a.png").stat().st_mode) == 0o666 & ~mask
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "disk full"), KeyboardInterrupt()])
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException
+) -> None:
+    path = tmp_path / "a.png"
+    write_png(path, np.full((2, 3, 3), 7, np.uint8), {})
+    before = path.read_bytes()
+
+    def half(_: Any, where: Path, **__: Any) -> NoReturn:
+        where.write_bytes(before[:20])
+        raise error
+
+    monkeypatch.setattr("PIL.Image.Image.save", half)
+    with pytest.raises(KeyboardInterrupt if isinstance(error, KeyboardInterrupt) else UserError):
+        write_png(path, np.zeros((2, 3, 3), np.uint8), {})
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_planes_are_numbered_by_their_distance() -> None:
+    assert numbered(Path("a/b.c.png"), "10mm") == Path("a/b.c-10mm.png")
