@@ -35,7 +35,14 @@ def open_executor(
 
     try:
         device = open_device(adapter)
-        return WgpuExecutor(plan, slots, device), f"wgpu: {device.info.label}"
+        try:
+            return WgpuExecutor(plan, slots, device), f"wgpu: {device.info.label}"
+        except UserError as error:
+            size = " x ".join(map(str, reversed(plan.grid.padded)))
+            remedy = (
+                f"{error.remedy}: the grid is {size} from shape, upsample and propagation; or use the torch backend"
+            )
+            raise UserError(error.where, error.found, expected=error.expected, remedy=remedy) from error
     except UserError as error:
         if backend == "wgpu" or adapter is not None:
             raise
