@@ -8,6 +8,8 @@ BIN := .venv/bin
 OUT ?= out/demo
 ITERATIONS ?= 40
 
+export TORCH_INDEX
+
 help:
 	@sed -n 's/^# \(make .*\)/\1/p' Makefile
 

@@ -39,9 +39,7 @@ def open_executor(
             return WgpuExecutor(plan, slots, device), f"wgpu: {device.info.label}"
         except UserError as error:
             size = " x ".join(map(str, reversed(plan.grid.padded)))
-            remedy = (
-                f"{error.remedy}: the grid is {size} from shape, upsample and propagation; or use the torch backend"
-            )
+            remedy = f"{error.remedy}: it is {size}, from shape, upsample and propagation; or use --backend torch"
             raise UserError(error.where, error.found, expected=error.expected, remedy=remedy) from error
     except UserError as error:
         if backend == "wgpu" or adapter is not None:
