@@ -28,7 +28,8 @@ from holoview.system import Modulator, Relay, Sampling, Source, System
 
 if TYPE_CHECKING:
     from holoview.hologram import Hologram, load_hologram
-    from holoview.optimise.solve import Settings, iterate
+    from holoview.optimise.settings import Settings
+    from holoview.optimise.solve import iterate
     from holoview.targets.build import Placement, target_for
     from holoview.view import View, random_drive, simulate
 
@@ -40,7 +41,7 @@ except PackageNotFoundError:
 _LAZY = {
     "Hologram": "holoview.hologram",
     "Placement": "holoview.targets.build",
-    "Settings": "holoview.optimise.solve",
+    "Settings": "holoview.optimise.settings",
     "View": "holoview.view",
     "iterate": "holoview.optimise.solve",
     "load_hologram": "holoview.hologram",

@@ -22,7 +22,7 @@ from holoview.errors import UserError
 from holoview.files import data_dir
 from holoview.hologram import Hologram
 from holoview.metrics.eyebox import EyeboxUniformity
-from holoview.optimise.solve import Settings
+from holoview.optimise.settings import Settings
 from holoview.pictures import write_png
 from holoview.report.sheet import Tile, contact_sheet
 from holoview.score import Score, eyebox_of, score

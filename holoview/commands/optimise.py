@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,10 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview import units
-from holoview.commands.common import add_system, check_output, progress_bar, say, seed, system_of
+from holoview.commands.common import (
+    add_system,
+    check_output,
+    progress_bar,
+    say,
+    seed,
+    stopping_on_interrupt,
+    system_of,
+)
 from holoview.errors import UserError
 from holoview.hologram import Hologram, load_hologram
-from holoview.optimise.solve import Settings, State, iterate
+from holoview.optimise.checkpoint import Checkpoint, load_checkpoint
+from holoview.optimise.settings import Settings
+from holoview.optimise.solve import State, iterate
 from holoview.score import Region, central_region, eyebox_of, score
 from holoview.system import System
 from holoview.targets.build import Placement, target_for
@@ -49,6 +61,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default="compact",
         help="compact (default): padded just enough, about twice as fast; the score uses the preset's own grid",
     )
+    parser.add_argument("--until-psnr", metavar="DB", type=float, default=math.inf, help="stop when it is this good")
+    parser.add_argument("--time", metavar="SECONDS", type=float, default=math.inf, help="stop after this long")
+    parser.add_argument(
+        "--checkpoint", metavar="FILE", type=Path, help="write all that goes on from here, now and then"
+    )
+    parser.add_argument("--checkpoint-every", metavar="SECONDS", type=float, default=30.0)
+    parser.add_argument("--resume", metavar="FILE", type=Path, help="go on from a checkpoint, and keep writing to it")
     parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="hologram file to write (.safetensors)")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
@@ -60,8 +79,7 @@ def run(args: argparse.Namespace) -> int:
     check_output(output, ".safetensors")
     settings = Settings(iterations=args.iterations, step_rad=args.step, seed=args.seed)
     target = _target(args, system)
-    start = _start(args.start)
-    found = solve(system, target, settings, grid=args.grid, start=start)
+    found = solve(system, target, settings, _run(args))
     found.hologram.save(output)
     if found.interrupted:
         say(f"interrupted after iteration {found.state.iteration}: the best so far is kept in {output}")
@@ -79,27 +97,54 @@ class Found:
     interrupted: bool
 
 
-def solve(
-    system: System, target: Target, settings: Settings, *, grid: str = "compact", start: Hologram | None = None
-) -> Found:
+@dataclass(frozen=True)
+class Run:
+    """How to run an optimisation: where it begins, when it ends, and what it writes on the way."""
+
+    grid: str = "compact"
+    start: Hologram | None = None
+    resume: Checkpoint | None = None
+    checkpoint: Path | None = None
+    every_s: float = 30.0
+    until_psnr_db: float = math.inf
+    until_s: float = math.inf
+
+
+_PLAIN = Run()
+
+
+def solve(system: System, target: Target, settings: Settings, run: Run = _PLAIN) -> Found:
     """Runs the optimisation under a progress bar; Ctrl-C ends it with the best so far.
 
-    grid "compact" pads by the walk-off only; the hologram keeps the system's own sampling.
+    On the grid "compact" it pads by the walk-off only; the hologram keeps the system's own sampling.
     """
-    on = system.with_(propagation="compact") if grid == "compact" and _is_linear(system) else system
+    on = system.with_(propagation="compact") if run.grid == "compact" and _is_linear(system) else system
     state: State | None = None
-    interrupted = False
-    with progress_bar(f"optimising {system.name}") as report:
-        try:
-            for state in iterate(on, target.stack, settings, None if start is None else start.drive):
-                report(state.iteration, state.iterations, f"PSNR {state.best_psnr_db:.2f} dB")
-        except KeyboardInterrupt:
-            if state is None:
-                raise
-            interrupted = True
-    assert state is not None
+    start = None if run.start is None else run.start.drive
+    with stopping_on_interrupt() as asked, progress_bar(f"optimising {system.name}") as report:
+        saved = time.monotonic()
+        for state in iterate(on, target.stack, settings, start, run.resume):
+            report(state.iteration, state.iterations, f"PSNR {state.best_psnr_db:.2f} dB")
+            enough = state.best_psnr_db >= run.until_psnr_db or state.seconds >= run.until_s or asked()
+            due = enough or state.iteration == state.iterations or time.monotonic() - saved >= run.every_s
+            if run.checkpoint is not None and due:
+                _save_checkpoint(state, run.checkpoint)
+                saved = time.monotonic()
+            if enough:
+                break
+        interrupted = asked()
+    if state is None:
+        raise UserError("--resume", "the checkpoint is of a finished optimisation", expected="one with iterations left")
     best = state.best.system.edit({"propagation": system.sampling.propagation})
     return Found(Hologram(state.best.drive, best), state, interrupted)
+
+
+def _save_checkpoint(state: State, path: Path) -> None:
+    """A checkpoint that can't be written is no reason to lose the optimisation: the one before stays."""
+    try:
+        state.checkpoint().save(path)
+    except UserError as error:
+        say(f"note: no checkpoint after iteration {state.iteration}: {error}")
 
 
 def _is_linear(system: System) -> bool:
@@ -123,8 +168,25 @@ def _target(args: argparse.Namespace, system: System) -> Target:
     return target_for(system, picture, placement, args.brightness)
 
 
-def _start(path: str | None) -> Hologram | None:
-    return None if path is None else load_hologram(path)
+def _run(args: argparse.Namespace) -> Run:
+    """The run that the arguments describe; UserError for limits that make no sense and files that can't serve."""
+    for flag in ("checkpoint_every", "time", "until_psnr"):
+        if not getattr(args, flag) > 0:
+            raise UserError(f"--{flag.replace('_', '-')}", f"{getattr(args, flag):g}", expected="a positive number")
+    if args.resume and args.start:
+        raise UserError("--resume with --start", "contradict each other", expected="one of them")
+    checkpoint = args.checkpoint or args.resume
+    if checkpoint is not None:
+        check_output(checkpoint, ".safetensors")
+    return Run(
+        grid=args.grid,
+        start=None if args.start is None else load_hologram(args.start),
+        resume=None if args.resume is None else load_checkpoint(args.resume),
+        checkpoint=checkpoint,
+        every_s=args.checkpoint_every,
+        until_psnr_db=args.until_psnr,
+        until_s=args.time,
+    )
 
 
 def _scored(hologram: Hologram, target: Target) -> dict[str, Any] | str:

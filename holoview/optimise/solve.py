@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
@@ -21,38 +21,25 @@ from holoview.hologram import Hologram
 from holoview.optics.slm import nearest_level
 from holoview.optics.slots import check_drive
 from holoview.optimise.amplitudes import solve_amplitudes
+from holoview.optimise.checkpoint import Checkpoint, Progress, digest
 from holoview.optimise.memory import keeps_traces
 from holoview.optimise.model import Model, Trace
 from holoview.optimise.objective import Objective, make_objective
+from holoview.optimise.settings import Settings
 from holoview.plan import make_plan
 from holoview.system import System
 
 Tensor = torch.Tensor
 
-
-@dataclass(frozen=True)
-class Settings:
-    """How to optimise. step_rad: Adam's first step, as phase at the middle wavelength; it falls to zero as a cosine."""
-
-    iterations: int = 60
-    step_rad: float = 1.0
-    betas: tuple[float, float] = (0.9, 0.99)
-    amplitudes_every: int = 10
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        for key, count in (("iterations", self.iterations), ("amplitudes_every", self.amplitudes_every)):
-            if not isinstance(count, int) or count < 1:
-                raise UserError(key, str(count), expected="at least 1")
-        if not 0 < self.step_rad < math.inf:
-            raise UserError("step", str(self.step_rad), expected="a positive phase step")
-        if not all(0 <= beta < 1 for beta in self.betas):
-            raise UserError("betas", str(self.betas), expected="numbers from 0 to below 1")
+_DEFAULT = Settings()
 
 
 @dataclass(frozen=True)
 class State:
-    """Where the optimisation stands after an iteration; `best` is the hologram of least loss so far."""
+    """Where the optimisation stands after an iteration; `best` is the hologram of least loss so far.
+
+    checkpoint() gives all that continues from here; call it before the next state is asked for.
+    """
 
     iteration: int
     iterations: int
@@ -61,60 +48,100 @@ class State:
     best_psnr_db: float
     seconds: float
     best: Hologram
+    checkpoint: Callable[[], Checkpoint] = field(repr=False, compare=False)
 
 
 def iterate(
     system: System,
     stack: NDArray[np.floating],
-    settings: Settings = Settings(),
+    settings: Settings = _DEFAULT,
     start: NDArray[np.float32] | None = None,
+    resume: Checkpoint | None = None,
 ) -> Iterator[State]:
     """Optimises for a focal stack (plane, y, x, 3) in linear sRGB at the system's planes; a state an iteration.
 
-    start: a drive (frame, modulator, y, x) to begin with; uniform random over the stroke when None. Raises UserError
-    when the stack or the drive doesn't fit the system.
+    start: a drive (frame, modulator, y, x) to begin with; uniform random over the stroke when None. resume: a
+    checkpoint to go on from, bit for bit. Raises UserError when the stack, the drive or the checkpoint doesn't fit.
     """
-    return _Solver(system, stack, settings, start).states()
+    return _Solver(system, stack, settings, start, resume).states()
 
 
 class _Solver:
     def __init__(
-        self, system: System, stack: NDArray[np.floating], settings: Settings, start: NDArray[np.float32] | None
+        self,
+        system: System,
+        stack: NDArray[np.floating],
+        settings: Settings,
+        start: NDArray[np.float32] | None,
+        resume: Checkpoint | None,
     ) -> None:
-        self.system, self.settings = system, settings
+        self.system, self.settings, self.target = system, settings, digest(stack)
         plan = make_plan(system)
         self.objective: Objective = make_objective(plan, stack)
         self.model = Model(plan)
-        generator = torch.Generator().manual_seed(settings.seed)
-        self.drive = (
-            torch.rand(system.drive_shape, generator=generator)
-            if start is None
-            else torch.tensor(start, dtype=torch.float32)
-        )
-        check_drive(plan, self.drive)
         strokes = torch.tensor([modulator.stroke_m for modulator in system.modulators])
         self.stroke_m = strokes[None, :, None, None]
         middle = float(np.median(system.wavelengths_m))
         self.step = settings.step_rad * middle / (2 * math.pi * self.stroke_m)
-        self.first, self.second = torch.zeros_like(self.drive), torch.zeros_like(self.drive)
-        self.amplitudes = np.array(system.amplitudes)
         self.keep = keeps_traces(plan)
+        if resume is None:
+            self._begin(start)
+        else:
+            self._go_on(resume)
+        check_drive(plan, self.drive)
+
+    def _begin(self, start: NDArray[np.float32] | None) -> None:
+        if start is None:
+            generator = torch.Generator().manual_seed(self.settings.seed)
+            self.drive = torch.rand(self.system.drive_shape, generator=generator)
+        else:
+            self.drive = torch.tensor(start, dtype=torch.float32)
+        self.first, self.second = torch.zeros_like(self.drive), torch.zeros_like(self.drive)
+        self.amplitudes = np.array(self.system.amplitudes)
+        self.best: Hologram | None = None
+        self.progress = Progress(0, 0.0, math.inf, -math.inf)
+
+    def _go_on(self, resume: Checkpoint) -> None:
+        resume.check(self.system, self.settings, self.target, "checkpoint")
+        self.drive, self.first, self.second = (
+            torch.from_numpy(resume.tensors[name].copy()) for name in ("drive", "first", "second")
+        )
+        self.amplitudes = resume.tensors["amplitudes"].astype(np.float64)
+        best = self.system.edit({"amplitudes": resume.tensors["best_amplitudes"]})
+        self.best = Hologram(resume.tensors["best_drive"].astype(np.float32), best)
+        self.progress = resume.progress
 
     def states(self) -> Iterator[State]:
-        started, best_loss, best_psnr, best = time.perf_counter(), math.inf, -math.inf, None
-        for iteration in range(self.settings.iterations + 1):
+        started = time.perf_counter() - self.progress.seconds
+        for iteration in range(self.progress.iteration, self.settings.iterations + 1):
             last = iteration == self.settings.iterations
             solving = last or iteration % self.settings.amplitudes_every == 0
             shown = self._shown()
             loss, psnr_db, gradient = self._evaluate(shown * self.stroke_m, solving, want_gradient=not last)
             if not math.isfinite(loss):
                 raise UserError("optimisation", f"the loss became {loss}", remedy="lower the step or check the target")
-            if loss < best_loss or best is None:
-                best_loss, best_psnr, best = loss, psnr_db, self._hologram(shown)
+            best = (self.progress.best_loss, self.progress.best_psnr_db)
+            if loss < best[0] or self.best is None:
+                best, self.best = (loss, psnr_db), self._hologram(shown)
             if gradient is not None:
                 self._update(gradient, iteration)
-            seconds = time.perf_counter() - started
-            yield State(iteration, self.settings.iterations, loss, psnr_db, best_psnr, seconds, best)
+            self.progress = Progress(iteration + 1, time.perf_counter() - started, *best)
+            seconds = self.progress.seconds
+            yield State(
+                iteration, self.settings.iterations, loss, psnr_db, best[1], seconds, self.best, self._checkpoint
+            )
+
+    def _checkpoint(self) -> Checkpoint:
+        assert self.best is not None
+        tensors: dict[str, NDArray[np.floating]] = {
+            "drive": self.drive.numpy().copy(),
+            "first": self.first.numpy().copy(),
+            "second": self.second.numpy().copy(),
+            "best_drive": self.best.drive,
+            "amplitudes": self.amplitudes.copy(),
+            "best_amplitudes": np.array(self.best.system.amplitudes),
+        }
+        return Checkpoint(self.system, self.settings, self.target, self.progress, tensors)
 
     def _shown(self) -> Tensor:
         """The stroke fractions that the modulators really show for the current drive."""
