@@ -103,7 +103,7 @@ def test_what_is_no_checkpoint_is_refused(content: bytes | None, tmp_path: Path)
         hv.Hologram(hv.random_drive(system), system).save(path)
     else:
         path.write_bytes(content)
-    with pytest.raises(UserError, match="c.safetensors: .*expected a checkpoint"):
+    with pytest.raises(UserError, match=r"c\.safetensors: .*expected a checkpoint"):
         load_checkpoint(path)
 
 
