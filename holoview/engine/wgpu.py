@@ -7,11 +7,10 @@ the last spectrum survives for the next focal plane. Stages are recorded; readin
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from holoview.engine.layouts import GRID, LIGHT, PATH, RESPONSE, SHARE, WAVE
@@ -21,7 +20,7 @@ from holoview.gpu.layout import Struct
 from holoview.gpu.recorder import Pass, Recorder
 from holoview.gpu.shader import Generated, link
 from holoview.optics.slots import Slots
-from holoview.plan import Plan, fixed_turns
+from holoview.plan import Plan, Transfer, fixed_turns
 
 _WORKGROUP = 64
 _F32, _VEC4 = 4, 16
@@ -70,11 +69,7 @@ class WgpuExecutor:
     def illuminate(self, wavelength: int, source: int) -> GpuField:
         """The plane wave that falls on the first modulator."""
         key = ("wave", wavelength, source)
-        slopes = self.plan.slopes[source, wavelength]
-        start = -float(np.dot(slopes, [(n - 1) / 2 for n in self.plan.grid.shape]))
-        wave = self._uniform(
-            key, WAVE, slope_y=fixed_turns(slopes[0]), slope_x=fixed_turns(slopes[1]), start=fixed_turns(start)[0]
-        )
+        wave = self._uniform(key, WAVE, lambda: self._wave(wavelength, source))
         self._run(key, "stage/illuminate.wgsl", WAVE, [wave], [self._fields[0]], self.plan.grid.padded)
         return GpuField(0)
 
@@ -82,9 +77,8 @@ class WgpuExecutor:
         """field × exp(2πi·opd/λ), zero outside the modulator."""
         stroke_m = self.plan.system.modulators[modulator].stroke_m
         waves = stroke_m / float(self.plan.system.wavelengths_m[wavelength])
-        light = self._uniform(("light", modulator, wavelength), LIGHT, waves=waves)
-        strokes = self.slots.opd_m[frame, modulator] / stroke_m  # so that a float32 drive stays exact
-        opd = self._stored(("opd", frame, modulator), strokes.float().cpu().numpy())
+        light = self._uniform(("light", modulator, wavelength), LIGHT, lambda: {"waves": waves})
+        opd = self._stored(("opd", frame, modulator), lambda: self._strokes(frame, modulator))
         key = ("modulate", frame, modulator, wavelength, field.number)
         buffers = [opd, self._fields[field.number]]
         self._run(key, "stage/modulate.wgsl", LIGHT, [light], buffers, self.plan.grid.padded)
@@ -99,14 +93,12 @@ class WgpuExecutor:
         """spectrum × H × pupil, into the other field."""
         step = self.plan.transfer(relay, wavelength, distance_m)
         key = ("transmit", relay, wavelength, distance_m, spectrum.number)
-        words = step.paraxial_words()
-        sine_step2 = [sine * sine for sine in step.sine_step]
-        path = self._uniform(
-            key[:4], PATH, paraxial_y=words[0], paraxial_x=words[1], sine_step2=sine_step2, waves=step.waves
-        )
-        support = self._stored(("support", *key[1:4]), step.support)
+        path = self._uniform(key[:4], PATH, lambda: _path(step))
+        support = self._stored(("support", *key[1:4]), lambda: step.support)
         pupil = self.slots.pupils[relay][wavelength]
-        glass = self._no_pupil if pupil is None else self._stored(("pupil", relay, wavelength), _complex64(pupil))
+        glass = self._no_pupil
+        if pupil is not None:
+            glass = self._stored(("pupil", relay, wavelength), lambda: pupil.cpu().numpy().astype(np.complex64))
         target = 1 - spectrum.number
         buffers = [*self._frequencies, support, glass, self._fields[spectrum.number], self._fields[target]]
         constants = {"has_pupil": pupil is not None}
@@ -124,7 +116,7 @@ class WgpuExecutor:
 
     def accumulate(self, field: GpuField, plane: int, weight: float) -> None:
         """Adds weight·|field|² to the intensity of a plane."""
-        share = self._uniform(("share", weight), SHARE, weight=weight)
+        share = self._uniform(("share", weight), SHARE, lambda: {"weight": weight})
         key = ("accumulate", field.number, plane, weight)
         buffers = [self._fields[field.number], self._intensity[plane]]
         self._run(key, "stage/accumulate.wgsl", SHARE, [share], buffers, self.plan.grid.shape)
@@ -142,7 +134,7 @@ class WgpuExecutor:
     def composite(self, wavelength: int) -> None:
         """Adds each plane's intensity, at this wavelength, to what the observer sees."""
         weights = self.plan.colour_weights[wavelength]
-        response = self._uniform(("response", wavelength), RESPONSE, xyz=[*weights, 0.0])
+        response = self._uniform(("response", wavelength), RESPONSE, lambda: {"xyz": [*weights, 0.0]})
         for plane, (intensity, seen) in enumerate(zip(self._intensity, self._xyz, strict=True)):
             key = ("composite", wavelength, plane)
             shape = self.plan.grid.shape
@@ -191,14 +183,26 @@ class WgpuExecutor:
             self._recorder = Recorder(self.device, "frame")
         return self._recorder
 
-    def _uniform(self, key: Hashable, layout: Struct, **values: object) -> Buffer:
+    def _wave(self, wavelength: int, source: int) -> dict[str, object]:
+        slopes = self.plan.slopes[source, wavelength]
+        start = -float(np.dot(slopes, [(n - 1) / 2 for n in self.plan.grid.shape]))
+        return {"slope_y": fixed_turns(slopes[0]), "slope_x": fixed_turns(slopes[1]), "start": fixed_turns(start)[0]}
+
+    def _strokes(self, frame: int, modulator: int) -> NDArray[np.float32]:
+        """Optical paths in strokes of the modulator (y, x), so that a float32 drive stays exact."""
+        strokes = self.slots.opd_m[frame, modulator] / self.plan.system.modulators[modulator].stroke_m
+        return strokes.float().cpu().numpy()
+
+    def _uniform(self, key: Hashable, layout: Struct, values: Callable[[], dict[str, object]]) -> Buffer:
+        """The uniform of that key; its values are made at the first call only."""
         if key not in self._kept:
-            self._kept[key] = self.device.uniform(layout.pack(**values), layout.name)
+            self._kept[key] = self.device.uniform(layout.pack(**values()), layout.name)
         return self._kept[key]
 
-    def _stored(self, key: Hashable, array: NDArray[np.generic]) -> Buffer:
+    def _stored(self, key: Hashable, array: Callable[[], NDArray[np.generic]]) -> Buffer:
+        """The storage buffer of that key; its array is made at the first call only."""
         if key not in self._kept:
-            self._kept[key] = self.device.upload(np.ascontiguousarray(array), str(key))
+            self._kept[key] = self.device.upload(np.ascontiguousarray(array()), str(key))
         return self._kept[key]
 
     def _run(
@@ -220,5 +224,7 @@ class WgpuExecutor:
         self._recording().add(self._passes[key])
 
 
-def _complex64(values: torch.Tensor) -> NDArray[np.complex64]:
-    return values.cpu().numpy().astype(np.complex64)
+def _path(step: Transfer) -> dict[str, object]:
+    words = step.paraxial_words()
+    sine_step2 = [sine * sine for sine in step.sine_step]
+    return {"paraxial_y": words[0], "paraxial_x": words[1], "sine_step2": sine_step2, "waves": step.waves}
