@@ -14,12 +14,13 @@ def plane_wave(plan: Plan, wavelength: int, source: int, dtype: torch.dtype, dev
 
     The slopes s (turns a sample) come from the plan; positions count from the grid's centre, (N − 1)/2.
     """
-    slopes = plan.slopes[source, wavelength]
-    y, x = (_turns(n, float(slope), device) for n, slope in zip(plan.grid.shape, slopes, strict=True))
-    phase = 2 * math.pi * (y[:, None] + x[None, :])
-    return torch.polar(torch.ones_like(phase), phase).to(dtype)
+    sides = zip(plan.grid.shape, plan.slopes[source, wavelength], strict=True)
+    y, x = (_wave(n, float(slope), device) for n, slope in sides)
+    return (y[:, None] * x[None, :]).to(dtype)
 
 
-def _turns(n: int, slope: float, device: torch.device) -> torch.Tensor:
+def _wave(n: int, slope: float, device: torch.device) -> torch.Tensor:
+    """exp(2πi·slope·position) along one side, (n,) complex128: the wave over both sides is a product of two."""
     turns = (torch.arange(n, dtype=torch.float64) - (n - 1) / 2) * slope
-    return torch.remainder(turns, 1.0).to(device)
+    phase = (2 * math.pi) * torch.remainder(turns, 1.0)
+    return torch.polar(torch.ones_like(phase), phase).to(device)
