@@ -70,6 +70,18 @@ def check_output(path: Path, suffix: str) -> None:
         raise UserError(str(path), f"can't be written: {error.strerror}", remedy="choose another folder") from error
 
 
+def make_folder(path: Path) -> None:
+    """Makes a folder to write to, if it is missing."""
+    if path.exists() and not path.is_dir():
+        raise UserError(
+            str(path), "can't be made: it is a file", expected="a folder to write to", remedy="choose another folder"
+        )
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(str(path), f"can't be made: {error.strerror}", remedy="choose another folder") from error
+
+
 def check_backend(args: argparse.Namespace) -> None:
     """Refuses an adapter for a backend that has none, rather than leave it aside silently."""
     if args.adapter is not None and args.backend.startswith("torch"):

@@ -16,14 +16,16 @@ from numpy.typing import NDArray
 import holoview
 from holoview import preset, units
 from holoview.colour import to_srgb8
-from holoview.commands.common import add_backend, check_backend, check_output, progress_bar, say
+from holoview.commands.common import add_backend, check_backend, check_output, make_folder, progress_bar, say
 from holoview.commands.optimise import solve
+from holoview.engine.backend import open_executor
 from holoview.errors import UserError
 from holoview.files import data_dir
 from holoview.hologram import Hologram
 from holoview.metrics.eyebox import EyeboxUniformity
 from holoview.optimise.settings import Settings
 from holoview.pictures import write_png
+from holoview.plan import make_plan
 from holoview.report.sheet import Tile, contact_sheet
 from holoview.score import Score, eyebox_of, score
 from holoview.targets.build import Placement, target_for
@@ -90,13 +92,8 @@ def _check(args: argparse.Namespace, system: holoview.System) -> None:
     if min(rows, columns) < _LEAST_SIDE:
         raise UserError("--shape", f"{rows} {columns}", expected=f"at least {_LEAST_SIDE} rows and columns")
     small = system.edit({"shape": [2, 2]})
-    simulate(small, random_drive(small), backend=args.backend, adapter=args.adapter)
-    if args.output.exists() and not args.output.is_dir():
-        raise UserError(str(args.output), "is a file", expected="a folder to write to")
-    try:
-        args.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(str(args.output), f"can't be made: {error.strerror}", remedy="choose another folder") from error
+    open_executor(make_plan(small), random_drive(small), args.backend, args.adapter)
+    make_folder(args.output)
     check_output(args.output / "contact-sheet.png", ".png")
 
 
@@ -146,18 +143,17 @@ def _sheet(target: Target, shown: list[_Shown]) -> NDArray[np.uint8]:
         (last, _BACK, "back"),
         (0, _BACK, "back"),
     ):
-        where = units.short(target.planes_m[plane], "mm")
-        row = [Tile(_cut(wanted[plane], region), f"{what}, focus at {where}")]
+        focus = f"{what}, focus at {units.short(target.planes_m[plane], 'mm')}"
+        row = [Tile(_cut(wanted[plane], region), focus)]
         for display in shown:
-            quality = display.quality
-            numbers = (
-                f"PSNR {quality.psnr.planes_db[plane]:.1f} dB, speckle contrast {quality.speckle[plane].contrast:.2f}"
-            )
-            row.append(
-                Tile(_cut(display.view.srgb8[plane], region), numbers if what == "all" else f"{what}, focus at {where}")
-            )
+            caption = _figures(display.quality, plane) if what == "all" else focus
+            row.append(Tile(_cut(display.view.srgb8[plane], region), caption))
         rows.append(row)
     return contact_sheet("One frame, two phase modulators: what the eye sees", _HEADS, rows)
+
+
+def _figures(quality: Score, plane: int) -> str:
+    return f"PSNR {quality.psnr.planes_db[plane]:.1f} dB, speckle contrast {quality.speckle[plane].contrast:.2f}"
 
 
 def _cut(picture: NDArray[np.uint8], region: tuple[float, float, float, float]) -> NDArray[np.uint8]:

@@ -6,10 +6,13 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
+from holoview.commands.common import make_folder
 from holoview.errors import UserError
 from holoview.hologram import load_hologram
+from holoview.optics.slm import level_numbers
 from holoview.pictures import write_pattern, write_png
 from holoview.system import Modulator
 
@@ -34,25 +37,21 @@ def run(args: argparse.Namespace) -> int:
         raise UserError(
             "--levels", "the modulators are continuous", expected="modulators with levels", remedy="leave it out"
         )
-    try:
-        args.png.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(str(args.png), f"can't be made: {error.strerror}", remedy="choose another folder") from error
+    make_folder(args.png)
     frames, texts = len(hologram.drive), {"holoview.preset": hologram.system.name}
     for frame, patterns in enumerate(hologram.drive):
         for number, (pattern, modulator) in enumerate(zip(patterns, modulators, strict=True), start=1):
             path = args.png / (f"slm{number}.png" if frames == 1 else f"slm{number}-frame{frame}.png")
             if args.levels:
-                write_png(path, level_numbers(pattern, modulator), {"holoview.pattern": "level number", **texts})
+                write_png(path, _numbers(pattern, modulator), {"holoview.pattern": "level number", **texts})
             else:
                 write_pattern(path, pattern, args.bits, texts)
             print(path)
     return 0
 
 
-def level_numbers(pattern: NDArray[np.float32], modulator: Modulator) -> NDArray[np.uint8 | np.uint16]:
-    """Index (y, x) of the level nearest to each pixel's drive, in rising order of optical path."""
+def _numbers(pattern: NDArray[np.float32], modulator: Modulator) -> NDArray[np.uint8 | np.uint16]:
+    """Level number (y, x) of each pixel."""
     assert modulator.levels is not None
-    edges = (modulator.levels[1:] + modulator.levels[:-1]) / 2
-    numbers = np.searchsorted(edges, pattern.astype(np.float64))
+    numbers = level_numbers(torch.from_numpy(pattern).double(), modulator).numpy()
     return numbers.astype(np.uint8 if len(modulator.levels) <= 256 else np.uint16)

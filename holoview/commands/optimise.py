@@ -26,6 +26,7 @@ from holoview.commands.common import (
 from holoview.errors import UserError
 from holoview.hologram import Hologram, load_hologram
 from holoview.optimise.checkpoint import Checkpoint, load_checkpoint
+from holoview.optimise.memory import on_compact_grid
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import State, iterate
 from holoview.score import Region, central_region, eyebox_of, score
@@ -118,7 +119,7 @@ def solve(system: System, target: Target, settings: Settings, run: Run = _PLAIN)
 
     On the grid "compact" it pads by the walk-off only; the hologram keeps the system's own sampling.
     """
-    on = system.with_(propagation="compact") if run.grid == "compact" and _is_linear(system) else system
+    on = on_compact_grid(system) if run.grid == "compact" else system
     state: State | None = None
     start = None if run.start is None else run.start.drive
     with stopping_on_interrupt() as asked, progress_bar(f"optimising {system.name}") as report:
@@ -145,10 +146,6 @@ def _save_checkpoint(state: State, path: Path) -> None:
         state.checkpoint().save(path)
     except UserError as error:
         say(f"note: no checkpoint after iteration {state.iteration}: {error}")
-
-
-def _is_linear(system: System) -> bool:
-    return system.sampling.propagation == "linear"
 
 
 def _target(args: argparse.Namespace, system: System) -> Target:

@@ -24,10 +24,20 @@ def nearest_level(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
     """
     if modulator.levels is None:
         return drive
-    levels = torch.as_tensor(modulator.levels.copy(), dtype=drive.dtype, device=drive.device)
-    edges = (levels[1:] + levels[:-1]) / 2
-    shown = levels[torch.bucketize(drive.detach().contiguous(), edges)]
+    levels = _levels(drive, modulator)
+    shown = levels[level_numbers(drive, modulator)]
     return drive + (shown - drive).detach() if drive.requires_grad else shown
+
+
+def level_numbers(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
+    """Index of the nearest level of a modulator that has levels, in rising order of optical path, shape of `drive`."""
+    levels = _levels(drive, modulator)
+    return torch.bucketize(drive.detach().contiguous(), (levels[1:] + levels[:-1]) / 2)
+
+
+def _levels(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
+    assert modulator.levels is not None
+    return torch.as_tensor(modulator.levels.copy(), dtype=drive.dtype, device=drive.device)
 
 
 def phasor(opd_m: torch.Tensor, wavelength_m: float, dtype: torch.dtype) -> torch.Tensor:
