@@ -11,7 +11,7 @@ system shorthand preset  the bench as data, and as TOML
 grid plan                FFT conventions; every derived number
 optics engine gpu        elements in torch; two executors of a plan; WebGPU plumbing
 colour metrics targets   the eye; PSNR, ΔE, speckle, eyebox; pictures to focal stacks
-optimise hologram        finding patterns; the file that holds them
+optimise hologram        finding patterns; the file that holds them (tensors: how such files are read)
 view cli                 what is seen; the command line
 """
 

@@ -10,21 +10,23 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
 
 from holoview import preset
 from holoview.errors import UserError
-from holoview.files import replacing
 from holoview.system import System
+from holoview.tensors import TensorFormat
 
 FORMAT, VERSION = "holoview-hologram", "1"
-_TENSORS = ("drive", "amplitudes", "wavelengths")
-_WHAT = "a hologram file that holoview wrote (safetensors)"
+_FILE = TensorFormat(
+    name=FORMAT,
+    version=VERSION,
+    what="a hologram file that holoview wrote (safetensors)",
+    tensors=("drive", "amplitudes", "wavelengths"),
+    texts=("system",),
+)
 
 
 @dataclass(frozen=True)
@@ -44,29 +46,17 @@ class Hologram:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the file, whole or not at all."""
-        tensors = {
-            "drive": np.ascontiguousarray(self.drive, dtype=np.float32),
-            "amplitudes": np.array(self.system.amplitudes),
-            "wavelengths": np.array(self.system.wavelengths_m),
+        tensors: dict[str, NDArray[np.floating]] = {
+            "drive": self.drive.astype(np.float32),
+            "amplitudes": self.system.amplitudes,
+            "wavelengths": self.system.wavelengths_m,
         }
-        metadata = {"format": FORMAT, "version": VERSION, "system": preset.dumps(self.system)}
-        with replacing(path) as temporary:
-            save_file(tensors, temporary, metadata=metadata)
+        _FILE.write(path, tensors, {"system": preset.dumps(self.system)})
 
 
 def load_hologram(path: str | os.PathLike[str]) -> Hologram:
     """Reads a hologram file. Raises UserError when it is missing, damaged, of another format, or contradicts itself."""
-    if not Path(path).is_file():
-        raise UserError(str(path), "no such file", expected=_WHAT)
-    try:
-        with safe_open(path, framework="numpy") as file:
-            metadata = file.metadata() or {}
-            _check_contents(path, metadata, set(file.keys()))
-            tensors = {name: file.get_tensor(name) for name in _TENSORS}
-    except (SafetensorError, OSError, ValueError, TypeError, AttributeError) as error:
-        if isinstance(error, UserError):
-            raise
-        raise UserError(str(path), f"can't be read: {error}", expected=_WHAT) from error
+    tensors, metadata = _FILE.read(path)
     system = preset.loads(metadata["system"], f"{path}: system")
     for name, known in (("wavelengths", system.wavelengths_m), ("amplitudes", system.amplitudes)):
         if not np.array_equal(tensors[name], known):
@@ -78,13 +68,3 @@ def load_hologram(path: str | os.PathLike[str]) -> Hologram:
         return Hologram(drive.astype(np.float32), system)
     except UserError as error:
         raise error.inside(f"{path}: ") from error
-
-
-def _check_contents(path: str | os.PathLike[str], metadata: dict[str, str], names: set[str]) -> None:
-    """UserError unless the header is that of a hologram, before any tensor is read."""
-    if metadata.get("format") != FORMAT or metadata.get("version") != VERSION:
-        found = f'format "{metadata.get("format", "none")}", version {metadata.get("version", "none")}'
-        raise UserError(str(path), found, expected=f'format "{FORMAT}", version {VERSION}')
-    missing = set(_TENSORS) - names
-    if missing or "system" not in metadata:
-        raise UserError(str(path), f"lacks {', '.join(sorted(missing)) or 'its system'}", expected=_WHAT)

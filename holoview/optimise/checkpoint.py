@@ -14,22 +14,23 @@ import json
 import os
 import tomllib
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
 
 from holoview import preset
 from holoview.errors import UserError
-from holoview.files import replacing
 from holoview.optimise.settings import Settings
 from holoview.system import System
+from holoview.tensors import TensorFormat
 
-_FORMAT, _VERSION = "holoview-checkpoint", "1"
-_TENSORS = ("drive", "first", "second", "best_drive", "amplitudes", "best_amplitudes")
-_WHAT = "a checkpoint that `holoview optimise` wrote"
+_FORMAT = TensorFormat(
+    name="holoview-checkpoint",
+    version="1",
+    what="a checkpoint that `holoview optimise` wrote",
+    tensors=("drive", "first", "second", "best_drive", "amplitudes", "best_amplitudes"),
+    texts=("system", "settings", "progress", "target"),
+)
 
 
 @dataclass(frozen=True)
@@ -54,16 +55,13 @@ class Checkpoint:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the file, whole or not at all: the one before stays until then."""
-        metadata = {
-            "format": _FORMAT,
-            "version": _VERSION,
+        texts = {
             "system": preset.dumps(self.system),
             "settings": json.dumps(dataclasses.asdict(self.settings)),
             "progress": json.dumps(dataclasses.asdict(self.progress)),
             "target": self.target,
         }
-        with replacing(path) as temporary:
-            save_file({name: np.ascontiguousarray(self.tensors[name]) for name in _TENSORS}, temporary, metadata)
+        _FORMAT.write(path, self.tensors, texts)
 
     def check(self, system: System, settings: Settings, target: str, where: str) -> None:
         """UserError that names what differs, unless the checkpoint is of this system, settings and target."""
@@ -82,23 +80,17 @@ class Checkpoint:
 
 def load_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     """Reads a checkpoint. Raises UserError when it is missing, damaged, or no checkpoint."""
-    if not Path(path).is_file():
-        raise UserError(str(path), "no such file", expected=_WHAT)
+    tensors, texts = _FORMAT.read(path)
+    system = preset.loads(texts["system"], f"{path}: system")
     try:
-        with safe_open(path, framework="numpy") as file:
-            metadata = file.metadata() or {}
-            if (metadata.get("format"), metadata.get("version")) != (_FORMAT, _VERSION):
-                raise UserError(str(path), f'format "{metadata.get("format", "none")}"', expected=_WHAT)
-            tensors = {name: file.get_tensor(name) for name in _TENSORS}
-        settings = json.loads(metadata["settings"])
+        settings = json.loads(texts["settings"])
         settings["betas"] = tuple(settings["betas"])
-        progress = Progress(**json.loads(metadata["progress"]))
-        system = preset.loads(metadata["system"], f"{path}: system")
-        return Checkpoint(system, Settings(**settings), metadata["target"], progress, tensors)
+        progress = Progress(**json.loads(texts["progress"]))
+        return Checkpoint(system, Settings(**settings), texts["target"], progress, tensors)
     except UserError:
         raise
-    except (SafetensorError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise UserError(str(path), f"can't be read: {error}", expected=_WHAT) from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise UserError(str(path), f"can't be read: {error}", expected=_FORMAT.what) from error
 
 
 def digest(stack: NDArray[np.floating]) -> str:

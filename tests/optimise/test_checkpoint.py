@@ -88,7 +88,7 @@ def test_a_checkpoint_that_fails_to_be_written_leaves_the_one_before(
         Path(file).write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("holoview.optimise.checkpoint.save_file", full)
+    monkeypatch.setattr("holoview.tensors.save_file", full)
     with pytest.raises(UserError, match="No space left"):
         _stopped_after(4).save(path)
     assert path.read_bytes() == before
