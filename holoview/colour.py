@@ -16,6 +16,7 @@ read.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -42,10 +43,15 @@ def _xyz_of_chromaticity(x: float, y: float) -> list[float]:
     return [x / y, 1.0, (1.0 - x - y) / y]
 
 
-def _srgb_to_xyz() -> FloatArray:
-    """The matrix that takes (1, 1, 1) to D65 and each channel to its primary's chromaticity (IEC 61966-2-1)."""
-    primaries = np.array([_xyz_of_chromaticity(*xy) for xy in ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06))]).T
-    return primaries * np.linalg.solve(primaries, D65_WHITE)
+def rgb_to_xyz(chromaticities: Sequence[tuple[float, float]]) -> FloatArray:
+    """The matrix that takes (1, 1, 1) to D65 and each channel to its primary's chromaticity.
+
+    chromaticities: (x, y) of red, green, blue and, after them, of a white that isn't needed: every white is shown as
+    that of the display.
+    """
+    primaries = np.array([_xyz_of_chromaticity(*xy) for xy in chromaticities[:3]]).T
+    matrix: FloatArray = primaries * np.linalg.solve(primaries, D65_WHITE)
+    return matrix
 
 
 LMS_TO_XYZ = _constant([[1.94735469, -1.41445123, 0.36476327], [0.68990272, 0.34832189, 0.0], [0.0, 0.0, 1.93485343]])
@@ -54,8 +60,9 @@ LMS_TO_XYZ = _constant([[1.94735469, -1.41445123, 0.36476327], [0.68990272, 0.34
 D65_WHITE = _constant(_xyz_of_chromaticity(0.3127, 0.3290))
 """XYZ of the sRGB white (x = 0.3127, y = 0.3290), Y = 1."""
 
-SRGB_TO_XYZ = _constant(_srgb_to_xyz())
-"""Linear sRGB to XYZ in float64; the standard prints it rounded to four decimals, which would tint white by 1e-4."""
+SRGB_TO_XYZ = _constant(rgb_to_xyz([(0.64, 0.33), (0.30, 0.60), (0.15, 0.06)]))
+"""Linear sRGB (IEC 61966-2-1) to XYZ in float64; the standard prints it rounded to four decimals,
+which would tint white by 1e-4."""
 
 XYZ_TO_SRGB = _constant(np.linalg.inv(SRGB_TO_XYZ))
 """XYZ to linear sRGB: the exact inverse of `SRGB_TO_XYZ`."""

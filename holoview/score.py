@@ -15,8 +15,9 @@ from holoview.metrics.delta_e import delta_e_linear_srgb
 from holoview.metrics.eyebox import EyeboxUniformity, eyebox_uniformity
 from holoview.metrics.psnr import Psnr, psnr_linear_srgb, psnr_luminance
 from holoview.metrics.speckle import SpeckleContrast, speckle_contrast
+from holoview.optics.first_order import BLOCKS, first_order
 from holoview.optics.slots import make_slots
-from holoview.plan import Plan, make_plan
+from holoview.plan import make_plan
 from holoview.view import View
 
 Region = tuple[int, int, int, int]
@@ -58,6 +59,13 @@ def central_region(shape: tuple[int, ...]) -> Region:
     return columns // 4, rows // 4, columns // 2, rows // 2
 
 
+def halfway(planes_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distances in the middle between neighbouring planes."""
+    ordered = np.unique(planes_m)
+    middle: NDArray[np.float64] = (ordered[1:] + ordered[:-1]) / 2
+    return middle
+
+
 def eyebox_of(hologram: Hologram) -> EyeboxUniformity:
     """Uniformity of the light behind relay 2's stops, over the modulator's first order.
 
@@ -74,18 +82,5 @@ def eyebox_of(hologram: Hologram) -> EyeboxUniformity:
             for source in range(len(plan.slopes)):
                 spectrum = last_spectrum(executor, wavelength, frame, source)
                 power += weight * stop * spectrum.abs().square().numpy()
-    return eyebox_uniformity(*_first_order(plan, power))
-
-
-def _first_order(plan: Plan, power: NDArray[np.floating]) -> tuple[NDArray[np.floating], int, NDArray[np.floating]]:
-    """The first order of a spectrum, its zero frequency in the middle; blocks; the sampled pixel's envelope.
-
-    A pixel of u samples has the envelope (sin(πuf)/(u·sin(πf)))², f in cycles a sample: sinc² as u grows.
-    """
-    shifted = np.fft.fftshift(power)
-    sides = [p // plan.grid.upsample for p in plan.grid.padded]
-    cut = tuple(slice(p // 2 - n // 2, p // 2 - n // 2 + n) for p, n in zip(plan.grid.padded, sides, strict=True))
-    upsample = plan.grid.upsample
-    cycles = [(np.arange(n) - n // 2) / p for n, p in zip(sides, plan.grid.padded, strict=True)]
-    y, x = ((np.sinc(upsample * f) / np.sinc(f)) ** 2 for f in cycles)
-    return shifted[cut], 8, y[:, None] * x[None, :]
+    order = first_order(plan.grid)
+    return eyebox_uniformity(power[np.ix_(*order.bins)], BLOCKS, np.outer(*order.envelopes))

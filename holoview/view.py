@@ -48,6 +48,12 @@ class View:
         chosen = list(planes)
         return replace(self, intensity=self.intensity[chosen], xyz=self.xyz[chosen], planes_m=self.planes_m[chosen])
 
+    def cropped(self, region: tuple[int, int, int, int]) -> View:
+        """The view in a region (x, y, width, height), samples."""
+        x, y, width, height = region
+        rows, columns = slice(y, y + height), slice(x, x + width)
+        return replace(self, intensity=self.intensity[..., rows, columns], xyz=self.xyz[:, rows, columns])
+
     def exposed(self, stops: float) -> View:
         """The view with every intensity multiplied by 2^stops."""
         factor = 2.0**stops

@@ -19,6 +19,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from holoview import preset
 from holoview.errors import UserError
+from holoview.scheme import with_scheme
 from holoview.system import System
 
 Report = Callable[[int, int, str], None]
@@ -30,6 +31,12 @@ def add_system(parser: argparse.ArgumentParser, *, optional: bool = False) -> No
     """PRESET and --set KEY=VALUE."""
     parser.add_argument(
         "preset", nargs="?" if optional else None, help="a preset's name (see `holoview presets`) or a TOML file"
+    )
+    parser.add_argument(
+        "--scheme",
+        metavar="NAME",
+        help="drive the bench by a colour scheme: simultaneous, time-sequential, multiplexed, holochrome-8x3, and "
+        "+multisource-3x3, +1slm; before --set",
     )
     parser.add_argument(
         "--set",
@@ -89,8 +96,9 @@ def check_backend(args: argparse.Namespace) -> None:
 
 
 def system_of(args: argparse.Namespace) -> System:
-    """The preset with the changes of --set."""
-    return changed(preset.load(args.preset), args.changes)
+    """The preset, driven by --scheme, with the changes of --set."""
+    system = preset.load(args.preset)
+    return changed(system if args.scheme is None else with_scheme(system, args.scheme), args.changes)
 
 
 def changed(system: System, changes: list[str]) -> System:

@@ -1,4 +1,8 @@
-"""`holoview export HOLOGRAM`: its patterns as greyscale PNG, one a frame and modulator, to drive real modulators."""
+"""`holoview export HOLOGRAM`: its patterns as PNG, one a frame and modulator, to drive real modulators.
+
+Three forms: grey values 0…max for 0…stroke; level numbers in rising order of optical path (`--levels`), what drivers
+call the state index; or the memory cells of a device (`--cells p67`), black 0 and white 1, in the order of `plm`.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,7 @@ from holoview.errors import UserError
 from holoview.hologram import load_hologram
 from holoview.optics.slm import level_numbers
 from holoview.pictures import write_pattern, write_png
+from holoview.plm import LAYOUTS, memory_cells
 from holoview.system import Modulator
 
 
@@ -22,10 +27,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("hologram", help="a hologram file")
     parser.add_argument("--png", metavar="DIR", type=Path, required=True, help="folder to write to; made if missing")
     parser.add_argument("--bits", type=int, choices=(8, 16), default=8, help="grey levels: 0…max stands for 0…stroke")
-    parser.add_argument(
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument(
         "--levels",
         action="store_true",
         help="write the modulator's level numbers 0…n-1 in rising order of path instead",
+    )
+    form.add_argument(
+        "--cells",
+        metavar="DEVICE",
+        help=f"write the memory cells of a phase light modulator ({', '.join(LAYOUTS)}) instead, twice as many a side",
     )
 
 
@@ -33,10 +44,13 @@ def run(args: argparse.Namespace) -> int:
     """Writes slm1.png, slm2.png, or slm1-frame0.png … with several frames."""
     hologram = load_hologram(args.hologram)
     modulators = hologram.system.modulators
-    if args.levels and any(modulator.levels is None for modulator in modulators):
+    numbered = "--levels" if args.levels else "--cells" if args.cells else None
+    if numbered and any(modulator.levels is None for modulator in modulators):
         raise UserError(
-            "--levels", "the modulators are continuous", expected="modulators with levels", remedy="leave it out"
+            numbered, "the modulators are continuous", expected="modulators with levels", remedy="leave it out"
         )
+    if args.cells:
+        _check_cells(args.cells, modulators)
     make_folder(args.png)
     frames, texts = len(hologram.drive), {"holoview.preset": hologram.system.name}
     for frame, patterns in enumerate(hologram.drive):
@@ -44,10 +58,22 @@ def run(args: argparse.Namespace) -> int:
             path = args.png / (f"slm{number}.png" if frames == 1 else f"slm{number}-frame{frame}.png")
             if args.levels:
                 write_png(path, _numbers(pattern, modulator), {"holoview.pattern": "level number", **texts})
+            elif args.cells:
+                cells = memory_cells(_numbers(pattern, modulator), args.cells) * np.uint8(255)
+                write_png(path, cells, {"holoview.pattern": f"memory cells of {args.cells}", **texts})
             else:
                 write_pattern(path, pattern, args.bits, texts)
             print(path)
     return 0
+
+
+def _check_cells(device: str, modulators: tuple[Modulator, ...]) -> None:
+    """Refuses an unknown device, and modulators whose levels aren't as many as the device has."""
+    memory_cells(np.zeros((1, 1), dtype=np.int64), device)
+    count = len(LAYOUTS[device].words)
+    for modulator in modulators:
+        if modulator.levels is not None and len(modulator.levels) != count:
+            raise UserError("--cells", f"{len(modulator.levels)} levels", expected=f"{count}, as {device} has")
 
 
 def _numbers(pattern: NDArray[np.float32], modulator: Modulator) -> NDArray[np.uint8 | np.uint16]:

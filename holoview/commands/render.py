@@ -21,6 +21,7 @@ from holoview.commands.common import (
     progress_bar,
     say,
     seed,
+    system_of,
 )
 from holoview.errors import UserError
 from holoview.hologram import Hologram, load_hologram
@@ -107,7 +108,7 @@ def _subject(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
             expected="a preset's name or file, or --hologram FILE",
             remedy="give it first: behind --plane, --slm1 or --slm2 it is taken for one of their values",
         )
-    system = changed(preset.load(args.preset), args.changes)
+    system = system_of(args)
     if args.slm1:
         return system, _patterns(args, system)
     return system, random_drive(system, args.random or 0)
@@ -115,6 +116,8 @@ def _subject(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
 
 def _hologram(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
     """A hologram file on its own bench, or with its lasers on the named one."""
+    if args.scheme is not None:
+        raise UserError("--scheme", "with --hologram", expected="the lasers and frames that the hologram was made for")
     hologram = load_hologram(args.hologram)
     system = hologram.system
     if args.preset is not None:

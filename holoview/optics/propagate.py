@@ -31,6 +31,20 @@ def transfer_function(transfer: Transfer, grid: Grid, dtype: torch.dtype, device
     return quadrant[ky][:, kx] * support_mask(transfer, kx)
 
 
+def phase_slope(wavelength_m: float, grid: Grid) -> torch.Tensor:
+    """∂(phase of H)/∂λ per metre of distance, rad/m², (P_y, P_x) float64; zero for evanescent waves.
+
+    The phase is −2πz·(1 − r)/λ with r = √(1 − A) and A = |λu|², so its slope is −(2πz/λ²)·(1 − r)/r.
+    """
+    sines = [
+        (torch.from_numpy(frequency_indices(p)).double() * (wavelength_m * step)).square()
+        for p, step in zip(grid.padded, grid.frequency_step, strict=True)
+    ]
+    a = sines[0][:, None] + sines[1][None, :]
+    root = torch.sqrt((1 - a).clamp_min(torch.finfo(torch.float64).eps))
+    return torch.where(a < 1, (-2 * math.pi / wavelength_m**2) * a / (root * (1 + root)), 0)
+
+
 def relay_response(
     transfer: Transfer, grid: Grid, pupil: torch.Tensor | None, dtype: torch.dtype, device: torch.device
 ) -> torch.Tensor:

@@ -44,7 +44,7 @@ def phasor(opd_m: torch.Tensor, wavelength_m: float, dtype: torch.dtype) -> torc
     """exp(2πi·opd/λ), shape of `opd_m`. Turns are reduced in the precision of `opd_m`: float64 loses nothing."""
     phase = (2 * math.pi) * torch.remainder(opd_m * (1.0 / wavelength_m), 1.0)
     phase = phase.to(torch.float64 if dtype == torch.complex128 else torch.float32)
-    return torch.polar(torch.ones_like(phase), phase)
+    return torch.complex(torch.cos(phase), torch.sin(phase))
 
 
 def upsampled(pixels: torch.Tensor, factor: int) -> torch.Tensor:
@@ -52,8 +52,33 @@ def upsampled(pixels: torch.Tensor, factor: int) -> torch.Tensor:
     return pixels.repeat_interleave(factor, dim=-2).repeat_interleave(factor, dim=-1)
 
 
+def pixel_response(padded: int, upsample: int, slope: float) -> torch.Tensor:
+    """Spectrum of one pixel along one side, (padded,) complex128: Σ_j exp(2πi·j·(slope − k/padded)), j < upsample.
+
+    The FFT of an upsampled pattern is the FFT of its pixels, repeated `upsample` times, times this: a quarter of the
+    work for upsample = 2. `slope` (turns a sample) is that of the illumination.
+    """
+    turns = slope - torch.arange(padded, dtype=torch.float64) / padded
+    return torch.exp(2j * math.pi * torch.outer(torch.arange(upsample, dtype=torch.float64), turns)).sum(dim=0)
+
+
 def pooled(samples: torch.Tensor, factor: int) -> torch.Tensor:
-    """The adjoint of `upsampled`: the sum of the samples of each pixel."""
-    *batch, rows, columns = samples.shape
-    means = torch.nn.functional.avg_pool2d(samples.reshape(-1, 1, rows, columns), factor)
-    return means.reshape(*batch, rows // factor, columns // factor) * factor**2
+    """The adjoint of `upsampled`: the sum of the samples of each pixel, in the last two axes. Real or complex."""
+    lines = summed([samples[..., i::factor, :] for i in range(factor)])
+    return summed([lines[..., i::factor] for i in range(factor)])
+
+
+def folded(spectrum: torch.Tensor, factor: int) -> torch.Tensor:
+    """The adjoint of repeating a spectrum `factor` times along each of the last two axes: the sum of its repeats."""
+    rows = summed(list(spectrum.chunk(factor, dim=-2)))
+    return summed(list(rows.chunk(factor, dim=-1)))
+
+
+def summed(parts: list[torch.Tensor]) -> torch.Tensor:
+    """Sum of tensors of one shape: several times as fast as a strided `sum` of complex numbers."""
+    if len(parts) == 1:
+        return parts[0]
+    total = parts[0] + parts[1]
+    for part in parts[2:]:
+        total += part
+    return total

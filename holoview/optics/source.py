@@ -14,13 +14,19 @@ def plane_wave(plan: Plan, wavelength: int, source: int, dtype: torch.dtype, dev
 
     The slopes s (turns a sample) come from the plan; positions count from the grid's centre, (N − 1)/2.
     """
-    sides = zip(plan.grid.shape, plan.slopes[source, wavelength], strict=True)
-    y, x = (_wave(n, float(slope), device) for n, slope in sides)
-    return (y[:, None] * x[None, :]).to(dtype)
+    return _wave(plan, wavelength, source, 1).to(dtype).to(device)
 
 
-def _wave(n: int, slope: float, device: torch.device) -> torch.Tensor:
-    """exp(2πi·slope·position) along one side, (n,) complex128: the wave over both sides is a product of two."""
-    turns = (torch.arange(n, dtype=torch.float64) - (n - 1) / 2) * slope
-    phase = (2 * math.pi) * torch.remainder(turns, 1.0)
-    return torch.polar(torch.ones_like(phase), phase).to(device)
+def pixel_wave(plan: Plan, wavelength: int, source: int, dtype: torch.dtype, device: torch.device) -> torch.Tensor:
+    """The plane wave at the first sample of each modulator pixel, (rows, columns)."""
+    return _wave(plan, wavelength, source, plan.grid.upsample).to(dtype).to(device)
+
+
+def _wave(plan: Plan, wavelength: int, source: int, every: int) -> torch.Tensor:
+    """The wave at every so many samples, complex128: a product of a column and a row."""
+    sides = []
+    for n, slope in zip(plan.grid.shape, plan.slopes[source, wavelength], strict=True):
+        turns = (torch.arange(0, n, every, dtype=torch.float64) - (n - 1) / 2) * float(slope)
+        phase = (2 * math.pi) * torch.remainder(turns, 1.0)
+        sides.append(torch.polar(torch.ones_like(phase), phase))
+    return sides[0][:, None] * sides[1][None, :]

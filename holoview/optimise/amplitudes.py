@@ -2,7 +2,7 @@
 
     minimise Σ_{plane, channel, pixel} (Σ_j a_j·M_jc·I_j − T_c)²   over a ≥ 0
 
-Only the Gram matrix G_ij = (I_i·I_j)(M_i·M_j) and b_i = Σ_c M_ic (I_i·T_c) are needed.
+Only the Gram matrix G_ij = (I_i·I_j)(M_i·M_j) and b_i = Σ_c M_ic (I_i·T_c) are needed, added up plane by plane.
 """
 
 from __future__ import annotations
@@ -13,29 +13,32 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 Tensor = torch.Tensor
+Floats = NDArray[np.float64]
 
 # Intensities of close wavelengths are nearly parallel, and a float32 Gram matrix of them isn't positive definite:
 # its eigenvalues are kept above this share of the largest.
 _EIGEN_FLOOR = 1e-6
 
 
-def solve_amplitudes(intensities: list[Tensor], colours: Tensor, target: Tensor) -> NDArray[np.float64]:
-    """Amplitudes (laser,) ≥ 0 that bring the sum of the lasers' images nearest to the target.
+class AmplitudeProblem:
+    """Gathers the planes; colours (laser, channel) are those of unit amplitude and intensity."""
 
-    intensities: one (plane, y, x) a laser at unit amplitude; colours (laser, channel); target (plane, channel, y, x).
-    """
-    count, planes = len(intensities), len(target)
-    gram, right = np.zeros((count, count)), np.zeros(count)
-    weights = colours.double().cpu().numpy()
-    for plane in range(planes):
-        images = torch.stack([intensity[plane].flatten() for intensity in intensities])
-        wanted = target[plane].flatten(1)
-        gram += (images @ images.T).double().cpu().numpy()
-        right += np.einsum("lc,lc->l", weights, (images @ wanted.T).double().cpu().numpy())
-    return _non_negative(gram * (weights @ weights.T), right)
+    def __init__(self, colours: Floats) -> None:
+        self._colours = colours
+        self._gram, self._right = np.zeros((len(colours), len(colours))), np.zeros(len(colours))
+
+    def add(self, intensity: Tensor, target: Tensor, weight: float = 1.0) -> None:
+        """Adds a plane: intensity (laser, …) at unit amplitude and target (channel, …) of equal trailing shape."""
+        images, wanted = intensity.flatten(1), target.flatten(1)
+        self._gram += weight * (images @ images.T).cpu().double().numpy()
+        self._right += weight * np.einsum("lc,lc->l", self._colours, (images @ wanted.T).cpu().double().numpy())
+
+    def solve(self) -> Floats:
+        """Amplitudes (laser,) ≥ 0 that bring the sum of the lasers' images nearest to the target."""
+        return _non_negative(self._gram * (self._colours @ self._colours.T), self._right)
 
 
-def _non_negative(gram: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+def _non_negative(gram: Floats, right: Floats) -> Floats:
     """argmin over a ≥ 0 of aᵀGa − 2bᵀa, by NNLS on a square root of G, in units where G's diagonal is 1.
 
     Where no laser gives any light, none is on.

@@ -1,9 +1,13 @@
 """Checkpoints: all that an optimisation needs to go on bit for bit on the same machine, in one safetensors file.
 
-drive first second             float32 (frame, modulator, y, x): patterns and Adam's two moments
-best_drive                     float32: the best hologram so far
-amplitudes best_amplitudes     float64 (frame, wavelength)
-metadata                       format, version, system (TOML), settings and progress (JSON), digest of the target
+drive first second               float32 (frame, modulator, y, x): patterns and Adam's two moments
+best_drive                       float32: the best hologram so far
+amplitudes best_amplitudes       float64 (frame, wavelength)
+wavelengths best_wavelengths     float64 (wavelength,), m
+amplitude_moments                float64 (2, frame, wavelength), of Adam
+wavelength_moments               float64 (2, wavelength)
+steps                            float64 (3,): how many gradients patterns, amplitudes and wavelengths have seen
+metadata                         format, version, system (TOML), settings and progress (JSON), digest of the target
 """
 
 from __future__ import annotations
@@ -14,6 +18,7 @@ import json
 import os
 import tomllib
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,21 +31,25 @@ from holoview.tensors import TensorFormat
 
 _FORMAT = TensorFormat(
     name="holoview-checkpoint",
-    version="1",
+    version="2",
     what="a checkpoint that `holoview optimise` wrote",
-    tensors=("drive", "first", "second", "best_drive", "amplitudes", "best_amplitudes"),
+    tensors=(
+        *("drive", "first", "second", "best_drive", "amplitudes", "best_amplitudes", "wavelengths"),
+        *("best_wavelengths", "amplitude_moments", "wavelength_moments", "steps"),
+    ),
     texts=("system", "settings", "progress", "target"),
 )
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far an optimisation has come: the iteration to do next, the time spent, and the best so far."""
+    """How far an optimisation has come: iteration to do next, seconds spent, the best so far, and the eyebox."""
 
     iteration: int
     seconds: float
     best_loss: float
     best_psnr_db: float
+    eyebox: float
 
 
 @dataclass(frozen=True)
@@ -83,8 +92,8 @@ def load_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     tensors, texts = _FORMAT.read(path)
     system = preset.loads(texts["system"], f"{path}: system")
     try:
-        settings = json.loads(texts["settings"])
-        settings["betas"] = tuple(settings["betas"])
+        written = json.loads(texts["settings"]).items()
+        settings: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in written}
         progress = Progress(**json.loads(texts["progress"]))
         return Checkpoint(system, Settings(**settings), texts["target"], progress, tensors)
     except UserError:

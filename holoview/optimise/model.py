@@ -1,14 +1,19 @@
-"""Forward model and its adjoint for optimisation, looped over lasers so that one padded field is in memory at a time.
+"""Forward model and its adjoint for optimisation: plane by plane, so that few fields are in memory at a time.
 
-The chain of a laser in a frame, with F the FFT of the zero-padded field and C the cut to the modulator's area:
+A beam is one laser of one frame from one source direction. Its chain, with F the FFT, p_m = exp(2πi·opd_m/λ) a value a
+pixel, B the pixel's shape and the brackets what lies on the modulator's area:
 
-    u = s·p₁,  v = C F⁻¹ H_gap F u,  w = v·p₂,  E_k = C F⁻¹ H_k F w,  I_k = |E_k|²,    p_m = exp(2πi·opd_m/λ)
+    V = B·H_gap·F[s·p₁],  w = [F⁻¹V]·p₂,  W = F w,  E_k = [F⁻¹ H_k W],  I_k = |E_k|²          (one modulator: W = V)
 
-Writing g_x = ∂L/∂Re x + i·∂L/∂Im x, the adjoint runs it backwards:
+The first FFT is one of pixels, not of samples: the spectrum of an upsampled pattern is that of its pixels, repeated.
+A linear form dL = Re Σ c·dx is carried backwards, c being the conjugate of the gradient of x, which spares conj(H):
 
-    g_E = 2·E·∂L/∂I,  g_w = C F⁻¹ Σ_k conj(H_k) F g_E,  ∂L/∂opd₂ = (2π/λ)·Im(g_w·conj(w)),  g_v = g_w·conj(p₂), …
+    c_E = ∂L/∂I·conj(E)·2,  c_W = Σ_k H_k·F⁻¹c_E,  c_w = F c_W,  ∂L/∂opd₂ = −(2π/λ)·Im(c_w·w),  c_V = F⁻¹(c_w·p₂), …
 
-Conjugate gradients are carried instead (conj(g_E) and so on), so that conj(H) is never formed: F conj(g) uses F⁻¹.
+with products c·w summed over the samples of each pixel.
+
+`forward` makes every W; then each plane is seen (`see`) and answered (`answer`) in turn; `finish` ends at the patterns
+and, where they are asked for, at the wavelengths (`chromatic`).
 """
 
 from __future__ import annotations
@@ -18,28 +23,33 @@ from dataclasses import dataclass
 
 import torch
 
-from holoview.optics.propagate import relay_response
-from holoview.optics.pupil import pupil
-from holoview.optics.slm import phasor, pooled
-from holoview.optics.source import plane_wave
+from holoview.optics.slm import folded, phasor, pooled
+from holoview.optimise.chromatic import chromatic_slope
+from holoview.optimise.quantise import Jumps, path_slope
+from holoview.optimise.responses import Responses
 from holoview.plan import Plan
 
 Tensor = torch.Tensor
 
 
-@dataclass
-class Trace:
-    """What the adjoint needs of one (laser, frame, source)."""
+@dataclass(frozen=True)
+class Beam:
+    """One source direction of a laser (counted in `Model.lasers`) that is on in a frame."""
 
-    pixels: tuple[Tensor, ...]  # exp(2πi·opd/λ) of each modulator, a value a pixel
-    leaving: tuple[Tensor, ...]  # field behind each modulator, (y, x)
-    seen: list[Tensor]  # field at each focal plane, (y, x)
+    laser: int
+    frame: int
+    wavelength: int
+    source: int
 
 
 class Model:
-    """Intensities of each laser and frame of a plan, and gradients with respect to the optical-path maps."""
+    """Intensities of each laser and frame of a plan, and gradients with respect to the optical-path maps.
 
-    def __init__(self, plan: Plan, *, double: bool = False, device: str = "cpu") -> None:
+    lasers: (frame, wavelength) of every laser that is on. keep: whether the fields of one plane are kept for `answer`,
+    or propagated to it a second time, which costs a third more FFTs and saves a padded field a beam.
+    """
+
+    def __init__(self, plan: Plan, *, double: bool = False, device: str = "cpu", keep: bool = True) -> None:
         self.plan = plan
         self.device = torch.device(device)
         self.complex = torch.complex128 if double else torch.complex64
@@ -47,83 +57,140 @@ class Model:
         lasers = [(frame, λ) for frame in range(plan.system.frames) for λ in range(len(plan.system.wavelengths_m))]
         self.lasers = [(frame, λ) for frame, λ in lasers if plan.weights[frame, λ] > 0]
         self.sources = len(plan.slopes)
-        self._h: dict[tuple[int, int, float], Tensor] = {}
-        # Scratch grids: fresh allocations of this size cost as much as the FFT itself. _padded stays zero outside.
-        self._padded = torch.zeros(plan.grid.padded, dtype=self.complex, device=self.device)
-        self._spectrum, self._work, self._other = (torch.empty_like(self._padded) for _ in range(3))
+        self.beams = [Beam(i, *laser, s) for i, laser in enumerate(self.lasers) for s in range(self.sources)]
+        self.two = plan.system.gap_m is not None
+        self.keep = keep
+        count = len(self.beams)
+        # Kept and reused: memory fresh from the system costs more than the FFT that fills it.
+        self.spectra = self._fields(count)  # W of each beam
+        self.carried = self._fields(count)  # c_W of each beam
+        self._behind = self._fields(count if self.two else 0)  # w of each beam
+        self._seen = self._fields(count if keep else 1)  # E of each beam at the present plane
+        self._work = self._fields(1)[0]
+        self._real_work = torch.empty(plan.grid.shape, dtype=self.real, device=self.device)
+        self.far: Tensor | None = None  # Σ z_k·(share of plane k in c_W), for the gradient of the wavelengths
+        self.use(plan)
 
-    def trace(self, opd_m: Tensor, frame: int, wavelength: int, source: int) -> Trace:
-        """Propagates one laser of one source through a frame of opd_m (frame, modulator, y, x)."""
-        λ = float(self.plan.system.wavelengths_m[wavelength])
-        pixels = tuple(phasor(opd, λ, self.complex) for opd in opd_m[frame])
-        field = self._modulated(plane_wave(self.plan, wavelength, source, self.complex, self.device), pixels[0])
-        leaving = [field]
-        if self.plan.system.gap_m is not None:
-            self._fft(field)
-            leaving.append(self._modulated(self._through(0, wavelength, self.plan.system.gap_m), pixels[1]))
-        self._fft(leaving[-1])
-        seen = [self._through(1, wavelength, float(z)) for z in self.plan.planes_m]
-        return Trace(pixels, tuple(leaving), seen)
+    def use(self, plan: Plan) -> None:
+        """Goes on with a plan of the same grid, lasers and planes, but other wavelengths."""
+        assert plan.grid == self.plan.grid
+        self.plan = plan
+        self.__dict__.pop("responses", None)  # its memory is needed for the next
+        self.responses = Responses(plan, self.complex, self.device)
 
-    def intensity(self, traces: list[Trace]) -> Tensor:
-        """Mean intensity over sources, (plane, y, x), at unit laser amplitude."""
-        total = torch.zeros(len(self.plan.planes_m), *self.plan.grid.shape, dtype=self.real, device=self.device)
-        for trace in traces:
-            for plane, field in enumerate(trace.seen):
-                total[plane].addcmul_(field.real, field.real).addcmul_(field.imag, field.imag)
-        return total.div_(len(traces)) if len(traces) > 1 else total
+    def forward(self, opd_m: Tensor, *, chromatic: bool = False) -> None:
+        """Spectra behind the last modulator for optical paths (frame, modulator, y, x), m.
 
-    def backward(self, trace: Trace, slope: Tensor, frame: int, wavelength: int, gradient: Tensor) -> None:
-        """Adds ∂L/∂opd of one trace to `gradient` (frame, modulator, y, x), given `slope` = ∂L/∂I (plane, y, x).
-
-        Consumes the trace: its fields are overwritten.
+        chromatic: also carry what `finish` needs for the gradient with respect to the wavelengths.
         """
-        carried = self._spectrum.zero_()
-        for plane, field in enumerate(trace.seen):
-            spectrum = self._ifft_padded(field.conj_physical_().mul_(slope[plane]))
-            carried.addcmul_(spectrum, self._transfer(1, wavelength, float(self.plan.planes_m[plane])))
-        conjugate = self._fft_cut(carried)
-        last = len(trace.leaving) - 1
-        self._add_gradient(gradient[frame, last], trace.leaving[last].mul_(conjugate), wavelength)
-        if last == 0:
-            return
-        gap = self._transfer(0, wavelength, float(self.plan.system.gap_m or 0.0))
-        spectrum = self._ifft_padded(self._modulated(conjugate, trace.pixels[1])).mul_(gap)
-        self._add_gradient(gradient[frame, 0], trace.leaving[0].mul_(self._fft_cut(spectrum)), wavelength)
+        self.opd_m, self._pixels = opd_m, []
+        self.far = self._fields(len(self.beams)) if chromatic else None
+        for i, beam in enumerate(self.beams):
+            λ = float(self.plan.system.wavelengths_m[beam.wavelength])
+            first, *rest = (phasor(opd, λ, self.complex) for opd in opd_m[beam.frame])
+            wave = self.responses.wave(beam.wavelength, beam.source)
+            self._pixels.append((first if wave is None else first * wave, *rest))
+            self.arriving(i, self._work if self.two else self.spectra[i])
+            if self.two:
+                torch.fft.ifft2(self._work, out=self._behind[i])
+                self._modulate(self._behind[i], rest[0])
+                torch.fft.fft2(self._behind[i], out=self.spectra[i])
+        self.carried.zero_()
 
-    def _add_gradient(self, gradient: Tensor, product: Tensor, wavelength: int) -> None:
-        """∂L/∂opd = −2·(2π/λ)·Im(conj(g)·field), summed over the samples of each pixel."""
-        turn = 2 * math.pi / float(self.plan.system.wavelengths_m[wavelength])
-        gradient.sub_(pooled(product.imag, self.plan.grid.upsample), alpha=2 * turn)
+    def see(self, plane: int, intensity: Tensor) -> None:
+        """Writes the intensity of every laser at a focal plane, mean over sources, unit amplitude: (laser, y, x)."""
+        for i, beam in enumerate(self.beams):
+            field = self._field_at(i, plane)
+            total = intensity[beam.laser]
+            if beam.source == 0:
+                torch.mul(field.real, field.real, out=total)
+            else:
+                total.addcmul_(field.real, field.real)
+            total.addcmul_(field.imag, field.imag)
+            if beam.source == self.sources - 1 > 0:
+                total.div_(self.sources)
 
-    def _modulated(self, field: Tensor, pixels: Tensor) -> Tensor:
-        """`field` (y, x), overwritten, times the modulator's pixels, each a square of equal samples."""
-        rows, columns = pixels.shape
-        factor = self.plan.grid.upsample
-        field.view(rows, factor, columns, factor).mul_(pixels[:, None, :, None])
-        return field
+    def answer(self, plane: int, slope: Tensor) -> None:
+        """Carries ∂L/∂intensity (laser, y, x) of the plane that was seen last back to the spectra."""
+        for i, beam in enumerate(self.beams):
+            field = self._seen[i][self.plan.grid.inside] if self.keep else self._field_at(i, plane)
+            field.real.mul_(slope[beam.laser])
+            field.imag.mul_(torch.neg(slope[beam.laser], out=self._real_work))
+            seen = self._seen[i if self.keep else 0]
+            self._clear_outside(seen)
+            back, share = torch.fft.ifft2(seen), 2.0 / self.sources
+            self.carried[i].addcmul_(back, self._response(i, plane), value=share)
+            if self.far is not None:
+                self.far[i].addcmul_(back, self._response(i, plane), value=share * float(self.plan.planes_m[plane]))
 
-    def _through(self, relay: int, wavelength: int, distance_m: float) -> Tensor:
-        """The field behind a relay, from the spectrum that `_fft` left."""
-        torch.mul(self._spectrum, self._transfer(relay, wavelength, distance_m), out=self._work)
-        return torch.fft.ifft2(self._work, out=self._other)[self.plan.grid.inside].clone()
+    def finish(self, gradient: Tensor, chromatic: Tensor | None = None, jumps: Jumps | None = None) -> None:
+        """Adds ∂L/∂opd to `gradient` (frame, modulator, y, x), and ∂L/∂λ to `chromatic` (wavelength,) float64.
 
-    def _fft(self, field: Tensor) -> None:
-        torch.fft.fft2(self._pad(field), out=self._spectrum)
+        With `jumps`, the slope to each pixel's neighbouring level takes the place of ∂L/∂opd.
+        """
+        for i, beam in enumerate(self.beams):
+            arriving = self.carried[i]
+            products: list[Tensor] = []
+            if self.two:
+                conjugate = torch.fft.fft2(self.carried[i], out=self._work)
+                product = self._behind[i].mul_(conjugate)[self.plan.grid.inside]
+                products.append(pooled(product, self.plan.grid.upsample))
+                self._modulate(conjugate, self._pixels[i][1])
+                arriving = torch.fft.ifft2(conjugate)
+            first = torch.mul(arriving, self.responses.first(beam.wavelength, beam.source), out=self._work)
+            pixels = torch.fft.fft2(folded(first, self.plan.grid.upsample))[self._inside_pixels]
+            products.insert(0, pixels.mul_(self._pixels[i][0]))
+            λ = float(self.plan.system.wavelengths_m[beam.wavelength])
+            for modulator, product in enumerate(products):
+                if jumps is None:
+                    gradient[beam.frame, modulator].sub_(product.imag, alpha=2 * math.pi / λ)
+                else:
+                    jump_m, cost = jumps.path_m[beam.frame, modulator], float(jumps.cost[beam.laser, modulator])
+                    gradient[beam.frame, modulator] += path_slope(product, jump_m, λ, cost / self.sources)
+            if chromatic is not None:
+                pairs = zip(products, self.opd_m[beam.frame], strict=True)
+                turned = sum(float((product.imag * opd).sum()) for product, opd in pairs)
+                chromatic[beam.wavelength] += chromatic_slope(self, i, arriving) + 2 * math.pi * turned / λ**2
 
-    def _ifft_padded(self, conjugate: Tensor) -> Tensor:
-        return torch.fft.ifft2(self._pad(conjugate), out=self._work)
+    def arriving(self, i: int, out: Tensor) -> Tensor:
+        """V: the spectrum that arrives at modulator 2, or behind the only one, (P_y, P_x)."""
+        beam, upsample = self.beams[i], self.plan.grid.upsample
+        rows, columns = (p // upsample for p in self.plan.grid.padded)
+        pixels = torch.zeros(rows, columns, dtype=self.complex, device=self.device)
+        pixels[self._inside_pixels] = self._pixels[i][0]
+        spectrum = torch.fft.fft2(pixels)[None, :, None, :]
+        response = self.responses.first(beam.wavelength, beam.source)
+        tiles = (upsample, rows, upsample, columns)
+        torch.mul(response.view(tiles), spectrum, out=out.view(tiles))
+        return out
 
-    def _fft_cut(self, spectrum: Tensor) -> Tensor:
-        return torch.fft.fft2(spectrum, out=self._other)[self.plan.grid.inside].clone()
+    def _field_at(self, i: int, plane: int) -> Tensor:
+        torch.mul(self.spectra[i], self._response(i, plane), out=self._work)
+        return torch.fft.ifft2(self._work, out=self._seen[i if self.keep else 0])[self.plan.grid.inside]
 
-    def _pad(self, field: Tensor) -> Tensor:
-        self._padded[self.plan.grid.inside] = field
-        return self._padded
+    def _response(self, i: int, plane: int) -> Tensor:
+        return self.responses.plane(self.beams[i].wavelength, plane)
 
-    def _transfer(self, relay: int, wavelength: int, distance_m: float) -> Tensor:
-        key = (relay, wavelength, distance_m)
-        if key not in self._h:
-            glass = pupil(self.plan, relay, wavelength, torch.complex128, self.device)
-            self._h[key] = relay_response(self.plan.transfer(*key), self.plan.grid, glass, self.complex, self.device)
-        return self._h[key]
+    def _modulate(self, field: Tensor, pixels: Tensor) -> None:
+        """A padded field times a modulator's pixels, each a square of equal samples; zero outside."""
+        upsample, inside = self.plan.grid.upsample, self.plan.grid.inside
+        line = pixels.repeat_interleave(upsample, dim=1)[:, None, :]
+        field[inside[0]].view(len(pixels), upsample, -1)[..., inside[1]].mul_(line)
+        self._clear_outside(field)
+
+    def _clear_outside(self, field: Tensor) -> None:
+        rows, columns = self.plan.grid.inside
+        field[: rows.start].zero_()
+        field[rows.stop :].zero_()
+        field[rows, : columns.start].zero_()
+        field[rows, columns.stop :].zero_()
+
+    @property
+    def _inside_pixels(self) -> tuple[slice, slice]:
+        """Where the modulator's pixels lie in a padded grid of pixels."""
+        upsample = self.plan.grid.upsample
+        rows, columns = (slice(s.start // upsample, s.stop // upsample) for s in self.plan.grid.inside)
+        return rows, columns
+
+    def _fields(self, count: int) -> Tensor:
+        return torch.zeros(count, *self.plan.grid.padded, dtype=self.complex, device=self.device)

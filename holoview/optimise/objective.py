@@ -3,71 +3,126 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.colour import SRGB_TO_XYZ, XYZ_TO_SRGB
 from holoview.errors import UserError
+from holoview.optimise.losses import Loss, encoded, encoded_slope, find_loss
+from holoview.optimise.settings import Region, Settings
 from holoview.plan import Plan
 
 Tensor = torch.Tensor
 
 
 @dataclass(frozen=True)
-class Objective:
-    """Mean squared error of linear channels: three of sRGB for a colour observer, one (luminance) for a mono camera.
+class Judged:
+    """What a plane adds to the loss, and its PSNR (dB) clipped to 0…1: of linear sRGB, or of the only channel."""
 
-    colours (wavelength, channel): channels of unit intensity. target (plane, channel, y, x). Brightness is fixed: 1 is
-    the display's white, and no free factor is fitted.
+    loss: float
+    psnr_db: float
+
+
+class Objective:
+    """L = Σ_k weight_k·mean(residual_k²)/K over K planes, in the region. Brightness is fixed: 1 is the display's white.
+
+    target (plane, channel, y, x): linear, before any encoding. colours (wavelength, channel): of unit intensity.
     """
 
-    colours: Tensor
-    target: Tensor
+    def __init__(
+        self, loss: Loss, colours: Tensor, target: Tensor, weights: NDArray[np.float64], region: Region | None
+    ):
+        self.loss, self.colours, self.target = loss, colours, target
+        self.plane_weights = weights
+        rows, columns = target.shape[-2:]
+        x, y, width, height = region or (0, 0, columns, rows)
+        self.inside = (slice(y, y + height), slice(x, x + width))
+        matrix = loss.rgb
+        self._rgb = None if matrix is None or np.allclose(matrix, np.eye(3)) else torch.as_tensor(matrix).to(target)
 
-    @cached_property
-    def shown(self) -> Tensor:
-        """The target as a display can show it, clipped to 0…1."""
-        return self.target.clamp(0, 1)
+    def judge(self, plane: int, image: Tensor) -> Judged:
+        """Judges a plane's image (channel, y, x), and overwrites it with ∂L/∂image."""
+        part, wanted = (t[(..., *self.inside)] for t in (image, self.target[plane]))
+        psnr_db = self._psnr_db(part, wanted)
+        share = float(self.plane_weights[plane]) / (len(self.target) * part.numel())
+        if self.loss.encoded:
+            slope = encoded_slope(part)
+            part.copy_(encoded(part)).sub_(encoded(wanted))
+        else:
+            slope = None
+            part.sub_(wanted)
+        loss = share * float(torch.linalg.vector_norm(part)) ** 2
+        part.mul_(2 * share)
+        if slope is not None:
+            part.mul_(slope)
+        self._clear_outside(image)
+        return Judged(loss, psnr_db)
 
-    def residual(self, image: Tensor) -> Tensor:
-        """Overwrites `image` (plane, channel, y, x) with its difference from the target."""
-        return image.sub_(self.target)
+    def picture(self, image: Tensor) -> NDArray[np.floating]:
+        """An image (channel, y, x) as linear sRGB (y, x, 3); grey where there is only one channel."""
+        if len(image) == 1:
+            image = image.expand(3, -1, -1)
+        elif self._rgb is not None:
+            image = torch.einsum("rc,cyx->ryx", self._rgb, image)
+        return image.movedim(0, -1).cpu().numpy().copy()
 
-    def loss(self, residual: Tensor) -> float:
-        """Mean squared residual."""
-        return float(torch.linalg.vector_norm(residual).double().square()) / residual.numel()
+    def _psnr_db(self, part: Tensor, wanted: Tensor) -> float:
+        shown, known = part, wanted
+        if self._rgb is not None:
+            shown, known = (torch.einsum("rc,cyx->ryx", self._rgb, t) for t in (part, wanted))
+        error = shown.clamp(0, 1).sub_(known.clamp(0, 1))
+        mean = float(torch.linalg.vector_norm(error)) ** 2 / error.numel()
+        return float(-10 * np.log10(max(mean, 1e-20)))
 
-    def slope(self, residual: Tensor, wavelength: int, weight: float) -> Tensor:
-        """weight × ½·∂(Σ residual²)/∂(intensity of a laser), (plane, y, x): its colour's share of the residual."""
-        slope = torch.zeros_like(residual[:, 0])
-        for channel, colour in enumerate(self.colours[wavelength].tolist()):
-            slope.add_(residual[:, channel], alpha=weight * colour)
-        return slope
-
-    def psnr_db(self, image: Tensor) -> float:
-        """PSNR (dB) of the image clipped to 0…1, the mean over planes."""
-        errors = image.clamp(0, 1).sub_(self.shown).square_().mean(dim=(1, 2, 3))
-        return float((-10 * torch.log10(errors.clamp_min(1e-20))).mean())
+    def _clear_outside(self, image: Tensor) -> None:
+        rows, columns = self.inside
+        image[:, : rows.start].zero_()
+        image[:, rows.stop :].zero_()
+        image[:, rows, : columns.start].zero_()
+        image[:, rows, columns.stop :].zero_()
 
 
-def make_objective(plan: Plan, stack: NDArray[np.floating], *, device: str = "cpu", double: bool = False) -> Objective:
+def make_objective(
+    plan: Plan, stack: NDArray[np.floating], settings: Settings, *, device: str = "cpu", double: bool = False
+) -> Objective:
     """The objective for a focal stack (plane, y, x, 3) in linear sRGB, on the plan's planes and simulation grid.
 
-    Raises UserError when the stack's shape doesn't fit the plan.
+    Raises UserError when the stack, the region or the planes' weights don't fit the plan.
     """
-    expected = (len(plan.planes_m), *plan.grid.shape, 3)
+    planes, shape = len(plan.planes_m), plan.grid.shape
+    expected = (planes, *shape, 3)
     if stack.shape != expected:
         raise UserError("target", f"a stack of shape {stack.shape}", expected=f"(plane, y, x, 3) = {expected}")
     if not np.isfinite(stack).all() or not np.any(stack > 0):
         raise UserError("target", "no light, or not a number somewhere", expected="finite values, some above 0")
-    if plan.system.observer == "mono":
-        colours = plan.colour_weights[:, 1:2]
-        channels = stack @ SRGB_TO_XYZ[1][:, None]
-    else:
-        colours, channels = plan.colour_weights @ XYZ_TO_SRGB.T, stack
+    loss = find_loss(settings.loss_for(plan.system.observer))
     dtype = torch.float64 if double else torch.float32
-    target = torch.as_tensor(np.ascontiguousarray(np.moveaxis(channels, -1, 1)), dtype=dtype, device=device)
-    return Objective(torch.as_tensor(colours.copy(), dtype=dtype, device=device), target)
+    channels = np.ascontiguousarray(np.moveaxis(loss.channels(stack), -1, 1))
+    target = torch.as_tensor(channels, dtype=dtype).to(device)
+    return Objective(
+        loss, colours_of(loss, plan, target), target, _plane_weights(settings, planes), _region(settings, shape)
+    )
+
+
+def colours_of(loss: Loss, plan: Plan, like: Tensor) -> Tensor:
+    """Channels (wavelength, channel) of unit intensity at each wavelength."""
+    return torch.as_tensor(loss.colours(plan.colour_weights).copy()).to(like.dtype).to(like.device)
+
+
+def _plane_weights(settings: Settings, planes: int) -> NDArray[np.float64]:
+    if settings.plane_weights is None:
+        return np.ones(planes)
+    weights = np.asarray(settings.plane_weights, dtype=np.float64)
+    if len(weights) != planes:
+        raise UserError("plane weights", f"{len(weights)} of them", expected=f"one for each of {planes} planes")
+    return weights * (planes / weights.sum())
+
+
+def _region(settings: Settings, shape: tuple[int, int]) -> Region | None:
+    if settings.region is not None:
+        x, y, width, height = settings.region
+        if x + width > shape[1] or y + height > shape[0]:
+            found = f"x, y, w, h = {x}, {y}, {width}, {height}"
+            raise UserError("region", found, expected=f"inside the simulated {shape[1]} x {shape[0]} samples")
+    return settings.region

@@ -5,21 +5,45 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from holoview.errors import UserError
+from holoview.errors import UserError, near_matches
+
+Region = tuple[int, int, int, int]
+"""x, y, width, height in samples of the simulated image."""
+
+UNKNOWNS = ("patterns", "amplitudes", "wavelengths")
+STARTS = ("random", "smooth")
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How to optimise. step_rad: Adam's first step, as phase at the middle wavelength; it falls to zero as a cosine.
+    """How to optimise.
 
-    Raises UserError for counts below 1, a step that isn't positive, and betas outside 0…1.
+    step_rad: Adam's first step, as phase at the middle wavelength; it falls to zero as a cosine.
+    amplitudes_every: iterations between two solutions of the laser amplitudes (and two steps of the wavelengths).
+    free: which unknowns are sought; the others stay as the system and the start have them.
+    loss: a name in `losses.LOSSES`; None: linear sRGB, or "mono" for a mono observer.
+    region: (x, y, w, h), samples that count; everything when None. plane_weights: one a plane; equal when None.
+    eyebox: weight of the squared variation of the eyebox's filling, added to the loss; 0 leaves it free.
+    begin: patterns to begin with, "random" over the stroke or "smooth" (higher PSNR, an almost empty eyebox).
+    wavelength_range_m, wavelength_spacing_m, wavelength_step_m: where wavelengths may go and how fast, when free.
+
+    Raises UserError for values that make no sense.
     """
 
     iterations: int = 60
-    step_rad: float = 1.0
-    betas: tuple[float, float] = (0.9, 0.99)
+    step_rad: float = 0.7
+    betas: tuple[float, float] = (0.6, 0.8)
     amplitudes_every: int = 10
     seed: int = 0
+    free: tuple[str, ...] = ("patterns", "amplitudes")
+    loss: str | None = None
+    region: Region | None = None
+    plane_weights: tuple[float, ...] | None = None
+    eyebox: float = 0.0
+    begin: str = "random"
+    wavelength_range_m: tuple[float, float] = (440e-9, 660e-9)
+    wavelength_spacing_m: float = 4e-9
+    wavelength_step_m: float = 3e-9
 
     def __post_init__(self) -> None:
         for key, count in (("iterations", self.iterations), ("amplitudes_every", self.amplitudes_every)):
@@ -29,3 +53,31 @@ class Settings:
             raise UserError("step", str(self.step_rad), expected="a positive phase step")
         if not all(0 <= beta < 1 for beta in self.betas):
             raise UserError("betas", str(self.betas), expected="numbers from 0 to below 1")
+        if not 0 <= self.eyebox < math.inf:
+            raise UserError("eyebox", str(self.eyebox), expected="a weight of 0 or more")
+        for name in self.free:
+            if name not in UNKNOWNS:
+                raise UserError("free", f'"{name}"', expected=", ".join(UNKNOWNS), remedy=near_matches(name, UNKNOWNS))
+        if not self.free:
+            raise UserError("free", "nothing", expected=f"at least one of {', '.join(UNKNOWNS)}")
+        if self.begin not in STARTS:
+            raise UserError("begin", f'"{self.begin}"', expected=" or ".join(STARTS))
+        self._check_area()
+        self._check_wavelengths()
+
+    def loss_for(self, observer: str) -> str:
+        """The loss's name, chosen by the observer where it is None."""
+        return self.loss or ("mono" if observer == "mono" else "linear-srgb")
+
+    def _check_area(self) -> None:
+        if self.region is not None and (min(self.region[:2]) < 0 or min(self.region[2:]) < 1):
+            raise UserError("region", str(self.region), expected="x, y ≥ 0 and a width and height ≥ 1")
+        weights = self.plane_weights
+        if weights is not None and not (all(0 <= w < math.inf for w in weights) and any(w > 0 for w in weights)):
+            raise UserError("plane weights", str(weights), expected="numbers of 0 or more, one of them positive")
+
+    def _check_wavelengths(self) -> None:
+        low, high = self.wavelength_range_m
+        if not (0 < low < high < 1e-5 and self.wavelength_spacing_m >= 0 and 0 < self.wavelength_step_m < math.inf):
+            found = f"{low * 1e9:g} to {high * 1e9:g} nm, spacing {self.wavelength_spacing_m * 1e9:g} nm"
+            raise UserError("wavelength range", found, expected="a rising range, a spacing ≥ 0, a positive step")

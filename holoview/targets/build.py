@@ -16,6 +16,7 @@ from holoview.system import System
 from holoview.targets.defocus import Aperture, diffraction_half_angle
 from holoview.targets.focal_stack import Target, picture_stack
 from holoview.targets.picture import Picture, fit, read_depth, read_picture
+from holoview.targets.saturation import scaled_saturation
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,9 @@ def target_for(
     picture: str | os.PathLike[str] | Picture,
     placement: Placement = Placement(),
     brightness: float = 1.0,
+    *,
+    saturation: float = 1.0,
+    planes: NDArray[np.float64] | None = None,
 ) -> Target:
     """The focal stack of a picture with the natural defocus of the bench's eyebox.
 
@@ -40,15 +44,19 @@ def target_for(
     from `nearest_m` to `farthest_m` (the system's first and last planes when None). Blur comes from the largest angle
     that the modulator diffracts to at the middle wavelength, or from the iris where that is smaller.
 
+    saturation: factor on the chroma, in CIE LCHuv. planes: where the stack is wanted, the system's planes when None;
+    the depth range stays that of the system.
+
     Raises UserError for files that can't be used, a distance outside the planes, and a depth map of another size.
     """
     source = read_picture(picture) if not isinstance(picture, Picture) else picture
     grid = make_plan(system).grid
-    rgb = np.clip(fit(source.rgb, grid.shape), 0, None)
+    rgb = scaled_saturation(fit(source.rgb, grid.shape), saturation)
+    planes_m = system.planes_m if planes is None else planes
     depth_m = _depth(system, placement, source, grid.shape)
     half_angle, aperture = _blur(system)
-    stack = picture_stack(rgb, depth_m, system.planes_m, grid.pitch_m, half_angle, aperture)
-    return Target.of(stack, tuple(system.planes_m), source.source, brightness)
+    stack = picture_stack(rgb, depth_m, planes_m, grid.pitch_m, half_angle, aperture)
+    return Target.of(stack, tuple(planes_m), source.source, brightness)
 
 
 def _depth(

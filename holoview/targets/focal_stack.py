@@ -1,7 +1,7 @@
 """What an eye should see at each plane: a picture with depth, naturally out of focus everywhere but where it belongs.
 
-`picture_stack` makes such a focal stack from one picture, `read_stack` reads one that was rendered elsewhere, and
-`Target` is either with its planes: what the optimiser aims at.
+`picture_stack` makes such a focal stack from one picture; `stacks` reads one that was rendered elsewhere. `Target` is
+either with its planes: what the optimiser aims at.
 
 A picture with a depth map is cut into layers of nearly equal depth. On each plane they are laid over each other from
 far to near, each blurred by its own distance, its blurred coverage hiding what lies behind:
@@ -18,11 +18,8 @@ not with what it shows), and hidden things are guessed.
 from __future__ import annotations
 
 import math
-import os
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +27,9 @@ from scipy import ndimage
 
 from holoview.errors import UserError
 from holoview.targets.defocus import Aperture, Blurrer, blur_radius_px, frame_share, kernel
-from holoview.targets.picture import fit, read_picture
 
 MOST_LAYERS = 24
 _LAYER_STEP_PX = 1.0  # half a pixel either way is no blur; finer cuts are further from a real lens, seams add up
-_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 
 
 @dataclass(frozen=True)
@@ -111,43 +106,6 @@ def picture_stack(
             part += over
     light = total[:, :3] / np.maximum(total[:, 3:], np.float32(1e-6))
     return np.ascontiguousarray(np.moveaxis(light, 1, -1))
-
-
-def read_stack(
-    pictures: str | os.PathLike[str] | Iterable[str | os.PathLike[str]], shape: tuple[int, int]
-) -> NDArray[np.float32]:
-    """A ready focal stack, one picture a plane, as (plane, y, x, 3) linear light fitted to `shape` (y, x).
-
-    `pictures` is a folder (its PNG, JPEG, TIFF and OpenEXR files in the order of the numbers in their names) or the
-    files in the planes' order.
-
-    Raises UserError when there are none, when one can't be read, or when their sizes differ.
-    """
-    if isinstance(pictures, str | os.PathLike):
-        where, files = str(pictures), _files_in(Path(pictures))
-    else:
-        files = [Path(p) for p in pictures]
-        where = "focal stack"
-    if not files:
-        raise UserError(where, "holds no pictures", expected=f"one a plane ({', '.join(_PICTURES)})")
-    stack = []
-    first: tuple[int, ...] = ()
-    for file in files:
-        rgb = read_picture(file).rgb
-        first = first or rgb.shape
-        if rgb.shape != first:
-            found = f"is {rgb.shape[1]} × {rgb.shape[0]}"
-            raise UserError(str(file), found, expected=f"{first[1]} × {first[0]} as {files[0].name}")
-        stack.append(fit(rgb, shape))
-    return np.stack(stack)
-
-
-def _files_in(folder: Path) -> list[Path]:
-    if not folder.is_dir():
-        found = "is a file" if folder.exists() else "there is no such folder"
-        raise UserError(str(folder), found, expected="a folder with one picture a plane")
-    files = [f for f in folder.iterdir() if f.suffix.lower() in _PICTURES and not f.name.startswith(".")]
-    return sorted(files, key=lambda f: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", f.name)])
 
 
 def _checked(

@@ -1,7 +1,8 @@
 """A user's picture as linear light, and a depth map as numbers from near to far.
 
-Integer files hold a display signal and are decoded with the sRGB curve; float files hold light and are taken as they
-are. Both end as (y, x, 3) linear light with sRGB primaries, 1 = the display's white.
+Integer files hold a display signal and are decoded with the sRGB curve; float files hold light: linear sRGB, other
+primaries where an OpenEXR file states them, or CIE XYZ where the caller says so. All end as (y, x, 3) linear light with
+sRGB primaries, 1 = the display's white; colours outside sRGB are kept as values outside 0…1.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.colour import srgb_decode
+from holoview.colour import XYZ_TO_SRGB, rgb_to_xyz, srgb_decode, xyz_to_linear_srgb
 from holoview.errors import UserError
 from holoview.targets.raster import Raster, decode, signature
 
@@ -31,17 +32,28 @@ class Picture:
     notes: tuple[str, ...] = ()
 
 
-def read_picture(path: str | os.PathLike[str]) -> Picture:
-    """A PNG, JPEG, TIFF or OpenEXR file as linear light.
+SPACES = ("srgb", "xyz")
+"""What the three channels of a float file may be: linear sRGB, or CIE XYZ with Y = 1 the display's white (D65)."""
+
+
+def read_picture(path: str | os.PathLike[str], space: str = "srgb", page: int | None = None) -> Picture:
+    """A PNG, JPEG, TIFF or OpenEXR file as linear light; one page of several, the first when None.
 
     Alpha is composited over black, grey is copied to three channels, values above 1 or below 0 in float files are kept;
     each is told in `notes`.
 
-    Raises UserError when the file is missing, a folder, no picture, truncated, without pixels, or holds NaN or
-    infinity.
+    Raises UserError when the file is missing, a folder, no picture, truncated, without pixels, holds NaN or infinity,
+    or holds a display signal where XYZ was asked for.
     """
     file = Path(path)
-    raster = decode(file)
+    raster = decode(file, page)
+    if space not in SPACES:
+        raise UserError("space", f'"{space}"', expected=" or ".join(SPACES))
+    if space == "xyz" and (raster.encoded or raster.values.shape[-1] != 3):
+        found = "holds integers, an encoded signal" if raster.encoded else "has one channel"
+        raise UserError(
+            str(file), found, expected="three float channels of CIE XYZ", remedy="save it as float TIFF or EXR"
+        )
     _refuse_non_finite(file, raster.values)
     notes = list(raster.notes)
     light = srgb_decode(raster.values) if raster.encoded else raster.values
@@ -51,6 +63,8 @@ def read_picture(path: str | os.PathLike[str]) -> Picture:
     if light.shape[-1] == 1:
         light = np.repeat(light, 3, axis=-1)
         notes.append("grey copied to red, green and blue")
+    light, note = _to_linear_srgb(raster, light, space)
+    notes += [note] if note else []
     with np.errstate(over="ignore"):
         rgb = light.astype(np.float32)
     _refuse_non_finite(file, rgb)
@@ -119,6 +133,15 @@ def _nearest(count: int, start: float, scale: float, size: int) -> NDArray[np.in
     """Index of the source sample under the middle of each of `count` results."""
     index: NDArray[np.int64] = np.floor(start + (np.arange(count) + 0.5) / scale).astype(np.int64)
     return np.clip(index, 0, size - 1)
+
+
+def _to_linear_srgb(raster: Raster, light: NDArray[np.float64], space: str) -> tuple[NDArray[np.float64], str]:
+    """Light (y, x, 3) with sRGB primaries, and what was done to it; white stays white."""
+    if space == "xyz":
+        return xyz_to_linear_srgb(light), "CIE XYZ converted to linear sRGB, colours outside it kept"
+    if raster.primaries is None:
+        return light, ""
+    return light @ (XYZ_TO_SRGB @ rgb_to_xyz(raster.primaries)).T, "converted from the file's own primaries"
 
 
 def _over_black(file: Path, raster: Raster, light: NDArray[np.float64]) -> NDArray[np.float64]:

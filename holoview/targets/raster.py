@@ -7,8 +7,11 @@ Pillow reduces colour PNG to 8 bits.
 from __future__ import annotations
 
 import io
+import re
 import struct
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +56,7 @@ class Raster:
     `values` (y, x, 1 or 3): integers scaled to 0…1 of their full range, floats as stored. `alpha` (y, x) or
     None. `encoded`: the samples came as integers (a display signal) rather than floats (light).
     `premultiplied`: alpha is already in the colours. `notes`: what a person should know about the reading.
+    `primaries`: chromaticities (x, y) of red, green, blue and white that the file states, or None.
     """
 
     values: NDArray[np.float64]
@@ -60,6 +64,7 @@ class Raster:
     encoded: bool
     premultiplied: bool = False
     notes: tuple[str, ...] = ()
+    primaries: tuple[tuple[float, float], ...] | None = None
 
 
 def signature(path: Path) -> str:
@@ -81,13 +86,33 @@ def signature(path: Path) -> str:
     return next((name for magic, name in _SIGNATURES if head.startswith(magic)), "")
 
 
-def decode(path: Path) -> Raster:
-    """Samples of a PNG, JPEG, TIFF or OpenEXR file.
+def page_count(path: Path) -> int:
+    """How many pictures a file holds: TIFF pages, OpenEXR parts, or layers of one part; 1 for anything else."""
+    kind = signature(path)
+    try:
+        if kind == "TIFF":
+            with tifffile.TiffFile(path) as file:
+                return len(file.pages)
+        if kind == "OpenEXR" and OpenEXR.isOpenExrFile(str(path)):
+            with OpenEXR.File(str(path), separate_channels=True) as file:
+                return max(len(file.parts), len(_layers(file.channels(0))))
+    except _BROKEN:
+        return 1  # decode says what is wrong
+    return 1
+
+
+def decode(path: Path, page: int | None = None) -> Raster:
+    """Samples of a PNG, JPEG, TIFF or OpenEXR file; of one of its pages, or the first, with a note, when None.
 
     Raises UserError when it is none of these, truncated, damaged, without pixels, or of an unknown layout.
     """
     kind = signature(path)
-    readers = {"PNG": _png, "JPEG": _pillow, "TIFF": _tiff, "OpenEXR": _exr}
+    readers: dict[str, Callable[[Path], Raster]] = {
+        "PNG": _png,
+        "JPEG": _pillow,
+        "TIFF": partial(_tiff, page=page),
+        "OpenEXR": partial(_exr, page=page),
+    }
     if kind not in readers:
         found = "is a numpy array" if kind == "NPY" else "is not a picture that can be read"
         raise UserError(str(path), found, expected=EXPECTED, remedy="save it in one of these formats")
@@ -138,25 +163,25 @@ def _pillow(path: Path) -> Raster:
     return _split(_unit(np.asarray(upright)), encoded=True, notes=notes)
 
 
-def _tiff(path: Path) -> Raster:
-    """The first page: grey, palette or RGB, with or without alpha, samples side by side or in planes."""
+def _tiff(path: Path, page: int | None) -> Raster:
+    """One page: grey, palette or RGB, with or without alpha, samples side by side or in planes."""
     with tifffile.TiffFile(path) as file:
-        page = file.pages[0]
-        if page.imagewidth * page.imagelength > MOST_PIXELS:
-            raise _too_large(path, page.imagewidth, page.imagelength)
-        photometric, axes = page.photometric, page.axes
+        sheet = file.pages[page or 0]
+        if sheet.imagewidth * sheet.imagelength > MOST_PIXELS:
+            raise _too_large(path, sheet.imagewidth, sheet.imagelength)
+        photometric, axes = sheet.photometric, sheet.axes
         if axes not in ("YX", "YXS", "SYX"):
             remedy = "export a plain TIFF"
             raise UserError(str(path), f"has the TIFF layout {axes}", expected="one flat picture", remedy=remedy)
         if photometric not in _TIFF_COLOURS:
             name = getattr(photometric, "name", photometric)
             raise UserError(str(path), f"has {name} colours", expected="grey or RGB", remedy="export it as RGB")
-        samples = np.asarray(page.asarray())
-        notes = (f"{len(file.pages)} pages, the first is used",) if len(file.pages) > 1 else ()
-        full = 2**page.bitspersample - 1 if samples.dtype.kind == "u" else None
+        samples = np.asarray(sheet.asarray())
+        notes = (f"{len(file.pages)} pages, the first is used",) if len(file.pages) > 1 and page is None else ()
+        full = 2**sheet.bitspersample - 1 if samples.dtype.kind == "u" else None
         if photometric == tifffile.PHOTOMETRIC.PALETTE:
-            samples, full, axes = np.asarray(page.colormap)[:, samples], None, "SYX"
-        premultiplied = tifffile.EXTRASAMPLE.ASSOCALPHA in page.extrasamples
+            samples, full, axes = np.asarray(sheet.colormap)[:, samples], None, "SYX"
+        premultiplied = tifffile.EXTRASAMPLE.ASSOCALPHA in sheet.extrasamples
     if axes == "SYX":
         samples = np.moveaxis(samples, 0, -1)
     encoded, values = samples.dtype.kind != "f", _unit(samples, full)
@@ -165,21 +190,50 @@ def _tiff(path: Path) -> Raster:
     return _split(values, encoded=encoded, premultiplied=premultiplied, notes=notes)
 
 
-def _exr(path: Path) -> Raster:
+def _exr(path: Path, page: int | None) -> Raster:
+    """One part, or one layer ("name.R", "name.G", "name.B") of the only part."""
     if not OpenEXR.isOpenExrFile(str(path)):
         raise ValueError("not a readable OpenEXR file")
     with OpenEXR.File(str(path), separate_channels=True) as file:  # closing it empties its channels
-        header, channels = file.header(0), dict(file.channels(0))
+        count = len(file.parts)
+        part = page or 0 if count > 1 else 0
+        header, channels = dict(file.header(part)), dict(file.channels(part))
         if any(c.xSampling != 1 or c.ySampling != 1 for c in channels.values()):
             found = "has subsampled channels"
             raise UserError(str(path), found, expected="R, G, B at full size", remedy="export as RGB")
         planes = {name: np.array(c.pixels, dtype=np.float64) for name, c in channels.items()}
+    layers = _layers(channels)
+    if count == 1 and page is not None and len(layers) > 1:
+        planes = {name[-1]: planes[name] for name in (f"{layers[page]}.{c}" for c in "RGBA") if name in planes}
     names = ("R", "G", "B") if {"R", "G", "B"} <= planes.keys() else _single(path, list(planes))
     values = np.stack([planes[name] for name in names], axis=-1)
-    notes: tuple[str, ...] = ()
-    if "chromaticities" in header:
-        notes = ("the file's own primaries are ignored: taken as linear sRGB",)
-    return Raster(values, planes.get("A"), encoded=False, premultiplied=True, notes=notes)
+    several = max(count, len(layers))
+    notes = (f"{several} pictures, the first is used",) if count > 1 and page is None else ()
+    return Raster(values, planes.get("A"), False, premultiplied=True, notes=notes, primaries=_primaries(header))
+
+
+def _layers(channels: Iterable[str]) -> list[str]:
+    """Names of the layers that have R, G and B, in the order of the numbers in their names."""
+    names = set(channels)
+    prefixes = {name[:-2] for name in names if name.endswith(".R")}
+    return sorted((p for p in prefixes if {f"{p}.G", f"{p}.B"} <= names), key=by_number)
+
+
+def by_number(name: str) -> list[tuple[int, str]]:
+    """A key that sorts plane-2 before plane-10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
+def _primaries(header: Mapping[str, Any]) -> tuple[tuple[float, float], ...] | None:
+    """Chromaticities of red, green, blue and white of an OpenEXR header, where it states them."""
+    stated = header.get("chromaticities")
+    if stated is None:
+        return None
+    numbers = [float(number) for number in np.ravel(np.asarray(stated, dtype=np.float64))]
+    pairs = tuple(zip(numbers[0::2], numbers[1::2], strict=True))
+    if len(pairs) != 4 or any(y == 0 for _, y in pairs):
+        raise ValueError(f"chromaticities {numbers}")
+    return pairs
 
 
 def _single(path: Path, names: list[str]) -> tuple[str, ...]:

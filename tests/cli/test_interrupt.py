@@ -74,7 +74,7 @@ def test_an_interrupt_while_modules_load_is_quiet_too(
 def test_an_interrupt_before_the_first_iteration_writes_nothing(
     holoview: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, picture: Path
 ) -> None:
-    def interrupt(*_: Any) -> None:
+    def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("holoview.commands.optimise.iterate", interrupt)

@@ -99,7 +99,7 @@ def test_a_hologram_too_small_to_be_scored_is_saved_all_the_same(holoview: Run, 
     outcome = holoview("optimise", "simultaneous", picture, *tiny, "-o", "h.safetensors", "--json")
     assert outcome.code == 0
     assert "note: h.safetensors is saved but can't be scored: " in outcome.err
-    assert set(json.loads(outcome.out)) == {"preset", "file", "iterations", "seconds"}
+    assert set(json.loads(outcome.out)) == {"preset", "file", "iterations", "seconds", "loss", "wavelengths_nm"}
     assert load_hologram(tmp_path / "h.safetensors").drive.shape == (1, 2, 2, 2)
 
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from holoview.grid import positions
-from holoview.optics.propagate import transfer_function
+from holoview.optics.propagate import phase_slope, transfer_function
 from holoview.plan import Plan, make_plan
 from holoview.system import Modulator, Sampling, System
 
@@ -103,6 +103,39 @@ def test_the_adjoint_is_the_conjugate_transfer_function(propagation: str) -> Non
     forward = np.vdot(_propagated(plan, x, 3e-3), y)
     backward = np.vdot(x, np.conj(_propagated(plan, np.conj(y), 3e-3)))  # H is even: conj(A(conj y)) = Aᴴy
     assert abs(forward - backward) <= 1e-12 * np.linalg.norm(x) * np.linalg.norm(y)
+
+
+# --- how the phase depends on the wavelength ------------------------------------------------------------------------
+
+
+def _phase_per_metre(λ: float, plan: Plan) -> np.ndarray:
+    """2π·(√(1 − A) − 1)/λ, where the wave travels; 0 elsewhere."""
+    uy, ux = (np.fft.fftfreq(n, plan.grid.pitch_m) for n in plan.grid.padded)
+    a = (λ * uy[:, None]) ** 2 + (λ * ux) ** 2
+    return np.where(a < 1, -2 * np.pi / λ * a / (1 + np.sqrt(np.maximum(1 - a, 0))), 0)
+
+
+@pytest.mark.parametrize(("pitch_m", "travelling"), [(4e-6, 1.0), (0.5e-6, 1.0), (0.2e-6, 0.44)])
+def test_the_phases_slope_is_what_central_differences_approach(pitch_m: float, travelling: float) -> None:
+    plan, step = _plan((24, 30), pitch_m), 1e-6
+    found = phase_slope(WAVELENGTH, plan.grid).numpy()
+    sides = [_phase_per_metre(WAVELENGTH * (1 + sign * step), plan) for sign in (1, -1)]
+    expected = (sides[0] - sides[1]) / (2 * step * WAVELENGTH)
+    inside = _phase_per_metre(WAVELENGTH, plan) != 0
+    assert inside.mean() == pytest.approx(travelling, abs=0.02)
+    # Rounding of 1e-16/1e-6 of the phase; near grazing the slope grows as (1 − A)^(−1/2), and the cubic term with it.
+    np.testing.assert_allclose(found[inside], expected[inside], rtol=1e-7)
+    assert not found[~inside].any()
+    assert np.isfinite(found).all()
+
+
+def test_the_transfer_function_turns_by_the_phases_slope() -> None:
+    plan, distance_m, step_m = _plan((24, 30)), 10e-3, 1e-15
+    system = plan.system.edit({"wavelengths": [WAVELENGTH + step_m]})
+    turned = _transfer(make_plan(system), distance_m) * _transfer(plan, distance_m).conj()
+    expected = phase_slope(WAVELENGTH, plan.grid) * distance_m
+    # 19 000 waves of path keep 1e-11 rad, over 1e-15 m.
+    torch.testing.assert_close(turned.angle() / step_m, expected, rtol=1e-5, atol=1e-3 * float(expected.abs().max()))
 
 
 # --- beams, on the padded grid --------------------------------------------------------------------------------------

@@ -8,7 +8,17 @@ from typing import Any
 import pytest
 import torch
 
-from holoview.optics.slm import nearest_level, optical_path, phasor, pooled, upsampled
+from holoview.optics.slm import (
+    folded,
+    level_numbers,
+    nearest_level,
+    optical_path,
+    phasor,
+    pixel_response,
+    pooled,
+    summed,
+    upsampled,
+)
 from holoview.system import Modulator
 
 
@@ -18,6 +28,10 @@ def _modulator(levels: Any = None) -> Modulator:
 
 def _random(*shape: int, seed: int = 0) -> torch.Tensor:
     return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+def _random_complex(*shape: int, seed: int = 0) -> torch.Tensor:
+    return torch.complex(_random(*shape, seed=seed) - 0.5, _random(*shape, seed=seed + 100) - 0.5)
 
 
 def test_a_continuous_modulator_delays_by_the_drives_share_of_its_stroke() -> None:
@@ -83,10 +97,59 @@ def test_a_pixel_is_a_square_of_equal_samples() -> None:
 
 
 @pytest.mark.parametrize("factor", [1, 2, 3])
-def test_pooling_is_the_adjoint_of_upsampling(factor: int) -> None:
-    x, y = _random(2, 4, 5), _random(2, 4 * factor, 5 * factor, seed=1)
-    forward = float((upsampled(x, factor) * y).sum())
-    assert forward == pytest.approx(float((x * pooled(y, factor)).sum()), rel=1e-12)
+@pytest.mark.parametrize("complex_", [False, True], ids=["real", "complex"])
+def test_pooling_is_the_adjoint_of_upsampling(factor: int, complex_: bool) -> None:
+    make = _random_complex if complex_ else _random
+    x, y = make(2, 4, 5), make(2, 4 * factor, 5 * factor, seed=2)
+    forward, back = (upsampled(x, factor).conj() * y).sum(), (x.conj() * pooled(y, factor)).sum()
+    torch.testing.assert_close(forward, back, rtol=1e-12, atol=0)
+
+
+@pytest.mark.parametrize("factor", [1, 2, 3])
+def test_folding_is_the_adjoint_of_repeating(factor: int) -> None:
+    x, y = _random_complex(2, 4, 5), _random_complex(2, 4 * factor, 5 * factor, seed=2)
+    forward, back = (x.repeat(1, factor, factor).conj() * y).sum(), (x.conj() * folded(y, factor)).sum()
+    torch.testing.assert_close(forward, back, rtol=1e-12, atol=0)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_a_sum_of_tensors_is_their_sum_and_leaves_them_alone(count: int) -> None:
+    parts = [_random_complex(3, 4, seed=seed) for seed in range(count)]
+    before = [part.clone() for part in parts]
+    torch.testing.assert_close(summed(parts), torch.stack(parts).sum(dim=0), rtol=1e-14, atol=0)
+    assert all(torch.equal(part, known) for part, known in zip(parts, before, strict=True))
+
+
+@pytest.mark.parametrize("factor", [1, 2, 3, 5])
+@pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.013, -0.17)], ids=["on axis", "oblique"])
+def test_the_spectrum_of_an_upsampled_pattern_is_that_of_its_pixels_repeated_times_the_pixels_own(
+    factor: int, slopes: tuple[float, float]
+) -> None:
+    """With a wave exp(2πi·s·n) over the samples, of which the pixels see the first sample's phase."""
+    pixels = _random_complex(6, 8)
+    turns = [slope * torch.arange(n * factor, dtype=torch.float64) for n, slope in zip((6, 8), slopes, strict=True)]
+    y, x = (torch.exp(2j * math.pi * t) for t in turns)
+    expected = torch.fft.fft2(upsampled(pixels, factor) * y[:, None] * x[None, :])
+    seen = pixels * y[::factor, None] * x[None, ::factor]
+    response = pixel_response(6 * factor, factor, slopes[0])[:, None] * pixel_response(8 * factor, factor, slopes[1])
+    found = torch.fft.fft2(seen).repeat(factor, factor) * response
+    torch.testing.assert_close(found, expected, rtol=0, atol=1e-12 * float(expected.abs().max()))
+
+
+def test_a_pixels_spectrum_on_the_axis_is_a_dirichlet_kernel_of_its_width() -> None:
+    response = pixel_response(12, 3, 0.0)
+    f = torch.arange(12, dtype=torch.float64) / 12
+    expected = torch.cat([torch.tensor([3.0]).double(), torch.sin(3 * math.pi * f[1:]) / torch.sin(math.pi * f[1:])])
+    torch.testing.assert_close(response.abs(), expected.abs(), rtol=0, atol=1e-14)
+    assert response.dtype == torch.complex128
+
+
+@pytest.mark.parametrize("levels", [2, 5, [0, 0.05, 0.3, 0.35, 0.9, 1]], ids=str)
+def test_a_levels_number_is_that_of_what_is_shown(levels: Any) -> None:
+    drive, modulator = _random(3, 50, seed=4), _modulator(levels)
+    assert modulator.levels is not None
+    table = torch.tensor(modulator.levels)
+    assert torch.equal(table[level_numbers(drive, modulator)], nearest_level(drive, modulator))
 
 
 def test_a_phasor_has_modulus_one_in_single_precision_too() -> None:

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import torch
 
 from holoview.grid import positions
-from holoview.optics.source import plane_wave
+from holoview.optics.source import pixel_wave, plane_wave
 from holoview.plan import Plan, make_plan
-from holoview.system import Modulator, Source, System
+from holoview.system import Modulator, Sampling, Source, System
 
 CPU = torch.device("cpu")
 
 
-def _plan(source: Source) -> Plan:
-    modulator = Modulator(pitch_m=8e-6, shape=(5, 8), stroke_m=825e-9)
-    return make_plan(System([460e-9, 638e-9], [[1.0, 1.0]], (modulator,), source=source))
+def _plan(source: Source, upsample: int = 2) -> Plan:
+    modulator, sampling = Modulator(pitch_m=8e-6, shape=(5, 8), stroke_m=825e-9), Sampling(upsample=upsample)
+    return make_plan(System([460e-9, 638e-9], [[1.0, 1.0]], (modulator,), source=source, sampling=sampling))
 
 
 def test_light_at_normal_incidence_is_one_everywhere() -> None:
@@ -40,3 +41,13 @@ def test_every_source_is_equally_strong_in_single_precision_too() -> None:
     assert float((field.abs() - 1).abs().max()) <= 2e-7  # two roundings of float32
     exact = plane_wave(plan, 0, 0, torch.complex128, CPU)
     assert float((field - exact).abs().max()) <= 2e-7  # the phase itself is formed in float64
+
+
+@pytest.mark.parametrize("upsample", [1, 2, 3])
+def test_a_pixel_sees_the_wave_at_its_first_sample(upsample: int) -> None:
+    plan = _plan(Source(directions_rad=[[0.3, -0.4]]), upsample)
+    for wavelength in (0, 1):
+        whole = plane_wave(plan, wavelength, 0, torch.complex128, CPU)
+        pixels = pixel_wave(plan, wavelength, 0, torch.complex128, CPU)
+        assert torch.equal(pixels, whole[::upsample, ::upsample])
+        assert tuple(pixels.shape) == (5, 8)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,143 +12,171 @@ import torch
 
 from holoview.engine.frame import focal_stack
 from holoview.engine.torch import TorchExecutor
-from holoview.optics.propagate import transfer_function
-from holoview.optics.pupil import pupil
 from holoview.optics.slots import make_slots
-from holoview.optics.source import plane_wave
 from holoview.optimise.model import Model
 from holoview.plan import Plan, make_plan
-from holoview.system import Modulator, System
 
-CPU = torch.device("cpu")
+Noise = Callable[..., torch.Tensor]
 FRAME, LASER = 1, 1
 
-CASES: dict[str, dict[str, Any]] = {
-    "two modulators": {},
-    "one modulator": {"modulators": [{"pitch": "8 um", "shape": [6, 7], "stroke": "825 nm"}], "gap": None},
-    "sources": {"source": {"directions": [[0, 0], [0.01, -0.02], [-0.03, 0.005]]}},
-    "stops": {"relay1.iris_na": 0.04, "relay2.iris_na": 0.03, "relay2.dc_block_na": 0.004},
-    "glass": {"relay2": {"iris_na": 0.04, "apodisation_na": 0.03, "aberration": {"Z4": "70 nm", "Z8": "40 nm"}}},
-    "periodic": {"propagation": "periodic"},
-    "upsampled thrice": {"upsample": 3},
-}
+
+def _opd(plan: Plan, noise: Noise) -> torch.Tensor:
+    return noise(0, *plan.system.drive_shape) * 825e-9
 
 
-def _plan(case: str) -> Plan:
-    modulator = Modulator(pitch_m=8e-6, shape=(6, 7), stroke_m=825e-9)
-    base = System(
-        wavelengths_m=[460e-9, 638e-9],
-        amplitudes=[[1.0, 2.0], [3.0, 1.0]],
-        modulators=(modulator, modulator),
-        gap_m=0.5e-3,
-        planes_m=[0.8e-3, 1e-3, 1.3e-3],
-    )
-    return make_plan(base.edit(CASES[case]))
+def _target(plan: Plan, noise: Noise) -> torch.Tensor:
+    return noise(1, len(plan.planes_m), *plan.grid.shape)
 
 
-def _random(seed: int, *shape: int) -> torch.Tensor:
-    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+def _run(model: Model, opd_m: torch.Tensor, target: torch.Tensor, chromatic: bool = False) -> dict[str, torch.Tensor]:
+    """Intensity (plane, y, x) of one laser in one frame, and the gradients of Σ (I − target)²."""
+    seen = torch.empty(len(model.lasers), *model.plan.grid.shape, dtype=model.real)
+    planes, laser = [], model.lasers.index((FRAME, LASER))
+    model.forward(opd_m, chromatic=chromatic)
+    for plane, wanted in enumerate(target):
+        model.see(plane, seen)
+        planes.append(seen[laser].clone())
+        slope = torch.zeros_like(seen)
+        slope[laser] = 2 * (seen[laser] - wanted)
+        model.answer(plane, slope)
+    gradient, slopes = torch.zeros_like(opd_m), torch.zeros(len(model.plan.system.wavelengths_m), dtype=torch.float64)
+    model.finish(gradient, slopes if chromatic else None)
+    return {"intensity": torch.stack(planes), "gradient": gradient, "chromatic": slopes}
 
 
-def _opd(plan: Plan) -> torch.Tensor:
-    return _random(0, *plan.system.drive_shape) * 825e-9
-
-
-def _target(plan: Plan) -> torch.Tensor:
-    return _random(1, len(plan.planes_m), *plan.grid.shape)
-
-
-def _plain_intensity(plan: Plan, opd_m: torch.Tensor) -> torch.Tensor:
-    """Mean intensity over sources (plane, y, x), in the simplest differentiable form."""
-    λ = float(plan.system.wavelengths_m[LASER])
-
-    def relayed(field: torch.Tensor, relay: int, z: float) -> torch.Tensor:
-        h = transfer_function(plan.transfer(relay, LASER, z), plan.grid, torch.complex128, CPU)
-        glass = pupil(plan, relay, LASER, torch.complex128, CPU)
-        rows, columns = plan.grid.shape
-        spectrum = torch.fft.fft2(field, s=plan.grid.padded) * (h if glass is None else h * glass)
-        return torch.fft.ifft2(spectrum)[:rows, :columns]
-
-    factor = plan.grid.upsample
-    masks = [torch.exp(2j * math.pi * m / λ) for m in opd_m[FRAME]]
-    masks = [m.repeat_interleave(factor, 0).repeat_interleave(factor, 1) for m in masks]
-    total = torch.zeros(len(plan.planes_m), *plan.grid.shape, dtype=torch.float64)
-    for source in range(len(plan.slopes)):
-        field = plane_wave(plan, LASER, source, torch.complex128, CPU) * masks[0]
-        if plan.system.gap_m is not None:
-            field = relayed(field, 0, plan.system.gap_m) * masks[1]
-        total = total + torch.stack([relayed(field, 1, float(z)).abs().square() for z in plan.planes_m])
-    return total / len(plan.slopes)
-
-
-def _gradient(plan: Plan, opd_m: torch.Tensor, target: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Intensity and ∂/∂opd of Σ (I − target)², by the model."""
-    model = Model(plan, double=True)
-    traces = [model.trace(opd_m, FRAME, LASER, source) for source in range(model.sources)]
-    intensity = model.intensity(traces)
-    gradient = torch.zeros_like(opd_m)
-    for trace in traces:
-        model.backward(trace, 2 * (intensity - target) / model.sources, FRAME, LASER, gradient)
-    return intensity, gradient
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_the_adjoint_is_the_gradient_that_autograd_finds(case: str) -> None:
-    plan = _plan(case)
-    target, opd_m = _target(plan), _opd(plan).requires_grad_()
-    plain = _plain_intensity(plan, opd_m)
-    (expected,) = torch.autograd.grad((plain - target).square().sum(), opd_m)
-    intensity, found = _gradient(plan, opd_m.detach(), target)
-    torch.testing.assert_close(intensity, plain.detach(), rtol=1e-11, atol=1e-13)
-    assert float((found - expected).norm()) <= 1e-13 * float(expected.norm())  # measured 2e-15
+@pytest.mark.parametrize("keep", [True, False], ids=["fields kept", "fields made again"])
+def test_the_adjoint_is_the_gradient_that_autograd_finds(
+    case: str, keep: bool, plan_of: Callable[[str], Plan], plain: Any, noise: Noise
+) -> None:
+    plan = plan_of(case)
+    target, opd_m = _target(plan, noise), _opd(plan, noise).requires_grad_()
+    shown = plain(plan).intensity(opd_m, FRAME, LASER)
+    (expected,) = torch.autograd.grad((shown - target).square().sum(), opd_m)
+    found = _run(Model(plan, double=True, keep=keep), opd_m.detach(), target)
+    torch.testing.assert_close(found["intensity"], shown.detach(), rtol=1e-11, atol=1e-13)
+    assert float((found["gradient"] - expected).norm()) <= 1e-13 * float(expected.norm())  # measured 3e-15
     assert float(expected[FRAME].norm()) > 0
-    assert not found[1 - FRAME].any()  # another frame's pattern isn't looked at
+    assert not found["gradient"][1 - FRAME].any()  # another frame's pattern isn't looked at
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_the_adjoint_is_what_central_differences_approach(case: str) -> None:
-    plan = _plan(case)
-    target, opd_m, step_m = _target(plan), _opd(plan), 1e-11
-    _, gradient = _gradient(plan, opd_m, target)
+def test_the_adjoint_is_what_central_differences_approach(
+    case: str, plan_of: Callable[[str], Plan], noise: Noise
+) -> None:
+    plan = plan_of(case)
+    model, target, opd_m, step_m = Model(plan, double=True), _target(plan, noise), _opd(plan, noise), 1e-11
+    gradient = _run(model, opd_m, target)["gradient"]
     for modulator in range(len(plan.system.modulators)):
         for y, x in ((0, 0), (3, 2), (5, 6)):
             losses = []
             for sign in (1, -1):
                 moved = opd_m.clone()
                 moved[FRAME, modulator, y, x] += sign * step_m
-                losses.append(float((_gradient(plan, moved, target)[0] - target).square().sum()))
+                losses.append(float((_run(model, moved, target)["intensity"] - target).square().sum()))
             expected = (losses[0] - losses[1]) / (2 * step_m)
             # Phase steps of 1e-4 rad leave a cubic term of the order of their square, 1e-8; measured 2e-9.
             scale = float(gradient[FRAME, modulator].abs().max())
             assert float(gradient[FRAME, modulator, y, x]) == pytest.approx(expected, abs=1e-8 * scale)
 
 
-def test_the_adjoint_in_single_precision_is_near_that_in_double() -> None:
-    plan = _plan("two modulators")
-    opd_m, target = _opd(plan).float(), _target(plan).float()
-    _, expected = _gradient(plan, opd_m.double(), target.double())
-    model = Model(plan)
-    trace = model.trace(opd_m, FRAME, LASER, 0)
-    gradient = torch.zeros_like(opd_m)
-    model.backward(trace, 2 * (model.intensity([trace]) - target), FRAME, LASER, gradient)
-    assert float((gradient - expected).norm()) <= 1e-6 * float(expected.norm())  # measured 4e-7
+def test_the_wavelengths_gradient_is_what_central_differences_approach(
+    case: str, plan_of: Callable[[str], Plan], plain: Any, noise: Noise
+) -> None:
+    plan = plan_of(case)
+    target, opd_m, step = _target(plan, noise), _opd(plan, noise), 1e-7
+    found = _run(Model(plan, double=True), opd_m, target, chromatic=True)["chromatic"]
+    losses = []
+    for sign in (1, -1):
+        λ = plan.system.wavelengths_m.copy()
+        λ[LASER] *= 1 + sign * step
+        moved = replace(make_plan(plan.system.edit({"wavelengths": λ})), grid=plan.grid)
+        losses.append(float((plain(moved).intensity(opd_m, FRAME, LASER) - target).square().sum()))
+    expected = (losses[0] - losses[1]) / (2 * step * plan.system.wavelengths_m[LASER])
+    # Losses near 100 are rounded by 1e-14, over 1e-7 of λ: 1e-8 to 1e-7 of the gradient; measured 1e-8 at most.
+    assert float(found[LASER]) == pytest.approx(expected, rel=1e-7)
+    assert float(found[1 - LASER]) == 0.0
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_the_model_sees_what_the_executor_simulates(case: str) -> None:
-    plan = _plan(case)
-    drive = _random(2, *plan.system.drive_shape)
-    slots = make_slots(plan, drive)
+@pytest.mark.xfail(reason="the pupil times the step underflows before it divides: 0/0", strict=True)
+def test_where_an_apodisation_lets_nothing_through_the_wavelengths_gradient_is_finite(
+    plan_of: Callable[[str], Plan], noise: Noise
+) -> None:
+    """exp(−(sin θ/NA)²) is 0 in float64 at the corners of the spectrum, and its logarithm has no slope there."""
+    plan = make_plan(plan_of("two modulators").system.edit({"relay2.apodisation_na": 0.003}))
+    found = _run(Model(plan, double=True), _opd(plan, noise), _target(plan, noise), chromatic=True)
+    assert bool(torch.isfinite(found["chromatic"]).all())
+    assert float(found["chromatic"][LASER]) != 0.0
+
+
+def test_the_wavelengths_gradient_leaves_that_of_the_patterns_as_it_is(
+    plan_of: Callable[[str], Plan], noise: Noise
+) -> None:
+    plan = plan_of("glass")
+    model, opd_m, target = Model(plan, double=True), _opd(plan, noise), _target(plan, noise)
+    without = _run(model, opd_m, target)["gradient"]
+    assert torch.equal(_run(model, opd_m, target, chromatic=True)["gradient"], without)
+
+
+@pytest.mark.parametrize("keep", [True, False], ids=["fields kept", "fields made again"])
+def test_the_adjoint_in_single_precision_is_near_that_in_double(
+    case: str, keep: bool, plan_of: Callable[[str], Plan], noise: Noise
+) -> None:
+    plan = plan_of(case)
+    opd_m, target = _opd(plan, noise).float(), _target(plan, noise).float()
+    expected = _run(Model(plan, double=True), opd_m.double(), target.double(), chromatic=True)
+    found = _run(Model(plan, keep=keep), opd_m, target, chromatic=True)
+    # Measured 5e-7, 1.1e-6, and 3e-6: the wavelength's gradient is a small sum of large terms of both signs.
+    for name, tolerance in (("intensity", 1e-6), ("gradient", 2e-6), ("chromatic", 1e-5)):
+        assert float((found[name] - expected[name]).norm()) <= tolerance * float(expected[name].norm()), name
+
+
+def test_the_model_sees_what_the_executor_simulates(case: str, plan_of: Callable[[str], Plan], noise: Noise) -> None:
+    plan = plan_of(case)
+    slots = make_slots(plan, noise(2, *plan.system.drive_shape))
     expected, _ = focal_stack(TorchExecutor(plan, slots, double=True))
     model = Model(plan, double=True)
+    seen = torch.empty(len(model.lasers), *plan.grid.shape, dtype=torch.float64)
     found = np.zeros_like(expected)
-    for frame, laser in model.lasers:
-        traces = [model.trace(slots.opd_m, frame, laser, source) for source in range(model.sources)]
-        amplitude = plan.system.amplitudes[frame, laser] / plan.system.frames
-        found[:, laser] += amplitude * model.intensity(traces).numpy()
+    model.forward(slots.opd_m)
+    for plane in range(len(plan.planes_m)):
+        model.see(plane, seen)
+        for (frame, laser), intensity in zip(model.lasers, seen, strict=True):
+            amplitude = plan.system.amplitudes[frame, laser] / plan.system.frames
+            found[plane, laser] += amplitude * intensity.numpy()
     np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-13)
 
 
-def test_only_lasers_that_are_on_are_modelled() -> None:
-    system = _plan("two modulators").system.edit({"amplitudes": [[1.0, 0.0], [0.0, 2.0]]})
-    assert Model(make_plan(system)).lasers == [(0, 0), (1, 1)]
+def test_planes_may_be_seen_in_any_order_and_again(plan_of: Callable[[str], Plan], noise: Noise) -> None:
+    plan = plan_of("sources")
+    model = Model(plan, double=True)
+    first, again = (torch.empty(len(model.lasers), *plan.grid.shape, dtype=torch.float64) for _ in range(2))
+    model.forward(_opd(plan, noise))
+    model.see(2, first)
+    model.see(0, again)
+    model.see(2, again)
+    assert torch.equal(again, first)
+
+
+def test_a_model_that_goes_on_with_other_wavelengths_is_as_a_new_one(
+    case: str, plan_of: Callable[[str], Plan], noise: Noise
+) -> None:
+    plan = plan_of(case)
+    moved = replace(make_plan(plan.system.edit({"wavelengths": [471e-9, 629e-9]})), grid=plan.grid)
+    opd_m, target = _opd(plan, noise), _target(plan, noise)
+    model = Model(plan, double=True)
+    before = _run(model, opd_m, target, chromatic=True)
+    model.use(moved)
+    found = _run(model, opd_m, target, chromatic=True)
+    expected = _run(Model(moved, double=True), opd_m, target, chromatic=True)
+    for name, part in expected.items():
+        assert torch.equal(found[name], part), name
+        assert not torch.equal(found[name], before[name]), name
+
+
+def test_only_lasers_that_are_on_are_modelled(plan_of: Callable[[str], Plan]) -> None:
+    plan = plan_of("sources")
+    model = Model(make_plan(plan.system.edit({"amplitudes": [[1.0, 0.0], [0.0, 2.0]]})))
+    assert model.lasers == [(0, 0), (1, 1)]
+    assert [(beam.laser, beam.frame, beam.wavelength, beam.source) for beam in model.beams] == [
+        *((0, 0, 0, s) for s in range(3)),
+        *((1, 1, 1, s) for s in range(3)),
+    ]

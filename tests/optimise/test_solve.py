@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -10,37 +11,35 @@ import numpy as np
 import pytest
 
 import holoview as hv
+from holoview.colour import SRGB_TO_XYZ
 from holoview.errors import UserError
 from holoview.hologram import load_hologram
 from holoview.metrics.psnr import psnr_linear_srgb
-from holoview.optimise.solve import Settings, State, iterate
-from holoview.system import Modulator, System
+from holoview.optimise.losses import LOSSES
+from holoview.optimise.settings import Settings
+from holoview.optimise.solve import iterate
+from holoview.optimise.state import State
+from holoview.score import eyebox_of
+from holoview.system import System
+
+Bench = Callable[..., System]
+Stack = Callable[..., np.ndarray]
+EVERYTHING = ("patterns", "amplitudes", "wavelengths")
 
 
-def _system(**changes: Any) -> System:
-    modulator = Modulator(pitch_m=8e-6, shape=(12, 16), stroke_m=825e-9)
-    base = System(
-        wavelengths_m=[460e-9, 532e-9, 638e-9],
-        amplitudes=[[1.0, 1.0, 1.0]],
-        modulators=(modulator, modulator),
-        gap_m=0.4e-3,
-        planes_m=[0.4e-3, 0.5e-3],
-    )
-    return base.edit(changes)
+@pytest.fixture
+def run(stack_for: Stack) -> Callable[..., list[State]]:
+    """All the states of twelve iterations, or of as many as the settings say."""
+
+    def states(system: System, start: np.ndarray | None = None, **settings: Any) -> list[State]:
+        return list(iterate(system, stack_for(system), Settings(**{"iterations": 12, **settings}), start=start))
+
+    return states
 
 
-def _stack(system: System, seed: int = 0) -> np.ndarray:
-    """A smooth colour image in linear sRGB at every plane."""
-    plan = hv.make_plan(system)
-    rows, columns = plan.grid.shape
-    y, x = np.mgrid[0:rows, 0:columns] / max(rows, columns)
-    phases = np.random.default_rng(seed).uniform(0, 2 * np.pi, 3)
-    image = 0.3 + 0.2 * np.cos(2 * np.pi * (x + y)[..., None] + phases)
-    return np.repeat(image[None], len(plan.planes_m), axis=0)
+Run = Callable[..., list[State]]
 
-
-def _run(system: System, **settings: Any) -> list[State]:
-    return list(iterate(system, _stack(system), Settings(**{"iterations": 12, **settings})))
+# --- it improves ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -51,19 +50,85 @@ def _run(system: System, **settings: Any) -> list[State]:
         {"amplitudes": np.eye(3)},
         {"source": {"directions": [[0, 0], [0.01, -0.02]]}},
         {"levels": 16},
+        {"levels": 2},
         {"observer": "mono"},
+        {"observer": "cie1931"},
     ],
-    ids=["two modulators", "one modulator", "time-sequential", "sources", "levels", "mono"],
+    ids=["two modulators", "one modulator", "time-sequential", "sources", "levels", "two levels", "mono", "cie1931"],
 )
-def test_the_loss_falls_and_the_picture_gets_better(changes: dict[str, Any]) -> None:
-    states = _run(_system(**changes))
+def test_the_loss_falls_and_the_picture_gets_better(changes: dict[str, Any], bench: Bench, run: Run) -> None:
+    states = run(bench(**changes))
     assert [state.iteration for state in states] == list(range(13))
     assert min(state.loss for state in states) < 0.9 * states[0].loss
     assert states[-1].best_psnr_db > states[0].psnr_db
 
 
-def test_the_best_so_far_is_kept_whatever_comes_after_it() -> None:
-    states = _run(_system(levels=4), iterations=15, step_rad=6.0)  # steps that large go up and down
+@pytest.mark.parametrize("name", LOSSES)
+def test_every_loss_falls(name: str, bench: Bench, run: Run) -> None:
+    losses = [state.loss for state in run(bench(), loss=name)]
+    assert min(losses) < 0.7 * losses[0]
+
+
+@pytest.mark.parametrize("free", [("amplitudes",), ("patterns",), ("wavelengths",), EVERYTHING], ids=str)
+def test_what_is_free_moves_and_helps_and_the_rest_stays(free: tuple[str, ...], bench: Bench, run: Run) -> None:
+    system = bench()
+    start = hv.random_drive(system)
+    states = run(system, start=start, free=free, iterations=24, amplitudes_every=2)
+    best = states[-1].best
+    moved = {
+        "patterns": (best.drive != start).any(),
+        "amplitudes": (best.system.amplitudes != system.amplitudes).any(),
+        "wavelengths": (best.system.wavelengths_m != system.wavelengths_m).any(),
+    }
+    assert {name for name, has in moved.items() if has} == set(free)
+    assert min(state.loss for state in states) < states[0].loss
+
+
+def test_wavelengths_end_in_their_range_and_apart(bench: Bench, run: Run) -> None:
+    settings = {"wavelength_range_m": (455e-9, 600e-9), "wavelength_spacing_m": 30e-9}
+    best = run(bench(), free=EVERYTHING, amplitudes_every=1, **settings)[-1].best.system
+    rising = np.sort(best.wavelengths_m)
+    assert rising[0] >= 455e-9 * (1 - 1e-12) and rising[-1] <= 600e-9 * (1 + 1e-12)
+    assert np.diff(rising).min() >= 30e-9 * (1 - 1e-9)
+
+
+def test_wavelengths_out_of_their_range_are_seen_inside_it_from_the_beginning(
+    bench: Bench, run: Run, stack_for: Stack
+) -> None:
+    system = bench()
+    first = run(system, free=EVERYTHING, wavelength_range_m=(480e-9, 600e-9), iterations=2)[0]
+    np.testing.assert_allclose(first.best.system.wavelengths_m, [480e-9, 532e-9, 600e-9], rtol=1e-12)
+    seen = hv.simulate(first.best.system, first.best.drive, backend="torch")
+    assert psnr_linear_srgb(seen.rgb, stack_for(system)).mean_db == pytest.approx(first.psnr_db, abs=1e-4)
+
+
+def test_free_wavelengths_need_an_observer_with_slopes(bench: Bench, run: Run) -> None:
+    with pytest.raises(UserError, match='free wavelengths: observer = "cie1931"'):
+        run(bench(observer="cie1931"), free=EVERYTHING, amplitudes_every=1)
+
+
+# --- smooth against random, and the eyebox --------------------------------------------------------------------------
+
+
+def test_a_smooth_start_buys_decibels_with_an_empty_eyebox(bench: Bench, run: Run) -> None:
+    system = bench(shape=[32, 32])
+    rough, smooth = (run(system, begin=begin, iterations=20)[-1] for begin in ("random", "smooth"))
+    assert smooth.best_psnr_db > rough.best_psnr_db
+    assert smooth.eyebox > 2 * rough.eyebox
+
+
+@pytest.mark.parametrize("begin", ["random", "smooth"])
+def test_the_penalty_fills_the_eyebox_more_evenly(begin: str, bench: Bench, run: Run) -> None:
+    system = bench(shape=[32, 32])
+    free, even = (run(system, begin=begin, eyebox=weight, iterations=20)[-1] for weight in (0.0, 0.1))
+    assert even.eyebox < 0.8 * free.eyebox
+
+
+# --- the best so far ------------------------------------------------------------------------------------------------
+
+
+def test_the_best_so_far_is_kept_whatever_comes_after_it(bench: Bench, run: Run) -> None:
+    states = run(bench(levels=4), iterations=15, step_rad=6.0)  # steps that large go up and down
     losses = [state.loss for state in states]
     assert any(later > earlier for earlier, later in pairwise(losses))
     for i, state in enumerate(states):
@@ -73,46 +138,93 @@ def test_the_best_so_far_is_kept_whatever_comes_after_it() -> None:
         assert state.best.system == best.best.system
 
 
-def test_one_seed_gives_one_hologram_bit_for_bit_and_another_seed_another() -> None:
-    system = _system()
-    first, second, other = (_run(system, iterations=4, seed=seed)[-1].best for seed in (5, 5, 6))
+def test_one_seed_gives_one_hologram_bit_for_bit_and_another_seed_another(bench: Bench, run: Run) -> None:
+    first, second, other = (run(bench(), iterations=4, seed=seed)[-1].best for seed in (5, 5, 6))
     np.testing.assert_array_equal(first.drive, second.drive)
     assert first.system == second.system
     assert (first.drive != other.drive).any()
 
 
 @pytest.mark.parametrize(
-    "changes", [{}, {"levels": 4, "amplitudes": np.eye(3)}, {"observer": "mono"}], ids=["plain", "levels", "mono"]
+    ("changes", "settings"),
+    [
+        ({}, {}),
+        ({"levels": 4, "amplitudes": np.eye(3)}, {}),
+        ({"observer": "mono"}, {}),
+        ({}, {"loss": "xyz", "free": EVERYTHING, "amplitudes_every": 2}),
+        ({"source": {"directions": [[0, 0], [0.01, -0.02]]}}, {"loss": "srgb", "eyebox": 0.1}),
+    ],
+    ids=["plain", "levels", "mono", "wavelengths", "sources"],
 )
-def test_the_reported_quality_is_that_of_the_saved_hologram(changes: dict[str, Any], tmp_path: Path) -> None:
-    system = _system(**changes)
-    state = _run(system)[-1]
+def test_the_reported_quality_is_that_of_the_saved_hologram(
+    changes: dict[str, Any], settings: dict[str, Any], bench: Bench, run: Run, stack_for: Stack, tmp_path: Path
+) -> None:
+    system = bench(**changes)
+    state = run(system, **settings)[-1]
     state.best.save(tmp_path / "best.safetensors")
     saved = load_hologram(tmp_path / "best.safetensors")
     view = hv.simulate(saved.system, saved.drive, backend="torch")
-    stack = _stack(system)
+    stack = stack_for(system)
     if system.observer == "mono":  # a mono camera compares luminance, which it shows as grey
-        stack = np.repeat((stack @ [0.2126390, 0.7151687, 0.0721923])[..., None], 3, axis=-1)
+        stack = np.repeat((stack @ SRGB_TO_XYZ[1])[..., None], 3, axis=-1)
     # Single precision on both sides, one grid: measured 1e-6 dB.
     assert psnr_linear_srgb(view.rgb, stack).mean_db == pytest.approx(state.best_psnr_db, abs=1e-4)
 
 
-def test_a_modulator_of_four_levels_is_only_given_its_levels() -> None:
+@pytest.mark.parametrize("changes", [{}, {"observer": "mono"}], ids=["eye", "mono"])
+def test_the_picture_and_the_eyebox_are_those_of_the_hologram_of_now(
+    changes: dict[str, Any], bench: Bench, stack_for: Stack
+) -> None:
+    system = bench(planes=["0.3 mm", "0.4 mm", "0.6 mm"], **changes)
+    stack, judged = stack_for(system), []
+    for state in iterate(system, stack, Settings(iterations=8, amplitudes_every=4)):
+        if state.psnr_db != state.best_psnr_db:
+            continue  # then the hologram of now is not at hand
+        seen = hv.simulate(state.best.system, state.best.drive, backend="torch64").rgb[1]
+        np.testing.assert_allclose(state.picture(), seen, rtol=0, atol=2e-5)  # single precision
+        if state.iteration in (0, 4, 8):
+            judged.append(state.iteration)
+            assert state.eyebox == pytest.approx(eyebox_of(state.best).coefficient_of_variation, rel=1e-5)
+    assert {0, 8} <= set(judged)
+
+
+def test_between_two_judgements_the_eyebox_is_the_last_ones(bench: Bench, run: Run) -> None:
+    found = [state.eyebox for state in run(bench(), iterations=9, amplitudes_every=4)]
+    assert found[1:4] == [found[0]] * 3
+    assert found[5:8] == [found[4]] * 3
+    assert len(set(found)) == 4  # 0, 4, 8 and the last one
+    always = [state.eyebox for state in run(bench(), iterations=9, amplitudes_every=4, eyebox=0.01)]
+    assert len(set(always)) == 10  # with a penalty it is known every time
+
+
+def test_the_last_amplitudes_are_the_best_for_the_last_patterns(bench: Bench, run: Run, stack_for: Stack) -> None:
+    system = bench()
+    end = run(system, iterations=5, amplitudes_every=100)[-1]
+    assert end.psnr_db == end.best_psnr_db
+    again = run(end.best.system, start=end.best.drive, free=("amplitudes",), iterations=1)
+    assert again[-1].loss == pytest.approx(end.loss, rel=1e-6)
+    np.testing.assert_allclose(again[-1].best.system.amplitudes, end.best.system.amplitudes, rtol=1e-4)
+
+
+# --- what it keeps to -----------------------------------------------------------------------------------------------
+
+
+def test_a_modulator_of_four_levels_is_only_given_its_levels(bench: Bench, run: Run) -> None:
     levels = [0, 0.2, 0.7, 1]
-    drive = _run(_system(levels=levels))[-1].best.drive
+    drive = run(bench(levels=levels))[-1].best.drive
     assert set(np.unique(drive)) == set(np.float32(levels))
 
 
-def test_lasers_that_are_off_in_a_frame_stay_off() -> None:
-    amplitudes = _run(_system(amplitudes=np.eye(3)))[-1].best.system.amplitudes
+def test_lasers_that_are_off_in_a_frame_stay_off(bench: Bench, run: Run) -> None:
+    amplitudes = run(bench(amplitudes=np.eye(3)))[-1].best.system.amplitudes
     assert not amplitudes[~np.eye(3, dtype=bool)].any()
     assert (np.diag(amplitudes) > 0).all()
 
 
 @pytest.mark.parametrize("steps", [1, 3])
-def test_it_can_be_stopped_at_any_time_with_a_whole_hologram(steps: int) -> None:
-    system = _system()
-    states = iterate(system, _stack(system), Settings(iterations=1000))
+def test_it_can_be_stopped_at_any_time_with_a_whole_hologram(steps: int, bench: Bench, stack_for: Stack) -> None:
+    system = bench()
+    states = iterate(system, stack_for(system), Settings(iterations=1000))
     for _ in range(steps):
         state = next(states)
     states.close()
@@ -120,57 +232,53 @@ def test_it_can_be_stopped_at_any_time_with_a_whole_hologram(steps: int) -> None
     assert hv.simulate(state.best.system, state.best.drive, backend="torch").intensity.shape == (2, 3, 24, 32)
 
 
-def test_a_start_is_where_it_begins_and_is_left_alone() -> None:
-    system = _system()
+def test_a_start_is_where_it_begins_and_is_left_alone(bench: Bench, run: Run) -> None:
+    system = bench()
     start = hv.random_drive(system, seed=9)
     before = start.copy()
-    states = list(iterate(system, _stack(system), Settings(iterations=3), start=start))
+    states = run(system, start=start, iterations=3)
     np.testing.assert_array_equal(states[0].best.drive, before)
     np.testing.assert_array_equal(start, before)
 
 
-def test_everything_of_the_bench_but_its_amplitudes_is_kept() -> None:
-    system = _system(name="bench", **{"relay2.iris_na": 0.05})
-    best = _run(system, iterations=2)[-1].best.system
+def test_everything_of_the_bench_but_its_amplitudes_is_kept(bench: Bench, run: Run) -> None:
+    system = bench(name="bench", **{"relay2.iris_na": 0.05})
+    best = run(system, iterations=2)[-1].best.system
     assert best.edit({"amplitudes": system.amplitudes}) == system
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"iterations": 0}, "iterations: 0; expected at least 1"),
-        ({"iterations": -3}, "iterations: -3"),
-        ({"iterations": 2.5}, "iterations: 2.5"),
-        ({"step_rad": 0.0}, "step: 0.0; expected a positive phase step"),
-        ({"step_rad": -1.0}, "step: -1.0"),
-        ({"step_rad": float("nan")}, "step: nan"),
-        ({"step_rad": float("inf")}, "step: inf"),
-        ({"amplitudes_every": 0}, "amplitudes"),
-    ],
-    ids=str,
-)
-def test_settings_that_make_no_sense_are_refused(settings: dict[str, Any], message: str) -> None:
-    with pytest.raises(UserError, match=message):
-        Settings(**settings)
+def test_samples_outside_the_region_have_no_say(bench: Bench, stack_for: Stack) -> None:
+    system, region = bench(), (4, 6, 20, 12)
+    stack = stack_for(system)
+    other = np.full_like(stack, 0.9)
+    x, y, width, height = region
+    other[:, y : y + height, x : x + width] = stack[:, y : y + height, x : x + width]
+    settings = Settings(iterations=3, region=region)
+    one, two = (list(iterate(system, target, settings))[-1] for target in (stack, other))
+    np.testing.assert_array_equal(one.best.drive, two.best.drive)
+    assert (one.loss, one.psnr_db) == (two.loss, two.psnr_db)
 
 
-def test_a_target_that_does_not_fit_is_refused() -> None:
-    system = _system()
+# --- what it refuses ------------------------------------------------------------------------------------------------
+
+
+def test_a_target_that_does_not_fit_is_refused(bench: Bench, stack_for: Stack) -> None:
+    system = bench()
     with pytest.raises(UserError, match=r"target: a stack of shape \(1, 24, 32, 3\); expected .*\(2, 24, 32, 3\)"):
-        iterate(system, _stack(system)[:1])
+        iterate(system, stack_for(system)[:1])
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan], ids=["black", "not a number"])
-def test_a_target_that_no_light_can_come_near_is_refused(value: float) -> None:
-    system = _system()
+def test_a_target_that_no_light_can_come_near_is_refused(value: float, bench: Bench, stack_for: Stack) -> None:
+    system = bench()
     with pytest.raises(UserError, match="target"):
-        list(iterate(system, np.full_like(_stack(system), value), Settings(iterations=2)))
+        list(iterate(system, np.full_like(stack_for(system), value), Settings(iterations=2)))
 
 
 @pytest.mark.parametrize("value", [-0.1, 1.1, np.nan])
-def test_a_start_outside_the_stroke_is_refused(value: float) -> None:
-    system = _system()
+def test_a_start_outside_the_stroke_is_refused(value: float, bench: Bench, stack_for: Stack) -> None:
+    system = bench()
     start = hv.random_drive(system)
     start[0, 1, 2, 3] = value
     with pytest.raises(UserError, match="drive"):
-        iterate(system, _stack(system), start=start)
+        iterate(system, stack_for(system), start=start)

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from holoview.files import data_dir
 from holoview.targets.defocus import diffraction_half_angle
-from holoview.targets.focal_stack import picture_stack, read_stack
+from holoview.targets.focal_stack import picture_stack
 from holoview.targets.picture import read_depth, read_picture
+from holoview.targets.stacks import read_stack
 
 ASSETS = data_dir("assets")
 SHAPE = (768, 1024)

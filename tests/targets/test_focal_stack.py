@@ -12,7 +12,8 @@ from PIL import Image
 
 from holoview.errors import UserError
 from holoview.targets.defocus import Aperture, kernel
-from holoview.targets.focal_stack import Target, picture_stack, read_stack
+from holoview.targets.focal_stack import Target, picture_stack
+from holoview.targets.stacks import read_stack
 
 PITCH = 4e-6
 ANGLE = math.atan(0.02)

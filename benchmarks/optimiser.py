@@ -1,0 +1,90 @@
+"""The optimiser against autograd, its own FFTs, other libraries and Adam, side by side in one run on the CPU.
+
+    python -m benchmarks.optimiser --only speed memory
+
+What each table means, and how to install the other libraries: README.md beside this.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from benchmarks import optimiser_convergence, optimiser_memory, optimiser_peers, optimiser_speed
+from holoview import __version__
+
+Section = tuple[Callable[[argparse.Namespace], Any], Callable[[Any], str]]
+
+SECTIONS: dict[str, Section] = {
+    "speed": (lambda args: optimiser_speed.measure(args.size, args.repeats, args.threads), optimiser_speed.report),
+    "memory": (lambda args: optimiser_memory.measure(args.size), optimiser_memory.report),
+    "peers": (lambda args: optimiser_peers.measure(args.size, args.repeats, args.threads), optimiser_peers.report),
+    "convergence": (
+        lambda args: optimiser_convergence.measure(args.seeds, args.long),
+        optimiser_convergence.report,
+    ),
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the sections asked for; prints each when it is done."""
+    args = _parser().parse_args(arguments)
+    results: dict[str, Any] = {"machine": _machine(), "size": args.size, "repeats": args.repeats}
+    print(", ".join(f"{name} {value}" for name, value in results["machine"].items()))
+    for name in args.only:
+        measure, report = SECTIONS[name]
+        results[name] = measure(args)
+        print(f"\n## {name}\n\n{report(results[name])}", flush=True)
+    if args.json:
+        args.json.write_text(json.dumps(results, indent=2))
+    return 0
+
+
+def _machine() -> dict[str, Any]:
+    return {
+        "holoview": __version__,
+        "torch": torch.__version__,
+        "Python": platform.python_version(),
+        "cores": os.cpu_count(),
+        "load": f"{os.getloadavg()[0]:.1f}",
+        "platform": platform.platform(),
+    }
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.optimiser", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--only", nargs="+", choices=tuple(SECTIONS), default=list(SECTIONS), help="what to measure")
+    parser.add_argument(
+        "--size", nargs=2, type=_even, default=[768, 1024], metavar=("Y", "X"), help="simulated samples"
+    )
+    parser.add_argument("--repeats", type=_count, default=7, help="iterations timed, after two that aren't")
+    parser.add_argument("--threads", nargs="+", type=_count, default=[torch.get_num_threads(), 1], help="of torch")
+    parser.add_argument("--seeds", type=_count, default=2, help="first patterns a target (convergence)")
+    parser.add_argument("--long", type=_count, default=1000, help="iterations of the long run (convergence)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="where to write the numbers, unrounded")
+    return parser
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f'"{text}": expected a whole number from 1')
+    return int(text)
+
+
+def _even(text: str) -> int:
+    count = _count(text)
+    if count % 2:
+        raise argparse.ArgumentTypeError(f'"{text}": expected an even number, two samples a pixel')
+    return count
+
+
+if __name__ == "__main__":
+    sys.exit(main())

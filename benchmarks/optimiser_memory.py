@@ -1,0 +1,78 @@
+"""Peak memory of a few iterations, each way of computing them in a process of its own.
+
+Measured above what is resident when the libraries are loaded and the target and the first drive exist. The peak is
+reset there where the system allows it (Linux); elsewhere it is the process's highest so far.
+
+    python -m benchmarks.optimiser_memory "autograd, cached H" 768 1024
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import resource
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.baselines import Cached, Textbook, Work
+from benchmarks.optimiser_speed import CACHED, OWN, SOLVING, TEXTBOOK
+from benchmarks.optimiser_work import colour_work, markdown, ours
+
+VARIANTS = (OWN, SOLVING, TEXTBOOK, CACHED)
+_ITERATIONS = 3
+
+
+def measure(size: Sequence[int]) -> dict[str, dict[str, float]]:
+    """Peak (MB) of each variant, and ours as a share of it."""
+    peaks = {name: _in_process(name, size) for name in VARIANTS}
+    return {name: {"peak_mb": peak, "ratio": peaks[OWN] / peak} for name, peak in peaks.items()}
+
+
+def report(result: dict[str, dict[str, float]]) -> str:
+    """The result for people."""
+    rows = [[name, f"{row['peak_mb']:.0f}", f"{row['ratio']:.3f}"] for name, row in result.items()]
+    return markdown(["peak memory", "MB", "holoview ÷ it"], rows)
+
+
+def peak_mb(variant: str, work: Work) -> float:
+    """Peak of this process (MB) while a variant is built and iterates, above what was resident before."""
+    base = _reset()
+    if variant in (OWN, SOLVING):
+        settings: dict[str, Any] = {} if variant == OWN else {"free": ("patterns", "amplitudes"), "amplitudes_every": 1}
+        states = ours(work, **settings)
+        for _ in range(_ITERATIONS):
+            next(states)
+    else:
+        baseline = (Textbook if variant == TEXTBOOK else Cached)(work)
+        for _ in range(_ITERATIONS):
+            baseline.step()
+    return _peak() - base
+
+
+def _in_process(variant: str, size: Sequence[int]) -> float:
+    command = [sys.executable, "-m", "benchmarks.optimiser_memory", variant, *map(str, size)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return float(json.loads(done.stdout)["peak_mb"])
+
+
+def _reset() -> float:
+    """Lets the peak begin at what is resident now, and gives it (MB)."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+    return _peak()
+
+
+def _peak() -> float:
+    status = Path("/proc/self/status")
+    if status.exists():
+        line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return float(line.split()[1]) / 1024
+    highest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return highest / (1 << 20 if sys.platform == "darwin" else 1 << 10)
+
+
+if __name__ == "__main__":
+    print(json.dumps({"peak_mb": peak_mb(sys.argv[1], colour_work([int(n) for n in sys.argv[2:4]]))}))

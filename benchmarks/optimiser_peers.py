@@ -1,0 +1,67 @@
+"""An iteration of the optimiser beside odak's and torchoptics' on one wavelength, one modulator and 3 planes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from benchmarks.baselines import Work
+from benchmarks.baselines_peers import LIBRARIES, PEERS, OdakOptimiser, Peer, installed
+from benchmarks.optimiser_work import Run, interleaved, mono_work, ours, summary, threads, times_table
+
+OWN, ODAK_OPTIMISER = "holoview", "odak, multi_color_hologram_optimizer"
+PADDINGS = {"none": (1, "periodic"), "twofold": (2, "linear")}
+
+# Relative difference of the loss allowed. odak's frequencies lie up to a bin beside the FFT's, which matters on small grids.
+TOLERANCE = 2e-2
+
+
+def measure(size: Sequence[int], repeats: int, thread_counts: Sequence[int]) -> dict[str, Any]:
+    """By padding: differences of the losses, and times by number of threads. Versions: None for what isn't installed."""
+    result: dict[str, Any] = {"versions": {library: installed(library) for library in LIBRARIES}, "paddings": {}}
+    for name, (padding, propagation) in PADDINGS.items():
+        work = mono_work(size, propagation)
+        found: dict[str, Any] = {"loss_differences": check(work, padding), "threads": {}}
+        for count in thread_counts:
+            with threads(count):
+                found["threads"][str(count)] = summary(interleaved(_runs(work, padding), repeats), OWN)
+        result["paddings"][name] = found
+    return result
+
+
+def check(work: Work, padding: int) -> dict[str, float]:
+    """Relative difference of each peer's first loss from ours. Raises RuntimeError above the tolerance."""
+    loss = next(ours(work)).loss
+    found = {name: abs(peer.loss().item() / loss - 1) for name, peer in _peers(work, padding).items()}
+    for name, off in found.items():
+        if off > TOLERANCE:
+            raise RuntimeError(f"{name}: its loss differs by {off:.1e} from ours, more than {TOLERANCE:.0e}")
+    return found
+
+
+def _peers(work: Work, padding: int) -> dict[str, Peer]:
+    """Those that are installed."""
+    return {name: make(work, padding) for name, (library, make) in PEERS.items() if installed(library)}
+
+
+def _runs(work: Work, padding: int) -> dict[str, Run]:
+    """An iteration of ours and of each library that is there."""
+    states = ours(work)
+    runs: dict[str, Run] = {OWN: lambda: next(states)}
+    runs |= {name: peer.step for name, peer in _peers(work, padding).items()}
+    if installed("odak") and padding == 2:
+        runs[ODAK_OPTIMISER] = OdakOptimiser(work).step
+    return runs
+
+
+def report(result: dict[str, Any]) -> str:
+    """The result for people."""
+    lines = [", ".join(f"{library} {number or 'not installed'}" for library, number in result["versions"].items())]
+    names = [OWN, *PEERS, ODAK_OPTIMISER]
+    for padding, found in result["paddings"].items():
+        for name, off in found["loss_differences"].items():
+            lines.append(f"padding {padding}: the first loss of {name} differs from ours by {off:.1e}")
+        for count, rows in found["threads"].items():
+            shown = [name for name in names if name != ODAK_OPTIMISER or padding == "twofold"]
+            lines += ["", times_table(f"padding {padding}, ", count, rows, shown)]
+    return "\n".join(lines)

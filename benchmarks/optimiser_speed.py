@@ -1,0 +1,128 @@
+"""An iteration of the optimiser beside autograd's and beside its own FFTs: first that they agree, then how long."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from benchmarks.baselines import Autograd, Cached, Textbook, Work
+from benchmarks.optimiser_ffts import FftCount, Floor, iteration_ffts
+from benchmarks.optimiser_work import colour_work, interleaved, ours, summary, threads, times_table
+
+OWN, SOLVING = "holoview", "holoview, amplitudes solved too"
+TEXTBOOK, CACHED, FLOOR = "autograd, textbook", "autograd, cached H", "its FFTs alone"
+
+# Relative differences allowed. With H from float64 what is left is rounding: a float32 sum of 1.2e7 squares is right to
+# 1e-4. The textbook's phase, z/λ = 2.4e4 turns in float32, is right to 1e-2 rad.
+TOLERANCES = {CACHED: 3e-4, TEXTBOOK: 3e-2}
+_DOWNHILL = 0.99  # of the pixels: what the textbook's rounding leaves is 0.999
+_WEAK = 0.01  # of the r.m.s. slope: below this, rounding decides the sign
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Relative difference of the loss at the start and after our first step; share of pixels that we move against
+    the baseline's gradient; relative L2 difference of the baseline's gradient from that with cached H."""
+
+    loss: float
+    loss_after: float
+    downhill: float
+    gradient: float
+
+
+def check(work: Work) -> dict[str, Agreement]:
+    """Compares both baselines with the optimiser. Raises RuntimeError where they don't compute the same."""
+    states = ours(work)
+    start, after = next(states), next(states)
+    moved = torch.from_numpy(after.best.drive[0])
+    if not after.loss < start.loss or np.array_equal(after.best.drive, work.drive):
+        raise RuntimeError("the first step doesn't lower the loss, so that there is nothing to compare after it")
+    found: dict[str, Agreement] = {}
+    reference: torch.Tensor | None = None
+    for name, kind in ((CACHED, Cached), (TEXTBOOK, Textbook)):
+        found[name], slope = _compare(kind(work), start.loss, after.loss, moved, reference)
+        reference = slope if reference is None else reference
+        off = found[name]
+        if max(off.loss, off.loss_after, off.gradient) > TOLERANCES[name] or off.downhill < _DOWNHILL:
+            raise RuntimeError(f"{name} doesn't compute what the optimiser does: {off}")
+    return found
+
+
+def _compare(
+    baseline: Autograd, our_loss: float, our_loss_after: float, moved: torch.Tensor, reference: torch.Tensor | None
+) -> tuple[Agreement, torch.Tensor]:
+    """A baseline against our losses and the drive that we moved to, and its gradient at the start."""
+    loss = baseline.loss(baseline.drive)
+    (slope,) = torch.autograd.grad(loss, baseline.drive)
+    with torch.no_grad():
+        loss_after = baseline.loss(moved).item()
+    agreement = Agreement(
+        loss=abs(loss.item() / our_loss - 1),
+        loss_after=abs(loss_after / our_loss_after - 1),
+        downhill=_downhill(slope, moved - baseline.drive.detach()),
+        gradient=0.0 if reference is None else float((slope - reference).norm() / reference.norm()),
+    )
+    return agreement, slope
+
+
+def _downhill(slope: torch.Tensor, step: torch.Tensor) -> float:
+    """Share of the pixels that move and have a slope worth mentioning in which the step goes against it."""
+    counts = (slope.abs() > _WEAK * slope.square().mean().sqrt()) & (step != 0)
+    return float((slope * step < 0)[counts].float().mean())
+
+
+def counted_ffts(work: Work) -> float:
+    """FFTs that torch makes in one of our iterations."""
+    states = ours(work)
+    next(states)
+    rows, columns = (n * work.system.sampling.upsample for n in work.system.modulators[0].shape)
+    with FftCount((rows, columns)) as ffts:
+        next(states)
+    return ffts.count
+
+
+def measure(size: Sequence[int], repeats: int, thread_counts: Sequence[int]) -> dict[str, Any]:
+    """Agreement, FFTs of an iteration, and times by number of threads."""
+    work = colour_work(size)
+    agreement = {name: asdict(found) for name, found in check(work).items()}
+    result: dict[str, Any] = {
+        "agreement": agreement,
+        "ffts": {"expected": iteration_ffts(work.system), "counted": counted_ffts(work)},
+        "threads": {},
+    }
+    for count in thread_counts:
+        with threads(count):
+            result["threads"][str(count)] = _times(work, repeats)
+    return result
+
+
+def _times(work: Work, repeats: int) -> dict[str, dict[str, float]]:
+    """A run is loss, gradient and Adam's step; one of ours solves the amplitudes too, by default done in 1 of 10."""
+    plain, solving = ours(work), ours(work, free=("patterns", "amplitudes"), amplitudes_every=1)
+    runs = {
+        OWN: lambda: next(plain),
+        SOLVING: lambda: next(solving),
+        TEXTBOOK: Textbook(work).step,
+        CACHED: Cached(work).step,
+        FLOOR: Floor(work.system).step,
+    }
+    return summary(interleaved(runs, repeats), OWN)
+
+
+def report(result: dict[str, Any]) -> str:
+    """The result for people."""
+    lines = []
+    for name, found in result["agreement"].items():
+        lines.append(
+            f"{name}: loss differs by {found['loss']:.1e} at the start, {found['loss_after']:.1e} after our step; "
+            f"{found['downhill']:.2%} of pixels go against its gradient, which differs by {found['gradient']:.1e}"
+        )
+    ffts = result["ffts"]
+    lines.append(f"FFTs an iteration: {ffts['expected']:g} expected, {ffts['counted']:g} counted")
+    for count, rows in result["threads"].items():
+        lines += ["", times_table("", count, rows, list(rows))]
+    return "\n".join(lines)

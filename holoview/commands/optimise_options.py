@@ -1,0 +1,211 @@
+"""The arguments of `holoview optimise`, and what they mean: target, settings, and how to run."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview import units
+from holoview.commands.common import add_system, check_output, say, seed
+from holoview.errors import UserError
+from holoview.hologram import Hologram, load_hologram
+from holoview.optimise.checkpoint import Checkpoint, load_checkpoint
+from holoview.optimise.device import find_device
+from holoview.optimise.losses import LOSSES
+from holoview.optimise.settings import STARTS, UNKNOWNS, Region, Settings
+from holoview.plan import make_plan
+from holoview.system import System
+from holoview.targets.build import Placement, target_for
+from holoview.targets.focal_stack import Target
+from holoview.targets.picture import SPACES, Picture, read_picture
+from holoview.targets.stacks import is_stack, stack_for
+
+_LEAST_BRIGHTNESS = 1e-6
+_PLAIN = Settings()
+
+
+@dataclass(frozen=True)
+class Run:
+    """How to run an optimisation: where, from where, until when, and what it writes on the way."""
+
+    grid: str = "compact"
+    device: str = "cpu"
+    start: Hologram | None = None
+    resume: Checkpoint | None = None
+    checkpoint: Path | None = None
+    every_s: float = 30.0
+    preview: Path | None = None
+    until_psnr_db: float = math.inf
+    until_s: float = math.inf
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds every argument."""
+    add_system(parser)
+    _add_target(parser.add_argument_group("target"))
+    _add_objective(parser.add_argument_group("what is sought"))
+    _add_running(parser.add_argument_group("running"))
+
+
+def _add_target(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "target", metavar="TARGET", help="a picture (PNG, JPEG, TIFF, EXR), or a focal stack: a folder, TIFF pages, EXR"
+    )
+    group.add_argument("--depth", metavar="FILE", help="depth map of the picture's size (PNG, NPY, EXR; 0 is nearest)")
+    group.add_argument(
+        "--at", metavar="DISTANCE", help="where a picture without depth stands; the middle plane if absent"
+    )
+    group.add_argument("--near", metavar="DISTANCE", help="where the depth map's 0 is; the first plane if absent")
+    group.add_argument("--far", metavar="DISTANCE", help="where the depth map's 1 is; the last plane if absent")
+    group.add_argument("--brightness", type=float, default=1.0, help="factor on the target's linear light (1)")
+    group.add_argument("--saturation", type=float, default=1.0, help="factor on its chroma in CIE LCHuv (1)")
+    group.add_argument("--space", choices=SPACES, default="srgb", help="of a float file; xyz: Y = 1 is white")
+
+
+def _add_objective(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--loss", choices=tuple(LOSSES), help="; ".join(f"{name}: {loss.meaning}" for name, loss in LOSSES.items())
+    )
+    group.add_argument(
+        "--free", metavar="A,B", default=",".join(_PLAIN.free), help=f"of {', '.join(UNKNOWNS)} (patterns,amplitudes)"
+    )
+    group.add_argument("--eyebox", metavar="WEIGHT", type=float, default=0.0, help="even out the eyebox, e.g. 0.01 (0)")
+    group.add_argument("--region", metavar="X,Y,W,H", help="samples of the simulated picture that count; all if absent")
+    group.add_argument("--margin", metavar="N", type=int, default=0, help="samples at every border that don't count")
+    group.add_argument("--plane-weights", metavar="A,B,…", help="how much each plane counts; equal if absent")
+    group.add_argument("--wavelength-range", metavar="NM", nargs=2, type=float, default=(440.0, 660.0))
+    group.add_argument("--wavelength-spacing", metavar="NM", type=float, default=4.0, help="least, of free wavelengths")
+
+
+def _add_running(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--iterations", type=int, default=_PLAIN.iterations)
+    group.add_argument(
+        "--step", metavar="RAD", type=float, default=_PLAIN.step_rad, help="first step of the patterns' phase"
+    )
+    group.add_argument("--seed", type=seed, default=0, help="of the random phase to begin with")
+    group.add_argument("--begin", choices=STARTS, default="random", help="smooth: less speckle, an emptier eyebox")
+    group.add_argument("--start", metavar="FILE", help="a hologram file whose patterns to begin with")
+    group.add_argument(
+        "--grid",
+        choices=("compact", "preset"),
+        default="compact",
+        help="compact (default): padded just enough, about twice as fast; the score uses the preset's own grid",
+    )
+    group.add_argument("--device", default="auto", help="cpu, cuda, cuda:1, mps, or auto: the fastest there is")
+    group.add_argument("--until-psnr", metavar="DB", type=float, default=math.inf, help="stop when it is this good")
+    group.add_argument("--time", metavar="SECONDS", type=float, default=math.inf, help="stop after this long")
+    group.add_argument("--checkpoint", metavar="FILE", type=Path, help="write all that goes on from here, now and then")
+    group.add_argument("--checkpoint-every", metavar="SECONDS", type=float, default=30.0)
+    group.add_argument("--resume", metavar="FILE", type=Path, help="go on from a checkpoint, and keep writing to it")
+    group.add_argument("--preview", metavar="FILE", type=Path, help="PNG of the middle plane, rewritten while it runs")
+    group.add_argument("-o", "--output", metavar="FILE", type=Path, help="hologram file to write (.safetensors)")
+    group.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def settings_of(args: argparse.Namespace, system: System) -> Settings:
+    """The settings that the arguments describe. Raises UserError for what makes no sense."""
+    low, high = args.wavelength_range
+    weights = None if args.plane_weights is None else tuple(_numbers(args.plane_weights, "--plane-weights"))
+    return Settings(
+        iterations=args.iterations,
+        step_rad=args.step,
+        seed=args.seed,
+        free=tuple(name.strip() for name in args.free.split(",") if name.strip()),
+        loss=args.loss,
+        region=_region(args, system),
+        plane_weights=weights,
+        eyebox=args.eyebox,
+        begin=args.begin,
+        wavelength_range_m=(low * 1e-9, high * 1e-9),
+        wavelength_spacing_m=args.wavelength_spacing * 1e-9,
+    )
+
+
+def _region(args: argparse.Namespace, system: System) -> Region | None:
+    rows, columns = make_plan(system).grid.shape
+    if args.region is not None:
+        if args.margin:
+            raise UserError("--margin with --region", "contradict each other", expected="one of them")
+        numbers = _numbers(args.region, "--region")
+        if len(numbers) != 4 or any(number != int(number) for number in numbers):
+            raise UserError("--region", args.region, expected="X,Y,W,H in whole samples")
+        x, y, width, height = (int(number) for number in numbers)
+        return x, y, width, height
+    if not 0 <= 2 * args.margin < min(rows, columns):
+        raise UserError("--margin", str(args.margin), expected=f"0 to {(min(rows, columns) - 1) // 2} samples")
+    margin = args.margin
+    return (margin, margin, columns - 2 * margin, rows - 2 * margin) if margin else None
+
+
+def _numbers(text: str, flag: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise UserError(flag, f'"{text}"', expected="numbers with commas between them") from error
+
+
+class TargetSource:
+    """The target that the arguments describe, at any planes: pictures can be had between those that are optimised."""
+
+    def __init__(self, args: argparse.Namespace, system: System) -> None:
+        if not _LEAST_BRIGHTNESS <= args.brightness <= 1 / _LEAST_BRIGHTNESS:
+            expected = f"a factor from {_LEAST_BRIGHTNESS:g} to {1 / _LEAST_BRIGHTNESS:g}"
+            raise UserError("--brightness", f"{args.brightness:g}", expected=expected)
+        if args.depth is None and (args.near is not None or args.far is not None):
+            raise UserError("--near/--far", "without --depth", expected="a depth map, or --at for one distance")
+        self._args, self._system = args, system
+        self.is_stack = is_stack(args.target)
+        if self.is_stack and (args.depth is not None or args.at is not None):
+            raise UserError("--depth/--at", "with a focal stack", expected="a picture, or neither of them")
+        self._picture = None if self.is_stack else self._read()
+
+    def target(self, planes_m: NDArray[np.float64] | None = None) -> Target:
+        """The target at the system's planes, or at others if it isn't a ready stack."""
+        args = self._args
+        if self._picture is None:
+            return stack_for(
+                self._system, args.target, brightness=args.brightness, saturation=args.saturation, space=args.space
+            )
+        placement = Placement(self._length("at"), args.depth, self._length("near"), self._length("far"))
+        return target_for(
+            self._system, self._picture, placement, args.brightness, saturation=args.saturation, planes=planes_m
+        )
+
+    def _read(self) -> Picture:
+        picture = read_picture(self._args.target, space=self._args.space)
+        for note in picture.notes:
+            say(f"note: {self._args.target}: {note}")
+        return picture
+
+    def _length(self, flag: str) -> float | None:
+        text = getattr(self._args, flag)
+        return None if text is None else units.parse(text, f"--{flag}")
+
+
+def run_of(args: argparse.Namespace) -> Run:
+    """The run that the arguments describe; UserError for limits that make no sense and files that can't serve."""
+    for flag in ("checkpoint_every", "time", "until_psnr"):
+        if not getattr(args, flag) > 0:
+            raise UserError(f"--{flag.replace('_', '-')}", f"{getattr(args, flag):g}", expected="a positive number")
+    if args.resume and args.start:
+        raise UserError("--resume with --start", "contradict each other", expected="one of them")
+    checkpoint = args.checkpoint or args.resume
+    for path, suffix in ((checkpoint, ".safetensors"), (args.preview, ".png")):
+        if path is not None:
+            check_output(path, suffix)
+    return Run(
+        grid=args.grid,
+        device=find_device(args.device),
+        start=None if args.start is None else load_hologram(args.start),
+        resume=None if args.resume is None else load_checkpoint(args.resume),
+        checkpoint=checkpoint,
+        every_s=args.checkpoint_every,
+        preview=args.preview,
+        until_psnr_db=args.until_psnr,
+        until_s=args.time,
+    )

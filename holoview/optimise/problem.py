@@ -1,0 +1,191 @@
+"""One evaluation of the loss: model, objective and eyebox together, plane by plane."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from holoview.optimise.amplitudes import AmplitudeProblem
+from holoview.optimise.eyebox import Eyebox
+from holoview.optimise.memory import keeps_fields, needs_memory
+from holoview.optimise.model import Model
+from holoview.optimise.objective import colours_of, make_objective
+from holoview.optimise.quantise import Jumps, own_cost
+from holoview.optimise.settings import Settings
+from holoview.optimise.threads import suited_threads
+from holoview.optimise.wavelengths import colour_slopes
+from holoview.plan import Plan, make_plan
+from holoview.system import System
+
+Tensor = torch.Tensor
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What an evaluation shall bring beside loss and PSNR."""
+
+    gradient: bool = False
+    amplitudes: bool = False  # their closed form
+    eyebox: bool = False
+    chromatic: bool = False  # the gradient with respect to the wavelengths
+    jump_m: Tensor | None = None  # take slopes to neighbouring levels, this far from those shown, for the gradient
+    stiffness: float = 0.0  # share of a jump's own cost that counts
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """loss and PSNR (dB, mean over planes); what wasn't wanted is None.
+
+    gradient: ∂L/∂opd (frame, modulator, y, x). amplitude_slopes: ∂(image loss)/∂amplitude, solved: amplitudes of least
+    squares, both (frame, wavelength). chromatic: ∂L/∂λ (wavelength,), 1/m. eyebox: coefficient of variation.
+    picture: the middle plane in linear sRGB, (y, x, 3).
+    """
+
+    loss: float
+    psnr_db: float
+    picture: Callable[[], NDArray[np.floating]]
+    gradient: Tensor | None = None
+    amplitude_slopes: Floats | None = None
+    solved: Floats | None = None
+    chromatic: Floats | None = None
+    eyebox: float | None = None
+
+
+class Problem:
+    """A system, a target and how to compare them, ready to be evaluated on a device."""
+
+    def __init__(self, system: System, stack: NDArray[np.floating], settings: Settings, device: str = "cpu") -> None:
+        self.system, self.settings = system, settings
+        plan = self._plan_of(system, settings)
+        self._needs_memory = partial(needs_memory, chromatic="wavelengths" in settings.free)
+        self.objective = make_objective(plan, stack, settings, device=device)
+        self.samples = int(np.prod(plan.grid.padded))
+        with self._needs_memory(plan, device), suited_threads(self.samples):
+            self.model = Model(plan, device=device, keep=keeps_fields(plan))
+            self._intensity = torch.empty(len(self.model.lasers), *plan.grid.shape, device=self.model.device)
+            self._images = torch.empty(2, *self.objective.target.shape[1:], device=self.model.device)
+            self.eyebox = Eyebox(self.model)
+            self._transmissions: dict[int, tuple[float, float]] = {}
+
+    def use_wavelengths(self, wavelengths_m: Floats) -> None:
+        """Goes on with other wavelengths, on the same grid."""
+        self.system = self.system.edit({"wavelengths": wavelengths_m})
+        plan = replace(make_plan(self.system), grid=self.model.plan.grid)
+        self.model.use(plan)
+        self.objective.colours = colours_of(self.objective.loss, plan, self.objective.target)
+        self.eyebox = Eyebox(self.model)
+
+    def evaluate(self, opd_m: Tensor, amplitudes: Floats, wanted: Wanted) -> Evaluation:
+        """The loss of optical paths (frame, modulator, y, x) and laser amplitudes (frame, wavelength)."""
+        with self._needs_memory(self.model.plan, str(self.model.device)), suited_threads(self.samples):
+            return self._evaluate(opd_m, amplitudes, wanted)
+
+    def _evaluate(self, opd_m: Tensor, amplitudes: Floats, wanted: Wanted) -> Evaluation:
+        model, objective, intensity = self.model, self.objective, self._intensity
+        model.forward(opd_m, chromatic=wanted.chromatic)
+        colours, weights = self._colours(), self._weights(amplitudes)
+        problem = AmplitudeProblem(colours)
+        share = torch.as_tensor(colours * weights[:, None]).to(intensity)
+        products = np.zeros((objective.target.shape[1], len(model.lasers)))
+        judged, middle = [], len(objective.target) // 2
+        for plane in range(len(objective.target)):
+            model.see(plane, intensity)
+            image = self._images[0]
+            torch.mm(share.T, intensity.flatten(1), out=image.flatten(1))
+            if plane == middle:
+                self._images[1].copy_(image)
+            if wanted.amplitudes:
+                inside = (..., *objective.inside)
+                weight = float(objective.plane_weights[plane])
+                problem.add(intensity[inside], objective.target[plane][inside], weight)
+            judged.append(objective.judge(plane, image))
+            if wanted.gradient:
+                products += (image.flatten(1) @ intensity.flatten(1).T).cpu().double().numpy()
+                torch.mm(share, image.flatten(1), out=intensity.flatten(1))
+                model.answer(plane, intensity)
+        found = Evaluation(
+            loss=sum(j.loss for j in judged),
+            psnr_db=float(np.mean([j.psnr_db for j in judged])),
+            picture=lambda: objective.picture(self._images[1]),
+            solved=self._table(problem.solve()) if wanted.amplitudes else None,
+        )
+        found = self._with_eyebox(found, amplitudes, wanted)
+        return self._with_gradients(found, products, weights, opd_m, wanted) if wanted.gradient else found
+
+    def _with_eyebox(self, found: Evaluation, amplitudes: Floats, wanted: Wanted) -> Evaluation:
+        if not wanted.eyebox and self.settings.eyebox == 0:
+            return found
+        blocks = self.eyebox.blocks(amplitudes)
+        loss = found.loss
+        if self.settings.eyebox > 0:
+            loss += self.eyebox.add_penalty(blocks, amplitudes, self.settings.eyebox)
+        return replace(found, loss=loss, eyebox=self.eyebox.variation(blocks))
+
+    def _with_gradients(
+        self, found: Evaluation, products: Floats, weights: Floats, opd_m: Tensor, wanted: Wanted
+    ) -> Evaluation:
+        """products (channel, laser): Σ ∂L/∂image·intensity."""
+        gradient = torch.zeros_like(opd_m)
+        model = self.model
+        chromatic = torch.zeros(len(self.system.wavelengths_m), dtype=torch.float64) if wanted.chromatic else None
+        jumps = None if wanted.jump_m is None else Jumps(wanted.jump_m, wanted.stiffness * self._own_costs(weights))
+        model.finish(gradient, chromatic, jumps)
+        slopes = np.einsum("lc,cl->l", self._colours(), products)
+        if chromatic is not None:
+            colour = colour_slopes(self.objective.loss, self.system.wavelengths_m, self.system.observer)
+            for laser, (_, λ) in enumerate(model.lasers):
+                chromatic[λ] += float(weights[laser] * (colour[λ] @ products[:, laser]) / self.system.frames)
+        return replace(
+            found,
+            gradient=gradient,
+            amplitude_slopes=self._table(slopes),
+            chromatic=None if chromatic is None else chromatic.numpy(),
+        )
+
+    def _own_costs(self, weights: Floats) -> Tensor:
+        """κ of each laser at each modulator; light that stops absorb costs nothing, in its field and its own."""
+        grid = self.model.plan.grid
+        inside = self.objective.target[0, 0][self.objective.inside].numel()
+        squares = np.mean((self._colours() * weights[:, None]) ** 2, axis=1)
+        rows = []
+        for (_, λ), square in zip(self.model.lasers, squares, strict=True):
+            first, last = self._transmission(λ)
+            cost = own_cost(float(square), grid.upsample, inside, self.model.sources)
+            rows.append([cost * first * last, cost * last * last] if self.model.two else [cost * last * last])
+        return torch.tensor(rows)
+
+    def _transmission(self, wavelength: int) -> tuple[float, float]:
+        if wavelength not in self._transmissions:
+            self._transmissions[wavelength] = self.model.responses.transmission(wavelength)
+        return self._transmissions[wavelength]
+
+    def _colours(self) -> Floats:
+        """Channels (laser, channel) that a laser adds at unit amplitude and intensity: frames are averaged."""
+        table = self.objective.colours.cpu().double().numpy()
+        return table[[λ for _, λ in self.model.lasers]] / self.system.frames
+
+    def _weights(self, amplitudes: Floats) -> Floats:
+        return np.array([amplitudes[laser] for laser in self.model.lasers])
+
+    def _table(self, values: Floats) -> Floats:
+        """Values of the lasers that are on as a table (frame, wavelength); zero for the others."""
+        table = np.zeros((self.system.frames, len(self.system.wavelengths_m)))
+        for laser, value in zip(self.model.lasers, values, strict=True):
+            table[laser] = value
+        return table
+
+    @staticmethod
+    def _plan_of(system: System, settings: Settings) -> Plan:
+        """The plan; where wavelengths are free, on a grid that has room for the walk-off of the longest allowed."""
+        plan = make_plan(system)
+        if "wavelengths" not in settings.free:
+            return plan
+        longest = system.wavelengths_m.copy()
+        longest[np.argmax(longest)] = max(settings.wavelength_range_m[1], float(longest.max()))
+        return replace(plan, grid=make_plan(system.edit({"wavelengths": longest})).grid)

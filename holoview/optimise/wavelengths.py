@@ -1,0 +1,55 @@
+"""Wavelengths as unknowns: steps along the gradient, inside the lasers' range and apart from each other."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
+
+from holoview.colour import LMS_TO_XYZ, cone_slopes
+from holoview.errors import UserError
+from holoview.optimise.losses import Loss
+from holoview.optimise.settings import Settings
+
+Floats = NDArray[np.float64]
+
+
+def allowed(wavelengths_m: Floats, settings: Settings) -> Floats:
+    """The nearest wavelengths that are in range and spaced, in the same order by size.
+
+    With x_i rising and spacing s, x_i − i·s must rise too: the nearest such sequence is an isotonic regression.
+    Raises UserError when the range has no room for so many.
+    """
+    low, high = settings.wavelength_range_m
+    count, spacing = len(wavelengths_m), settings.wavelength_spacing_m
+    if (count - 1) * spacing > high - low:
+        raise UserError(
+            "wavelength range",
+            f"{low * 1e9:g} to {high * 1e9:g} nm for {count} lasers {spacing * 1e9:g} nm apart",
+            expected=f"at least {(count - 1) * spacing * 1e9:g} nm",
+            remedy="widen the range or lower the spacing",
+        )
+    order = np.argsort(wavelengths_m, kind="stable")
+    steps = spacing * np.arange(count)
+    level = isotonic_regression(wavelengths_m[order] - steps).x.clip(low, high - (count - 1) * spacing)
+    out = np.empty(count)
+    out[order] = level + steps
+    return out
+
+
+def colour_slopes(loss: Loss, wavelengths_m: Floats, observer: str) -> Floats:
+    """∂(channels of unit intensity)/∂λ, (wavelength, channel), 1/m, through the eye's cone fundamentals.
+
+    Zero for a mono camera, which sees every wavelength alike. Raises UserError for another observer.
+    """
+    if loss.flat or observer == "mono":
+        return np.zeros((len(wavelengths_m), len(loss.matrix)))
+    if observer != "eye":
+        raise UserError(
+            "free wavelengths",
+            f'observer = "{observer}"',
+            expected='"eye" or "mono"',
+            remedy="only the cone fundamentals have slopes here",
+        )
+    slopes: Floats = cone_slopes(wavelengths_m) @ (loss.matrix @ LMS_TO_XYZ).T
+    return slopes

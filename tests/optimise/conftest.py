@@ -1,0 +1,177 @@
+"""What the optimiser's tests share: small benches, and a plain, differentiable model of what they show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from holoview.grid import positions
+from holoview.optics.propagate import transfer_function
+from holoview.optics.pupil import pupil
+from holoview.optimise.model import Model
+from holoview.optimise.objective import make_objective
+from holoview.optimise.problem import Problem
+from holoview.optimise.settings import Settings
+from holoview.plan import Plan, make_plan
+from holoview.system import Modulator, System
+
+CPU = torch.device("cpu")
+STROKE_M = 825e-9
+
+CASES: dict[str, dict[str, Any]] = {
+    "two modulators": {},
+    "one modulator": {"modulators": [{"pitch": "8 um", "shape": [6, 7], "stroke": "825 nm"}], "gap": None},
+    "sources": {"source": {"directions": [[0, 0], [0.01, -0.02], [-0.03, 0.005]]}},
+    "tilts": {"source": {"directions": [[0, 0], [0.01, -0.02]], "tilts": [[0.004, 0], [-0.002, 0.003]]}},
+    "stops": {"relay1.iris_na": 0.04, "relay2.iris_na": 0.03, "relay2.dc_block_na": 0.004},
+    "glass": {"relay2": {"iris_na": 0.04, "apodisation_na": 0.03, "aberration": {"Z4": "70 nm", "Z8": "40 nm"}}},
+    "glass in the gap": {"relay1": {"iris_na": 0.05, "apodisation_na": 0.04, "aberration": {"Z5": "60 nm"}}},
+    "periodic": {"propagation": "periodic"},
+    "upsampled thrice": {"upsample": 3},
+    "not upsampled": {"upsample": 1},
+}
+
+
+def _plan_of(case: str) -> Plan:
+    """A plan of two frames, two lasers and three planes; both modulators 6 × 7 pixels."""
+    modulator = Modulator(pitch_m=8e-6, shape=(6, 7), stroke_m=STROKE_M)
+    base = System(
+        wavelengths_m=[460.3e-9, 638.2e-9],
+        amplitudes=[[1.0, 2.0], [3.0, 1.0]],
+        modulators=(modulator, modulator),
+        gap_m=0.5e-3,
+        planes_m=[0.8e-3, 1e-3, 1.3e-3],
+    )
+    return make_plan(base.edit(CASES[case]))
+
+
+@dataclass(frozen=True)
+class Plain:
+    """A bench's light in the simplest differentiable form: every field padded, every sample for itself."""
+
+    plan: Plan
+
+    def spectrum(self, opd_m: torch.Tensor, frame: int, laser: int, source: int) -> torch.Tensor:
+        """W: the spectrum behind the last modulator, (P_y, P_x) complex128."""
+        λ = float(self.plan.system.wavelengths_m[laser])
+        factor = self.plan.grid.upsample
+        masks = [torch.exp(2j * math.pi * m / λ) for m in opd_m[frame]]
+        first, *rest = (m.repeat_interleave(factor, 0).repeat_interleave(factor, 1) for m in masks)
+        spectrum = self._padded_fft(self._wave(laser, source) * first)
+        for mask in rest:
+            relayed = self._relayed(spectrum, 0, laser, float(self.plan.system.gap_m or 0.0))
+            spectrum = self._padded_fft(relayed * mask)
+        return spectrum
+
+    def intensity(self, opd_m: torch.Tensor, frame: int, laser: int) -> torch.Tensor:
+        """Mean intensity over sources at unit amplitude, (plane, y, x)."""
+        total = torch.zeros(len(self.plan.planes_m), *self.plan.grid.shape, dtype=torch.float64)
+        for source in range(len(self.plan.slopes)):
+            spectrum = self.spectrum(opd_m, frame, laser, source)
+            fields = [self._relayed(spectrum, 1, laser, float(z)) for z in self.plan.planes_m]
+            total = total + torch.stack([field.abs().square() for field in fields])
+        return total / len(self.plan.slopes)
+
+    def _wave(self, laser: int, source: int) -> torch.Tensor:
+        """The illumination from its angles: exp(2πi·(sin θ_y·y + sin θ_x·x)/λ)."""
+        plan, light = self.plan, self.plan.system.source
+        angles = light.directions_rad[source] + (0 if light.tilts_rad is None else light.tilts_rad[laser])
+        turns = np.sin(angles) / plan.system.wavelengths_m[laser]
+        y, x = (positions(n, plan.grid.pitch_m) for n in plan.grid.shape)
+        return torch.from_numpy(np.exp(2j * np.pi * (turns[0] * y[:, None] + turns[1] * x)))
+
+    def _padded_fft(self, field: torch.Tensor) -> torch.Tensor:
+        padded = torch.zeros(self.plan.grid.padded, dtype=torch.complex128)
+        padded[self.plan.grid.inside] = field
+        return torch.fft.fft2(padded)
+
+    def _relayed(self, spectrum: torch.Tensor, relay: int, laser: int, z: float) -> torch.Tensor:
+        h = transfer_function(self.plan.transfer(relay, laser, z), self.plan.grid, torch.complex128, CPU)
+        glass = pupil(self.plan, relay, laser, torch.complex128, CPU)
+        return torch.fft.ifft2(spectrum * (h if glass is None else h * glass))[self.plan.grid.inside]
+
+
+def _noise(seed: int, *shape: int) -> torch.Tensor:
+    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+@pytest.fixture(params=CASES)
+def case(request: pytest.FixtureRequest) -> str:
+    """Each kind of bench that the model treats differently."""
+    return str(request.param)
+
+
+@pytest.fixture(scope="session")
+def plan_of() -> Callable[[str], Plan]:
+    """The plan of a case."""
+    return _plan_of
+
+
+@pytest.fixture(scope="session")
+def plain() -> type[Plain]:
+    """`plain(plan).intensity(opd_m, frame, laser)`."""
+    return Plain
+
+
+@pytest.fixture(scope="session")
+def noise() -> Callable[..., torch.Tensor]:
+    """`noise(seed, *shape)`: uniform in 0…1, float64."""
+    return _noise
+
+
+@pytest.fixture(scope="session")
+def bench() -> Callable[..., System]:
+    """A bench of two modulators of 12 × 16 pixels and three lasers, with some of its keys changed."""
+
+    def changed(**changes: Any) -> System:
+        modulator = Modulator(pitch_m=8e-6, shape=(12, 16), stroke_m=STROKE_M)
+        base = System(
+            wavelengths_m=[460e-9, 532e-9, 638e-9],
+            amplitudes=[[1.0, 1.0, 1.0]],
+            modulators=(modulator, modulator),
+            gap_m=0.4e-3,
+            planes_m=[0.4e-3, 0.5e-3],
+        )
+        return base.edit(changes)
+
+    return changed
+
+
+@pytest.fixture(scope="session")
+def stack_for() -> Callable[..., np.ndarray]:
+    """A smooth colour image in linear sRGB at every plane of a system."""
+
+    def made(system: System, seed: int = 0) -> np.ndarray:
+        plan = make_plan(system)
+        rows, columns = plan.grid.shape
+        y, x = np.mgrid[0:rows, 0:columns] / max(rows, columns)
+        phases = np.random.default_rng(seed).uniform(0, 2 * np.pi, 3)
+        image = 0.3 + 0.2 * np.cos(2 * np.pi * (x + y)[..., None] + phases)
+        return np.repeat(image[None], len(plan.planes_m), axis=0)
+
+    return made
+
+
+@pytest.fixture
+def double_problem(monkeypatch: pytest.MonkeyPatch) -> Callable[[System, np.ndarray, Settings], Problem]:
+    """A `Problem` all of whose numbers are float64, so that finite differences can judge it to eight digits."""
+
+    def made(system: System, stack: np.ndarray, settings: Settings) -> Problem:
+        before = torch.get_default_dtype()
+        with monkeypatch.context() as patch:
+            patch.setattr("holoview.optimise.problem.Model", partial(Model, double=True))
+            patch.setattr("holoview.optimise.problem.make_objective", partial(make_objective, double=True))
+            torch.set_default_dtype(torch.float64)
+            try:
+                return Problem(system, stack, settings)
+            finally:
+                torch.set_default_dtype(before)
+
+    return made

@@ -1,0 +1,49 @@
+"""Which torch device is chosen, and what is said when it isn't there."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+
+from holoview.errors import UserError
+from holoview.optimise.device import find_device
+
+
+@pytest.fixture
+def _cuda(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+
+
+@pytest.fixture
+def _only_the_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch.backends.mps, "is_available", lambda: False)
+
+
+@pytest.mark.usefixtures("_only_the_processor")
+def test_without_a_graphics_card_it_is_the_processor() -> None:
+    assert find_device() == find_device("auto") == find_device("cpu") == "cpu"
+
+
+@pytest.mark.usefixtures("_cuda")
+def test_a_graphics_card_is_preferred() -> None:
+    assert find_device() == "cuda"
+
+
+@pytest.mark.usefixtures("_only_the_processor")
+@pytest.mark.parametrize("name", ["cuda", "cuda:1", "mps", "gpu", ""])
+def test_a_device_that_is_not_there_is_refused_with_those_that_are(name: str) -> None:
+    with pytest.raises(UserError, match=f'device: "{name}" isn\'t available; expected one of cpu'):
+        find_device(name)
+
+
+@pytest.mark.usefixtures("_cuda")
+def test_a_device_that_cannot_transform_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: Any, **__: Any) -> torch.Tensor:
+        raise RuntimeError("no such ordinal\nand much more")
+
+    monkeypatch.setattr(torch, "ones", broken)
+    with pytest.raises(UserError, match='device: "cuda:7" doesn\'t work: no such ordinal; expected one of cuda'):
+        find_device("cuda:7")

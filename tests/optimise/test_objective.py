@@ -1,0 +1,193 @@
+"""Judging an image: its loss, the slope of that, its PSNR, and its picture, in every colour space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from holoview.colour import SRGB_TO_XYZ, XYZ_TO_SRGB
+from holoview.errors import UserError
+from holoview.metrics.psnr import psnr_linear_srgb, psnr_luminance
+from holoview.optimise.losses import LOSSES
+from holoview.optimise.objective import Objective, make_objective
+from holoview.optimise.settings import Settings
+from holoview.plan import make_plan
+from holoview.system import System
+
+Bench = Callable[..., System]
+PLANES, ROWS, COLUMNS = 3, 8, 12
+REGION = (3, 1, 6, 5)
+THREE = [name for name, loss in LOSSES.items() if len(loss.matrix) == 3]
+
+
+def _system(bench: Bench, **changes: Any) -> System:
+    return bench(shape=[ROWS // 2, COLUMNS // 2], planes=["0.3 mm", "0.4 mm", "0.6 mm"], **changes)
+
+
+def _stack(seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).random((PLANES, ROWS, COLUMNS, 3))
+
+
+def _objective(bench: Bench, double: bool = True, **settings: Any) -> Objective:
+    return make_objective(make_plan(_system(bench)), _stack(), Settings(**settings), double=double)
+
+
+def _image(objective: Objective, seed: int = 1) -> torch.Tensor:
+    """Channels of an image that leaves the gamut on both sides."""
+    rgb = np.random.default_rng(seed).normal(0.5, 0.6, (ROWS, COLUMNS, 3))
+    return torch.from_numpy(np.ascontiguousarray(np.moveaxis(objective.loss.channels(rgb), -1, 0)))
+
+
+def _plain_loss(name: str, image: torch.Tensor, wanted: np.ndarray, region: Any, weight: float) -> torch.Tensor:
+    """weight·mean(residual²)/planes, written out; the target from linear sRGB."""
+    matrix = torch.from_numpy(LOSSES[name].matrix @ SRGB_TO_XYZ)
+    target = torch.einsum("cr,yxr->cyx", matrix, torch.from_numpy(wanted))
+    if name == "srgb":
+        image, target = (
+            torch.sign(t) * (1.055 * t.abs() ** (1 / 2.4) - 0.055) * (t.abs() > 0.0031308)
+            + 12.92 * t * (t.abs() <= 0.0031308)
+            for t in (image, target)
+        )
+    x, y, width, height = region
+    residual = (image - target)[:, y : y + height, x : x + width]
+    return weight * residual.square().mean() / PLANES
+
+
+@pytest.mark.parametrize("region", [None, REGION], ids=["everything", "region"])
+@pytest.mark.parametrize("weights", [None, (1.0, 4.0, 1.0)], ids=["equal", "weighted"])
+@pytest.mark.parametrize("name", LOSSES)
+def test_the_loss_and_its_slope_are_those_of_the_plain_formula(
+    name: str, weights: Any, region: Any, bench: Bench
+) -> None:
+    objective = _objective(bench, loss=name, region=region, plane_weights=weights)
+    for plane in range(PLANES):
+        image = _image(objective)
+        plain = image.clone().requires_grad_()
+        weight = 1.0 if weights is None else weights[plane] / 2
+        expected = _plain_loss(name, plain, _stack()[plane], region or (0, 0, COLUMNS, ROWS), weight)
+        expected.backward()
+        judged = objective.judge(plane, image)
+        assert judged.loss == pytest.approx(expected.item(), rel=1e-12)
+        torch.testing.assert_close(image, plain.grad, rtol=1e-12, atol=1e-16)
+
+
+@pytest.mark.parametrize("name", LOSSES)
+def test_the_target_itself_is_perfect(name: str, bench: Bench) -> None:
+    objective = _objective(bench, loss=name)
+    image = objective.target[1].clone()
+    judged = objective.judge(1, image)
+    assert (judged.loss, judged.psnr_db) == (0.0, 200.0)
+    assert not image.any()
+
+
+@pytest.mark.parametrize("name", THREE)
+def test_the_psnr_is_that_of_the_metrics(name: str, bench: Bench) -> None:
+    objective = _objective(bench, loss=name)
+    image = _image(objective)
+    expected = psnr_linear_srgb(objective.picture(image), _stack()[2]).mean_db
+    assert objective.judge(2, image).psnr_db == pytest.approx(expected, abs=1e-10)
+
+
+@pytest.mark.parametrize("name", ["luminance", "mono"])
+def test_where_only_luminance_counts_its_psnr_is_given(name: str, bench: Bench) -> None:
+    objective = _objective(bench, loss=name)
+    image = _image(objective).clamp(0, 1)
+    seen, wanted = np.zeros((2, ROWS, COLUMNS, 3))
+    seen[..., 1], wanted[..., 1] = image[0], _stack()[2] @ SRGB_TO_XYZ[1]
+    expected = psnr_luminance(seen, wanted).mean_db
+    assert objective.judge(2, image).psnr_db == pytest.approx(expected, abs=1e-10)
+
+
+def test_only_the_region_is_judged(bench: Bench) -> None:
+    objective = _objective(bench, region=REGION)
+    image = _image(objective)
+    x, y, width, height = REGION
+    cut = (..., slice(y, y + height), slice(x, x + width))
+    other = _image(objective, seed=7)
+    other[cut] = image[cut]
+    pictures = [objective.picture(image)[y : y + height, x : x + width], _stack()[0][y : y + height, x : x + width]]
+    first, second = objective.judge(0, image), objective.judge(0, other)
+    assert first == second
+    assert torch.equal(image, other)
+    assert first.psnr_db == pytest.approx(psnr_linear_srgb(*pictures).mean_db, abs=1e-10)
+
+
+def test_weights_are_relative(bench: Bench) -> None:
+    first, second = (_objective(bench, plane_weights=weights) for weights in ((1.0, 2.0, 3.0), (10.0, 20.0, 30.0)))
+    np.testing.assert_allclose(first.plane_weights, second.plane_weights, rtol=1e-15)
+    np.testing.assert_allclose(first.plane_weights, [0.5, 1.0, 1.5], rtol=1e-15)
+
+
+@pytest.mark.parametrize("name", THREE)
+def test_a_picture_is_linear_srgb_whatever_the_channels(name: str, bench: Bench) -> None:
+    objective = _objective(bench, loss=name)
+    np.testing.assert_allclose(objective.picture(objective.target[1]), _stack()[1], rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["luminance", "mono"])
+def test_a_picture_of_one_channel_is_grey(name: str, bench: Bench) -> None:
+    objective = _objective(bench, loss=name)
+    grey = (_stack()[1] @ SRGB_TO_XYZ[1])[..., None]
+    np.testing.assert_allclose(objective.picture(objective.target[1]), np.repeat(grey, 3, axis=-1), rtol=1e-13)
+
+
+def test_a_picture_stays_as_it_was_when_the_image_is_overwritten(bench: Bench) -> None:
+    objective = _objective(bench)
+    image = _image(objective)
+    picture = objective.picture(image)
+    before = picture.copy()
+    objective.judge(0, image)
+    np.testing.assert_array_equal(picture, before)
+
+
+@pytest.mark.parametrize(
+    ("changes", "settings", "name"),
+    [
+        ({}, {}, "linear-srgb"),
+        ({"observer": "cie1931"}, {}, "linear-srgb"),
+        ({"observer": "mono"}, {}, "mono"),
+        ({"observer": "mono"}, {"loss": "xyz"}, "xyz"),
+        ({}, {"loss": "mono"}, "mono"),
+    ],
+    ids=["eye", "cie1931", "mono", "mono, xyz", "eye, mono"],
+)
+def test_the_colours_of_lasers_are_those_of_the_observer(
+    changes: dict[str, Any], settings: dict[str, Any], name: str, bench: Bench
+) -> None:
+    plan = make_plan(_system(bench, **changes))
+    objective = make_objective(plan, _stack(), Settings(**settings), double=True)
+    assert objective.loss is LOSSES[name]
+    expected = np.ones((3, 1)) if name == "mono" else plan.colour_weights
+    if name == "linear-srgb":
+        expected = expected @ XYZ_TO_SRGB.T
+    np.testing.assert_allclose(objective.colours.numpy(), expected, rtol=1e-13)
+
+
+def test_single_precision_is_the_default_and_near_double(bench: Bench) -> None:
+    single, double = (_objective(bench, double=d, loss="srgb") for d in (False, True))
+    assert single.target.dtype == torch.float32
+    image = _image(double)
+    found, expected = image.float(), image.clone()
+    a, b = single.judge(0, found), double.judge(0, expected)
+    assert a.loss == pytest.approx(b.loss, rel=1e-6)
+    assert a.psnr_db == pytest.approx(b.psnr_db, abs=1e-5)
+    assert float((found - expected).norm()) <= 1e-6 * float(expected.norm())
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"region": (8, 0, 5, 8)}, "region: x, y, w, h = 8, 0, 5, 8; expected inside the simulated 12 x 8 samples"),
+        ({"region": (0, 3, 5, 6)}, "region: "),
+        ({"plane_weights": (1.0, 2.0)}, "plane weights: 2 of them; expected one for each of 3 planes"),
+        ({"loss": "lab"}, 'loss: "lab"'),
+    ],
+    ids=str,
+)
+def test_settings_that_do_not_fit_are_refused(settings: dict[str, Any], message: str, bench: Bench) -> None:
+    with pytest.raises(UserError, match=message):
+        _objective(bench, **settings)

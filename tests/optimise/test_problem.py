@@ -1,0 +1,281 @@
+"""One evaluation: loss, gradients and closed forms against a plain model, autograd and finite differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+import holoview as hv
+from holoview.metrics.psnr import psnr_linear_srgb
+from holoview.optimise.losses import LOSSES, encoded
+from holoview.optimise.problem import Evaluation, Problem, Wanted
+from holoview.optimise.settings import Settings
+from holoview.plan import make_plan
+from holoview.system import System
+
+Bench = Callable[..., System]
+Noise = Callable[..., torch.Tensor]
+MakeProblem = Callable[[System, np.ndarray, Settings], Problem]
+CLOSED = [name for name, loss in LOSSES.items() if not loss.encoded]
+ALL = Wanted(gradient=True, amplitudes=True, eyebox=True, chromatic=True)
+
+SYSTEMS: dict[str, dict[str, Any]] = {
+    "two frames": {},
+    "one modulator": {"modulators": [{"pitch": "8 um", "shape": [8, 9], "stroke": "825 nm"}], "gap": None},
+    "glass and oblique sources": {
+        "source": {"directions": [[0, 0], [0.01, -0.02]]},
+        "relay1": {"iris_na": 0.05, "apodisation_na": 0.05, "aberration": {"Z6": "50 nm"}},
+        "relay2": {"iris_na": 0.045, "apodisation_na": 0.04, "aberration": {"Z4": "70 nm", "Z8": "40 nm"}},
+    },
+}
+
+
+def _system(bench: Bench, name: str = "two frames", **changes: Any) -> System:
+    """Wavelengths between whole nanometres: the eye's tables are linear there."""
+    small = {"shape": [8, 9], "wavelengths": ["455.4 nm", "531.7 nm", "638.3 nm"]}
+    amplitudes = {"amplitudes": [[1.0, 0.5, 0.0], [0.7, 0.9, 1.2]]}
+    return bench(**(small | amplitudes | SYSTEMS[name] | changes))
+
+
+def _stack(system: System) -> np.ndarray:
+    return np.random.default_rng(3).uniform(0.1, 0.6, (len(system.planes_m), *make_plan(system).grid.shape, 3))
+
+
+def _opd(system: System, noise: Noise) -> torch.Tensor:
+    return noise(0, *system.drive_shape) * 825e-9
+
+
+def _plain_loss(
+    plain: Any, system: System, stack: np.ndarray, name: str, opd_m: torch.Tensor, amplitudes: torch.Tensor
+) -> torch.Tensor:
+    """Mean square residual over planes, channels and samples; frames averaged, everything written out."""
+    plan, loss = make_plan(system), LOSSES[name]
+    colours = torch.from_numpy(np.array(loss.colours(plan.colour_weights)))
+    image = torch.zeros(())
+    for frame in range(system.frames):
+        for laser, colour in enumerate(colours):
+            light = plain(plan).intensity(opd_m, frame, laser) * amplitudes[frame, laser] / system.frames
+            image = image + colour[:, None, None] * light[:, None]
+    target = torch.from_numpy(np.moveaxis(loss.channels(stack), -1, 1).copy())
+    if loss.encoded:
+        image, target = encoded(image), encoded(target)
+    return (image - target).square().mean()
+
+
+@pytest.mark.parametrize("name", LOSSES)
+def test_the_loss_and_its_gradients_are_those_of_a_plain_model(
+    name: str, bench: Bench, noise: Noise, plain: Any, double_problem: MakeProblem
+) -> None:
+    system = _system(bench)
+    stack, opd_m, amplitudes = _stack(system), _opd(system, noise), torch.from_numpy(system.amplitudes.copy())
+    opd, factors = opd_m.clone().requires_grad_(), amplitudes.clone().requires_grad_()
+    expected = _plain_loss(plain, system, stack, name, opd, factors)
+    expected.backward()
+    assert opd.grad is not None and factors.grad is not None
+    found = double_problem(system, stack, Settings(loss=name)).evaluate(opd_m, amplitudes.numpy(), ALL)
+    assert found.loss == pytest.approx(expected.item(), rel=1e-12)
+    assert found.gradient is not None
+    assert float((found.gradient - opd.grad).norm()) <= 1e-12 * float(opd.grad.norm())
+    lit = system.amplitudes > 0  # a laser that is off isn't looked at
+    np.testing.assert_allclose(np.asarray(found.amplitude_slopes)[lit], factors.grad.numpy()[lit], rtol=1e-11)
+    assert not np.asarray(found.amplitude_slopes)[~lit].any()
+
+
+@pytest.mark.parametrize("name", ["linear-srgb", "srgb"])
+def test_amplitude_slopes_are_what_central_differences_approach(
+    name: str, bench: Bench, noise: Noise, double_problem: MakeProblem
+) -> None:
+    system, step = _system(bench), 1e-5
+    problem = double_problem(system, _stack(system), Settings(loss=name))
+    opd_m = _opd(system, noise)
+    found = problem.evaluate(opd_m, system.amplitudes, Wanted(gradient=True)).amplitude_slopes
+    assert found is not None
+    for laser in np.argwhere(system.amplitudes > 0):
+        sides = []
+        for sign in (1, -1):
+            moved = system.amplitudes.copy()
+            moved[tuple(laser)] += sign * step
+            sides.append(problem.evaluate(opd_m, moved, Wanted()).loss)
+        # The cubic term is of the order of step² = 1e-10, the rounding of the loss 1e-16/1e-5.
+        assert found[tuple(laser)] == pytest.approx((sides[0] - sides[1]) / (2 * step), rel=1e-7)
+
+
+@pytest.mark.parametrize("eyebox", [0.0, 0.3], ids=["eyebox free", "eyebox even"])
+@pytest.mark.parametrize("propagation", ["linear", "periodic"])
+@pytest.mark.parametrize("bench_name", SYSTEMS)
+def test_the_wavelengths_gradient_is_what_central_differences_approach(
+    bench_name: str, propagation: str, eyebox: float, bench: Bench, noise: Noise, double_problem: MakeProblem
+) -> None:
+    system = _system(bench, bench_name, propagation=propagation)
+    problem = double_problem(system, _stack(system), Settings(eyebox=eyebox, free=("patterns", "wavelengths")))
+    _check_wavelengths(problem, _opd(system, noise))
+
+
+@pytest.mark.parametrize("name", LOSSES)
+def test_colour_has_its_part_in_the_wavelengths_gradient(
+    name: str, bench: Bench, noise: Noise, double_problem: MakeProblem
+) -> None:
+    system = _system(bench)
+    problem = double_problem(system, _stack(system), Settings(loss=name, free=("patterns", "wavelengths")))
+    _check_wavelengths(problem, _opd(system, noise))
+
+
+def _check_wavelengths(problem: Problem, opd_m: torch.Tensor) -> None:
+    known, amplitudes, step_m = problem.system.wavelengths_m, problem.system.amplitudes, 2e-14
+    found = problem.evaluate(opd_m, amplitudes, Wanted(gradient=True, chromatic=True)).chromatic
+    assert found is not None
+    expected = np.zeros(len(known))
+    for i in range(len(known)):
+        sides = []
+        for sign in (1, -1):
+            moved = known.copy()
+            moved[i] += sign * step_m
+            problem.use_wavelengths(moved)
+            sides.append(problem.evaluate(opd_m, amplitudes, Wanted()).loss)
+        expected[i] = (sides[0] - sides[1]) / (2 * step_m)
+    # A loss near 1 is rounded by some 1e-16, over 4e-14 m: 0.01/m, beside slopes of 1e6 to 3e7/m; measured 5e-9.
+    np.testing.assert_allclose(found, expected, rtol=1e-7, atol=2e-8 * np.abs(expected).max())
+    assert (np.abs(found) > 1e3).all()
+
+
+@pytest.mark.parametrize("bench_name", SYSTEMS)
+@pytest.mark.parametrize("name", ["linear-srgb", "srgb"])
+def test_single_precision_is_near_double(
+    name: str, bench_name: str, bench: Bench, noise: Noise, double_problem: MakeProblem
+) -> None:
+    system = _system(bench, bench_name)
+    settings = Settings(loss=name, eyebox=0.1)
+    opd_m, stack = _opd(system, noise).float(), _stack(system).astype(np.float32)
+    expected = double_problem(system, stack, settings).evaluate(opd_m.double(), system.amplitudes, ALL)
+    found = Problem(system, stack, settings).evaluate(opd_m, system.amplitudes, ALL)
+    assert found.loss == pytest.approx(expected.loss, rel=1e-6)
+    assert found.psnr_db == pytest.approx(expected.psnr_db, abs=1e-5)
+    assert found.eyebox == pytest.approx(expected.eyebox, rel=1e-6)
+    # Measured 8e-7 and 7e-6: near black, sRGB's slope changes fast.
+    tolerance = 2e-5 if name == "srgb" else 2e-6
+    for field in ("gradient", "amplitude_slopes", "solved", "chromatic"):
+        one, other = (np.asarray(getattr(e, field), dtype=np.float64) for e in (found, expected))
+        assert np.linalg.norm(one - other) <= tolerance * np.linalg.norm(other), field
+
+
+@pytest.mark.parametrize("settings", [{}, {"region": (2, 3, 9, 8), "plane_weights": (1.0, 3.0)}], ids=["all", "part"])
+@pytest.mark.parametrize("name", CLOSED)
+def test_the_solved_amplitudes_are_the_best(
+    name: str, settings: dict[str, Any], bench: Bench, noise: Noise, double_problem: MakeProblem
+) -> None:
+    """Karush–Kuhn–Tucker: no slope where a laser is on, no descent where it is off; and no neighbour is better."""
+    system = _system(bench)
+    problem = double_problem(system, _stack(system), Settings(loss=name, **settings))
+    opd_m = _opd(system, noise)
+    first = problem.evaluate(opd_m, system.amplitudes, ALL)
+    assert first.solved is not None and first.amplitude_slopes is not None
+    assert not first.solved[system.amplitudes == 0].any()
+    best = problem.evaluate(opd_m, first.solved, ALL)
+    assert best.amplitude_slopes is not None
+    scale = 1e-13 * np.abs(first.amplitude_slopes).max()  # measured 4e-16
+    assert np.abs(best.amplitude_slopes[first.solved > 0]).max() <= scale
+    assert best.amplitude_slopes[(first.solved == 0) & (system.amplitudes > 0)].min(initial=0.0) >= -scale
+    assert best.loss < first.loss
+    for seed in range(5):
+        shift = noise(seed, *first.solved.shape).numpy() - 0.5
+        near = np.where(system.amplitudes > 0, np.maximum(first.solved * (1 + 0.1 * shift) + 0.01 * shift, 0), 0)
+        assert problem.evaluate(opd_m, near, Wanted()).loss > best.loss
+
+
+def test_the_closed_form_does_not_depend_on_the_amplitudes_of_now(
+    bench: Bench, noise: Noise, double_problem: MakeProblem
+) -> None:
+    system = _system(bench)
+    problem, opd_m = double_problem(system, _stack(system), Settings()), _opd(system, noise)
+    one, other = (problem.evaluate(opd_m, a, ALL).solved for a in (system.amplitudes, 7 * system.amplitudes))
+    assert one is not None
+    np.testing.assert_array_equal(one, other)
+
+
+def test_two_equal_frames_are_one(bench: Bench, noise: Noise, double_problem: MakeProblem) -> None:
+    single = _system(bench, amplitudes=[[1.0, 0.5, 0.8]])
+    twice = single.edit({"amplitudes": np.repeat(single.amplitudes, 2, axis=0)})
+    opd_m, settings = _opd(single, noise), Settings(eyebox=0.1)
+    one = double_problem(single, _stack(single), settings).evaluate(opd_m, single.amplitudes, ALL)
+    both = double_problem(twice, _stack(twice), settings).evaluate(
+        opd_m.repeat(2, 1, 1, 1), twice.amplitudes, Wanted(gradient=True, eyebox=True, chromatic=True)
+    )
+    assert both.loss == pytest.approx(one.loss, rel=1e-12)
+    assert both.psnr_db == pytest.approx(one.psnr_db, rel=1e-12)
+    assert both.eyebox == pytest.approx(one.eyebox, rel=1e-12)
+    assert one.gradient is not None and both.gradient is not None
+    torch.testing.assert_close(both.gradient.sum(dim=0), one.gradient[0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(both.chromatic, one.chromatic, rtol=1e-10)
+    np.testing.assert_allclose(np.sum(both.amplitude_slopes, axis=0), one.amplitude_slopes[0], rtol=1e-10)
+
+
+def test_the_picture_and_the_psnr_are_those_of_the_view(bench: Bench) -> None:
+    system = _system(bench, planes=["0.3 mm", "0.4 mm", "0.6 mm"])
+    drive, stack = hv.random_drive(system), _stack(system)
+    problem = Problem(system, stack, Settings())
+    found = problem.evaluate(torch.from_numpy(drive) * 825e-9, system.amplitudes, Wanted())
+    view = hv.simulate(system, drive, backend="torch64")
+    np.testing.assert_allclose(found.picture(), view.rgb[1], rtol=0, atol=1e-5)  # single precision
+    assert found.psnr_db == pytest.approx(psnr_linear_srgb(view.rgb, stack).mean_db, abs=1e-5)
+
+
+def _fields(found: Evaluation) -> dict[str, Any]:
+    return {name: value for name, value in vars(found).items() if name != "picture" and value is not None}
+
+
+@pytest.mark.parametrize(
+    ("wanted", "brought"),
+    [
+        (Wanted(), set()),
+        (Wanted(gradient=True), {"gradient", "amplitude_slopes"}),
+        (Wanted(amplitudes=True), {"solved"}),
+        (Wanted(eyebox=True), {"eyebox"}),
+        (ALL, {"gradient", "amplitude_slopes", "solved", "eyebox", "chromatic"}),
+    ],
+    ids=["nothing", "gradient", "amplitudes", "eyebox", "all"],
+)
+def test_what_is_not_wanted_is_not_brought(wanted: Wanted, brought: set[str], bench: Bench, noise: Noise) -> None:
+    system = _system(bench)
+    problem = Problem(system, _stack(system), Settings())
+    found = _fields(problem.evaluate(_opd(system, noise).float(), system.amplitudes, wanted))
+    assert set(found) == brought | {"loss", "psnr_db"}
+
+
+def test_an_evaluation_leaves_no_trace_in_the_next(bench: Bench, noise: Noise) -> None:
+    system = _system(bench, "glass and oblique sources")
+    problem = Problem(system, _stack(system), Settings(eyebox=0.1))
+    opd_m, other = _opd(system, noise).float(), noise(5, *system.drive_shape).float() * 825e-9
+    first = problem.evaluate(opd_m, system.amplitudes, ALL)
+    problem.evaluate(other, 2 * system.amplitudes, ALL)
+    again = problem.evaluate(opd_m, system.amplitudes, ALL)
+    for name, value in _fields(first).items():
+        np.testing.assert_array_equal(np.asarray(value), np.asarray(_fields(again)[name]), err_msg=name)
+
+
+def test_a_problem_that_goes_on_with_other_wavelengths_is_as_a_new_one(bench: Bench, noise: Noise) -> None:
+    system = _system(bench, "glass and oblique sources")
+    moved = system.edit({"wavelengths": ["471 nm", "540 nm", "612 nm"]})
+    settings = Settings(loss="xyz", eyebox=0.1)
+    problem, fresh = (Problem(s, _stack(system), settings) for s in (system, moved))
+    problem.use_wavelengths(moved.wavelengths_m)
+    assert problem.system == moved
+    found, expected = (
+        _fields(p.evaluate(_opd(system, noise).float(), system.amplitudes, ALL)) for p in (problem, fresh)
+    )
+    for name, value in expected.items():
+        np.testing.assert_array_equal(np.asarray(found[name]), np.asarray(value), err_msg=name)
+
+
+def test_free_wavelengths_have_room_for_the_walk_off_of_the_longest(bench: Bench) -> None:
+    system = _system(bench, shape=[40, 40], gap="0.05 mm", propagation="compact")
+    stack = _stack(system)
+    free = Settings(free=("patterns", "wavelengths"), wavelength_range_m=(440e-9, 830e-9))
+    narrow, wide = (Problem(system, stack, s).model.plan.grid for s in (replace(free, free=("patterns",)), free))
+    longest = make_plan(system.edit({"wavelengths": ["455.4 nm", "531.7 nm", "830 nm"]})).grid
+    assert wide == longest
+    assert wide.padded > narrow.padded
