@@ -81,9 +81,7 @@ def odak_kept(work: Work, padding: int) -> Peer:
     pads = [padding == 2, False, padding == 2]
     rows, columns = (n * work.system.sampling.upsample * padding for n in work.system.modulators[0].shape)
     kernels = {
-        z: wave.get_propagation_kernel(
-            nu=rows, nv=columns, dx=pitch_m, wavelength=λ, distance=z, propagation_type=ODAK_KINDS[padding]
-        )
+        z: wave.get_propagation_kernel(rows, columns, pitch_m, λ, z, propagation_type=ODAK_KINDS[padding])
         for z in map(float, work.system.planes_m)
     }
 

@@ -12,12 +12,12 @@ from benchmarks.optimiser_work import Run, interleaved, mono_work, ours, summary
 OWN, ODAK_OPTIMISER = "holoview", "odak, multi_color_hologram_optimizer"
 PADDINGS = {"none": (1, "periodic"), "twofold": (2, "linear")}
 
-# Relative difference of the loss allowed. odak's frequencies lie up to a bin beside the FFT's, which matters on small grids.
+# Relative difference of the loss allowed: odak's frequencies lie up to a bin beside the FFT's, much on a small grid.
 TOLERANCE = 2e-2
 
 
 def measure(size: Sequence[int], repeats: int, thread_counts: Sequence[int]) -> dict[str, Any]:
-    """By padding: differences of the losses, and times by number of threads. Versions: None for what isn't installed."""
+    """By padding: differences of the losses, times by number of threads. Versions: None for what isn't installed."""
     result: dict[str, Any] = {"versions": {library: installed(library) for library in LIBRARIES}, "paddings": {}}
     for name, (padding, propagation) in PADDINGS.items():
         work = mono_work(size, propagation)
@@ -59,6 +59,7 @@ def report(result: dict[str, Any]) -> str:
     lines = [", ".join(f"{library} {number or 'not installed'}" for library, number in result["versions"].items())]
     names = [OWN, *PEERS, ODAK_OPTIMISER]
     for padding, found in result["paddings"].items():
+        lines.append("")
         for name, off in found["loss_differences"].items():
             lines.append(f"padding {padding}: the first loss of {name} differs from ours by {off:.1e}")
         for count, rows in found["threads"].items():

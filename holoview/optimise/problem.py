@@ -65,6 +65,8 @@ class Problem:
         plan = self._plan_of(system, settings)
         self._needs_memory = partial(needs_memory, chromatic="wavelengths" in settings.free)
         self.objective = make_objective(plan, stack, settings, device=device)
+        if "wavelengths" in settings.free:
+            colour_slopes(self.objective.loss, system.wavelengths_m, system.observer)  # refuses an observer without
         self.samples = int(np.prod(plan.grid.padded))
         with self._needs_memory(plan, device), suited_threads(self.samples):
             self.model = Model(plan, device=device, keep=keeps_fields(plan))

@@ -78,3 +78,10 @@ def test_one_bright_pixel_fills_the_order_evenly() -> None:
     power = torch.fft.fft2(field).abs().square().numpy()[np.ix_(*order.bins)]
     blocks = order.block_matrix(0) @ power @ order.block_matrix(1).T
     np.testing.assert_allclose(blocks, 16.0, rtol=1e-12)
+
+
+def test_an_order_of_fewer_bins_than_blocks_has_a_block_a_bin() -> None:
+    order = first_order(_grid((12, 10)))
+    down, across = order.block_matrix(0), order.block_matrix(1)
+    np.testing.assert_allclose(down * order.envelopes[0], np.eye(6), rtol=1e-14)
+    np.testing.assert_allclose(across * order.envelopes[1], np.eye(5), rtol=1e-14)
