@@ -12,16 +12,13 @@ from benchmarks.optimiser_work import Run, interleaved, mono_work, ours, summary
 OWN, ODAK_OPTIMISER = "holoview", "odak, multi_color_hologram_optimizer"
 PADDINGS = {"none": (1, "periodic"), "twofold": (2, "linear")}
 
-# Relative difference of the loss allowed: odak's frequencies lie up to a bin beside the FFT's, much on a small grid.
-TOLERANCE = 2e-2
-
 
 def measure(size: Sequence[int], repeats: int, thread_counts: Sequence[int]) -> dict[str, Any]:
     """By padding: differences of the losses, times by number of threads. Versions: None for what isn't installed."""
     result: dict[str, Any] = {"versions": {library: installed(library) for library in LIBRARIES}, "paddings": {}}
     for name, (padding, propagation) in PADDINGS.items():
         work = mono_work(size, propagation)
-        found: dict[str, Any] = {"loss_differences": check(work, padding), "threads": {}}
+        found: dict[str, Any] = {"loss_differences": loss_differences(work, padding), "threads": {}}
         for count in thread_counts:
             with threads(count):
                 found["threads"][str(count)] = summary(interleaved(_runs(work, padding), repeats), OWN)
@@ -29,14 +26,10 @@ def measure(size: Sequence[int], repeats: int, thread_counts: Sequence[int]) -> 
     return result
 
 
-def check(work: Work, padding: int) -> dict[str, float]:
-    """Relative difference of each peer's first loss from ours. Raises RuntimeError above the tolerance."""
+def loss_differences(work: Work, padding: int) -> dict[str, float]:
+    """Relative difference of each peer's first loss from ours: how nearly they solve the same problem."""
     loss = next(ours(work)).loss
-    found = {name: abs(peer.loss().item() / loss - 1) for name, peer in _peers(work, padding).items()}
-    for name, off in found.items():
-        if off > TOLERANCE:
-            raise RuntimeError(f"{name}: its loss differs by {off:.1e} from ours, more than {TOLERANCE:.0e}")
-    return found
+    return {name: abs(peer.loss().item() / loss - 1) for name, peer in _peers(work, padding).items()}
 
 
 def _peers(work: Work, padding: int) -> dict[str, Peer]:

@@ -1,10 +1,23 @@
-"""Finding hologram patterns and laser amplitudes for a focal stack.
+"""Finding hologram patterns, laser amplitudes and wavelengths for a focal stack.
 
-model       intensities of every laser and frame, and the hand-written adjoint that gives pattern gradients
-amplitudes  laser amplitudes in closed form
-memory      what it all takes
-settings    how to optimise
-checkpoint  all that goes on from where it stopped, in a file
-objective   target, colour space and loss
-solve       the iteration: patterns by Adam, amplitudes by least squares; an iterator of states
+solve        the iteration: an iterator of states
+settings     how to optimise
+state        what is shown after each iteration
+unknowns     all that is sought, how it moves, what a checkpoint keeps of it
+patterns     where patterns begin, what a modulator shows of them
+quantise     slopes towards neighbouring levels
+wavelengths  range and spacing of free wavelengths; how colours depend on them
+amplitudes   laser amplitudes in closed form
+adam         moments and step
+problem      one evaluation of the loss: model, objective and eyebox together
+objective    target, region and weights of planes; the loss of an image and its slope
+losses       colour spaces by name
+model        intensities of every laser and frame plane by plane, and the hand-written adjoint
+responses    what spectra are multiplied by, made once
+chromatic    the gradient with respect to wavelengths
+eyebox       how evenly the eyebox is filled, and a penalty
+memory       what it all takes, and a clear word when there is less
+threads      as many as the size deserves
+device       which torch device
+checkpoint   all that goes on from where it stopped, in a file
 """

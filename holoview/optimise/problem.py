@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -10,6 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from holoview.errors import UserError
 from holoview.optimise.amplitudes import AmplitudeProblem
 from holoview.optimise.eyebox import Eyebox
 from holoview.optimise.memory import keeps_fields, needs_memory
@@ -18,7 +20,7 @@ from holoview.optimise.objective import colours_of, make_objective
 from holoview.optimise.quantise import Jumps, own_cost
 from holoview.optimise.settings import Settings
 from holoview.optimise.threads import suited_threads
-from holoview.optimise.wavelengths import colour_slopes
+from holoview.optimise.wavelengths import check_observer, colour_slopes
 from holoview.plan import Plan, make_plan
 from holoview.system import System
 
@@ -66,7 +68,7 @@ class Problem:
         self._needs_memory = partial(needs_memory, chromatic="wavelengths" in settings.free)
         self.objective = make_objective(plan, stack, settings, device=device)
         if "wavelengths" in settings.free:
-            colour_slopes(self.objective.loss, system.wavelengths_m, system.observer)  # refuses an observer without
+            check_observer(system.observer, settings)
         self.samples = int(np.prod(plan.grid.padded))
         with self._needs_memory(plan, device), suited_threads(self.samples):
             self.model = Model(plan, device=device, keep=keeps_fields(plan))
@@ -115,7 +117,7 @@ class Problem:
             loss=sum(j.loss for j in judged),
             psnr_db=float(np.mean([j.psnr_db for j in judged])),
             picture=lambda: objective.picture(self._images[1]),
-            solved=self._table(problem.solve()) if wanted.amplitudes else None,
+            solved=self._solved(problem) if wanted.amplitudes else None,
         )
         found = self._with_eyebox(found, amplitudes, wanted)
         return self._with_gradients(found, products, weights, opd_m, wanted) if wanted.gradient else found
@@ -124,10 +126,13 @@ class Problem:
         if not wanted.eyebox and self.settings.eyebox == 0:
             return found
         blocks = self.eyebox.blocks(amplitudes)
+        variation = self.eyebox.variation(blocks)
+        if not math.isfinite(variation):
+            raise UserError("relay2", "no light passes its stops", remedy="widen iris_na, or narrow dc_block_na")
         loss = found.loss
         if self.settings.eyebox > 0:
             loss += self.eyebox.add_penalty(blocks, amplitudes, self.settings.eyebox)
-        return replace(found, loss=loss, eyebox=self.eyebox.variation(blocks))
+        return replace(found, loss=loss, eyebox=variation)
 
     def _with_gradients(
         self, found: Evaluation, products: Floats, weights: Floats, opd_m: Tensor, wanted: Wanted
@@ -149,6 +154,17 @@ class Problem:
             amplitude_slopes=self._table(slopes),
             chromatic=None if chromatic is None else chromatic.numpy(),
         )
+
+    def _solved(self, problem: AmplitudeProblem) -> Floats:
+        found = problem.solve()
+        if not np.any(found > 0):
+            raise UserError(
+                "target",
+                "is shown best with every laser off",
+                expected="light in the region that these lasers can show",
+                remedy="change the target, the region or the lasers",
+            )
+        return self._table(found)
 
     def _own_costs(self, weights: Floats) -> Tensor:
         """κ of each laser at each modulator; light that stops absorb costs nothing, in its field and its own."""

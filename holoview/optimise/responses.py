@@ -14,6 +14,8 @@ from holoview.plan import Plan
 
 Tensor = torch.Tensor
 
+_DARK = 1e-100  # of a pupil's transmission: below, its logarithm's slope is lost, and no light comes through
+
 
 class Responses:
     """Responses of a plan on a device, each (P_y, P_x). Built in float64 on the CPU: not every device has it.
@@ -90,7 +92,7 @@ class Responses:
             assert side is not None
             sides.append(side)
         slope = (sides[0] - sides[1]) / (2 * step * λ * here)
-        return torch.where(here.abs() > 0, slope, 0).to(self.dtype).to(self.device)
+        return torch.where(here.abs() > _DARK, slope, 0).to(self.dtype).to(self.device)
 
     def _pixel(self, wavelength: int, source: int) -> Tensor:
         sides = zip(self.plan.grid.padded, self.plan.slopes[source, wavelength], strict=True)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from holoview.colour import LMS_TO_XYZ, cone_slopes
+from holoview.colour import LMS_TO_XYZ, cone_slopes, observer_weights
 from holoview.errors import UserError
 from holoview.optimise.losses import Loss
 from holoview.optimise.settings import Settings
@@ -37,19 +37,27 @@ def allowed(wavelengths_m: Floats, settings: Settings) -> Floats:
     return out
 
 
-def colour_slopes(loss: Loss, wavelengths_m: Floats, observer: str) -> Floats:
-    """∂(channels of unit intensity)/∂λ, (wavelength, channel), 1/m, through the eye's cone fundamentals.
-
-    Zero for a mono camera, which sees every wavelength alike. Raises UserError for another observer.
-    """
-    if loss.flat or observer == "mono":
-        return np.zeros((len(wavelengths_m), len(loss.matrix)))
-    if observer != "eye":
+def check_observer(observer: str, settings: Settings) -> None:
+    """UserError for an observer whose response has no slopes here, and for a range where it is unknown."""
+    if observer not in ("eye", "mono"):
         raise UserError(
             "free wavelengths",
             f'observer = "{observer}"',
             expected='"eye" or "mono"',
             remedy="only the cone fundamentals have slopes here",
         )
+    try:
+        observer_weights(observer, settings.wavelength_range_m)
+    except UserError as error:
+        raise error.inside("wavelength range: ") from error
+
+
+def colour_slopes(loss: Loss, wavelengths_m: Floats, observer: str) -> Floats:
+    """∂(channels of unit intensity)/∂λ, (wavelength, channel), 1/m, through the eye's cone fundamentals.
+
+    Zero for a mono camera, which sees every wavelength alike.
+    """
+    if loss.flat or observer == "mono":
+        return np.zeros((len(wavelengths_m), len(loss.matrix)))
     slopes: Floats = cone_slopes(wavelengths_m) @ (loss.matrix @ LMS_TO_XYZ).T
     return slopes

@@ -9,7 +9,8 @@ import torch
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, cone_fundamentals, observer_weights, srgb_encode
 from holoview.errors import UserError
 from holoview.optimise.losses import LOSSES, encoded, encoded_slope, find_loss
-from holoview.optimise.wavelengths import colour_slopes
+from holoview.optimise.settings import Settings
+from holoview.optimise.wavelengths import check_observer, colour_slopes
 
 KNEE = 0.0031308
 COLOURED = [name for name in LOSSES if not LOSSES[name].flat]
@@ -117,4 +118,8 @@ def test_colours_that_do_not_depend_on_the_wavelength_have_no_slope(name: str, o
 
 def test_slopes_of_an_observer_without_cones_are_refused() -> None:
     with pytest.raises(UserError, match='free wavelengths: observer = "cie1931"; expected "eye" or "mono"'):
-        colour_slopes(find_loss("xyz"), WAVELENGTHS_M, "cie1931")
+        check_observer("cie1931", Settings())
+    check_observer("eye", Settings())
+    check_observer("mono", Settings(wavelength_range_m=(300e-9, 900e-9)))
+    with pytest.raises(UserError, match=r"wavelength range: .*900 nm"):
+        check_observer("eye", Settings(wavelength_range_m=(400e-9, 900e-9)))

@@ -96,7 +96,6 @@ def test_the_wavelengths_gradient_is_what_central_differences_approach(
     assert float(found[1 - LASER]) == 0.0
 
 
-@pytest.mark.xfail(reason="the pupil times the step underflows before it divides: 0/0", strict=True)
 def test_where_an_apodisation_lets_nothing_through_the_wavelengths_gradient_is_finite(
     plan_of: Callable[[str], Plan], noise: Noise
 ) -> None:

@@ -92,6 +92,21 @@ def test_wavelengths_end_in_their_range_and_apart(bench: Bench, run: Run) -> Non
     assert np.diff(rising).min() >= 30e-9 * (1 - 1e-9)
 
 
+def test_a_target_that_no_laser_can_show_is_refused(bench: Bench) -> None:
+    system = bench(wavelengths=["638 nm"], amplitudes=[[1.0]])
+    green = np.zeros((len(system.planes_m), *hv.make_plan(system).grid.shape, 3))
+    green[..., 1] = 0.5
+    with pytest.raises(UserError, match="target: is shown best with every laser off"):
+        list(iterate(system, green, Settings(iterations=3)))
+
+
+def test_stops_that_nothing_passes_are_named(bench: Bench) -> None:
+    system = bench(**{"relay2.iris_na": 0.00002, "relay2.dc_block_na": 0.00001})
+    stack = np.full((len(system.planes_m), *hv.make_plan(system).grid.shape, 3), 0.3)
+    with pytest.raises(UserError, match="relay2: no light passes its stops|every laser off"):
+        list(iterate(system, stack, Settings(iterations=3)))
+
+
 def test_wavelengths_out_of_their_range_are_seen_inside_it_from_the_beginning(
     bench: Bench, run: Run, stack_for: Stack
 ) -> None:
