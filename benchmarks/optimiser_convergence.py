@@ -8,6 +8,7 @@ iterations, so ours is the least plan that ends there (by bisection); Adam's is 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -33,17 +34,23 @@ Curve = list[tuple[int, float]]
 
 
 def measure(seeds: int, long: int) -> list[dict[str, Any]]:
-    """A row for each target and seed. Long runs: `long` iterations of ours, twice as many of Adam."""
-    with threads(1):  # small FFTs
-        return [_compare(colour_work(SIZE, t, seed), long, t, seed) for t in TARGETS for seed in range(seeds)]
+    """A row for each target and seed, from long runs of `long` iterations; each is shown when it is done, too."""
+    rows = []
+    for target in TARGETS:
+        for seed in range(seeds):
+            with threads(1):  # small FFTs
+                rows.append(_compare(colour_work(SIZE, target, seed), long, target, seed))
+            print(report(rows[-1:]), file=sys.stderr, flush=True)
+    return rows
 
 
 def _compare(work: Work, long: int, target: str, seed: int) -> dict[str, Any]:
-    best_db, _ = planned(work, long)
-    curve = adam_curve(Cached(work, _RATE_RAD, _BETAS), 2 * long)
+    best_db, long_ffts = planned(work, long)
+    curve = adam_curve(Cached(work, _RATE_RAD, _BETAS), long)
     adam_db = max(psnr_db for _, psnr_db in curve)
     goal_db = max(best_db, adam_db) - MARGIN_DB
-    iterations, ffts = shortest_plan(work, goal_db, long)
+    reached = best_db >= goal_db
+    iterations, ffts = shortest_plan(work, goal_db, long, long_ffts) if reached else (None, long_ffts)
     adam = next((made for made, psnr_db in curve if psnr_db >= goal_db), None)
     return {
         "target": target,
@@ -54,7 +61,7 @@ def _compare(work: Work, long: int, target: str, seed: int) -> dict[str, Any]:
         "iterations": iterations,
         "ffts": ffts,
         "adam_iterations": adam,
-        "adam_ffts": iteration_ffts(work.system) * (2 * long if adam is None else adam),
+        "adam_ffts": iteration_ffts(work.system) * (long if adam is None else adam),
         "adam_curve": curve,
     }
 
@@ -66,11 +73,8 @@ def planned(work: Work, iterations: int) -> tuple[float, float]:
     return state.psnr_db, ffts.count
 
 
-def shortest_plan(work: Work, goal_db: float, longest: int) -> tuple[int | None, float]:
-    """The fewest iterations, to 5 %, whose run ends at the goal, and its FFTs; None where the longest doesn't."""
-    final_db, ffts = planned(work, longest)
-    if final_db < goal_db:
-        return None, ffts
+def shortest_plan(work: Work, goal_db: float, longest: int, ffts: float) -> tuple[int, float]:
+    """The fewest iterations, to 5 %, whose run ends at the goal, and its FFTs; the longest does, by `ffts` FFTs."""
     low, high = _SHORTEST, longest
     while high > max(low + 1, _FINENESS * low):
         middle = round(math.sqrt(low * high))

@@ -162,15 +162,20 @@ class TargetSource:
         self.is_stack = is_stack(args.target)
         if self.is_stack and (args.depth is not None or args.at is not None):
             raise UserError("--depth/--at", "with a focal stack", expected="a picture, or neither of them")
+        self._told = False
         self._picture = None if self.is_stack else self._read()
 
     def target(self, planes_m: NDArray[np.float64] | None = None) -> Target:
         """The target at the system's planes, or at others if it isn't a ready stack."""
         args = self._args
         if self._picture is None:
-            return stack_for(
+            stack = stack_for(
                 self._system, args.target, brightness=args.brightness, saturation=args.saturation, space=args.space
             )
+            for note in stack.notes if not self._told else ():
+                say(f"note: {args.target}: {note}")
+            self._told = True
+            return stack
         placement = Placement(self._length("at"), args.depth, self._length("near"), self._length("far"))
         return target_for(
             self._system, self._picture, placement, args.brightness, saturation=args.saturation, planes=planes_m

@@ -33,6 +33,11 @@ class AmplitudeProblem:
         self._gram += weight * (images @ images.T).cpu().double().numpy()
         self._right += weight * np.einsum("lc,lc->l", self._colours, (images @ wanted.T).cpu().double().numpy())
 
+    @property
+    def is_dark(self) -> bool:
+        """Whether no laser gives any light in any plane."""
+        return not np.any(self._gram)
+
     def solve(self) -> Floats:
         """Amplitudes (laser,) ≥ 0 that bring the sum of the lasers' images nearest to the target."""
         return _non_negative(self._gram * (self._colours @ self._colours.T), self._right)

@@ -61,11 +61,12 @@ class Model:
         self.two = plan.system.gap_m is not None
         self.keep = keep
         count = len(self.beams)
-        # Kept and reused: memory fresh from the system costs more than the FFT that fills it.
-        self.spectra = self._fields(count)  # W of each beam
+        # An FFT's result takes the place of the last one only when it is there: so the memory stays the process's own.
+        # Given back and asked for anew, it would cost more than the FFT that fills it.
+        self.spectra = [self._fields(1)[0] for _ in range(count)]  # W of each beam
+        self._behind = [self._fields(1)[0] for _ in range(count if self.two else 0)]  # w of each beam
+        self._seen = [self._fields(1)[0] for _ in range(count if keep else 1)]  # E of each beam at the present plane
         self.carried = self._fields(count)  # c_W of each beam
-        self._behind = self._fields(count if self.two else 0)  # w of each beam
-        self._seen = self._fields(count if keep else 1)  # E of each beam at the present plane
         self._work = self._fields(1)[0]
         self._real_work = torch.empty(plan.grid.shape, dtype=self.real, device=self.device)
         self.far: Tensor | None = None  # Σ z_k·(share of plane k in c_W), for the gradient of the wavelengths
@@ -92,9 +93,9 @@ class Model:
             self._pixels.append((first if wave is None else first * wave, *rest))
             self.arriving(i, self._work if self.two else self.spectra[i])
             if self.two:
-                torch.fft.ifft2(self._work, out=self._behind[i])
+                self._behind[i] = torch.fft.ifft2(self._work)
                 self._modulate(self._behind[i], rest[0])
-                torch.fft.fft2(self._behind[i], out=self.spectra[i])
+                self.spectra[i] = torch.fft.fft2(self._behind[i])
         self.carried.zero_()
 
     def see(self, plane: int, intensity: Tensor) -> None:
@@ -114,8 +115,10 @@ class Model:
         """Carries ∂L/∂intensity (laser, y, x) of the plane that was seen last back to the spectra."""
         for i, beam in enumerate(self.beams):
             field = self._seen[i][self.plan.grid.inside] if self.keep else self._field_at(i, plane)
+            if beam.source == 0:
+                torch.neg(slope[beam.laser], out=self._real_work)
             field.real.mul_(slope[beam.laser])
-            field.imag.mul_(torch.neg(slope[beam.laser], out=self._real_work))
+            field.imag.mul_(self._real_work)
             seen = self._seen[i if self.keep else 0]
             self._clear_outside(seen)
             back, share = torch.fft.ifft2(seen), 2.0 / self.sources
@@ -132,7 +135,7 @@ class Model:
             arriving = self.carried[i]
             products: list[Tensor] = []
             if self.two:
-                conjugate = torch.fft.fft2(self.carried[i], out=self._work)
+                conjugate = torch.fft.fft2(self.carried[i])
                 product = self._behind[i].mul_(conjugate)[self.plan.grid.inside]
                 products.append(pooled(product, self.plan.grid.upsample))
                 self._modulate(conjugate, self._pixels[i][1])
@@ -166,7 +169,9 @@ class Model:
 
     def _field_at(self, i: int, plane: int) -> Tensor:
         torch.mul(self.spectra[i], self._response(i, plane), out=self._work)
-        return torch.fft.ifft2(self._work, out=self._seen[i if self.keep else 0])[self.plan.grid.inside]
+        place = i if self.keep else 0
+        self._seen[place] = torch.fft.ifft2(self._work)
+        return self._seen[place][self.plan.grid.inside]
 
     def _response(self, i: int, plane: int) -> Tensor:
         return self.responses.plane(self.beams[i].wavelength, plane)

@@ -38,7 +38,9 @@ class Objective:
         rows, columns = target.shape[-2:]
         x, y, width, height = region or (0, 0, columns, rows)
         self.inside = (slice(y, y + height), slice(x, x + width))
+        low, high = torch.aminmax(target)
         matrix = loss.rgb
+        self._bounded = bool(low >= 0 and high <= 1) and matrix is not None and np.allclose(matrix, np.eye(3))
         self._rgb = None if matrix is None or np.allclose(matrix, np.eye(3)) else torch.as_tensor(matrix).to(target)
 
     def judge(self, plane: int, image: Tensor) -> Judged:
@@ -71,7 +73,7 @@ class Objective:
         shown, known = part, wanted
         if self._rgb is not None:
             shown, known = (torch.einsum("rc,cyx->ryx", self._rgb, t) for t in (part, wanted))
-        error = shown.clamp(0, 1).sub_(known.clamp(0, 1))
+        error = shown.clamp(0, 1).sub_(known if self._bounded else known.clamp(0, 1))
         mean = float(torch.linalg.vector_norm(error)) ** 2 / error.numel()
         return float(-10 * np.log10(max(mean, 1e-20)))
 

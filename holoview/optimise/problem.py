@@ -35,9 +35,15 @@ class Wanted:
     gradient: bool = False
     amplitudes: bool = False  # their closed form
     eyebox: bool = False
+    amplitude_slopes: bool = False  # with the gradient, for losses without a closed form
     chromatic: bool = False  # the gradient with respect to the wavelengths
     jump_m: Tensor | None = None  # take slopes to neighbouring levels, this far from those shown, for the gradient
     stiffness: float = 0.0  # share of a jump's own cost that counts
+
+    @property
+    def products(self) -> bool:
+        """Whether Σ ∂L/∂image·intensity is needed."""
+        return self.amplitude_slopes or self.chromatic
 
 
 @dataclass(frozen=True)
@@ -110,7 +116,8 @@ class Problem:
                 problem.add(intensity[inside], objective.target[plane][inside], weight)
             judged.append(objective.judge(plane, image))
             if wanted.gradient:
-                products += (image.flatten(1) @ intensity.flatten(1).T).cpu().double().numpy()
+                if wanted.products:
+                    products += (image.flatten(1) @ intensity.flatten(1).T).cpu().double().numpy()
                 torch.mm(share, image.flatten(1), out=intensity.flatten(1))
                 model.answer(plane, intensity)
         found = Evaluation(
@@ -128,7 +135,7 @@ class Problem:
         blocks = self.eyebox.blocks(amplitudes)
         variation = self.eyebox.variation(blocks)
         if not math.isfinite(variation):
-            raise UserError("relay2", "no light passes its stops", remedy="widen iris_na, or narrow dc_block_na")
+            raise _nothing_passes()
         loss = found.loss
         if self.settings.eyebox > 0:
             loss += self.eyebox.add_penalty(blocks, amplitudes, self.settings.eyebox)
@@ -151,11 +158,13 @@ class Problem:
         return replace(
             found,
             gradient=gradient,
-            amplitude_slopes=self._table(slopes),
+            amplitude_slopes=self._table(slopes) if wanted.amplitude_slopes else None,
             chromatic=None if chromatic is None else chromatic.numpy(),
         )
 
     def _solved(self, problem: AmplitudeProblem) -> Floats:
+        if problem.is_dark:
+            raise _nothing_passes()
         found = problem.solve()
         if not np.any(found > 0):
             raise UserError(
@@ -207,3 +216,7 @@ class Problem:
         longest = system.wavelengths_m.copy()
         longest[np.argmax(longest)] = max(settings.wavelength_range_m[1], float(longest.max()))
         return replace(plan, grid=make_plan(system.edit({"wavelengths": longest})).grid)
+
+
+def _nothing_passes() -> UserError:
+    return UserError("relay2", "no light passes its stops", remedy="widen iris_na, or narrow dc_block_na")

@@ -53,6 +53,7 @@ class Unknowns:
             gradient=not last,
             amplitudes=closed and (due or last),
             eyebox=due or last,
+            amplitude_slopes="amplitudes" in free and self._curved,
             chromatic=shifting and 0 < iteration < self.searching,
             jump_m=self.patterns.jump_m(),
             stiffness=stiffness(iteration / self.settings.iterations),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,9 +15,9 @@ from holoview.errors import UserError
 from holoview.plan import make_plan
 from holoview.system import System
 from holoview.targets.defocus import Aperture, diffraction_half_angle
-from holoview.targets.focal_stack import Target, picture_stack
+from holoview.targets.focal_stack import Target, check_brightness, picture_stack
 from holoview.targets.picture import Picture, fit, read_depth, read_picture
-from holoview.targets.saturation import scaled_saturation
+from holoview.targets.saturation import check_saturation, scaled_saturation
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,8 @@ def target_for(
     brightness: float = 1.0,
     *,
     saturation: float = 1.0,
-    planes: NDArray[np.float64] | None = None,
+    space: str = "srgb",
+    planes: Sequence[float] | NDArray[np.floating] | None = None,
 ) -> Target:
     """The focal stack of a picture with the natural defocus of the bench's eyebox.
 
@@ -44,19 +46,26 @@ def target_for(
     from `nearest_m` to `farthest_m` (the system's first and last planes when None). Blur comes from the largest angle
     that the modulator diffracts to at the middle wavelength, or from the iris where that is smaller.
 
-    saturation: factor on the chroma, in CIE LCHuv. planes: where the stack is wanted, the system's planes when None;
-    the depth range stays that of the system.
+    `saturation` is a factor on the picture's chroma in CIE LCHuv, before it is blurred; `space` what a float file holds
+    ("srgb" or "xyz"; a Picture has been converted when it was read). `planes` (m) are the distances at which the stack
+    is wanted, the system's own when None: depth and layers stay those of the system's planes, so that a plane between
+    them belongs to the same scene.
 
-    Raises UserError for files that can't be used, a distance outside the planes, and a depth map of another size.
+    Raises UserError for files that can't be used, a distance outside the system's planes, a depth map of another size,
+    and factors out of range; ValueError for a Picture with a space, and for planes that aren't a list of distances.
     """
-    source = read_picture(picture) if not isinstance(picture, Picture) else picture
+    check_brightness(brightness)
+    check_saturation(saturation)
+    if isinstance(picture, Picture) and space != "srgb":
+        raise ValueError(f"space {space!r} with a Picture, which is linear sRGB: give it to read_picture")
+    source = picture if isinstance(picture, Picture) else read_picture(picture, space)
     grid = make_plan(system).grid
-    rgb = scaled_saturation(fit(source.rgb, grid.shape), saturation)
-    planes_m = system.planes_m if planes is None else planes
     depth_m = _depth(system, placement, source, grid.shape)
+    rgb = scaled_saturation(fit(source.rgb, grid.shape), saturation)
+    planes_m = np.asarray(system.planes_m if planes is None else planes, dtype=np.float64)
     half_angle, aperture = _blur(system)
     stack = picture_stack(rgb, depth_m, planes_m, grid.pitch_m, half_angle, aperture)
-    return Target.of(stack, tuple(planes_m), source.source, brightness)
+    return Target.of(stack, planes_m, source.source, brightness, source.notes)
 
 
 def _depth(

@@ -1,6 +1,6 @@
 """What an eye should see at each plane: a picture with depth, naturally out of focus everywhere but where it belongs.
 
-`picture_stack` makes such a focal stack from one picture; `stacks` reads one that was rendered elsewhere. `Target` is
+`picture_stack` makes such a focal stack from one picture; stacks.py reads one that was rendered elsewhere. `Target` is
 either with its planes: what the optimiser aims at.
 
 A picture with a depth map is cut into layers of nearly equal depth. On each plane they are laid over each other from
@@ -37,7 +37,7 @@ class Target:
     """A focal stack to aim at.
 
     `stack` (plane, y, x, 3) float32 linear sRGB with `brightness` already applied, `planes_m` the planes' distances,
-    `source` what it was made from, in words.
+    `source` what it was made from, in words, `notes` what was done to it that a person should know.
 
     Raises UserError when the number of pictures and of planes differ, ValueError for other shapes.
     """
@@ -46,6 +46,7 @@ class Target:
     planes_m: tuple[float, ...]
     source: str
     brightness: float = 1.0
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.stack.ndim != 4 or self.stack.shape[-1] != 3:
@@ -58,12 +59,24 @@ class Target:
             )
 
     @classmethod
-    def of(cls, stack: NDArray[np.float32], planes_m: Sequence[float], source: str, brightness: float = 1.0) -> Target:
-        """The target that shows `stack` at `brightness` (a factor on linear light, > 0)."""
-        if not (math.isfinite(brightness) and brightness > 0):
-            raise ValueError(f"brightness {brightness}: expected a positive number")
+    def of(
+        cls,
+        stack: NDArray[np.float32],
+        planes_m: Sequence[float] | NDArray[np.floating],
+        source: str,
+        brightness: float = 1.0,
+        notes: tuple[str, ...] = (),
+    ) -> Target:
+        """The target that shows `stack` at `brightness`, a factor on linear light. UserError unless it is above 0."""
+        check_brightness(brightness)
         scaled = np.asarray(stack, dtype=np.float32) * np.float32(brightness)
-        return cls(scaled, tuple(float(z) for z in planes_m), source, brightness)
+        return cls(scaled, tuple(float(z) for z in planes_m), source, brightness, notes)
+
+
+def check_brightness(brightness: float) -> None:
+    """Raises UserError for a factor on linear light that isn't finite and positive."""
+    if not (math.isfinite(brightness) and brightness > 0):
+        raise UserError("brightness", f"{brightness:g}", expected="a positive number", remedy="1 changes nothing")
 
 
 def picture_stack(

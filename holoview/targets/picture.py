@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.colour import XYZ_TO_SRGB, rgb_to_xyz, srgb_decode, xyz_to_linear_srgb
+from holoview.colour import srgb_decode
 from holoview.errors import UserError
-from holoview.targets.raster import Raster, decode, signature
+from holoview.targets.raster import decode, decode_all, signature
+from holoview.targets.samples import Raster
+from holoview.targets.spaces import SPACES, to_linear_srgb
+
+__all__ = ["SPACES", "Picture", "fit", "read_depth", "read_picture", "read_pictures"]
 
 _DEPTH_FILES = "a grey PNG, TIFF or OpenEXR picture or a numpy .npy array"
 
@@ -32,47 +37,45 @@ class Picture:
     notes: tuple[str, ...] = ()
 
 
-SPACES = ("srgb", "xyz")
-"""What the three channels of a float file may be: linear sRGB, or CIE XYZ with Y = 1 the display's white (D65)."""
+def read_picture(path: str | os.PathLike[str], space: str = "srgb") -> Picture:
+    """A PNG, JPEG, TIFF or OpenEXR file as linear light; the first picture of a file with several.
 
-
-def read_picture(path: str | os.PathLike[str], space: str = "srgb", page: int | None = None) -> Picture:
-    """A PNG, JPEG, TIFF or OpenEXR file as linear light; one page of several, the first when None.
-
-    Alpha is composited over black, grey is copied to three channels, values above 1 or below 0 in float files are kept;
-    each is told in `notes`.
+    `space` is one of `SPACES` and says what a float file holds. Alpha is composited over black, grey is copied to three
+    channels, values above 1 or below 0 in float files are kept; each is told in `notes`.
 
     Raises UserError when the file is missing, a folder, no picture, truncated, without pixels, holds NaN or infinity,
-    or holds a display signal where XYZ was asked for.
+    or isn't three channels of float where XYZ is asked for.
     """
-    file = Path(path)
-    raster = decode(file, page)
-    if space not in SPACES:
-        raise UserError("space", f'"{space}"', expected=" or ".join(SPACES))
-    if space == "xyz" and (raster.encoded or raster.values.shape[-1] != 3):
-        found = "holds integers, an encoded signal" if raster.encoded else "has one channel"
-        raise UserError(
-            str(file), found, expected="three float channels of CIE XYZ", remedy="save it as float TIFF or EXR"
-        )
-    _refuse_non_finite(file, raster.values)
+    return _picture(Path(path), decode(Path(path)), space)
+
+
+def read_pictures(path: str | os.PathLike[str], space: str = "srgb") -> Iterator[Picture]:
+    """Every picture of a file (TIFF pages, OpenEXR parts or layers), one after the other, as `read_picture` does."""
+    for raster in decode_all(Path(path)):
+        yield _picture(Path(path), raster, space)
+
+
+def _picture(file: Path, raster: Raster, space: str) -> Picture:
+    where = f"{file}, {raster.page}" if raster.page else str(file)
+    _refuse_non_finite(where, raster.values)
     notes = list(raster.notes)
     light = srgb_decode(raster.values) if raster.encoded else raster.values
     if raster.alpha is not None:
-        light = _over_black(file, raster, light)
+        light = _over_black(where, raster, light)
         notes.append("alpha composited over black")
+    light, note = to_linear_srgb(where, raster, light, space)
+    notes += [note] if note else []
     if light.shape[-1] == 1:
         light = np.repeat(light, 3, axis=-1)
         notes.append("grey copied to red, green and blue")
-    light, note = _to_linear_srgb(raster, light, space)
-    notes += [note] if note else []
     with np.errstate(over="ignore"):
         rgb = light.astype(np.float32)
-    _refuse_non_finite(file, rgb)
+    _refuse_non_finite(where, rgb)
     if rgb.max() > 1:
         notes.append(f"values up to {rgb.max():.4g} kept: brighter than the display's white (1)")
     if rgb.min() < 0:
         notes.append(f"values down to {rgb.min():.4g} kept: colours outside sRGB")
-    return Picture(rgb, str(file), tuple(notes))
+    return Picture(rgb, where, tuple(notes))
 
 
 def read_depth(path: str | os.PathLike[str]) -> NDArray[np.float32]:
@@ -87,7 +90,7 @@ def read_depth(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     values = _load_array(file) if signature(file) == "NPY" else _grey(file, decode(file))
     if values.ndim != 2 or values.size == 0:
         raise UserError(str(file), f"holds an array of shape {values.shape}", expected="depths of shape (y, x)")
-    _refuse_non_finite(file, values)
+    _refuse_non_finite(str(file), values)
     low, high = float(values.min()), float(values.max())
     if low < 0 or high > 1:
         raise UserError(
@@ -135,19 +138,10 @@ def _nearest(count: int, start: float, scale: float, size: int) -> NDArray[np.in
     return np.clip(index, 0, size - 1)
 
 
-def _to_linear_srgb(raster: Raster, light: NDArray[np.float64], space: str) -> tuple[NDArray[np.float64], str]:
-    """Light (y, x, 3) with sRGB primaries, and what was done to it; white stays white."""
-    if space == "xyz":
-        return xyz_to_linear_srgb(light), "CIE XYZ converted to linear sRGB, colours outside it kept"
-    if raster.primaries is None:
-        return light, ""
-    return light @ (XYZ_TO_SRGB @ rgb_to_xyz(raster.primaries)).T, "converted from the file's own primaries"
-
-
-def _over_black(file: Path, raster: Raster, light: NDArray[np.float64]) -> NDArray[np.float64]:
+def _over_black(where: str, raster: Raster, light: NDArray[np.float64]) -> NDArray[np.float64]:
     """Light through its coverage; premultiplied files carry it already, but encoded ones must shed it for the curve."""
     assert raster.alpha is not None
-    _refuse_non_finite(file, raster.alpha)
+    _refuse_non_finite(where, raster.alpha)
     alpha = np.clip(raster.alpha, 0, 1)[..., None]
     if not raster.premultiplied:
         return light * alpha
@@ -182,8 +176,8 @@ def _load_array(file: Path) -> NDArray[np.float64]:
     return np.asarray(array, dtype=np.float64)
 
 
-def _refuse_non_finite(file: Path, values: NDArray[np.floating]) -> None:
+def _refuse_non_finite(where: str, values: NDArray[np.floating]) -> None:
     wrong = int(np.count_nonzero(~np.isfinite(values)))
     if wrong:
         found = f"{wrong} of {values.size} values are NaN or infinite"
-        raise UserError(str(file), found, expected="finite numbers", remedy="repair the file or export it again")
+        raise UserError(where, found, expected="finite numbers", remedy="repair the file or export it again")

@@ -1,48 +1,88 @@
 """More or less colourful targets: chroma scaled in CIE LCHuv, lightness and hue kept, as in the paper's gamut study.
 
-With u′, v′ the CIE 1976 chromaticity, u* = 13·L*·(u′ − u′ₙ): at fixed lightness and hue, scaling chroma scales
-(u′ − u′ₙ, v′ − v′ₙ) (CIE 15:2004, 8.2.2). Luminance doesn't change.
+With u′, v′ the CIE 1976 chromaticities, u* = 13·L*·(u′ − u′ₙ) and the same for v* (CIE 15:2004, 8.2.2). L* depends on
+luminance alone, so that to scale chroma C*uv = √(u*² + v*²) by t at fixed L* and hue is to move the chromaticity
+along its ray from white, at fixed luminance:
+
+    u′ ← u′ₙ + t·(u′ − u′ₙ)        v′ ← v′ₙ + t·(v′ − v′ₙ)        X = Y·9u′/4v′        Z = Y·(12 − 3u′ − 20v′)/4v′
+
+How far it can go: t > 1 leads out of sRGB, then out of all colours that any light has. Towards blue the ray even
+reaches v′ = 0, where X and Z are infinite: for the sRGB blue at t = 1.5. So chroma stops at the purest light of its
+hue, on the spectral locus or the line of purples (CIE 1931 2°), inside which X, Y and Z are never negative.
 """
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB
+from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights
 from holoview.errors import UserError
 
-_LEAST = 1e-12  # of X + 15·Y + 3·Z: darker has no chromaticity
+_LOCUS_M = np.arange(390, 701) * 1e-9  # beyond, the locus' ends stay where they are
+_PURPLES = 512
 
 
-def scaled_saturation(rgb: NDArray[np.float32], factor: float) -> NDArray[np.float32]:
+def scaled_saturation(rgb_linear: NDArray[np.floating], factor: float) -> NDArray[np.float32]:
     """Linear sRGB (…, 3), inside or outside 0…1, with its chroma in LCHuv (white D65) times `factor`; float32.
 
-    0 is grey of equal luminance, 1 changes nothing, more than 1 leads out of sRGB: values are kept, as wide-gamut
-    displays may show them. Where a large factor asks for a colour that can't be (v′ ≤ 0), chroma goes as far as can be.
+    0 is the grey of the same luminance, 1 changes nothing, more than 1 is more colourful, as far as a light of that hue
+    can be; what lies beyond already is left there. Luminance is kept throughout.
+
+    Where there is no positive light to have a chromaticity (Y and X + 15Y + 3Z not of one sign: black, or imaginary
+    colours), the colour is mixed with the grey of its luminance instead, and a factor above 1 changes nothing.
+
     Raises UserError for a factor that isn't 0 or more.
     """
-    if not 0 <= factor < np.inf:
-        raise UserError("saturation", f"{factor:g}", expected="a factor of 0 or more; 1 changes nothing")
+    check_saturation(factor)
+    rgb = np.asarray(rgb_linear)
     if factor == 1:
-        return np.asarray(rgb, dtype=np.float32)
-    x, y, z = np.moveaxis(np.asarray(rgb, dtype=np.float64) @ SRGB_TO_XYZ.T, -1, 0)
+        return rgb.astype(np.float32)
+    x, y, z = np.moveaxis(rgb @ SRGB_TO_XYZ.T, -1, 0)
+    lit = y * (x + 15 * y + 3 * z) > 0
+    u, v = _chromaticity(np.where(lit, x, D65_WHITE[0]), np.where(lit, y, 1), np.where(lit, z, D65_WHITE[2]))
     white_u, white_v = _chromaticity(*D65_WHITE)
-    u, v = _chromaticity(x, y, z)
-    u, v = white_u + factor * (u - white_u), np.maximum(white_v + factor * (v - white_v), 1e-3)
-    # X = Y·9u/(4v), Z = Y·(12 − 3u − 20v)/(4v)
-    scaled = np.stack([y * 9 * u / (4 * v), y, y * (12 - 3 * u - 20 * v) / (4 * v)], axis=-1)
-    return np.asarray(scaled @ XYZ_TO_SRGB.T, dtype=np.float32)
+    du, dv = u - white_u, v - white_v
+    reach = factor if factor < 1 else np.clip(_furthest(du, dv), 1, factor)
+    u, v = white_u + reach * du, white_v + reach * dv
+    mixed = min(factor, 1.0)
+    scaled_x = np.where(lit, y * 9 * u / (4 * v), mixed * x + (1 - mixed) * y * D65_WHITE[0])
+    scaled_z = np.where(lit, y * (12 - 3 * u - 20 * v) / (4 * v), mixed * z + (1 - mixed) * y * D65_WHITE[2])
+    scaled: NDArray[np.float64] = np.stack([scaled_x, y, scaled_z], axis=-1) @ XYZ_TO_SRGB.T
+    return scaled.astype(np.float32)
 
 
-def _chromaticity(x: object, y: object, z: object) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """CIE 1976 u′, v′; those of white where there is no light."""
-    xyz = [np.asarray(part, dtype=np.float64) for part in (x, y, z)]
-    total = xyz[0] + 15 * xyz[1] + 3 * xyz[2]
-    lit = np.abs(total) > _LEAST
-    safe = np.where(lit, total, 1.0)
-    white = D65_WHITE[0] + 15 * D65_WHITE[1] + 3 * D65_WHITE[2]
-    return (
-        np.where(lit, 4 * xyz[0] / safe, 4 * D65_WHITE[0] / white),
-        np.where(lit, 9 * xyz[1] / safe, 9 * D65_WHITE[1] / white),
-    )
+def check_saturation(factor: float) -> None:
+    """Raises UserError for a factor that isn't finite and 0 or more."""
+    if not 0 <= factor < np.inf:
+        raise UserError(
+            "saturation", f"{factor:g}", expected="a factor of 0 or more", remedy="0 is grey, 1 changes nothing"
+        )
+
+
+def _chromaticity(
+    x: NDArray[np.float64] | float, y: NDArray[np.float64] | float, z: NDArray[np.float64] | float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """CIE 1976 u′, v′."""
+    total = np.asarray(x + 15 * y + 3 * z)
+    return 4 * x / total, 9 * y / total
+
+
+def _furthest(du: NDArray[np.float64], dv: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The factor on each (u′ − u′ₙ, v′ − v′ₙ) that leads to the purest light of its hue; infinite for neutrals."""
+    hues, radii = _purest()
+    radius = np.interp(np.arctan2(dv, du), hues, radii, period=2 * np.pi)
+    distance = np.hypot(du, dv)
+    return np.divide(radius, distance, out=np.full_like(radius, np.inf), where=distance > 1e-12 * radius)
+
+
+@cache
+def _purest() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Hue angle (rad) and distance from white, in (u′, v′), of the spectral locus and the line of purples."""
+    u, v = _chromaticity(*observer_weights("cie1931", _LOCUS_M).T)
+    purples = np.linspace(0, 1, _PURPLES)
+    locus_u = np.append(u, u[-1] + purples * (u[0] - u[-1])) - _chromaticity(*D65_WHITE)[0]
+    locus_v = np.append(v, v[-1] + purples * (v[0] - v[-1])) - _chromaticity(*D65_WHITE)[1]
+    return np.arctan2(locus_v, locus_u), np.hypot(locus_u, locus_v)

@@ -1,9 +1,10 @@
-"""Focal stacks rendered elsewhere: a folder of pictures, the pages of a TIFF, the parts or layers of an EXR file."""
+"""Focal stacks rendered elsewhere: a folder of pictures, pages of a TIFF, parts or layers of an OpenEXR file."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,89 +13,114 @@ from numpy.typing import NDArray
 from holoview.errors import UserError
 from holoview.plan import make_plan
 from holoview.system import System
-from holoview.targets.focal_stack import Target
-from holoview.targets.picture import Picture, fit, read_picture
-from holoview.targets.raster import by_number, page_count
-from holoview.targets.saturation import scaled_saturation
+from holoview.targets.focal_stack import Target, check_brightness
+from holoview.targets.picture import Picture, fit, read_picture, read_pictures
+from holoview.targets.raster import picture_count
+from holoview.targets.samples import by_number
+from holoview.targets.saturation import check_saturation, scaled_saturation
 
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 
+_Source = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
+
 
 def is_stack(path: str | os.PathLike[str]) -> bool:
-    """Whether a path names several pictures: a folder, or a file of several pages.
+    """Whether a path holds several pictures: a folder, or a file of several pages, parts or numbered layers.
 
-    Raises UserError when the file is missing, empty or unreadable.
+    Only headers are read. Raises UserError when the file is missing, no picture, empty, or broken off.
     """
-    return Path(path).is_dir() or page_count(Path(path)) > 1
+    return Path(path).is_dir() or picture_count(Path(path)) > 1
 
 
 def stack_for(
     system: System,
     path: str | os.PathLike[str],
+    *,
     brightness: float = 1.0,
     saturation: float = 1.0,
     space: str = "srgb",
 ) -> Target:
     """A ready focal stack, one picture a plane of the system in its order, fitted to the simulation grid.
 
+    `path`: a folder (its PNG, JPEG, TIFF and OpenEXR files in the order of the numbers in their names), a TIFF with a
+    page a plane, or an OpenEXR file with a part or a numbered layer a plane. `brightness` is a factor on linear light,
+    `saturation` one on chroma in CIE LCHuv, `space` what float files hold ("srgb" or "xyz").
+
     Raises UserError when the number of pictures and of planes differ, when one can't be read, or their sizes differ.
     """
-    stack = read_stack(path, make_plan(system).grid.shape, space, pictures=len(system.planes_m))
-    return Target.of(scaled_saturation(stack, saturation), tuple(system.planes_m), str(path), brightness)
+    check_brightness(brightness)
+    check_saturation(saturation)
+    pictures = _fitted(path, make_plan(system).grid.shape, space, len(system.planes_m))
+    stack = np.stack([scaled_saturation(picture.rgb, saturation) for picture in pictures])
+    return Target.of(stack, tuple(system.planes_m), str(path), brightness, _common(pictures))
 
 
 def read_stack(
-    source: str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
-    shape: tuple[int, int],
-    space: str = "srgb",
-    pictures: int | None = None,
+    source: _Source, shape: tuple[int, int], space: str = "srgb", pictures: int | None = None
 ) -> NDArray[np.float32]:
     """A ready focal stack as (plane, y, x, 3) linear light fitted to `shape` (y, x).
 
-    source: a folder (its PNG, JPEG, TIFF and OpenEXR files in the order of the numbers in their names), a TIFF with a
-    page a plane, an OpenEXR file with a part or a layer a plane, or the files in the planes' order. pictures: how many
-    there have to be.
+    `source` as the path of `stack_for`, or the files in the planes' order. `pictures`: how many there have to be.
 
     Raises UserError when there are none or another number, when one can't be read, or when their sizes differ.
     """
-    where, pages = _pages(source)
-    if not pages:
+    return np.stack([picture.rgb for picture in _fitted(source, shape, space, pictures)])
+
+
+def _fitted(source: _Source, shape: tuple[int, int], space: str, wanted: int | None) -> list[Picture]:
+    """The stack's pictures, fitted one by one as they are read."""
+    where, count, pictures = _opened(source, space)
+    if count == 0:
         raise UserError(where, "holds no pictures", expected=f"one a plane ({', '.join(_PICTURES)})")
-    if pictures is not None and len(pages) != pictures:
+    if wanted not in (None, count):
         raise UserError(
             where,
-            f"holds {len(pages)} pictures",
-            expected=f"one for each of {pictures} planes",
+            f"holds {count} picture{'s' * (count > 1)}",
+            expected=f"one for each of {wanted} plane{'s' * (wanted != 1)}",
             remedy="change the planes (--set planes=…) or the stack",
         )
-    stack: list[NDArray[np.float32]] = []
-    first: tuple[int, ...] = ()
-    for file, page in pages:
-        picture = read_picture(file, space, page)
-        first = first or picture.rgb.shape
-        _check_size(picture, first, pages[0][0].name)
-        stack.append(fit(picture.rgb, shape))
-    return np.stack(stack)
+    first: Picture | None = None
+    fitted = []
+    for picture in pictures:
+        first = first or picture
+        _check_size(picture, first)
+        fitted.append(replace(picture, rgb=fit(picture.rgb, shape)))
+    return fitted
 
 
-def _pages(
-    source: str | os.PathLike[str] | Iterable[str | os.PathLike[str]],
-) -> tuple[str, list[tuple[Path, int | None]]]:
-    """What to call the stack, and the file and page of each picture; None is the only page."""
-    if not isinstance(source, str | os.PathLike):
-        return "focal stack", [(Path(file), None) for file in source]
-    path = Path(source)
-    if path.is_dir():
-        return str(source), [(file, None) for file in _files_in(path)]
-    return str(source), [(path, page) for page in range(page_count(path))]
-
-
-def _check_size(picture: Picture, first: tuple[int, ...], name: str) -> None:
-    if picture.rgb.shape != first:
-        found = f"is {picture.rgb.shape[1]} × {picture.rgb.shape[0]}"
-        raise UserError(picture.source, found, expected=f"{first[1]} × {first[0]} as {name}")
+def _opened(source: _Source, space: str) -> tuple[str, int, Iterator[Picture]]:
+    """What to call the stack, how many pictures it holds, and the pictures, read when their turn comes."""
+    if isinstance(source, str | os.PathLike):
+        where, path = str(source), Path(source)
+        if not path.is_dir():
+            return where, picture_count(path), read_pictures(path, space)
+        files = _files_in(path)
+    else:
+        where, files = "focal stack", [Path(file) for file in source]
+    return where, len(files), (read_picture(file, space) for file in files)
 
 
 def _files_in(folder: Path) -> list[Path]:
-    files = [f for f in folder.iterdir() if f.suffix.lower() in _PICTURES and not f.name.startswith(".")]
+    try:
+        files = [f for f in folder.iterdir() if f.suffix.lower() in _PICTURES and not f.name.startswith(".")]
+    except OSError as error:
+        raise UserError(str(folder), f"can't be read: {error.strerror}", remedy="check its permissions") from error
     return sorted(files, key=lambda f: by_number(f.name))
+
+
+def _check_size(picture: Picture, first: Picture) -> None:
+    (height, width), (rows, columns) = picture.rgb.shape[:2], first.rgb.shape[:2]
+    if (height, width) != (rows, columns):
+        raise UserError(
+            picture.source,
+            f"is {width} × {height}",
+            expected=f"{columns} × {rows} as {Path(first.source).name}",
+            remedy="render all planes at one size",
+        )
+
+
+def _common(pictures: Sequence[Picture]) -> tuple[str, ...]:
+    """The pictures' notes, those that all share once, the others with the picture they are about."""
+    shared = [note for note in pictures[0].notes if all(note in picture.notes for picture in pictures)]
+    single = [f"{Path(p.source).name}: {note}" for p in pictures for note in p.notes if note not in shared]
+    return (*shared, *single)

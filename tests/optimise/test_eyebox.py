@@ -145,7 +145,8 @@ def _lit(model: Model, power: Callable[[np.ndarray, np.ndarray], np.ndarray]) ->
     """Gives every beam a spectrum of that power, a function of cycles a sample (y, x)."""
     y, x = (frequency_indices(n) / n for n in model.plan.grid.padded)
     amplitude = torch.from_numpy(np.sqrt(power(y[:, None], x[None, :])))
-    model.spectra.copy_(amplitude.expand_as(model.spectra))
+    for spectrum in model.spectra:
+        spectrum.copy_(amplitude)
 
 
 def _envelope(model: Model, y: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ Bench = Callable[..., System]
 Noise = Callable[..., torch.Tensor]
 MakeProblem = Callable[[System, np.ndarray, Settings], Problem]
 CLOSED = [name for name, loss in LOSSES.items() if not loss.encoded]
-ALL = Wanted(gradient=True, amplitudes=True, eyebox=True, chromatic=True)
+ALL = Wanted(gradient=True, amplitudes=True, eyebox=True, amplitude_slopes=True, chromatic=True)
 
 SYSTEMS: dict[str, dict[str, Any]] = {
     "two frames": {},
@@ -93,7 +93,7 @@ def test_amplitude_slopes_are_what_central_differences_approach(
     system, step = _system(bench), 1e-5
     problem = double_problem(system, _stack(system), Settings(loss=name))
     opd_m = _opd(system, noise)
-    found = problem.evaluate(opd_m, system.amplitudes, Wanted(gradient=True)).amplitude_slopes
+    found = problem.evaluate(opd_m, system.amplitudes, Wanted(gradient=True, amplitude_slopes=True)).amplitude_slopes
     assert found is not None
     for laser in np.argwhere(system.amplitudes > 0):
         sides = []
@@ -203,7 +203,9 @@ def test_two_equal_frames_are_one(bench: Bench, noise: Noise, double_problem: Ma
     opd_m, settings = _opd(single, noise), Settings(eyebox=0.1)
     one = double_problem(single, _stack(single), settings).evaluate(opd_m, single.amplitudes, ALL)
     both = double_problem(twice, _stack(twice), settings).evaluate(
-        opd_m.repeat(2, 1, 1, 1), twice.amplitudes, Wanted(gradient=True, eyebox=True, chromatic=True)
+        opd_m.repeat(2, 1, 1, 1),
+        twice.amplitudes,
+        Wanted(gradient=True, eyebox=True, amplitude_slopes=True, chromatic=True),
     )
     assert both.loss == pytest.approx(one.loss, rel=1e-12)
     assert both.psnr_db == pytest.approx(one.psnr_db, rel=1e-12)
@@ -232,12 +234,13 @@ def _fields(found: Evaluation) -> dict[str, Any]:
     ("wanted", "brought"),
     [
         (Wanted(), set()),
-        (Wanted(gradient=True), {"gradient", "amplitude_slopes"}),
+        (Wanted(gradient=True), {"gradient"}),
+        (Wanted(gradient=True, amplitude_slopes=True), {"gradient", "amplitude_slopes"}),
         (Wanted(amplitudes=True), {"solved"}),
         (Wanted(eyebox=True), {"eyebox"}),
         (ALL, {"gradient", "amplitude_slopes", "solved", "eyebox", "chromatic"}),
     ],
-    ids=["nothing", "gradient", "amplitudes", "eyebox", "all"],
+    ids=["nothing", "gradient", "slopes", "amplitudes", "eyebox", "all"],
 )
 def test_what_is_not_wanted_is_not_brought(wanted: Wanted, brought: set[str], bench: Bench, noise: Noise) -> None:
     system = _system(bench)

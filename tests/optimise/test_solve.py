@@ -103,7 +103,7 @@ def test_a_target_that_no_laser_can_show_is_refused(bench: Bench) -> None:
 def test_stops_that_nothing_passes_are_named(bench: Bench) -> None:
     system = bench(**{"relay2.iris_na": 0.00002, "relay2.dc_block_na": 0.00001})
     stack = np.full((len(system.planes_m), *hv.make_plan(system).grid.shape, 3), 0.3)
-    with pytest.raises(UserError, match="relay2: no light passes its stops|every laser off"):
+    with pytest.raises(UserError, match="relay2: no light passes its stops"):
         list(iterate(system, stack, Settings(iterations=3)))
 
 

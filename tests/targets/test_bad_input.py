@@ -15,7 +15,6 @@ from PIL import Image
 
 from holoview.errors import UserError
 from holoview.targets.picture import read_depth, read_picture
-from holoview.targets.stacks import read_stack
 
 NOISE = np.random.default_rng(1).integers(0, 256, (64, 64, 3), dtype=np.uint8)
 
@@ -164,18 +163,3 @@ def test_an_array_is_no_picture_but_may_be_depth(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.zeros((2, 2)))
     says(tmp_path / "a.npy", "is a numpy array")
     assert (read_depth(tmp_path / "a.npy") == 0).all()
-
-
-def test_a_stack_needs_pictures_of_one_size(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="holds no pictures"):
-        read_stack(tmp_path, (4, 4))
-    with pytest.raises(UserError, match="there is no such file"):
-        read_stack(tmp_path / "no", (4, 4))
-    Image.new("RGB", (4, 4)).save(tmp_path / "plane-0.png")
-    Image.new("RGB", (5, 4)).save(tmp_path / "plane-1.png")
-    with pytest.raises(UserError, match=r"plane-1.png: is 5 × 4; expected 4 × 4 as plane-0.png"):
-        read_stack(tmp_path, (4, 4))
-    with pytest.raises(UserError, match="holds 1 pictures; expected one for each of 5 planes"):
-        read_stack(tmp_path / "plane-0.png", (4, 4), pictures=5)
-    with pytest.raises(UserError, match="holds no pictures"):
-        read_stack([], (4, 4))

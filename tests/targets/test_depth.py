@@ -88,3 +88,12 @@ def test_arrays_that_are_no_depth_are_refused(tmp_path: Path, array: np.ndarray,
     with pytest.raises(UserError) as caught:
         read_depth(tmp_path / "depth.npy")
     assert words in str(caught.value)
+
+
+def test_an_exr_depth_with_a_border_without_data_is_refused(tmp_path: Path) -> None:
+    windows = {"dataWindow": ((1, 1), (2, 2)), "displayWindow": ((0, 0), (3, 3))}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **windows}
+    with OpenEXR.File(header, {"Z": np.ones((2, 2), np.float32)}) as file:
+        file.write(str(tmp_path / "depth.exr"))
+    with pytest.raises(UserError, match="is partly transparent; expected a depth everywhere"):
+        read_depth(tmp_path / "depth.exr")

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from PIL import Image
 
 from holoview.errors import UserError
 from holoview.targets.defocus import Aperture, kernel
 from holoview.targets.focal_stack import Target, picture_stack
-from holoview.targets.stacks import read_stack
 
 PITCH = 4e-6
 ANGLE = math.atan(0.02)
@@ -164,17 +161,6 @@ def test_arguments_that_make_no_sense_are_refused(change: dict[str, object], wor
         picture_stack(**{**good, "pitch_m": PITCH, "half_angle_rad": ANGLE, **change})  # type: ignore[arg-type]
 
 
-def test_a_folder_of_planes_is_read_in_the_order_of_its_numbers(tmp_path: Path) -> None:
-    for number in (10, 9, 0):
-        Image.new("RGB", (8, 6), (number, 0, 0)).save(tmp_path / f"plane-{number}.png")
-    (tmp_path / "notes.txt").write_text("not a picture")
-    read = read_stack(tmp_path, (3, 4))
-    assert read.shape == (3, 3, 4, 3) and read.dtype == np.float32
-    assert (np.diff(read[:, 0, 0, 0]) > 0).all()
-    listed = read_stack([tmp_path / "plane-9.png", str(tmp_path / "plane-0.png")], (3, 4))
-    assert (listed == read[[1, 0]]).all()
-
-
 def test_a_target_holds_the_stack_at_its_brightness() -> None:
     target = Target.of(np.full((2, 3, 4, 3), 0.5, np.float32), [9e-3, 11e-3], "grey", brightness=0.25)
     assert (target.stack == 0.125).all() and target.stack.dtype == np.float32
@@ -186,5 +172,9 @@ def test_a_target_needs_a_picture_for_each_plane() -> None:
         Target.of(np.zeros((2, 3, 4, 3), np.float32), [1.0, 2.0, 3.0], "folder")
     with pytest.raises(ValueError, match=r"expected \(plane, y, x, 3\)"):
         Target.of(np.zeros((3, 4, 3), np.float32), [1.0], "flat")
-    with pytest.raises(ValueError, match="expected a positive number"):
-        Target.of(np.zeros((1, 3, 4, 3), np.float32), [1.0], "dark", brightness=0)
+
+
+@pytest.mark.parametrize("brightness", [0.0, -1.0, math.nan, math.inf])
+def test_a_target_needs_light(brightness: float) -> None:
+    with pytest.raises(UserError, match=r"brightness: .*; expected a positive number; 1 changes nothing"):
+        Target.of(np.zeros((1, 3, 4, 3), np.float32), [1.0], "dark", brightness)

@@ -149,7 +149,7 @@ def test_the_first_of_many_tiff_pages_is_used_and_noted(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", np.stack([CODES, CODES // 2]), photometric="rgb")
     picture = read_picture(tmp_path / "a.tif")
     assert picture.rgb == pytest.approx(srgb_decode(CODES / 255), abs=FLOAT32_EPSILON)
-    assert picture.notes == ("2 pages, the first is used",)
+    assert picture.notes == ("2 pictures, page 1 is used",)
 
 
 def test_premultiplied_tiff_alpha_is_not_applied_twice(tmp_path: Path) -> None:
@@ -176,6 +176,25 @@ def test_exr_alpha_is_already_in_the_colours(tmp_path: Path) -> None:
     picture = read_picture(exr(tmp_path / "a.exr", {"RGBA": light}))
     assert (picture.rgb == 0.25).all()
     assert picture.notes == ("alpha composited over black",)
+
+
+@pytest.mark.parametrize("display", [((0, 0), (7, 5)), ((2, 2), (3, 2)), ((-3, 0), (2, 9)), ((20, 0), (22, 4))])
+def test_exr_data_lie_where_the_header_says_in_its_picture(tmp_path: Path, display: Any) -> None:
+    data = np.arange(1, 13, dtype=np.float32).reshape(3, 4)
+    windows = {"dataWindow": ((1, 1), (4, 3)), "displayWindow": display}
+    picture = read_picture(exr(tmp_path / "a.exr", {"Y": data}, **windows))
+    everywhere = np.zeros((40, 40), np.float32)
+    everywhere[11:14, 11:15] = data
+    (left, top), (right, bottom) = display
+    assert (picture.rgb[..., 1] == everywhere[10 + top : 11 + bottom, 10 + left : 11 + right]).all()
+    assert ("alpha composited over black" in picture.notes) == (display != ((2, 2), (3, 2)))
+
+
+def test_an_exr_layer_may_be_the_picture(tmp_path: Path) -> None:
+    light = np.random.default_rng(0).random((2, 3, 3), dtype=np.float32)
+    channels = {f"View.Combined.{c}": light[..., k].copy() for k, c in enumerate("RGB")}
+    depth = {"View.Depth.Z": np.ones((2, 3), np.float32)}
+    assert (read_picture(exr(tmp_path / "a.exr", channels | depth)).rgb == light).all()
 
 
 def test_single_channel_exr_is_grey(tmp_path: Path) -> None:

@@ -1,0 +1,75 @@
+"""Decoded samples of one picture, before anything is decided about their colour, and what all decoders share."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.errors import UserError
+
+MOST_PIXELS = 1 << 27
+
+Chromaticities = tuple[tuple[float, float], ...]
+"""CIE (x, y) of red, green, blue and white."""
+
+
+@dataclass(frozen=True)
+class Raster:
+    """Decoded samples.
+
+    `values` (y, x, 1 or 3): integers scaled to 0…1 of their full range, floats as stored. `alpha` (y, x) or
+    None. `encoded`: the samples came as integers (a display signal) rather than floats (light).
+    `premultiplied`: alpha is already in the colours. `notes`: what a person should know about the reading.
+    `page`: which picture of a file with several, in words. `primaries`: what the file states its colours to be.
+    """
+
+    values: NDArray[np.float64]
+    alpha: NDArray[np.float64] | None
+    encoded: bool
+    premultiplied: bool = False
+    notes: tuple[str, ...] = ()
+    page: str = ""
+    primaries: Chromaticities | None = None
+
+
+def unit(samples: NDArray[Any], full: int | None = None) -> NDArray[np.float64]:
+    """Unsigned integers over their full range, so 0…1; floats untouched."""
+    if samples.dtype.kind in "fb":
+        return samples.astype(np.float64)
+    if samples.dtype.kind != "u":
+        raise ValueError(f"samples of type {samples.dtype} have no fixed white")
+    return samples / float(full if full is not None else np.iinfo(samples.dtype).max)
+
+
+def split(
+    values: NDArray[np.float64],
+    *,
+    encoded: bool,
+    premultiplied: bool = False,
+    notes: tuple[str, ...] = (),
+    page: str = "",
+) -> Raster:
+    """Colour and alpha apart: 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha."""
+    cube = values[..., None] if values.ndim == 2 else values
+    count = cube.shape[-1]
+    if cube.ndim != 3 or count not in (1, 2, 3, 4):
+        raise ValueError(f"{count} samples a pixel")
+    colours = 1 if count < 3 else 3
+    alpha = cube[..., colours] if count > colours else None
+    return Raster(cube[..., :colours], alpha, encoded, premultiplied, notes, page)
+
+
+def too_large(path: Path, width: int = 0, height: int = 0) -> UserError:
+    """The error for a picture of more pixels than can be meant."""
+    size = f"{width} × {height} pixels" if width else "too many pixels"
+    return UserError(str(path), f"has {size}", expected=f"at most {MOST_PIXELS}", remedy="scale it down first")
+
+
+def by_number(name: str) -> list[tuple[int, str]]:
+    """A key that sorts plane-2 before plane-10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]

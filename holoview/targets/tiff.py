@@ -1,0 +1,83 @@
+"""TIFF files: each page is a picture, except thumbnails and masks."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import tifffile
+
+from holoview.errors import UserError
+from holoview.targets.samples import MOST_PIXELS, Raster, split, too_large, unit
+
+_COLOURS = (
+    tifffile.PHOTOMETRIC.MINISWHITE,
+    tifffile.PHOTOMETRIC.MINISBLACK,
+    tifffile.PHOTOMETRIC.RGB,
+    tifffile.PHOTOMETRIC.PALETTE,
+    tifffile.PHOTOMETRIC.YCBCR,
+)
+
+
+def tiff_count(path: Path) -> int:
+    """How many pictures the file holds. Raises ValueError when its chain of pages breaks off."""
+    with tifffile.TiffFile(path) as file:
+        return len(_pages(file))
+
+
+def tiff_pictures(path: Path) -> Iterator[Raster]:
+    """Every picture in the file's order; a page is decoded when its turn comes.
+
+    Raises UserError for layouts and colours that aren't a flat picture, ValueError and others for damaged files.
+    """
+    with tifffile.TiffFile(path) as file:
+        pages = _pages(file)
+        for number, page in enumerate(pages, start=1):
+            yield _raster(path, page, f"page {number}" if len(pages) > 1 else "")
+
+
+def _pages(file: tifffile.TiffFile) -> list[tifffile.TiffPage]:
+    """The full pages; tifffile only logs where the chain of pages leaves the file, and goes on with those before."""
+    pages = [file.pages[number] for number in range(len(file.pages))]
+    if _next_offset(file, pages[-1]) != 0:
+        raise ValueError(f"it breaks off after page {len(pages)}")
+    full = [page for page in pages if not (page.is_reduced or page.is_mask)]
+    return full or pages
+
+
+def _next_offset(file: tifffile.TiffFile, page: tifffile.TiffPage) -> int:
+    """Where the page's directory says that the next page is; 0 after the last one."""
+    layout, handle = file.tiff, file.filehandle
+    handle.seek(page.offset)
+    (tags,) = struct.unpack(layout.tagnoformat, handle.read(layout.tagnosize))
+    handle.seek(page.offset + layout.tagnosize + tags * layout.tagsize)
+    (offset,) = struct.unpack(layout.offsetformat, handle.read(layout.offsetsize))
+    return int(offset)
+
+
+def _raster(path: Path, page: tifffile.TiffPage, name: str) -> Raster:
+    """One page: grey, palette or RGB, with or without alpha, samples side by side or in planes."""
+    if page.imagewidth * page.imagelength > MOST_PIXELS:
+        raise too_large(path, page.imagewidth, page.imagelength)
+    if page.imagewidth * page.imagelength == 0:
+        raise UserError(str(path), f"has no pixels: {page.imagewidth} × {page.imagelength}")
+    photometric, axes = page.photometric, page.axes
+    if axes not in ("YX", "YXS", "SYX"):
+        remedy = "export a plain TIFF"
+        raise UserError(str(path), f"has the TIFF layout {axes}", expected="one flat picture", remedy=remedy)
+    if photometric not in _COLOURS:
+        colours = getattr(photometric, "name", photometric)
+        raise UserError(str(path), f"has {colours} colours", expected="grey or RGB", remedy="export it as RGB")
+    samples = np.asarray(page.asarray())
+    full = 2**page.bitspersample - 1 if samples.dtype.kind == "u" else None
+    if photometric == tifffile.PHOTOMETRIC.PALETTE:
+        samples, full, axes = np.asarray(page.colormap)[:, samples], None, "SYX"
+    if axes == "SYX":
+        samples = np.moveaxis(samples, 0, -1)
+    encoded, values = samples.dtype.kind != "f", unit(samples, full)
+    if photometric == tifffile.PHOTOMETRIC.MINISWHITE and encoded:
+        values = 1 - values
+    premultiplied = tifffile.EXTRASAMPLE.ASSOCALPHA in page.extrasamples
+    return split(values, encoded=encoded, premultiplied=premultiplied, page=name)
