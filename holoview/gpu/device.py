@@ -145,11 +145,26 @@ class Device:
         try:
             module = self.raw.create_shader_module(label=source.label, code=source.text)
             stage = {"module": module, "entry_point": entry, "constants": constants}
+            layout = self._layout(source)
             return Pipeline(
-                self.raw.create_compute_pipeline(label=source.label, layout="auto", compute=stage), source.label
+                self.raw.create_compute_pipeline(label=source.label, layout=layout, compute=stage), source.label
             )
         except wgpu.GPUError as error:
             raise compile_error(source, str(error)) from error
+
+    def _layout(self, source: ShaderSource) -> Any:
+        """All buffers that the shader declares, so that one declaration serves entry points that don't use them all."""
+        declared = source.buffers()
+        if declared is None:
+            return "auto"
+        groups = []
+        for number in range(max(declared, default=-1) + 1):
+            entries = [
+                {"binding": binding, "visibility": wgpu.ShaderStage.COMPUTE, "buffer": {"type": kind}}
+                for binding, kind in sorted(declared.get(number, {}).items())
+            ]
+            groups.append(self.raw.create_bind_group_layout(entries=entries))
+        return self.raw.create_pipeline_layout(bind_group_layouts=groups)
 
     def _allocate(self, nbytes: int, label: str, kind: Literal["storage", "uniform"]) -> Buffer:
         alignment = _UNIFORM_ALIGNMENT if kind == "uniform" else _COPY_ALIGNMENT

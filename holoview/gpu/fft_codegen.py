@@ -52,7 +52,14 @@ def pass_shapes(axis: Literal["x", "y"], length: int, factors: tuple[int, ...]) 
     return shapes
 
 
-def generate_pass(shape: PassShape, *steps: Direction, scale: float = 1.0) -> str:
+def generate_pass(
+    shape: PassShape,
+    *steps: Direction,
+    scale: float = 1.0,
+    load: str = "load",
+    store: str = "store",
+    begin: bool = False,
+) -> str:
     """The WGSL of a pass, to be linked after a `load` and a `store`; its entry point is `main`.
 
     With two steps, as `generate_pass(shape, "forward", "inverse")`, one pass does both without touching memory in
@@ -62,7 +69,9 @@ def generate_pass(shape: PassShape, *steps: Direction, scale: float = 1.0) -> st
     """
     code = Emitter()
     places = [_place(shape, k) for k in range(shape.radix)]
-    values = [code.let(f"load({place})") for place in places]
+    if begin:
+        code.lines.append("begin(across, field);")
+    values = [code.let(f"{load}({place})") for place in places]
     twiddles = _emit_twiddles(code, shape)
     for number, step in enumerate(steps):
         if number:
@@ -71,7 +80,7 @@ def generate_pass(shape: PassShape, *steps: Direction, scale: float = 1.0) -> st
         values = _emit_step(code, values, twiddles, step)
     factor = "" if scale == 1.0 else f" * {literal(scale)}"
     for place, value in zip(places, values, strict=True):
-        code.lines.append(f"store({place}, {value}{factor});")
+        code.lines.append(f"{store}({place}, {value}{factor});")
     return _prologue(shape, steps) + "".join(f"    {line}\n" for line in code.lines) + "}\n"
 
 

@@ -1,0 +1,185 @@
+"""The fused kernels of a frame, five a pair of modulators, bound to the inputs of a plan.
+
+    light      source × modulator 1 → row FFT              → first rows
+    propagate  column FFT × H of the gap → column IFFT
+    modulate   row IFFT × modulator 2 → row FFT            → second rows
+    propagate  column FFT × H to the plane → column IFFT
+    observe    row IFFT → |field|² × weight                → intensity
+
+Between kernels lie only the rows that hold the field, transformed along x: rows of zero padding are neither stored nor
+transformed along x. With one modulator the first rows are the second ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+
+from holoview.engine.display import padded_pixels
+from holoview.engine.inputs import FrameInputs
+from holoview.engine.layouts import BATCH, GRID, LIGHT, PATH, WAVE
+from holoview.gpu.device import Buffer, Device
+from holoview.gpu.fft_codegen import Direction
+from holoview.gpu.layout import Struct
+from holoview.gpu.lines import Axis, Hooks, LineTransform
+from holoview.gpu.recorder import Pass, Recorder
+from holoview.gpu.shader import Generated
+from holoview.optics.slots import Slots
+from holoview.plan import Grid, Plan
+
+_ROW_PADDING = 8  # complex numbers after each row: columns of 2^k rows would compete for the same cache lines
+_COMPLEX64, _COMPLEX32 = 8, 4
+
+
+@dataclass(frozen=True)
+class Span:
+    """What one dispatch computes: neighbouring wavelengths of a frame, lit from one source."""
+
+    frame: int
+    source: int
+    wavelength: int
+    count: int = 1
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Where fields of a span are: the buffer, and the number of the first field in it."""
+
+    buffer: Buffer
+    first: int = 0
+
+
+class FusedFrame:
+    """Records the kernels of a frame of one plan; another plan on the same grid can take its place.
+
+    half: store what lies between kernels as f16. together: the most wavelengths of a span.
+    Raises UserError when the grid exceeds the device's limits.
+    """
+
+    def __init__(self, plan: Plan, slots: Slots, device: Device, *, half: bool = False, together: int = 1) -> None:
+        self.device, self.grid, self.together = device, plan.grid, together
+        grid = plan.grid
+        self.stride = grid.padded[1] + _ROW_PADDING
+        self.field_bytes = grid.shape[0] * self.stride * (_COMPLEX32 if half else _COMPLEX64)
+        self.kernels: Counter[str] = Counter()
+        self._half = half
+        self._transforms: dict[Hashable, LineTransform] = {}
+        self._passes: dict[Hashable, list[Pass]] = {}
+        size = f"{grid.padded[1]} x {grid.shape[0]}"
+        self._scratch = [self.rows(f"rows of the field {i}, {size}") for i in (0, 1)]
+        self._work: Buffer | None = None
+        self.inputs = FrameInputs(device, plan, slots)
+
+    def rows(self, label: str, fields: int | None = None) -> Rows:
+        """New storage for the rows of `fields` fields, those of a span by default."""
+        return Rows(self.device.buffer(self.field_bytes * (fields or self.together), label))
+
+    # --- kernels ----------------------------------------------------------------------------------------------------
+
+    def first(self, recorder: Recorder, span: Span, target: Rows | None = None) -> Rows:
+        """Records light behind modulator 1, transformed along x."""
+        target = target or self._scratch[0]
+        inputs = self.inputs
+        tilted = inputs.is_tilted(span.source, range(span.wavelength, span.wavelength + span.count))
+        tables = [inputs.table("waves"), inputs.table("lights", 0), inputs.table("opd", span.frame, 0)]
+        self._run(recorder, "light", span, None, target, tables, (("is_tilted", tilted),))
+        return target
+
+    def second(self, recorder: Recorder, span: Span, first: Rows, target: Rows | None = None) -> Rows:
+        """Records light behind modulator 2, transformed along x; with one modulator that is `first`."""
+        if self.inputs.plan.system.gap_m is None:
+            return first
+        target = target or self._scratch[0]
+        behind = self._propagate(recorder, span, 0, first)
+        tables = [self.inputs.table("lights", 1), self.inputs.table("opd", span.frame, 1)]
+        self._run(recorder, "modulate", span, behind, target, tables)
+        return target
+
+    def observe(
+        self, recorder: Recorder, span: Span, second: Rows, intensity: Rows, *, weight: float = 1.0, adds: bool = False
+    ) -> None:
+        """Records weight·|field|² at the plane of relay 1 into slices of `intensity`, added to what is there or not."""
+        seen = self._propagate(recorder, span, 1, second)
+        self._run(recorder, "observe", span, seen, intensity, [], weight=weight, adds=adds)
+
+    def _propagate(self, recorder: Recorder, span: Span, relay: int, source: Rows) -> Rows:
+        has_pupil, pupil = self.inputs.pupil(relay, span.wavelength)
+        tables = [self.inputs.table("paths", relay), self.inputs.table("stops", relay), pupil]
+        target = self._scratch[1]
+        self._run(recorder, "propagate", span, source, target, tables, (("has_pupil", has_pupil),))
+        return target
+
+    def _run(
+        self,
+        recorder: Recorder,
+        kernel: str,
+        span: Span,
+        source: Rows | None,
+        target: Rows,
+        tables: Sequence[Buffer],
+        constants: tuple[tuple[str, bool], ...] = (),
+        *,
+        weight: float = 0.0,
+        adds: bool = False,
+    ) -> None:
+        key = (kernel, span, source, target, *tables, constants, weight, adds)
+        if key not in self._passes:
+            batch = BATCH.pack(
+                wave=span.source * len(self.inputs.plan.system.wavelengths_m) + span.wavelength,
+                wavelength=span.wavelength,
+                source_field=source.first if source else 0,
+                target_field=target.first,
+                weight=weight,
+                adds=adds,
+            )
+            sources = [] if source is None else [source.buffer]
+            buffers = [self.device.uniform(batch, f"batch of {kernel}"), *tables, *sources, target.buffer]
+            transform = self._transform(kernel, constants)
+            lines = self.grid.shape[0] if transform.axis == "x" else self.grid.padded[1]
+            self._passes[key] = transform.bind(buffers, lines, span.count, self._work_for(transform))
+        for step in self._passes[key]:
+            recorder.add(step)
+        self.kernels[kernel] += 1
+
+    def _transform(self, kernel: str, constants: tuple[tuple[str, bool], ...]) -> LineTransform:
+        key = (kernel, constants)
+        if key not in self._transforms:
+            axis, steps, layouts = _KERNELS[kernel]
+            parts = (
+                Generated("structs", GRID.wgsl + BATCH.wgsl + "".join(layout.wgsl for layout in layouts)),
+                Generated("grid", grid_wgsl(self.grid, self.stride)),
+                f"frame/rows_{'f16' if self._half else 'f32'}.wgsl",
+                f"frame/{kernel}.wgsl",
+            )
+            self._transforms[key] = LineTransform(
+                self.device, axis, self.grid.padded, steps, Hooks(kernel, parts, constants)
+            )
+        return self._transforms[key]
+
+    def _work_for(self, transform: LineTransform) -> Buffer | None:
+        nbytes = transform.work_fields_bytes * self.together
+        if nbytes and self._work is None:
+            self._work = self.device.buffer(nbytes, f"padded field, {self.grid.padded[1]} x {self.grid.padded[0]}")
+        return self._work
+
+
+_KERNELS: dict[str, tuple[Axis, tuple[Direction, ...], tuple[Struct, ...]]] = {
+    "light": ("x", ("forward",), (WAVE, LIGHT)),
+    "propagate": ("y", ("forward", "inverse"), (PATH,)),
+    "modulate": ("x", ("inverse", "forward"), (LIGHT,)),
+    "observe": ("x", ("inverse",), ()),
+}
+"""Axis and directions of the transform, and the structs that its hooks take."""
+
+
+def grid_wgsl(grid: Grid, stride: int) -> str:
+    """WGSL constants of a grid, so that what depends on nothing else is evaluated by the compiler."""
+    pairs = [f"vec2u({y}u, {x}u)" for y, x in (grid.padded, grid.shape, grid.offset)]
+    return (
+        f"const grid = Grid({', '.join(pairs)}, {stride}u, {grid.upsample}u);\n"
+        f"const is_padded = {str(grid.padded != grid.shape).lower()};\n"
+        f"const inverse_scale = {1 / math.prod(grid.padded):.12g};  // of an inverse transform along both axes\n"
+        f"const slice_pixels = {padded_pixels(grid.shape)}u;  // from one intensity to the next\n"
+    )
