@@ -39,9 +39,19 @@ class Display:
         self._uniforms: dict[Hashable, Buffer] = {}
         self._passes: dict[Hashable, Pass] = {}
 
-    def intensities(self, count: int, label: str) -> Buffer:
+    @property
+    def intensity_bytes(self) -> int:
+        """Size of an intensity on the device."""
+        return self._pixels * _F32
+
+    @property
+    def largest_bytes(self) -> int:
+        """Size of the largest buffer that the device takes."""
+        return min(self._device.limits[f"max-{name}-size"] for name in ("storage-buffer-binding", "buffer"))
+
+    def intensities(self, count: int, label: str = "intensities") -> Buffer:
         """Storage for `count` intensities."""
-        return self._device.buffer(count * self._pixels * _F32, label)
+        return self._device.buffer(count * self.intensity_bytes, label)
 
     def seen(self, label: str) -> Buffer:
         """Storage for XYZ (y, x, 4), f32."""
@@ -86,6 +96,12 @@ class Display:
             workgroups = (-(-columns // _WORKGROUP), rows, 1)
             self._passes[key] = Pass.bind(self._device, self._device.pipeline(source), groups, workgroups)
         recorder.add(self._passes[key])
+
+    def intensity(self, buffer: Buffer, number: int) -> NDArray[np.float32]:
+        """One of the intensities in a buffer, (y, x), on the host."""
+        count = buffer.nbytes // self.intensity_bytes
+        flat = self._device.download(buffer, np.float32, (count, self._pixels))[number]
+        return flat[: math.prod(self.shape)].reshape(self.shape)
 
     def xyz(self, seen: Buffer) -> NDArray[np.float32]:
         """XYZ (y, x, 3) on the host."""
