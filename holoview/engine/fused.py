@@ -31,6 +31,7 @@ from holoview.plan import Grid, Plan
 
 _ROW_PADDING = 8  # complex numbers after each row: columns of 2^k rows would compete for the same cache lines
 _COMPLEX64, _COMPLEX32 = 8, 4
+Constants = tuple[tuple[str, bool], ...]
 
 
 @dataclass(frozen=True)
@@ -61,15 +62,14 @@ class FusedFrame:
     def __init__(self, plan: Plan, slots: Slots, device: Device, *, half: bool = False, together: int = 1) -> None:
         self.device, self.grid, self.together = device, plan.grid, together
         grid = plan.grid
-        self.stride = grid.padded[1] + _ROW_PADDING
-        self.field_bytes = grid.shape[0] * self.stride * (_COMPLEX32 if half else _COMPLEX64)
+        self.field_bytes = grid.shape[0] * row_stride(grid) * (_COMPLEX32 if half else _COMPLEX64)
         self.kernels: Counter[str] = Counter()
         self._half = half
         self._transforms: dict[Hashable, LineTransform] = {}
         self._passes: dict[Hashable, list[Pass]] = {}
         size = f"{grid.padded[1]} x {grid.shape[0]}"
+        self._work = self._working_memory()
         self._scratch = [self.rows(f"rows of the field {i}, {size}") for i in (0, 1)]
-        self._work: Buffer | None = None
         self.inputs = FrameInputs(device, plan, slots)
 
     def rows(self, label: str, fields: int | None = None) -> Rows:
@@ -119,7 +119,7 @@ class FusedFrame:
         source: Rows | None,
         target: Rows,
         tables: Sequence[Buffer],
-        constants: tuple[tuple[str, bool], ...] = (),
+        constants: Constants = (),
         *,
         weight: float = 0.0,
         adds: bool = False,
@@ -138,34 +138,25 @@ class FusedFrame:
             buffers = [self.device.uniform(batch, f"batch of {kernel}"), *tables, *sources, target.buffer]
             transform = self._transform(kernel, constants)
             lines = self.grid.shape[0] if transform.axis == "x" else self.grid.padded[1]
-            self._passes[key] = transform.bind(buffers, lines, span.count, self._work_for(transform))
+            self._passes[key] = transform.bind(buffers, lines, span.count, self._work)
         for step in self._passes[key]:
             recorder.add(step)
         self.kernels[kernel] += 1
 
-    def _transform(self, kernel: str, constants: tuple[tuple[str, bool], ...]) -> LineTransform:
+    def _transform(self, kernel: str, constants: Constants) -> LineTransform:
         key = (kernel, constants)
         if key not in self._transforms:
-            axis, steps, layouts = _KERNELS[kernel]
-            parts = (
-                Generated("structs", GRID.wgsl + BATCH.wgsl + "".join(layout.wgsl for layout in layouts)),
-                Generated("grid", grid_wgsl(self.grid, self.stride)),
-                f"frame/rows_{'f16' if self._half else 'f32'}.wgsl",
-                f"frame/{kernel}.wgsl",
-            )
-            self._transforms[key] = LineTransform(
-                self.device, axis, self.grid.padded, steps, Hooks(kernel, parts, constants)
-            )
+            self._transforms[key] = transform_of(self.device, self.grid, kernel, constants, half=self._half)
         return self._transforms[key]
 
-    def _work_for(self, transform: LineTransform) -> Buffer | None:
-        nbytes = transform.work_fields_bytes * self.together
-        if nbytes and self._work is None:
-            self._work = self.device.buffer(nbytes, f"padded field, {self.grid.padded[1]} x {self.grid.padded[0]}")
-        return self._work
+    def _working_memory(self) -> Buffer | None:
+        """What the transforms need besides the rows, if anything. Raises UserError for a size that has no transform."""
+        nbytes = self.together * max(self._transform(kernel, ()).work_fields_bytes for kernel in KERNELS)
+        size = f"{self.grid.padded[1]} x {self.grid.padded[0]}"
+        return self.device.buffer(nbytes, f"padded field, {size}") if nbytes else None
 
 
-_KERNELS: dict[str, tuple[Axis, tuple[Direction, ...], tuple[Struct, ...]]] = {
+KERNELS: dict[str, tuple[Axis, tuple[Direction, ...], tuple[Struct, ...]]] = {
     "light": ("x", ("forward",), (WAVE, LIGHT)),
     "propagate": ("y", ("forward", "inverse"), (PATH,)),
     "modulate": ("x", ("inverse", "forward"), (LIGHT,)),
@@ -174,11 +165,28 @@ _KERNELS: dict[str, tuple[Axis, tuple[Direction, ...], tuple[Struct, ...]]] = {
 """Axis and directions of the transform, and the structs that its hooks take."""
 
 
-def grid_wgsl(grid: Grid, stride: int) -> str:
+def transform_of(device: Device, grid: Grid, kernel: str, constants: Constants, *, half: bool = False) -> LineTransform:
+    """A fused kernel: the transform of an axis between the hooks of `shaders/frame/<kernel>.wgsl`."""
+    axis, steps, layouts = KERNELS[kernel]
+    parts = (
+        Generated("structs", GRID.wgsl + BATCH.wgsl + "".join(layout.wgsl for layout in layouts)),
+        Generated("grid", _grid_wgsl(grid)),
+        f"frame/rows_{'f16' if half else 'f32'}.wgsl",
+        f"frame/{kernel}.wgsl",
+    )
+    return LineTransform(device, axis, grid.padded, steps, Hooks(kernel, parts, constants))
+
+
+def row_stride(grid: Grid) -> int:
+    """Complex numbers from row to row."""
+    return grid.padded[1] + _ROW_PADDING
+
+
+def _grid_wgsl(grid: Grid) -> str:
     """WGSL constants of a grid, so that what depends on nothing else is evaluated by the compiler."""
     pairs = [f"vec2u({y}u, {x}u)" for y, x in (grid.padded, grid.shape, grid.offset)]
     return (
-        f"const grid = Grid({', '.join(pairs)}, {stride}u, {grid.upsample}u);\n"
+        f"const grid = Grid({', '.join(pairs)}, {row_stride(grid)}u, {grid.upsample}u);\n"
         f"const is_padded = {str(grid.padded != grid.shape).lower()};\n"
         f"const inverse_scale = {1 / math.prod(grid.padded):.12g};  // of an inverse transform along both axes\n"
         f"const slice_pixels = {padded_pixels(grid.shape)}u;  // from one intensity to the next\n"

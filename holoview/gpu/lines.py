@@ -47,6 +47,11 @@ class LineTransform:
             out.append(Pass.bind(self._device, pipeline, bound, (across, down, fields)))
         return out
 
+    def compile(self) -> None:
+        """Compiles all passes now rather than when they are first bound."""
+        for number in range(len(self._passes)):
+            self._pipeline(number)
+
     def _pipeline(self, number: int) -> Any:
         shape, directions = self._passes[number]
         last = len(self._passes) - 1
