@@ -30,7 +30,7 @@ from holoview.optics.slots import Slots
 from holoview.plan import Grid, Plan
 
 _ROW_PADDING = 8  # complex numbers after each row: columns of 2^k rows would compete for the same cache lines
-_COMPLEX64, _COMPLEX32 = 8, 4
+_COMPLEX64, _COMPLEX32, _F32 = 8, 4, 4
 Constants = tuple[tuple[str, bool], ...]
 
 
@@ -75,6 +75,19 @@ class FusedFrame:
     def rows(self, label: str, fields: int | None = None) -> Rows:
         """New storage for the rows of `fields` fields, those of a span by default."""
         return Rows(self.device.buffer(self.field_bytes * (fields or self.together), label))
+
+    @property
+    def memory_bytes(self) -> int:
+        """Memory that is needed to go from kernel to kernel."""
+        return sum(rows.buffer.nbytes for rows in self._scratch) + (self._work.nbytes if self._work else 0)
+
+    @property
+    def traffic_bytes(self) -> int:
+        """Bytes that the kernels read and write for one field, from the source to the intensity."""
+        modulators = len(self.inputs.plan.system.modulators)
+        opd = modulators * math.prod(self.grid.shape) * _F32 // self.grid.upsample**2
+        rows = (4 * modulators) * self.field_bytes
+        return rows + opd + math.prod(self.grid.shape) * _F32
 
     # --- kernels ----------------------------------------------------------------------------------------------------
 

@@ -78,6 +78,8 @@ class FrameSession:
         self.device = device
         self._budget, self._half, self._together = budget_bytes, half, together
         self._drive, self._generation = drive, 0
+        self._seen_of: Identity = None
+        self._picture_of: Identity = None
         self.plane_m = float(system.planes_m[0]) if plane_m is None else plane_m
         self.exposure_stops = exposure_stops
         self._plan = make_plan(system, [*system.planes_m, self.plane_m])
@@ -93,6 +95,16 @@ class FrameSession:
     def kernels(self) -> Counter[str]:
         """How many fused kernels were dispatched, by name; `composite` and `show` among them."""
         return self._frame.kernels
+
+    @property
+    def memory_bytes(self) -> int:
+        """Memory on the device that fields and intensities take."""
+        return self._frame.memory_bytes + self._shelf.memory_bytes + self._slices.memory_bytes
+
+    @property
+    def traffic_bytes(self) -> int:
+        """Bytes that the kernels read and write for a wavelength of a frame and a source, up to its intensity."""
+        return self._frame.traffic_bytes
 
     def edit(
         self,
@@ -125,17 +137,24 @@ class FrameSession:
             self._frame.inputs.use(plan, slots)
             self._frame.inputs.set_distance(1, plane)
 
-    def update(self) -> None:
-        """Computes all that is stale."""
-        for _ in self.steps():
+    def update(self, *, picture: bool = True) -> None:
+        """Computes all that is stale, but not the picture without `picture`."""
+        for _ in self.steps(picture=picture):
             pass
 
-    def steps(self, *, wait: bool = False) -> Iterator[Step]:
+    def forget(self) -> None:
+        """Everything is stale: the next update begins at the light source."""
+        self._generation += 1
+        self._slices.identities.clear()
+        self._shelf.forget()
+        self._seen_of = self._picture_of = None
+
+    def steps(self, *, picture: bool = True, wait: bool = False) -> Iterator[Step]:
         """Computes what is stale, a submission a step; with `wait`, a step ends when the device has done it.
 
         The iterator ends early once the session is edited: what it has done stays, and the next one goes on from there.
         """
-        generation, work = self._generation, self._work()
+        generation, work = self._generation, self._work(picture)
         for done, job in enumerate(work, start=1):
             if generation != self._generation:
                 return
@@ -186,14 +205,13 @@ class FrameSession:
         self._frame.inputs.set_distance(1, self.plane_m)
         self.display = Display(self.device, plan.grid.shape)
         self.seen, self.picture = self.display.seen("XYZ"), self.display.picture("picture")
-        self._seen_of: Identity = None
-        self._picture_of: Identity = None
+        self._seen_of = self._picture_of = None
         lit_first = sorted(np.ndindex(*plan.weights.shape), key=lambda lit: plan.weights[lit] == 0)
         self._slices = Slices(self.display, lit_first, self._frame.together, self._budget)
-        self._shelf = Shelf(self._frame, self._budget - self._slices.nbytes)
+        self._shelf = Shelf(self._frame, self._budget - self._slices.memory_bytes)
         self._keeps_first = self._shelf.has_room_for(2 * len(plan.slopes) * int(np.count_nonzero(plan.weights)))
 
-    def _work(self) -> list[Job]:
+    def _work(self, picture: bool) -> list[Job]:
         """What has to be submitted, in order: intensities that stay, their blend, those that don't, the picture."""
         lit = [(int(f), int(w)) for f, w in np.argwhere(self._plan.weights > 0)]
         weights = {key: self._plan.weights[key] * self._plan.colour_weights[key[1]] for key in lit}
@@ -202,13 +220,14 @@ class FrameSession:
         for run in self._runs([key for key in lit if self._slices.is_housed(key) and not self._is_fresh(key)]):
             work += [partial(self._expose, span) for span in self._sources(run)]
         if self._seen_of != seen_of:
-            work.append(partial(self._blend, weights))
-            for run in self._runs([key for key in lit if not self._slices.is_housed(key)]):
+            homeless = self._runs([key for key in lit if not self._slices.is_housed(key)])
+            work.append(partial(self._blend, weights, None if homeless else seen_of))
+            for run in homeless:
                 work += [partial(self._expose, span) for span in self._sources(run)]
-                work.append(partial(self._add, run, weights))
+                work.append(partial(self._add, run, weights, seen_of if run is homeless[-1] else None))
         picture_of = (seen_of, self.exposure_stops)
-        if self._picture_of != picture_of:
-            work.append(partial(self._show, seen_of, picture_of))
+        if picture and self._picture_of != picture_of:
+            work.append(partial(self._show, picture_of))
         return work
 
     def _runs(self, stale: list[Lit]) -> list[Span]:
@@ -278,30 +297,32 @@ class FrameSession:
             self._shelf.mark("first", span, first_of)
         return rows
 
-    def _blend(self, weights: dict[Lit, Weight], recorder: Recorder) -> None:
+    def _blend(self, weights: dict[Lit, Weight], seen_of: Identity, recorder: Recorder) -> None:
         """Begins XYZ with the intensities that stay where they are."""
-        self._seen_of = None
-        recorder.clear(self.seen)
+        if not self._slices.banks:
+            recorder.clear(self.seen)
         housed = {key: weight for key, weight in weights.items() if self._slices.is_housed(key)}
         for number, bank in enumerate(self._slices.banks):
             shares = self._slices.shares(housed, bank)
             self._composite(recorder, bank, shares, adds=number > 0)
+        self._seen_of = seen_of
 
-    def _add(self, run: Span, weights: dict[Lit, Weight], recorder: Recorder) -> None:
+    def _add(self, run: Span, weights: dict[Lit, Weight], seen_of: Identity, recorder: Recorder) -> None:
         """Adds intensities to XYZ before the next ones take their place."""
         some = {key: weights[key] for key in ((run.frame, run.wavelength + i) for i in range(run.count))}
         place = self._slices.place((run.frame, run.wavelength))
         self._composite(recorder, place.buffer, self._slices.shares(some, place.buffer), adds=True)
+        self._seen_of = seen_of
 
     def _composite(self, recorder: Recorder, intensity: Buffer, shares: list[Share], *, adds: bool) -> None:
         self.display.composite(recorder, intensity, shares, self.seen, adds=adds)
         self.kernels["composite"] += 1
 
-    def _show(self, seen_of: Identity, picture_of: Identity, recorder: Recorder) -> None:
+    def _show(self, picture_of: Identity, recorder: Recorder) -> None:
         """Makes the picture of a complete XYZ."""
         self.display.show(recorder, self.seen, self.picture, self.exposure_stops)
         self.kernels["show"] += 1
-        self._seen_of, self._picture_of = seen_of, picture_of
+        self._picture_of = picture_of
 
 
 def _is_clear(slots: Slots) -> bool:

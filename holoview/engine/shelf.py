@@ -49,6 +49,15 @@ class Shelf:
         kept = (self._identities.get(key) for key in _keys(name, span))
         return all(mine == wanted for mine, wanted in zip(kept, identities, strict=True))
 
+    def forget(self) -> None:
+        """Nothing that is kept counts any longer."""
+        self._identities.clear()
+
+    @property
+    def memory_bytes(self) -> int:
+        """Memory of what is kept."""
+        return sum(buffer.nbytes for buffer in self._buffers.values())
+
     def mark(self, name: str, span: Span, identities: Sequence[Identity]) -> None:
         """Notes what the fields of a span have been computed from."""
         self._identities.update(zip(_keys(name, span), identities, strict=True))
@@ -79,7 +88,7 @@ class Slices:
             self.banks.append(display.intensities(len(some) * together))
             self._places |= {group: Rows(self.banks[-1], i * together) for i, group in enumerate(some)}
         self._shared = Rows(display.intensities(together)) if len(housed) < len(groups) else None
-        self.nbytes = group_bytes * len(housed)
+        self.memory_bytes = group_bytes * len(housed)
         self.identities: dict[Lit, Identity] = {}
 
     def is_housed(self, lit: Lit) -> bool:
