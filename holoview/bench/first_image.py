@@ -9,6 +9,7 @@ import tempfile
 import time
 
 from holoview import preset
+from holoview.bench.frame_bars import Bar
 from holoview.system import System
 
 _CACHES = ("XDG_CACHE_HOME", "MESA_SHADER_CACHE_DIR", "LOCALAPPDATA")
@@ -36,3 +37,9 @@ def first_image_s(system: System, adapter: str | None = None) -> float:
         command = [sys.executable, "-c", _PROGRAM, adapter or ""]
         subprocess.run(command, input=preset.dumps(system), text=True, env=environment, check=True)
         return time.perf_counter() - start
+
+
+def first_image_bar(system: System, adapter: str | None = None) -> Bar:
+    """The time to the first picture of the periodic bench, with its bar."""
+    periodic = system.edit({"propagation": "periodic"})
+    return Bar("first image from process start, cold cache", first_image_s(periodic, adapter), 5.0, 3.0, "s")

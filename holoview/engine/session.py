@@ -32,6 +32,7 @@ from holoview.engine.inputs import Identity
 from holoview.engine.shelf import Lit, Shelf, Slices, Weight
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.recorder import Recorder
+from holoview.gpu.timer import Timer
 from holoview.optics.slots import Slots, make_slots
 from holoview.plan import Plan, make_plan
 from holoview.system import System
@@ -56,7 +57,7 @@ class FrameSession:
     After `edit`, either `update` computes what is stale, or the caller goes through `steps`, a small submission each,
     and may drop the rest as soon as another edit comes. What is seen is on the device as `seen` (XYZ, f32, (y, x, 4))
     and `picture` (8-bit sRGB, `display.pitch` pixels a row, ready to be copied to a texture), and on the host from
-    `xyz`, `srgb8` and `intensity`.
+    `xyz`, `srgb8` and `intensity`. A `timer`, where one is set, takes the time of all dispatches on the device.
 
     half: store fields as f16 between kernels. together: the most wavelengths that are computed at a time where no relay
     has a pupil; one makes the smallest steps, several occupy a large GPU better.
@@ -78,6 +79,7 @@ class FrameSession:
         self.device = device
         self._budget, self._half, self._together = budget_bytes, half, together
         self._drive, self._generation = drive, 0
+        self.timer: Timer | None = None
         self._seen_of: Identity = None
         self._picture_of: Identity = None
         self.plane_m = float(system.planes_m[0]) if plane_m is None else plane_m
@@ -258,7 +260,7 @@ class FrameSession:
     # --- submissions ------------------------------------------------------------------------------------------------
 
     def _submit(self, job: Job, wait: bool = False) -> None:
-        recorder = Recorder(self.device, "frame")
+        recorder = Recorder(self.device, "frame", self.timer)
         job(recorder)
         recorder.submit(wait=wait)
 

@@ -3,6 +3,8 @@
 adapter.py       which adapters there are, which one is best, and whether its limits are enough
 device.py        an open device: checked allocation, upload and download, cached pipelines
 recorder.py      passes recorded into one submission
+timer.py         time that passes take on the device
+lines.py         transforms along one axis between functions of the caller
 shader.py        linking WGSL files, and errors that name file and line
 layout.py        one definition for a struct in WGSL and its bytes on the host
 fft.py           complex 2-D FFTs in a buffer

@@ -8,6 +8,7 @@ from typing import Any
 
 from holoview.errors import UserError
 from holoview.gpu.device import Buffer, Device, Pipeline
+from holoview.gpu.timer import Timer
 
 Workgroups = tuple[int, int, int]
 _DISPATCH_LIMIT = "max-compute-workgroups-per-dimension"
@@ -42,11 +43,11 @@ class Pass:
 class Recorder:
     """Collects passes, copies and clears in order, and submits them once.
 
-    Each dispatch sees what the ones before it wrote.
+    Each dispatch sees what the ones before it wrote. A timer takes the time of the dispatches on the device.
     """
 
-    def __init__(self, device: Device, label: str = "") -> None:
-        self._device = device
+    def __init__(self, device: Device, label: str = "", timer: Timer | None = None) -> None:
+        self._device, self._timer = device, timer
         self._encoder = device.raw.create_command_encoder(label=label)
         self._compute: Any = None
         self._submitted = False
@@ -55,7 +56,8 @@ class Recorder:
         """Record a dispatch."""
         self._check_open()
         if self._compute is None:
-            self._compute = self._encoder.begin_compute_pass()
+            timed = self._timer.next_pass() if self._timer else None
+            self._compute = self._encoder.begin_compute_pass(timestamp_writes=timed)
         self._compute.set_pipeline(step.pipeline.raw)
         for number, group in step.bind_groups:
             self._compute.set_bind_group(number, group)
