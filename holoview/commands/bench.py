@@ -17,8 +17,7 @@ from holoview.bench.first_image import first_image_bar
 from holoview.bench.frame_bars import Bar, FrameBench, measure
 from holoview.commands.common import add_system, system_of
 from holoview.errors import UserError
-from holoview.gpu.device import Device, open_device
-from holoview.gpu.timer import FEATURE
+from holoview.gpu.device import TIMESTAMPS, Device, open_device
 from holoview.system import System
 
 _DEFAULT = "holochrome-8"
@@ -39,9 +38,9 @@ def run(args: argparse.Namespace) -> int:
     args.preset = args.preset or _DEFAULT
     system = _sized(system_of(args), args.size)
     rounds = _rounds(args.rounds)
-    device = open_device(args.adapter, [FEATURE])
+    device = open_device(args.adapter)
     frame = measure(system, device, rounds, half=args.half)
-    timed = device_time(system, device, rounds, half=args.half) if FEATURE in device.features else None
+    timed = device_time(system, device, rounds, half=args.half) if TIMESTAMPS in device.features else None
     bars = [*frame.bars, first_image_bar(system, args.adapter)]
     result = _result(system, device, frame, bars, timed, rounds)
     print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _table(result))

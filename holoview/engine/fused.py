@@ -23,7 +23,7 @@ from holoview.engine.layouts import BATCH, GRID, LIGHT, PATH, WAVE
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.fft_codegen import Direction
 from holoview.gpu.layout import Struct
-from holoview.gpu.lines import Axis, Hooks, LineTransform
+from holoview.gpu.lines import Axis, Hooks, LineTransform, Strategy, has_subgroups
 from holoview.gpu.recorder import Pass, Recorder
 from holoview.gpu.shader import Generated
 from holoview.optics.slots import Slots
@@ -59,12 +59,22 @@ class FusedFrame:
     Raises UserError when the grid exceeds the device's limits.
     """
 
-    def __init__(self, plan: Plan, slots: Slots, device: Device, *, half: bool = False, together: int = 1) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        slots: Slots,
+        device: Device,
+        *,
+        half: bool = False,
+        together: int = 1,
+        strategy: Strategy | None = None,
+    ) -> None:
         self.device, self.grid, self.together = device, plan.grid, together
         grid = plan.grid
         self.field_bytes = grid.shape[0] * row_stride(grid) * (_COMPLEX32 if half else _COMPLEX64)
         self.kernels: Counter[str] = Counter()
         self._half = half
+        self.strategy: Strategy = strategy or ("subgroup" if has_subgroups(device, grid.padded) else "passes")
         self._transforms: dict[Hashable, LineTransform] = {}
         self._passes: dict[Hashable, list[Pass]] = {}
         size = f"{grid.padded[1]} x {grid.shape[0]}"
@@ -159,12 +169,14 @@ class FusedFrame:
     def _transform(self, kernel: str, constants: Constants) -> LineTransform:
         key = (kernel, constants)
         if key not in self._transforms:
-            self._transforms[key] = transform_of(self.device, self.grid, kernel, constants, half=self._half)
+            self._transforms[key] = transform_of(
+                self.device, self.grid, kernel, constants, self.strategy, half=self._half
+            )
         return self._transforms[key]
 
     def _working_memory(self) -> Buffer | None:
         """What the transforms need besides the rows, if anything. Raises UserError for a size that has no transform."""
-        nbytes = self.together * max(self._transform(kernel, ()).work_fields_bytes for kernel in KERNELS)
+        nbytes = self.together * max(self._transform(kernel, ()).work_bytes for kernel in KERNELS)
         size = f"{self.grid.padded[1]} x {self.grid.padded[0]}"
         return self.device.buffer(nbytes, f"padded field, {size}") if nbytes else None
 
@@ -178,7 +190,9 @@ KERNELS: dict[str, tuple[Axis, tuple[Direction, ...], tuple[Struct, ...]]] = {
 """Axis and directions of the transform, and the structs that its hooks take."""
 
 
-def transform_of(device: Device, grid: Grid, kernel: str, constants: Constants, *, half: bool = False) -> LineTransform:
+def transform_of(
+    device: Device, grid: Grid, kernel: str, constants: Constants, strategy: Strategy, *, half: bool = False
+) -> LineTransform:
     """A fused kernel: the transform of an axis between the hooks of `shaders/frame/<kernel>.wgsl`."""
     axis, steps, layouts = KERNELS[kernel]
     parts = (
@@ -187,7 +201,7 @@ def transform_of(device: Device, grid: Grid, kernel: str, constants: Constants, 
         f"frame/rows_{'f16' if half else 'f32'}.wgsl",
         f"frame/{kernel}.wgsl",
     )
-    return LineTransform(device, axis, grid.padded, steps, Hooks(kernel, parts, constants))
+    return LineTransform(device, axis, grid.padded, steps, Hooks(kernel, parts, constants), strategy)
 
 
 def row_stride(grid: Grid) -> int:

@@ -31,6 +31,7 @@ from holoview.engine.fused import FusedFrame, Rows, Span
 from holoview.engine.inputs import Identity
 from holoview.engine.shelf import Lit, Shelf, Slices, Weight
 from holoview.gpu.device import Buffer, Device
+from holoview.gpu.lines import Strategy
 from holoview.gpu.recorder import Recorder
 from holoview.gpu.timer import Timer
 from holoview.optics.slots import Slots, make_slots
@@ -75,9 +76,11 @@ class FrameSession:
         budget_bytes: int = BUDGET_BYTES,
         half: bool = False,
         together: int = 1,
+        strategy: Strategy | None = None,
     ) -> None:
         self.device = device
         self._budget, self._half, self._together = budget_bytes, half, together
+        self._strategy = strategy
         self._drive, self._generation = drive, 0
         self.timer: Timer | None = None
         self._seen_of: Identity = None
@@ -202,7 +205,12 @@ class FrameSession:
         """Takes memory on the device for the results of the plan, none of which is known yet."""
         plan, slots = self._plan, self._slots
         self._frame = FusedFrame(
-            plan, slots, self.device, half=self._half, together=self._together if _is_clear(slots) else 1
+            plan,
+            slots,
+            self.device,
+            half=self._half,
+            together=self._together if _is_clear(slots) else 1,
+            strategy=self._strategy,
         )
         self._frame.inputs.set_distance(1, self.plane_m)
         self.display = Display(self.device, plan.grid.shape)

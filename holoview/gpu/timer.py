@@ -9,9 +9,8 @@ import wgpu
 from wgpu.backends.wgpu_native import lib as native
 
 from holoview.errors import UserError
-from holoview.gpu.device import Device
+from holoview.gpu.device import TIMESTAMPS, Device
 
-FEATURE = "timestamp-query"
 _MOST_QUERIES = 4096
 _TIMESTAMP_BYTES = 8
 
@@ -23,7 +22,7 @@ class Timer:
     """
 
     def __init__(self, device: Device, passes: int = 1024) -> None:
-        if FEATURE not in device.features:
+        if TIMESTAMPS not in device.features:
             raise UserError(
                 f"adapter {device.info.label}", "has no timestamp queries", remedy="time it by the clock on the wall"
             )

@@ -19,8 +19,8 @@ from holoview.cli import main
 from holoview.engine.frame import focal_stack
 from holoview.engine.session import FrameSession
 from holoview.engine.torch import TorchExecutor
-from holoview.gpu.device import Device, open_device
-from holoview.gpu.timer import FEATURE, Timer
+from holoview.gpu.device import TIMESTAMPS, Device
+from holoview.gpu.timer import Timer
 from holoview.optics.slots import make_slots
 from holoview.plan import make_plan
 from holoview.system import System
@@ -80,9 +80,8 @@ def test_bars_are_ratios_of_jobs_that_did_the_work(device: Device) -> None:
 
 
 @pytest.mark.gpu
-def test_a_timer_counts_the_time_on_the_device_and_no_more() -> None:
-    device = open_device(features=[FEATURE])
-    if FEATURE not in device.features:
+def test_a_timer_counts_the_time_on_the_device_and_no_more(device: Device) -> None:
+    if TIMESTAMPS not in device.features:
         pytest.skip("this adapter has no timestamp queries")
     session = FrameSession(_system(), random_drive(_system()), device)
     session.update()
