@@ -9,6 +9,7 @@ from typing import Any
 
 from holoview.engine.session import FrameSession
 from holoview.gpu.device import Device
+from holoview.gpu.lines import Strategy
 from holoview.gpu.recorder import Recorder
 from holoview.gpu.timer import Timer
 from holoview.system import System
@@ -32,10 +33,12 @@ class DeviceTime:
         return asdict(self) | {"share_of_copy": self.bandwidth / self.copy_bandwidth}
 
 
-def device_time(system: System, device: Device, rounds: int, *, half: bool = False) -> DeviceTime:
+def device_time(
+    system: System, device: Device, rounds: int, *, half: bool = False, strategy: Strategy = "passes"
+) -> DeviceTime:
     """Times warm frames of a periodic bench. Raises UserError where the device has no timestamp queries."""
     periodic = system.edit({"propagation": "periodic"})
-    session = FrameSession(periodic, random_drive(periodic), device, half=half)
+    session = FrameSession(periodic, random_drive(periodic), device, half=half, strategy=strategy)
     session.update(picture=False)
     session.timer = Timer(device)
     seconds = []

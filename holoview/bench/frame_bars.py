@@ -15,6 +15,7 @@ from holoview.bench.torch_loop import TorchLoop
 from holoview.engine.session import FrameSession
 from holoview.engine.torch import TorchExecutor
 from holoview.gpu.device import Device
+from holoview.gpu.lines import Strategy
 from holoview.optics.slots import make_slots
 from holoview.plan import make_plan
 from holoview.system import System
@@ -51,7 +52,9 @@ class FrameBench:
     memory_bytes: int
 
 
-def measure(system: System, device: Device, rounds: int, *, half: bool = False) -> FrameBench:
+def measure(
+    system: System, device: Device, rounds: int, *, half: bool = False, strategy: Strategy = "passes"
+) -> FrameBench:
     """Times frames of a periodic, on-axis bench of one frame, warm, at its middle focal plane.
 
     Raises UserError when the device can't hold it.
@@ -59,15 +62,15 @@ def measure(system: System, device: Device, rounds: int, *, half: bool = False) 
     base = system.edit({"propagation": "periodic"})
     single = one_wavelength(base)
     sessions = {
-        FULL: _session(base, device, half),
-        SINGLE: _session(single, device, half),
-        PADDED: _session(system.edit({"propagation": "linear"}), device, half),
+        FULL: _session(base, device, half, strategy),
+        SINGLE: _session(single, device, half, strategy),
+        PADDED: _session(system.edit({"propagation": "linear"}), device, half, strategy),
     }
     jobs: dict[str, Job] = {name: _full(session) for name, session in sessions.items()}
     jobs |= {SCRUB: _scrub(sessions[FULL]), AMPLITUDE: _amplitudes(sessions[FULL])}
     jobs |= _torch_jobs(TORCH, base) | _torch_jobs(TORCH_SINGLE, single)
     samples = interleaved(jobs, rounds)
-    bars = _bars(samples, len(base.wavelengths_m), frame_error(single, device, half))
+    bars = _bars(samples, len(base.wavelengths_m), frame_error(single, device, half, strategy))
     frame = sessions[FULL]
     return FrameBench(samples, bars, len(base.wavelengths_m), frame.traffic_bytes, frame.memory_bytes)
 
@@ -78,9 +81,9 @@ def one_wavelength(system: System) -> System:
     return system.edit({"wavelengths": [middle], "amplitudes": [[1.0]]})
 
 
-def frame_error(system: System, device: Device, half: bool = False) -> float:
+def frame_error(system: System, device: Device, half: bool, strategy: Strategy) -> float:
     """Relative L2 of the intensity of the first wavelength against torch in complex128."""
-    session = _session(system, device, half)
+    session = _session(system, device, half, strategy)
     plan = make_plan(system, [session.plane_m])
     reference = TorchExecutor(plan, make_slots(plan, random_drive(system)), double=True)
     reference.run(0)
@@ -101,9 +104,9 @@ def _bars(samples: dict[str, Sample], wavelengths: int, error: float) -> list[Ba
     ]
 
 
-def _session(system: System, device: Device, half: bool) -> FrameSession:
+def _session(system: System, device: Device, half: bool, strategy: Strategy) -> FrameSession:
     middle = float(system.planes_m[len(system.planes_m) // 2])
-    session = FrameSession(system, random_drive(system), device, plane_m=middle, half=half)
+    session = FrameSession(system, random_drive(system), device, plane_m=middle, half=half, strategy=strategy)
     session.update()
     return session
 

@@ -18,6 +18,8 @@ from holoview.bench.frame_bars import Bar, FrameBench, measure
 from holoview.commands.common import add_system, system_of
 from holoview.errors import UserError
 from holoview.gpu.device import TIMESTAMPS, Device, open_device
+from holoview.gpu.lines import Strategy, has_subgroups
+from holoview.plan import make_plan
 from holoview.system import System
 
 _DEFAULT = "holochrome-8"
@@ -29,6 +31,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", metavar="1024x768", default="1024x768", help="simulated samples, x by y")
     parser.add_argument("--rounds", metavar="N", default="7", help="how often each job is timed; medians are shown")
     parser.add_argument("--half", action="store_true", help="store fields as f16 between kernels")
+    parser.add_argument(
+        "--strategy",
+        choices=("auto", "passes", "subgroup"),
+        default="auto",
+        help="of the transforms; auto: the fastest",
+    )
     parser.add_argument("--adapter", metavar="NAME", help="part of the name of the WebGPU adapter to use")
     parser.add_argument("--json", action="store_true", help="machine-readable output")
 
@@ -39,10 +47,11 @@ def run(args: argparse.Namespace) -> int:
     system = _sized(system_of(args), args.size)
     rounds = _rounds(args.rounds)
     device = open_device(args.adapter)
-    frame = measure(system, device, rounds, half=args.half)
-    timed = device_time(system, device, rounds, half=args.half) if TIMESTAMPS in device.features else None
+    options = {"half": args.half, "strategy": _strategy(args.strategy, system, device)}
+    frame = measure(system, device, rounds, **options)
+    timed = device_time(system, device, rounds, **options) if TIMESTAMPS in device.features else None
     bars = [*frame.bars, first_image_bar(system, args.adapter)]
-    result = _result(system, device, frame, bars, timed, rounds)
+    result = {"strategy": options["strategy"]} | _result(system, device, frame, bars, timed, rounds)
     print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _table(result))
     return 0
 
@@ -87,7 +96,8 @@ def _table(result: dict[str, Any]) -> str:
     versions = ", ".join(f"{name} {number}" for name, number in result["versions"].items())
     lines = [
         f"{result['preset']}: {columns} x {rows} samples, {result['wavelengths']} wavelengths, "
-        f"medians of {result['rounds']} rounds, all jobs in turn",
+        f"medians of {result['rounds']} rounds, all jobs in turn; "
+        f"transforms: {result['strategy']}",
         f"{adapter['name']}, {adapter['backend']}, {adapter['driver']}",
         f"{versions}; {result['cores']} cores, {result['torch_threads']} threads of torch",
         "",
@@ -128,6 +138,16 @@ def _sized(system: System, size: str) -> System:
     if int(columns) % upsample or int(rows) % upsample:
         raise UserError("--size", size, expected=f"multiples of the bench's upsampling, {upsample}")
     return system.edit({"shape": [int(rows) // upsample, int(columns) // upsample]})
+
+
+def _strategy(name: str, system: System, device: Device) -> Strategy:
+    """The strategy of that name; the fastest one that the device and the sizes allow for "auto"."""
+    grids = (make_plan(system.edit({"propagation": how})).grid.padded for how in ("periodic", "linear"))
+    fits = all(has_subgroups(device, padded) for padded in grids)
+    if name == "subgroup" and not fits:
+        found = f"can't exchange values between lanes, or not at {system.name}'s sizes"
+        raise UserError("--strategy subgroup", found, expected="--strategy passes")
+    return "subgroup" if fits and name != "passes" else "passes"
 
 
 def _rounds(text: str) -> int:

@@ -23,7 +23,7 @@ from holoview.engine.layouts import BATCH, GRID, LIGHT, PATH, WAVE
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.fft_codegen import Direction
 from holoview.gpu.layout import Struct
-from holoview.gpu.lines import Axis, Hooks, LineTransform, Strategy, has_subgroups
+from holoview.gpu.lines import Axis, Hooks, LineTransform, Strategy
 from holoview.gpu.recorder import Pass, Recorder
 from holoview.gpu.shader import Generated
 from holoview.optics.slots import Slots
@@ -67,14 +67,14 @@ class FusedFrame:
         *,
         half: bool = False,
         together: int = 1,
-        strategy: Strategy | None = None,
+        strategy: Strategy = "passes",
     ) -> None:
         self.device, self.grid, self.together = device, plan.grid, together
         grid = plan.grid
         self.field_bytes = grid.shape[0] * row_stride(grid) * (_COMPLEX32 if half else _COMPLEX64)
         self.kernels: Counter[str] = Counter()
         self._half = half
-        self.strategy: Strategy = strategy or ("subgroup" if has_subgroups(device, grid.padded) else "passes")
+        self.strategy = strategy
         self._transforms: dict[Hashable, LineTransform] = {}
         self._passes: dict[Hashable, list[Pass]] = {}
         size = f"{grid.padded[1]} x {grid.shape[0]}"
@@ -115,24 +115,23 @@ class FusedFrame:
         if self.inputs.plan.system.gap_m is None:
             return first
         target = target or self._scratch[0]
-        behind = self._propagate(recorder, span, 0, first)
+        self._propagate(recorder, span, 0, first, target)
         tables = [self.inputs.table("lights", 1), self.inputs.table("opd", span.frame, 1)]
-        self._run(recorder, "modulate", span, behind, target, tables)
+        self._run(recorder, "modulate", span, target, target, tables)
         return target
 
     def observe(
         self, recorder: Recorder, span: Span, second: Rows, intensity: Rows, *, weight: float = 1.0, adds: bool = False
     ) -> None:
         """Records weight·|field|² at the plane of relay 1 into slices of `intensity`, added to what is there or not."""
-        seen = self._propagate(recorder, span, 1, second)
+        seen = self._scratch[1]
+        self._propagate(recorder, span, 1, second, seen)
         self._run(recorder, "observe", span, seen, intensity, [], weight=weight, adds=adds)
 
-    def _propagate(self, recorder: Recorder, span: Span, relay: int, source: Rows) -> Rows:
+    def _propagate(self, recorder: Recorder, span: Span, relay: int, source: Rows, target: Rows) -> None:
         has_pupil, pupil = self.inputs.pupil(relay, span.wavelength)
         tables = [self.inputs.table("paths", relay), self.inputs.table("stops", relay), pupil]
-        target = self._scratch[1]
         self._run(recorder, "propagate", span, source, target, tables, (("has_pupil", has_pupil),))
-        return target
 
     def _run(
         self,
@@ -157,26 +156,27 @@ class FusedFrame:
                 weight=weight,
                 adds=adds,
             )
-            sources = [] if source is None else [source.buffer]
-            buffers = [self.device.uniform(batch, f"batch of {kernel}"), *tables, *sources, target.buffer]
-            transform = self._transform(kernel, constants)
+            two = kernel in _BETWEEN and source != target
+            rows = [source.buffer, target.buffer] if source and two else [(source or target).buffer, None]
+            out = [target.buffer] if kernel == "observe" else []
+            buffers = [self.device.uniform(batch, f"batch of {kernel}"), *rows, *tables, *out]
+            transform = self._transform(kernel, constants, two)
             lines = self.grid.shape[0] if transform.axis == "x" else self.grid.padded[1]
             self._passes[key] = transform.bind(buffers, lines, span.count, self._work)
         for step in self._passes[key]:
             recorder.add(step)
         self.kernels[kernel] += 1
 
-    def _transform(self, kernel: str, constants: Constants) -> LineTransform:
-        key = (kernel, constants)
+    def _transform(self, kernel: str, constants: Constants, two: bool) -> LineTransform:
+        key = (kernel, constants, two)
         if key not in self._transforms:
-            self._transforms[key] = transform_of(
-                self.device, self.grid, kernel, constants, self.strategy, half=self._half
-            )
+            options = {"half": self._half, "two": two}
+            self._transforms[key] = transform_of(self.device, self.grid, kernel, constants, self.strategy, **options)
         return self._transforms[key]
 
     def _working_memory(self) -> Buffer | None:
         """What the transforms need besides the rows, if anything. Raises UserError for a size that has no transform."""
-        nbytes = self.together * max(self._transform(kernel, ()).work_bytes for kernel in KERNELS)
+        nbytes = self.together * max(self._transform(kernel, (), False).work_bytes for kernel in KERNELS)
         size = f"{self.grid.padded[1]} x {self.grid.padded[0]}"
         return self.device.buffer(nbytes, f"padded field, {size}") if nbytes else None
 
@@ -188,17 +188,30 @@ KERNELS: dict[str, tuple[Axis, tuple[Direction, ...], tuple[Struct, ...]]] = {
     "observe": ("x", ("inverse",), ()),
 }
 """Axis and directions of the transform, and the structs that its hooks take."""
+_BETWEEN = ("propagate", "modulate")
+"""Kernels that read fields and write fields: in place, or from one buffer to another."""
 
 
 def transform_of(
-    device: Device, grid: Grid, kernel: str, constants: Constants, strategy: Strategy, *, half: bool = False
+    device: Device,
+    grid: Grid,
+    kernel: str,
+    constants: Constants,
+    strategy: Strategy,
+    *,
+    half: bool = False,
+    two: bool = False,
 ) -> LineTransform:
-    """A fused kernel: the transform of an axis between the hooks of `shaders/frame/<kernel>.wgsl`."""
+    """A fused kernel: the transform of an axis between the hooks of `shaders/frame/<kernel>.wgsl`.
+
+    half: fields are stored as f16. two: they are read from one buffer and written to another, else in place.
+    """
     axis, steps, layouts = KERNELS[kernel]
     parts = (
         Generated("structs", GRID.wgsl + BATCH.wgsl + "".join(layout.wgsl for layout in layouts)),
         Generated("grid", _grid_wgsl(grid)),
-        f"frame/rows_{'f16' if half else 'f32'}.wgsl",
+        f"frame/stored_{'f16' if half else 'f32'}.wgsl",
+        f"frame/rows_{'two' if two else 'one'}.wgsl",
         f"frame/{kernel}.wgsl",
     )
     return LineTransform(device, axis, grid.padded, steps, Hooks(kernel, parts, constants), strategy)

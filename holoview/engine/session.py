@@ -61,7 +61,8 @@ class FrameSession:
     `xyz`, `srgb8` and `intensity`. A `timer`, where one is set, takes the time of all dispatches on the device.
 
     half: store fields as f16 between kernels. together: the most wavelengths that are computed at a time where no relay
-    has a pupil; one makes the smallest steps, several occupy a large GPU better.
+    has a pupil; one makes the smallest steps, several occupy a large GPU better. strategy: of the transforms; "passes"
+    compile at once, "subgroup" is faster and takes long to compile; ask `has_subgroups` first.
     Raises UserError as `make_plan` and `make_slots` do, and when the grid exceeds the device's limits.
     """
 
@@ -76,7 +77,7 @@ class FrameSession:
         budget_bytes: int = BUDGET_BYTES,
         half: bool = False,
         together: int = 1,
-        strategy: Strategy | None = None,
+        strategy: Strategy = "passes",
     ) -> None:
         self.device = device
         self._budget, self._half, self._together = budget_bytes, half, together
@@ -131,6 +132,7 @@ class FrameSession:
         if drive is not None or _slots_of(plan) != _slots_of(self._plan):
             slots = make_slots(plan, self._drive if drive is None else drive)
         self._generation += 1
+        before = self._rows_identities()
         self._drive = self._drive if drive is None else drive
         self.plane_m = plane
         self.exposure_stops = self.exposure_stops if exposure_stops is None else exposure_stops
@@ -141,6 +143,7 @@ class FrameSession:
         else:
             self._frame.inputs.use(plan, slots)
             self._frame.inputs.set_distance(1, plane)
+            self._keeps_first |= self._begins_at_the_gap(before)
 
     def update(self, *, picture: bool = True) -> None:
         """Computes all that is stale, but not the picture without `picture`."""
@@ -219,7 +222,7 @@ class FrameSession:
         lit_first = sorted(np.ndindex(*plan.weights.shape), key=lambda lit: plan.weights[lit] == 0)
         self._slices = Slices(self.display, lit_first, self._frame.together, self._budget)
         self._shelf = Shelf(self._frame, self._budget - self._slices.memory_bytes)
-        self._keeps_first = self._shelf.has_room_for(2 * len(plan.slopes) * int(np.count_nonzero(plan.weights)))
+        self._keeps_first = False
 
     def _work(self, picture: bool) -> list[Job]:
         """What has to be submitted, in order: intensities that stay, their blend, those that don't, the picture."""
@@ -254,6 +257,20 @@ class FrameSession:
 
     def _sources(self, run: Span) -> list[Span]:
         return [replace(run, source=source) for source in range(len(self._plan.slopes))]
+
+    def _rows_identities(self) -> tuple[Identity, Identity]:
+        """What the first and the second rows of the first laser that is lit are computed from."""
+        frame, wavelength = np.argwhere(self._plan.weights > 0)[0].tolist()
+        return self._frame.inputs.rows_of(frame, 0, wavelength)
+
+    def _begins_at_the_gap(self, before: tuple[Identity, Identity]) -> bool:
+        """Whether the first rows would have been of use after an edit, and may be kept for the next one like it.
+
+        They aren't kept from the start: it costs each frame a copy, since kernels then can't work in place.
+        """
+        first, second = self._rows_identities()
+        fields = 2 * len(self._plan.slopes) * int(np.count_nonzero(self._plan.weights))
+        return first == before[0] and second != before[1] and self._shelf.has_room_for(fields)
 
     def _is_fresh(self, lit: Lit) -> bool:
         return self._slices.is_housed(lit) and self._slices.identities.get(lit) == self._identity(lit)
@@ -292,20 +309,21 @@ class FrameSession:
         if self._plan.system.gap_m is None:
             rows = self._frame.first(recorder, span, home)
         else:
-            rows = self._frame.second(recorder, span, self._first_rows(span, recorder, first_of), home)
+            first = self._first_rows(span, recorder, first_of, home)
+            rows = self._frame.second(recorder, span, first, home)
         if home is not None:
             self._shelf.mark("second", span, second_of)
         return rows
 
-    def _first_rows(self, span: Span, recorder: Recorder, first_of: list[Identity]) -> Rows:
-        """The light behind the first of two modulators, kept or computed."""
+    def _first_rows(self, span: Span, recorder: Recorder, first_of: list[Identity], otherwise: Rows | None) -> Rows:
+        """The light behind the first of two modulators, kept, or computed where it is kept or else `otherwise`."""
         home = self._shelf.rows("first", span) if self._keeps_first else None
         if home is not None and self._shelf.holds("first", span, first_of):
             return home
-        rows = self._frame.first(recorder, span, home)
-        if home is not None:
-            self._shelf.mark("first", span, first_of)
-        return rows
+        if home is None:
+            return self._frame.first(recorder, span, otherwise)
+        self._shelf.mark("first", span, first_of)
+        return self._frame.first(recorder, span, home)
 
     def _blend(self, weights: dict[Lit, Weight], seen_of: Identity, recorder: Recorder) -> None:
         """Begins XYZ with the intensities that stay where they are."""

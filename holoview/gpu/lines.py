@@ -15,7 +15,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -83,7 +83,7 @@ class LineTransform:
         row = shape[1] + _ROW_PADDING
         self.work_bytes = shape[0] * row * _COMPLEX_BYTES if len(self._stages) > 1 else 0
 
-    def bind(self, resources: Sequence[Buffer | Any], lines: int, fields: int, work: Buffer | None) -> list[Pass]:
+    def bind(self, resources: Sequence[Buffer | None], lines: int, fields: int, work: Buffer | None) -> list[Pass]:
         """The transform of lines 0 … lines − 1 of so many fields, with `resources` in `@group(1)` of the hooks."""
         first = self._device.uniform(LINES.pack(first=0, count=lines), "lines")
         bound = []

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from holoview.gpu.fft_butterfly import Emitter, emit_dft, literal
 from holoview.gpu.fft_codegen import LINES, Direction
 
-INVOCATIONS = 32
+INVOCATIONS = 64
 MOST_REGISTERS = 256
 """Complex registers of a lane: more would spill on any adapter."""
 

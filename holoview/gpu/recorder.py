@@ -24,17 +24,18 @@ class Pass:
 
     @classmethod
     def bind(
-        cls, device: Device, pipeline: Pipeline, groups: Sequence[Sequence[Buffer | Any]], workgroups: Workgroups
+        cls, device: Device, pipeline: Pipeline, groups: Sequence[Sequence[Buffer | Any | None]], workgroups: Workgroups
     ) -> Pass:
         """Bind `groups[g][b]` to `@group(g) @binding(b)`: a Buffer, or a wgpu texture view or sampler.
 
-        A group that the shader doesn't have stays empty. Raises UserError when the dispatch is too large.
+        A group that the shader doesn't have stays empty, and so does a binding whose resource is None.
+        Raises UserError when the dispatch is too large.
         """
         check_workgroups(device, pipeline.label, workgroups)
         bound = []
         for number, resources in enumerate(groups):
             if resources:
-                entries = [{"binding": b, "resource": _resource(r)} for b, r in enumerate(resources)]
+                entries = [{"binding": b, "resource": _resource(r)} for b, r in enumerate(resources) if r]
                 layout = pipeline.raw.get_bind_group_layout(number)
                 bound.append((number, device.raw.create_bind_group(layout=layout, entries=entries)))
         return cls(pipeline, tuple(bound), workgroups)

@@ -5,11 +5,9 @@
 
 override is_tilted: bool = true;
 
-@group(1) @binding(0) var<uniform> batch: Batch;
-@group(1) @binding(1) var<storage, read> waves: array<Wave>;
-@group(1) @binding(2) var<storage, read> lights: array<Light>;
-@group(1) @binding(3) var<storage, read> opd: array<f32>;
-@group(1) @binding(4) var<storage, read_write> target_rows: array<Stored>;
+@group(1) @binding(3) var<storage, read> waves: array<Wave>;
+@group(1) @binding(4) var<storage, read> lights: array<Light>;
+@group(1) @binding(5) var<storage, read> opd: array<f32>;
 
 var<private> wave: Wave;
 var<private> light: Light;
@@ -32,5 +30,5 @@ fn load(position: vec3u) -> vec2f {
 }
 
 fn store(position: vec3u, value: vec2f) {
-    target_rows[index_in_rows(grid, batch.target_field + position.z, position.y, position.x)] = stored(value);
+    put(position.z, position.y, position.x, value);
 }

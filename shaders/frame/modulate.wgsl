@@ -2,11 +2,8 @@
 //#include "lib/modulator.wgsl"
 //#include "lib/grid.wgsl"
 
-@group(1) @binding(0) var<uniform> batch: Batch;
-@group(1) @binding(1) var<storage, read> lights: array<Light>;
-@group(1) @binding(2) var<storage, read> opd: array<f32>;
-@group(1) @binding(3) var<storage, read> source_rows: array<Stored>;
-@group(1) @binding(4) var<storage, read_write> target_rows: array<Stored>;
+@group(1) @binding(3) var<storage, read> lights: array<Light>;
+@group(1) @binding(4) var<storage, read> opd: array<f32>;
 
 var<private> light: Light;
 
@@ -15,7 +12,7 @@ fn begin(line: u32, field: u32) {
 }
 
 fn load(position: vec3u) -> vec2f {
-    return restored(source_rows[index_in_rows(grid, batch.source_field + position.z, position.y, position.x)]);
+    return fetched(position.z, position.y, position.x);
 }
 
 fn middle(position: vec3u, value: vec2f) -> vec2f {
@@ -27,5 +24,5 @@ fn middle(position: vec3u, value: vec2f) -> vec2f {
 }
 
 fn store(position: vec3u, value: vec2f) {
-    target_rows[index_in_rows(grid, batch.target_field + position.z, position.y, position.x)] = stored(value);
+    put(position.z, position.y, position.x, value);
 }

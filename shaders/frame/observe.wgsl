@@ -1,15 +1,13 @@
 // Kernel 5 of a frame: row IFFT → weight·|field|², set or added to. Hooks of an inverse transform along x.
 //#include "lib/grid.wgsl"
 
-@group(1) @binding(0) var<uniform> batch: Batch;
-@group(1) @binding(1) var<storage, read> source_rows: array<Stored>;
-@group(1) @binding(2) var<storage, read_write> intensity: array<f32>;
+@group(1) @binding(3) var<storage, read_write> intensity: array<f32>;
 
 fn begin(line: u32, field: u32) {
 }
 
 fn load(position: vec3u) -> vec2f {
-    return restored(source_rows[index_in_rows(grid, batch.source_field + position.z, position.y, position.x)]);
+    return fetched(position.z, position.y, position.x);
 }
 
 fn store(position: vec3u, value: vec2f) {

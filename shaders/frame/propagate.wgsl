@@ -5,12 +5,9 @@
 override has_pupil: bool = false;
 
 // The smallest and largest |k_y| that passes, for each |k_x| of each wavelength.
-@group(1) @binding(0) var<uniform> batch: Batch;
-@group(1) @binding(1) var<storage, read> paths: array<Path>;
-@group(1) @binding(2) var<storage, read> stops: array<vec2i>;
-@group(1) @binding(3) var<storage, read> pupil: array<vec2f>;
-@group(1) @binding(4) var<storage, read> source_rows: array<Stored>;
-@group(1) @binding(5) var<storage, read_write> target_rows: array<Stored>;
+@group(1) @binding(3) var<storage, read> paths: array<Path>;
+@group(1) @binding(4) var<storage, read> stops: array<vec2i>;
+@group(1) @binding(5) var<storage, read> pupil: array<vec2f>;
 
 var<private> path: Path;
 var<private> column: Column;
@@ -28,7 +25,7 @@ fn load(position: vec3u) -> vec2f {
     if (is_padded && y >= grid.shape.x) {
         return vec2f(0.0);
     }
-    return restored(source_rows[index_in_rows(grid, batch.source_field + position.z, y, position.x)]);
+    return fetched(position.z, y, position.x);
 }
 
 fn middle(position: vec3u, value: vec2f) -> vec2f {
@@ -46,5 +43,5 @@ fn store(position: vec3u, value: vec2f) {
     if (is_padded && y >= grid.shape.x) {
         return;
     }
-    target_rows[index_in_rows(grid, batch.target_field + position.z, y, position.x)] = stored(value);
+    put(position.z, y, position.x, value);
 }

@@ -11,5 +11,5 @@ fn index_padded(grid: Grid, y: u32, x: u32) -> u32 {
 
 // Index of sample x of a row of the field, in a buffer that holds the field's rows alone.
 fn index_in_rows(grid: Grid, field: u32, y: u32, x: u32) -> u32 {
-    return (field * grid.shape.x + y) * grid.stride + x;
+    return field * (grid.shape.x * grid.stride) + y * grid.stride + x;
 }

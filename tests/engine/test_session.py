@@ -15,6 +15,7 @@ from holoview.engine.session import FrameSession
 from holoview.engine.torch import TorchExecutor
 from holoview.errors import UserError
 from holoview.gpu.device import Device
+from holoview.gpu.lines import has_subgroups
 from holoview.optics.slots import make_slots
 from holoview.plan import make_plan
 from holoview.system import Modulator, System
@@ -99,6 +100,10 @@ def test_an_edit_costs_only_the_kernels_that_depend_on_it(device: Device, name: 
     change, expected = EDITS[name]
     session, drive = _open(device), random_drive(SYSTEM)
     assert session.kernels == ALL
+    session.edit(system=SYSTEM.edit({"gap": "0.9 mm"}))  # that it is edited makes the first rows worth keeping
+    session.update()
+    session.edit(system=SYSTEM)
+    session.update()
     session.edit(**_edited(session, drive, change))
     assert _cost(session, session.update) == expected
     assert _cost(session, session.update) == NOTHING
@@ -217,6 +222,24 @@ def test_an_impossible_edit_changes_nothing(device: Device) -> None:
     assert session.plane_m == 3e-3
     assert _cost(session, session.update) == NOTHING
     assert np.array_equal(session.xyz(), before)
+
+
+def test_the_first_edit_of_the_gap_begins_at_the_source_and_the_next_ones_at_the_gap(device: Device) -> None:
+    session = _open(device)
+    for gap, cost in (("1.2 mm", ALL), ("1.3 mm", FROM_FIRST), ("1.4 mm", FROM_FIRST)):
+        session.edit(system=SYSTEM.edit({"gap": gap}))
+        assert _cost(session, session.update) == cost
+
+
+@pytest.mark.parametrize("name", BENCHES)
+def test_transforms_in_subgroups_show_the_same(device: Device, name: str) -> None:
+    system = SYSTEM.edit({"shape": [32, 64], **BENCHES[name], "sampling.propagation": "periodic"})
+    if "modulators" in BENCHES[name]:
+        system = system.edit({"shape": [32, 64]})
+    if not has_subgroups(device, (64, 128)):
+        pytest.skip("the lanes of this adapter exchange nothing")
+    shown = [_open(device, system, strategy=strategy).xyz() for strategy in ("passes", "subgroup")]
+    assert _error(shown[1], shown[0]) <= TOLERANCE
 
 
 def test_another_grid_is_computed_from_the_start(device: Device) -> None:

@@ -18,6 +18,7 @@ from holoview.engine.fused import KERNELS, transform_of
 from holoview.files import data_dir
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.layout import Struct
+from holoview.gpu.lines import Strategy, has_subgroups
 from holoview.gpu.recorder import Pass, Recorder
 from holoview.gpu.shader import Generated, ShaderError, link
 from holoview.optics.propagate import transfer_function
@@ -70,30 +71,39 @@ def test_a_shader_compiles_in_every_permutation(device: Device, name: str, const
     device.pipeline(link(DECLARATIONS, name, Generated("probe", probe), label=name), constants)
 
 
+_PARTS = ("rows_one", "rows_two", "stored_f16", "stored_f32")
+
+
 def _switches(kernel: str) -> list[str]:
     return SWITCH.findall((data_dir("shaders") / f"frame/{kernel}.wgsl").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("half", [False, True], ids=["f32", "f16"])
 @pytest.mark.parametrize("is_padded", [False, True], ids=["periodic", "padded"])
+@pytest.mark.parametrize("strategy", ["passes", "subgroup"])
 @pytest.mark.parametrize("kernel", KERNELS)
-def test_a_fused_kernel_compiles_in_every_permutation(device: Device, kernel: str, is_padded: bool, half: bool) -> None:
-    grid = Grid((24, 36), (48, 80) if is_padded else (24, 36), (12, 20) if is_padded else (0, 0), 4e-6, 2)
+def test_a_fused_kernel_compiles_in_every_permutation(
+    device: Device, kernel: str, is_padded: bool, half: bool, strategy: Strategy
+) -> None:
+    if strategy == "subgroup" and not has_subgroups(device, (64, 128)):
+        pytest.skip("this adapter's lanes exchange nothing")
+    grid = Grid((32, 64), (64, 128), (16, 32), 4e-6, 2) if is_padded else Grid((64, 128), (64, 128), (0, 0), 4e-6, 2)
     switches = _switches(kernel)
-    for chosen in product((False, True), repeat=len(switches)):
-        transform_of(device, grid, kernel, tuple(zip(switches, chosen, strict=True)), half=half).compile()
+    for two, *chosen in product((False, True), repeat=1 + len(switches)):
+        constants = tuple(zip(switches, chosen, strict=True))
+        transform_of(device, grid, kernel, constants, strategy, half=half, two=two).compile()
 
 
 def test_there_is_a_shader_for_each_fused_kernel_and_none_besides() -> None:
     hooks = {name for name in _shaders() if name.startswith("frame/")}
-    assert hooks == {f"frame/{kernel}.wgsl" for kernel in KERNELS} | {"frame/rows_f16.wgsl", "frame/rows_f32.wgsl"}
+    assert hooks == {f"frame/{kernel}.wgsl" for kernel in KERNELS} | {f"frame/{part}.wgsl" for part in _PARTS}
     assert [_switches(kernel) for kernel in KERNELS] == [["is_tilted"], ["has_pupil"], [], []]
 
 
 def test_an_error_in_a_fused_kernel_names_its_file_and_line(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(KERNELS, "light", ("x", ("forward",), ()))  # no struct Wave
     with pytest.raises(ShaderError, match=r"lib/source.wgsl:6: fn plane_wave\(wave: Wave"):
-        transform_of(device, Grid((4, 4), (4, 4), (0, 0), 4e-6, 1), "light", ()).compile()
+        transform_of(device, Grid((4, 4), (4, 4), (0, 0), 4e-6, 1), "light", (), "passes").compile()
 
 
 def test_the_permutations_cover_every_folder_and_the_pupil() -> None:

@@ -1,5 +1,4 @@
 // Fields between the kernels of a frame: only the rows that the modulator has, at full padded width, as f32.
-//#include "lib/grid.wgsl"
 
 alias Stored = vec2f;
 
