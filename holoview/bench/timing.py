@@ -12,9 +12,10 @@ Job = Callable[[], None]
 
 @dataclass(frozen=True)
 class Sample:
-    """Wall times of one job, seconds, in the order of the rounds."""
+    """Wall times of one job, seconds, in the order of the rounds, and the processor time that all its threads took."""
 
     seconds: tuple[float, ...]
+    cpu_seconds: tuple[float, ...] = ()
 
     @property
     def median_ms(self) -> float:
@@ -26,14 +27,19 @@ class Sample:
         """The steadier figure on a busy machine."""
         return 1e3 * min(self.seconds)
 
+    @property
+    def cpu_ms(self) -> float:
+        """Least processor time: what is left to compare when other programs keep all cores busy."""
+        return 1e3 * min(self.cpu_seconds, default=0.0)
+
 
 def interleaved(jobs: Mapping[str, Job], rounds: int, warm_up: int = 1) -> dict[str, Sample]:
     """Wall time of each job in each round, after rounds that aren't timed."""
-    taken: dict[str, list[float]] = {name: [] for name in jobs}
+    taken: dict[str, list[tuple[float, float]]] = {name: [] for name in jobs}
     for number in range(warm_up + rounds):
         for name, job in jobs.items():
-            start = time.perf_counter()
+            start, cpu_start = time.perf_counter(), time.process_time()
             job()
             if number >= warm_up:
-                taken[name].append(time.perf_counter() - start)
-    return {name: Sample(tuple(seconds)) for name, seconds in taken.items()}
+                taken[name].append((time.perf_counter() - start, time.process_time() - cpu_start))
+    return {name: Sample(*zip(*samples, strict=True)) for name, samples in taken.items()}

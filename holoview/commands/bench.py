@@ -81,7 +81,7 @@ def _result(
             for bar in bars
         ],
         "jobs": {
-            name: {"median_ms": sample.median_ms, "minimum_ms": sample.minimum_ms}
+            name: {"median_ms": sample.median_ms, "minimum_ms": sample.minimum_ms, "cpu_ms": sample.cpu_ms}
             for name, sample in frame.samples.items()
         },
         "traffic_bytes_a_wavelength": frame.traffic_bytes,
@@ -107,9 +107,9 @@ def _table(result: dict[str, Any]) -> str:
         mark = "" if bar["holds"] else "  above the bar"
         unit = f" {bar['unit']}" if bar["unit"] else ""
         lines.append(f"{bar['name']:<48}  {bar['value']:>9.3g}  {bar['bar']:>7.3g}  {bar['aim']:>7.3g}{unit}{mark}")
-    lines += ["", f"{'ms':<48}  {'median':>9}  {'least':>7}"]
+    lines += ["", f"{'ms':<48}  {'median':>9}  {'least':>7}  {'processor':>9}"]
     for name, sample in result["jobs"].items():
-        lines.append(f"{name:<48}  {sample['median_ms']:>9.2f}  {sample['minimum_ms']:>7.2f}")
+        lines.append(f"{name:<48}  {sample['median_ms']:>9.2f}  {sample['minimum_ms']:>7.2f}  {sample['cpu_ms']:>9.2f}")
     lines += [
         "",
         f"memory traffic of a wavelength: {result['traffic_bytes_a_wavelength'] / 1e6:.1f} MB",
