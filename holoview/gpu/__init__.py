@@ -5,6 +5,7 @@ device.py        an open device: checked allocation, upload and download, cached
 recorder.py      passes recorded into one submission
 timer.py         time that passes take on the device
 lines.py         transforms along one axis between functions of the caller
+lines_workgroup.py WGSL of such a transform in workgroup memory
 lines_subgroup.py WGSL of such a transform in the registers of a subgroup
 shader.py        linking WGSL files, and errors that name file and line
 layout.py        one definition for a struct in WGSL and its bytes on the host

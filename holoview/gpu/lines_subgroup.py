@@ -1,18 +1,24 @@
 """WGSL of a transform along a whole line, held in the registers of neighbouring lanes of a subgroup.
 
-A line of n = S·A points, of which S² is a divisor, belongs to S lanes with A complex registers each: lane l holds the
-points l, l + S, l + 2S, … A forward transform is, after Cooley and Tukey (Math. Comp. 19, 297 (1965)),
+A line of n = S·A points belongs to S lanes with A complex registers each: lane l holds the points l, l + S, l + 2S, …
+A forward transform is, after Cooley and Tukey (Math. Comp. 19, 297 (1965)),
 
     DFT of A over a lane's registers → twiddles w_n^(l·k) → S × S transposes between lanes and registers → DFTs of S
 
-and leaves frequency l + S·g + A·j in one register of lane l: natural order, read and written by neighbouring lanes. A
-transpose exchanges register and lane bits one by one, `subgroupShuffleXor` and `select`. There is neither workgroup
-memory nor a barrier, and between a forward and an inverse transform nothing leaves the registers.
+and leaves frequency l + S·g + A·j in register j of group g of lane l: natural order, read and written by neighbouring
+lanes. A transpose exchanges register and lane bits one by one, `subgroupShuffleXor` and `select`. There is neither
+workgroup memory nor a barrier, and between a forward and an inverse transform nothing leaves the registers.
+
+Where S doesn't divide A, registers of zeros fill the last group, and the lanes l + S·g ≥ A in it compute nothing real:
+they load what another lane loads, and store nothing.
+
+Statements are emitted a group at a time, from its transpose to its store or its way back, so that few values are alive
+at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from holoview.gpu.fft_butterfly import Emitter, emit_dft, literal
 from holoview.gpu.fft_codegen import LINES, Direction
@@ -23,10 +29,13 @@ MOST_REGISTERS = 256
 
 
 def lanes_of(n: int, largest: int) -> int | None:
-    """The most lanes, a power of two up to `largest`, that can share a line of n points; None when there are none."""
+    """The most lanes, a power of two up to `largest`, that can share a line of n points; None when there are none.
+
+    They have to divide n, and to leave each lane at least as many registers as there are lanes and at most 256.
+    """
     lanes = 1 << (largest.bit_length() - 1)
     while lanes > 1:
-        if n % (lanes * lanes) == 0 and n // lanes <= MOST_REGISTERS:
+        if n % lanes == 0 and lanes <= n // lanes <= MOST_REGISTERS:
             return lanes
         lanes //= 2
     return None
@@ -34,20 +43,22 @@ def lanes_of(n: int, largest: int) -> int | None:
 
 def generate_line(axis: str, n: int, lanes: int, steps: Sequence[Direction]) -> str:
     """The WGSL of a transform of lines of n points along `axis`, to be linked after its hooks; its entry is `main`."""
-    code = _Line(n, lanes)
-    is_spectrum = steps[0] == "inverse"
-    values = [code.let(f"load({_place(axis, at)})") for at in code.places(is_spectrum)]
-    for number, step in enumerate(steps):
-        if number:
-            places = [_place(axis, at) for at in code.places(is_spectrum)]
-            values = [code.let(f"middle({place}, {value})") for place, value in zip(places, values, strict=True)]
-        values = code.forward(values) if step == "forward" else code.inverse(values)
-        is_spectrum = step == "forward"
-    stores = [
-        f"store({_place(axis, at)}, {value});" for at, value in zip(code.places(is_spectrum), values, strict=True)
-    ]
+    code = _Line(axis, n, lanes)
+    points: list[str] | None = None
+    spectrum: Iterable[list[str]] | None = None
+    for step in steps:
+        if step == "forward":
+            spectrum = code.spectrum(code.loaded_points() if points is None else code.between_points(points))
+            points = None
+        else:
+            points = code.points(code.loaded_spectrum() if spectrum is None else code.between_spectrum(spectrum))
+            spectrum = None
+    if spectrum is None:
+        code.store_points(points or [])
+    else:
+        code.store_spectrum(spectrum)
     body = "".join(f"    {line}\n" for line in code.lines)
-    return f"{_prologue(axis, n, lanes, steps)}{body}    if (is_real) {{\n{_indented(stores)}    }}\n}}\n"
+    return f"{_prologue(axis, n, lanes, steps)}{body}}}\n"
 
 
 def workgroups_for(lanes: int, lines: int) -> int:
@@ -60,54 +71,91 @@ def _lines_a_workgroup(lanes: int) -> int:
 
 
 class _Line(Emitter):
-    """Statements on the registers of a line, which are in the order of `places`."""
+    """Statements on the registers of a line: its points, or the groups of its spectrum, one after the other."""
 
-    def __init__(self, n: int, lanes: int) -> None:
+    def __init__(self, axis: str, n: int, lanes: int) -> None:
         super().__init__()
-        self.n, self.lanes_count, self.registers = n, lanes, n // lanes
-        self.groups = self.registers // lanes
-        bit = lanes >> 1
-        while bit:
+        self.axis, self.n, self.lanes, self.registers = axis, n, lanes, n // lanes
+        self.groups = -(-self.registers // lanes)
+        for bit in self._bits():
             self.lines.append(f"let is_odd{bit} = (lane & {bit}u) != 0u;")
-            bit >>= 1
         self.lines.append("begin(line, field);")
         self._twiddles = self._emit_twiddles()
 
-    def places(self, is_spectrum: bool) -> list[int]:
-        """Offset of each register's point or frequency from the lane."""
-        s, a = self.lanes_count, self.registers
-        if is_spectrum:
-            return [s * g + a * j for g in range(self.groups) for j in range(s)]
-        return [s * k for k in range(a)]
+    def spectrum(self, points: list[str]) -> Iterator[list[str]]:
+        """Points to frequencies, a group at a time."""
+        columns = self._twiddled(emit_dft(self, points, -1), "cmul")
+        columns += ["vec2f(0.0)"] * (self.groups * self.lanes - self.registers)
+        for first in range(0, len(columns), self.lanes):
+            yield emit_dft(self, self._transposed(columns[first : first + self.lanes]), -1)
 
-    def forward(self, values: list[str]) -> list[str]:
-        """Points to frequencies."""
-        columns = self._twiddled(emit_dft(self, values, -1), "cmul")
-        out: list[str] = []
-        for group in self._split(columns):
-            out += emit_dft(self, self._transposed(group), -1)
-        return out
-
-    def inverse(self, values: list[str]) -> list[str]:
-        """Frequencies to points: the steps of `forward`, backwards and conjugated."""
+    def points(self, spectrum: Iterable[list[str]]) -> list[str]:
+        """Frequencies to points: the steps of `spectrum`, backwards and conjugated."""
         columns: list[str] = []
-        for group in self._split(values):
+        for group in spectrum:
             columns += self._transposed(emit_dft(self, group, 1))
-        return emit_dft(self, self._twiddled(columns, "cmul_conj"), 1)
+        return emit_dft(self, self._twiddled(columns[: self.registers], "cmul_conj"), 1)
 
-    def _split(self, values: list[str]) -> list[list[str]]:
-        s = self.lanes_count
-        return [values[s * g : s * (g + 1)] for g in range(self.groups)]
+    def loaded_points(self) -> list[str]:
+        """What the hook loads."""
+        return [self.let(f"load({self._point(k)})") for k in range(self.registers)]
+
+    def loaded_spectrum(self) -> Iterator[list[str]]:
+        """What the hook loads, a group at a time."""
+        for group in range(self.groups):
+            yield [self.let(f"load({place})") for place in self._frequencies(group)]
+
+    def between_points(self, points: list[str]) -> list[str]:
+        """What the hook between two steps makes of points."""
+        return [self.let(f"middle({self._point(k)}, {value})") for k, value in enumerate(points)]
+
+    def between_spectrum(self, spectrum: Iterable[list[str]]) -> Iterator[list[str]]:
+        """What the hook between two steps makes of frequencies, a group at a time."""
+        for group, values in enumerate(spectrum):
+            places = self._frequencies(group)
+            yield [self.let(f"middle({place}, {value})") for place, value in zip(places, values, strict=True)]
+
+    def store_points(self, points: list[str]) -> None:
+        """Hand the points of a line that there is to the hook."""
+        self._store("is_real", [self._point(k) for k in range(self.registers)], points)
+
+    def store_spectrum(self, spectrum: Iterable[list[str]]) -> None:
+        """Hand the frequencies of a line that there is to the hook."""
+        for group, values in enumerate(spectrum):
+            is_whole = (group + 1) * self.lanes <= self.registers
+            condition = "is_real" if is_whole else f"is_real && lane + {group * self.lanes}u < {self.registers}u"
+            self._store(condition, self._frequencies(group), values)
+
+    def _store(self, condition: str, places: list[str], values: list[str]) -> None:
+        stores = [f"    store({place}, {value});" for place, value in zip(places, values, strict=True)]
+        self.lines += [f"if ({condition}) {{", *stores, "}"]
+
+    def _point(self, k: int) -> str:
+        return self._place(f"lane + {self.lanes * k}u")
+
+    def _frequencies(self, group: int) -> list[str]:
+        """Places of the registers of a group."""
+        lowest = f"lane + {group * self.lanes}u"
+        if (group + 1) * self.lanes > self.registers:
+            lowest = self.let(f"min({lowest}, {self.registers - 1}u)")
+            return [self._place(f"{lowest} + {self.registers * j}u") for j in range(self.lanes)]
+        return [self._place(f"lane + {group * self.lanes + self.registers * j}u") for j in range(self.lanes)]
+
+    def _place(self, along: str) -> str:
+        return f"vec3u({along}, line, field)" if self.axis == "x" else f"vec3u(line, {along}, field)"
+
+    def _bits(self) -> list[int]:
+        """lanes/2, …, 2, 1"""
+        return [1 << bit for bit in reversed(range(self.lanes.bit_length() - 1))]
 
     def _transposed(self, values: list[str]) -> list[str]:
         """Register i of lane j for register j of lane i."""
-        out, bit = list(values), self.lanes_count >> 1
-        while bit:
-            for low in (i for i in range(self.lanes_count) if not i & bit):
+        out = list(values)
+        for bit in self._bits():
+            for low in (i for i in range(self.lanes) if not i & bit):
                 a, b = out[low], out[low + bit]
                 out[low] = self.let(f"select({a}, subgroupShuffleXor({b}, {bit}u), is_odd{bit})")
                 out[low + bit] = self.let(f"select(subgroupShuffleXor({a}, {bit}u), {b}, is_odd{bit})")
-            bit >>= 1
         return out
 
     def _emit_twiddles(self) -> list[str]:
@@ -124,15 +172,6 @@ class _Line(Emitter):
     def _twiddled(self, values: list[str], product: str) -> list[str]:
         pairs = zip(values[1:], self._twiddles[1:], strict=True)
         return [values[0], *(self.let(f"{product}({value}, {twiddle})") for value, twiddle in pairs)]
-
-
-def _place(axis: str, offset: int) -> str:
-    along = f"lane + {offset}u"
-    return f"vec3u({along}, line, field)" if axis == "x" else f"vec3u(line, {along}, field)"
-
-
-def _indented(statements: Sequence[str]) -> str:
-    return "".join(f"        {statement}\n" for statement in statements)
 
 
 def _prologue(axis: str, n: int, lanes: int, steps: Sequence[Direction]) -> str:

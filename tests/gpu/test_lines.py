@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from holoview.gpu.device import Device
 from holoview.gpu.fft_codegen import Direction
-from holoview.gpu.lines import Axis, Hooks, LineTransform, Strategy, has_subgroups
+from holoview.gpu.lines import STRATEGIES, Axis, Hooks, LineTransform, Strategy, strategies
 from holoview.gpu.lines_subgroup import MOST_REGISTERS, generate_line, lanes_of, workgroups_for
 from holoview.gpu.recorder import Recorder
 from holoview.gpu.shader import Generated
@@ -33,7 +33,8 @@ fn store(p: vec3u, value: vec2f) { found[TARGET] = value; }
 ALONG = {"x": "u32(frequency_x(p.x) + select(0, NX, frequency_x(p.x) < 0))", "y": ""}
 ALONG["y"] = ALONG["x"].replace("x", "y").replace("NX", "NY")
 STEPS: list[tuple[Direction, ...]] = [("forward",), ("inverse",), ("forward", "inverse"), ("inverse", "forward")]
-SHAPES = [(64, 128), (192, 64)]
+SHAPES = [(64, 128), (192, 64), (72, 120), (1, 30), (250, 3)]
+"""Lines of one pass and of several; groups of registers that are full, and one that is not; a single point."""
 
 Complex = NDArray[np.complexfloating]
 
@@ -76,11 +77,11 @@ def _expected(axis: Axis, steps: tuple[Direction, ...], given: Complex) -> Compl
     return values
 
 
-@pytest.mark.parametrize("strategy", ["passes", "subgroup"])
+@pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_transform_is_that_of_numpy(device: Device, shape: tuple[int, int], strategy: Strategy) -> None:
-    if strategy == "subgroup" and not has_subgroups(device, shape):
-        pytest.skip("the lanes of this adapter exchange nothing")
+    if strategy not in strategies(device, shape):
+        pytest.skip("not on this adapter")
     given = _given(shape)
     for axis, steps in product(("x", "y"), STEPS):
         found, expected = _run(device, strategy, axis, steps, given), _expected(axis, steps, given)
@@ -89,12 +90,21 @@ def test_a_transform_is_that_of_numpy(device: Device, shape: tuple[int, int], st
 
 @pytest.mark.parametrize(
     ("n", "largest", "lanes"),
-    [(1024, 32, 32), (768, 32, 16), (768, 8, 8), (250, 8, None), (1024, 4, 4), (8192, 8, None)],
+    [
+        (1024, 32, 32),
+        (768, 32, 16),
+        (768, 8, 8),
+        (1080, 8, 8),
+        (1080, 32, 8),
+        (250, 8, 2),
+        (375, 32, None),
+        (8192, 8, None),
+    ],
 )
 def test_a_line_belongs_to_as_many_lanes_as_its_length_allows(n: int, largest: int, lanes: int | None) -> None:
     assert lanes_of(n, largest) == lanes
     if lanes is not None:
-        assert n % lanes**2 == 0 and n // lanes <= MOST_REGISTERS
+        assert n % lanes == 0 and lanes <= n // lanes <= MOST_REGISTERS
 
 
 def test_the_last_workgroup_stores_no_line_twice() -> None:
