@@ -13,6 +13,10 @@ fft.py           complex 2-D FFTs in a buffer
 fft_radices.py   radices of a length, and the order they leave a spectrum in
 fft_codegen.py   WGSL of one FFT pass
 fft_butterfly.py WGSL of a small DFT in registers
+tune.py          which strategy of a transform is the fastest here, found out in the background
+tune_store.py    remembering it
+tune_process.py  the helper process that finds out, from outside
+tune_worker.py   and from inside
 
 Only this package imports wgpu. Importing it needs no driver: adapters are first looked for in `open_device`.
 """

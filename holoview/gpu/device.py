@@ -21,8 +21,8 @@ from holoview.gpu.shader import ShaderSource, compile_error
 __all__ = ["AdapterInfo", "Buffer", "Device", "DeviceLost", "Pipeline", "adapters", "open_device"]
 
 Constants = Mapping[str, int | float | bool]
-SUBGROUP, TIMESTAMPS = "subgroup", "timestamp-query"
-"""Features that are worth having: lanes that exchange values, and the device's own clock."""
+SUBGROUP, TIMESTAMPS, INT64 = "subgroup", "timestamp-query", "shader-int64"
+"""Features that are worth having: lanes that exchange values, the device's own clock, and 64 bits in one access."""
 _UNIFORM_ALIGNMENT = 16
 _COPY_ALIGNMENT = 4
 _REQUESTED_LIMITS = (
@@ -196,7 +196,7 @@ class Device:
                 )
 
 
-def open_device(adapter: str | None = None, features: Iterable[str] = (SUBGROUP, TIMESTAMPS)) -> Device:
+def open_device(adapter: str | None = None, features: Iterable[str] = (SUBGROUP, TIMESTAMPS, INT64)) -> Device:
     """Open the best adapter, or the best one whose name contains `adapter`, with its own maximum limits.
 
     `features` are opened where the adapter has them and skipped where it hasn't: see `Device.features`.

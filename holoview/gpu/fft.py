@@ -19,12 +19,19 @@ from numpy.typing import NDArray
 
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.fft_codegen import Axis, Direction
-from holoview.gpu.lines import ROW_PADDING, Hooks, LineTransform, Strategy, check_strategy, frequencies
+from holoview.gpu.lines import ROW_PADDING, Hooks, LineTransform, Stage, Strategy, check_strategy, frequencies, storage
 from holoview.gpu.recorder import Pass, Recorder
 
 Complex = NDArray[np.complex64]
 Rows = tuple[int, int]
 _COMPLEX_BYTES = 8
+
+
+def batches(device: Device, fields: int, field_bytes: int) -> list[range]:
+    """The numbers of `fields` fields in parts, each as large as one buffer of the device can be; one at least."""
+    limit = min(device.limits[name] for name in ("max-storage-buffer-binding-size", "max-buffer-size"))
+    most = max(limit // field_bytes, 1)
+    return [range(first, min(first + most, fields)) for first in range(0, fields, most)]
 
 
 class FftPlan:
@@ -88,6 +95,11 @@ class FftPlan:
         rows, columns = np.argsort(self.frequency_y % ny), np.argsort(self.frequency_x % nx)
         return spectrum[..., rows[:, None], columns]
 
+    @property
+    def stages(self) -> list[Stage]:
+        """The shaders of both directions."""
+        return [stage for transform in (*self._forward, *self._inverse) for stage in transform.stages]
+
     def _record(self, recorder: Recorder, buffer: Buffer, direction: Direction, rows: Rows | None) -> None:
         ny = self.shape[0]
         chosen = (0, ny) if rows is None else rows
@@ -118,5 +130,5 @@ class FftPlan:
 
     def _along(self, axis: Axis, direction: Direction, scale: float = 1.0) -> LineTransform:
         constants = (("row_stride", self.stride), ("field_stride", self.stride * self.shape[0]), ("scale", scale))
-        hooks = Hooks("FFT", ("fft/buffer.wgsl",), constants, own_work=True)
+        hooks = Hooks("FFT", (storage(self._device), "fft/buffer.wgsl"), constants, own_work=True)
         return LineTransform(self._device, axis, self.shape, (direction,), hooks, self.strategy)

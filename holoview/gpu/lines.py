@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.errors import UserError
-from holoview.gpu.device import SUBGROUP, Buffer, Constants, Device, Pipeline
+from holoview.gpu.device import INT64, SUBGROUP, Buffer, Constants, Device, Pipeline
 from holoview.gpu.fft_codegen import LINES, Axis, Direction, generate_pass, merged, pass_shapes, workgroups_of
 from holoview.gpu.fft_radices import frequency_order, frequency_wgsl, radices
 from holoview.gpu.lines_subgroup import MOST_REGISTERS, generate_line, lanes_of, workgroups_for
@@ -39,7 +39,17 @@ from holoview.gpu.recorder import Pass, Recorder, spread
 from holoview.gpu.shader import Generated, ShaderSource, link
 from holoview.grid import frequency_indices
 
-__all__ = ["STRATEGIES", "Axis", "Hooks", "LineTransform", "Strategy", "frequencies", "has_subgroups", "strategies"]
+__all__ = [
+    "STRATEGIES",
+    "Axis",
+    "Hooks",
+    "LineTransform",
+    "Strategy",
+    "frequencies",
+    "has_subgroups",
+    "storage",
+    "strategies",
+]
 
 Part = str | Generated
 Strategy = Literal["passes", "workgroup", "subgroup"]
@@ -188,6 +198,18 @@ def has_subgroups(device: Device, shape: tuple[int, int]) -> bool:
 def frequencies(n: int, strategy: Strategy) -> NDArray[np.int32]:
     """Signed frequency index at each position of the spectrum of n points, shape (n,)."""
     return frequency_indices(n).astype(np.int32) if strategy == "subgroup" else frequency_order(n)
+
+
+def storage(device: Device, *, half: bool = False) -> str:
+    """The shader file that says how complex numbers lie in a buffer: `Stored`, `stored(vec2f)`, `restored(Stored)`.
+
+    half: as f16, 4 bytes each instead of 8. Else they are the same bytes on every device, but accessed in the way that
+    suits the device.
+    """
+    if half:
+        return "fft/stored_f16.wgsl"
+    is_wide = device.info.is_cpu and INT64 in device.features
+    return "fft/stored_u64.wgsl" if is_wide else "fft/stored_f32.wgsl"
 
 
 def subgroup_lanes(device: Device) -> int:

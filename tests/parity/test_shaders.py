@@ -40,7 +40,7 @@ def _shaders() -> list[str]:
 def _permutations() -> Iterator[tuple[str, dict[str, int]]]:
     """Each shader that stands for itself, with each choice of its switches."""
     for name in _shaders():
-        if name.startswith("frame/"):  # hooks of transforms, compiled below
+        if name.startswith(("frame/", "fft/")):  # hooks of transforms, compiled with these
             continue
         text = (data_dir("shaders") / name).read_text(encoding="utf-8")
         switches, numbers = SWITCH.findall(text), NUMBER.findall(text)
