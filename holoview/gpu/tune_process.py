@@ -14,8 +14,6 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
-import holoview
-
 _COMMAND = ("-m", "holoview.gpu.tune_worker")
 _PATIENCE_S = 2.0
 Answer = dict[str, Any]
@@ -28,7 +26,7 @@ class Helper:
     """
 
     def __init__(self, adapter: str, budget_s: float) -> None:
-        package = str(Path(holoview.__file__).resolve().parent.parent)
+        package = str(Path(__file__).resolve().parents[2])
         path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")]))
         self._answers: SimpleQueue[Answer] = SimpleQueue()
         self._process = subprocess.Popen(
