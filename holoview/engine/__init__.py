@@ -3,4 +3,8 @@
 frame    the graph of stages: which stage follows which, for every wavelength, frame, source and plane
 torch    the reference: complex64 and complex128, differentiable
 wgpu     WGSL compute shaders on any WebGPU adapter
+session  a hologram that is edited: only what is stale is computed again
+fused    the five fused kernels of a frame, bound to `inputs`, whose numbers are `values`
+shelf    what a session keeps on the device
+display  intensities to XYZ and to a picture
 """

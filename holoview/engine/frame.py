@@ -26,9 +26,13 @@ class Executor(Protocol[Field]):
     """The stages of a frame. A `Field` is complex: on the modulator's area in space, on the padded grid as a spectrum.
 
     A stage may reuse the storage of its input, except `transmit`, whose input stays valid for the next plane.
+    `run` does all stages of a wavelength, in the order of `run_stages`, and may fuse them.
     """
 
     plan: Plan
+
+    def run(self, wavelength: int) -> None:
+        """Leaves each plane's intensity at one wavelength in the executor, averaged over frames and sources."""
 
     def illuminate(self, wavelength: int, source: int) -> Field:
         """The plane wave that falls on the first modulator."""
@@ -74,8 +78,8 @@ def last_spectrum(executor: Executor[Field], wavelength: int, frame: int, source
     return executor.spectrum(field)
 
 
-def run_wavelength(executor: Executor[Field], wavelength: int) -> None:
-    """Leaves each plane's intensity at one wavelength in the executor, averaged over frames and sources."""
+def run_stages(executor: Executor[Field], wavelength: int) -> None:
+    """What `run` of an executor does, one stage after the other."""
     plan = executor.plan
     planes = range(len(plan.planes_m))
     for plane in planes:
@@ -99,7 +103,7 @@ def focal_stack(
     executor.clear_xyz()
     stacks: list[NDArray[np.floating]] = []
     for wavelength in range(count):
-        run_wavelength(executor, wavelength)
+        executor.run(wavelength)
         executor.composite(wavelength)
         stacks.append(np.stack([executor.intensity(plane) for plane in range(len(executor.plan.planes_m))]))
         if progress is not None:

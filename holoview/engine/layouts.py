@@ -32,5 +32,34 @@ PATH = Struct(
         ("waves", "f32"),  # z/λ
     ],
 )
-SHARE = Struct("Share", [("weight", "f32")])
-RESPONSE = Struct("Response", [("xyz", "vec4<f32>")])
+BATCH = Struct(
+    "Batch",
+    [
+        ("wave", "u32"),  # number of the first field's illumination
+        ("wavelength", "u32"),  # number of the first field's wavelength; the fields that follow have those that follow
+        ("source_field", "u32"),  # where the first field is read
+        ("target_field", "u32"),  # where it is written
+        ("weight", "f32"),  # of the intensity
+        ("adds", "u32"),  # 1: the intensity is added to what was there
+    ],
+)
+WEIGHT = Struct("Weight", [("weight", "f32")])
+BLEND = Struct(
+    "Blend",
+    [
+        ("quads", "u32"),  # fours of pixels in an intensity
+        ("count", "u32"),  # intensities that are blended
+        ("adds", "u32"),  # 1: they are added to what was there
+    ],
+)
+SHARE = Struct("Share", [("xyz", "vec3<f32>"), ("slice", "u32")])  # of one intensity: its weight and where it is
+SCREEN = Struct(
+    "Screen",
+    [
+        ("from_x", "vec4<f32>"),  # linear sRGB of X, of Y and of Z, exposure included
+        ("from_y", "vec4<f32>"),
+        ("from_z", "vec4<f32>"),
+        ("width", "u32"),  # pixels
+        ("pitch", "u32"),  # pixels from row to row of the picture
+    ],
+)

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.engine.frame import run_wavelength
+from holoview.engine.frame import run_stages
 from holoview.optics.propagate import relay_response
 from holoview.optics.slm import phasor, upsampled
 from holoview.optics.slots import Slots
@@ -27,6 +27,10 @@ class TorchExecutor:
         self._transfers_of = -1
         self._intensity = [self._dark() for _ in plan.planes_m]
         self._xyz = torch.zeros(len(plan.planes_m), *plan.grid.shape, 3, dtype=self._real, device=self._device)
+
+    def run(self, wavelength: int) -> None:
+        """Leaves each plane's intensity at one wavelength in the executor, averaged over frames and sources."""
+        run_stages(self, wavelength)
 
     def illuminate(self, wavelength: int, source: int) -> torch.Tensor:
         """Plane wave on the first modulator, (y, x)."""
@@ -82,7 +86,7 @@ class TorchExecutor:
         """Intensity (plane, wavelength, y, x) as a tensor through which gradients reach the slots' optical paths."""
         stacks = []
         for wavelength in range(len(self.plan.system.wavelengths_m)):
-            run_wavelength(self, wavelength)
+            self.run(wavelength)
             stacks.append(torch.stack(self._intensity))
         return torch.stack(stacks, dim=1)
 

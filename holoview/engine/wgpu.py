@@ -1,29 +1,32 @@
-"""The WGSL executor: the stages of a frame as compute shaders on a WebGPU adapter.
+"""The WGSL executor: a whole wavelength by fused kernels, or each stage of it by a kernel of its own.
 
-Two padded fields are on the device. Every stage works in place but `transmit`, which writes to the other field, so that
-the last spectrum survives for the next focal plane. Stages are recorded; reading an intensity submits them.
+Both are made of the same WGSL functions. The stages exist to be compared with torch's one by one: they work on two
+padded fields, in place but `transmit`, which writes to the other field, so that the last spectrum survives for the next
+plane. Stages are recorded; reading an intensity submits them.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.engine.layouts import GRID, LIGHT, PATH, RESPONSE, SHARE, WAVE
+from holoview.engine.display import Display
+from holoview.engine.fused import FusedFrame, Rows, Span
+from holoview.engine.layouts import GRID, LIGHT, PATH, WAVE, WEIGHT
+from holoview.engine.values import Values, column_stops, light_values, path_values, strokes, wave_values
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.fft import FftPlan
 from holoview.gpu.layout import Struct
 from holoview.gpu.recorder import Pass, Recorder
 from holoview.gpu.shader import Generated, link
 from holoview.optics.slots import Slots
-from holoview.plan import Plan, Transfer, fixed_turns
+from holoview.plan import Plan
 
 _WORKGROUP = 64
-_F32, _VEC4 = 4, 16
 
 
 @dataclass(frozen=True)
@@ -35,50 +38,48 @@ class GpuField:
 
 
 class WgpuExecutor:
-    """Runs the stages of a frame on a device. Raises UserError when the grid exceeds the device's limits."""
+    """Runs a frame on a device, fused or stage by stage. Raises UserError when the grid exceeds the device's limits."""
 
     def __init__(self, plan: Plan, slots: Slots, device: Device) -> None:
         self.plan, self.slots, self.device = plan, slots, device
-        grid = plan.grid
-        self._fft = FftPlan(device, grid.padded)
-        size = f"{grid.padded[1]} x {grid.padded[0]}"
-        self._fields = [device.buffer(self._fft.buffer_bytes, f"padded field {i}, {size}") for i in (0, 1)]
-        pixels = math.prod(grid.shape)
+        self._fused = FusedFrame(plan, slots, device)
+        self._display = Display(device, plan.grid.shape)
         planes = range(len(plan.planes_m))
-        self._intensity = [device.buffer(pixels * _F32, f"intensity of plane {i}") for i in planes]
-        self._xyz = [device.buffer(pixels * _VEC4, f"XYZ of plane {i}") for i in planes]
-        self._frequencies = [
-            device.upload(np.ascontiguousarray(f, dtype=np.int32), "frequencies")
-            for f in (self._fft.frequency_y, self._fft.frequency_x)
-        ]
-        self._no_pupil = device.upload(np.zeros(1, np.complex64), "no pupil")
-        self._grid = device.uniform(
-            GRID.pack(
-                padded=grid.padded,
-                shape=grid.shape,
-                offset=grid.offset,
-                stride=self._fft.stride,
-                upsample=grid.upsample,
-            ),
-            "grid",
-        )
+        self._intensity = [self._display.intensities(1, f"intensity of plane {i}") for i in planes]
+        self._xyz = [self._display.seen(f"XYZ of plane {i}") for i in planes]
         self._kept: dict[Hashable, Buffer] = {}
         self._passes: dict[Hashable, Pass] = {}
         self._recorder: Recorder | None = None
 
+    def run(self, wavelength: int) -> None:
+        """Leaves each plane's intensity at one wavelength in the executor, averaged over frames and sources."""
+        rounds = [Span(f, s, wavelength) for f in self.plan.lit(wavelength) for s in range(len(self.plan.slopes))]
+        for plane in range(len(self._intensity) if not rounds else 0):
+            self.clear(plane)
+        for number, span in enumerate(rounds):
+            recorder = self._recording()
+            second = self._fused.second(recorder, span, self._fused.first(recorder, span))
+            weight = float(self.plan.weights[span.frame, wavelength])
+            for plane, distance_m in enumerate(self.plan.planes_m.tolist()):
+                self.submit()  # what is recorded still goes to the plane before
+                self._fused.inputs.set_distance(1, distance_m, [wavelength])
+                target = Rows(self._intensity[plane])
+                self._fused.observe(self._recording(), span, second, target, weight=weight, adds=number > 0)
+
+    # --- stage by stage ---------------------------------------------------------------------------------------------
+
     def illuminate(self, wavelength: int, source: int) -> GpuField:
         """The plane wave that falls on the first modulator."""
         key = ("wave", wavelength, source)
-        wave = self._uniform(key, WAVE, lambda: self._wave(wavelength, source))
+        wave = self._uniform(key, WAVE, lambda: wave_values(self.plan, wavelength, source))
         self._run(key, "stage/illuminate.wgsl", WAVE, [wave], [self._fields[0]], self.plan.grid.padded)
         return GpuField(0)
 
     def modulate(self, field: GpuField, frame: int, modulator: int, wavelength: int) -> GpuField:
         """field × exp(2πi·opd/λ), zero outside the modulator."""
-        stroke_m = self.plan.system.modulators[modulator].stroke_m
-        waves = stroke_m / float(self.plan.system.wavelengths_m[wavelength])
-        light = self._uniform(("light", modulator, wavelength), LIGHT, lambda: {"waves": waves})
-        opd = self._stored(("opd", frame, modulator), lambda: self._strokes(frame, modulator))
+        values = lambda: light_values(self.plan, modulator, wavelength)  # noqa: E731
+        light = self._uniform(("light", modulator, wavelength), LIGHT, values)
+        opd = self._stored(("opd", frame, modulator), lambda: strokes(self.plan, self.slots, frame, modulator))
         key = ("modulate", frame, modulator, wavelength, field.number)
         buffers = [opd, self._fields[field.number]]
         self._run(key, "stage/modulate.wgsl", LIGHT, [light], buffers, self.plan.grid.padded)
@@ -93,14 +94,14 @@ class WgpuExecutor:
         """spectrum × H × pupil, into the other field."""
         step = self.plan.transfer(relay, wavelength, distance_m)
         key = ("transmit", relay, wavelength, distance_m, spectrum.number)
-        path = self._uniform(key[:4], PATH, lambda: _path(step))
-        support = self._stored(("support", *key[1:4]), lambda: step.support)
+        path = self._uniform(key[:4], PATH, lambda: path_values(step))
+        stops = self._stored(("stops", *key[1:4]), lambda: column_stops(step, self.plan.grid))
         pupil = self.slots.pupils[relay][wavelength]
         glass = self._no_pupil
         if pupil is not None:
             glass = self._stored(("pupil", relay, wavelength), lambda: pupil.cpu().numpy().astype(np.complex64))
         target = 1 - spectrum.number
-        buffers = [*self._frequencies, support, glass, self._fields[spectrum.number], self._fields[target]]
+        buffers = [*self._frequencies, stops, glass, self._fields[spectrum.number], self._fields[target]]
         constants = {"has_pupil": pupil is not None}
         self._run(key, "stage/transmit.wgsl", PATH, [path], buffers, self.plan.grid.padded, constants)
         return GpuField(target, is_spectrum=True)
@@ -116,10 +117,12 @@ class WgpuExecutor:
 
     def accumulate(self, field: GpuField, plane: int, weight: float) -> None:
         """Adds weight·|field|² to the intensity of a plane."""
-        share = self._uniform(("share", weight), SHARE, lambda: {"weight": weight})
+        share = self._uniform(("weight", weight), WEIGHT, lambda: {"weight": weight})
         key = ("accumulate", field.number, plane, weight)
         buffers = [self._fields[field.number], self._intensity[plane]]
-        self._run(key, "stage/accumulate.wgsl", SHARE, [share], buffers, self.plan.grid.shape)
+        self._run(key, "stage/accumulate.wgsl", WEIGHT, [share], buffers, self.plan.grid.shape)
+
+    # --- what is seen -----------------------------------------------------------------------------------------------
 
     def intensity(self, plane: int) -> NDArray[np.floating]:
         """The accumulated intensity of a plane, (y, x) float32; runs what was recorded."""
@@ -133,18 +136,15 @@ class WgpuExecutor:
 
     def composite(self, wavelength: int) -> None:
         """Adds each plane's intensity, at this wavelength, to what the observer sees."""
-        weights = self.plan.colour_weights[wavelength]
-        response = self._uniform(("response", wavelength), RESPONSE, lambda: {"xyz": [*weights, 0.0]})
-        for plane, (intensity, seen) in enumerate(zip(self._intensity, self._xyz, strict=True)):
-            key = ("composite", wavelength, plane)
-            shape = self.plan.grid.shape
-            self._run(key, "display/composite.wgsl", RESPONSE, [response], [intensity, seen], shape)
+        self.submit()  # what is recorded still takes the weights of the wavelength before
+        share = (0, self.plan.colour_weights[wavelength])
+        for intensity, seen in zip(self._intensity, self._xyz, strict=True):
+            self._display.composite(self._recording(), intensity, [share], seen, adds=True)
 
     def xyz(self) -> NDArray[np.floating]:
         """What the observer sees, XYZ (plane, y, x, 3) float32."""
         self.submit()
-        shape = (*self.plan.grid.shape, 4)
-        return np.stack([self.device.download(buffer, np.float32, shape)[..., :3] for buffer in self._xyz])
+        return np.stack([self._display.xyz(seen) for seen in self._xyz])
 
     def submit(self, wait: bool = False) -> None:
         """Runs what was recorded."""
@@ -157,7 +157,8 @@ class WgpuExecutor:
         self.submit()
         padded = np.zeros(self.plan.grid.padded, np.complex64)
         if is_spectrum:
-            fy, fx = (f % p for f, p in zip(self._orders, self.plan.grid.padded, strict=True))
+            orders = (self._fft.frequency_y, self._fft.frequency_x)
+            fy, fx = (f % p for f, p in zip(orders, self.plan.grid.padded, strict=True))
             padded[:] = values[fy[:, None], fx]
         else:
             padded[self.plan.grid.inside] = values
@@ -170,9 +171,31 @@ class WgpuExecutor:
         padded = self._fft.download(self._fields[field.number])[0]
         return self._fft.natural_order(padded) if field.is_spectrum else padded[self.plan.grid.inside]
 
-    @property
-    def _orders(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        return self._fft.frequency_y, self._fft.frequency_x
+    # --- resources of the stages ------------------------------------------------------------------------------------
+
+    @cached_property
+    def _fft(self) -> FftPlan:
+        return FftPlan(self.device, self.plan.grid.padded)
+
+    @cached_property
+    def _fields(self) -> list[Buffer]:
+        size = " x ".join(map(str, reversed(self.plan.grid.padded)))
+        return [self.device.buffer(self._fft.buffer_bytes, f"padded field {i}, {size}") for i in (0, 1)]
+
+    @cached_property
+    def _frequencies(self) -> list[Buffer]:
+        orders = (self._fft.frequency_y, self._fft.frequency_x)
+        return [self.device.upload(np.ascontiguousarray(f, dtype=np.int32), "frequencies") for f in orders]
+
+    @cached_property
+    def _no_pupil(self) -> Buffer:
+        return self.device.upload(np.zeros(1, np.complex64), "no pupil")
+
+    @cached_property
+    def _grid(self) -> Buffer:
+        grid = self.plan.grid
+        pairs = {"padded": grid.padded, "shape": grid.shape, "offset": grid.offset}
+        return self.device.uniform(GRID.pack(**pairs, stride=self._fft.stride, upsample=grid.upsample), "grid")
 
     @property
     def _rows(self) -> tuple[int, int]:
@@ -183,17 +206,7 @@ class WgpuExecutor:
             self._recorder = Recorder(self.device, "frame")
         return self._recorder
 
-    def _wave(self, wavelength: int, source: int) -> dict[str, object]:
-        slopes = self.plan.slopes[source, wavelength]
-        start = -float(np.dot(slopes, [(n - 1) / 2 for n in self.plan.grid.shape]))
-        return {"slope_y": fixed_turns(slopes[0]), "slope_x": fixed_turns(slopes[1]), "start": fixed_turns(start)[0]}
-
-    def _strokes(self, frame: int, modulator: int) -> NDArray[np.float32]:
-        """Optical paths in strokes of the modulator (y, x), so that a float32 drive stays exact."""
-        strokes = self.slots.opd_m[frame, modulator] / self.plan.system.modulators[modulator].stroke_m
-        return strokes.float().cpu().numpy()
-
-    def _uniform(self, key: Hashable, layout: Struct, values: Callable[[], dict[str, object]]) -> Buffer:
+    def _uniform(self, key: Hashable, layout: Struct, values: Callable[[], Values]) -> Buffer:
         """The uniform of that key; its values are made at the first call only."""
         if key not in self._kept:
             self._kept[key] = self.device.uniform(layout.pack(**values()), layout.name)
@@ -222,9 +235,3 @@ class WgpuExecutor:
             workgroups = (-(-shape[1] // _WORKGROUP), shape[0], 1)
             self._passes[key] = Pass.bind(self.device, pipeline, [[self._grid, *uniforms], list(buffers)], workgroups)
         self._recording().add(self._passes[key])
-
-
-def _path(step: Transfer) -> dict[str, object]:
-    words = step.paraxial_words()
-    sine_step2 = [sine * sine for sine in step.sine_step]
-    return {"paraxial_y": words[0], "paraxial_x": words[1], "sine_step2": sine_step2, "waves": step.waves}

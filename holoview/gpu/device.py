@@ -21,6 +21,8 @@ from holoview.gpu.shader import ShaderSource, compile_error
 __all__ = ["AdapterInfo", "Buffer", "Device", "DeviceLost", "Pipeline", "adapters", "open_device"]
 
 Constants = Mapping[str, int | float | bool]
+SUBGROUP, TIMESTAMPS, INT64 = "subgroup", "timestamp-query", "shader-int64"
+"""Features that are worth having: lanes that exchange values, the device's own clock, and 64 bits in one access."""
 _UNIFORM_ALIGNMENT = 16
 _COPY_ALIGNMENT = 4
 _REQUESTED_LIMITS = (
@@ -145,11 +147,26 @@ class Device:
         try:
             module = self.raw.create_shader_module(label=source.label, code=source.text)
             stage = {"module": module, "entry_point": entry, "constants": constants}
+            layout = self._layout(source)
             return Pipeline(
-                self.raw.create_compute_pipeline(label=source.label, layout="auto", compute=stage), source.label
+                self.raw.create_compute_pipeline(label=source.label, layout=layout, compute=stage), source.label
             )
         except wgpu.GPUError as error:
             raise compile_error(source, str(error)) from error
+
+    def _layout(self, source: ShaderSource) -> Any:
+        """All buffers that the shader declares, so that one declaration serves entry points that don't use them all."""
+        declared = source.buffers()
+        if declared is None:
+            return "auto"
+        groups = []
+        for number in range(max(declared, default=-1) + 1):
+            entries = [
+                {"binding": binding, "visibility": wgpu.ShaderStage.COMPUTE, "buffer": {"type": kind}}
+                for binding, kind in sorted(declared.get(number, {}).items())
+            ]
+            groups.append(self.raw.create_bind_group_layout(entries=entries))
+        return self.raw.create_pipeline_layout(bind_group_layouts=groups)
 
     def _allocate(self, nbytes: int, label: str, kind: Literal["storage", "uniform"]) -> Buffer:
         alignment = _UNIFORM_ALIGNMENT if kind == "uniform" else _COPY_ALIGNMENT
@@ -179,7 +196,7 @@ class Device:
                 )
 
 
-def open_device(adapter: str | None = None, features: Iterable[str] = ()) -> Device:
+def open_device(adapter: str | None = None, features: Iterable[str] = (SUBGROUP, TIMESTAMPS, INT64)) -> Device:
     """Open the best adapter, or the best one whose name contains `adapter`, with its own maximum limits.
 
     `features` are opened where the adapter has them and skipped where it hasn't: see `Device.features`.

@@ -1,11 +1,12 @@
-"""2-D FFTs of complex64 fields in a buffer, without barriers: in-place passes, spectrum in digit-reversed order.
+"""2-D FFTs of complex64 fields in a buffer, in place.
 
 Forward, X[f] = Σ x[p]·exp(−2πi·f·p/n) along rows and then columns, not normalised; inverse with the other sign,
-columns and then rows, divided by nx·ny. Sizes are 2^a·3^b·5^c up to 8192 a side.
-The relative L2 error of either, against float64, stays below 7e-7.
+columns and then rows, divided by nx·ny. Sizes are 2^a·3^b·5^c up to 8192 a side, by any strategy of `lines.py` that
+supports them. The relative L2 error of either, against float64, stays below 7e-7.
 
-The order suits what a spectrum is for here: it is multiplied by a function of frequency and transformed back, which
-needs the frequency at each position (`frequency_x`, `frequency_y`) and no sorting.
+A spectrum stays in the order that the strategy leaves it in, which suits what a spectrum is for here: it is multiplied
+by a function of frequency and transformed back, which needs the frequency at each position (`frequency_x`,
+`frequency_y`) and no sorting.
 """
 
 from __future__ import annotations
@@ -16,17 +17,21 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.gpu.device import Buffer, Device, Pipeline
-from holoview.gpu.fft_codegen import LINES, Direction, PassShape, generate_pass, pass_shapes, workgroups_of
-from holoview.gpu.fft_radices import frequency_order, radices
-from holoview.gpu.recorder import Pass, Recorder, spread
-from holoview.gpu.shader import Generated, link
+from holoview.gpu.device import Buffer, Device
+from holoview.gpu.fft_codegen import Axis, Direction
+from holoview.gpu.lines import ROW_PADDING, Hooks, LineTransform, Stage, Strategy, check_strategy, frequencies, storage
+from holoview.gpu.recorder import Pass, Recorder
 
 Complex = NDArray[np.complex64]
 Rows = tuple[int, int]
 _COMPLEX_BYTES = 8
-_ROW_PADDING = 8
-"""Complex numbers after each row: without them, columns of 2^k rows compete for the same few cache lines."""
+
+
+def batches(device: Device, fields: int, field_bytes: int) -> list[range]:
+    """The numbers of `fields` fields in parts, each as large as one buffer of the device can be; one at least."""
+    limit = min(device.limits[name] for name in ("max-storage-buffer-binding-size", "max-buffer-size"))
+    most = max(limit // field_bytes, 1)
+    return [range(first, min(first + most, fields)) for first in range(0, fields, most)]
 
 
 class FftPlan:
@@ -34,20 +39,28 @@ class FftPlan:
 
     `stride` is complex numbers from row to row, nx + 8 by default; `buffer_bytes` is the size of the buffer.
     `frequency_y` (ny,) and `frequency_x` (nx,) hold the signed frequency index at each position of a spectrum.
-    Shaders are compiled when a direction is first recorded. Raises UserError for a size that can't be transformed.
+    Shaders are compiled when a direction is first recorded. Raises UserError for a size that can't be
+    transformed, at all or by the strategy.
     """
 
-    def __init__(self, device: Device, shape: tuple[int, int], batch: int = 1, stride: int | None = None) -> None:
+    def __init__(
+        self,
+        device: Device,
+        shape: tuple[int, int],
+        batch: int = 1,
+        stride: int | None = None,
+        strategy: Strategy = "passes",
+    ) -> None:
         self._device = device
-        self.shape, self.batch = shape, batch
+        self.shape, self.batch, self.strategy = shape, batch, strategy
         ny, nx = shape
-        self.stride = nx + _ROW_PADDING if stride is None else stride
-        self._shapes = pass_shapes("x", nx, radices(nx)) + pass_shapes("y", ny, radices(ny))
+        self.stride = nx + ROW_PADDING if stride is None else stride
         if self.stride < nx or batch < 1:
             raise ValueError(f"stride {self.stride} and batch {batch}: expected at least {nx} and 1")
         self.buffer_bytes = batch * ny * self.stride * _COMPLEX_BYTES
-        self.frequency_y, self.frequency_x = frequency_order(ny), frequency_order(nx)
-        self._lines: dict[Rows, Buffer] = {}
+        check_strategy(device, "x", nx, strategy)
+        check_strategy(device, "y", ny, strategy)
+        self.frequency_y, self.frequency_x = frequencies(ny, strategy), frequencies(nx, strategy)
         self._bound: WeakKeyDictionary[Buffer, dict[tuple[Direction, Rows], list[Pass]]] = WeakKeyDictionary()
 
     def forward(self, recorder: Recorder, buffer: Buffer, rows: Rows | None = None) -> None:
@@ -82,6 +95,11 @@ class FftPlan:
         rows, columns = np.argsort(self.frequency_y % ny), np.argsort(self.frequency_x % nx)
         return spectrum[..., rows[:, None], columns]
 
+    @property
+    def stages(self) -> list[Stage]:
+        """The shaders of both directions."""
+        return [stage for transform in (*self._forward, *self._inverse) for stage in transform.stages]
+
     def _record(self, recorder: Recorder, buffer: Buffer, direction: Direction, rows: Rows | None) -> None:
         ny = self.shape[0]
         chosen = (0, ny) if rows is None else rows
@@ -96,33 +114,21 @@ class FftPlan:
             recorder.add(step)
 
     def _bind(self, buffer: Buffer, direction: Direction, rows: Rows) -> list[Pass]:
-        pipelines = self._forward if direction == "forward" else self._inverse
         bound = []
-        for shape, pipeline in pipelines:
-            lines = rows if shape.axis == "x" else (0, self.shape[1])
-            across, down = spread(workgroups_of(shape, lines[1]), self._device)
-            groups = [[self._lines_buffer(lines)], [buffer]]
-            bound.append(Pass.bind(self._device, pipeline, groups, (across, down, self.batch)))
+        for transform in self._forward if direction == "forward" else self._inverse:
+            first, count = rows if transform.axis == "x" else (0, self.shape[1])
+            bound += transform.bind([buffer], count, self.batch, first=first)
         return bound
 
-    def _lines_buffer(self, lines: Rows) -> Buffer:
-        if lines not in self._lines:
-            packed = LINES.pack(first=lines[0], count=lines[1])
-            self._lines[lines] = self._device.uniform(packed, "FFT lines")
-        return self._lines[lines]
+    @cached_property
+    def _forward(self) -> list[LineTransform]:
+        return [self._along("x", "forward"), self._along("y", "forward")]
 
     @cached_property
-    def _forward(self) -> list[tuple[PassShape, Pipeline]]:
-        return [(shape, self._compile(shape, "forward", 1.0)) for shape in self._shapes]
+    def _inverse(self) -> list[LineTransform]:
+        return [self._along("y", "inverse"), self._along("x", "inverse", 1 / (self.shape[0] * self.shape[1]))]
 
-    @cached_property
-    def _inverse(self) -> list[tuple[PassShape, Pipeline]]:
-        last = self._shapes[:1]
-        scale = 1 / (self.shape[0] * self.shape[1])
-        shapes = self._shapes[::-1]
-        return [(shape, self._compile(shape, "inverse", scale if shape in last else 1.0)) for shape in shapes]
-
-    def _compile(self, shape: PassShape, direction: Direction, scale: float) -> Pipeline:
-        name = f"{direction} FFT pass along {shape.axis}, block {shape.block}, radix {shape.radix}"
-        source = link("fft/buffer.wgsl", Generated(name, generate_pass(shape, direction, scale=scale)))
-        return self._device.pipeline(source, {"row_stride": self.stride, "field_stride": self.stride * self.shape[0]})
+    def _along(self, axis: Axis, direction: Direction, scale: float = 1.0) -> LineTransform:
+        constants = (("row_stride", self.stride), ("field_stride", self.stride * self.shape[0]), ("scale", scale))
+        hooks = Hooks("FFT", (storage(self._device), "fft/buffer.wgsl"), constants, own_work=True)
+        return LineTransform(self._device, axis, self.shape, (direction,), hooks, self.strategy)

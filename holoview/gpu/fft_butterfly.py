@@ -67,7 +67,7 @@ def emit_dft(code: Emitter, values: Sequence[str], sign: Sign) -> list[str]:
         return list(values)
     if n in _KERNELS:
         return _KERNELS[n](code, values, sign)
-    first = next(factor for factor in (4, 2, 3, 5) if n % factor == 0)
+    first = max(factor for factor in range(2, math.isqrt(n) + 1) if n % factor == 0)  # even factors turn the fewest
     second = n // first
     columns = []
     for j in range(second):

@@ -1,18 +1,20 @@
 """WGSL of one FFT pass: load r values into registers, transform them there, store them where they came from.
 
 A pass needs no barrier and no workgroup memory, so that one shader suits every driver. It has neither input nor output
-of its own: it calls `load(position: vec3u) -> vec2f` and `store(position: vec3u, value: vec2f)`, with the position
-(x, y, field), which `fft/buffer.wgsl` defines for a plain transform and a stage may define otherwise.
+of its own: it calls a `load(position: vec3u) -> vec2f` and a `store(position: vec3u, value: vec2f)`, with the position
+(x, y, field). `lines.py` says which hooks there are; `lines_workgroup.py` makes one shader of several passes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from holoview.gpu.fft_butterfly import Emitter, emit_dft, literal
 from holoview.gpu.layout import Struct
 
+Axis = Literal["x", "y"]
 Direction = Literal["forward", "inverse"]
 
 WORKGROUP_SIZE = 64
@@ -28,7 +30,7 @@ class PassShape:
     the block of the one before divided by that one's radix. The last forward pass has block = radix.
     """
 
-    axis: Literal["x", "y"]
+    axis: Axis
     length: int
     block: int
     radix: int
@@ -43,36 +45,61 @@ class PassShape:
         return self.length // self.radix
 
 
-def pass_shapes(axis: Literal["x", "y"], length: int, factors: tuple[int, ...]) -> list[PassShape]:
-    """The forward passes along an axis in their order; the inverse takes them from the last to the first."""
+def pass_shapes(axis: Axis, length: int, factors: tuple[int, ...]) -> list[PassShape]:
+    """The forward passes along an axis in their order; the inverse takes them from the last to the first.
+
+    A single point has a pass too, which only calls the hooks.
+    """
     shapes, block = [], length
-    for radix in factors:
+    for radix in factors or (1,):
         shapes.append(PassShape(axis, length, block, radix))
         block //= radix
     return shapes
 
 
-def generate_pass(shape: PassShape, *steps: Direction, scale: float = 1.0) -> str:
-    """The WGSL of a pass, to be linked after a `load` and a `store`; its entry point is `main`.
+def merged(shapes: list[PassShape], steps: Sequence[Direction]) -> list[tuple[PassShape, tuple[Direction, ...]]]:
+    """The passes of all steps; where one step ends on the block on which the next begins, one pass does both."""
+    out: list[tuple[PassShape, tuple[Direction, ...]]] = []
+    for step in steps:
+        for number, shape in enumerate(shapes if step == "forward" else shapes[::-1]):
+            if number == 0 and out:
+                out[-1] = (shape, (*out[-1][1], step))
+            else:
+                out.append((shape, (step,)))
+    return out
 
-    With two steps, as `generate_pass(shape, "forward", "inverse")`, one pass does both without touching memory in
-    between; each value then goes through `middle(position: vec3u, value: vec2f) -> vec2f`, which has to be linked
-    too. What is stored is multiplied by `scale`. Bind a `LINES` uniform at group 0, binding 0, and dispatch
-    `spread(workgroups_of(shape, lines), device)` workgroups along x and y, with the fields along z.
+
+def generate_pass(
+    shape: PassShape, steps: Sequence[Direction], *, load: str = "load", store: str = "store", begin: bool = True
+) -> str:
+    """The WGSL of a pass, to be linked after the hooks that it calls; its entry point is `main`.
+
+    With two steps, as ("forward", "inverse"), one pass does both without touching memory in between; each value then
+    goes through `middle`. `load` and `store` are names of functions; without `begin`, no such hook is called.
+    Bind a `LINES` uniform at group 0, binding 0, and dispatch `spread(workgroups_of(shape, lines), device)` workgroups
+    along x and y, with the fields along z.
     """
     code = Emitter()
     places = [_place(shape, k) for k in range(shape.radix)]
-    values = [code.let(f"load({place})") for place in places]
+    if begin:
+        code.lines.append("begin(across, field);")
+    values = [code.let(f"{load}({place})") for place in places]
+    values = emit_steps(code, shape, values, steps, places)
+    code.lines += [f"{store}({place}, {value});" for place, value in zip(places, values, strict=True)]
+    return _prologue(shape, steps) + "".join(f"    {line}\n" for line in code.lines) + "}\n"
+
+
+def emit_steps(
+    code: Emitter, shape: PassShape, values: list[str], steps: Sequence[Direction], places: Sequence[str]
+) -> list[str]:
+    """Emit what a pass does with its values, whose positions are `places`, where `offset` is in scope."""
     twiddles = _emit_twiddles(code, shape)
     for number, step in enumerate(steps):
         if number:
             values = [code.let(f"middle({place}, {value})") for place, value in zip(places, values, strict=True)]
         code.lines.append(f"// {step} transform of {shape.radix} values")
         values = _emit_step(code, values, twiddles, step)
-    factor = "" if scale == 1.0 else f" * {literal(scale)}"
-    for place, value in zip(places, values, strict=True):
-        code.lines.append(f"store({place}, {value}{factor});")
-    return _prologue(shape, steps) + "".join(f"    {line}\n" for line in code.lines) + "}\n"
+    return values
 
 
 def workgroups_of(shape: PassShape, lines: int) -> int:
@@ -80,7 +107,7 @@ def workgroups_of(shape: PassShape, lines: int) -> int:
     return -(-shape.items * lines // WORKGROUP_SIZE)
 
 
-def _prologue(shape: PassShape, steps: tuple[Direction, ...]) -> str:
+def _prologue(shape: PassShape, steps: Sequence[Direction]) -> str:
     """Declarations, and which values are this invocation's: neighbours in a workgroup are neighbours along x."""
     stride = shape.block // shape.radix
     if shape.axis == "x":

@@ -8,6 +8,7 @@ from typing import Any
 
 from holoview.errors import UserError
 from holoview.gpu.device import Buffer, Device, Pipeline
+from holoview.gpu.timer import Timer
 
 Workgroups = tuple[int, int, int]
 _DISPATCH_LIMIT = "max-compute-workgroups-per-dimension"
@@ -23,17 +24,18 @@ class Pass:
 
     @classmethod
     def bind(
-        cls, device: Device, pipeline: Pipeline, groups: Sequence[Sequence[Buffer | Any]], workgroups: Workgroups
+        cls, device: Device, pipeline: Pipeline, groups: Sequence[Sequence[Buffer | Any | None]], workgroups: Workgroups
     ) -> Pass:
         """Bind `groups[g][b]` to `@group(g) @binding(b)`: a Buffer, or a wgpu texture view or sampler.
 
-        A group that the shader doesn't have stays empty. Raises UserError when the dispatch is too large.
+        A group that the shader doesn't have stays empty, and so does a binding whose resource is None.
+        Raises UserError when the dispatch is too large.
         """
         check_workgroups(device, pipeline.label, workgroups)
         bound = []
         for number, resources in enumerate(groups):
             if resources:
-                entries = [{"binding": b, "resource": _resource(r)} for b, r in enumerate(resources)]
+                entries = [{"binding": b, "resource": _resource(r)} for b, r in enumerate(resources) if r]
                 layout = pipeline.raw.get_bind_group_layout(number)
                 bound.append((number, device.raw.create_bind_group(layout=layout, entries=entries)))
         return cls(pipeline, tuple(bound), workgroups)
@@ -42,11 +44,11 @@ class Pass:
 class Recorder:
     """Collects passes, copies and clears in order, and submits them once.
 
-    Each dispatch sees what the ones before it wrote.
+    Each dispatch sees what the ones before it wrote. A timer takes the time of the dispatches on the device.
     """
 
-    def __init__(self, device: Device, label: str = "") -> None:
-        self._device = device
+    def __init__(self, device: Device, label: str = "", timer: Timer | None = None) -> None:
+        self._device, self._timer = device, timer
         self._encoder = device.raw.create_command_encoder(label=label)
         self._compute: Any = None
         self._submitted = False
@@ -55,7 +57,8 @@ class Recorder:
         """Record a dispatch."""
         self._check_open()
         if self._compute is None:
-            self._compute = self._encoder.begin_compute_pass()
+            timed = self._timer.next_pass() if self._timer else None
+            self._compute = self._encoder.begin_compute_pass(timestamp_writes=timed)
         self._compute.set_pipeline(step.pipeline.raw)
         for number, group in step.bind_groups:
             self._compute.set_bind_group(number, group)

@@ -17,6 +17,11 @@ from holoview.files import data_dir
 
 _INCLUDE = re.compile(r'^\s*//#include\s+"([^"]+)"\s*$')
 _LOCATION = re.compile(r"(?<=┌─ ).*:(\d+):(\d+)")
+_BUFFER = re.compile(
+    r"^@group\((\d+)\) @binding\((\d+)\) var<(uniform|storage, ?read|storage, ?read_write)>", re.MULTILINE
+)
+_BINDING = re.compile(r"^@group\(", re.MULTILINE)
+_BUFFER_TYPES = {"uniform": "uniform", "storage,read": "read-only-storage", "storage,read_write": "storage"}
 _GUTTER = re.compile(r"^ *(\d+)(?= │)", re.MULTILINE)
 
 
@@ -47,6 +52,19 @@ class ShaderSource:
     def origin(self, line: int) -> tuple[str, int]:
         """File and line of line `line` of the linked text, counted from 1."""
         return self.origins[min(max(line, 1), len(self.origins)) - 1]
+
+    def buffers(self) -> dict[int, dict[int, str]] | None:
+        """WebGPU's buffer type of each binding of each group that is declared, used or not.
+
+        None where the shader binds something else than buffers, such as a texture.
+        """
+        found = _BUFFER.findall(self.text)
+        if len(found) != len(_BINDING.findall(self.text)):
+            return None
+        groups: dict[int, dict[int, str]] = {}
+        for group, binding, kind in found:
+            groups.setdefault(int(group), {})[int(binding)] = _BUFFER_TYPES[kind.replace(" ", "")]
+        return groups
 
 
 def link(*parts: str | Generated, label: str = "", root: Path | None = None) -> ShaderSource:

@@ -3,7 +3,7 @@
 //#include "lib/grid.wgsl"
 
 @group(0) @binding(0) var<uniform> grid: Grid;
-@group(0) @binding(1) var<uniform> share: Share;
+@group(0) @binding(1) var<uniform> share: Weight;
 
 @group(1) @binding(0) var<storage, read> field: array<vec2f>;
 @group(1) @binding(1) var<storage, read_write> intensity: array<f32>;

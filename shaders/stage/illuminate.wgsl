@@ -1,7 +1,6 @@
-// The plane wave on the first modulator: exp(2πi·(s_y·y + s_x·x)), |field| = 1 inside and 0 outside.
+// The plane wave on the first modulator, |field| = 1 inside and 0 outside.
 // Twin: holoview/engine/torch.py, illuminate.
-//#include "lib/complex.wgsl"
-//#include "lib/fixed.wgsl"
+//#include "lib/source.wgsl"
 //#include "lib/grid.wgsl"
 
 @group(0) @binding(0) var<uniform> grid: Grid;
@@ -16,8 +15,7 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
     }
     var value = vec2f(0.0);
     if (is_inside(grid, id.y, id.x)) {
-        let turns = turns_times(id.y - grid.offset.x, wave.slope_y) + turns_times(id.x - grid.offset.y, wave.slope_x);
-        value = cis_fixed(turns + wave.start);
+        value = plane_wave(wave, id.y - grid.offset.x, id.x - grid.offset.y);
     }
     field[index_padded(grid, id.y, id.x)] = value;
 }

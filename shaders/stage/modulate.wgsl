@@ -1,7 +1,6 @@
-// A phase modulator: field × exp(2πi·opd/λ) inside, 0 outside. A pixel is a square of constant optical path, given in
-// strokes of the modulator.
+// A phase modulator: field × exp(2πi·opd/λ) inside, 0 outside.
 // Twin: holoview/engine/torch.py, modulate.
-//#include "lib/complex.wgsl"
+//#include "lib/modulator.wgsl"
 //#include "lib/grid.wgsl"
 
 @group(0) @binding(0) var<uniform> grid: Grid;
@@ -18,10 +17,7 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
     let at = index_padded(grid, id.y, id.x);
     var value = vec2f(0.0);
     if (is_inside(grid, id.y, id.x)) {
-        let row = (id.y - grid.offset.x) / grid.upsample;
-        let column = (id.x - grid.offset.y) / grid.upsample;
-        let path = opd[row * (grid.shape.y / grid.upsample) + column];
-        value = cmul(field[at], cis(path * light.waves));
+        value = cmul(field[at], phasor(opd[pixel_under(grid, id.y - grid.offset.x, id.x - grid.offset.y)], light));
     }
     field[at] = value;
 }

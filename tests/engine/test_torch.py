@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.engine.frame import focal_stack, run_wavelength
+from holoview.engine.frame import focal_stack
 from holoview.engine.torch import TorchExecutor
 from holoview.optics.slots import make_slots
 from holoview.plan import make_plan
@@ -186,7 +186,7 @@ def test_one_wavelength_can_be_recomputed_alone_in_any_order() -> None:
     executor = TorchExecutor(plan, make_slots(plan, _drive(system)))
     whole, _ = focal_stack(executor)
     for wavelength in (1, 0, 1):
-        run_wavelength(executor, wavelength)
+        executor.run(wavelength)
         alone = np.stack([executor.intensity(plane) for plane in range(2)])
         np.testing.assert_array_equal(alone, whole[:, wavelength])
 

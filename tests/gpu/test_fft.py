@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from holoview.errors import UserError
 from holoview.gpu.device import Device
 from holoview.gpu.fft import FftPlan, Rows
-from holoview.gpu.fft_codegen import LINES, generate_pass, pass_shapes, workgroups_of
 from holoview.gpu.fft_radices import MAX_LENGTH, MAX_RADIX, frequency_order, frequency_wgsl, radices
-from holoview.gpu.recorder import Pass, Recorder, spread
+from holoview.gpu.recorder import Pass, Recorder
 from holoview.gpu.shader import Generated, link
 from holoview.grid import frequency_indices, is_good_size
 
@@ -180,28 +179,6 @@ def test_wrong_buffers_and_rows_are_refused(device: Device) -> None:
     for rows in ((-1, 2), (0, 0), (3, 2)):
         with pytest.raises(ValueError, match=r"expected \(first, count\) within 4 rows"):
             plan.forward(recorder, device.buffer(plan.buffer_bytes, "fields"), rows)
-
-
-@pytest.mark.gpu
-def test_a_pass_of_two_steps_hands_each_value_its_own_place_in_between(device: Device) -> None:
-    """Filtering each row by a function of frequency, in one pass over memory, is circular convolution."""
-    plan, fields = FftPlan(device, (3, 24)), _fields((3, 24))
-    (shape,) = pass_shapes("x", 24, radices(24))
-    middle = frequency_wgsl("frequency_x", 24) + (
-        "fn middle(position: vec3u, value: vec2f) -> vec2f {\n"
-        "    return cmul(value, cis(f32(frequency_x(position.x)) * f32(position.y) / -24.0));\n}\n"
-    )
-    generated = Generated("shift", middle + generate_pass(shape, "forward", "inverse", scale=1 / 24))
-    pipeline = device.pipeline(
-        link("fft/buffer.wgsl", generated), {"row_stride": plan.stride, "field_stride": plan.stride * 3}
-    )
-    lines, buffer = device.uniform(LINES.pack(first=0, count=3), "lines"), device.upload(plan.pack(fields), "fields")
-    workgroups = (*spread(workgroups_of(shape, 3), device), 1)
-    recorder = Recorder(device)
-    recorder.add(Pass.bind(device, pipeline, [[lines], [buffer]], workgroups))
-    recorder.submit()
-    shifted = np.stack([np.roll(row, y) for y, row in enumerate(fields[0])])
-    assert _difference(plan.download(buffer)[0], shifted) < TOLERANCE
 
 
 @pytest.mark.gpu

@@ -9,7 +9,7 @@ import pytest
 from holoview.gpu.device import Device
 from holoview.gpu.shader import Generated, ShaderError, link
 
-GENERAL_SHADERS = ["lib/complex.wgsl", "fft/buffer.wgsl"]
+GENERAL_SHADERS = ["lib/complex.wgsl", "lib/fixed.wgsl"]
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
-from holoview.engine.frame import focal_stack, run_wavelength
+from holoview.engine.frame import focal_stack
 
 pytestmark = pytest.mark.gpu
 
@@ -87,7 +87,7 @@ def test_one_wavelength_computed_alone_is_that_of_the_whole_frame(both: Opened, 
     pair = both(bench())
     whole, _ = focal_stack(pair.shaders)
     for wavelength in (1, 0, 1):
-        run_wavelength(pair.shaders, wavelength)
+        pair.shaders.run(wavelength)
         alone = np.stack([pair.shaders.intensity(plane) for plane in range(2)])
         assert np.array_equal(alone, whole[:, wavelength])
 
@@ -97,7 +97,7 @@ def test_two_plans_on_one_device_leave_each_other_alone(both: Opened, bench: Ope
     alone, _ = focal_stack(one)
     other = both(bench(**{"relay2.iris_na": 0.02}, planes=["5 mm"]), seed=1).shaders
     beside, _ = focal_stack(other)
-    run_wavelength(one, 1)  # recorded, not yet submitted
+    one.run(1)  # recorded, not yet submitted
     assert np.array_equal(focal_stack(other)[0], beside)
     assert np.array_equal(one.intensity(0), alone[0, 1])
     assert np.array_equal(focal_stack(one)[0], alone)

@@ -54,7 +54,7 @@ def no_adapter(monkeypatch: pytest.MonkeyPatch) -> None:
 @gpu
 def test_a_grid_beyond_the_binding_limit_is_refused_with_its_size(device: Device, bench: Opened) -> None:
     small = _limited(device, max_storage_buffer_binding_size=MIB)
-    refusal = r"padded field 0, 768 x 500.*needs 2.96 MiB; expected at most 1 MiB.*lower the size of the grid"
+    refusal = r"padded field, 768 x 500.*needs 2.96 MiB; expected at most 1 MiB.*lower the size of the grid"
     with pytest.raises(UserError, match=refusal):
         _shaders(bench(shape=[125, 192]), small)
 
@@ -63,15 +63,15 @@ def test_a_grid_beyond_the_binding_limit_is_refused_with_its_size(device: Device
 def test_a_grid_beyond_the_adapters_own_limit_is_refused_and_the_device_lives_on(device: Device, bench: Opened) -> None:
     if device.limits["max-storage-buffer-binding-size"] > 140 * MIB:
         pytest.skip("this adapter holds the largest grid that is quick to try")
-    with pytest.raises(UserError, match=r"padded field 0, 4320 x 4320.*needs 142.6 MiB.*lower the size of the grid"):
+    with pytest.raises(UserError, match=r"padded field, 4320 x 4320.*needs 142.6 MiB.*lower the size of the grid"):
         _shaders(bench(shape=[2130, 2130], upsample=1), device)
     assert focal_stack(_shaders(bench(), device))[0].any()
 
 
 @gpu
 def test_more_workgroups_than_the_device_takes_are_refused_before_it_is_asked(device: Device, bench: Opened) -> None:
-    executor = _shaders(bench(), _limited(device, max_compute_workgroups_per_dimension=99))
-    with pytest.raises(UserError, match=r"2 × 100 × 1 workgroups; expected at most 99.*lower the size of the grid"):
+    executor = _shaders(bench(), _limited(device, max_compute_workgroups_per_dimension=1))
+    with pytest.raises(UserError, match=r"workgroups; expected at most 1 along an axis.*lower the size of the grid"):
         focal_stack(executor)
 
 
@@ -98,7 +98,7 @@ def test_auto_takes_torch_for_a_grid_that_the_device_cannot_hold_and_says_so(
     monkeypatch.setattr(device_module, "open_device", lambda adapter: small)
     executor, label = _open(bench(shape=[125, 192]), "auto")
     assert isinstance(executor, TorchExecutor)
-    assert label.startswith("torch, complex64 (chosen because: buffer 'padded field 0, 768 x 500': needs 2.96 MiB")
+    assert label.startswith("torch, complex64 (chosen because: buffer 'padded field, 768 x 500': needs 2.96 MiB")
     with pytest.raises(UserError, match="lower the size of the grid"):
         _open(bench(shape=[125, 192]), "wgpu")
 

@@ -14,13 +14,15 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.engine import layouts
+from holoview.engine.fused import KERNELS, transform_of
 from holoview.files import data_dir
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.layout import Struct
+from holoview.gpu.lines import Strategy, has_subgroups
 from holoview.gpu.recorder import Pass, Recorder
-from holoview.gpu.shader import Generated, link
+from holoview.gpu.shader import Generated, ShaderError, link
 from holoview.optics.propagate import transfer_function
-from holoview.plan import fixed_turns
+from holoview.plan import Grid, fixed_turns
 
 pytestmark = pytest.mark.gpu
 
@@ -36,8 +38,10 @@ def _shaders() -> list[str]:
 
 
 def _permutations() -> Iterator[tuple[str, dict[str, int]]]:
-    """Each shader with each choice of its switches."""
+    """Each shader that stands for itself, with each choice of its switches."""
     for name in _shaders():
+        if name.startswith(("frame/", "fft/")):  # hooks of transforms, compiled with these
+            continue
         text = (data_dir("shaders") / name).read_text(encoding="utf-8")
         switches, numbers = SWITCH.findall(text), NUMBER.findall(text)
         for chosen in product((False, True), repeat=len(switches)):
@@ -65,6 +69,41 @@ def test_a_shader_compiles_in_every_permutation(device: Device, name: str, const
     is_stage = "@compute" in (data_dir("shaders") / name).read_text(encoding="utf-8")
     probe = "" if is_stage else "@compute @workgroup_size(1) fn main() {}\n"
     device.pipeline(link(DECLARATIONS, name, Generated("probe", probe), label=name), constants)
+
+
+_PARTS = ("rows_one", "rows_two", "stored_f16", "stored_f32")
+
+
+def _switches(kernel: str) -> list[str]:
+    return SWITCH.findall((data_dir("shaders") / f"frame/{kernel}.wgsl").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("half", [False, True], ids=["f32", "f16"])
+@pytest.mark.parametrize("is_padded", [False, True], ids=["periodic", "padded"])
+@pytest.mark.parametrize("strategy", ["passes", "subgroup"])
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_a_fused_kernel_compiles_in_every_permutation(
+    device: Device, kernel: str, is_padded: bool, half: bool, strategy: Strategy
+) -> None:
+    if strategy == "subgroup" and not has_subgroups(device, (64, 128)):
+        pytest.skip("this adapter's lanes exchange nothing")
+    grid = Grid((32, 64), (64, 128), (16, 32), 4e-6, 2) if is_padded else Grid((64, 128), (64, 128), (0, 0), 4e-6, 2)
+    switches = _switches(kernel)
+    for two, *chosen in product((False, True), repeat=1 + len(switches)):
+        constants = tuple(zip(switches, chosen, strict=True))
+        transform_of(device, grid, kernel, constants, strategy, half=half, two=two).compile()
+
+
+def test_there_is_a_shader_for_each_fused_kernel_and_none_besides() -> None:
+    hooks = {name for name in _shaders() if name.startswith("frame/")}
+    assert hooks == {f"frame/{kernel}.wgsl" for kernel in KERNELS} | {f"frame/{part}.wgsl" for part in _PARTS}
+    assert [_switches(kernel) for kernel in KERNELS] == [["is_tilted"], ["has_pupil"], [], []]
+
+
+def test_an_error_in_a_fused_kernel_names_its_file_and_line(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(KERNELS, "light", ("x", ("forward",), ()))  # no struct Wave
+    with pytest.raises(ShaderError, match=r"lib/source.wgsl:6: fn plane_wave\(wave: Wave"):
+        transform_of(device, Grid((4, 4), (4, 4), (0, 0), 4e-6, 1), "light", (), "passes").compile()
 
 
 def test_the_permutations_cover_every_folder_and_the_pupil() -> None:

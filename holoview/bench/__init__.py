@@ -1,0 +1,8 @@
+"""How fast this machine is: what `holoview bench` measures.
+
+torch_loop   the same frame as the fastest loop that torch allows, to compare with
+timing       interleaved runs, medians and minima
+frame_bars   a frame and its edits, against their bars
+device_time  time on the device by its own clock, and the share of memory bandwidth
+first_image  from the start of a process to its first picture, with nothing cached
+"""

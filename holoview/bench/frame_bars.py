@@ -1,0 +1,178 @@
+"""A frame and its edits beside torch: each figure is a ratio of two jobs of the same rounds, and has a bar."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import cycle
+from typing import Any
+
+import numpy as np
+import torch
+
+from holoview.bench.timing import Job, Sample, interleaved
+from holoview.bench.torch_loop import TorchLoop
+from holoview.engine.session import FrameSession
+from holoview.engine.torch import TorchExecutor
+from holoview.gpu.device import Device
+from holoview.gpu.lines import Strategy
+from holoview.optics.slots import make_slots
+from holoview.plan import make_plan
+from holoview.system import System
+from holoview.view import random_drive
+
+FULL, SINGLE, PADDED, SCRUB, AMPLITUDE = "frame", "frame, 1 λ", "frame, padded", "focal plane", "amplitude"
+TORCH, TORCH_SINGLE = "torch", "torch, 1 λ"
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A figure, the bar that it should stay below, and what it aims at."""
+
+    name: str
+    value: float
+    bar: float
+    aim: float
+    unit: str = ""
+
+    @property
+    def holds(self) -> bool:
+        """Whether the bar is met."""
+        return self.value <= self.bar
+
+
+@dataclass(frozen=True)
+class FrameBench:
+    """What was measured: wall times by job, ratios with their bars, and the traffic of a frame and wavelength."""
+
+    samples: dict[str, Sample]
+    bars: list[Bar]
+    wavelengths: int
+    traffic_bytes: int
+    memory_bytes: int
+
+
+def measure(
+    system: System, device: Device, rounds: int, *, half: bool = False, strategy: Strategy = "passes"
+) -> FrameBench:
+    """Times frames of a periodic, on-axis bench of one frame, warm, at its middle focal plane.
+
+    Raises UserError when the device can't hold it.
+    """
+    base = system.edit({"propagation": "periodic"})
+    single = one_wavelength(base)
+    sessions = {
+        FULL: _session(base, device, half, strategy),
+        SINGLE: _session(single, device, half, strategy),
+        PADDED: _session(system.edit({"propagation": "linear"}), device, half, strategy),
+    }
+    jobs: dict[str, Job] = {name: _full(session) for name, session in sessions.items()}
+    jobs |= {SCRUB: _scrub(sessions[FULL]), AMPLITUDE: _amplitudes(sessions[FULL])}
+    jobs |= _torch_jobs(TORCH, base) | _torch_jobs(TORCH_SINGLE, single)
+    samples = interleaved(jobs, rounds)
+    bars = _bars(samples, len(base.wavelengths_m), frame_error(single, device, half, strategy))
+    frame = sessions[FULL]
+    return FrameBench(samples, bars, len(base.wavelengths_m), frame.traffic_bytes, frame.memory_bytes)
+
+
+def one_wavelength(system: System) -> System:
+    """The bench with the wavelength in the middle of its list alone."""
+    middle = float(system.wavelengths_m[len(system.wavelengths_m) // 2])
+    return system.edit({"wavelengths": [middle], "amplitudes": [[1.0]]})
+
+
+def frame_error(system: System, device: Device, half: bool, strategy: Strategy) -> float:
+    """Relative L2 of the intensity of the first wavelength against torch in complex128."""
+    session = _session(system, device, half, strategy)
+    plan = make_plan(system, [session.plane_m])
+    reference = TorchExecutor(plan, make_slots(plan, random_drive(system)), double=True)
+    reference.run(0)
+    expected = reference.intensity(0)
+    return float(np.linalg.norm(session.intensity(0) - expected) / np.linalg.norm(expected))
+
+
+def _bars(samples: dict[str, Sample], wavelengths: int, error: float) -> list[Bar]:
+    ms = {name: sample.median_ms for name, sample in samples.items()}
+    best, best_single = (min(t for name, t in ms.items() if name.startswith(f"{of}:")) for of in (TORCH, TORCH_SINGLE))
+    return [
+        Bar(f"frame / best torch loop, {wavelengths} λ", ms[FULL] / best, 0.80, 0.65),
+        Bar("frame / best torch loop, 1 λ", ms[SINGLE] / best_single, 1.0, 0.85),
+        Bar("padded (linear) / periodic frame", ms[PADDED] / ms[FULL], 4.0, 3.0),
+        Bar("focal-plane scrub / full frame", ms[SCRUB] / ms[FULL], 0.45, 0.35),
+        Bar("amplitude edit / full frame", ms[AMPLITUDE] / ms[FULL], 0.10, 0.05),
+        Bar("frame error, relative L2 against complex128", error, 1e-6, 7e-7),
+    ]
+
+
+def _session(system: System, device: Device, half: bool, strategy: Strategy) -> FrameSession:
+    middle = float(system.planes_m[len(system.planes_m) // 2])
+    session = FrameSession(system, random_drive(system), device, plane_m=middle, half=half, strategy=strategy)
+    session.update()
+    return session
+
+
+def _full(session: FrameSession) -> Job:
+    """Everything from the drive to XYZ."""
+
+    def job() -> None:
+        session.forget()
+        _until_seen(session)
+
+    return job
+
+
+def _scrub(session: FrameSession) -> Job:
+    """The focal plane moves there and back."""
+    planes_m = cycle([session.plane_m * 1.01, session.plane_m])
+    return _edit(session, lambda: {"plane_m": next(planes_m)})
+
+
+def _amplitudes(session: FrameSession) -> Job:
+    """All lasers become a little stronger or weaker."""
+    factors = cycle([1.01, 1.0])
+    before = session.system
+    return _edit(session, lambda: {"system": before.with_(amplitudes=before.amplitudes * next(factors))})
+
+
+def _edit(session: FrameSession, change: Callable[[], dict[str, Any]]) -> Job:
+    """An edit, from the call to XYZ; what came before is up to date."""
+
+    def job() -> None:
+        session.edit(**change())
+        _until_seen(session)
+
+    return job
+
+
+def _until_seen(session: FrameSession) -> None:
+    session.update(picture=False)
+    session.device.wait()
+
+
+def _torch_jobs(name: str, system: System) -> dict[str, Job]:
+    """The same frame by torch: wavelengths in turn or in one batch, on one thread or as many as torch chooses.
+
+    On a busy machine one thread is often the faster choice: several wait for each other.
+    """
+    plan = make_plan(system, [float(system.planes_m[len(system.planes_m) // 2])])
+    slots, many = make_slots(plan, random_drive(system)), torch.get_num_threads()
+    orders = {"in turn": False, "batched": True} if len(system.wavelengths_m) > 1 else {"in turn": False}
+    loops = {order: TorchLoop(plan, slots, batched=batched) for order, batched in orders.items()}
+    return {
+        f"{name}: {order}, {threads} threads": _on_threads(loop, threads)
+        for order, loop in loops.items()
+        for threads in sorted({1, many})
+    }
+
+
+def _on_threads(loop: TorchLoop, threads: int) -> Job:
+    def job() -> None:
+        before = torch.get_num_threads()
+        torch.set_num_threads(threads)
+        try:
+            with torch.inference_mode():
+                loop()
+        finally:
+            torch.set_num_threads(before)
+
+    return job

@@ -1,0 +1,156 @@
+"""Measure how fast a hologram's frame and its edits are on this machine, beside torch."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+from importlib.metadata import version
+from typing import Any
+
+import torch
+
+from holoview import __version__
+from holoview.bench.device_time import DeviceTime, device_time
+from holoview.bench.first_image import first_image_bar
+from holoview.bench.frame_bars import Bar, FrameBench, measure
+from holoview.commands.common import add_system, system_of
+from holoview.errors import UserError
+from holoview.gpu.device import TIMESTAMPS, Device, open_device
+from holoview.gpu.lines import Strategy, has_subgroups
+from holoview.plan import make_plan
+from holoview.system import System
+
+_DEFAULT = "holochrome-8"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments."""
+    add_system(parser, optional=True)
+    parser.add_argument("--size", metavar="1024x768", default="1024x768", help="simulated samples, x by y")
+    parser.add_argument("--rounds", metavar="N", default="7", help="how often each job is timed; medians are shown")
+    parser.add_argument("--half", action="store_true", help="store fields as f16 between kernels")
+    parser.add_argument(
+        "--strategy",
+        choices=("auto", "passes", "subgroup"),
+        default="auto",
+        help="of the transforms; auto: the fastest",
+    )
+    parser.add_argument("--adapter", metavar="NAME", help="part of the name of the WebGPU adapter to use")
+    parser.add_argument("--json", action="store_true", help="machine-readable output")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measures, and prints a table or JSON."""
+    args.preset = args.preset or _DEFAULT
+    system = _sized(system_of(args), args.size)
+    rounds = _rounds(args.rounds)
+    device = open_device(args.adapter)
+    options = {"half": args.half, "strategy": _strategy(args.strategy, system, device)}
+    frame = measure(system, device, rounds, **options)
+    timed = device_time(system, device, rounds, **options) if TIMESTAMPS in device.features else None
+    bars = [*frame.bars, first_image_bar(system, args.adapter)]
+    result = {"strategy": options["strategy"]} | _result(system, device, frame, bars, timed, rounds)
+    print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _table(result))
+    return 0
+
+
+def _result(
+    system: System, device: Device, frame: FrameBench, bars: list[Bar], timed: DeviceTime | None, rounds: int
+) -> dict[str, Any]:
+    """All that is shown, for programs."""
+    info = device.info
+    rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
+    return {
+        "preset": system.name,
+        "size": [columns, rows],
+        "wavelengths": frame.wavelengths,
+        "rounds": rounds,
+        "adapter": {"name": info.name, "kind": info.kind, "backend": info.backend, "driver": info.driver},
+        "versions": {
+            "holoview": __version__,
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("numpy", "torch", "wgpu")},
+        },
+        "platform": platform.platform(),
+        "cores": os.cpu_count(),
+        "torch_threads": torch.get_num_threads(),
+        "bars": [
+            {"name": bar.name, "value": bar.value, "bar": bar.bar, "aim": bar.aim, "unit": bar.unit, "holds": bar.holds}
+            for bar in bars
+        ],
+        "jobs": {
+            name: {"median_ms": sample.median_ms, "minimum_ms": sample.minimum_ms, "cpu_ms": sample.cpu_ms}
+            for name, sample in frame.samples.items()
+        },
+        "traffic_bytes_a_wavelength": frame.traffic_bytes,
+        "device_memory_bytes": frame.memory_bytes,
+        "device_time": None if timed is None else timed.as_dict(),
+    }
+
+
+def _table(result: dict[str, Any]) -> str:
+    """The result for people."""
+    adapter, (columns, rows) = result["adapter"], result["size"]
+    versions = ", ".join(f"{name} {number}" for name, number in result["versions"].items())
+    lines = [
+        f"{result['preset']}: {columns} x {rows} samples, {result['wavelengths']} wavelengths, "
+        f"medians of {result['rounds']} rounds, all jobs in turn; "
+        f"transforms: {result['strategy']}",
+        f"{adapter['name']}, {adapter['backend']}, {adapter['driver']}",
+        f"{versions}; {result['cores']} cores, {result['torch_threads']} threads of torch",
+        "",
+        f"{'':<48}  {'value':>9}  {'bar':>7}  {'aim':>7}",
+    ]
+    for bar in result["bars"]:
+        mark = "" if bar["holds"] else "  above the bar"
+        unit = f" {bar['unit']}" if bar["unit"] else ""
+        lines.append(f"{bar['name']:<48}  {bar['value']:>9.3g}  {bar['bar']:>7.3g}  {bar['aim']:>7.3g}{unit}{mark}")
+    lines += ["", f"{'ms':<48}  {'median':>9}  {'least':>7}  {'processor':>9}"]
+    for name, sample in result["jobs"].items():
+        lines.append(f"{name:<48}  {sample['median_ms']:>9.2f}  {sample['minimum_ms']:>7.2f}  {sample['cpu_ms']:>9.2f}")
+    lines += [
+        "",
+        f"memory traffic of a wavelength: {result['traffic_bytes_a_wavelength'] / 1e6:.1f} MB",
+        f"device memory: {result['device_memory_bytes'] / 2**20:.0f} MiB",
+    ]
+    return "\n".join(lines + _device_lines(result["device_time"]))
+
+
+def _device_lines(timed: dict[str, Any] | None) -> list[str]:
+    """What timestamps on the device tell."""
+    if timed is None:
+        return ["time on the device: the adapter has no timestamp queries"]
+    return [
+        f"time on the device: {timed['frame_ms']:.3f} ms a frame, {timed['wavelength_ms']:.3f} ms a wavelength",
+        f"bandwidth: {timed['bandwidth'] / 1e9:.1f} GB/s, {timed['share_of_copy']:.0%} of the "
+        f"{timed['copy_bandwidth'] / 1e9:.1f} GB/s that copying a buffer reaches",
+    ]
+
+
+def _sized(system: System, size: str) -> System:
+    """The bench with modulators that make so many samples."""
+    columns, _, rows = size.partition("x")
+    upsample = system.sampling.upsample
+    if not (columns.isdecimal() and rows.isdecimal() and int(columns) and int(rows)):
+        raise UserError("--size", f'"{size}"', expected="samples such as 1024x768")
+    if int(columns) % upsample or int(rows) % upsample:
+        raise UserError("--size", size, expected=f"multiples of the bench's upsampling, {upsample}")
+    return system.edit({"shape": [int(rows) // upsample, int(columns) // upsample]})
+
+
+def _strategy(name: str, system: System, device: Device) -> Strategy:
+    """The strategy of that name; the fastest one that the device and the sizes allow for "auto"."""
+    grids = (make_plan(system.edit({"propagation": how})).grid.padded for how in ("periodic", "linear"))
+    fits = all(has_subgroups(device, padded) for padded in grids)
+    if name == "subgroup" and not fits:
+        found = f"can't exchange values between lanes, or not at {system.name}'s sizes"
+        raise UserError("--strategy subgroup", found, expected="--strategy passes")
+    return "subgroup" if fits and name != "passes" else "passes"
+
+
+def _rounds(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise UserError("--rounds", f'"{text}"', expected="a whole number from 1")
+    return int(text)

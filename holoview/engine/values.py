@@ -1,0 +1,50 @@
+"""What the shaders are told of a plan: the values of their structs, and the stops of each column of frequencies."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.optics.slots import Slots
+from holoview.plan import Grid, Plan, Transfer, fixed_turns
+
+Values = dict[str, object]
+
+
+def wave_values(plan: Plan, wavelength: int, source: int) -> Values:
+    """`Wave`: the illumination by a source."""
+    slopes = plan.slopes[source, wavelength]
+    start = -float(np.dot(slopes, [(n - 1) / 2 for n in plan.grid.shape]))
+    return {"slope_y": fixed_turns(slopes[0]), "slope_x": fixed_turns(slopes[1]), "start": fixed_turns(start)[0]}
+
+
+def light_values(plan: Plan, modulator: int, wavelength: int) -> Values:
+    """`Light`: a modulator's stroke in wavelengths."""
+    return {"waves": plan.system.modulators[modulator].stroke_m / float(plan.system.wavelengths_m[wavelength])}
+
+
+def path_values(step: Transfer) -> Values:
+    """`Path`: free-space propagation."""
+    words = step.paraxial_words()
+    sine_step2 = [sine * sine for sine in step.sine_step]
+    return {"paraxial_y": words[0], "paraxial_x": words[1], "sine_step2": sine_step2, "waves": step.waves}
+
+
+def column_stops(step: Transfer, grid: Grid) -> NDArray[np.int32]:
+    """Smallest and largest |k_y| that passes for each |k_x| = 0 … P_x/2, (P_x/2 + 1, 2); the largest is −1 for none.
+
+    The same frequencies as the plan's rows of (smallest, largest) |k_x|, neither of which rises with |k_y|: irises and
+    blocks are round, the band limit is a rectangle.
+    """
+    py, px = grid.padded
+    smallest, largest = step.support[: py // 2 + 1].T
+    kx = np.arange(px // 2 + 1)
+    first = len(smallest) - np.searchsorted(smallest[::-1], kx, side="right")
+    end = len(largest) - np.searchsorted(largest[::-1], kx, side="left")
+    return np.stack([first, end - 1], axis=1).astype(np.int32)
+
+
+def strokes(plan: Plan, slots: Slots, frame: int, modulator: int) -> NDArray[np.float32]:
+    """Optical paths in strokes of the modulator (y, x), so that a float32 drive stays exact."""
+    fraction = slots.opd_m[frame, modulator] / plan.system.modulators[modulator].stroke_m
+    return np.ascontiguousarray(fraction.float().cpu().numpy())

@@ -1,0 +1,60 @@
+"""Time that work takes on the device itself, by timestamp queries around compute passes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import wgpu
+from wgpu.backends.wgpu_native import lib as native
+
+from holoview.errors import UserError
+from holoview.gpu.device import TIMESTAMPS, Device
+
+_MOST_QUERIES = 4096
+_TIMESTAMP_BYTES = 8
+
+
+class Timer:
+    """Sums the time of the compute passes of those recorders that it is given to.
+
+    Raises UserError where the device wasn't opened with timestamp queries.
+    """
+
+    def __init__(self, device: Device, passes: int = 1024) -> None:
+        if TIMESTAMPS not in device.features:
+            raise UserError(
+                f"adapter {device.info.label}", "has no timestamp queries", remedy="time it by the clock on the wall"
+            )
+        self._device = device
+        self._count = min(2 * passes, _MOST_QUERIES)
+        self._queries = device.raw.create_query_set(type="timestamp", count=self._count)
+        usage = wgpu.BufferUsage.QUERY_RESOLVE | wgpu.BufferUsage.COPY_SRC
+        self._resolved = device.raw.create_buffer(size=self._count * _TIMESTAMP_BYTES, usage=usage)
+        self._used = 0
+
+    def next_pass(self) -> dict[str, Any] | None:
+        """The `timestamp_writes` of the next compute pass; None when all queries are in use."""
+        if self._used + 2 > self._count:
+            return None
+        self._used += 2
+        begin = {"beginning_of_pass_write_index": self._used - 2, "end_of_pass_write_index": self._used - 1}
+        return {"query_set": self._queries, **begin}
+
+    def seconds(self) -> float:
+        """Time of all passes since the last call, once they have run; passes count one by one, gaps don't."""
+        if not self._used:
+            return 0.0
+        self._device.check_alive()
+        encoder = self._device.raw.create_command_encoder(label="timestamps")
+        encoder.resolve_query_set(self._queries, 0, self._used, self._resolved, 0)
+        self._device.raw.queue.submit([encoder.finish()])
+        data = self._device.raw.queue.read_buffer(self._resolved, 0, self._used * _TIMESTAMP_BYTES)
+        ticks = np.frombuffer(data, np.uint64).reshape(-1, 2).astype(np.int64)
+        self._used = 0
+        return float((ticks[:, 1] - ticks[:, 0]).sum()) * self._tick_s()
+
+    def _tick_s(self) -> float:
+        """Seconds from one timestamp to the next, which only the native queue tells; WebGPU has no such call."""
+        nanoseconds: float = native.wgpuQueueGetTimestampPeriod(self._device.raw.queue._internal)
+        return nanoseconds * 1e-9

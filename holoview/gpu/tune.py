@@ -1,0 +1,219 @@
+"""Choosing the strategy of transforms on a device without making anybody wait.
+
+The first frame is made by "passes", which compile at once. Meanwhile
+
+    1. a helper process compiles, checks and times the strategies, unless that is remembered from an earlier start,
+    2. the helper compiles the caller's shaders for the fastest one, so that the driver's cache on disk holds them,
+    3. a thread builds these shaders' pipelines on the caller's device, which is quick by now,
+
+and from then on that strategy is the one to use. A process is needed because lavapipe, for one, compiles a shader when
+it first runs and lets all else that its device was given to do wait (seconds); a thread alone would not help.
+
+    choice = FftChoice(device, shape, shaders=lambda strategy: …stages of my transforms…)
+    … make frames by choice.current …
+    if choice.poll():      # now and then: whether `current` has just become another
+        … build the transforms anew, by choice.current: their pipelines are there …
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from types import TracebackType
+
+from holoview.errors import UserError
+from holoview.gpu.device import Device
+from holoview.gpu.lines import Stage, Strategy, strategies
+from holoview.gpu.shader import ShaderError
+from holoview.gpu.tune_process import Answer, Helper
+from holoview.gpu.tune_store import Memory, Tuning
+
+__all__ = ["BUDGET_S", "FftChoice", "Memory", "Tuning"]
+
+BUDGET_S = 60.0
+"""Processor time that the helper may take in all: more isn't worth the energy."""
+_SLOWDOWN = 5.0
+"""How much longer that may take by the clock, on a busy machine."""
+_AT_ONCE_S = 0.3
+_PAUSE_S = 0.02
+_LATE, _FAILED = "too slow to compile", "the driver failed"
+
+
+class FftChoice:
+    """The strategy to use for fields of `shape` (ny, nx) on a device: one from the start, and maybe a faster one later.
+
+    shaders: all stages that the caller runs with a strategy; they are compiled before `current` becomes it.
+    memory: where timings are kept. anew: measure even where a timing is remembered. budget_s: processor time of the
+    helper, or a fifth of its time by the clock; a strategy that isn't compiled by then is refused from then on.
+
+    `tuning` is what is known so far. All methods are to be called in the thread that uses the device. The helper ends
+    with `close` or with the program. Raises UserError for a size that can't be transformed.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        shape: tuple[int, int],
+        shaders: Callable[[Strategy], Iterable[Stage]] = lambda strategy: (),
+        *,
+        memory: Memory | None = None,
+        anew: bool = False,
+        budget_s: float = BUDGET_S,
+    ) -> None:
+        self._device, self._shape, self._shaders = device, shape, shaders
+        self._memory = Memory() if memory is None else memory
+        self._offered = strategies(device, shape)
+        self._budget_s, self._until = budget_s, time.monotonic() + _SLOWDOWN * budget_s
+        self._current: Strategy = "passes"
+        self._coming: Strategy | None = None
+        self._stages: list[Stage] = []
+        self._helper: Helper | None = None
+        self._builder: _Builder | None = None
+        known = None if anew else self._memory.recall(device.info, shape)
+        self.tuning = Tuning({}, {}, {}) if known is None else known
+        self._begin()
+
+    @property
+    def current(self) -> Strategy:
+        """The strategy to use now."""
+        return self._current
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether `current` will stay."""
+        return self._helper is None and self._builder is None
+
+    def poll(self) -> bool:
+        """Look how far the helper is, without waiting for it; whether `current` has changed."""
+        before = self._current
+        while self._helper is not None and (answer := self._helper.answer()) is not None:
+            self._take(answer)
+        if self._helper is not None and (self._helper.has_ended or time.monotonic() > self._until):
+            self._give_up(_FAILED if self._helper.has_ended and not self._helper.was_late else _LATE)
+        if self._builder is not None and not self._builder.is_alive():
+            self._switch(self._builder)
+        return self._current != before
+
+    def wait(self) -> Strategy:
+        """`current`, once it will stay."""
+        while not self.is_settled:
+            self.poll()
+            time.sleep(_PAUSE_S)
+        return self._current
+
+    def close(self) -> None:
+        """End the helper. `current` stays."""
+        if self._helper is not None:
+            self._helper.close()
+            self._helper = None
+        if self._builder is not None:
+            self._builder.join()
+            self._builder = None
+
+    def __enter__(self) -> FftChoice:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # --- from one step to the next ----------------------------------------------------------------------------------
+
+    @property
+    def _unknown(self) -> list[Strategy]:
+        """Strategies on offer that are neither timed nor refused."""
+        known = {*self.tuning.seconds, *self.tuning.refused}
+        return [strategy for strategy in self._offered if strategy not in known]
+
+    def _begin(self) -> None:
+        """Have the strategies timed, or go on with what is remembered of them."""
+        if not [strategy for strategy in self._unknown if strategy != "passes"]:
+            self._settle()
+            return
+        offered = [strategy for strategy in self._offered if strategy not in self.tuning.refused]
+        self.tuning = Tuning({}, {}, self.tuning.refused)
+        self._helper = Helper(self._device.info.name, self._budget_s)
+        self._helper.ask({"do": "time", "strategies": offered, "shape": self._shape})
+
+    def _take(self, answer: Answer) -> None:
+        """Make use of an answer of the helper."""
+        if self._coming is not None:
+            self._build()
+            return
+        self.tuning = self.tuning.updated(answer)
+        if not self._unknown:
+            self._memory.remember(self._device.info, self._shape, self.tuning)
+            self._settle()
+
+    def _settle(self) -> None:
+        """Make the fastest strategy ready, if it isn't the one that is in use."""
+        best = self.tuning.best
+        if best == self._current or best not in self._offered:
+            self.close()
+        elif self._is_ready_at_once(best):
+            self._current = best
+            self.close()
+        else:
+            self._coming, self._stages = best, list(self._shaders(best))
+            self._helper = self._helper or Helper(self._device.info.name, self._budget_s)
+            self._helper.ask({"do": "compile", "shaders": [_described(stage) for stage in self._stages]})
+
+    def _is_ready_at_once(self, strategy: Strategy) -> bool:
+        """Whether compiling takes no time that counts.
+
+        Where shaders run on the processor, it may only have been fast because the driver's cache held them.
+        """
+        seconds = self.tuning.compile_seconds.get(strategy, _AT_ONCE_S)
+        return seconds < _AT_ONCE_S and not self._device.info.is_cpu
+
+    def _build(self) -> None:
+        """The driver has all shaders on disk: make pipelines of them here."""
+        if self._helper is not None:
+            self._helper.close()
+            self._helper = None
+        self._builder = _Builder(self._device, self._stages)
+        self._builder.start()
+
+    def _switch(self, builder: _Builder) -> None:
+        assert self._coming is not None
+        self._builder = None
+        if builder.has_failed:
+            self._refuse(self._coming, _FAILED)
+        else:
+            self._current = self._coming
+
+    def _give_up(self, reason: str) -> None:
+        """Stay with `current`, and don't try again what the helper didn't get done."""
+        waiting = [s for s in self._unknown if s not in self.tuning.compile_seconds]
+        doing = self._coming or next(iter(waiting), None)
+        if doing is not None and doing != "passes":
+            self._refuse(doing, reason)
+        self.close()
+
+    def _refuse(self, strategy: Strategy, reason: str) -> None:
+        self.tuning = self.tuning.without(strategy, reason)
+        self._memory.remember(self._device.info, self._shape, self.tuning)
+
+
+class _Builder(threading.Thread):
+    """Builds pipelines, which a device keeps. Not a daemon: a program mustn't end in the middle of a native call."""
+
+    def __init__(self, device: Device, stages: Iterable[Stage]) -> None:
+        super().__init__(name="pipelines")
+        self._device, self._stages = device, stages
+        self.has_failed = False
+
+    def run(self) -> None:
+        """Build them all."""
+        try:
+            for stage in self._stages:
+                self._device.pipeline(stage.source, stage.constants)
+        except (ShaderError, UserError):
+            self.has_failed = True
+
+
+def _described(stage: Stage) -> Answer:
+    """A stage for the helper."""
+    return {"label": stage.source.label, "text": stage.source.text, "constants": dict(stage.constants)}

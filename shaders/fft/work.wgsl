@@ -1,0 +1,15 @@
+// Where the passes of one transform hand over to each other: a buffer of complex numbers.
+
+// Complex numbers from one row to the next (padding included), and from one field of the batch to the next.
+override work_row_stride: u32;
+override work_field_stride: u32;
+
+@group(2) @binding(0) var<storage, read_write> work: array<vec2f>;
+
+fn load_work(position: vec3u) -> vec2f {
+    return work[position.z * work_field_stride + position.y * work_row_stride + position.x];
+}
+
+fn store_work(position: vec3u, value: vec2f) {
+    work[position.z * work_field_stride + position.y * work_row_stride + position.x] = value;
+}

@@ -1,0 +1,34 @@
+// Kernel 1 of a frame: source × modulator 1 → row FFT. Hooks of a transform along x.
+//#include "lib/source.wgsl"
+//#include "lib/modulator.wgsl"
+//#include "lib/grid.wgsl"
+
+override is_tilted: bool = true;
+
+@group(1) @binding(3) var<storage, read> waves: array<Wave>;
+@group(1) @binding(4) var<storage, read> lights: array<Light>;
+@group(1) @binding(5) var<storage, read> opd: array<f32>;
+
+var<private> wave: Wave;
+var<private> light: Light;
+
+fn begin(line: u32, field: u32) {
+    wave = waves[batch.wave + field];
+    light = lights[batch.wavelength + field];
+}
+
+fn load(position: vec3u) -> vec2f {
+    let x = position.x - grid.offset.y;
+    if (is_padded && x >= grid.shape.y) {
+        return vec2f(0.0);
+    }
+    let value = phasor(opd[pixel_under(grid, position.y, x)], light);
+    if (is_tilted) {
+        return cmul(value, plane_wave(wave, position.y, x));
+    }
+    return value;
+}
+
+fn store(position: vec3u, value: vec2f) {
+    put(position.z, position.y, position.x, value);
+}

@@ -1,0 +1,131 @@
+"""What `holoview bench` measures is the frame that it says: torch's loop and the shaders give the same picture."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from holoview import preset
+from holoview.bench import first_image, frame_bars
+from holoview.bench.device_time import device_time
+from holoview.bench.timing import Sample, interleaved
+from holoview.bench.torch_loop import TorchLoop
+from holoview.cli import main
+from holoview.engine.frame import focal_stack
+from holoview.engine.session import FrameSession
+from holoview.engine.torch import TorchExecutor
+from holoview.gpu.device import TIMESTAMPS, Device
+from holoview.gpu.timer import Timer
+from holoview.optics.slots import make_slots
+from holoview.plan import make_plan
+from holoview.system import System
+from holoview.view import random_drive
+
+TOLERANCE = 2e-6
+"""Relative L2 of XYZ from complex64; 6e-7 is what torch's own executor has."""
+
+
+def _system(**changes: Any) -> System:
+    return preset.load("holochrome-8").edit({"shape": [24, 32], "propagation": "periodic"} | changes)
+
+
+@pytest.mark.parametrize("batched", [False, True])
+@pytest.mark.parametrize("changes", [{}, {"relay2.iris_na": 0.02}, {"modulators": None, "gap": None}])
+def test_the_torch_loop_computes_what_the_reference_executor_computes(batched: bool, changes: dict[str, Any]) -> None:
+    if "modulators" in changes:
+        changes = changes | {"modulators": [{"pitch": "8 um", "shape": [24, 32], "stroke": "825 nm"}]}
+    system = _system(**changes)
+    plan, drive = make_plan(system, [0.01]), random_drive(system)
+    expected = focal_stack(TorchExecutor(plan, make_slots(plan, drive), double=True))[1][0]
+    found = TorchLoop(plan, make_slots(plan, drive), batched=batched)().movedim(0, -1).numpy()
+    assert np.linalg.norm(found - expected) <= TOLERANCE * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"propagation": "linear"}, {"source": {"directions": [[0.0, 0.01]]}}, {"amplitudes": [[1.0] * 8] * 2}]
+)
+def test_the_torch_loop_refuses_a_bench_that_it_has_no_code_for(changes: dict[str, Any]) -> None:
+    system = _system(**changes)
+    plan = make_plan(system)
+    with pytest.raises(ValueError, match="expected a periodic grid"):
+        TorchLoop(plan, make_slots(plan, random_drive(system)), batched=False)
+
+
+def test_each_round_runs_every_job_once_and_warm_up_is_not_timed() -> None:
+    ran: list[str] = []
+    samples = interleaved({name: lambda name=name: ran.append(name) for name in "ab"}, rounds=3, warm_up=1)  # type: ignore[misc]
+    assert ran == list("abababab")
+    assert all(len(sample.seconds) == 3 for sample in samples.values())
+    assert Sample((0.003, 0.001, 0.002)).median_ms == pytest.approx(2.0)
+    assert Sample((0.003, 0.001, 0.002)).minimum_ms == pytest.approx(1.0)
+
+
+@pytest.mark.gpu
+def test_bars_are_ratios_of_jobs_that_did_the_work(device: Device) -> None:
+    threads = torch.get_num_threads()
+    found = frame_bars.measure(_system(), device, rounds=1)
+    assert torch.get_num_threads() == threads
+    assert all(math.isfinite(bar.value) and bar.value > 0 for bar in found.bars)
+    error = next(bar for bar in found.bars if "error" in bar.name)
+    assert error.holds
+    assert found.wavelengths == 8
+    field = 48 * (64 + 8) * 8
+    pixels = 48 * 64 * 4
+    assert found.traffic_bytes == 8 * field + 2 * pixels // 4 + pixels
+
+
+@pytest.mark.gpu
+def test_a_timer_counts_the_time_on_the_device_and_no_more(device: Device) -> None:
+    if TIMESTAMPS not in device.features:
+        pytest.skip("this adapter has no timestamp queries")
+    session = FrameSession(_system(), random_drive(_system()), device)
+    session.update()
+    session.timer = timer = Timer(device)
+    assert timer.seconds() == 0.0
+    session.forget()
+    session.update()
+    assert 1e-6 < timer.seconds() < 10.0
+    assert timer.seconds() == 0.0
+    timed = device_time(_system(), device, rounds=1)
+    assert timed.frame_ms == pytest.approx(8 * timed.wavelength_ms)
+    assert timed.as_dict()["share_of_copy"] > 0
+
+
+@pytest.mark.gpu
+def test_the_first_picture_comes_from_a_process_of_its_own(device: Device) -> None:
+    assert 0.1 < first_image.first_image_s(_system()) < 60
+
+
+@pytest.mark.gpu
+def test_the_command_prints_a_table_and_json(
+    device: Device, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(first_image, "first_image_s", lambda system, adapter: 2.5)
+    arguments = ["bench", "--size", "64x48", "--rounds", "1"]
+    assert main(arguments) == 0
+    table = capsys.readouterr().out
+    assert "holochrome-8: 64 x 48 samples, 8 wavelengths" in table
+    assert "amplitude edit / full frame" in table and "2.5" in table
+    assert main([*arguments, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert len(result["bars"]) == 7 and result["size"] == [64, 48]
+    assert result["adapter"]["name"] == device.info.name
+
+
+@pytest.mark.parametrize(
+    ("arguments", "refusal"),
+    [
+        (["--size", "big"], "--size"),
+        (["--size", "65x48"], "multiples of the bench's upsampling"),
+        (["--rounds", "0"], "--rounds"),
+        (["no-such-preset"], "no-such-preset"),
+    ],
+)
+def test_wrong_arguments_are_refused(arguments: list[str], refusal: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", *arguments]) == 2
+    assert refusal in capsys.readouterr().err
