@@ -23,13 +23,12 @@ from holoview.engine.layouts import BATCH, GRID, LIGHT, PATH, WAVE
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.fft_codegen import Direction
 from holoview.gpu.layout import Struct
-from holoview.gpu.lines import Axis, Hooks, LineTransform, Strategy
+from holoview.gpu.lines import ROW_PADDING, Axis, Hooks, LineTransform, Strategy, storage
 from holoview.gpu.recorder import Pass, Recorder
 from holoview.gpu.shader import Generated
 from holoview.optics.slots import Slots
 from holoview.plan import Grid, Plan
 
-_ROW_PADDING = 8  # complex numbers after each row: columns of 2^k rows would compete for the same cache lines
 _COMPLEX64, _COMPLEX32, _F32 = 8, 4, 4
 Constants = tuple[tuple[str, bool], ...]
 
@@ -153,6 +152,7 @@ class FusedFrame:
                 wavelength=span.wavelength,
                 source_field=source.first if source else 0,
                 target_field=target.first,
+                work_field=source.first if source and kernel == "observe" else target.first,
                 weight=weight,
                 adds=adds,
             )
@@ -205,21 +205,25 @@ def transform_of(
     """A fused kernel: the transform of an axis between the hooks of `shaders/frame/<kernel>.wgsl`.
 
     half: fields are stored as f16. two: they are read from one buffer and written to another, else in place.
+    Where the transform has several shaders, it uses the rows that it writes for what lies between them, if it can.
     """
     axis, steps, layouts = KERNELS[kernel]
+    has_room = axis == "x" or grid.padded[0] == grid.shape[0]  # for whole lines, between the rows that are stored
+    own_work = has_room and not half  # passes that round to f16 one after the other would cost 12 dB
     parts = (
         Generated("structs", GRID.wgsl + BATCH.wgsl + "".join(layout.wgsl for layout in layouts)),
         Generated("grid", _grid_wgsl(grid)),
-        f"frame/stored_{'f16' if half else 'f32'}.wgsl",
+        storage(device, half=half),
         f"frame/rows_{'two' if two else 'one'}.wgsl",
+        *(["frame/work.wgsl"] if own_work else []),
         f"frame/{kernel}.wgsl",
     )
-    return LineTransform(device, axis, grid.padded, steps, Hooks(kernel, parts, constants), strategy)
+    return LineTransform(device, axis, grid.padded, steps, Hooks(kernel, parts, constants, own_work), strategy)
 
 
 def row_stride(grid: Grid) -> int:
     """Complex numbers from row to row."""
-    return grid.padded[1] + _ROW_PADDING
+    return grid.padded[1] + ROW_PADDING
 
 
 def _grid_wgsl(grid: Grid) -> str:
