@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from holoview.engine.inputs import FrameInputs
-from holoview.engine.kernels import BETWEEN, KERNELS, Constants, Kernels, Variant, row_stride, variants
+from holoview.engine.kernels import BETWEEN, KERNELS, Constants, Kernels, Variant, field_numbers, variants
 from holoview.engine.layouts import BATCH
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.lines import Strategy
@@ -71,7 +71,7 @@ class FusedFrame:
     ) -> None:
         self.device, self.grid, self.together = device, plan.grid, together
         grid = plan.grid
-        self.field_bytes = grid.shape[0] * row_stride(grid) * (_COMPLEX32 if half else _COMPLEX64)
+        self.field_bytes = field_numbers(grid) * (_COMPLEX32 if half else _COMPLEX64)
         self.kernels: Counter[str] = Counter()
         self.shaders = Kernels(device, grid, half=half) if shaders is None else shaders
         self.strategy = strategy
@@ -136,7 +136,7 @@ class FusedFrame:
         """Records weight·|field|² at the plane of relay 1 into slices of `intensity`, added to what is there or not."""
         seen = self._scratch[1]
         self._propagate(recorder, span, 1, second, seen)
-        self._run(recorder, "observe", span, seen, intensity, [], weight=weight, adds=adds)
+        self._run(recorder, "observe", span, seen, intensity, [], (("adds", adds),), weight=weight)
 
     def _propagate(self, recorder: Recorder, span: Span, relay: int, source: Rows, target: Rows) -> None:
         has_pupil, pupil = self.inputs.pupil(relay, span.wavelength)
@@ -154,9 +154,8 @@ class FusedFrame:
         constants: Constants = (),
         *,
         weight: float = 0.0,
-        adds: bool = False,
     ) -> None:
-        key = (kernel, span, source, target, *tables, constants, weight, adds)
+        key = (kernel, span, source, target, *tables, constants, weight)
         if key not in self._passes:
             batch = BATCH.pack(
                 wave=span.source * len(self.inputs.plan.system.wavelengths_m) + span.wavelength,
@@ -165,7 +164,6 @@ class FusedFrame:
                 target_field=target.first,
                 work_field=source.first if source and kernel == "observe" else target.first,
                 weight=weight,
-                adds=adds,
             )
             two = kernel in BETWEEN and source != target
             rows = [source.buffer, target.buffer] if source and two else [(source or target).buffer, None]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import Literal
 
 from holoview.engine.display import padded_pixels
 from holoview.engine.layouts import BATCH, GRID, LIGHT, PATH, WAVE
@@ -22,6 +23,8 @@ from holoview.plan import Grid, Plan
 Constants = tuple[tuple[str, bool], ...]
 Variant = tuple[str, Constants, bool]
 """A kernel, its switches, and whether it reads one buffer and writes another, or works in place."""
+TILE = 8
+"""Samples along a side of the tiles that fields lie in: see `shaders/lib/grid.wgsl`."""
 
 KERNELS: dict[str, tuple[Axis, tuple[Direction, ...], tuple[Struct, ...]]] = {
     "light": ("x", ("forward",), (WAVE, LIGHT)),
@@ -30,6 +33,8 @@ KERNELS: dict[str, tuple[Axis, tuple[Direction, ...], tuple[Struct, ...]]] = {
     "observe": ("x", ("inverse",), ()),
 }
 """Axis and directions of the transform, and the structs that its hooks take."""
+_SHARES: dict[str, Literal["load", "middle"]] = {"light": "load", "modulate": "middle"}
+"""Hooks that take what the samples of a modulator's pixel have in common."""
 BETWEEN = ("propagate", "modulate")
 """Kernels that read fields and write fields: in place, or from one buffer to another."""
 
@@ -65,7 +70,7 @@ def variants(plan: Plan, glass: Sequence[Iterable[bool]]) -> frozenset[Variant]:
         ("light", (("is_tilted", bool(slope.any())),), False) for slope in plan.slopes.reshape(-1, 2)
     }
     found |= {("propagate", (("has_pupil", has),), True) for has in glass[1]}
-    found.add(("observe", (), False))
+    found |= {("observe", (("adds", source > 0),), False) for source in range(min(len(plan.slopes), 2))}
     if plan.system.gap_m is not None:
         found |= {("propagate", (("has_pupil", has),), two) for has in glass[0] for two in (False, True)}
         found.add(("modulate", (), False))
@@ -99,12 +104,22 @@ def transform_of(
         *work,
         f"frame/{kernel}.wgsl",
     )
-    return LineTransform(device, axis, grid.padded, steps, Hooks(kernel, parts, constants, own_work), strategy)
+    hooks = Hooks(kernel, parts, constants, own_work, _SHARES.get(kernel), grid.upsample)
+    return LineTransform(device, axis, grid.padded, steps, hooks, strategy)
 
 
 def row_stride(grid: Grid) -> int:
-    """Complex numbers from row to row."""
-    return grid.padded[1] + ROW_PADDING
+    """Complex numbers from row to row, were they not in tiles: whole tiles, and one more."""
+    return _whole_tiles(grid.padded[1]) + ROW_PADDING
+
+
+def field_numbers(grid: Grid) -> int:
+    """Complex numbers that the rows of a field take."""
+    return _whole_tiles(grid.shape[0]) * row_stride(grid)
+
+
+def _whole_tiles(samples: int) -> int:
+    return -(-samples // TILE) * TILE
 
 
 def _grid_wgsl(grid: Grid) -> str:
