@@ -23,8 +23,8 @@ from holoview.plan import Grid, Plan
 Constants = tuple[tuple[str, bool], ...]
 Variant = tuple[str, Constants, bool]
 """A kernel, its switches, and whether it reads one buffer and writes another, or works in place."""
-TILE = 8
-"""Samples along a side of the tiles that fields lie in: see `shaders/lib/grid.wgsl`."""
+TILE_X, TILE_Y = 4, 16
+"""Samples of the tiles that fields lie in: see `shaders/lib/grid.wgsl`."""
 
 KERNELS: dict[str, tuple[Axis, tuple[Direction, ...], tuple[Struct, ...]]] = {
     "light": ("x", ("forward",), (WAVE, LIGHT)),
@@ -109,17 +109,17 @@ def transform_of(
 
 
 def row_stride(grid: Grid) -> int:
-    """Complex numbers from row to row, were they not in tiles: whole tiles, and one more."""
-    return _whole_tiles(grid.padded[1]) + ROW_PADDING
+    """Complex numbers from row to row, were they not in tiles: whole tiles, and two more."""
+    return _rounded(grid.padded[1], TILE_X) + ROW_PADDING
 
 
 def field_numbers(grid: Grid) -> int:
     """Complex numbers that the rows of a field take."""
-    return _whole_tiles(grid.shape[0]) * row_stride(grid)
+    return _rounded(grid.shape[0], TILE_Y) * row_stride(grid)
 
 
-def _whole_tiles(samples: int) -> int:
-    return -(-samples // TILE) * TILE
+def _rounded(samples: int, tile: int) -> int:
+    return -(-samples // tile) * tile
 
 
 def _grid_wgsl(grid: Grid) -> str:

@@ -10,7 +10,7 @@ GRID = Struct(
         ("padded", "vec2<u32>"),  # (y, x) of the grid that is transformed
         ("shape", "vec2<u32>"),  # (y, x) of the field inside it
         ("offset", "vec2<u32>"),  # where the field begins
-        ("stride", "u32"),  # complex numbers from row to row
+        ("stride", "u32"),  # complex numbers from row to row, before rows are cut into tiles
         ("upsample", "u32"),  # samples a modulator pixel and axis
     ],
 )

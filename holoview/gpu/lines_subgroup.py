@@ -23,7 +23,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from holoview.gpu.fft_butterfly import Emitter, emit_dft, literal
 from holoview.gpu.fft_codegen import LINES, Direction
 
-INVOCATIONS = 64
+MOST_LINES, MOST_INVOCATIONS = 4, 128
+"""Of a workgroup: four columns are 32 bytes wide, the least that GPUs read at a time."""
 MOST_REGISTERS = 256
 """Complex registers of a lane: more would spill on any adapter."""
 
@@ -72,7 +73,7 @@ def workgroups_for(lanes: int, lines: int) -> int:
 
 
 def _lines_a_workgroup(lanes: int) -> int:
-    return max(INVOCATIONS // lanes, 1)
+    return max(min(MOST_LINES, MOST_INVOCATIONS // lanes), 1)
 
 
 class _Line(Emitter):
