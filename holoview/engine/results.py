@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,15 @@ from numpy.typing import NDArray
 from holoview.engine.display import Display, Share
 from holoview.engine.fused import FusedFrame, Rows, Span
 from holoview.engine.inputs import Identity
+from holoview.engine.kernels import Kernels
 from holoview.engine.shelf import Lit, Shelf, Slices, Weight
-from holoview.gpu.device import Buffer, Device
+from holoview.gpu.device import Buffer
 from holoview.gpu.lines import Strategy
 from holoview.gpu.recorder import Recorder
-from holoview.optics.slots import Slots
 from holoview.plan import Plan
+
+if TYPE_CHECKING:
+    from holoview.optics.slots import Slots
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,6 @@ class Settings:
     """How a session computes: see `FrameSession`."""
 
     budget_bytes: int
-    half: bool
     together: int
 
 
@@ -38,9 +41,9 @@ class Results:
     Raises UserError when the grid exceeds the device's limits.
     """
 
-    def __init__(self, plan: Plan, slots: Slots, device: Device, settings: Settings, strategy: Strategy) -> None:
-        together = settings.together if is_clear(slots) else 1
-        self.frame = FusedFrame(plan, slots, device, half=settings.half, together=together, strategy=strategy)
+    def __init__(self, plan: Plan, slots: Slots, shaders: Kernels, settings: Settings, strategy: Strategy) -> None:
+        together, device = settings.together if is_clear(slots) else 1, shaders.device
+        self.frame = FusedFrame(plan, slots, device, together=together, strategy=strategy, shaders=shaders)
         self.display = Display(device, plan.grid.shape)
         self.seen, self.picture = self.display.seen("XYZ"), self.display.picture("picture")
         self.seen_of: Identity = None

@@ -21,24 +21,26 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.engine.display import Display
-from holoview.engine.fused import Span
+from holoview.engine.fused import Span, spans_of
 from holoview.engine.inputs import Identity
+from holoview.engine.kernels import Kernels
 from holoview.engine.pace import Pace
 from holoview.engine.results import Results, Settings, is_clear
-from holoview.engine.shelf import Lit
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.lines import Strategy
 from holoview.gpu.recorder import Recorder
 from holoview.gpu.timer import Timer
-from holoview.optics.slots import Slots, make_slots
 from holoview.plan import Plan, make_plan
 from holoview.system import System
+
+if TYPE_CHECKING:
+    from holoview.optics.slots import Slots
 
 Job = Callable[[Recorder], None]
 
@@ -83,15 +85,16 @@ class FrameSession:
         strategy: Strategy | Literal["auto"] = "auto",
     ) -> None:
         self.device = device
-        self._settings = Settings(budget_bytes, half, together)
+        self._settings, self._half = Settings(budget_bytes, together), half
         self._drive, self._generation = drive, 0
         self.timer: Timer | None = None
         self.plane_m = float(system.planes_m[0]) if plane_m is None else plane_m
         self.exposure_stops = exposure_stops
         self._plan = make_plan(system, [*system.planes_m, self.plane_m])
-        self._slots = make_slots(self._plan, drive)
         self._pace = Pace(device, strategy)
-        self._open()
+        shaders = self._warmed_up()  # first, as making slots may have to wait for torch to be imported
+        self._slots = _make_slots(self._plan, drive)
+        self._open(shaders)
 
     @property
     def system(self) -> System:
@@ -151,7 +154,7 @@ class FrameSession:
         if system is not None or plane_m is not None:
             plan = make_plan(given, [*given.planes_m, plane])
         if drive is not None or _slots_of(plan) != _slots_of(self._plan):
-            slots = make_slots(plan, self._drive if drive is None else drive)
+            slots = _make_slots(plan, self._drive if drive is None else drive)
         self._generation += 1
         self._drive = self._drive if drive is None else drive
         self.plane_m = plane
@@ -159,7 +162,7 @@ class FrameSession:
         fits = _structure(plan, slots) == _structure(self._plan, self._slots)
         self._plan, self._slots = plan, slots
         if not fits:
-            self._open()
+            self._open(self._warmed_up())
             return
         self._results.use(plan, slots, plane)
         self._take(self._pace.strategy_for(self._results.frame.variants()))
@@ -231,10 +234,16 @@ class FrameSession:
 
     # --- what has to be done ----------------------------------------------------------------------------------------
 
-    def _open(self) -> None:
+    def _warmed_up(self) -> Kernels:
+        """The shaders for the grid of the plan, which are being compiled."""
+        shaders = Kernels(self.device, self._plan.grid, half=self._half)
+        shaders.warm_up(self._pace.start(self._plan.grid.padded), self._plan)
+        return shaders
+
+    def _open(self, shaders: Kernels) -> None:
         """Takes memory on the device for the results of the plan, none of which is known yet."""
         strategy = self._pace.start(self._plan.grid.padded)
-        self._results = Results(self._plan, self._slots, self.device, self._settings, strategy)
+        self._results = Results(self._plan, self._slots, shaders, self._settings, strategy)
         self._results.frame.inputs.set_distance(1, self.plane_m)
         self._take(self._pace.strategy_for(self._results.frame.variants()))
 
@@ -252,10 +261,11 @@ class FrameSession:
         weights = {key: plan.weights[key] * plan.colour_weights[key[1]] for key in lit}
         seen_of = tuple((results.identity(key), weights[key].tobytes()) for key in lit)
         work: list[Job] = []
-        for run in self._runs([key for key in lit if results.is_housed(key) and not results.is_fresh(key)]):
+        together = results.frame.together
+        for run in spans_of([key for key in lit if results.is_housed(key) and not results.is_fresh(key)], together):
             work += [partial(results.expose, span) for span in self._sources(run)]
         if results.seen_of != seen_of:
-            homeless = self._runs([key for key in lit if not results.is_housed(key)])
+            homeless = spans_of([key for key in lit if not results.is_housed(key)], together)
             work.append(partial(results.blend, weights, None if homeless else seen_of))
             for run in homeless:
                 work += [partial(results.expose, span) for span in self._sources(run)]
@@ -265,18 +275,6 @@ class FrameSession:
             work.append(partial(results.show, self.exposure_stops, picture_of))
         return work
 
-    def _runs(self, stale: list[Lit]) -> list[Span]:
-        """Neighbouring wavelengths of a frame together, as many as may be computed at a time."""
-        runs: list[Span] = []
-        for frame, wavelength in stale:
-            last = runs[-1] if runs else None
-            follows = last is not None and (last.frame, last.wavelength + last.count) == (frame, wavelength)
-            if last is not None and follows and wavelength % self._results.frame.together:
-                runs[-1] = replace(last, count=last.count + 1)
-            else:
-                runs.append(Span(frame, 0, wavelength))
-        return runs
-
     def _sources(self, run: Span) -> list[Span]:
         return [replace(run, source=source) for source in range(len(self._plan.slopes))]
 
@@ -284,6 +282,12 @@ class FrameSession:
         recorder = Recorder(self.device, "frame", self.timer)
         job(recorder)
         recorder.submit(wait=wait)
+
+
+def _make_slots(plan: Plan, drive: Any) -> Slots:
+    from holoview.optics.slots import make_slots  # here, as it imports torch, which takes a second
+
+    return make_slots(plan, drive)
 
 
 def _structure(plan: Plan, slots: Slots) -> Identity:
