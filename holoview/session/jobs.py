@@ -41,6 +41,11 @@ class Control:
         if self._stop.is_set():
             raise Cancelled
 
+    def rest(self, seconds: float) -> None:
+        """Waits, but not once the job was cancelled."""
+        self._stop.wait(seconds)
+        self.check()
+
     def pause(self) -> None:
         """The work waits at its next check."""
         self._go.clear()
