@@ -9,6 +9,7 @@ from time import monotonic
 
 import numpy as np
 
+from holoview import units
 from holoview.errors import UserError
 from holoview.optimise.device import find_device
 from holoview.optimise.memory import on_compact_grid
@@ -23,7 +24,7 @@ from holoview.session.wanted import Wanted
 from holoview.system import System
 
 BEGINS = ("now", "random", "smooth")
-_QUICK_PIXELS = 20_000
+_QUICK_PIXELS = 100_000
 _SHOWN_EVERY_S = 0.25
 """The view is handed new patterns no more often, however fast iterations are."""
 
@@ -34,8 +35,9 @@ class OptimisePlan:
 
     settings: of the optimiser. scheme: a colour scheme to change the bench to first. begin: patterns to begin with,
     those of "now", or "random", "smooth". every: iterations between two looks. coarse: modulator pixels a side that
-    move together: a pattern of larger pixels, physically what it says, found coarse² times as fast. device: of torch,
-    "auto" for the fastest. Raises UserError for values that make no sense.
+    move together: a pattern of larger pixels, physically what it says, found coarse² times as fast. only_m: the one
+    focal plane that counts; all of the bench's when None. device: of torch, "auto" for the fastest.
+    Raises UserError for values that make no sense.
     """
 
     settings: Settings = field(default_factory=Settings)
@@ -43,6 +45,7 @@ class OptimisePlan:
     begin: str = "random"
     every: int = 3
     coarse: int = 1
+    only_m: float | None = None
     device: str = "auto"
 
     def __post_init__(self) -> None:
@@ -93,6 +96,7 @@ class Optimisation(Job):
         assert wanted is not None
         control.report(0, plan.settings.iterations, "building the target")
         bench = coarsened(self.system, plan.coarse)
+        bench = bench if plan.only_m is None else bench.edit({"planes": [plan.only_m]})
         stack = wanted.build(bench).stack
         control.report(0, plan.settings.iterations, "preparing")
         start = begun.drive if plan.begin == "now" and begun.drive.shape == bench.drive_shape else None
@@ -119,7 +123,8 @@ class Optimisation(Job):
         lasers = {"wavelengths": found.best.system.wavelengths_m, "amplitudes": found.best.system.amplitudes}
         drive = _refined(found.best.drive, self.plan.coarse, self.system.modulators[0].shape)
         pixels = f" of {self.plan.coarse} x {self.plan.coarse} pixels together" if self.plan.coarse > 1 else ""
-        words = f"optimised{pixels}, {found.iteration} iterations, PSNR {found.best_psnr_db:.1f} dB"
+        plane = "" if self.plan.only_m is None else f" for {units.short(self.plan.only_m, 'mm')}"
+        words = f"optimised{pixels}{plane}, {found.iteration} iterations, PSNR {found.best_psnr_db:.1f} dB"
         return replace(self.begun, system=self.system.edit(lasers), drive=drive, origin=words, path=None)
 
     def _follow(self, state: State) -> None:
@@ -167,14 +172,15 @@ def last(session: Session) -> Optimisation | None:
     return next((job for job in reversed(session.jobs.all) if isinstance(job, Optimisation)), None)
 
 
-def quick_look(session: Session, wanted: Wanted | None = None, iterations: int = 8) -> Optimisation:
-    """A few iterations with large pixels, each of them shown, so that a picture just opened is seen within seconds."""
+def quick_look(session: Session, wanted: Wanted | None = None, iterations: int = 10) -> Optimisation:
+    """A few iterations for one plane, with large pixels and a smooth phase: something of a picture within seconds."""
     if wanted is not None:
         session.edit(f"Target {wanted.title}", wanted=wanted)
     rows, columns = session.system.modulators[0].shape
     settings = Settings(iterations=iterations, amplitudes_every=max(iterations // 2, 1))
     coarse = math.ceil(math.sqrt(rows * columns / _QUICK_PIXELS))
-    return optimise(session, OptimisePlan(settings=settings, begin="random", every=1, coarse=coarse))
+    nearest = float(min(session.system.planes_m, key=lambda z: abs(z - session.look.plane_m)))
+    return optimise(session, OptimisePlan(settings, begin="smooth", every=1, coarse=coarse, only_m=nearest))
 
 
 def coarsened(system: System, factor: int) -> System:

@@ -128,6 +128,11 @@ class Session:
         lit = state.lit_system
         return state if lit is state.system else replace(state, system=lit)
 
+    @property
+    def found(self) -> State | None:
+        """What a running optimisation has found so far."""
+        return None if self._preview is None else self._preview[1]
+
     def preview(self, begun: State | None, found: State | None = None) -> None:
         """Shows `found` in place of `begun` for as long as the document is still that; None ends it."""
         self._preview = None if begun is None or found is None else (begun, found)
