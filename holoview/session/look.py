@@ -15,7 +15,7 @@ Line = tuple[float, float, float, float]
 """x0, y0, x1, y1 in samples of the simulated image; whole numbers are centres of samples."""
 
 CHANNELS = ("colour", "luminance", "R", "G", "B", "X", "Y", "Z", "L", "M", "S")
-FALSE_COLOURS = ("", "viridis", "magma", "turbo")
+FALSE_COLOURS = ("", "cubehelix", "hue")
 COMPARES = ("off", "hold", "wipe", "side-by-side", "difference")
 PAGES = ("image", "planes", "phase", "spectrum")
 MOST_STOPS = 60.0  # 2^60 is past anything to see, and its square still far inside a float64
