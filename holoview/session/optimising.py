@@ -122,7 +122,7 @@ class Optimisation(Job):
         """The best so far as a document, on the bench's own grid."""
         lasers = {"wavelengths": found.best.system.wavelengths_m, "amplitudes": found.best.system.amplitudes}
         drive = _refined(found.best.drive, self.plan.coarse, self.system.modulators[0].shape)
-        pixels = f" of {self.plan.coarse} x {self.plan.coarse} pixels together" if self.plan.coarse > 1 else ""
+        pixels = f" with {self.plan.coarse} x {self.plan.coarse} pixels as one" if self.plan.coarse > 1 else ""
         plane = "" if self.plan.only_m is None else f" for {units.short(self.plan.only_m, 'mm')}"
         words = f"optimised{pixels}{plane}, {found.iteration} iterations, PSNR {found.best_psnr_db:.1f} dB"
         return replace(self.begun, system=self.system.edit(lasers), drive=drive, origin=words, path=None)

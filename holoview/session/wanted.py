@@ -6,11 +6,11 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from threading import Condition, Thread
 
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.session.newest import Newest
 from holoview.session.state import State
 from holoview.system import System
 from holoview.targets.build import Placement, target_for
@@ -65,11 +65,11 @@ class Targets:
     def __init__(
         self, deliver: Callable[[Callable[[], None]], None], ready: Callable[[], None], failed: Callable[..., None]
     ) -> None:
-        self._deliver, self._ready, self._failed = deliver, ready, failed
+        self._ready = ready
+        self._failed = failed
         self._known: dict[Hashable, Image | None] = {}
-        self._asked: _Asked | None = None
-        self._awaits, self._closed = Condition(), False
-        self._thread: Thread | None = None
+        self._asked: Hashable = None
+        self._newest: Newest[_Built] = Newest("targets", deliver, lambda error: None)
 
     def at(self, state: State, plane_m: float) -> Image | None:
         """The target (y, x, 3), linear sRGB, at a plane; None where there is none or it is still being built."""
@@ -78,39 +78,22 @@ class Targets:
         asked = _Asked(state.wanted, state.system, plane_m)
         if asked.key in self._known:
             return self._known[asked.key]
-        with self._awaits:
-            self._asked = asked
-            self._awaits.notify()
-        if self._thread is None:
-            self._thread = Thread(target=self._run, name="holoview: targets", daemon=True)
-            self._thread.start()
+        if self._asked != asked.key:
+            self._asked = asked.key
+            self._newest.ask(asked.built, partial(self._take, asked))
         return None
 
     @property
     def is_building(self) -> bool:
         """Whether one is on its way."""
-        return self._asked is not None
+        return self._newest.is_busy
 
     def close(self) -> None:
         """Ends the thread."""
-        with self._awaits:
-            self._closed = True
-            self._awaits.notify()
+        self._newest.close()
 
-    def _run(self) -> None:
-        while True:
-            with self._awaits:
-                self._awaits.wait_for(lambda: self._closed or self._asked is not None)
-                asked = self._asked
-            if self._closed or asked is None:
-                return
-            found, error = asked.built()
-            self._deliver(partial(self._take, asked, found, error))
-            with self._awaits:
-                if self._asked is asked:
-                    self._asked = None
-
-    def _take(self, asked: _Asked, found: dict[float, Image], error: BaseException | None) -> None:
+    def _take(self, asked: _Asked, built: _Built) -> None:
+        found, error = built
         self._known |= {replace(asked, plane_m=z).key: image for z, image in found.items()}
         self._known.setdefault(asked.key, None)
         while len(self._known) > _KEPT_IMAGES:
@@ -118,6 +101,9 @@ class Targets:
         if error is not None:
             self._failed(error, "target")
         self._ready()
+
+
+_Built = tuple[dict[float, Image], Exception | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,13 +118,13 @@ class _Asked:
     def key(self) -> Hashable:
         return self.wanted, geometry(self.system), self.plane_m
 
-    def built(self) -> tuple[dict[float, Image], BaseException | None]:
+    def built(self) -> _Built:
         """The images of the bench's planes where it is one of them, else that of the plane alone."""
         own = bool(np.any(self.system.planes_m == self.plane_m))
         if not own and self.wanted.is_stack:
             return {}, None
         try:
             target = self.wanted.build(self.system, None if own else np.array([self.plane_m]))
-        except Exception as error:  # delivered to the owner, who tells the user
+        except Exception as error:  # the owner tells the user, once for each target
             return {}, error
         return dict(zip(target.planes_m, target.stack, strict=True)), None

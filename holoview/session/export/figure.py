@@ -56,7 +56,7 @@ def _drawing() -> Any:
 
 def _draw(drawing: Any, path: Path, state: State, seen: NDArray[np.uint8], figures: RegionFigures) -> None:
     rows, columns = seen.shape[:2]
-    caption_in = 0.75
+    caption_in = 0.55
     figure = drawing.Figure((_WIDTH_IN, _WIDTH_IN * rows / columns + caption_in), dpi=_DPI)
     height = 1 - caption_in / figure.get_figheight()
     axes = figure.add_axes((0, 1 - height, 1, height))
@@ -71,7 +71,7 @@ def _draw(drawing: Any, path: Path, state: State, seen: NDArray[np.uint8], figur
         linewidth=0.8,
         alpha=0.8,
     )
-    figure.text(0.015, 0.015, "\n".join(caption(state, figures)), fontsize=7.5, va="bottom")
+    figure.text(0.015, 0.012, "\n".join(caption(state, figures)), fontsize=7.5, va="bottom")
     figure.savefig(
         path, metadata={"Creator": "holoview"} if path.suffix.lower() == ".pdf" else {"Software": "holoview"}
     )
@@ -100,9 +100,10 @@ def caption(state: State, figures: RegionFigures) -> list[str]:
     system, look = state.system, state.look
     lasers = ", ".join(f"{λ * 1e9:.4g}" for λ in system.wavelengths_m)
     fidelity = "" if figures.psnr_db is None else f", PSNR {figures.psnr_db:.1f} dB, ΔE2000 {figures.delta_e:.1f}"
+    known = "" if figures.psnr_db is None else " (target divided out)"
     exposure = f", exposure {look.exposure_stops:+g} stops" if look.exposure_stops else ""
     return [
         f"{system.name or 'bench'}: {state.origin}",
         f"wavelengths {lasers} nm; focal plane {units.short(look.plane_m, 'mm')}{exposure}",
-        f"frame: speckle contrast {figures.contrast:.3f}, mean luminance {figures.mean:.3g}{fidelity}",
+        f"in the frame: speckle contrast {figures.contrast:.3f}{known}, mean luminance {figures.mean:.3g}{fidelity}",
     ]
