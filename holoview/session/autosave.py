@@ -23,6 +23,7 @@ from holoview.session.archive import Archive, Document, read_document, read_fact
 from holoview.session.folder import Preferences, state_folder
 from holoview.session.history import History
 from holoview.session.session import Change, Session
+from holoview.session.state import State
 
 DELAY_S = 0.4
 """From an edit to its being saved, so that a drag isn't written at every step."""
@@ -44,14 +45,27 @@ class Saved:
 
         An optimisation that was running is pinned as a snapshot. Raises UserError when nothing can be read.
         """
+        history, snapshots, lost = self._read()
+        return _told(Session.restored(history, snapshots, wake), lost)
+
+    def restore_into(self, session: Session) -> None:
+        """As `restore`, but an open session becomes the saved one. Raises UserError; then it is as it was."""
+        history, snapshots, lost = self._read()
+        session.adopt(history, snapshots)
+        _told(session, lost)
+
+    def _read(self) -> tuple[History, dict[str, State], list[str]]:
         document, lost = read_document(self.folder)
         snapshots = dict(document.snapshots)
         if document.unfinished is not None:
             snapshots["Unfinished optimisation"] = document.unfinished
-        session = Session.restored(History.of(list(document.steps), document.position), snapshots, wake)
-        for line in lost:
-            session.messages.post(f"not restored: {line}", "warning")
-        return session
+        return History.of(list(document.steps), document.position), snapshots, lost
+
+
+def _told(session: Session, lost: list[str]) -> Session:
+    for line in lost:
+        session.messages.post(f"not restored: {line}", "warning")
+    return session
 
 
 class Store:

@@ -182,3 +182,10 @@ class Jobs:
         """Asks all to end."""
         for job in self.active:
             job.cancel()
+
+
+def describe_job(job: Job) -> str:
+    """A job in a line: title, share, what it says, and what is left."""
+    left = job.seconds_left
+    parts = [f"{job.title} {job.fraction:.0%}", job.note, "" if left is None else f"{left:.0f} s left"]
+    return ", ".join(part for part in parts if part)

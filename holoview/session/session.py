@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from holoview import preset
 from holoview.errors import UserError
 from holoview.session.history import History, Step
-from holoview.session.jobs import Job, Jobs
+from holoview.session.jobs import Jobs
 from holoview.session.look import Look, Side
 from holoview.session.messages import Messages
 from holoview.session.state import Drive, State, is_same
@@ -211,6 +211,12 @@ class Session:
         self._history.amend(replace(self.state, look=self.look.with_(**stays)))
         self._tell(*_changed(before, self.state), "history")
 
+    def adopt(self, history: History, snapshots: Mapping[str, State]) -> None:
+        """Becomes a session that was saved; listeners stay, jobs are cancelled."""
+        self.jobs.cancel_all()
+        self._preview, self._history, self._snapshots = None, history, dict(snapshots)
+        self._tell(*KINDS)
+
     # --- sides of a comparison --------------------------------------------------------------------------------------
 
     @property
@@ -336,10 +342,3 @@ def _changed(before: State, after: State) -> list[str]:
     if before.look != after.look:
         kinds.append("look")
     return kinds
-
-
-def describe_job(job: Job) -> str:
-    """A job in a line: title, share, what it says, and what is left."""
-    left = job.seconds_left
-    parts = [f"{job.title} {job.fraction:.0%}", job.note, "" if left is None else f"{left:.0f} s left"]
-    return ", ".join(part for part in parts if part)

@@ -36,3 +36,28 @@ def pixels(xyz: NDArray[np.floating], look: Look) -> NDArray[np.uint8]:
     if look.channel == "colour":
         return levels
     return palette(look.false_colour or "grey")[levels[..., 0]]
+
+
+def compared(a: NDArray[np.floating], b: NDArray[np.floating] | None, look: Look) -> NDArray[np.uint8]:
+    """8-bit sRGB of two sides, XYZ (y, x, 3) of equal shape, as the look compares them; of `a` alone without `b`.
+
+    A wipe shows `a` left of its line. A difference shows a − b around mid-grey, for a single channel from blue to red.
+    """
+    if look.compare == "off" or b is None or a.shape != b.shape:
+        return pixels(a, look)
+    if look.compare == "difference":
+        return _difference(a, b, look)
+    left, right = pixels(a, look), pixels(b, look)
+    if look.compare == "side-by-side":
+        return np.concatenate([left, right], axis=1)
+    if look.compare == "wipe":
+        edge = round(look.wipe * a.shape[1])
+        return np.concatenate([left[:, :edge], right[:, edge:]], axis=1)
+    return left
+
+
+def _difference(a: NDArray[np.floating], b: NDArray[np.floating], look: Look) -> NDArray[np.uint8]:
+    matrix = channel_matrix(look.channel) * 2.0**look.exposure_stops
+    shares = np.clip(0.5 + 0.5 * ((np.asarray(a, dtype=np.float64) - b) @ matrix.T), 0, 1)
+    levels = np.rint(255 * shares).astype(np.uint8)
+    return levels if look.channel == "colour" else palette("signed")[levels[..., 0]]
