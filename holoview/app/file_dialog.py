@@ -25,7 +25,7 @@ class Request:
 
     title: str
     suffixes: Sequence[str]
-    chosen: Callable[[Path], None]
+    chosen: Callable[[Path], object]
     name: str = ""
     saves: bool = False
 

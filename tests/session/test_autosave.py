@@ -131,6 +131,32 @@ def test_what_is_damaged_is_left_out_and_told(tmp_path: Path, session: Session) 
     assert store.crashed() == []
 
 
+def test_an_open_session_becomes_the_saved_one_and_its_listeners_stay(tmp_path: Path, session: Session) -> None:
+    store = Store(tmp_path)
+    autosave = store.attach(session)
+    session.change("Gap", {"gap": 2e-3})
+    session.pin("mine")
+    autosave.close()
+    other, heard = Session(bench.small_system(), seed=9), []
+    other.listen(lambda change: heard.append(change.kinds))
+    last = store.last()
+    assert last is not None
+    last.restore_into(other)
+    assert other.system.gap_m == 2e-3 and other.undo() == "Gap" and list(other.snapshots) == ["mine"]
+    assert {"system", "drive", "look", "target", "snapshots", "history"} <= heard[0]
+
+
+def test_what_an_optimisation_had_found_is_pinned_after_a_crash(tmp_path: Path, session: Session) -> None:
+    autosave = Store(tmp_path).attach(session)
+    found = session.state.edited({"drive": np.zeros(session.drive.shape, np.float32), "origin": "half way"})
+    session.preview(session.state, found)
+    assert autosave.flush()
+    autosave._stop()
+    (saved,) = [saved for saved in Store(tmp_path)._all() if saved.folder == autosave.folder]
+    pinned = saved.restore().snapshots["Unfinished optimisation"]
+    assert pinned.origin == "half way" and pinned.drive.max() == 0
+
+
 def test_only_what_is_referred_to_stays_on_the_disk(tmp_path: Path, session: Session) -> None:
     store = Store(tmp_path)
     autosave = store.attach(session)

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from holoview import preset
-from holoview.colour import srgb_encode, to_srgb8
+from holoview.colour import D65_WHITE, srgb_encode, to_srgb8
 from holoview.errors import UserError
 from holoview.hologram import load_hologram
 from holoview.session.export.documents import save_hologram, save_preset
@@ -25,7 +25,7 @@ from holoview.session.rendering import planes_seen
 from holoview.session.session import Session
 from holoview.session.showcase import NAMES as SIDES
 from holoview.session.showcase import showcase
-from holoview.session.tone import pixels
+from holoview.session.tone import compared, pixels
 from holoview.session.wanted import Wanted
 from holoview.view import simulate
 from tests.session.conftest import small_system
@@ -50,6 +50,22 @@ def test_the_plain_look_is_the_plain_picture_and_exposure_doubles() -> None:
     assert np.abs(shown[..., 1] - codes).max() <= 1, "float32 may round the other way"
     coloured = pixels(xyz, look.with_(channel="Y", false_colour="cubehelix"))
     assert (coloured[..., 0] != coloured[..., 1]).any()
+
+
+def test_sides_are_compared_as_on_the_screen() -> None:
+    a, b = (np.full((4, 8, 3), 1.0) * value * D65_WHITE for value in (0.1, 0.6))
+    look = Look(plane_m=0.01)
+    left, right = pixels(a, look), pixels(b, look)
+    assert np.array_equal(compared(a, b, look), left), "nothing is compared"
+    beside = compared(a, b, look.with_(compare="side-by-side"))
+    assert beside.shape == (4, 16, 3) and np.array_equal(beside[:, 8:], right)
+    wiped = compared(a, b, look.with_(compare="wipe", wipe=0.25))
+    assert np.array_equal(wiped[:, :2], left[:, :2]) and np.array_equal(wiped[:, 2:], right[:, 2:])
+    same = compared(a, a, look.with_(compare="difference"))
+    assert (same == 128).all(), "no difference is mid-grey"
+    brighter = compared(a, b, look.with_(compare="difference", channel="luminance"))
+    assert (brighter[..., 2] > brighter[..., 0]).all(), "a below b is blue"
+    assert np.array_equal(compared(a, b[:2], look.with_(compare="wipe")), left), "of another size"
 
 
 def test_palettes_begin_and_end_where_they_should() -> None:

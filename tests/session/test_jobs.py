@@ -9,7 +9,7 @@ import pytest
 
 from holoview.errors import UserError
 from holoview.optimise.settings import Settings
-from holoview.session.jobs import Control
+from holoview.session.jobs import Control, describe_job
 from holoview.session.optimising import OptimisePlan, coarsened, last, optimise, quick_look, running
 from holoview.session.session import Session
 from holoview.session.wanted import Wanted
@@ -36,6 +36,7 @@ def test_a_job_reports_and_its_result_arrives_on_the_owners_thread(session: Sess
     job = session.jobs.start("Answer", work, results.append)
     assert job.join(10.0) and results == [] and job.is_active, "nothing happens before the owner polls"
     session.poll()
+    assert describe_job(job) == "Answer 50%, half way"
     assert results == [42] and job.status == "done" and (job.fraction, job.note) == (0.5, "half way")
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +32,17 @@ if TYPE_CHECKING:
 _OPENS = (".safetensors", ".toml", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 
 
+@dataclass(frozen=True)
+class _Save:
+    """Something that can be saved: its name, the suffixes that it may have, what writes it, a sentence, its keys."""
+
+    name: str
+    suffixes: tuple[str, ...]
+    write: Callable[[Path], object]
+    help: str
+    keys: str = ""
+
+
 class FilesPanel(Panel):
     """Buttons for everything that is read or written."""
 
@@ -44,44 +57,43 @@ class FilesPanel(Panel):
         """Adds the commands of the File menu, the file dialog, and the offer to recover what a crash has left."""
         self.recovery = RecoveryOffer(app.store.crashed() if app.store is not None else ())
         app.overlays += [self.recovery, self.dialog]
+        self._saves = self._all_saves(app)
         add = app.commands.add
         add("Open…", lambda: self._open(app), "File", "Ctrl+O", "A preset, hologram, patterns, or picture.")
-        for name, suffixes, save, keys, help_ in self._saves(app):
-            add(f"{name}…", lambda s=save, n=name, x=suffixes: self._save(app, n, x, s), "File", keys, help_)
+        for save in self._saves:
+            add(f"{save.name}…", partial(self._save, app, save), "File", save.keys, save.help)
         add("Copy image", lambda: _copy(app), "File", "Ctrl+Shift+C", "The image as it is seen, to the clipboard.")
         add("Paste picture", lambda: _paste(app), "File", "Ctrl+V", "The clipboard's picture becomes the target.")
 
-    def _saves(self, app: App) -> list[tuple[str, tuple[str, ...], Callable[[Path], object], str, str]]:
+    def _all_saves(self, app: App) -> list[_Save]:
         session = app.session
         return [
-            (
+            _Save(
                 "Save hologram",
                 (".safetensors",),
-                lambda path: _saved(app, path, save_hologram(session, path)),
-                "Ctrl+S",
+                partial(save_hologram, session),
                 "Patterns, lasers and bench in one file.",
+                "Ctrl+S",
             ),
-            ("Save preset", (".toml",), lambda path: _saved(app, path, save_preset(session, path)), "", "The bench."),
-            (
+            _Save("Save preset", (".toml",), partial(save_preset, session), "The bench, to start from again."),
+            _Save(
                 "Save view",
                 (".png",),
-                lambda path: _saved(app, path, save_view(session, path, _seen(app))),
-                "Ctrl+E",
+                lambda path: save_view(session, path, _seen(app)),
                 "The image as it is seen.",
+                "Ctrl+E",
             ),
-            ("Save all planes", (".png",), lambda path: save_planes(session, path), "", "A picture a focal plane."),
-            (
+            _Save("Save all planes", (".png",), partial(save_planes, session), "A picture for each focal plane."),
+            _Save(
                 "Save focal sweep",
                 (".gif", ".mp4"),
                 lambda path: save_sweep(session, path, frames=self.frames, seconds=self.seconds),
-                "",
                 "An animation through the focal planes and back.",
             ),
-            (
+            _Save(
                 "Save figure",
                 (".png", ".pdf"),
-                lambda path: save_figure(session, path),
-                "",
+                partial(save_figure, session),
                 "With scale bar, wavelengths and speckle contrast.",
             ),
         ]
@@ -91,10 +103,10 @@ class FilesPanel(Panel):
         if imgui.button("Open…", imgui.ImVec2(-1, 0)):
             app.attempt(self._open, app)
         width = (imgui.get_content_region_avail().x - imgui.get_style().item_spacing.x) / 2
-        for number, (name, suffixes, save, _, help_) in enumerate(self._saves(app)):
-            if imgui.button(f"{name}…", imgui.ImVec2(width, 0)):
-                app.attempt(self._save, app, name, suffixes, save)
-            tip(help_)
+        for number, save in enumerate(self._saves):
+            if imgui.button(f"{save.name}…", imgui.ImVec2(width, 0)):
+                app.attempt(self._save, app, save)
+            tip(save.help)
             if number % 2 == 0:
                 imgui.same_line()
         imgui.set_next_item_width(width / 2)
@@ -109,9 +121,9 @@ class FilesPanel(Panel):
     def _open(self, app: App) -> None:
         self.dialog.ask(Request("Open", _OPENS, lambda path: app.loader.open(path)))
 
-    def _save(self, app: App, name: str, suffixes: tuple[str, ...], save: Callable[[Path], object]) -> None:
-        stem = app.session.system.name or "hologram"
-        self.dialog.ask(Request(name, suffixes, lambda path: save(path), f"{stem}{suffixes[0]}", saves=True))
+    def _save(self, app: App, save: _Save) -> None:
+        name = f"{app.session.system.name or 'hologram'}{save.suffixes[0]}"
+        self.dialog.ask(Request(save.name, save.suffixes, save.write, name, saves=True))
 
 
 def _draw_watch(app: App) -> None:
@@ -132,10 +144,6 @@ def _draw_jobs(app: App) -> None:
         if imgui.button("Cancel", imgui.ImVec2(-1, 0)):
             job.cancel()
         imgui.pop_id()
-
-
-def _saved(app: App, path: Path, _: None) -> None:
-    app.session.messages.post(f"written: {path}")
 
 
 def _seen(app: App) -> NDArray[np.uint8]:

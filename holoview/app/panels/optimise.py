@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,7 +65,7 @@ class OptimisePanel(Panel):
         ):
             add(
                 name,
-                lambda act=act: _with_running(app, act),
+                partial(_with_running, app, act),
                 "Optimise",
                 is_possible=lambda: running(app.session) is not None,
             )
@@ -170,10 +172,10 @@ def _pause_or_go_on(job: Optimisation) -> None:
         job.pause()
 
 
-def _with_running(app: App, act: object) -> None:
+def _with_running(app: App, act: Callable[[Optimisation], None]) -> None:
     job = running(app.session)
     if job is not None:
-        act(job)  # type: ignore[operator]
+        act(job)
 
 
 def _quick_look(app: App) -> None:

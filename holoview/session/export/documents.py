@@ -11,14 +11,17 @@ from holoview.session.session import Session
 
 def save_hologram(session: Session, path: Path) -> None:
     """Writes patterns and bench as a hologram file, which the session then is a view of. Raises UserError."""
-    state = session.state
-    Hologram(state.drive, state.system).save(with_suffix(path, ".safetensors"))
-    session.edit("Save", path=with_suffix(path, ".safetensors"), undoable=False)
+    state, file = session.state, with_suffix(path, ".safetensors")
+    Hologram(state.drive, state.system).save(file)
+    session.edit("Save", path=file, undoable=False)
+    session.messages.post(f"hologram written to {file}")
 
 
 def save_preset(session: Session, path: Path) -> None:
     """Writes the bench as a preset in people's units. Raises UserError."""
-    preset.save(session.system, with_suffix(path, ".toml"))
+    file = with_suffix(path, ".toml")
+    preset.save(session.system, file)
+    session.messages.post(f"preset written to {file}")
 
 
 def with_suffix(path: Path, suffix: str) -> Path:

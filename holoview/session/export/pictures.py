@@ -34,7 +34,9 @@ def texts_of(state: State, plane_m: float | None = None) -> dict[str, str]:
 
 def save_view(session: Session, path: Path, seen: NDArray[np.uint8]) -> None:
     """Writes 8-bit pixels (y, x, 3), as they are on the screen. Raises UserError."""
-    write_png(with_suffix(path, ".png"), seen, texts_of(session.shown))
+    file = with_suffix(path, ".png")
+    write_png(file, seen, texts_of(session.shown))
+    session.messages.post(f"view written to {file}")
 
 
 def save_planes(session: Session, path: Path) -> Job:
