@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from holoview.app.app import App
 
 MODAL = imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_docking
-_ROWS = 14
+_ROWS = 12
 
 
 @dataclass(frozen=True)
@@ -143,3 +143,4 @@ def centre(width: float) -> None:
     place = imgui.get_main_viewport().get_center()
     imgui.set_next_window_pos(place, imgui.Cond_.appearing, imgui.ImVec2(0.5, 0.5))
     imgui.set_next_window_size_constraints(imgui.ImVec2(width, 0), imgui.ImVec2(width, 2000))
+    imgui.set_next_window_bg_alpha(1.0)

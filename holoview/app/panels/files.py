@@ -109,10 +109,10 @@ class FilesPanel(Panel):
             tip(save.help)
             if number % 2 == 0:
                 imgui.same_line()
-        imgui.set_next_item_width(width / 2)
+        imgui.set_next_item_width(0.7 * width)
         _, frames = imgui.input_int("frames in the sweep", self.frames, 1, 10)
         self.frames = min(max(frames, 2), 600)
-        imgui.set_next_item_width(width / 2)
+        imgui.set_next_item_width(0.7 * width)
         _, seconds = imgui.input_float("seconds there and back", self.seconds, 0.5, 1.0, "%.1f")
         self.seconds = min(max(seconds, 0.1), 600.0)
         _draw_watch(app)

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from imgui_bundle import imgui
-from numpy.typing import NDArray
 
 from holoview.app import plots, theme
 from holoview.app.fields import tip
 from holoview.app.panel import Panel
-from holoview.session.live import Figures, Live
+from holoview.session.live import Figures
 from holoview.session.measure import ContrastCurve, Profile, SpeckleHistogram
 from holoview.session.showcase import ShowcaseJob, showcase
-from holoview.session.state import State
 
 if TYPE_CHECKING:
     from holoview.app.app import App
@@ -39,14 +36,11 @@ class SpecklePanel(Panel):
     dock = "Right"
 
     def __init__(self) -> None:
-        self.live: Live | None = None
-        self._feeding: _Feeding | None = None
         self._showcase: ShowcaseJob | None = None
         self._iterations = 0
 
     def begin(self, app: App) -> None:
         """Adds the commands."""
-        self.live = Live(app.session)
         add = app.commands.add
         add("Draw a region", lambda: _take(app, "region"), _GROUP, "Shift+R", "Drag on the image; figures follow it.")
         add("Draw a line", lambda: _take(app, "line"), _GROUP, "Shift+L", "Drag on the image; its profile is plotted.")
@@ -61,36 +55,15 @@ class SpecklePanel(Panel):
 
     def draw(self, app: App) -> None:
         """Tools, numbers, plots, and the comparison of schemes."""
-        assert self.live is not None
+        app.live_wanted = True
         _draw_tools(app)
-        self._feed(app, self.live)
-        figures = self.live.figures
+        figures = app.live.figures
         if figures is None:
             imgui.text_disabled("The image is on its way.")
         else:
             _draw_numbers(figures)
             _draw_plots(figures)
         self._draw_showcase(app)
-
-    def _feed(self, app: App, live: Live) -> None:
-        """Hands a complete image to the measuring thread; it is read from the device a wavelength a frame."""
-        xyz = app.sides.now.xyz()
-        if xyz is None:
-            return
-        state, target = app.session.shown, app.session.target_at()
-        feeding = self._feeding
-        if feeding is None or not feeding.is_of(xyz, target, state):
-            self._feeding = feeding = _Feeding(xyz, target, state)
-        count = len(state.system.wavelengths_m)
-        if feeding.is_done(count):
-            return
-        intensity = app.sides.now.intensity(len(feeding.intensity))
-        if intensity is None:
-            return
-        feeding.intensity.append(intensity)
-        if feeding.is_done(count):
-            live.look(state, xyz, target, np.stack(feeding.intensity))
-        app.window.wake()
 
     def _draw_showcase(self, app: App) -> None:
         imgui.separator_text("Simultaneous beside HoloChrome")
@@ -115,25 +88,6 @@ class SpecklePanel(Panel):
     def _compare(self, app: App) -> None:
         with app.session.guard():
             self._showcase = showcase(app.session, self._iterations)
-
-
-@dataclass(eq=False)
-class _Feeding:
-    """An image on its way to the measuring thread, and the wavelengths that have been read so far."""
-
-    xyz: NDArray[np.float32]
-    target: NDArray[np.float32] | None
-    state: State
-    intensity: list[NDArray[np.float32]] = field(default_factory=list)
-
-    def is_of(self, xyz: NDArray[np.float32], target: NDArray[np.float32] | None, state: State) -> bool:
-        """Whether the figures of this image, region and line are already on their way or there."""
-        one, other = self.state, state
-        same_where = (one.region, one.look.profile) == (other.region, other.look.profile)
-        return xyz is self.xyz and target is self.target and same_where
-
-    def is_done(self, count: int) -> bool:
-        return len(self.intensity) >= count
 
 
 def _take(app: App, tool: str) -> None:
