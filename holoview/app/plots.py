@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from holoview.app import theme
 
-HEIGHT_EM = 8.5
+HEIGHT_EM = 9.5
 _FLAGS = implot.Flags_.no_menus | implot.Flags_.no_box_select | implot.Flags_.no_mouse_text
 _AXIS = implot.AxisFlags_.no_grid_lines | implot.AxisFlags_.no_menus | implot.AxisFlags_.no_highlight
 GREY = imgui.ImVec4(0.60, 0.62, 0.66, 1.0)

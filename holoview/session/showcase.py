@@ -27,7 +27,7 @@ NAMES = ("Simultaneous, 3 wavelengths", "HoloChrome, 8 wavelengths")
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """One of the two: the name of its snapshot, its state, and the speckle contrast of the region."""
+    """One of the two: its name, its state, and the speckle contrast of the region."""
 
     name: str
     state: State
@@ -79,8 +79,14 @@ def showcase(session: Session, iterations: int = 0) -> ShowcaseJob:
 
     def done(result: Showcase) -> None:
         job.result = result
-        sides = [Side("snapshot", session.pin(shown.name, shown.state)) for shown in (result.left, result.right)]
-        session.look_at("Compare schemes", a=sides[0], b=sides[1], compare="side-by-side", page="image")
+        for old in [pinned for pinned in session.snapshots if pinned.startswith(NAMES)]:
+            session.unpin(old)
+        names = [f"{shown.name}: contrast {shown.contrast:.2f}" for shown in (result.left, result.right)]
+        a, b = (
+            Side("snapshot", session.pin(name, shown.state))
+            for name, shown in zip(names, (result.left, result.right), strict=True)
+        )
+        session.look_at("Compare schemes", a=a, b=b, compare="side-by-side", page="image")
         session.messages.post(result.words)
 
     session.jobs.start(job.title, work, done, job=job)

@@ -159,10 +159,15 @@ def test_the_showcase_shows_less_speckle_with_more_wavelengths(session: Session)
     result = job.result
     assert result is not None and result.how == "random patterns"
     assert result.right.contrast < result.left.contrast < 1.0
-    assert list(session.snapshots) == list(SIDES) and session.look.compare == "side-by-side"
+    pinned = [
+        f"{name}: contrast {side.contrast:.2f}" for name, side in zip(SIDES, (result.left, result.right), strict=True)
+    ]
+    assert list(session.snapshots) == pinned and session.look.compare == "side-by-side"
     scenes = [session.scene(side) for side in (session.look.a, session.look.b)]
     assert [len(scene.system.wavelengths_m) for scene in scenes if scene] == [3, 8]
     assert session.undo() == "Compare schemes" and session.look.compare == "off"
+    showcase(session)
+    assert session.wait(60.0) and len(session.snapshots) == 2, "the two before are replaced"
 
 
 def test_the_showcase_optimises_both_alike_and_says_so(session: Session, wanted: Wanted) -> None:
