@@ -96,7 +96,7 @@ def _begin(session: Session, device: Device, canvas: Any, store: Store, names: S
 def _run(app: App, store: Store, loop: Any, run: Callable[[], None]) -> None:
     autosave = _autosave(app, store)
     app.session.wake = lambda: loop.call_soon_threadsafe(app.window.wake)
-    loop.add_task(_compute, app, name="compute")
+    loop.add_task(compute, app, name="compute")
     try:
         run()
     finally:
@@ -114,8 +114,8 @@ def _autosave(app: App, store: Store) -> Autosave | None:
         return None
 
 
-async def _compute(app: App) -> None:
-    """A slice, then whatever the window has to do, and so on; at rest, a look now and then."""
+async def compute(app: App) -> None:
+    """Computes a slice, lets the window do what it has to, and so on; at rest, it looks now and then."""
     from rendercanvas.utils.asyncs import sleep
 
     while not app.window.canvas.get_closed():
