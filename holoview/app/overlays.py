@@ -73,7 +73,7 @@ class HelpOverlay(Panel):
         commands = sorted((c for c in self._app.commands if c.keys), key=lambda c: c.group)
         groups = [(name, list(some)) for name, some in groupby(commands, key=lambda c: c.group)]
         columns = 3 if imgui.get_content_region_avail().x > 700 else 2
-        if not imgui.begin_table("keys", columns):
+        if not imgui.begin_table("keys", columns, imgui.TableFlags_.sizing_stretch_same):
             return
         imgui.table_next_row()
         heights = [0.0] * columns
@@ -116,10 +116,17 @@ class HelpOverlay(Panel):
             imgui.text_disabled("no command has these words")
 
 
+def _keys_text(command: Command) -> str:
+    texts = [chord.text for chord in command.keys]
+    return "  ".join(texts) if len(texts) < 4 else f"{texts[0]} … {texts[-1]}"
+
+
 def _draw_group(name: str, commands: list[Command]) -> None:
     imgui.separator_text(name)
+    left = imgui.get_cursor_pos_x()
     for command in commands:
+        keys = _keys_text(command)
+        right = left + imgui.get_content_region_avail().x - imgui.calc_text_size(keys).x
         imgui.text(command.name)
-        keys = "  ".join(chord.text for chord in command.keys)
-        imgui.same_line(max(imgui.get_cursor_pos_x(), 0) + 150)
+        imgui.same_line(right)
         imgui.text_disabled(keys)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from imgui_bundle import imgui
+from numpy.typing import NDArray
 
 from holoview.app.fields import tip
 from holoview.session.look import NOW
@@ -21,27 +22,26 @@ def draw_readout(app: App, place: tuple[float, float] | None) -> None:
     if place is None or look.page != "image":
         imgui.text_disabled(_idle_text(app))
         return
+    imgui.text(describe_pixel(app, int(place[0] * shape[1]), int(place[1] * shape[0])))
+    app.mark("readout")
+    tip("Linear sRGB and XYZ at this sample; 1 is white. Intensities are those of the lasers, in the table's order.")
+
+
+def describe_pixel(app: App, x: int, y: int) -> str:
+    """The values at a sample, in a line."""
+    look = app.session.look
     side = look.a if look.compare != "off" else NOW
     xyz = app.sides.xyz(side)
-    x, y = int(place[0] * shape[1]), int(place[1] * shape[0])
     values = None if xyz is None else pixel_at(x, y, xyz, app.sides.now.intensities() if side == NOW else None)
     if values is None:
-        imgui.text_disabled(f"x {x}  y {y}   values follow with the full image")
-        return
-    rgb, tristimulus = _three(values.linear_rgb), _three(values.xyz)
-    imgui.text(f"x {x}  y {y}   RGB {rgb}   XYZ {tristimulus}")
-    app.mark("readout")
+        return f"x {x}  y {y}   values follow with the full image"
+    parts = [f"x {x}  y {y}", f"RGB {_three(values.linear_rgb)}", f"XYZ {_three(values.xyz)}"]
     if values.intensity is not None:
-        lasers = "\n".join(
-            f"{1e9 * nm:7.2f} nm   {i:.4g}"
-            for nm, i in zip(app.session.system.wavelengths_m, values.intensity, strict=True)
-        )
-        imgui.same_line()
-        imgui.text_disabled(f"  I {np.array2string(values.intensity, precision=2, max_line_width=400)[1:-1]}")
-        tip(f"Linear sRGB and XYZ at this sample, and the intensity of each laser:\n{lasers}")
+        parts.append("I " + " ".join(f"{value:.2f}" for value in values.intensity))
+    return "   ".join(parts)
 
 
-def _three(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> str:
+def _three(values: NDArray[np.float64]) -> str:
     return "  ".join(f"{value:.3f}" for value in values)
 
 

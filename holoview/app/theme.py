@@ -28,6 +28,9 @@ def apply(name: str) -> None:
     style.window_rounding = style.popup_rounding = 4.0
     style.window_padding, style.frame_padding = imgui.ImVec2(8, 6), imgui.ImVec2(6, 3)
     style.item_spacing = imgui.ImVec2(6, 5)
+    ground = imgui.ImVec4(0.11, 0.115, 0.125, 1.0) if name == "Dark" else imgui.ImVec4(0.97, 0.97, 0.97, 1.0)
+    style.set_color_(imgui.Col_.popup_bg, ground)
+    style.set_color_(imgui.Col_.window_bg, ground)
     if name == "Dark":
         style.set_color_(imgui.Col_.text, imgui.ImVec4(0.92, 0.93, 0.94, 1.0))
         style.set_color_(imgui.Col_.text_disabled, imgui.ImVec4(0.66, 0.68, 0.70, 1.0))

@@ -51,13 +51,13 @@ class Frame:
 
 
 def frame_of(look: Look, size: tuple[int, int], shape: tuple[int, int]) -> Frame:
-    """The part of an image of `shape` (y, x) that a look shows in `size` (x, y) pixels."""
+    """The part of an image of `shape` (y, x) that a look shows in `size` (x, y) pixels; its corner is on a pixel's."""
     panes = 2 if look.compare == "side-by-side" else 1
     width, height = max(size[0] // panes, 1), max(size[1], 1)
     zoom = look.zoom or fitting_zoom(look, size, shape)
     step = (1 / (zoom * shape[1]), 1 / (zoom * shape[0]))
-    origin = (look.centre[0] - width / 2 * step[0], look.centre[1] - height / 2 * step[1])
-    return Frame(size, origin, step)
+    left, top = round(width / 2 - look.centre[0] / step[0]), round(height / 2 - look.centre[1] / step[1])
+    return Frame(size, (-left * step[0], -top * step[1]), step)
 
 
 def fitting_zoom(look: Look, size: tuple[int, int], shape: tuple[int, int]) -> float:

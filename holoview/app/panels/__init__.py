@@ -17,12 +17,12 @@ from holoview.app.panels.speckle import SpecklePanel
 ALL: tuple[type[Panel], ...] = (
     ImagePanel,
     BenchPanel,
-    HistoryPanel,
     LasersPanel,
     GamutPanel,
     LookPanel,
     SpecklePanel,
     OptimisePanel,
     FilesPanel,
+    HistoryPanel,
     FocusPanel,
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,8 +47,8 @@ class LasersPanel(Panel):
         add("Balance to white", lambda: _white(app), "Lasers", help="Powers that make an even image white.")
         add("Add a laser", lambda: _add(app), "Lasers", help="In the middle of the widest gap.")
         add("All lasers", lambda: app.look("All lasers", solo=None, muted=frozenset()), "Lasers", "0")
-        for number in range(1, 10):
-            add(f"Solo laser {number}", partial(_solo, app, number - 1), "Lasers", str(number))
+        keys = " ".join(str(number) for number in range(1, 10))
+        add("Solo a laser", lambda: _solo(app, _digit_pressed() - 1), "Lasers", keys, "By its number; again: all.")
 
     def draw(self, app: App) -> None:
         system = app.session.system
@@ -178,6 +177,7 @@ class LasersPanel(Panel):
         imgui.begin_disabled(len(system.wavelengths_m) == 1)
         if imgui.small_button("×"):
             _remove(app, system, index)
+        app.mark(f"remove {index}")
         tip("Takes this laser off the bench.")
         imgui.end_disabled()
 
@@ -190,6 +190,11 @@ def _toggle(label: str, is_on: bool, doc: str) -> bool:
         imgui.pop_style_color()
     tip(doc)
     return pressed
+
+
+def _digit_pressed() -> int:
+    """The digit key that was pressed since the last frame, 1…9; 1 where the command came by name."""
+    return next((n for n in range(1, 10) if imgui.is_key_pressed(imgui.Key(imgui.Key._0.value + n), False)), 1)
 
 
 def _is_lit(app: App, index: int) -> bool:
