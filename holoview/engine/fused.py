@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
 
 from holoview.engine.display import padded_pixels
@@ -23,15 +23,16 @@ from holoview.engine.layouts import BATCH, GRID, LIGHT, PATH, WAVE
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.fft_codegen import Direction
 from holoview.gpu.layout import Struct
-from holoview.gpu.lines import Axis, Hooks, LineTransform, Strategy
+from holoview.gpu.lines import ROW_PADDING, Axis, Hooks, LineTransform, Stage, Strategy, storage
 from holoview.gpu.recorder import Pass, Recorder
 from holoview.gpu.shader import Generated
 from holoview.optics.slots import Slots
 from holoview.plan import Grid, Plan
 
-_ROW_PADDING = 8  # complex numbers after each row: columns of 2^k rows would compete for the same cache lines
 _COMPLEX64, _COMPLEX32, _F32 = 8, 4, 4
 Constants = tuple[tuple[str, bool], ...]
+Variant = tuple[str, Constants, bool]
+"""A kernel, its constants, and whether it reads one buffer and writes another."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,34 @@ class FusedFrame:
         rows = (4 * modulators) * self.field_bytes
         return rows + opd + math.prod(self.grid.shape) * _F32
 
+    def use_strategy(self, strategy: Strategy) -> None:
+        """Transform by another strategy from now on, which has spectra in its own order."""
+        self.strategy = strategy
+        self._transforms.clear()
+        self._passes.clear()
+        self._work = self._working_memory()
+
+    def variants(self) -> frozenset[Variant]:
+        """The kernels that the plan needs."""
+        inputs, system = self.inputs, self.inputs.plan.system
+        wavelengths = range(len(system.wavelengths_m))
+        sources = range(len(inputs.plan.slopes))
+        tilts = {inputs.is_tilted(source, range(w, w + 1)) for source in sources for w in wavelengths}
+        found: set[Variant] = {("light", (("is_tilted", tilted),), False) for tilted in tilts}
+        found.add(("observe", (), False))
+        for relay in (1,) if system.gap_m is None else (0, 1):
+            glass = {inputs.pupil(relay, wavelength)[0] for wavelength in wavelengths}
+            found |= {("propagate", (("has_pupil", has),), two) for has in glass for two in {relay == 1, True}}
+        if system.gap_m is not None:
+            found.add(("modulate", (), False))
+        return frozenset(found)
+
+    def stages(self, strategy: Strategy, variants: Iterable[Variant]) -> list[Stage]:
+        """All shaders of kernels by a strategy, such as to compile them somewhere else."""
+        chosen = sorted(variants)
+        transforms = (transform_of(self.device, self.grid, *v[:2], strategy, half=self._half, two=v[2]) for v in chosen)
+        return [stage for transform in transforms for stage in transform.stages]
+
     # --- kernels ----------------------------------------------------------------------------------------------------
 
     def first(self, recorder: Recorder, span: Span, target: Rows | None = None) -> Rows:
@@ -153,6 +182,7 @@ class FusedFrame:
                 wavelength=span.wavelength,
                 source_field=source.first if source else 0,
                 target_field=target.first,
+                work_field=source.first if source and kernel == "observe" else target.first,
                 weight=weight,
                 adds=adds,
             )
@@ -205,21 +235,26 @@ def transform_of(
     """A fused kernel: the transform of an axis between the hooks of `shaders/frame/<kernel>.wgsl`.
 
     half: fields are stored as f16. two: they are read from one buffer and written to another, else in place.
+    Where the transform has several shaders, it uses the rows that it writes for what lies between them, if it can.
     """
     axis, steps, layouts = KERNELS[kernel]
+    has_room = axis == "x" or grid.padded[0] == grid.shape[0]  # for whole lines, between the rows that are stored
+    own_work = has_room and not half  # passes that round to f16 one after the other would cost 12 dB
+    work = ("frame/work.wgsl",) if own_work else ()
     parts = (
         Generated("structs", GRID.wgsl + BATCH.wgsl + "".join(layout.wgsl for layout in layouts)),
         Generated("grid", _grid_wgsl(grid)),
-        f"frame/stored_{'f16' if half else 'f32'}.wgsl",
+        storage(device, half=half),
         f"frame/rows_{'two' if two else 'one'}.wgsl",
+        *work,
         f"frame/{kernel}.wgsl",
     )
-    return LineTransform(device, axis, grid.padded, steps, Hooks(kernel, parts, constants), strategy)
+    return LineTransform(device, axis, grid.padded, steps, Hooks(kernel, parts, constants, own_work), strategy)
 
 
 def row_stride(grid: Grid) -> int:
     """Complex numbers from row to row."""
-    return grid.padded[1] + _ROW_PADDING
+    return grid.padded[1] + ROW_PADDING
 
 
 def _grid_wgsl(grid: Grid) -> str:

@@ -39,6 +39,7 @@ BATCH = Struct(
         ("wavelength", "u32"),  # number of the first field's wavelength; the fields that follow have those that follow
         ("source_field", "u32"),  # where the first field is read
         ("target_field", "u32"),  # where it is written
+        ("work_field", "u32"),  # where it lies between the shaders of one transform
         ("weight", "f32"),  # of the intensity
         ("adds", "u32"),  # 1: the intensity is added to what was there
     ],

@@ -61,11 +61,11 @@ class Model:
         self.two = plan.system.gap_m is not None
         self.keep = keep
         count = len(self.beams)
-        # An FFT's result takes the place of the last one only when it is there: so the memory stays the process's own.
-        # Given back and asked for anew, it would cost more than the FFT that fills it.
-        self.spectra = [self._fields(1)[0] for _ in range(count)]  # W of each beam
-        self._behind = [self._fields(1)[0] for _ in range(count if self.two else 0)]  # w of each beam
-        self._seen = [self._fields(1)[0] for _ in range(count if keep else 1)]  # E of each beam at the present plane
+        # An FFT's result is copied to where it stays and given back at once: then the next one finds the same memory in
+        # the processor's cache, which saves more than the copy costs.
+        self.spectra = self._fields(count)  # W of each beam
+        self._behind = self._fields(count if self.two else 0)  # w of each beam
+        self._seen = self._fields(count if keep else 1)  # E of each beam at the present plane
         self.carried = self._fields(count)  # c_W of each beam
         self._work = self._fields(1)[0]
         self._real_work = torch.empty(plan.grid.shape, dtype=self.real, device=self.device)
@@ -93,9 +93,9 @@ class Model:
             self._pixels.append((first if wave is None else first * wave, *rest))
             self.arriving(i, self._work if self.two else self.spectra[i])
             if self.two:
-                self._behind[i] = torch.fft.ifft2(self._work)
+                self._behind[i].copy_(torch.fft.ifft2(self._work))
                 self._modulate(self._behind[i], rest[0])
-                self.spectra[i] = torch.fft.fft2(self._behind[i])
+                self.spectra[i].copy_(torch.fft.fft2(self._behind[i]))
         self.carried.zero_()
 
     def see(self, plane: int, intensity: Tensor) -> None:
@@ -121,10 +121,12 @@ class Model:
             field.imag.mul_(self._real_work)
             seen = self._seen[i if self.keep else 0]
             self._clear_outside(seen)
-            back, share = torch.fft.ifft2(seen), 2.0 / self.sources
+            share = 2.0 / self.sources
+            back = torch.fft.ifft2(seen)
             self.carried[i].addcmul_(back, self._response(i, plane), value=share)
             if self.far is not None:
                 self.far[i].addcmul_(back, self._response(i, plane), value=share * float(self.plan.planes_m[plane]))
+            del back
 
     def finish(self, gradient: Tensor, chromatic: Tensor | None = None, jumps: Jumps | None = None) -> None:
         """Adds ∂L/∂opd to `gradient` (frame, modulator, y, x), and ∂L/∂λ to `chromatic` (wavelength,) float64.
@@ -170,7 +172,7 @@ class Model:
     def _field_at(self, i: int, plane: int) -> Tensor:
         torch.mul(self.spectra[i], self._response(i, plane), out=self._work)
         place = i if self.keep else 0
-        self._seen[place] = torch.fft.ifft2(self._work)
+        self._seen[place].copy_(torch.fft.ifft2(self._work))
         return self._seen[place][self.plan.grid.inside]
 
     def _response(self, i: int, plane: int) -> Tensor:

@@ -18,7 +18,7 @@ STARTS = ("random", "smooth")
 class Settings:
     """How to optimise.
 
-    step_rad: Adam's first step, as phase at the middle wavelength; it falls to zero as a cosine.
+    step_rad: Adam's first step, as phase at the middle wavelength; it falls as √(share of iterations left).
     amplitudes_every: iterations between two solutions of the laser amplitudes (and two steps of the wavelengths).
     free: which unknowns are sought; the others stay as the system and the start have them.
     loss: a name in `losses.LOSSES`; None: linear sRGB, or "mono" for a mono observer.
@@ -31,8 +31,8 @@ class Settings:
     """
 
     iterations: int = 60
-    step_rad: float = 0.7
-    betas: tuple[float, float] = (0.6, 0.8)
+    step_rad: float = 0.9
+    betas: tuple[float, float] = (0.5, 0.5)
     amplitudes_every: int = 10
     seed: int = 0
     free: tuple[str, ...] = ("patterns", "amplitudes")

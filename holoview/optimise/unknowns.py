@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.optimise.adam import Adam, cosine
+from holoview.optimise.adam import Adam, fall
 from holoview.optimise.losses import find_loss
 from holoview.optimise.patterns import Patterns
 from holoview.optimise.problem import Evaluation, Wanted
@@ -71,7 +71,7 @@ class Unknowns:
             self.patterns.move(found.gradient, self._fall(iteration))
         if found.chromatic is None:
             return False
-        self._move_wavelengths(found.chromatic, cosine(iteration, self.searching))
+        self._move_wavelengths(found.chromatic, fall(iteration, self.searching))
         return True
 
     def tensors(self) -> dict[str, NDArray[np.floating]]:
@@ -101,11 +101,11 @@ class Unknowns:
         adam.count, self._amplitude_adam.count, self._wavelength_adam.count = (int(n) for n in kept["steps"])
 
     def _fall(self, iteration: int) -> float:
-        """The patterns' step falls to zero as a cosine; twice, where wavelengths move in the first half."""
+        """The patterns' step falls to zero; twice, where wavelengths move in the first half."""
         searching, total = self.searching, self.settings.iterations
         if iteration < searching:
-            return cosine(iteration, searching)
-        return cosine(iteration - searching, total - searching)
+            return fall(iteration, searching)
+        return fall(iteration - searching, total - searching)
 
     def _move_amplitudes(self, slopes: Floats) -> None:
         lit = self.amplitudes > 0

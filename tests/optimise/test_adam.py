@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.optimise.adam import Adam, cosine
+from holoview.optimise.adam import Adam, fall
 
 BETAS = (0.9, 0.99)
 
@@ -55,9 +55,7 @@ def test_the_gradient_is_left_as_it_was() -> None:
     assert gradient.tolist() == [1.0, -2.0]
 
 
-def test_the_fall_is_half_a_cosine() -> None:
-    assert [cosine(done, 4) for done in (0, 4, 5, 100)] == [1.0, 0.0, 0.0, 0.0]
-    assert cosine(2, 4) == pytest.approx(0.5)
-    assert cosine(1, 3) == pytest.approx(0.75)
-    values = [cosine(done, 20) for done in range(21)]
+def test_the_fall_is_the_root_of_what_is_left() -> None:
+    assert [fall(done, 4) for done in (0, 3, 4, 5, 100)] == [1.0, 0.5, 0.0, 0.0, 0.0]
+    values = [fall(done, 20) for done in range(21)]
     assert all(later < earlier for earlier, later in pairwise(values))

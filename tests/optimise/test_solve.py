@@ -127,7 +127,7 @@ def test_free_wavelengths_need_an_observer_with_slopes(bench: Bench, run: Run) -
 
 def test_a_smooth_start_buys_decibels_with_an_empty_eyebox(bench: Bench, run: Run) -> None:
     system = bench(shape=[32, 32])
-    rough, smooth = (run(system, begin=begin, iterations=20)[-1] for begin in ("random", "smooth"))
+    rough, smooth = (run(system, begin=begin, iterations=20, step_rad=0.5)[-1] for begin in ("random", "smooth"))
     assert smooth.best_psnr_db > rough.best_psnr_db
     assert smooth.eyebox > 2 * rough.eyebox
 

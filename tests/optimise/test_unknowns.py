@@ -71,17 +71,13 @@ def test_modulators_of_levels_ask_for_slopes_to_their_neighbours_ever_stiffer(be
 def test_patterns_move_by_a_step_that_falls_to_nothing(bench: Bench) -> None:
     system = bench()
     moves = _steps(_unknowns(system, betas=(0.0, 0.0)), system)
-    assert moves[0] == max(moves)
-    assert moves[-1] < 0.01 * moves[0]
-    assert all(later <= earlier for earlier, later in pairwise(moves))
+    np.testing.assert_allclose(moves, moves[0] * np.sqrt(1 - np.arange(40) / 40), rtol=1e-4)  # float32 in 0…1
 
 
 def test_the_patterns_steps_start_over_when_the_wavelengths_stay(bench: Bench) -> None:
     system = bench()
     moves = _steps(_unknowns(system, betas=(0.0, 0.0), free=EVERYTHING), system)
-    assert moves[19] < 0.02 * moves[0]
-    assert moves[20] == pytest.approx(moves[0], rel=1e-5)
-    assert moves[39] < 0.02 * moves[0]
+    np.testing.assert_allclose(moves, moves[0] * np.sqrt(1 - np.arange(40) % 20 / 20), rtol=1e-4)  # float32 in 0…1
 
 
 def test_the_patterns_moments_start_over_too(bench: Bench) -> None:
@@ -142,8 +138,8 @@ def test_wavelengths_move_down_their_slope_by_the_settings_step(bench: Bench) ->
     system = bench()
     unknowns = _unknowns(system, free=EVERYTHING, wavelength_step_m=2e-9, amplitudes_every=10)
     assert unknowns.move(_found(system, chromatic=np.array([1.0, -1e5, 0.0])), 10)
-    # Half way through the search the step has fallen to a half.
-    np.testing.assert_allclose(unknowns.wavelengths_m, [459e-9, 533e-9, 638e-9], rtol=1e-12)
+    step_m = 2e-9 * np.sqrt(0.5)  # half way through the search
+    np.testing.assert_allclose(unknowns.wavelengths_m, [460e-9 - step_m, 532e-9 + step_m, 638e-9], rtol=1e-12)
     assert not unknowns.move(_found(system), 11)
 
 
