@@ -18,6 +18,7 @@ INTERRUPTED = 130
 COMMANDS = {
     "presets": "list the presets, a line each",
     "info": "show the derived numbers of a preset",
+    "view": "see, scrub, compare and optimise in a window",
     "render": "render what an observer sees, to PNG",
     "optimise": "find patterns and laser amplitudes for a picture",
     "export": "write a hologram's patterns as PNG",

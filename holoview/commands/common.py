@@ -28,10 +28,15 @@ _LARGEST_SEED = 2**63 - 1
 
 
 def add_system(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
-    """PRESET and --set KEY=VALUE."""
+    """PRESET, --scheme and --set KEY=VALUE."""
     parser.add_argument(
         "preset", nargs="?" if optional else None, help="a preset's name (see `holoview presets`) or a TOML file"
     )
+    add_changes(parser)
+
+
+def add_changes(parser: argparse.ArgumentParser) -> None:
+    """--scheme and --set KEY=VALUE."""
     parser.add_argument(
         "--scheme",
         metavar="NAME",

@@ -62,3 +62,24 @@ SCREEN = Struct(
         ("pitch", "u32"),  # pixels from row to row of the picture
     ],
 )
+VIEWPORT = Struct(
+    "Viewport",
+    [
+        ("first", "vec4<f32>"),  # of XYZ: exposed channel = dot(xyz) + w, black 0 to white 1
+        ("second", "vec4<f32>"),
+        ("third", "vec4<f32>"),
+        ("background", "vec4<f32>"),  # 8-bit sRGB / 255
+        ("origin", "vec2<f32>"),  # (x, y) of the corner, in shares of the image
+        ("step", "vec2<f32>"),  # from pixel to pixel, in shares of the image
+        ("size_a", "vec2<u32>"),  # (x, y) samples of an image
+        ("size_b", "vec2<u32>"),
+        ("size", "vec2<u32>"),  # (x, y) pixels that are shown
+        ("comparison", "u32"),  # 0 one side, 1 wipe, 2 side by side, 3 difference
+        ("only_b", "u32"),  # 1: the one side is b
+        ("split", "f32"),  # pixels left of the wipe
+        ("gamma", "f32"),
+        ("has_palette", "u32"),
+        ("is_linear", "u32"),  # 1: the palette is read by the value itself, not by its code
+        ("has_grid", "u32"),
+    ],
+)

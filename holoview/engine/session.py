@@ -201,6 +201,10 @@ class FrameSession:
             self._submit(job, wait)
             yield Step(done, len(work))
 
+    def pending(self, *, picture: bool = True) -> int:
+        """How many submissions are left to do."""
+        return len(self._work(picture))
+
     def stack(self, planes_m: Sequence[float]) -> NDArray[np.float32]:
         """XYZ (plane, y, x, 3) at several planes, sharing all up to the second rows; the session's plane stays."""
         before, out = self.plane_m, []

@@ -15,7 +15,8 @@ import holoview
 
 PACKAGE = Path(holoview.__file__).resolve().parent
 DESCRIPTION = ("errors", "files", "grid", "plan", "preset", "schema", "shorthand", "system", "units")
-ENGINES = {"torch", "wgpu", "imgui_bundle"}
+GUIS = {"imgui_bundle", "rendercanvas", "glfw"}
+ENGINES = {"torch", "wgpu", *GUIS}
 GPU_MAY_KNOW = ("holoview.errors", "holoview.files", "holoview.grid", "holoview.gpu")
 
 
@@ -106,10 +107,11 @@ def test_the_description_of_a_bench_reaches_no_engine_and_no_window(module: str)
     assert not direct & ENGINES
 
 
-def test_only_the_gpu_layer_and_its_executor_know_webgpu() -> None:
+def test_only_the_gpu_layer_and_what_draws_windows_know_webgpu() -> None:
     users = {m for m in MODULES if any(_under(name, "wgpu") for name in _imported(m, everywhere=True))}
-    assert users
-    assert all(_under(module, "holoview.gpu") for module in users), sorted(users)
+    drawing = {f"holoview.app.{name}" for name in ("window", "viewport", "textures")}
+    assert drawing < users
+    assert all(_under(module, "holoview.gpu") for module in users - drawing), sorted(users)
 
 
 @pytest.mark.parametrize("module", [m for m in MODULES if _under(m, "holoview.gpu")])
@@ -118,9 +120,24 @@ def test_the_gpu_layer_knows_no_optics(module: str) -> None:
     assert not {name for name in ours if not any(_under(name, allowed) for allowed in GPU_MAY_KNOW)}
 
 
-def test_only_the_app_knows_a_gui() -> None:
-    users = {m for m in MODULES if any(_under(name, "imgui_bundle") for name in _imported(m, everywhere=True))}
+@pytest.mark.parametrize("toolkit", ["imgui_bundle", "rendercanvas", "glfw"])
+def test_only_the_app_knows_a_gui(toolkit: str) -> None:
+    users = {m for m in MODULES if any(_under(name, toolkit) for name in _imported(m, everywhere=True))}
+    assert users
     assert all(_under(module, "holoview.app") for module in users), sorted(users)
+
+
+@pytest.mark.parametrize("module", [m for m in MODULES if _under(m, "holoview.app.panels")])
+def test_panels_hold_no_physics(module: str) -> None:
+    physics = ("torch", "wgpu", "scipy", "holoview.optics", "holoview.engine", "holoview.gpu", "holoview.plan")
+    names = _imported(module, everywhere=True)
+    assert not {name for name in names if any(_under(name, part) for part in physics)}
+
+
+@pytest.mark.parametrize("module", [m for m in MODULES if _under(m, "holoview.session")])
+def test_a_session_knows_no_window(module: str) -> None:
+    names = _imported(module, everywhere=True)
+    assert not {name for name in names if any(_under(name, upper) for upper in ("holoview.app", *sorted(GUIS)))}
 
 
 def test_nothing_below_the_app_and_the_command_line_imports_the_app() -> None:
