@@ -128,9 +128,12 @@ def _check_images(captures: Captures) -> None:
         raise UserError("camera/images", f"{highest} counts", expected=expected, remedy="correct bit_depth")
     noise = (camera.read_noise**2 / camera.electrons_per_count**2 + 1 / 12) ** 0.5
     if float(images.mean(axis=(1, 2)).max()) - camera.black_level < 0.5 * noise:
-        raise UserError("camera/images", "all are dark", expected="light above black_level + noise", remedy=(
-            "check shutter, exposure and black_level"
-        ))
+        raise UserError(
+            "camera/images",
+            "all are dark",
+            expected="light above black_level + noise",
+            remedy=("check shutter, exposure and black_level"),
+        )
     if float((images >= camera.saturation).mean(axis=(1, 2)).min()) > 0.5:
         raise UserError("camera/images", "all are saturated", expected="a shorter exposure or less laser power")
     _check_orientation(captures)
@@ -145,5 +148,9 @@ def _check_orientation(captures: Captures) -> None:
         return
     if (rows < columns) != (h < w):
         found = f"pictures of {h} × {w} pixels for modulators of {rows} × {columns}"
-        raise UserError("camera/images", found, expected="rows × columns, first row at the top, as slm1/levels",
-                        remedy="rows and columns look swapped in one of them")
+        raise UserError(
+            "camera/images",
+            found,
+            expected="rows × columns, first row at the top, as slm1/levels",
+            remedy="rows and columns look swapped in one of them",
+        )

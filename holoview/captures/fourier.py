@@ -113,5 +113,3 @@ class FourierBench:
         pitch_m = min(self.pixels.pitch_m, speckle / 4)
         side = 1.1 * math.hypot(*self.pixels.shape) * self.pixels.pitch_m / pitch_m
         return Pixels(pitch_m, (math.ceil(side), math.ceil(side)))
-
-

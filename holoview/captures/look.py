@@ -1,8 +1,8 @@
 """What the camera's pixels see of a field that is known by its spectrum, wherever the camera lies.
 
 A camera whose pixels are the simulation's samples takes them as they are. Any other, also one that moved or magnifies,
-takes the field at its pixels' places exactly, from the spectrum; one that turned, by cubic interpolation of the field on
-a grid twice as fine. Pixels larger than samples average what falls on them.
+takes the field at its pixels' places exactly, from the spectrum; one that turned, by cubic interpolation of the field
+on a grid twice as fine. Pixels larger than samples average what falls on them.
 """
 
 from __future__ import annotations

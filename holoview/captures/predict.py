@@ -1,7 +1,7 @@
 """Expected camera signals of captures for any effects: the forward model of diagnosis and calibration, fast.
 
-The physics is that of the executors: Plan, transfer functions and modulators are theirs. What is left out is what an iris
-blocks, and what hasn't changed since the last call: a camera effect costs nothing more than the camera.
+The physics is that of the executors: Plan, transfer functions and modulators are theirs. What is left out is what an
+iris blocks, and what hasn't changed since the last call: a camera effect costs nothing more than the camera.
 """
 
 from __future__ import annotations

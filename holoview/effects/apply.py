@@ -63,18 +63,23 @@ class Applied:
 
         Of pixels (rows, columns), or of samples where an effect needs them.
         """
-        for one, v in self.having("response"):
+        for one, v in self._on_modulator("response", at.number):
             share = one.response(share, at, v)
         path = share * at.stroke_m
-        for one, v in self.having("path"):
+        for one, v in self._on_modulator("path", at.number):
             path = one.path(path, at, v)
         if factor != 1.0:
             path = path * factor
         light = phasor(path, at.wavelength_m, dtype)
-        for one, v in self.having("transmission"):
+        for one, v in self._on_modulator("transmission", at.number):
             light = one.transmission(light, at, v)
         seat = self.seat() if at.number == 1 else Pose()
         return light if seat.is_identity else at.warped(light, seat)
+
+    def _on_modulator(self, hook: str, number: int) -> list[tuple[Effect, Values]]:
+        """Those with the hook that change this modulator, or what falls onto the first one."""
+        places = {f"modulator {number + 1}", "source" if number == 0 else ""}
+        return [pair for pair in self.having(hook) if places & set(pair[0].where)]
 
     def seat(self) -> Pose:
         """How the second modulator lies."""

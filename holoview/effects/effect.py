@@ -148,6 +148,10 @@ class Effect:
         """More words for `finding`, e.g. the nominal value that it is compared with."""
         return {}
 
+    def equal_to(self, facts: Facts) -> tuple[str, ...]:
+        """Ids of effects that such data can't tell from this one."""
+        return self.equals
+
     def sentence(self, system: System, values: Mapping[str, float]) -> str:
         """The finding in words, for the nominal bench and the values (SI) that were found."""
         v = self.values(values)

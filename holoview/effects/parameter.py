@@ -89,7 +89,9 @@ class Parameter:
         try:
             return float(text.removesuffix(self.shown).strip() if self.shown else text)
         except ValueError as error:
-            raise UserError(where, f'"{text}"', expected=f"a number{' of ' + self.shown if self.shown else ''}") from error
+            raise UserError(
+                where, f'"{text}"', expected=f"a number{' of ' + self.shown if self.shown else ''}"
+            ) from error
 
 
 class Values(Mapping[str, float]):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
 
+from holoview.optics.pupil import zernike
 from holoview.optics.resample import blurred, centred, warped
 from holoview.optics.slm import upsampled
 
@@ -65,6 +67,12 @@ class Surface:
             for n, view in zip(values.shape, ((-1, 1), (1, -1)), strict=True)
         )
 
+    def zernike(self, values: Tensor, terms: Mapping[int, float]) -> Tensor:
+        """Σ c_j·Z_j of {Noll index: c_j} over the circle around the modulator, for the entries of a map."""
+        y, x = self.places(values)
+        radius = math.hypot(*self.shape) * self.pitch_m / 2
+        return _zernike_sum(torch.hypot(y, x) / radius, torch.atan2(y, x), terms)
+
     def half_width(self) -> float:
         """Half the longer side (m), the length that positions are compared with."""
         return max(self.shape) * self.pitch_m / 2
@@ -101,6 +109,10 @@ class Aperture:
         """Azimuth, from +x towards +y."""
         return torch.atan2(self.sine_y, self.sine_x)
 
+    def zernike(self, terms: Mapping[int, float]) -> Tensor:
+        """Σ c_j·Z_j of {Noll index: c_j} over the nominal iris, zero outside it."""
+        return _zernike_sum(self.radius, self.angle, terms)
+
     def delayed(self, pupil: Tensor, opd_m: Tensor) -> Tensor:
         """The pupil with an optical path added."""
         phase = (2 * math.pi) * torch.remainder(opd_m / self.wavelength_m, 1.0)
@@ -115,9 +127,8 @@ class Sensor:
     shape: tuple[int, int]
 
     def places(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """Positions y (rows, 1) and x (1, columns) in half widths of the longer side, from the centre."""
-        half = max(self.shape) / 2
-        y, x = (centred(n, image.dtype, image.device) / half for n in self.shape)
+        """Positions y (rows, 1) and x (1, columns) from the centre, ±1 at the picture's edges."""
+        y, x = (centred(n, image.dtype, image.device) / (n / 2) for n in self.shape)
         return y[:, None], x[None, :]
 
     def blurred(self, image: Tensor, sigma_px: float | Tensor) -> Tensor:
@@ -127,3 +138,10 @@ class Sensor:
     def shifted(self, image: Tensor, shift_px: tuple[float, float]) -> Tensor:
         """The image moved by (y, x) pixels, linear between pixels; edges go on outwards."""
         return warped(image, ((1.0, 0.0, -shift_px[0]), (0.0, 1.0, -shift_px[1])))
+
+
+def _zernike_sum(radius: Tensor, angle: Tensor, terms: Mapping[int, float]) -> Tensor:
+    total = torch.zeros_like(radius)
+    for noll, value in terms.items():
+        total = total + value * zernike(noll, radius, angle)
+    return total
