@@ -19,7 +19,7 @@ from holoview.files import data_dir, replacing
 from holoview.shorthand import expand_table
 from holoview.system import System
 
-_TABLES = ("source", "relay1", "relay2", "sampling")
+_TABLES = ("source", "relay1", "relay2", "sampling", "effects")
 
 
 def names() -> list[str]:

@@ -22,7 +22,8 @@ class View:
     """What is seen at each focal plane.
 
     intensity (plane, wavelength, y, x): frames and sources averaged, laser amplitudes applied; on the modulator's own
-    area at the simulation pitch. xyz (plane, y, x, 3). wavelengths_m (wavelength,), planes_m (plane,), pitch_m: metres.
+    area at the simulation pitch. xyz (plane, y, x, 3). wavelengths_m (wavelength,), planes_m (plane,), pitch_m: metres; as
+    they are where the bench has effects, which may split wavelengths.
     backend: what computed it, in words.
     """
 
@@ -86,7 +87,7 @@ def simulate(
     return View(
         intensity=intensity,
         xyz=xyz,
-        wavelengths_m=system.wavelengths_m,
+        wavelengths_m=plan.system.wavelengths_m,
         planes_m=plan.planes_m,
         pitch_m=plan.grid.pitch_m,
         backend=label,

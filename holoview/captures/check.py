@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,7 +43,7 @@ def check_captures(captures: Captures) -> None:
 
 
 def _check_counts(captures: Captures) -> None:
-    columns = {
+    columns: dict[str, NDArray[Any]] = {
         "camera/images": captures.images,
         "wavelength": captures.wavelength_m,
         "distance": captures.distance_m,

@@ -18,9 +18,10 @@ from holoview.captures.fourier import FourierBench
 from holoview.captures.look import Pixels
 from holoview.captures.near import Beam, NearField
 from holoview.captures.session import Captures
-from holoview.effects.apply import Applied, Table
+from holoview.effects.apply import Applied
 from holoview.effects.effect import Effect
 from holoview.effects.places import Sensor
+from holoview.effects.switched import Table
 from holoview.plan import Plan, make_plan
 
 Tensor = torch.Tensor

@@ -91,8 +91,10 @@ class Captures:
     def facts(self) -> Facts:
         """What these data can tell about."""
         irises = (self.iris1_na is not None, self.iris2_na is not None)
-        counts = [len(np.unique(values)) for values in (self.wavelength_m, self.distance_m, self.power)]
-        return Facts(*counts, modulators=len(self.panels), irises=irises, is_fourier=self.is_fourier)
+        wavelengths, planes, powers = (
+            len(np.unique(values)) for values in (self.wavelength_m, self.distance_m, self.power)
+        )
+        return Facts(wavelengths, planes, powers, len(self.panels), irises, self.is_fourier)
 
     def subset(self, indices: Sequence[int] | NDArray[np.integer]) -> Captures:
         """Some of the captures, in that order."""
@@ -111,13 +113,16 @@ class Captures:
         A Fourier bench has its planes at focal_length_m + distance from the lens.
         """
         wavelengths = self.wavelengths_m if wavelengths_m is None else np.asarray(wavelengths_m, dtype=np.float64)
-        planes = np.unique(self.distance_m) + (self.focal_length_m or 0.0) if planes_m is None else planes_m
+        own = np.unique(self.distance_m) + (self.focal_length_m or 0.0)
+        planes = own if planes_m is None else np.asarray(planes_m, dtype=np.float64)
         shape = (self.levels.shape[2], self.levels.shape[3])
         return System(
             wavelengths_m=wavelengths,
             amplitudes=np.ones((1, len(wavelengths))),
             modulators=tuple(
-                Modulator(pitch_m=p.pitch_m, shape=shape, stroke_m=p.opd_range_m, levels=p.num_levels)
+                Modulator(
+                    pitch_m=p.pitch_m, shape=shape, stroke_m=p.opd_range_m, levels=np.linspace(0.0, 1.0, p.num_levels)
+                )
                 for p in self.panels
             ),
             gap_m=self.gap_m,

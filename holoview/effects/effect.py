@@ -69,7 +69,7 @@ class Needs:
             return "it doesn't act on a Fourier bench" if facts.is_fourier else "it acts on a Fourier bench only"
         for what in ("wavelengths", "planes", "powers", "modulators"):
             if getattr(facts, what) < getattr(self, what):
-                return f"it needs {getattr(self, what)} different {what}, the captures have {getattr(facts, what)}"
+                return f"it needs {getattr(self, what)} {what}, there are {getattr(facts, what)}"
         lacking = [n for n in self.irises if not facts.irises[n - 1]]
         return f"relay {lacking[0]} has no iris" if lacking else ""
 

@@ -60,9 +60,7 @@ def relay_response(
     return (transfer_function(transfer, grid, torch.complex128, device) * pupil.to(device)).to(dtype)
 
 
-def support_mask(
-    transfer: Transfer, abs_kx: torch.Tensor, chosen: torch.Tensor | slice = slice(None)
-) -> torch.Tensor:
+def support_mask(transfer: Transfer, abs_kx: torch.Tensor, chosen: torch.Tensor | slice = slice(None)) -> torch.Tensor:
     """(A, B) bool: which frequencies pass, from the plan's rows of (smallest, largest) |k_x|, or those chosen."""
     rows = torch.from_numpy(transfer.support).to(abs_kx.device)[chosen]
     return (abs_kx[None, :] >= rows[:, :1]) & (abs_kx[None, :] <= rows[:, 1:])
