@@ -1,0 +1,214 @@
+"""Forward selection: the cause, or the causes together, that predict held-out captures best.
+
+Coarse to fine. Every effect is screened on the smoothest captures; the best few are fitted on more of them, first with
+weights that forgive what is still wrong, then with the noise alone; all are judged on captures that no fit has seen,
+with weights that are frozen. While much stays unexplained, each of the best is taken as a base and everything is tried
+on top of it; a cause that the others turn out to do without is dropped again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from holoview.diagnose.bench import Bench, Progress
+from holoview.diagnose.comparison import Comparison
+from holoview.diagnose.screen import mismatch, screen
+from holoview.diagnose.search import Trial, cost_of, local_fit
+from holoview.diagnose.unknowns import Found
+from holoview.effects.effect import Effect
+
+_SHORT_LIST, _CLOSE_SECONDS, _CLOSE = 3, 2, 1.3
+_BASES, _SECONDS, _MOST_CAUSES = 3, 3, 3
+FLOOR = 1.05  # χ²/n at which nothing worth a further cause is left
+_EARLY = 1.02  # a single cause that reaches this on held-out captures ends the search
+_ALARM = 25.0  # Δχ² of held-out captures below which nothing has been found (5 σ)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A trial and its χ²/n on held-out captures, in total and for each."""
+
+    trial: Trial
+    chi2: float
+    per_capture: tuple[float, ...]
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """The effects that are on."""
+        return self.trial.causes
+
+    @property
+    def excess(self) -> float:
+        """χ²/n beyond the noise floor."""
+        return self.chi2 - 1.0
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What a search found: candidates, best first, all judged by the same frozen weights; the nominal bench's χ²."""
+
+    nominal: Judged
+    candidates: tuple[Judged, ...]
+    comparison: Comparison
+
+    @property
+    def best(self) -> Judged:
+        """The best candidate; the nominal bench where there is none."""
+        return self.candidates[0] if self.candidates else self.nominal
+
+    @property
+    def pixels(self) -> float:
+        """How many held-out pixels judge."""
+        return self.comparison.count
+
+
+NOTHING = Trial((), {}, float("inf"))
+
+
+def select(bench: Bench, effects: Sequence[Effect], report: Progress) -> Selection:
+    """Searches causes until the held-out captures are explained, nothing helps, or there are three."""
+    found = _round(bench, [NOTHING], effects, report, "one cause")
+    selection = judge(bench, found)
+    selection = _with_fine(bench, selection)
+    for number in range(2, _MOST_CAUSES + 1):
+        if _is_done(selection):
+            break
+        bases = _bases(selection, number - 1)
+        found = _round(bench, [b.trial for b in bases], effects, report, f"{number} causes")
+        wider = _pruned(bench, judge(bench, [*(c.trial for c in selection.candidates), *found]))
+        if not _is_better(wider, selection):
+            break
+        selection = _with_fine(bench, wider)
+    return selection
+
+
+def judge(bench: Bench, trials: Sequence[Trial]) -> Selection:
+    """All trials on the held-out captures, with weights frozen at the prediction of the best of them."""
+    indices = bench.split.held_out
+    blind = bench.coarse_comparison(indices, 0.0)
+    first = min([NOTHING, *trials], key=lambda t: cost_of(blind, t.values))
+    comparison = bench.judged_by(indices, first.values)
+    judged = sorted((_judged(t, comparison) for t in trials), key=lambda j: j.chi2)
+    return Selection(_judged(NOTHING, comparison), tuple(_simpler_first(judged)), comparison)
+
+
+def refined(bench: Bench, trial: Trial, *, fine: bool = False) -> Trial:
+    """A joint fit of all causes of a trial on the fine captures: forgiving weights first, then the noise alone."""
+    effects = [bench.effects[name] for name in trial.causes]
+    indices = bench.split.fine
+    off_by = mismatch(bench, trial.values)
+    values = trial.values
+    if off_by > 0.02:
+        forgiving = bench.coarse_comparison(indices, min(0.5, 0.5 * off_by))
+        values = local_fit(effects, values, forgiving, fine=fine).values
+    comparison = bench.judged_by(indices, values)
+    return local_fit(effects, values, comparison, iterations=5, tolerance=1e-4, fine=fine)
+
+
+def _round(bench: Bench, bases: Sequence[Trial], effects: Sequence[Effect], report: Progress, note: str) -> list[Trial]:
+    """Refined trials with one cause more than each base."""
+    chosen: list[Trial] = []
+    for number, base in enumerate(bases):
+        rest = [e for e in effects if e.id not in base.causes and not _equals_one(e, base.causes, bench)]
+        where = f"{note}, base {number + 1} of {len(bases)}" if len(bases) > 1 else note
+        screened = screen(bench, base.values, rest, report, where)
+        if base.causes:
+            screened = _joint(bench, screened[:_SECONDS])
+        else:
+            screened = _short_list(screened)
+        chosen += screened
+    chosen = _distinct(sorted(chosen, key=lambda t: t.cost))[: 2 * _SHORT_LIST]
+    return bench.side_by_side([lambda t=t: refined(bench, t) for t in chosen])
+
+
+def _joint(bench: Bench, trials: Sequence[Trial]) -> list[Trial]:
+    """Joint fits of base and addition on the coarse captures."""
+    jobs = []
+    for trial in trials:
+        comparison = bench.coarse_comparison(bench.split.coarse, min(mismatch(bench, trial.values), 1.0))
+        effects = [bench.effects[name] for name in trial.causes]
+        jobs.append(lambda e=effects, v=trial.values, c=comparison: local_fit(e, v, c))
+    blind = bench.coarse_comparison(bench.split.coarse, 0.0)
+    fits = bench.side_by_side(jobs)
+    return sorted((replace(t, cost=cost_of(blind, t.values)) for t in fits), key=lambda t: t.cost)
+
+
+def _short_list(trials: list[Trial]) -> list[Trial]:
+    if not trials:
+        return []
+    close = [t for t in trials[_SHORT_LIST:] if t.cost < _CLOSE * trials[0].cost]
+    return trials[:_SHORT_LIST] + close[:_CLOSE_SECONDS]
+
+
+def _distinct(trials: Sequence[Trial]) -> list[Trial]:
+    """The first trial of each set of causes."""
+    seen: dict[frozenset[str], Trial] = {}
+    for trial in trials:
+        seen.setdefault(frozenset(trial.causes), trial)
+    return list(seen.values())
+
+
+def _judged(trial: Trial, comparison: Comparison) -> Judged:
+    squares = comparison.fit(trial.values).squares
+    per_capture = squares / np.maximum(comparison.pixels, 1.0)
+    return Judged(trial, float(squares.sum() / comparison.count), tuple(float(c) for c in per_capture))
+
+
+def _simpler_first(judged: Sequence[Judged]) -> list[Judged]:
+    """Sorted by χ²; of the leaders, those within 0.02 + 0.02·excess of the best, fewer numbers come first."""
+    if not judged:
+        return []
+    limit = judged[0].chi2 + 0.02 * max(judged[0].excess, 0.0) + min(0.02, 0.1 * max(judged[0].excess, 0.0))
+    leaders = [j for j in judged if j.chi2 <= limit]
+    rest = [j for j in judged if j.chi2 > limit]
+    return sorted(leaders, key=lambda j: (len(j.causes), j.trial.free, j.chi2)) + rest
+
+
+def _with_fine(bench: Bench, selection: Selection) -> Selection:
+    """The best candidate with its fine parameters freed, where it isn't at the floor yet and they help."""
+    best = selection.best
+    effects = [bench.effects[name] for name in best.causes]
+    if best.chi2 < _EARLY or not any(p.fine for e in effects for p in e.parameters):
+        return selection
+    freed = refined(bench, best.trial, fine=True)
+    judged = _judged(freed, selection.comparison)
+    if (best.chi2 - judged.chi2) * selection.pixels < _ALARM or judged.excess > 0.9 * best.excess:
+        return selection
+    return judge(bench, [freed, *(c.trial for c in selection.candidates[1:])])
+
+
+def _is_done(selection: Selection) -> bool:
+    return selection.best.chi2 < FLOOR or not selection.candidates
+
+
+def _bases(selection: Selection, causes: int) -> list[Judged]:
+    """What to build on: the best candidates with so many causes."""
+    return [c for c in selection.candidates if len(c.causes) == causes][:_BASES] or [selection.best]
+
+
+def _is_better(new: Selection, old: Selection) -> bool:
+    if len(new.best.causes) <= len(old.best.causes):
+        return False
+    before = _judged(old.best.trial, new.comparison)
+    return (before.chi2 - new.best.chi2) * new.pixels > _ALARM and new.best.excess < 0.8 * before.excess
+
+
+def _pruned(bench: Bench, selection: Selection) -> Selection:
+    """Without causes that the best candidate's others do without."""
+    best = selection.best
+    if len(best.causes) < 2:
+        return selection
+    fewer = [
+        Trial(tuple(c for c in best.causes if c != out), {k: v for k, v in best.trial.values.items() if k != out}, 0.0)
+        for out in best.causes
+    ]
+    refits = bench.side_by_side([lambda t=t: refined(bench, t) for t in fewer])
+    return judge(bench, [*(c.trial for c in selection.candidates), *refits])
+
+
+def _equals_one(effect: Effect, causes: Sequence[str], bench: Bench) -> bool:
+    """Whether it is the same physics as a cause that is already in."""
+    return any(name in effect.equals or effect.id in bench.effects[name].equals for name in causes)
