@@ -22,8 +22,8 @@ class View:
     """What is seen at each focal plane.
 
     intensity (plane, wavelength, y, x): frames and sources averaged, laser amplitudes applied; on the modulator's own
-    area at the simulation pitch. xyz (plane, y, x, 3). wavelengths_m (wavelength,), planes_m (plane,), pitch_m: metres; as
-    they are where the bench has effects, which may split wavelengths.
+    area at the simulation pitch. xyz (plane, y, x, 3). wavelengths_m (wavelength,), planes_m (plane,), pitch_m: metres,
+    those of the bench as it is: effects may move planes and split wavelengths.
     backend: what computed it, in words.
     """
 

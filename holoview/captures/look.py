@@ -52,7 +52,7 @@ def _at_places(spectrum: Tensor, band: Band, grid: Grid, pixels: Pixels, pose: P
     for axis, k in enumerate(band.indices):
         place = centred(pixels.shape[axis], torch.float64, k.device) * rows[axis][axis] + rows[axis][2]
         sample = place * (pixels.pitch_m / grid.pitch_m) + (grid.shape[axis] - 1) / 2
-        turns = torch.remainder(sample[:, None] * (k / grid.padded[axis])[None, :], 1.0)
+        turns = torch.remainder(sample[:, None] * (k.double() / grid.padded[axis])[None, :], 1.0)
         wave = torch.polar(torch.full_like(turns, 1 / grid.padded[axis]), 2 * math.pi * turns)
         sides.append(wave.to(spectrum.dtype))
     return sides[0] @ (spectrum @ sides[1].T)

@@ -7,7 +7,7 @@ import torch
 from holoview.effects.effect import Effect
 from holoview.effects.parameter import Values
 from holoview.effects.places import Aperture, Pose, Sensor, Surface
-from holoview.effects.switched import Switched
+from holoview.effects.switched import Switched, called
 from holoview.optics.slm import phasor
 
 Tensor = torch.Tensor
@@ -22,15 +22,15 @@ class Applied(Switched):
         Of pixels (rows, columns), or of samples where an effect needs them.
         """
         for one, v in self._on_modulator("response", at.number):
-            share = one.response(share, at, v)
+            share = called(one, "response", share, at, v)
         path = share * at.stroke_m
         for one, v in self._on_modulator("path", at.number):
-            path = one.path(path, at, v)
+            path = called(one, "path", path, at, v)
         if factor != 1.0:
             path = path * factor
         light = phasor(path, at.wavelength_m, dtype)
         for one, v in self._on_modulator("transmission", at.number):
-            light = one.transmission(light, at, v)
+            light = called(one, "transmission", light, at, v)
         seat = self.seat() if at.number == 1 else Pose()
         return light if seat.is_identity else at.warped(light, seat)
 
@@ -43,7 +43,7 @@ class Applied(Switched):
         """How the second modulator lies."""
         pose = Pose()
         for one, v in self.having("seat"):
-            pose = one.seat(pose, v)
+            pose = called(one, "seat", pose, v)
         return pose
 
     def pupil(self, at: Aperture, dtype: torch.dtype) -> Tensor | None:
@@ -53,18 +53,18 @@ class Applied(Switched):
             return None
         pupil = torch.ones(len(at.sine_y), at.sine_x.shape[1], dtype=dtype, device=at.sine_y.device)
         for one, v in on:
-            pupil = one.pupil(pupil, at, v)
+            pupil = called(one, "pupil", pupil, at, v)
         return pupil
 
     def aim(self) -> Pose:
         """How the camera lies."""
         pose = Pose()
         for one, v in self.having("aim"):
-            pose = one.aim(pose, v)
+            pose = called(one, "aim", pose, v)
         return pose
 
     def image(self, image: Tensor, at: Sensor) -> Tensor:
         """What the camera collects of an intensity (y, x)."""
         for one, v in self.having("image"):
-            image = one.image(image, at, v)
+            image = called(one, "image", image, at, v)
         return image

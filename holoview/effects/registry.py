@@ -17,6 +17,7 @@ import holoview.effects as package
 from holoview.effects.effect import Effect
 from holoview.errors import UserError, near_matches
 
+_OWN_MODULES = "holoview_user_effects"
 _own: dict[str, Effect] = {}
 
 
@@ -41,7 +42,7 @@ def load_user_effects(path: str | os.PathLike[str]) -> list[Effect]:
     file = Path(path)
     if not file.is_file():
         raise UserError(str(file), "no such file", expected="a Python file that defines an Effect")
-    spec = importlib.util.spec_from_file_location(f"holoview_user_effects.{file.stem}", file)
+    spec = importlib.util.spec_from_file_location(f"{_OWN_MODULES}.{file.stem}", file)
     if spec is None or spec.loader is None:
         raise UserError(str(file), "isn't a Python file", expected="a name that ends in .py")
     module = importlib.util.module_from_spec(spec)
@@ -59,6 +60,11 @@ def load_user_effects(path: str | os.PathLike[str]) -> list[Effect]:
     _own.update({one.id: one for one in found})
     sys.modules[module.__name__] = module
     return found
+
+
+def is_own(one: Effect) -> bool:
+    """Whether an effect comes from a user's file."""
+    return type(one).__module__.startswith(_OWN_MODULES)
 
 
 @cache

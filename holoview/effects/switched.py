@@ -10,11 +10,27 @@ import numpy as np
 
 from holoview.effects.effect import CAMERA_HOOKS, Effect, Facts, Moment
 from holoview.effects.parameter import Values
-from holoview.effects.registry import effect
+from holoview.effects.registry import effect, is_own
 from holoview.errors import UserError
 from holoview.system import System
 
 Table = Mapping[str, Mapping[str, Any]]
+
+
+def called(one: Effect, hook: str, *arguments: Any) -> Any:
+    """What a hook returns. Raises UserError, naming the effect, where the bench can't be or the user's file is wrong."""
+    try:
+        found = getattr(one, hook)(*arguments)
+    except UserError as error:
+        raise error.inside(f"effects.{one.id}: ") from error
+    except Exception as error:
+        if is_own(one):
+            found = f"its {hook} failed: {type(error).__name__}: {error}"
+            raise UserError(f"effects.{one.id}", found, remedy="mend the file that defines it") from error
+        raise
+    if found is None:
+        raise UserError(f"effects.{one.id}", f"its {hook} returned nothing", remedy="mend the file that defines it")
+    return found
 
 
 class Switched:
@@ -37,28 +53,25 @@ class Switched:
     def bench(self, system: System) -> System:
         """The bench as it is. Raises UserError, naming the effect, where such a bench can't be."""
         for one, v in self.having("bench"):
-            try:
-                system = one.bench(system, v)
-            except UserError as error:
-                raise error.inside(f"effects.{one.id}: ") from error
+            system = called(one, "bench", system, v)
         return system
 
     def power(self, power: Any) -> Any:
         """Relative power that was emitted when `power` was set."""
         for one, v in self.having("power"):
-            power = one.power(power, v)
+            power = called(one, "power", power, v)
         return power
 
     def moments(self) -> list[Moment]:
         """What an exposure averages over: (weight, factor of the optical paths)."""
         moments: list[Moment] = [(1.0, 1.0)]
         for one, v in self.having("moments"):
-            moments = [(w0 * w, f0 * f) for w0, f0 in moments for w, f in one.moments(v)]
+            moments = [(w0 * w, f0 * f) for w0, f0 in moments for w, f in called(one, "moments", v)]
         return moments
 
     def offset(self) -> float:
         """Counts beyond the camera's nominal black level."""
-        return sum(one.offset(v) for one, v in self.having("offset"))
+        return sum(called(one, "offset", v) for one, v in self.having("offset"))
 
     def of_camera(self) -> list[Effect]:
         """Those that change what a camera records, which nobody's eye looks through."""
