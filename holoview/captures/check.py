@@ -23,7 +23,8 @@ _LENGTHS: dict[str, tuple[float, float, str]] = {
 }
 """Smallest and largest value that can be meant, and what is expected."""
 
-_UNITS = {1e-2: "centimetres", 1e-3: "millimetres", 1e-6: "micrometres", 1e-9: "nanometres"}
+_UNITS = {1e-3: "millimetres", 1e-6: "micrometres", 1e-9: "nanometres", 1e-2: "centimetres"}
+_FARTHEST = 10.0  # modulator widths that light may spread sideways on its way: beyond, nothing is left of a picture
 
 
 def check_captures(captures: Captures) -> None:
@@ -31,6 +32,7 @@ def check_captures(captures: Captures) -> None:
     _check_counts(captures)
     _check_lengths(captures)
     _check_geometry(captures)
+    _check_spread(captures)
     for number, panel in enumerate(captures.panels):
         where = f"slm{number + 1}"
         if not 2 <= panel.num_levels <= 65536:
@@ -84,6 +86,21 @@ def _check_lengths(captures: Captures) -> None:
         worst = float(np.abs(captures.distance_m).max())
         expected = "defocus from the focal plane in metres, less than the focal length"
         raise UserError("distance", f"{worst:g}", expected=expected, remedy=_looks_like(worst, 0.0, 0.05))
+
+
+def _check_spread(captures: Captures) -> None:
+    """A distance over which light would leave the picture: 0.5 for half a millimetre."""
+    if captures.is_fourier:
+        return
+    width = max(captures.levels.shape[2:]) * captures.panels[0].pitch_m
+    diffracted = float(captures.wavelength_m.min()) / (2 * captures.panels[0].pitch_m)
+    paths = {"distance": (float(captures.distance_m.max()), captures.iris2_na)}
+    if captures.gap_m is not None:
+        paths["geometry attribute gap"] = (captures.gap_m, captures.iris1_na)
+    for name, (length, na) in paths.items():
+        if length * min(na or 1.0, diffracted) > _FARTHEST * width:
+            found = f"{length:g}: light would spread over {_FARTHEST:g} times the modulator's {width * 1e3:.3g} mm"
+            raise UserError(name, found, remedy=_looks_like(length, 0.0, 0.05))
 
 
 def _looks_like(value: float, low: float, high: float) -> str:

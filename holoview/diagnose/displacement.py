@@ -11,7 +11,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.diagnose.bench import Bench
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.measured import Images
 from holoview.diagnose.unknowns import Found
@@ -25,7 +24,7 @@ _LEAST_PX = 0.3  # below, a local fit starts well from the identity
 _LEAST_RESPONSE_PX = 0.05  # of a parameter's typical size; below, it doesn't move pictures
 
 
-def hints(bench: Bench, base: Found, comparison: Comparison) -> Hints:
+def hints(base: Found, comparison: Comparison) -> Hints:
     """For an effect, starting values that move the prediction onto the captures; none where they lie on it already."""
     light = np.where(comparison.weight > 0, comparison.light, 0.0)
     nominal = np.asarray(comparison.predictor(comparison.indices, base).signal)

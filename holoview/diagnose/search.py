@@ -11,14 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holoview.diagnose.bench import Bench
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.levenberg import Minimum, Vector, golden_section, jacobian, levenberg_marquardt
 from holoview.diagnose.unknowns import Found, Unknowns, unknowns
 from holoview.effects.effect import Effect
 from holoview.errors import UserError
 
-_LOCAL_STARTS = 2
+_LOCAL_STARTS, _MANY = 2, 4
 _GAIN_OF_A_CYCLE = 0.99  # a second round over the parameters is worth it when the first lowered the cost below this
 
 
@@ -44,13 +43,14 @@ def cost_of(comparison: Comparison, values: Mapping[str, Mapping[str, float]]) -
         return float("inf")
 
 
-def scan(
-    bench: Bench, effect: Effect, comparison: Comparison, base: Found, hints: Sequence[Mapping[str, float]] = ()
-) -> list[Trial]:
-    """Trials over the effect's range on top of `base`, best first; the identity is among them."""
+def scan(effect: Effect, comparison: Comparison, base: Found, starts: Sequence[Mapping[str, float]]) -> list[Trial]:
+    """Trials at the identity and at `starts` on top of `base`, best first.
+
+    Where several parameters have a scan of their own, a second round varies each from the best point of the first.
+    """
     causes = (*base, effect.id)
     identity = {p.name: p.identity for p in effect.parameters}
-    points = [dict(identity), *({**identity, **p} for p in (*hints, *effect.starts(bench.system)))]
+    points = [dict(identity), *({**identity, **p} for p in starts)]
     trials = _tried(comparison, causes, base, effect.id, points)
     several = sum(p.scan is not None for p in effect.parameters) > 1
     if several and trials[0].cost < _GAIN_OF_A_CYCLE * trials_at_identity(trials, effect):
@@ -76,8 +76,8 @@ def local_fit(
     tolerance: float = 2e-3,
     fine: bool = False,
 ) -> Trial:
-    """Levenberg–Marquardt on all parameters of the effects from `start`; sharp ones by golden section."""
-    smooth = unknowns(effects, fine=fine, sharp=False)
+    """Levenberg–Marquardt on all parameters of the effects from `start`."""
+    smooth = unknowns(effects, fine=fine)
     values, cost = start, cost_of(comparison, start)
     if len(smooth):
         minimum = levenberg_marquardt(
@@ -85,12 +85,11 @@ def local_fit(
             iterations=iterations, tolerance=tolerance,
         )
         values, cost = smooth.unpack(minimum.x, start), minimum.cost
-    return _sharpened(effects, Trial(tuple(e.id for e in effects), values, cost), comparison)
+    return Trial(tuple(e.id for e in effects), values, cost)
 
 
-def search(bench: Bench, effect: Effect, comparison: Comparison, base: Found, trials: Sequence[Trial] = ()) -> Trial:
-    """Scan (unless its trials are given), then local fits of the effect alone from the best points."""
-    trials = trials or scan(bench, effect, comparison, base)
+def search(effect: Effect, comparison: Comparison, base: Found, trials: Sequence[Trial]) -> Trial:
+    """Local fits of the effect alone from the best points of a scan."""
     fits = [local_fit([effect], t.values, comparison) for t in _apart(trials, effect)]
     best = min(fits, key=lambda t: t.cost)
     return Trial((*base, effect.id), best.values, best.cost)
@@ -127,12 +126,13 @@ def _moved(point: Mapping[str, float], identity: Mapping[str, float]) -> dict[st
 
 
 def _apart(trials: Sequence[Trial], effect: Effect) -> list[Trial]:
-    """The best trials to start from: finite, and not next to each other in the scan."""
+    """The best trials to start from: finite, not next to each other in the scan; one where a fit is expensive."""
     chosen: list[Trial] = []
+    starts = _LOCAL_STARTS if sum(not p.fine for p in effect.parameters) < _MANY else 1
     for trial in trials:
         if np.isfinite(trial.cost) and all(_distance(trial, other, effect) > 1.5 for other in chosen):
             chosen.append(trial)
-        if len(chosen) == _LOCAL_STARTS:
+        if len(chosen) == starts:
             break
     return chosen
 
@@ -144,8 +144,11 @@ def _distance(a: Trial, b: Trial, effect: Effect) -> float:
     return max(abs(first[name] - second[name]) / step for name, step in steps.items())
 
 
-def _sharpened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
-    """Golden sections along each sharp parameter in turn, twice around where there are several."""
+def sharpened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
+    """Golden sections along each sharp parameter in turn, twice around where there are several.
+
+    Their steps in a local fit are as long as it takes to see a slope; here they get their last digits.
+    """
     free = unknowns(effects)
     sharp = [axis for axis, (_, p) in enumerate(free.entries) if p.sharp]
     if not sharp:
@@ -154,8 +157,7 @@ def _sharpened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) 
     best = Minimum(free.pack(trial.values), trial.cost, comparison.residual(trial.values), 0)
     for width in (1.0, 0.3)[: 1 + (len(sharp) > 1)]:
         for axis in sharp:
-            p = free.entries[axis][1]
-            reach = width * (p.scan[2] / p.prior if p.scan else 1.0)
+            reach = width * bounds.step[axis]
             found = golden_section(function, best.x, bounds, axis, reach)
             best = found if found.cost < best.cost else best
     return Trial(trial.causes, free.unpack(best.x, trial.values), best.cost)

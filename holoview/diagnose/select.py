@@ -16,13 +16,15 @@ import numpy as np
 from holoview.diagnose.bench import Bench, Progress
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.screen import mismatch, screen
-from holoview.diagnose.search import Trial, cost_of, local_fit
+from holoview.diagnose.search import Trial, cost_of, local_fit, sharpened
 from holoview.diagnose.unknowns import Found
 from holoview.effects.effect import Effect
 
 _SHORT_LIST, _CLOSE_SECONDS, _CLOSE = 3, 2, 1.3
 _BASES, _SECONDS, _MOST_CAUSES = 3, 3, 3
 FLOOR = 1.05  # χ²/n at which nothing worth a further cause is left
+_NEARLY = 1.3  # χ²/n on coarse captures from which a cause is worth judging at once
+_REFINED = 2
 _EARLY = 1.02  # a single cause that reaches this on held-out captures ends the search
 _ALARM = 25.0  # Δχ² of held-out captures below which nothing has been found (5 σ)
 
@@ -70,15 +72,11 @@ NOTHING = Trial((), {}, float("inf"))
 
 def select(bench: Bench, effects: Sequence[Effect], report: Progress) -> Selection:
     """Searches causes until the held-out captures are explained, nothing helps, or there are three."""
-    found = _round(bench, [NOTHING], effects, report, "one cause")
-    selection = judge(bench, found)
-    selection = _with_fine(bench, selection)
+    selection = _with_fine(bench, _first_round(bench, effects, report))
     for number in range(2, _MOST_CAUSES + 1):
         if _is_done(selection):
             break
-        bases = _bases(selection, number - 1)
-        found = _round(bench, [b.trial for b in bases], effects, report, f"{number} causes")
-        wider = _pruned(bench, judge(bench, [*(c.trial for c in selection.candidates), *found]))
+        wider = _pruned(bench, _next_round(bench, selection, number, effects, report))
         if not _is_better(wider, selection):
             break
         selection = _with_fine(bench, wider)
@@ -105,23 +103,41 @@ def refined(bench: Bench, trial: Trial, *, fine: bool = False) -> Trial:
         forgiving = bench.coarse_comparison(indices, min(0.5, 0.5 * off_by))
         values = local_fit(effects, values, forgiving, fine=fine).values
     comparison = bench.judged_by(indices, values)
-    return local_fit(effects, values, comparison, iterations=5, tolerance=1e-4, fine=fine)
+    return sharpened(effects, local_fit(effects, values, comparison, iterations=5, tolerance=1e-4, fine=fine), comparison)
 
 
-def _round(bench: Bench, bases: Sequence[Trial], effects: Sequence[Effect], report: Progress, note: str) -> list[Trial]:
-    """Refined trials with one cause more than each base."""
-    chosen: list[Trial] = []
-    for number, base in enumerate(bases):
+def _first_round(bench: Bench, effects: Sequence[Effect], report: Progress) -> Selection:
+    """Single causes; ends early when one explains everything."""
+    blind = bench.coarse_comparison(bench.split.coarse, 0.0)
+    trials: dict[str, Trial] = {}
+    for batch in screen(bench, {}, effects, report, "one cause"):
+        for trial in batch:
+            known = trials.get(trial.causes[0])
+            if known is None or trial.cost < known.cost:
+                trials[trial.causes[0]] = trial
+        if batch and cost_of(blind, batch[0].values) < _NEARLY * blind.count:
+            selection = judge(bench, [refined(bench, batch[0])])
+            if selection.best.chi2 < _EARLY:
+                return selection
+    short = _short_list(sorted(trials.values(), key=lambda t: t.cost))
+    return judge(bench, bench.side_by_side([lambda t=t: refined(bench, t) for t in short]))
+
+
+def _next_round(
+    bench: Bench, selection: Selection, number: int, effects: Sequence[Effect], report: Progress
+) -> Selection:
+    """The candidates, and such with one cause more than the best ones; ends early when one explains everything."""
+    known = [c.trial for c in selection.candidates]
+    for base in _bases(selection, number - 1):
         rest = [e for e in effects if e.id not in base.causes and not _equals_one(e, base.causes, bench)]
-        where = f"{note}, base {number + 1} of {len(bases)}" if len(bases) > 1 else note
-        screened = screen(bench, base.values, rest, report, where)
-        if base.causes:
-            screened = _joint(bench, screened[:_SECONDS])
-        else:
-            screened = _short_list(screened)
-        chosen += screened
-    chosen = _distinct(sorted(chosen, key=lambda t: t.cost))[: 2 * _SHORT_LIST]
-    return bench.side_by_side([lambda t=t: refined(bench, t) for t in chosen])
+        screened = [t for batch in screen(bench, base.trial.values, rest, report, f"{number} causes") for t in batch]
+        best = _distinct(sorted(screened, key=lambda t: t.cost))[:_SECONDS]
+        joint = _joint(bench, best)[:_REFINED]
+        known += bench.side_by_side([lambda t=t: refined(bench, t) for t in joint])
+        selection = judge(bench, _distinct(sorted(known, key=lambda t: -len(t.causes))))
+        if selection.best.chi2 < _EARLY:
+            break
+    return selection
 
 
 def _joint(bench: Bench, trials: Sequence[Trial]) -> list[Trial]:

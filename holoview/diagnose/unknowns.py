@@ -14,6 +14,7 @@ from holoview.effects.parameter import Parameter
 Found = dict[str, dict[str, float]]
 
 _STEP = 0.02  # of the prior: small enough for a slope, large enough for float32 pictures
+_SHARP_STEP = 0.4  # of the prior: far enough that a hard edge passes over many samples
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,8 @@ class Unknowns:
         """The bounds of the vector, and steps for its slopes."""
         lower = [(0.0 if p.even else p.to_fit(p.low)) / _scale(p) for _, p in self.entries]
         upper = [p.to_fit(p.high) / _scale(p) for _, p in self.entries]
-        return Bounds(np.array(lower), np.array(upper), np.full(len(self), _STEP))
+        steps = [_SHARP_STEP if p.sharp else _STEP for _, p in self.entries]
+        return Bounds(np.array(lower), np.array(upper), np.array(steps))
 
     def values_per_unit(self, x: Vector) -> Vector:
         """∂value/∂x at x: turns the vector's uncertainty into the values'."""
@@ -53,11 +55,9 @@ class Unknowns:
         return np.array(slopes)
 
 
-def unknowns(effects: Sequence[Effect], *, fine: bool = False, sharp: bool = True) -> Unknowns:
-    """The parameters of effects: without the `fine` ones unless asked for; with the `sharp` ones unless not."""
-    return Unknowns(
-        tuple((e.id, p) for e in effects for p in e.parameters if (fine or not p.fine) and (sharp or not p.sharp))
-    )
+def unknowns(effects: Sequence[Effect], *, fine: bool = False) -> Unknowns:
+    """The parameters of effects, without the `fine` ones unless asked for."""
+    return Unknowns(tuple((e.id, p) for e in effects for p in e.parameters if fine or not p.fine))
 
 
 def _scale(parameter: Parameter) -> float:
