@@ -3,6 +3,8 @@
 session     Captures: one measurement session as data
 file        reading and writing its HDF5 file, version 1
 check       what can't be, and what looks like a mistake
+patterns    what to send: random, from smooth to rough
+make        a virtual measurement session
 predict     expected camera signals for any effects, fast
 """
 

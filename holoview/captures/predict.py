@@ -44,12 +44,19 @@ class Predictor:
     """Predicts captures of a session again and again, for many values of effects.
 
     extra: effects that aren't in the registry. double: complex128. cache_mb: room for what is kept between calls.
+    finer: samples each way for every one that the captures ask for; a camera pixel sees the mean of those on it.
     """
 
     def __init__(
-        self, captures: Captures, extra: Iterable[Effect] = (), *, double: bool = False, cache_mb: int = 256
+        self,
+        captures: Captures,
+        extra: Iterable[Effect] = (),
+        *,
+        double: bool = False,
+        cache_mb: int = 256,
+        finer: int = 1,
     ) -> None:
-        self.captures, self.extra = captures, tuple(extra)
+        self.captures, self.extra, self.finer = captures, tuple(extra), finer
         self.dtype = torch.complex128 if double else torch.complex64
         self.real = torch.float64 if double else torch.float32
         self.pixels = Pixels(captures.camera.pitch_m, captures.shape)
@@ -95,6 +102,8 @@ class Predictor:
         key = (wavelength, distance, applied.key("bench"))
         if key not in self._plans:
             nominal = self.captures.system([wavelength], [distance + (self.captures.focal_length_m or 0.0)])
+            if self.finer > 1:
+                nominal = nominal.edit({"upsample": self.finer * self.captures.upsample})
             if len(self._plans) >= _PLANS:
                 self._plans.pop(next(iter(self._plans)))
             self._plans[key] = make_plan(applied.bench(nominal))
