@@ -21,6 +21,7 @@ COMMANDS = {
     "render": "render what an observer sees, to PNG",
     "optimise": "find patterns and laser amplitudes for a picture",
     "export": "write a hologram's patterns as PNG",
+    "captures": "make, check, show and import measured captures",
     "bench": "measure how fast frames and edits are, beside torch",
     "demo": "make and show a hologram of the shipped picture",
 }

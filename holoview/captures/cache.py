@@ -28,13 +28,22 @@ class Cache:
             self._bytes -= self._kept.popitem(last=False)[1].nbytes
         return made
 
+    def fixed(self, key: Hashable, make: Callable[[], torch.Tensor]) -> torch.Tensor:
+        """A part that no effect changes, of a result that is kept as a whole."""
+        return make()
+
 
 class NoCache(Cache):
-    """Keeps nothing: for results through which gradients flow."""
+    """Keeps nothing through which gradients flow; parts that no effect changes are kept beside, in another cache."""
 
-    def __init__(self) -> None:
+    def __init__(self, beside: Cache) -> None:
         super().__init__(0)
+        self._beside = beside
 
     def get(self, key: Hashable, make: Callable[[], torch.Tensor]) -> torch.Tensor:
         """What is made."""
         return make()
+
+    def fixed(self, key: Hashable, make: Callable[[], torch.Tensor]) -> torch.Tensor:
+        """The part, made when it isn't there."""
+        return self._beside.get(key, make)

@@ -134,14 +134,18 @@ class NearField:
     def _response(self, relay: int, beam: Beam, band: Band) -> Tensor:
         """H × pupil in the band."""
 
-        def make() -> Tensor:
-            step = self.plan.transfer(relay, beam.wavelength, self._distance(relay))
-            ky, kx = band.indices
+        step = self.plan.transfer(relay, beam.wavelength, self._distance(relay))
+        ky, kx = band.indices
+
+        def nominal() -> Tensor:
             response = transfer_at(step, ky, kx, torch.complex128)
-            sines = [k.double() * s for k, s in zip((ky, kx), step.sine_step, strict=True)]
             glass = pupil(self.plan, relay, beam.wavelength, torch.complex128, torch.device("cpu"))
-            if glass is not None:
-                response = response * glass[ky][:, kx]
+            return response if glass is None else response * glass[ky][:, kx]
+
+        def make() -> Tensor:
+            place = ("nominal", relay, step.wavelength_m, step.distance_m, self.plan.relays[relay], band)
+            response = self.cache.fixed(place, nominal)
+            sines = [k.double() * s for k, s in zip((ky, kx), step.sine_step, strict=True)]
             at = Aperture(relay, step.wavelength_m, sines[0][:, None], sines[1][None], self.irises[relay] or 1.0)
             added = self.applied.pupil(at, torch.complex128)
             return (response if added is None else response * added).to(self.dtype)

@@ -20,9 +20,3 @@ def random_levels(
     values = (values - values.min()) / (values.max() - values.min())
     levels = np.rint(values * (num_levels - 1))
     return levels.astype(np.uint8 if num_levels <= 256 else np.uint16)
-
-
-def roughness(levels: NDArray[np.unsignedinteger]) -> float:
-    """Mean squared difference of neighbouring pixels of (…, y, x), in whole ranges squared: 0 for flat ones."""
-    values = levels.astype(np.float64) / max(float(levels.max()), 1.0)
-    return float((np.diff(values, axis=-1) ** 2).mean() + (np.diff(values, axis=-2) ** 2).mean())

@@ -76,7 +76,7 @@ class Predictor:
         applied = Applied(effects or {}, self.extra)
         offset = self.captures.camera.black_level + applied.offset()
         with torch.set_grad_enabled(grad):
-            cache = NoCache() if grad else self._cache
+            cache = NoCache(self._cache) if grad else self._cache
             signals = [self._signal(int(k), applied, cache) for k in indices]
             return Prediction(torch.stack(signals), offset)
 

@@ -19,6 +19,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from holoview import preset
 from holoview.errors import UserError
+from holoview.schema import EffectTable
 from holoview.scheme import with_scheme
 from holoview.system import System
 
@@ -46,6 +47,31 @@ def add_system(parser: argparse.ArgumentParser, *, optional: bool = False) -> No
         dest="changes",
         help='change the bench, e.g. --set gap="3 mm" --set relay2.iris_na=0.02; several may be given',
     )
+
+
+def add_effects(parser: argparse.ArgumentParser) -> None:
+    """--effects: values of effects, and files of the user's own."""
+    parser.add_argument(
+        "--effects",
+        metavar="NAME.KEY=VALUE|FILE.py",
+        nargs="+",
+        action="extend",
+        default=[],
+        help='e.g. gap.gap_error="0.1 mm" crosstalk.sigma=0.4; a Python file that defines effects of your own is run',
+    )
+
+
+def effects_of(args: argparse.Namespace) -> dict[str, dict[str, float]]:
+    """The values that --effects states, {id: {parameter: SI value}}; files are run first, and it says so."""
+    from holoview.effects.registry import load_user_effects
+
+    files = [text for text in args.effects if text.endswith(".py") and "=" not in text]
+    for file in files:
+        say(f"running {file} for its effects")
+        load_user_effects(file)
+    changes = dict(_pair(text, "--effects", "gap.gap_error=0.1mm") for text in args.effects if text not in files)
+    kind = EffectTable()
+    return {name: dict(pairs) for name, pairs in kind.edited((), changes, "--effects")}
 
 
 def add_backend(parser: argparse.ArgumentParser) -> None:
@@ -106,10 +132,10 @@ def changed(system: System, changes: list[str]) -> System:
     return system.edit(dict(_pair(change) for change in changes)) if changes else system
 
 
-def _pair(change: str) -> tuple[str, Any]:
+def _pair(change: str, flag: str = "--set", example: str = 'gap="3 mm"') -> tuple[str, Any]:
     key, equals, value = change.partition("=")
     if not equals or not key.strip():
-        raise UserError(f"--set {change}", "isn't KEY=VALUE", expected='e.g. --set gap="3 mm"')
+        raise UserError(f"{flag} {change}", "isn't KEY=VALUE", expected=f"e.g. {flag} {example}")
     try:
         return key.strip(), tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
