@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from holoview import units
 from holoview.errors import UserError, near_matches
 
-EffectPairs = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
+EffectPairs = tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]
 
 
 class Kind(Protocol):
@@ -214,7 +214,7 @@ class EffectTable:
             table[name] = {**table.get(name, {}), parameter: change} if parameter else change
         return self.read(table, where)
 
-    def _values(self, name: str, given: Any, where: str) -> tuple[tuple[str, float], ...]:
+    def _values(self, name: str, given: Any, where: str) -> tuple[tuple[str, Any], ...]:
         values = dict(given) if isinstance(given, tuple) else given
         if not isinstance(values, Mapping):
             raise UserError(where, f"{given!r}", expected="a table of its parameters")

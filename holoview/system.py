@@ -263,7 +263,7 @@ class System(_Description):
         return (self.frames, len(self.modulators), *self.modulators[0].shape)
 
     @property
-    def effect_values(self) -> dict[str, dict[str, float]]:
+    def effect_values(self) -> dict[str, dict[str, Any]]:
         """Effects that are switched on, {id: {parameter: SI value}}."""
         return {name: dict(pairs) for name, pairs in self.effects}
 

@@ -81,6 +81,7 @@ class Effect:
     said once it is found, with {parameter} for values in people's units and what `words` adds. equals: ids of effects
     that no data of these benches can tell from this one. where: the places it changes, of "source", "modulator 1",
     "relay 1", "modulator 2", "relay 2", "camera". order: among hooks of the same kind, small numbers first.
+    listed: whether it is offered as a cause or a slider; one that isn't is only known by its id.
     """
 
     id: ClassVar[str]
@@ -91,6 +92,7 @@ class Effect:
     equals: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[Needs] = Needs()
     order: ClassVar[int] = 0
+    listed: ClassVar[bool] = True
 
     # --- what it changes --------------------------------------------------------------------------------------------
 

@@ -49,7 +49,7 @@ class Parameter:
         """Whether people write it with a unit that is a length or an angle."""
         return self.shown in _SI and self.shown != ""
 
-    def read(self, value: Any, where: str) -> float:
+    def read(self, value: Any, where: str) -> Any:
         """The value (SI) of people's text or a number; UserError when it is wrong or out of bounds."""
         if isinstance(value, str) and not self.is_quantity:
             value = self._plain(value, where)
@@ -59,11 +59,11 @@ class Parameter:
             raise UserError(where, f"{number:g}", expected="a finite number")
         return number
 
-    def write(self, value: float) -> str | float:
+    def write(self, value: Any) -> str | float:
         """For TOML: text with its unit where it has one that `read` knows, else the number. No digit is lost."""
         return units.text(value, self.shown) if self.is_quantity else float(value)
 
-    def text(self, value: float, digits: int = 3) -> str:
+    def text(self, value: Any, digits: int = 3) -> str:
         """For reading: "0.108 mm", "12 counts"."""
         if self.is_quantity:
             return units.short(value, self.shown, digits)
@@ -92,6 +92,24 @@ class Parameter:
             raise UserError(
                 where, f'"{text}"', expected=f"a number{' of ' + self.shown if self.shown else ''}"
             ) from error
+
+
+class FileParameter(Parameter):
+    """The path of a file that holds what numbers can't say. In a preset it is relative to the preset's own folder."""
+
+    def read(self, value: Any, where: str) -> str:
+        """The path."""
+        if not isinstance(value, str) or not value.strip():
+            raise UserError(where, f"{value!r}", expected="the path of a file")
+        return value
+
+    def write(self, value: Any) -> str:
+        """As it was read."""
+        return str(value)
+
+    def text(self, value: Any, digits: int = 3) -> str:
+        """As it was read."""
+        return str(value)
 
 
 class Values(Mapping[str, float]):

@@ -22,13 +22,13 @@ _own: dict[str, Effect] = {}
 
 
 def registry() -> Mapping[str, Effect]:
-    """Effects by id, sorted: the library's and those that `load_user_effects` added."""
-    return MappingProxyType(dict(sorted({**_library(), **_own}.items())))
+    """Effects by id, sorted: the library's and those that `load_user_effects` added, as far as they are listed."""
+    return MappingProxyType({name: one for name, one in _everything().items() if one.listed})
 
 
 def effect(name: str) -> Effect:
     """The effect of an id; UserError with near matches when there is none."""
-    known = registry()
+    known = _everything()
     if name not in known:
         raise UserError(f"effects.{name}", "unknown effect", remedy=near_matches(name, known))
     return known[name]
@@ -65,6 +65,10 @@ def load_user_effects(path: str | os.PathLike[str]) -> list[Effect]:
 def is_own(one: Effect) -> bool:
     """Whether an effect comes from a user's file."""
     return type(one).__module__.startswith(_OWN_MODULES)
+
+
+def _everything() -> Mapping[str, Effect]:
+    return dict(sorted({**_library(), **_own}.items()))
 
 
 @cache

@@ -41,12 +41,17 @@ def warped(values: Tensor, source: Affine, mode: str = "bilinear", shape: tuple[
     source: rows (y, x, 1) that take r = (y, x) to the place, in samples from the centre, where `values` is read;
     linear between samples (or "bicubic"), which for small shifts is the mean over a sample of squares that moved.
     """
-    parts = torch.view_as_real(values).movedim(-1, 0) if values.is_complex() else values[None]
     rows, columns = shape or values.shape
-    real, device = parts.dtype, parts.device
-    y = centred(rows, real, device)[:, None]
-    x = centred(columns, real, device)[None, :]
+    real = values.real.dtype
+    y = centred(rows, real, values.device)[:, None]
+    x = centred(columns, real, values.device)[None, :]
     at_y, at_x = (a * y + b * x + c for a, b, c in source)
+    return sampled_at(values, at_y, at_x, mode)
+
+
+def sampled_at(values: Tensor, at_y: Tensor, at_x: Tensor, mode: str = "bilinear") -> Tensor:
+    """A map (y, x), real or complex, read at places (rows, columns) that count in samples from its centre."""
+    parts = torch.view_as_real(values).movedim(-1, 0) if values.is_complex() else values[None]
     scale_y, scale_x = (2.0 / n for n in values.shape)
     places = torch.stack([at_x * scale_x, at_y * scale_y], dim=-1)[None]
     read = grid_sample(parts[None].contiguous(), places, mode=mode, padding_mode="border", align_corners=False)[0]
