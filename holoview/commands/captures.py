@@ -66,15 +66,16 @@ def _configure_make(parser: argparse.ArgumentParser) -> None:
 def _make(args: argparse.Namespace) -> int:
     """Takes captures of a preset, with what its effects and `--effects` do to it; the file tells the nominal bench."""
     check_output(args.output, ".h5")
-    length = lambda name: units.parse(getattr(args, name), f"--{name.replace('_', '-')}")  # noqa: E731
     session = Session(
         each=args.each,
         seed=args.seed,
         finer=args.finer,
-        focal_length_m=None if args.focal_length is None else length("focal_length"),
-        camera_pitch_m=None if args.camera_pitch is None else length("camera_pitch"),
+        focal_length_m=None if args.focal_length is None else _length(args, "focal_length"),
+        camera_pitch_m=None if args.camera_pitch is None else _length(args, "camera_pitch"),
         camera_shape=None if args.camera_shape is None else (args.camera_shape[0], args.camera_shape[1]),
-        nuisances=Nuisances(args.exposure_jitter, args.prnu, length("camera_jitter"), length("wavelength_jitter")),
+        nuisances=Nuisances(
+            args.exposure_jitter, args.prnu, _length(args, "camera_jitter"), _length(args, "wavelength_jitter")
+        ),
     )
     system, effects = system_of(args), effects_of(args)
     with progress_bar("measuring") as report:
@@ -82,6 +83,10 @@ def _make(args: argparse.Namespace) -> int:
     write_captures(args.output, captures)
     print(f"{args.output}: {len(captures)} captures of {len(captures.wavelengths_m)} wavelengths")
     return 0
+
+
+def _length(args: argparse.Namespace, name: str) -> float:
+    return units.parse(getattr(args, name), f"--{name.replace('_', '-')}")
 
 
 def _check(args: argparse.Namespace) -> int:

@@ -1,8 +1,6 @@
-"""Slots of a bench with effects: dense transmissions of modulators, and pupils, for all that computes a frame."""
+"""What effects put into slots: dense transmissions of modulators, and pupils, for all that computes a frame."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import torch
 
@@ -11,7 +9,6 @@ from holoview.effects.effect import MODULATOR_HOOKS
 from holoview.effects.places import Aperture, Surface
 from holoview.grid import frequency_indices
 from holoview.optics.slm import nearest_level
-from holoview.optics.slots import Slots
 from holoview.plan import Plan
 
 Tensor = torch.Tensor
@@ -32,14 +29,23 @@ class DenseLight:
         places = {f"modulator {modulator + 1}", "source" if modulator == 0 else ""}
         return any(places & set(one.where) for one, _ in self.applied.having(*MODULATOR_HOOKS))
 
+    @property
+    def is_any_dense(self) -> bool:
+        """Whether some modulator's is."""
+        return any(map(self.is_dense, range(len(self.plan.system.modulators))))
+
     def samples(self, frame: int, modulator: int, wavelength: int) -> Tensor | None:
         """Complex128 transmission of a modulator's samples (y, x), or None where it isn't dense."""
         if not self.is_dense(modulator):
             return None
         sent, moment = divmod(frame, len(self.plan.moments))
         share = nearest_level(self.drive[sent, modulator], self.plan.nominal.modulators[modulator])
+        return self.of(share, modulator, wavelength, torch.complex128, self.plan.moments[moment])
+
+    def of(self, share: Tensor, modulator: int, wavelength: int, dtype: torch.dtype, factor: float = 1.0) -> Tensor:
+        """Transmission of a modulator's samples that was sent `share` (rows, columns) of its stroke."""
         at = self.surface(modulator, wavelength)
-        return at.sampled(self.applied.light(share, at, torch.complex128, self.plan.moments[moment]))
+        return at.sampled(self.applied.light(share, at, dtype, factor))
 
     def surface(self, modulator: int, wavelength: int) -> Surface:
         """Where the hooks work."""
@@ -49,18 +55,7 @@ class DenseLight:
         return Surface(modulator, λ, panel.stroke_m, panel.pitch_m, panel.shape, self.plan.grid.upsample)
 
 
-def dense_slots(plan: Plan, drive: Tensor, plain: Slots) -> Slots:
-    """The slots of a drive with the effects of a plan, from those without."""
-    light = DenseLight(plan, drive)
-    pupils = tuple(
-        tuple(_times(added_pupil(plan, light.applied, relay, i), plain.pupils[relay][i]) for i in range(len(row)))
-        for relay, row in enumerate(plain.pupils)
-    )
-    dense = any(light.is_dense(modulator) for modulator in range(len(plan.system.modulators)))
-    return replace(plain, pupils=pupils, light=light if dense else None)
-
-
-def added_pupil(plan: Plan, applied: Applied, relay: int, wavelength: int) -> Tensor | None:
+def added_pupil(plan: Plan, relay: int, wavelength: int) -> Tensor | None:
     """The pupil (P_y, P_x) complex128 that effects add to a relay, in `fftfreq` order; None where none does."""
     λ = float(plan.system.wavelengths_m[wavelength])
     sine_y, sine_x = (
@@ -69,10 +64,4 @@ def added_pupil(plan: Plan, applied: Applied, relay: int, wavelength: int) -> Te
     )
     nominal = (plan.nominal.relay1, plan.nominal.relay2)[relay]
     at = Aperture(relay, λ, sine_y[:, None], sine_x[None, :], nominal.iris_na or 1.0)
-    return applied.pupil(at, torch.complex128)
-
-
-def _times(first: Tensor | None, second: Tensor | None) -> Tensor | None:
-    if first is None or second is None:
-        return second if first is None else first
-    return first * second
+    return Applied(plan.nominal.effect_values).pupil(at, torch.complex128)

@@ -18,7 +18,7 @@ Table = Mapping[str, Mapping[str, Any]]
 
 
 def called(one: Effect, hook: str, *arguments: Any) -> Any:
-    """What a hook returns. Raises UserError, naming the effect, where the bench can't be or the user's file is wrong."""
+    """What a hook returns. Raises UserError with the effect's name where the bench can't be, or a user's file fails."""
     try:
         found = getattr(one, hook)(*arguments)
     except UserError as error:

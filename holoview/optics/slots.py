@@ -50,15 +50,30 @@ def make_slots(plan: Plan, drive: torch.Tensor | NDArray[np.floating]) -> Slots:
     patterns = drive if isinstance(drive, torch.Tensor) else _as_tensor(drive)
     check_drive(plan, patterns)
     patterns = patterns.double()
-    cpu = torch.device("cpu")
-    count = len(plan.system.wavelengths_m)
-    pupils = tuple(tuple(pupil(plan, r, i, torch.complex128, cpu) for i in range(count)) for r in (0, 1))
-    opd = optical_paths(plan, patterns)
-    if not plan.nominal.effects:
-        return Slots(opd, pupils)
-    from holoview.effects.dense import dense_slots  # here: only benches with effects load them
+    pupils = tuple(tuple(relay_pupil(plan, r, i) for i in range(len(plan.system.wavelengths_m))) for r in (0, 1))
+    return Slots(optical_paths(plan, patterns), pupils, _lights(plan, patterns))
 
-    return dense_slots(plan, patterns, Slots(opd, pupils))
+
+def relay_pupil(plan: Plan, relay: int, wavelength: int) -> torch.Tensor | None:
+    """(P_y, P_x) complex128 pupil of a relay with its effects; None where it neither apodises nor aberrates."""
+    own = pupil(plan, relay, wavelength, torch.complex128, torch.device("cpu"))
+    if not plan.nominal.effects:
+        return own
+    from holoview.effects.dense import added_pupil  # here: only benches with effects load them
+
+    added = added_pupil(plan, relay, wavelength)
+    if own is None or added is None:
+        return added if own is None else own
+    return own * added
+
+
+def _lights(plan: Plan, drive: torch.Tensor) -> Lights | None:
+    if not plan.nominal.effects:
+        return None
+    from holoview.effects.dense import DenseLight  # here: only benches with effects load them
+
+    light = DenseLight(plan, drive)
+    return light if light.is_any_dense else None
 
 
 def optical_paths(plan: Plan, drive: torch.Tensor) -> torch.Tensor:
