@@ -15,7 +15,7 @@ from holoview.diagnose.comparison import Comparison, Prediction, Values
 from holoview.diagnose.measured import Images, Measured
 from holoview.diagnose.noise import blind_variance, model_variance, with_mismatch
 from holoview.diagnose.split import Split
-from holoview.effects.effect import Effect
+from holoview.effects.effect import Effect, Facts
 from holoview.system import System
 
 T = TypeVar("T")
@@ -40,6 +40,7 @@ class Bench:
     """measured: the captures. effects: the candidates by id. split: which captures are for what.
 
     workers: threads; each has a predictor of its own. fixed_pattern: 1 σ of the pixels' relative sensitivity.
+    equals: for each effect the others that are the same physics on this bench (`same_physics`).
     """
 
     measured: Measured
@@ -50,6 +51,7 @@ class Bench:
     pool: ThreadPoolExecutor
     workers: int = 1
     fixed_pattern: float = 0.0
+    equals: Mapping[str, frozenset[str]] = field(default_factory=dict)
     _blind: dict[tuple[int, ...], Images] = field(default_factory=dict, repr=False)
 
     def coarse_comparison(self, indices: NDArray[np.intp], mismatch: float) -> Comparison:
@@ -86,6 +88,12 @@ class Bench:
         """Results of jobs that run in the pool."""
         futures = [self.pool.submit(job) for job in jobs]
         return [one.result() for one in futures]
+
+
+def same_physics(effects: Mapping[str, Effect], facts: Facts) -> dict[str, frozenset[str]]:
+    """For each effect those of the others that such data can't tell from it, both ways around."""
+    pairs = {(e.id, other) for e in effects.values() for other in e.equal_to(facts) if other in effects}
+    return {name: frozenset({b for a, b in pairs if a == name} | {a for a, b in pairs if b == name}) for name in effects}
 
 
 def _finish(future: Future[T]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,8 +36,7 @@ def correlations(bench: Bench, trial: Trial, at: Tangent, comparison: Comparison
     for cause in trial.causes:
         own, rest = at.slopes[owner == cause], at.slopes[owner != cause]
         found = {e.id: canonical_correlation(own, s, rest) for e, s in zip(others, slopes, strict=True) if len(s)}
-        same = set(bench.effects[cause].equals) & set(bench.effects)
-        found |= dict.fromkeys(same, 1.0)
+        found |= dict.fromkeys(bench.equals.get(cause, ()), 1.0)
         ordered = sorted(found.items(), key=lambda pair: -pair[1])
         result[cause] = {name: value for name, value in ordered if value >= _TELLING}
     return result
@@ -60,13 +58,6 @@ def separating(bench: Bench, first: Judged, second: Judged) -> str | None:
         if difference > best:
             best, words = difference, experiment.words
     return words
-
-
-def same_physics_words(cause: Effect) -> str | None:
-    """What to say of a cause that no capture of this bench can tell from others."""
-    if not cause.equals:
-        return None
-    return f"nothing: on this bench it is the same physics as {' and '.join(cause.equals)}"
 
 
 def experiments(captures: Captures, smooth: int, rough: int) -> list[Experiment]:
@@ -118,9 +109,3 @@ def _with(captures: Captures, **changes: object) -> Captures:
 
 def _identity(effect: Effect) -> dict[str, float]:
     return {p.name: p.identity for p in effect.parameters}
-
-
-def named(trial: Trial, effects: Sequence[Effect]) -> list[Effect]:
-    """The effects of a trial's causes, in its order."""
-    by_id = {e.id: e for e in effects}
-    return [by_id[name] for name in trial.causes]

@@ -6,7 +6,7 @@ stand-ins is how close it comes to the noise floor on captures that no fit has s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -39,7 +39,7 @@ class Decision:
     rivals: tuple[Judged, ...] = ()
 
 
-def decide(selection: Selection, equals: dict[str, frozenset[str]]) -> Decision:
+def decide(selection: Selection, equals: Mapping[str, frozenset[str]]) -> Decision:
     """The verdict of a selection. equals: for each effect those that are the same physics."""
     nominal, best, n = selection.nominal, selection.best, selection.pixels
     excess = nominal.excess
@@ -65,7 +65,7 @@ def share_explained(nominal: Judged, judged: Judged) -> float:
 
 
 def rivals_of(
-    best: Judged, candidates: Sequence[Judged], excess: float, pixels: float, equals: dict[str, frozenset[str]]
+    best: Judged, candidates: Sequence[Judged], excess: float, pixels: float, equals: Mapping[str, frozenset[str]]
 ) -> tuple[Judged, ...]:
     """Other causes, not more numerous, that come about as close to the floor as the best.
 
@@ -80,5 +80,5 @@ def rivals_of(
     )
 
 
-def _same_physics(a: Sequence[str], b: Sequence[str], equals: dict[str, frozenset[str]]) -> bool:
+def _same_physics(a: Sequence[str], b: Sequence[str], equals: Mapping[str, frozenset[str]]) -> bool:
     return all(any(x == y or y in equals.get(x, ()) or x in equals.get(y, ()) for y in b) for x in a)

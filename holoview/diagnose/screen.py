@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from holoview.diagnose.bench import Bench, Progress
 from holoview.diagnose.comparison import Comparison
@@ -27,12 +28,13 @@ _TANGENT_BELOW, _LOCAL_BELOW = 0.05, 0.35  # r.m.s. residual over mean light
 _TANGENT_FITS = 8
 _BATCH = 8
 _SCAN_CAPTURES = 2
-_BEAMS = 150  # field computations of a scan that are worth it for one effect and capture
+_MANY_BEAMS = 8  # a local fit of so many fields isn't begun where the scan found nothing
+_BEAMS = 60  # field computations of a scan that are worth it for one effect and capture
 
 
-def mismatch(bench: Bench, values: Found) -> float:
-    """How far a model is off: r.m.s. residual beyond the noise over the mean light, on the coarse captures."""
-    comparison = bench.coarse_comparison(bench.split.coarse, 0.0)
+def mismatch(bench: Bench, values: Found, indices: NDArray[np.intp] | None = None) -> float:
+    """How far a model is off: r.m.s. residual beyond the noise over the mean light; coarse captures when None."""
+    comparison = bench.coarse_comparison(bench.split.coarse if indices is None else indices, 0.0)
     fitted = comparison.fit(values)
     usable = comparison.weight > 0
     inverse = np.where(usable, 1.0 / np.where(usable, comparison.weight, 1.0), 0.0)
@@ -120,9 +122,12 @@ def _scanned(bench: Bench, base: Found, comparison: Comparison, starts: Hints) -
 
     def look(effect: Effect) -> Trial:
         points = list(effect.starts(bench.system))
-        most = max(3, _BEAMS // _beams(bench, effect, points))
+        beams = _beams(bench, effect, points)
+        most = max(3, _BEAMS // beams)
         thinned = points[:: -(-len(points) // most)] if len(points) > most else points
         trials = scan(effect, few, base, [*starts(effect), *thinned])
+        if beams >= _MANY_BEAMS and trials[0].values[effect.id] == _identity(effect):
+            return Trial((*base, effect.id), trials[0].values, float("inf"))
         return search(effect, comparison, base, trials)
 
     return look

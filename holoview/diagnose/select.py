@@ -25,17 +25,19 @@ _BASES, _SECONDS, _MOST_CAUSES = 3, 3, 3
 FLOOR = 1.05  # χ²/n at which nothing worth a further cause is left
 _NEARLY = 1.3  # χ²/n on coarse captures from which a cause is worth judging at once
 _REFINED = 2
+_FAR = 0.15  # r.m.s. residual over mean light; beyond, weights of the noise alone lead nowhere
 _EARLY = 1.02  # a single cause that reaches this on held-out captures ends the search
 _ALARM = 25.0  # Δχ² of held-out captures below which nothing has been found (5 σ)
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A trial and its χ²/n on held-out captures, in total and for each."""
+    """A trial and its χ²/n on held-out captures, in total and for each; rank: the same by weights that forgive."""
 
     trial: Trial
     chi2: float
     per_capture: tuple[float, ...]
+    rank: float
 
     @property
     def causes(self) -> tuple[str, ...]:
@@ -55,6 +57,7 @@ class Selection:
     nominal: Judged
     candidates: tuple[Judged, ...]
     comparison: Comparison
+    forgiving: Comparison
 
     @property
     def best(self) -> Judged:
@@ -84,13 +87,22 @@ def select(bench: Bench, effects: Sequence[Effect], report: Progress) -> Selecti
 
 
 def judge(bench: Bench, trials: Sequence[Trial]) -> Selection:
-    """All trials on the held-out captures, with weights frozen at the prediction of the best of them."""
+    """All trials on the held-out captures, with weights frozen at the prediction of the best of them.
+
+    Weights at a wrong prediction favour what is wrong alike. So as long as the best is far off, the order is by weights
+    that forgive as much as that.
+    """
     indices = bench.split.held_out
-    blind = bench.coarse_comparison(indices, 0.0)
-    first = min([NOTHING, *trials], key=lambda t: cost_of(blind, t.values))
+    rough = bench.coarse_comparison(indices, 1.0)
+    first = min([NOTHING, *trials], key=lambda t: cost_of(rough, t.values))
+    forgiving = bench.coarse_comparison(indices, min(mismatch(bench, first.values, indices), 1.0))
+    first = min([NOTHING, *trials], key=lambda t: cost_of(forgiving, t.values))
     comparison = bench.judged_by(indices, first.values)
-    judged = sorted((_judged(t, comparison) for t in trials), key=lambda j: j.chi2)
-    return Selection(_judged(NOTHING, comparison), tuple(_simpler_first(judged)), comparison)
+    judged = [_judged(t, comparison, forgiving) for t in trials]
+    near = min((j.chi2 for j in judged), default=np.inf) < _NEARLY
+    ordered = sorted(judged, key=lambda j: j.chi2 if near else j.rank)
+    candidates = _distinct_judged(_simpler_first(ordered) if near else ordered)
+    return Selection(_judged(NOTHING, comparison, forgiving), tuple(candidates), comparison, forgiving)
 
 
 def refined(bench: Bench, trial: Trial, *, fine: bool = False) -> Trial:
@@ -101,7 +113,10 @@ def refined(bench: Bench, trial: Trial, *, fine: bool = False) -> Trial:
     values = trial.values
     if off_by > 0.02:
         forgiving = bench.coarse_comparison(indices, min(0.5, 0.5 * off_by))
-        values = local_fit(effects, values, forgiving, fine=fine).values
+        found = local_fit(effects, values, forgiving, fine=fine)
+        values = found.values
+        if mismatch(bench, values) > _FAR:
+            return found
     comparison = bench.judged_by(indices, values)
     return sharpened(effects, local_fit(effects, values, comparison, iterations=5, tolerance=1e-4, fine=fine), comparison)
 
@@ -167,10 +182,19 @@ def _distinct(trials: Sequence[Trial]) -> list[Trial]:
     return list(seen.values())
 
 
-def _judged(trial: Trial, comparison: Comparison) -> Judged:
+def _judged(trial: Trial, comparison: Comparison, forgiving: Comparison) -> Judged:
     squares = comparison.fit(trial.values).squares
     per_capture = squares / np.maximum(comparison.pixels, 1.0)
-    return Judged(trial, float(squares.sum() / comparison.count), tuple(float(c) for c in per_capture))
+    rank = cost_of(forgiving, trial.values) / forgiving.count
+    return Judged(trial, float(squares.sum() / comparison.count), tuple(float(c) for c in per_capture), rank)
+
+
+def _distinct_judged(judged: Sequence[Judged]) -> list[Judged]:
+    """The first of each set of causes."""
+    seen: dict[frozenset[str], Judged] = {}
+    for one in judged:
+        seen.setdefault(frozenset(one.causes), one)
+    return list(seen.values())
 
 
 def _simpler_first(judged: Sequence[Judged]) -> list[Judged]:
@@ -190,7 +214,7 @@ def _with_fine(bench: Bench, selection: Selection) -> Selection:
     if best.chi2 < _EARLY or not any(p.fine for e in effects for p in e.parameters):
         return selection
     freed = refined(bench, best.trial, fine=True)
-    judged = _judged(freed, selection.comparison)
+    judged = _judged(freed, selection.comparison, selection.forgiving)
     if (best.chi2 - judged.chi2) * selection.pixels < _ALARM or judged.excess > 0.9 * best.excess:
         return selection
     return judge(bench, [freed, *(c.trial for c in selection.candidates[1:])])
@@ -208,7 +232,7 @@ def _bases(selection: Selection, causes: int) -> list[Judged]:
 def _is_better(new: Selection, old: Selection) -> bool:
     if len(new.best.causes) <= len(old.best.causes):
         return False
-    before = _judged(old.best.trial, new.comparison)
+    before = _judged(old.best.trial, new.comparison, new.forgiving)
     return (before.chi2 - new.best.chi2) * new.pixels > _ALARM and new.best.excess < 0.8 * before.excess
 
 
@@ -227,4 +251,4 @@ def _pruned(bench: Bench, selection: Selection) -> Selection:
 
 def _equals_one(effect: Effect, causes: Sequence[str], bench: Bench) -> bool:
     """Whether it is the same physics as a cause that is already in."""
-    return any(name in effect.equals or effect.id in bench.effects[name].equals for name in causes)
+    return any(name in bench.equals.get(effect.id, ()) for name in causes)
