@@ -30,6 +30,10 @@ class Slots:
     pupils: tuple[tuple[torch.Tensor | None, ...], ...]
     light: Lights | None = None
 
+    def is_dense(self, modulator: int) -> bool:
+        """Whether a modulator's transmission isn't exp(2πi·opd/λ) of its pixels."""
+        return self.light is not None and self.light.is_dense(modulator)
+
     def transmission(self, frame: int, modulator: int, wavelength: int) -> torch.Tensor | None:
         """Complex128 transmission of a modulator's samples (y, x), or None: exp(2πi·opd/λ) of its pixels."""
         return None if self.light is None else self.light.samples(frame, modulator, wavelength)
@@ -37,6 +41,9 @@ class Slots:
 
 class Lights(Protocol):
     """What makes dense transmissions of modulators."""
+
+    def is_dense(self, modulator: int) -> bool:
+        """Whether that modulator's is."""
 
     def samples(self, frame: int, modulator: int, wavelength: int) -> torch.Tensor | None:
         """Complex128 transmission of a modulator's samples (y, x); None where its pixels' optical paths say it all."""
