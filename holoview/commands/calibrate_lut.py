@@ -8,12 +8,13 @@ from pathlib import Path
 
 from holoview import preset, units
 from holoview.calibrate import lut_file
+from holoview.calibrate.drawing import draw_lut
 from holoview.calibrate.lut import fit_lut
-from holoview.calibrate.pictures import draw_lut
 from holoview.calibrate.sweep import read_sweep
 from holoview.commands.common import check_output
 from holoview.errors import UserError
 
+OPTIONS = ("wavelength", "plot", "save_preset")
 _RANGE_M = (100e-9, 10e-6)
 
 

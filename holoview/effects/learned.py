@@ -18,7 +18,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -99,12 +99,21 @@ class Layout:
             raise UserError(where, f"can't be read: {error}", expected="the layout of a calibration") from error
 
 
-class Learned:
-    """Tensors of a layout, by name. kept: results between calls for as long as the caller keeps the tensors."""
+class Kept:
+    """Results between calls: `fixed` ones of a layout, and `made` ones that hold until the tensors change."""
 
-    def __init__(self, layout: Layout, tensors: Mapping[str, Tensor], kept: dict[Hashable, Tensor] | None = None):
+    def __init__(self) -> None:
+        self.fixed: dict[Hashable, Tensor] = {}
+        self.made: dict[Hashable, Tensor] = {}
+
+
+class Learned:
+    """Tensors of a layout, by name. kept: where to keep results; None computes everything anew."""
+
+    def __init__(self, layout: Layout, tensors: Mapping[str, Tensor], kept: Kept | None = None) -> None:
         self.layout, self.tensors = layout, dict(tensors)
-        self._kept = kept
+        self._fixed = None if kept is None else kept.fixed
+        self._made = None if kept is None else kept.made
 
     @staticmethod
     def nominal(layout: Layout, dtype: torch.dtype = torch.float32) -> Learned:
@@ -140,7 +149,7 @@ class Learned:
             )
             return torch.polar(amplitude.exp(), path * (2 * math.pi / at.wavelength_m))
 
-        return self._keep(("source", at.wavelength_m, at.shape), make)
+        return _keep(self._made, ("source", at.wavelength_m, at.shape), make)
 
     def at_wavelength(self, name: str, wavelength_m: float) -> Tensor:
         """A map of the source at a wavelength: linear between anchors, constant beyond them."""
@@ -158,11 +167,14 @@ class Learned:
         def make() -> Tensor:
             nodes = self.tensors["warp_m"]
             lattice = (min(shape[0], _LATTICE), min(shape[1], _LATTICE))
-            spline = _thin_plate(self.layout.warp_nodes, lattice, shape[1] / shape[0]).to(nodes)
+            spline = _keep(self._fixed, ("spline", shape), lambda: self._spline(lattice, shape[1] / shape[0]).to(nodes))
             moved = (nodes.flatten(1) @ spline.T).reshape(2, *lattice)
             return interpolate(moved[None], size=shape, mode="bilinear", align_corners=False)[0]
 
-        return self._keep(("displacement", shape), make)
+        return _keep(self._made, ("displacement", shape), make)
+
+    def _spline(self, lattice: Pair, aspect: float) -> Tensor:
+        return _thin_plate(self.layout.warp_nodes, lattice, aspect)
 
     def warped(self, light: Tensor, at: Surface) -> Tensor:
         """Modulator 2's transmission, of samples, as it arrives."""
@@ -204,7 +216,7 @@ class Learned:
                 made = at.delayed(made, self.delay(at))
             return made
 
-        return pupil * self._keep(("pupil", *_place(at)), make)
+        return pupil * _keep(self._made, ("pupil", *_place(at)), make)
 
     def _sine(self, at: Aperture) -> float:
         return self.layout.sine2 if at.relay else self.layout.sine1
@@ -216,14 +228,15 @@ class Learned:
             radius = torch.hypot(at.sine_y, at.sine_x) / self._sine(at)
             return torch.stack([zernike(j, radius, at.angle) for j in noll])
 
-        return self._keep(("zernikes", *_place(at)), make)
+        return _keep(self._fixed, ("zernikes", *_place(at)), make)
 
-    def _keep(self, key: Hashable, make: Any) -> Tensor:
-        if self._kept is None:
-            return make()
-        if key not in self._kept:
-            self._kept[key] = make()
-        return self._kept[key]
+
+def _keep(kept: dict[Hashable, Tensor] | None, key: Hashable, make: Callable[[], Tensor]) -> Tensor:
+    if kept is None:
+        return make()
+    if key not in kept:
+        kept[key] = make()
+    return kept[key]
 
 
 def _place(at: Aperture) -> tuple[Hashable, ...]:

@@ -35,6 +35,6 @@ class Adam:
         self.count = 0
 
 
-def cosine(done: int, total: int) -> float:
+def cosine(done: float, total: int) -> float:
     """Falls from 1 to 0 while `done` goes from 0 to `total`."""
     return 0.5 * (1 + math.cos(math.pi * min(done, total) / total))
