@@ -14,7 +14,7 @@ from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.backend import open_executor
 from holoview.engine.frame import Progress, focal_stack
 from holoview.plan import make_plan
-from holoview.system import System
+from holoview.system import PLANES, System
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,8 @@ class View:
     """What is seen at each focal plane.
 
     intensity (plane, wavelength, y, x): frames and sources averaged, laser amplitudes applied; on the modulator's own
-    area at the simulation pitch. xyz (plane, y, x, 3). wavelengths_m (wavelength,), planes_m (plane,), pitch_m: metres,
-    those of the bench as it is: effects may move planes and split wavelengths.
+    area at the simulation pitch. xyz (plane, y, x, 3). wavelengths_m (wavelength,), planes_m (plane,), pitch_m: metres.
+    Effects of the bench may split wavelengths; planes are called by their nominal distances.
     backend: what computed it, in words.
     """
 
@@ -88,7 +88,7 @@ def simulate(
         intensity=intensity,
         xyz=xyz,
         wavelengths_m=plan.system.wavelengths_m,
-        planes_m=plan.planes_m,
+        planes_m=system.planes_m if planes is None else PLANES.read(planes, "planes"),
         pitch_m=plan.grid.pitch_m,
         backend=label,
     )

@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _configure_make(parser: argparse.ArgumentParser) -> None:
-    add_system(parser)
+    add_system(parser, effects=False)
     add_effects(parser)
     parser.add_argument("-o", "--output", metavar="FILE.h5", type=Path, required=True)
     parser.add_argument("--each", type=int, default=8, help="captures of every wavelength and plane (default 8)")
@@ -77,7 +77,8 @@ def _make(args: argparse.Namespace) -> int:
             args.exposure_jitter, args.prnu, _length(args, "camera_jitter"), _length(args, "wavelength_jitter")
         ),
     )
-    system, effects = system_of(args), effects_of(args)
+    effects = effects_of(args.effects)
+    system = system_of(args)
     with progress_bar("measuring") as report:
         captures = make_captures(system, effects, session, progress=lambda done, total: report(done, total, "captures"))
     write_captures(args.output, captures)

@@ -28,8 +28,8 @@ _SECONDS_A_LINE = 10.0
 _LARGEST_SEED = 2**63 - 1
 
 
-def add_system(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
-    """PRESET and --set KEY=VALUE."""
+def add_system(parser: argparse.ArgumentParser, *, optional: bool = False, effects: bool = True) -> None:
+    """PRESET and --set KEY=VALUE; with `effects` also --effects, which `system_of` switches on."""
     parser.add_argument(
         "preset", nargs="?" if optional else None, help="a preset's name (see `holoview presets`) or a TOML file"
     )
@@ -47,12 +47,15 @@ def add_system(parser: argparse.ArgumentParser, *, optional: bool = False) -> No
         dest="changes",
         help='change the bench, e.g. --set gap="3 mm" --set relay2.iris_na=0.02; several may be given',
     )
+    if effects:
+        add_effects(parser, dest="switched_on")
 
 
-def add_effects(parser: argparse.ArgumentParser) -> None:
+def add_effects(parser: argparse.ArgumentParser, dest: str = "effects") -> None:
     """--effects: values of effects, and files of the user's own."""
     parser.add_argument(
         "--effects",
+        dest=dest,
         metavar="NAME.KEY=VALUE|FILE.py",
         nargs="+",
         action="extend",
@@ -61,15 +64,15 @@ def add_effects(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def effects_of(args: argparse.Namespace) -> dict[str, dict[str, float]]:
+def effects_of(texts: list[str]) -> dict[str, dict[str, float]]:
     """The values that --effects states, {id: {parameter: SI value}}; files are run first, and it says so."""
     from holoview.effects.registry import load_user_effects
 
-    files = [text for text in args.effects if text.endswith(".py") and "=" not in text]
+    files = [text for text in texts if text.endswith(".py") and "=" not in text]
     for file in files:
         say(f"running {file} for its effects")
         load_user_effects(file)
-    changes = dict(_pair(text, "--effects", "gap.gap_error=0.1mm") for text in args.effects if text not in files)
+    changes = dict(_pair(text, "--effects", "gap.gap_error=0.1mm") for text in texts if text not in files)
     kind = EffectTable()
     return {name: dict(pairs) for name, pairs in kind.edited((), changes, "--effects")}
 
@@ -122,9 +125,24 @@ def check_backend(args: argparse.Namespace) -> None:
 
 
 def system_of(args: argparse.Namespace) -> System:
-    """The preset, driven by --scheme, with the changes of --set."""
+    """The preset, driven by --scheme, with the changes of --set and the effects of --effects."""
+    effects = effects_of(getattr(args, "switched_on", []))  # first: the preset may hold effects of one's own
     system = preset.load(args.preset)
+    if effects:
+        system = system.edit(
+            {f"effects.{name}.{key}": x for name, table in effects.items() for key, x in table.items()}
+        )
     return changed(system if args.scheme is None else with_scheme(system, args.scheme), args.changes)
+
+
+def warn_of_camera_effects(system: System) -> None:
+    """Says which of the bench's effects change what a camera records and nothing that is shown here."""
+    if not system.effects:
+        return
+    from holoview.effects.switched import Switched
+
+    if camera := [one.id for one in Switched(system.effect_values).of_camera()]:
+        say(f"note: {', '.join(camera)} belong to the camera that took captures; eyes don't look through it")
 
 
 def changed(system: System, changes: list[str]) -> System:
