@@ -32,12 +32,16 @@ _CLOSE = 1e-6  # relative
 
 @dataclass(frozen=True)
 class Calibration:
-    """bench: as described, with the effects that are known; learned: its maps; score: how well they predict."""
+    """bench: as described, with the effects that are known; learned: its maps; score: how well they predict.
+
+    normalised: state the lasers' powers that make wavelengths as bright as the camera saw them.
+    """
 
     captures: Captures
     bench: System
     learned: Learned
     score: Score
+    normalised: bool = False
 
     def system(self, maps: Path) -> System:
         """The bench with its maps in a file, and its lasers' response where light isn't proportional to power."""
@@ -46,7 +50,11 @@ class Calibration:
         if response.is_bent:
             already = effects.get("laser_power", {}).get("exponent", 0.0)
             effects["laser_power"] = {"exponent": already + response.common[0]}
-        return self.bench.edit({"effects": effects})
+        changes: dict[str, Any] = {"effects": effects}
+        if self.normalised:
+            scale = np.interp(self.bench.wavelengths_m, response.wavelength_m, response.scale)
+            changes["amplitudes"] = [(scale / scale.max()).tolist()]
+        return self.bench.edit(changes)
 
     def table(self) -> dict[str, Any]:
         """For JSON: what was learned from, how well it predicts, what the lasers emit."""

@@ -137,4 +137,4 @@ def _judge(args: argparse.Namespace, job: _Job, state: State) -> Calibration:
     if args.pictures is not None:
         for path in draw_all(args.pictures, material, state.best, job.split, model.nominal, model.signals):
             say(f"drawn: {path}")
-    return Calibration(job.captures, job.bench, state.best, found)
+    return Calibration(job.captures, job.bench, state.best, found, normalised=args.preset is None)
