@@ -39,7 +39,7 @@ class PerThread:
 class Bench:
     """measured: the captures. effects: the candidates by id. split: which captures are for what.
 
-    workers: threads; each has a predictor of its own. fixed_pattern: 1 σ of the pixels' relative sensitivity.
+    make_predictor: a new predictor of the captures; `extra` effects may be given. workers: threads; each has a predictor of its own. fixed_pattern: 1 σ of the pixels' relative sensitivity.
     equals: for each effect the others that are the same physics on this bench (`same_physics`).
     """
 
@@ -47,12 +47,16 @@ class Bench:
     system: System
     effects: Mapping[str, Effect]
     split: Split
-    predict: Predict
+    make_predictor: Callable[..., Predict]
     pool: ThreadPoolExecutor
     workers: int = 1
     fixed_pattern: float = 0.0
     equals: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    predict: Predict = field(init=False, repr=False)
     _blind: dict[tuple[int, ...], Images] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "predict", PerThread(self.make_predictor))
 
     def coarse_comparison(self, indices: NDArray[np.intp], mismatch: float) -> Comparison:
         """Weights from the pictures, for a model that is off by `mismatch` of the mean light."""

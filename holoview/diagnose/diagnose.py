@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.captures.predict import Predictor
 from holoview.captures.session import Captures
-from holoview.diagnose.bench import Bench, PerThread, Progress, same_physics
-from holoview.diagnose.comparison import Comparison
+from holoview.diagnose.bench import Bench, Progress, same_physics
+from holoview.diagnose.comparison import Comparison, Fitted, Values
 from holoview.diagnose.confounds import correlations, separating
 from holoview.diagnose.decide import Decision, Verdict, decide
-from holoview.diagnose.diagnosis import Cause, Diagnosis, Group, Quality
+from holoview.diagnose.diagnosis import Candidate, Cause, Diagnosis, Group, Quality, Sample
 from holoview.diagnose.excess import excess
+from holoview.diagnose.extend import Known
 from holoview.diagnose.freeform import lives_in, places
 from holoview.diagnose.measured import Images, Measured, measured
 from holoview.diagnose.noise import fixed_pattern
 from holoview.diagnose.power import PowerLaw, gain_spread, only_power, power_law
-from holoview.diagnose.search import Trial
-from holoview.diagnose.select import NOTHING, Judged, Selection, judge, select
+from holoview.diagnose.select import Selection, judge, select
 from holoview.diagnose.split import roughness, split
 from holoview.diagnose.uncertainty import intervals, tangent
 from holoview.diagnose.unknowns import Found
@@ -35,6 +35,7 @@ from holoview.errors import UserError
 _LEAST_CAPTURES = 2
 _PATTERN_BELOW = 1.5  # χ²/n up to which residuals tell the pixels' own sensitivity from errors of the model
 _MOST_PATTERN = 0.1
+_SAMPLES = 4
 _UNEXPLAINED = 1.1  # χ²/n above which it is worth asking where the rest lives
 
 
@@ -42,14 +43,15 @@ def diagnose(
     captures: Captures,
     effects: Iterable[Effect] | None = None,
     *,
+    known: Values | None = None,
     workers: int = 2,
     report: Progress | None = None,
     free_maps: bool = True,
 ) -> Diagnosis:
     """Names what the nominal model of these captures gets wrong.
 
-    effects: the candidates (all of the registry when None). workers: threads, each with its own predictor; results
-    don't depend on their number. free_maps: ask where an unexplained error lives. report: (done, total, what).
+    effects: the candidates (all of the registry when None). known: effects that the nominal model has; what is found
+    adds to them. workers: threads, each with its own predictor; results don't depend on their number. free_maps: ask where an unexplained error lives. report: (done, total, what).
     Raises UserError when there are too few captures to judge.
     """
     began = time.monotonic()
@@ -59,7 +61,8 @@ def diagnose(
     torch.set_num_threads(1)
     try:
         with ThreadPoolExecutor(max(1, workers)) as pool:
-            bench, notes = _prepare(captures, registry().values() if effects is None else effects, pool, workers)
+            library = list(registry().values() if effects is None else effects)
+            bench, notes = _prepare(captures, library, known or {}, pool, workers)
             return _diagnosed(bench, notes, report, free_maps, began)
     finally:
         torch.set_num_threads(threads)
@@ -76,11 +79,11 @@ def _check(captures: Captures) -> None:
 
 
 def _prepare(
-    captures: Captures, effects: Iterable[Effect], pool: ThreadPoolExecutor, workers: int
+    captures: Captures, effects: Sequence[Effect], known: Values, pool: ThreadPoolExecutor, workers: int
 ) -> tuple[Bench, list[str]]:
     facts = captures.facts()
     missing = {e.id: e.needs.missing(facts) for e in effects}
-    known = {e.id: e for e in effects if not missing[e.id]}
+    seen = {e.id: e for e in effects if not missing[e.id]}
     notes = [f"{name} can't be seen in these captures: {why}." for name, why in missing.items() if why]
     if facts.wavelengths == 1:
         notes.append("With one wavelength, errors of the wavelength and of distances can't be told apart.")
@@ -89,12 +92,12 @@ def _prepare(
     bench = Bench(
         measured=measured(captures),
         system=captures.system(),
-        effects=known,
+        effects=seen,
         split=split(captures, roughness(captures)),
-        predict=PerThread(lambda: Predictor(captures)),
+        make_predictor=partial(Known, captures, known),
         pool=pool,
         workers=workers,
-        equals=same_physics(known, facts),
+        equals=same_physics(seen, facts),
     )
     return bench, notes
 
@@ -206,6 +209,8 @@ def _told(
         unexplained=float(min(left, 1.0)) if selection.nominal.excess > 0.02 else 0.0,
         lives_in=lives_in(freed),
         groups=_groups(captures, comparison, values),
+        candidates=tuple(Candidate(c.causes, c.chi2) for c in selection.candidates),
+        samples=_samples(captures, comparison, fitted[0], fitted[1]),
         where_before=excess(captures, comparison, fitted[0], rough),
         where_after=excess(captures, comparison, fitted[1], rough),
         signal_explained=(_explained(comparison, {}), _explained(comparison, values)),
@@ -268,3 +273,24 @@ def _groups(captures: Captures, comparison: Comparison, values: Found) -> tuple[
         before, after = (_quality(comparison, v, same) for v in ({}, values))
         groups.append(Group(float(wavelength), float(plane), before, after))
     return tuple(groups)
+
+
+def _samples(captures: Captures, comparison: Comparison, before: Fitted, after: Fitted) -> tuple[Sample, ...]:
+    """Held-out captures of different wavelengths, as far as there are."""
+    wavelengths = captures.wavelength_m[comparison.indices]
+    first_of_each = [int(np.flatnonzero(wavelengths == w)[0]) for w in np.unique(wavelengths)]
+    chosen = first_of_each if len(first_of_each) > 1 else list(range(len(wavelengths)))
+    samples = []
+    for k in chosen[:_SAMPLES]:
+        index = int(comparison.indices[k])
+        samples.append(
+            Sample(
+                capture=index,
+                wavelength_m=float(captures.wavelength_m[index]),
+                distance_m=float(captures.distance_m[index]),
+                light=comparison.light[k],
+                predicted=(before.expected[k], after.expected[k]),
+                residual=(before.residual[k], after.residual[k]),
+            )
+        )
+    return tuple(samples)

@@ -7,10 +7,15 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from holoview.diagnose.decide import Verdict
 from holoview.diagnose.excess import Excess
 from holoview.diagnose.uncertainty import Interval
 from holoview.diagnose.unknowns import Found
+
+Image = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -51,11 +56,32 @@ class Group:
     after: Quality
 
 
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """A held-out capture for the eye: light (counts), predictions (counts) and residuals (σ) before and after, (y, x)."""
+
+    capture: int
+    wavelength_m: float
+    distance_m: float
+    light: Image
+    predicted: tuple[Image, Image]
+    residual: tuple[Image, Image]
+
+
 @dataclass(frozen=True)
+class Candidate:
+    """Causes that were fitted, and χ²/n on the held-out captures."""
+
+    causes: tuple[str, ...]
+    chi2: float
+
+
+@dataclass(frozen=True, eq=False)
 class Diagnosis:
     """What is wrong, in the order in which it is told.
 
     values: the effects of the extended model (empty: the nominal one). rivals: sets of causes that can't be excluded.
+    candidates: what else was tried, best first. samples: a few held-out captures to look at.
     unexplained: share of the excess that no cause explains; lives_in: share that free maps at each place explain.
     """
 
@@ -68,6 +94,8 @@ class Diagnosis:
     unexplained: float
     lives_in: dict[str, float]
     groups: tuple[Group, ...]
+    candidates: tuple[Candidate, ...]
+    samples: tuple[Sample, ...]
     where_before: Excess
     where_after: Excess
     signal_explained: tuple[float, float]
@@ -85,6 +113,7 @@ class Diagnosis:
             "before": _quality(self.before),
             "after": _quality(self.after),
             "causes": [_cause(cause) for cause in self.causes],
+            "candidates": [{"causes": list(c.causes), "chi2_per_pixel": _figure(c.chi2)} for c in self.candidates],
             "rivals": [list(causes) for causes in self.rivals],
             "unexplained": {"share": _figure(self.unexplained), "lives_in": list(self.lives_in), "shares": {k: _figure(v) for k, v in self.lives_in.items()}},
             "held_out": [

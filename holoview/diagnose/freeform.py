@@ -16,7 +16,6 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from holoview.captures.predict import Predictor
 from holoview.diagnose.bench import Bench
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.screen import mismatch
@@ -182,7 +181,7 @@ def _effects(bench: Bench) -> Iterator[FreeMaps]:
 
 
 def _freed(bench: Bench, base: Found, held_out: Comparison, effect: FreeMaps, before: float) -> Freed:
-    predictor = Predictor(bench.measured.captures, extra=[effect])
+    predictor = bench.make_predictor(extra=[effect])
     values: Found = {**base, effect.id: {"on": 1.0}}
     fit = bench.coarse_comparison(bench.split.fine, min(0.5, 0.5 * mismatch(bench, base)))
     weight, light = torch.from_numpy(fit.weight), torch.from_numpy(fit.light)
