@@ -24,7 +24,7 @@ def blurred(values: Tensor, sigma: float | Tensor) -> Tensor:
     By its Fourier transform exp(−2π²σ²f²), so that it depends smoothly on σ² down to zero, where it changes nothing.
     """
     rows, columns = values.shape
-    margin = math.ceil(4 * float(sigma)) + 2
+    margin = math.ceil(4 * float(torch.as_tensor(sigma).detach())) + 2
     padded = [good_size(n + 2 * margin) for n in (rows, columns)]
     edges = (margin, padded[1] - columns - margin, margin, padded[0] - rows - margin)
     spectrum = torch.fft.rfft2(pad(values[None, None], edges, mode="replicate")[0, 0])
