@@ -129,7 +129,7 @@ def make_plan(system: System, planes: Sequence[float | str] | NDArray[np.float64
     """
     nominal: System = system
     moments: tuple[float, ...] = (1.0,)
-    planes_m = system.planes_m if planes is None else _read_planes(planes)
+    planes_m = system.planes_m if planes is None else read_planes(planes)
     if system.effects:
         system, moments = _as_built(system.edit({"planes": planes_m}))
         planes_m = system.planes_m
@@ -176,7 +176,8 @@ def band_limit(padded: int, pitch_m: float, wavelength_m: float, distance_m: flo
     return 1.0 / (wavelength_m * math.hypot(2 * distance_m / (padded * pitch_m), 1.0))
 
 
-def _read_planes(planes: Sequence[float | str] | NDArray[np.float64]) -> NDArray[np.float64]:
+def read_planes(planes: Sequence[float | str] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distances of planes, m. Raises UserError for an empty list, and for one behind the modulator."""
     read = PLANES.read(planes, "planes")
     if read is None or len(read) == 0:
         raise UserError("planes", "an empty list", expected="at least one distance")

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.backend import open_executor
 from holoview.engine.frame import Progress, focal_stack
-from holoview.plan import make_plan
-from holoview.system import PLANES, System
+from holoview.plan import make_plan, read_planes
+from holoview.system import System
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def simulate(
         intensity=intensity,
         xyz=xyz,
         wavelengths_m=plan.system.wavelengths_m,
-        planes_m=system.planes_m if planes is None else PLANES.read(planes, "planes"),
+        planes_m=system.planes_m if planes is None else read_planes(planes),
         pitch_m=plan.grid.pitch_m,
         backend=label,
     )
