@@ -57,7 +57,7 @@ class FourierBench:
         light, pose = self._light(share, beam, λ), self.applied.aim()
         if pose.rotation_rad == 0:
             return self._power(light, λ, self.pixels, pose)
-        finer = self._fine(light, λ)
+        finer = self._fine(light, λ, pose)
         straight = self._power(light, λ, finer, Pose())
         (a, b, c), (d, e, f) = pose.inverse(finer.pitch_m)
         scale = self.pixels.pitch_m / finer.pitch_m
@@ -106,10 +106,11 @@ class FourierBench:
             passes &= radius2 > self.plan.system.relay2.dc_block_na**2
         return passes.to(self.real)
 
-    def _fine(self, light: Tensor, λ: float) -> Pixels:
+    def _fine(self, light: Tensor, λ: float, pose: Pose) -> Pixels:
         """Pixels over the camera, with some to spare, that sample the finest speckle four times."""
         extent = max(light.shape) * self.plan.system.modulators[0].pitch_m
         speckle = λ * self.focal_length_m / extent
         pitch_m = min(self.pixels.pitch_m, speckle / 4)
-        side = 1.1 * math.hypot(*self.pixels.shape) * self.pixels.pitch_m / pitch_m
+        seen = math.hypot(*self.pixels.shape) * self.pixels.pitch_m + 2 * math.hypot(*pose.shift_m)
+        side = 1.05 * seen / pose.magnification / pitch_m
         return Pixels(pitch_m, (math.ceil(side), math.ceil(side)))

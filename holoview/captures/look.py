@@ -53,7 +53,10 @@ def _at_places(spectrum: Tensor, band: Band, grid: Grid, pixels: Pixels, pose: P
         place = centred(pixels.shape[axis], torch.float64, k.device) * rows[axis][axis] + rows[axis][2]
         sample = place * (pixels.pitch_m / grid.pitch_m) + (grid.shape[axis] - 1) / 2
         turns = torch.remainder(sample[:, None] * (k.double() / grid.padded[axis])[None, :], 1.0)
-        wave = torch.polar(torch.full_like(turns, 1 / grid.padded[axis]), 2 * math.pi * turns)
+        away = sample - (grid.shape[axis] - 1) / 2
+        there = (away.abs() < grid.padded[axis] / 2).double()  # beyond, the grid begins again, and nothing is known
+        amplitude = (there / grid.padded[axis])[:, None].expand_as(turns)
+        wave = torch.polar(amplitude, 2 * math.pi * turns)
         sides.append(wave.to(spectrum.dtype))
     return sides[0] @ (spectrum @ sides[1].T)
 
@@ -62,13 +65,30 @@ def _interpolated(spectrum: Tensor, band: Band, grid: Grid, pixels: Pixels, pose
     """The field at pixels that lie anyhow, cubic between samples of a grid twice as fine."""
     reach = (min(band.reach[0], (band.padded[0] - 1) // 2), min(band.reach[1], (band.padded[1] - 1) // 2))
     finer = Band((2 * band.padded[0], 2 * band.padded[1]), reach)
-    shape = (2 * grid.shape[0], 2 * grid.shape[1])
-    field = 4 * finer.inverse(_widened(spectrum, band), shape)
-    scale = pixels.pitch_m / (grid.pitch_m / 2)
     (a, b, c), (d, e, f) = pose.inverse(pixels.pitch_m)
+    margins = _margins(grid, pixels, ((a, b, c), (d, e, f)))
+    begins = [
+        torch.polar(torch.ones_like(k), -2 * math.pi * k * m / p)
+        for k, m, p in zip((k.double() for k in finer.indices), margins, band.padded, strict=True)
+    ]
+    spectrum = _widened(spectrum, band) * (begins[0][:, None] * begins[1][None, :]).to(spectrum.dtype)
+    shape = (2 * (grid.shape[0] + 2 * margins[0]), 2 * (grid.shape[1] + 2 * margins[1]))
+    field = 4 * finer.inverse(spectrum, shape)
+    scale = pixels.pitch_m / (grid.pitch_m / 2)
     half = 0.5  # the finer grid begins at the same place, so that its centre lies half of its samples further
     source = ((a * scale, b * scale, c * scale - half), (d * scale, e * scale, f * scale - half))
     return warped(field, source, mode="bicubic", shape=pixels.shape)
+
+
+def _margins(grid: Grid, pixels: Pixels, rows: tuple[tuple[float, float, float], ...]) -> tuple[int, int]:
+    """Samples (y, x) around the field on which the camera's corners lie, within what the padding holds."""
+    corner = [(n - 1) / 2 for n in pixels.shape]
+    margins = []
+    for axis, (a, b, c) in enumerate(rows):
+        farthest = (abs(a) * corner[0] + abs(b) * corner[1] + abs(c)) * pixels.pitch_m / grid.pitch_m
+        wanted = math.ceil(farthest - (grid.shape[axis] - 1) / 2) + 3
+        margins.append(max(0, min(wanted, (grid.padded[axis] - grid.shape[axis]) // 2)))
+    return margins[0], margins[1]
 
 
 def _widened(spectrum: Tensor, band: Band) -> Tensor:

@@ -202,3 +202,23 @@ def test_a_camera_with_other_pixels_sees_the_same_light() -> None:
 def test_a_bench_that_cant_be_names_the_effect() -> None:
     with pytest.raises(UserError, match=r"effects\.gap"):
         predict(_session(), [0], {"gap": {"gap_error": -2e-3}})
+
+
+def test_a_turned_camera_sees_the_light_beside_the_modulator_too() -> None:
+    """By a tiny angle the picture is the same, out to the corners of a camera larger than the modulator."""
+    captures = _session(1)
+    large = dataclasses.replace(captures, images=np.zeros((1, 56, 72), np.uint16))
+    straight = Predictor(large, double=True)([0]).signal[0]
+    turned = Predictor(large, double=True)([0], {"camera_alignment": {"rotation": 1e-9}}).signal[0]
+    # cubic interpolation at twice the sampling: seen 0.3 %
+    assert float((turned - straight).norm() / straight.norm()) < 0.01
+    torch.testing.assert_close(
+        straight[8:48, 8:64], Predictor(captures, double=True)([0]).signal[0], rtol=1e-7, atol=1e-9
+    )
+
+
+def test_beyond_what_is_computed_there_is_no_light() -> None:
+    captures = dataclasses.replace(_session(1), images=np.zeros((1, 120, 150), np.uint16))
+    signal = Predictor(captures, double=True)([0]).signal[0]
+    assert not bool(signal[:20].any()) and not bool(signal[:, -15:].any())  # of 80 × 120 padded samples
+    assert bool(signal[40:80, 50:100].all())
