@@ -12,6 +12,7 @@ grid plan                FFT conventions; every derived number
 optics engine gpu        elements in torch; two executors of a plan; WebGPU plumbing
 colour metrics targets   the eye; PSNR, ΔE, speckle, eyebox; pictures to focal stacks
 optimise hologram        finding patterns; the file that holds them (tensors: how such files are read)
+effects captures         what real benches do besides; measured data and what the model expects of them
 view cli                 what is seen; the command line
 session app              what a viewer edits; the viewer itself, `show` in a notebook
 """

@@ -27,7 +27,14 @@ class Fact:
 def facts(system: System) -> list[Fact]:
     """Everything derived that a person may want to check before trusting a simulation."""
     plan = make_plan(system)
-    return [*_bench(system), *_diffraction(system), *_cut_offs(plan), *_sampling(plan), *_memory(plan)]
+    return [
+        *_bench(system),
+        *_diffraction(system),
+        *_cut_offs(plan),
+        *_sampling(plan),
+        *_memory(plan),
+        *_effects(system),
+    ]
 
 
 def _bench(system: System) -> list[Fact]:
@@ -139,6 +146,19 @@ def _memory(plan: Plan) -> list[Fact]:
         Fact("memory", "focal stack of intensities", _bytes(stack)),
         Fact("memory", "optimiser", f"about {_bytes(peak_bytes(plan.system))}"),
     ]
+
+
+def _effects(system: System) -> list[Fact]:
+    """What the bench does beyond the plain model, in words."""
+    if not system.effects:
+        return []
+    from holoview.effects.switched import Switched  # here: only benches with effects load them
+
+    switched = Switched(system.effect_values)
+    said = [Fact("effects", one.id, one.sentence(system, dict(v))) for one, v in switched.on]
+    camera = [one.id for one in switched.of_camera()]
+    note = f"{', '.join(camera)}: of the camera that took captures, not of what is rendered"
+    return [*said, *([Fact("effects", "not seen", note)] if camera else [])]
 
 
 def _bytes(count: float) -> str:

@@ -11,7 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from holoview.colour import to_srgb8
-from holoview.commands.common import check_output, progress_bar, say, stopping_on_interrupt, system_of
+from holoview.commands.common import (
+    check_output,
+    progress_bar,
+    say,
+    stopping_on_interrupt,
+    system_of,
+    warn_of_camera_effects,
+)
 from holoview.commands.optimise_options import Run, TargetSource, add_options, run_of, settings_of
 from holoview.commands.optimise_score import in_words, scores_of
 from holoview.errors import UserError
@@ -35,6 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Optimises, saves (also after Ctrl-C: the best so far), and scores on the preset's own grid."""
     system = system_of(args)
+    warn_of_camera_effects(system)
     output = args.output or Path(f"{system.name or 'hologram'}-{Path(args.target).stem}.safetensors")
     check_output(output, ".safetensors")
     settings, how = settings_of(args, system), run_of(args)

@@ -22,6 +22,7 @@ from holoview.commands.common import (
     say,
     seed,
     system_of,
+    warn_of_camera_effects,
 )
 from holoview.errors import UserError
 from holoview.hologram import Hologram, load_hologram
@@ -58,6 +59,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Renders and writes one PNG a plane."""
     system, drive = _subject(args)
+    warn_of_camera_effects(system)
     planes_m = _planes(args.plane, system)
     output = args.output or Path(f"{system.name or 'holoview'}.png")
     check_output(output, ".png")

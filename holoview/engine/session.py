@@ -99,7 +99,7 @@ class FrameSession:
     @property
     def system(self) -> System:
         """The bench as it was last edited."""
-        return self._plan.system
+        return self._plan.nominal
 
     @property
     def kernels(self) -> Counter[str]:

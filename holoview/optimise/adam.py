@@ -38,3 +38,8 @@ class Adam:
 def fall(done: int, total: int) -> float:
     """Falls from 1 to 0 while `done` goes from 0 to `total`: the root of the share that is left."""
     return math.sqrt(1 - min(done, total) / total)
+
+
+def cosine(done: float, total: int) -> float:
+    """Falls from 1 to 0 while `done` goes from 0 to `total`."""
+    return 0.5 * (1 + math.cos(math.pi * min(done, total) / total))

@@ -15,11 +15,11 @@ from holoview.errors import UserError
 from holoview.optimise.amplitudes import AmplitudeProblem
 from holoview.optimise.eyebox import Eyebox
 from holoview.optimise.memory import keeps_fields, needs_memory
-from holoview.optimise.model import Model
 from holoview.optimise.objective import colours_of, make_objective
 from holoview.optimise.quantise import Jumps, own_cost
 from holoview.optimise.settings import Settings
 from holoview.optimise.threads import suited_threads
+from holoview.optimise.traced import model_for
 from holoview.optimise.wavelengths import check_observer, colour_slopes
 from holoview.plan import Plan, make_plan
 from holoview.system import System
@@ -71,13 +71,14 @@ class Problem:
     def __init__(self, system: System, stack: NDArray[np.floating], settings: Settings, device: str = "cpu") -> None:
         self.system, self.settings = system, settings
         plan = self._plan_of(system, settings)
+        _check_effects(plan, settings)
         self._needs_memory = partial(needs_memory, chromatic="wavelengths" in settings.free)
         self.objective = make_objective(plan, stack, settings, device=device)
         if "wavelengths" in settings.free:
             check_observer(system.observer, settings)
         self.samples = int(np.prod(plan.grid.padded))
         with self._needs_memory(plan, device), suited_threads(self.samples):
-            self.model = Model(plan, device=device, keep=keeps_fields(plan))
+            self.model = model_for(plan, device=device, keep=keeps_fields(plan))
             self._intensity = torch.empty(len(self.model.lasers), *plan.grid.shape, device=self.model.device)
             self._images = torch.empty(2, *self.objective.target.shape[1:], device=self.model.device)
             self.eyebox = Eyebox(self.model)
@@ -216,6 +217,26 @@ class Problem:
         longest = system.wavelengths_m.copy()
         longest[np.argmax(longest)] = max(settings.wavelength_range_m[1], float(longest.max()))
         return replace(plan, grid=make_plan(system.edit({"wavelengths": longest})).grid)
+
+
+def _check_effects(plan: Plan, settings: Settings) -> None:
+    """UserError for effects under which a laser isn't one wavelength, one frame and its own power any more."""
+    if not plan.nominal.effects:
+        return
+    lasers = (len(plan.system.wavelengths_m), plan.system.frames)
+    if lasers != (len(plan.nominal.wavelengths_m), plan.nominal.frames) or np.any(
+        plan.system.amplitudes != plan.nominal.amplitudes
+    ):
+        hooks = ("bandwidth", "flicker", "laser_power")
+        found = " and ".join(name for name in plan.nominal.effect_values if name in hooks) or "an effect"
+        raise UserError(
+            f"effects.{found}",
+            "changes the lasers themselves, which patterns can't be optimised for",
+            expected="effects that change the light of each laser",
+            remedy="switch it off for the optimisation; rendering shows what it does",
+        )
+    if "wavelengths" in settings.free:
+        raise UserError("free", "wavelengths on a bench with effects", remedy="free patterns and amplitudes only")
 
 
 def _nothing_passes() -> UserError:
