@@ -22,6 +22,8 @@ COMMANDS = {
     "optimise": "find patterns and laser amplitudes for a picture",
     "export": "write a hologram's patterns as PNG",
     "bench": "measure how fast frames and edits are, beside torch",
+    "study": "make a figure of the paper again, with its numbers",
+    "contrast": "measure the speckle contrast of a picture, a preset or a hologram",
     "demo": "make and show a hologram of the shipped picture",
 }
 ALIASES = {"optimize": "optimise"}
