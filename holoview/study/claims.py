@@ -12,6 +12,8 @@ REPRODUCES, DIRECTION, FAILS, SHOWN = "reproduces", "direction only", "doesn't r
 _ENOUGH = 0.75
 """Share of the claimed gain from which on it counts as reproduced: targets and brightness differ from the paper's."""
 
+_EQUAL_DB = 0.5
+
 Results = Sequence[tuple[Job, Outcome]]
 
 
@@ -34,6 +36,15 @@ def gain_claim(
     return Claim(
         what, f"{paper_db:+.1f} dB", here, verdict_of(gain, paper_db), reason if gain < _ENOUGH * paper_db else ""
     )
+
+
+def equal_claim(results: Results, what: str, paper: str, one: str, other: str, reason: str = "") -> Claim:
+    """That two schemes show pictures of equal PSNR, within `_EQUAL_DB`."""
+    gain = float(gains(results, {"scheme": one}, {"scheme": other}, "psnr_db").mean())
+    boxes = " / ".join(f"{mean_of(results, 'eyebox_variation', scheme=scheme):.2f}" for scheme in (one, other))
+    holds = abs(gain) <= _EQUAL_DB
+    here = f"{gain:+.2f} dB, eyebox variation {boxes}"
+    return Claim(what, paper, here, REPRODUCES if holds else FAILS, "" if holds else reason)
 
 
 def verdict_of(found: float, claimed: float) -> str:

@@ -35,3 +35,10 @@ FULL = Scale("full", (384, 512), 100, 1, ("still-life",), 5)
 MIDDLE = Scale("middle", (96, 128), 150, 3, ("still-life", "resolution"), 5)
 SCALES = {scale.name: scale for scale in (QUICK, MIDDLE, FULL)}
 """quick: a look within minutes; middle: a quarter of a display a side, several seeds; full: a whole display."""
+
+_SMALLEST = (96, 128)
+
+
+def at_least(scale: Scale) -> tuple[int, int]:
+    """Pixels for studies of speckle itself: a smaller field would limit the angles that reach a point of the image."""
+    return max(scale.shape, _SMALLEST)

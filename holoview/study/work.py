@@ -124,3 +124,10 @@ def row(job: Job, outcome: Outcome, names: Sequence[str]) -> dict[str, Any]:
     """A row of the raw table: some of the job's settings, and all its numbers that are single."""
     single = {key: value for key, value in outcome.numbers.items() if not isinstance(value, list | dict)}
     return {name: job.settings.get(name) for name in names} | single
+
+
+def means(
+    results: Sequence[tuple[Job, Outcome]], keys: Sequence[str], cases: Sequence[Settings]
+) -> dict[str, list[float]]:
+    """The mean of some numbers in each case, a list a number; underscores in its name become spaces."""
+    return {key.replace("_", " "): [mean_of(results, key, **case) for case in cases] for key in keys}
