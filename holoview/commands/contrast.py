@@ -33,13 +33,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
     parser.add_argument("preset", metavar="WHAT", help="a picture, a hologram file, a preset's name or TOML file")
     parser.add_argument("--scheme", metavar="NAME", help="drive the preset's bench by a colour scheme")
-    parser.add_argument(
-        "--set", metavar="KEY=VALUE", action="append", default=[], dest="changes", help="change the bench"
-    )
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], dest="changes", help="change it")
     parser.add_argument("--region", metavar="X,Y,W,H", help="samples from the upper left; the central half if absent")
-    parser.add_argument(
-        "--plane", metavar="DISTANCE", help="focal plane of a preset or hologram; the middle one if absent"
-    )
+    parser.add_argument("--plane", metavar="DISTANCE", help="focal plane of a preset or hologram; else the middle one")
     parser.add_argument("--random", metavar="SEED", type=seed, default=0, help="seed of a preset's random patterns")
     parser.add_argument("--linear", action="store_true", help="an integer picture holds intensity, not an sRGB signal")
     parser.add_argument("--plot", metavar="PNG", type=Path, help="the region and its histogram beside the speckle laws")

@@ -24,9 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--quick", dest="scale", action="store_const", const="quick", help="small: within three minutes")
     size.add_argument("--full", dest="scale", action="store_const", const="full", help="the paper's size: hours")
-    size.add_argument(
-        "--scale", choices=tuple(SCALES), default="middle", help="between the two: several seeds (default)"
-    )
+    size.add_argument("--scale", choices=tuple(SCALES), help="middle: between the two, several seeds (default)")
     parser.add_argument("--seed", metavar="N", type=seed, default=0, help="first seed of what is random")
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, help="folder for the report; out/study-NAME")
     parser.add_argument("--workers", metavar="N", default="1", help="processes of this machine that share the work")
@@ -42,12 +40,12 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if args.name is None:
         raise UserError("study", "which one?", expected=", ".join(registry()), remedy="`holoview study --list`")
-    study, scale, where = find_study(args.name), SCALES[args.scale], _where(args)
+    study, scale, where = find_study(args.name), SCALES[args.scale or "middle"], _where(args)
     folder = args.output or Path("out") / f"study-{study.name}"
     make_folder(folder)
     jobs, started = study.jobs(scale, args.seed), time.monotonic()
     with progress_bar(study.name) as report:
-        results = run_jobs(jobs, Store(folder / "jobs"), where, report)
+        results = run_jobs(study, jobs, Store(folder / "jobs"), where, report)
     findings = study.findings(results)
     path = write_report(folder, study, scale, args.seed, findings)
     print(f"{study.title}\n{scale.name}: {scale.words}; {len(jobs)} jobs in {time.monotonic() - started:.0f} s")

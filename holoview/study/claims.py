@@ -27,10 +27,10 @@ def gain_claim(
     reason: str = "",
 ) -> Claim:
     """The gain of one setting (a scheme's name, or settings) over another, mean over targets and seeds."""
-    pair = [{"scheme": s} if isinstance(s, str) else dict(s) for s in (better, worse)]
-    found = gains(results, *pair, key)
+    first, second = ({"scheme": s} if isinstance(s, str) else dict(s) for s in (better, worse))
+    found = gains(results, first, second, key)
     gain = float(found.mean())
-    boxes = " / ".join(f"{mean_of(results, 'eyebox_variation', **settings):.2f}" for settings in pair)
+    boxes = " / ".join(f"{mean_of(results, 'eyebox_variation', **settings):.2f}" for settings in (first, second))
     spread = f" (spread {found.max() - found.min():.2f})" if len(found) > 1 else ""
     here = f"{gain:+.2f} dB{spread}, eyebox variation {boxes}"
     return Claim(

@@ -1,7 +1,7 @@
 """A region of speckle as a picture, and its histogram beside the laws of speckle.
 
-Fully developed, polarised speckle: p(I) = exp(−I/μ)/μ. The sum of N independent, equally bright patterns follows a gamma
-law of shape N (Goodman, *Speckle Phenomena in Optics*, 2007, eq. 3-43); N = 1/C² is taken from the contrast found.
+Fully developed, polarised speckle: p(I) = exp(−I/μ)/μ. The sum of N independent, equally bright patterns follows a
+gamma law of shape N (Goodman, *Speckle Phenomena in Optics*, 2007, eq. 3-43); N = 1/C² is that of the contrast found.
 """
 
 from __future__ import annotations

@@ -11,15 +11,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context
 from typing import Any
 
 import torch
 
 from holoview.errors import UserError
-from holoview.study.registry import find_study
 from holoview.study.store import Store
-from holoview.study.study import Job, Outcome
+from holoview.study.study import Job, Outcome, Study
 
 Progress = Callable[[int, int, str], None]
 """Called with jobs done, jobs in all, and a few words."""
@@ -43,6 +43,7 @@ class Where:
 
 
 def run_jobs(
+    study: Study,
     jobs: Sequence[Job],
     store: Store,
     where: Where = Where(),
@@ -64,9 +65,9 @@ def run_jobs(
         progress(done, len(jobs), job.label)
 
     if where.workers == 1 and where.scheduler is None:
-        failed = _here(waiting, keep, lambda note: progress(done, len(jobs), note), retries)
+        failed = _here(study, waiting, keep, lambda note: progress(done, len(jobs), note), retries)
     else:
-        failed = _elsewhere(waiting, keep, where, retries)
+        failed = _elsewhere(study, waiting, keep, where, retries)
     if failed:
         job, error = next(iter(failed.items()))
         raise UserError(
@@ -81,9 +82,9 @@ def run_jobs(
     return [(job, outcome) for job, outcome in found if outcome is not None]
 
 
-def do_job(study: str, label: str, settings: Mapping[str, Any]) -> Outcome:
-    """Does a job in this process: what is sent to other ones."""
-    return find_study(study).work(settings, lambda note: None)
+def do_job(study: Study, settings: Mapping[str, Any]) -> Outcome:
+    """Does a job in this process: what is sent to other ones, which import the study's module."""
+    return study.work(settings, lambda note: None)
 
 
 Failed = dict[Job, BaseException]
@@ -95,13 +96,13 @@ def _different(jobs: Sequence[Job]) -> list[Job]:
 
 
 def _here(
-    jobs: Sequence[Job], keep: Callable[[Job, Outcome], None], note: Callable[[str], None], retries: int
+    study: Study, jobs: Sequence[Job], keep: Callable[[Job, Outcome], None], note: Callable[[str], None], retries: int
 ) -> Failed:
     failed: Failed = {}
     for job in jobs:
         for left in range(retries, -1, -1):
             try:
-                outcome = find_study(job.study).work(job.settings, lambda text, job=job: note(f"{job.label}: {text}"))
+                outcome = study.work(job.settings, partial(_noted, note, job.label))
             except UserError:
                 raise  # another try would meet it again
             except Exception as error:
@@ -113,13 +114,19 @@ def _here(
     return failed
 
 
-def _elsewhere(jobs: Sequence[Job], keep: Callable[[Job, Outcome], None], where: Where, retries: int) -> Failed:
+def _noted(note: Callable[[str], None], label: str, text: str) -> None:
+    note(f"{label}: {text}")
+
+
+def _elsewhere(
+    study: Study, jobs: Sequence[Job], keep: Callable[[Job, Outcome], None], where: Where, retries: int
+) -> Failed:
     """Jobs in a pool; where the pool itself broke (a process was killed), a new one takes what is left."""
     left = dict.fromkeys(jobs, retries)
     failed: Failed = {}
     while left:
         with _pool(where) as pool:
-            futures = {pool.submit(do_job, job.study, job.label, job.settings): job for job in left}
+            futures = {pool.submit(do_job, study, job.settings): job for job in left}
             try:
                 _collect(futures, left, failed, keep)
             except BaseException:

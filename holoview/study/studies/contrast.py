@@ -31,7 +31,7 @@ class _Contrast(Study):
     title = "Speckle contrast against the number of wavelengths and frames"
     shows = (
         "Random patterns make fully developed speckle of contrast 1, and N independent ones average to 1/√N. Frames "
-        "are independent; wavelengths through the same pattern only where they lie far enough apart (see memory-effect)."
+        "are independent; wavelengths through the same pattern only where they are far apart (see memory-effect)."
     )
     reduced = "Contrast is taken of intensity (all lasers alike) over the whole field."
 

@@ -48,8 +48,8 @@ class _Gamut(HologramStudy):
             for saturation, paper_db in _PAPER_DB.items()
         ]
         for saturation in _SATURATIONS:
-            pair = ({"scheme": scheme, "saturation": saturation} for scheme in (_MANY, _FEW))
-            change = float(gains(results, *pair, "delta_e").mean())
+            many, few = ({"scheme": scheme, "saturation": saturation} for scheme in (_MANY, _FEW))
+            change = float(gains(results, many, few, "delta_e").mean())
             here = f"{change:+.1f} (mean CIEDE2000)"
             claims.append(Claim(f"colour difference, saturation {saturation:g}", "lower", here, _lower(change)))
         base = bench_of(results[0][0].settings)
