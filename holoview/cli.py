@@ -26,6 +26,8 @@ COMMANDS = {
     "diagnose": "name what the simulation of a measured bench gets wrong",
     "calibrate": "learn a bench from captures, or a modulator's table from a sweep",
     "bench": "measure how fast frames and edits are, beside torch",
+    "study": "make a figure of the paper again, with its numbers",
+    "contrast": "measure the speckle contrast of a picture, a preset or a hologram",
     "demo": "make and show a hologram of the shipped picture",
 }
 ALIASES = {"optimize": "optimise"}

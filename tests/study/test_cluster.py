@@ -1,0 +1,74 @@
+"""A real scheduler with real workers, one of which is killed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from holoview.errors import UserError
+from holoview.study.runner import Where, run_jobs
+from holoview.study.store import Store
+from holoview.study.study import Job
+from tests.study.probe import STUDY
+
+distributed = pytest.importorskip("distributed", reason="dask.distributed isn't installed")
+pytestmark = pytest.mark.filterwarnings("ignore")  # of dask and its event loops, when a worker goes away
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+_PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """Address of a scheduler, and its two workers of a thread each."""
+    file = tmp_path / "scheduler.json"
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
+    options = {"env": environment, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    scheduler = subprocess.Popen([*dask, "--no-dashboard", "--scheduler-file", str(file)], **options)
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(file), "--nthreads", "1"]
+    workers = [subprocess.Popen([*worker, "--no-nanny", "--no-dashboard"], **options) for _ in range(2)]
+    try:
+        until = time.monotonic() + _PATIENCE_S
+        while not file.exists() and time.monotonic() < until:
+            time.sleep(0.1)
+        with distributed.Client(scheduler_file=str(file), set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=_PATIENCE_S)
+            address = client.scheduler.address
+        yield address, workers
+    finally:
+        for process in (*workers, scheduler):
+            process.kill()
+            process.wait()
+
+
+def test_a_worker_that_is_killed_loses_nothing(
+    cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path
+) -> None:
+    address, workers = cluster
+    store, log = Store(tmp_path / "jobs"), tmp_path / "log"
+    jobs = [Job("probe", f"square {n}", {"n": n, "log": str(log), "seconds": 0.3}) for n in range(8)]
+    killed = False
+
+    def watch(done: int, total: int, note: str) -> None:
+        nonlocal killed
+        if done >= 2 and not killed:
+            workers[0].kill()
+            killed = True
+
+    results = run_jobs(STUDY, jobs, store, Where(scheduler=address), watch)
+    assert killed
+    assert [outcome.numbers["square"] for _, outcome in results] == [n**2 for n in range(8)]
+    pids = {line.split()[1] for line in log.read_text().splitlines()}
+    assert len(pids) == 2
+
+
+def test_a_scheduler_that_doesn_t_answer_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"--scheduler tcp://127.0.0.1:9: no answer.*a Dask scheduler that runs"):
+        run_jobs(STUDY, [Job("probe", "one", {"n": 1})], Store(tmp_path), Where(scheduler="tcp://127.0.0.1:9"))

@@ -1,0 +1,141 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from holoview.errors import UserError
+from holoview.study.runner import Where, run_jobs
+from holoview.study.store import Store
+from holoview.study.study import Job
+from tests.study.probe import STUDY
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
+
+
+def _job(n: int, **settings: Any) -> Job:
+    return Job("probe", f"square {n}", {"n": n, **settings})
+
+
+def _jobs(log: Path, count: int = 6, **settings: Any) -> list[Job]:
+    return [_job(n, log=str(log), **settings) for n in range(count)]
+
+
+def _log(log: Path) -> list[int]:
+    return sorted(int(line.split()[0]) for line in log.read_text().splitlines())
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    return Store(tmp_path / "jobs")
+
+
+@pytest.fixture(autouse=True)
+def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Processes that are started by a test find this study's module."""
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_every_job_is_done_once_and_results_come_in_order(workers: int, store: Store, tmp_path: Path) -> None:
+    jobs, seen = _jobs(tmp_path / "log"), []
+    results = run_jobs(STUDY, jobs, store, Where(workers), lambda done, total, note: seen.append((done, total)))
+    assert [outcome.numbers["square"] for _, outcome in results] == [n**2 for n in range(6)]
+    assert [job for job, _ in results] == jobs
+    assert _log(tmp_path / "log") == list(range(6))
+    assert seen[0] == (0, 6) and seen[-1] == (6, 6)
+
+
+def test_what_is_kept_isn_t_done_again(store: Store, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    run_jobs(STUDY, _jobs(log, 3), store)
+    results = run_jobs(STUDY, _jobs(log, 5), store)
+    assert len(results) == 5
+    assert _log(log) == list(range(5))
+
+
+def test_jobs_of_equal_settings_share_a_result(store: Store, tmp_path: Path) -> None:
+    results = run_jobs(STUDY, [_job(2, log=str(tmp_path / "log")) for _ in range(3)], store)
+    assert [outcome.numbers["square"] for _, outcome in results] == [4, 4, 4]
+    assert _log(tmp_path / "log") == [2]
+
+
+def test_pictures_come_back_as_they_were(store: Store) -> None:
+    ((_, outcome),) = run_jobs(STUDY, [_job(7)], store)
+    np.testing.assert_array_equal(outcome.pictures["flat"], np.full((2, 3, 3), 7, np.uint8))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_job_that_stumbles_is_tried_again(workers: int, store: Store, tmp_path: Path) -> None:
+    jobs = [_job(1, log=str(tmp_path / "log"), fate="fails once"), _job(3, log=str(tmp_path / "log"))]
+    results = run_jobs(STUDY, jobs, store, Where(workers))
+    assert [outcome.numbers["square"] for _, outcome in results] == [1, 9]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_job_that_keeps_failing_is_named_and_the_others_are_kept(workers: int, store: Store, tmp_path: Path) -> None:
+    bad, good = _job(1, log=str(tmp_path / "log"), fate="fails"), _job(3, log=str(tmp_path / "log"))
+    with pytest.raises(UserError, match=r"job square 1: failed 3 times: always.*1 of 2 jobs are done and kept"):
+        run_jobs(STUDY, [bad, good], store, Where(workers))
+    assert store.find(good) is not None
+    assert store.find(bad) is None
+
+
+def test_a_process_that_is_killed_loses_nothing(store: Store, tmp_path: Path) -> None:
+    log = str(tmp_path / "log")
+    jobs = [_job(n, log=log, fate="dies once" if n == 2 else "") for n in range(5)]
+    results = run_jobs(STUDY, jobs, store, Where(2))
+    assert [outcome.numbers["square"] for _, outcome in results] == [n**2 for n in range(5)]
+
+
+def test_a_run_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
+    folder, log = tmp_path / "jobs", tmp_path / "log"
+    program = (
+        "import sys; from pathlib import Path; from holoview.study.runner import run_jobs, Where\n"
+        "from holoview.study.store import Store; from tests.study.test_runner import _jobs, STUDY\n"
+        "run_jobs(STUDY, _jobs(Path(sys.argv[2]), 4, seconds=0.4), Store(Path(sys.argv[1])))\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", program, str(folder), str(log)], cwd=ROOT)
+    until = time.monotonic() + 60
+    while not list(folder.glob("*.json")) and time.monotonic() < until:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    kept = len(list(folder.glob("*.json")))
+    assert 0 < kept < 4
+    before = len(_log(log))
+    results = run_jobs(STUDY, _jobs(log, 4, seconds=0.4), Store(folder))
+    assert [outcome.numbers["square"] for _, outcome in results] == [0, 1, 4, 9]
+    assert len(_log(log)) == before + 4 - kept
+
+
+@pytest.mark.parametrize("damage", ["", "{", '{"format": "other"}', "[]", '{"format": "holoview-result"}'])
+def test_a_result_that_isn_t_whole_is_made_again(damage: str, store: Store, tmp_path: Path) -> None:
+    job = _job(3, log=str(tmp_path / "log"))
+    run_jobs(STUDY, [job], store)
+    (path,) = store.folder.glob("*.json")
+    path.write_text(damage)
+    assert store.find(job) is None
+    run_jobs(STUDY, [job], store)
+    assert _log(tmp_path / "log") == [3, 3]
+
+
+def test_a_lost_picture_makes_a_result_not_whole(store: Store) -> None:
+    job = _job(3)
+    run_jobs(STUDY, [job], store)
+    next(store.folder.glob("*.png")).unlink()
+    assert store.find(job) is None
+
+
+def test_keys_tell_settings_apart() -> None:
+    assert _job(1).key == _job(1).key
+    assert _job(1).key != _job(2).key
+    assert _job(1).key != Job("other", "square 1", {"n": 1}).key
