@@ -27,7 +27,7 @@ COMMANDS = {
     "calibrate": "learn a bench from captures, or a modulator's table from a sweep",
     "bench": "measure how fast frames and edits are, beside torch",
     "study": "make a figure of the paper again, with its numbers",
-    "contrast": "measure the speckle contrast of a picture, a preset or a hologram",
+    "contrast": "measure the speckle contrast of a picture or bench",
     "demo": "make and show a hologram of the shipped picture",
 }
 ALIASES = {"optimize": "optimise"}

@@ -34,6 +34,8 @@ def add_system(parser: argparse.ArgumentParser, *, optional: bool = False, effec
         "preset", nargs="?" if optional else None, help="a preset's name (see `holoview presets`) or a TOML file"
     )
     add_changes(parser)
+    if effects:
+        add_effects(parser, dest="switched_on")
 
 
 def add_changes(parser: argparse.ArgumentParser) -> None:
@@ -52,8 +54,6 @@ def add_changes(parser: argparse.ArgumentParser) -> None:
         dest="changes",
         help='change the bench, e.g. --set gap="3 mm" --set relay2.iris_na=0.02; several may be given',
     )
-    if effects:
-        add_effects(parser, dest="switched_on")
 
 
 def add_effects(parser: argparse.ArgumentParser, dest: str = "effects") -> None:

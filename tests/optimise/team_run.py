@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from holoview.optimise import problem
+from holoview.optimise import problem, traced
 from holoview.optimise.model import Model
 from holoview.optimise.objective import make_objective
 from holoview.optimise.settings import Settings
@@ -80,7 +80,7 @@ def main(folder: Path) -> None:
     with joined("cpu") as team:
         found = both("single", next(iter(CASES)), team)
         torch.set_default_dtype(torch.float64)
-        problem.Model = partial(Model, double=True)  # type: ignore[misc,assignment]
+        traced.Model = partial(Model, double=True)  # type: ignore[misc,assignment]
         problem.make_objective = partial(make_objective, double=True)
         for case in CASES:
             found |= both(case, case, team)
