@@ -92,9 +92,10 @@ class FrameSession:
         self.exposure_stops = exposure_stops
         self._plan = make_plan(system, [*system.planes_m, self.plane_m])
         self._pace = Pace(device, strategy)
-        shaders = self._warmed_up()  # first, as making slots may have to wait for torch to be imported
+        shaders = self._warmed_up(self._plan)  # first, as making slots may have to wait for torch to be imported
         self._slots = _make_slots(self._plan, drive)
-        self._open(shaders)
+        self._results = self._opened(self._plan, self._slots, shaders, self.plane_m)
+        self._take(self._pace.strategy_for(self._results.frame.variants()))
 
     @property
     def system(self) -> System:
@@ -155,16 +156,14 @@ class FrameSession:
             plan = make_plan(given, [*given.planes_m, plane])
         if drive is not None or _slots_of(plan) != _slots_of(self._plan):
             slots = _make_slots(plan, self._drive if drive is None else drive)
+        if _structure(plan, slots) == _structure(self._plan, self._slots):
+            self._results.use(plan, slots, plane)
+        else:
+            self._results = self._opened(plan, slots, self._warmed_up(plan), plane)
         self._generation += 1
+        self._plan, self._slots, self.plane_m = plan, slots, plane
         self._drive = self._drive if drive is None else drive
-        self.plane_m = plane
         self.exposure_stops = self.exposure_stops if exposure_stops is None else exposure_stops
-        fits = _structure(plan, slots) == _structure(self._plan, self._slots)
-        self._plan, self._slots = plan, slots
-        if not fits:
-            self._open(self._warmed_up())
-            return
-        self._results.use(plan, slots, plane)
         self._take(self._pace.strategy_for(self._results.frame.variants()))
 
     def poll(self) -> bool:
@@ -238,18 +237,17 @@ class FrameSession:
 
     # --- what has to be done ----------------------------------------------------------------------------------------
 
-    def _warmed_up(self) -> Kernels:
-        """The shaders for the grid of the plan, which are being compiled."""
-        shaders = Kernels(self.device, self._plan.grid, half=self._half)
-        shaders.warm_up(self._pace.start(self._plan.grid.padded), self._plan)
+    def _warmed_up(self, plan: Plan) -> Kernels:
+        """The shaders for the grid of a plan, which are being compiled."""
+        shaders = Kernels(self.device, plan.grid, half=self._half)
+        shaders.warm_up(self._pace.start(plan.grid.padded), plan)
         return shaders
 
-    def _open(self, shaders: Kernels) -> None:
-        """Takes memory on the device for the results of the plan, none of which is known yet."""
-        strategy = self._pace.start(self._plan.grid.padded)
-        self._results = Results(self._plan, self._slots, shaders, self._settings, strategy)
-        self._results.frame.inputs.set_distance(1, self.plane_m)
-        self._take(self._pace.strategy_for(self._results.frame.variants()))
+    def _opened(self, plan: Plan, slots: Slots, shaders: Kernels, plane_m: float) -> Results:
+        """Memory on the device for the results of a plan, none of which is known yet."""
+        results = Results(plan, slots, shaders, self._settings, self._pace.start(plan.grid.padded))
+        results.frame.inputs.set_distance(1, plane_m)
+        return results
 
     def _take(self, strategy: Strategy) -> bool:
         """Computes by that strategy from now on; whether it is another one."""

@@ -31,7 +31,7 @@ from holoview.gpu.tune_store import Memory, Tuning
 
 __all__ = ["BUDGET_S", "FftChoice", "Memory", "Tuning", "remembered"]
 
-BUDGET_S = 60.0
+BUDGET_S = 120.0
 """Processor time that the helper may take in all: more isn't worth the energy."""
 _SLOWDOWN = 5.0
 """How much longer that may take by the clock, on a busy machine."""
