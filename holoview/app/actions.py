@@ -19,6 +19,7 @@ def add_actions(app: App) -> None:
         "Ctrl+Shift+Z Ctrl+Y",
         is_possible=lambda: session.can_redo,
     )
+    add("Quit", app.quit, "File", "Ctrl+Q", "All is saved as it is, and offered at the next start.")
     add("Keys", lambda: app.help.toggle("keys"), "Help", "? F1", "Every key and what it does.")
     add("Commands", lambda: app.help.toggle("palette"), "Help", "Ctrl+P Ctrl+Shift+P", "Type what you want to do.")
 

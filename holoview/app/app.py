@@ -119,6 +119,10 @@ class App:
         """What the image panel shows, 8-bit sRGB (y, x, 3); None before anything is shown."""
         return self.panel(ImagePanel).seen()
 
+    def quit(self) -> None:
+        """Closes the window after this frame."""
+        self.window.params.app_shall_exit = True
+
     def set_theme(self, name: str) -> None:
         """Makes a theme of `theme.THEMES` the present one."""
         self.theme = name

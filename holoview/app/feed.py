@@ -24,8 +24,12 @@ from holoview.system import System
 
 QUICK_S = 0.1
 """A full frame that takes longer than this is preceded by a quick one."""
+QUICK_LIGHT_S = 0.04
+"""What a quick frame may take to compute: lasers are left out of it until it does."""
 REST_S = 0.12
 """Without an edit for so long, a dragging hand rests, and the full frame begins."""
+SLICE_S = 0.012
+"""About so long the device is kept from drawing the window."""
 _FEWEST_LASERS = 3
 
 
@@ -66,7 +70,7 @@ class Engine:
             drive = None if scene.drive is self._drive else scene.drive
             self.session.edit(system=scene.system, drive=drive, plane_m=scene.plane_m)
         self._drive, self._began = scene.drive, time.perf_counter()
-        return self._timed(self.session.steps(picture=False, wait=True))
+        return self._timed(self.session.steps(picture=False, wait=True, slice_s=SLICE_S))
 
     def expected_s(self) -> float | None:
         """How long the slices that are left will take; None before anything was measured."""
@@ -75,11 +79,12 @@ class Engine:
         return self.session.pending(picture=False) * self.step_s
 
     def _timed(self, steps: Iterator[Step]) -> Iterator[Step]:
-        before = time.perf_counter()
+        before, spent, done = time.perf_counter(), 0.0, 0
         for step in steps:
-            now = time.perf_counter()
-            spent, before = now - before, now
-            self.step_s = spent if self.step_s is None else 0.7 * self.step_s + 0.3 * spent
+            spent += time.perf_counter() - before
+            if step.done > done:
+                self.step_s = spent if self.step_s is None else 0.7 * self.step_s + 0.3 * spent
+                done, spent = step.done, 0.0
             yield step
             before = time.perf_counter()
         self.update_s = time.perf_counter() - self._began
@@ -208,7 +213,7 @@ class Feed:
         if self._quick.step_s is None:
             return None
         sources = len(scene.system.source.directions_rad)
-        return max(int(QUICK_S / (self._quick.step_s * sources)), _FEWEST_LASERS)
+        return max(int(QUICK_LIGHT_S / (self._quick.step_s * sources)), _FEWEST_LASERS)
 
     def _finish(self) -> None:
         engine = self._quick if self._stage == "quick" else self._full

@@ -17,6 +17,7 @@ What the memory budget has no room for is computed again when it is needed.
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -34,7 +35,7 @@ from holoview.engine.pace import Pace
 from holoview.engine.results import Results, Settings, is_clear
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.lines import Strategy
-from holoview.gpu.recorder import Recorder
+from holoview.gpu.recorder import Recorder, Score
 from holoview.gpu.timer import Timer
 from holoview.plan import Plan, make_plan
 from holoview.system import System
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 
 Job = Callable[[Recorder], None]
 
+_MOST_DISPATCHES = 256.0  # in a slice
 BUDGET_BYTES = 2**30
 """Device memory for results that are kept, unless another budget is given."""
 
@@ -87,6 +89,7 @@ class FrameSession:
         self.device = device
         self._settings, self._half = Settings(budget_bytes, together), half
         self._drive, self._generation = drive, 0
+        self._dispatches = 1.0
         self.timer: Timer | None = None
         self.plane_m = float(system.planes_m[0]) if plane_m is None else plane_m
         self.exposure_stops = exposure_stops
@@ -188,17 +191,25 @@ class FrameSession:
         self._generation += 1
         self._results.forget()
 
-    def steps(self, *, picture: bool = True, wait: bool = False) -> Iterator[Step]:
+    def steps(self, *, picture: bool = True, wait: bool = False, slice_s: float | None = None) -> Iterator[Step]:
         """Computes what is stale, a submission a step; with `wait`, a step ends when the device has done it.
 
-        The iterator ends early once the session is edited: what it has done stays, and the next one goes on from there.
+        With `slice_s`, a submission is cut into several of about so many seconds, waited for, and several steps have
+        the same number. The iterator ends early once the session is edited: what it has done stays, and the next one
+        goes on from there.
         """
         generation, work = self._generation, self._work(picture)
         for done, job in enumerate(work, start=1):
+            if slice_s is None:
+                self._submit(job, wait)
+            else:
+                for _ in self._cut(job, slice_s):
+                    yield Step(done - 1, len(work))
+                    if generation != self._generation:
+                        return
+            yield Step(done, len(work))
             if generation != self._generation:
                 return
-            self._submit(job, wait)
-            yield Step(done, len(work))
 
     def pending(self, *, picture: bool = True) -> int:
         """How many submissions are left to do."""
@@ -279,6 +290,21 @@ class FrameSession:
 
     def _sources(self, run: Span) -> list[Span]:
         return [replace(run, source=source) for source in range(len(self._plan.slopes))]
+
+    def _cut(self, job: Job, slice_s: float) -> Iterator[None]:
+        """Submits a job in slices, as many dispatches at a time as took about `slice_s` so far; yields between them."""
+        score = Score(self.device, "frame", self.timer)
+        job(score)
+        while True:
+            count, begun = max(min(round(self._dispatches), score.left), 1), time.perf_counter()
+            score.play(count, wait=True)
+            spent = max(time.perf_counter() - begun, 1e-6)
+            self._dispatches = min(
+                max(count * slice_s / spent, self._dispatches / 2), 2 * self._dispatches, _MOST_DISPATCHES
+            )
+            if score.left == 0:
+                return
+            yield
 
     def _submit(self, job: Job, wait: bool = False) -> None:
         recorder = Recorder(self.device, "frame", self.timer)
