@@ -87,7 +87,8 @@ def _warp(path: Path, learned: Learned, captures: Captures) -> None:
     with drawing(path, (7.0, 5.0)) as figure:
         axes = figure.subplots()
         _map(figure, axes, np.hypot(*moved), "displacement of modulator 2 / pixels", "viridis")
-        axes.quiver(x, y, moved[1][y, x], moved[0][y, x], angles="xy", color="white")
+        if moved.any():
+            axes.quiver(x, y, moved[1][y, x], moved[0][y, x], angles="xy", color="white")
 
 
 def _pupils(path: Path, learned: Learned) -> None:
