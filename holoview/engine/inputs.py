@@ -9,14 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
 from hashlib import blake2b
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from holoview.engine.layouts import LIGHT, PATH, WAVE
 from holoview.engine.values import column_stops, light_values, path_values, strokes, wave_values
 from holoview.gpu.device import Buffer, Device
-from holoview.optics.slots import Slots
 from holoview.plan import Plan
+
+if TYPE_CHECKING:
+    from holoview.optics.slots import Slots
 
 _STOPS_BYTES = 8
 

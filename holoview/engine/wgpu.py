@@ -24,6 +24,7 @@ from holoview.gpu.fft import FftPlan
 from holoview.gpu.layout import Struct
 from holoview.gpu.recorder import Pass, Recorder
 from holoview.gpu.shader import Generated, link
+from holoview.gpu.tune import remembered
 from holoview.optics.slots import Slots
 from holoview.plan import Plan
 
@@ -43,7 +44,7 @@ class WgpuExecutor:
 
     def __init__(self, plan: Plan, slots: Slots, device: Device) -> None:
         self.plan, self.slots, self.device = plan, slots, device
-        self._fused = FusedFrame(plan, slots, device)
+        self._fused = FusedFrame(plan, slots, device, strategy=remembered(device, plan.grid.padded))
         self._display = Display(device, plan.grid.shape)
         planes = range(len(plan.planes_m))
         self._intensity = [self._display.intensities(1, f"intensity of plane {i}") for i in planes]

@@ -17,16 +17,20 @@ fn begin(line: u32, field: u32) {
     light = lights[batch.wavelength + field];
 }
 
-fn load(position: vec3u) -> vec2f {
+// What the samples of a modulator's pixel have in common.
+fn joint(position: vec3u) -> vec2f {
+    return phasor(opd[pixel_under(grid, position.y, position.x - grid.offset.y)], light);
+}
+
+fn load_with(position: vec3u, pixel: vec2f) -> vec2f {
     let x = position.x - grid.offset.y;
     if (is_padded && x >= grid.shape.y) {
         return vec2f(0.0);
     }
-    let value = phasor(opd[pixel_under(grid, position.y, x)], light);
     if (is_tilted) {
-        return cmul(value, plane_wave(wave, position.y, x));
+        return cmul(pixel, plane_wave(wave, position.y, x));
     }
-    return value;
+    return pixel;
 }
 
 fn store(position: vec3u, value: vec2f) {

@@ -15,12 +15,16 @@ fn load(position: vec3u) -> vec2f {
     return fetched(position.z, position.y, position.x);
 }
 
-fn middle(position: vec3u, value: vec2f) -> vec2f {
-    let x = position.x - grid.offset.y;
-    if (is_padded && x >= grid.shape.y) {
+// What the samples of a modulator's pixel have in common.
+fn joint(position: vec3u) -> vec2f {
+    return phasor(opd[pixel_under(grid, position.y, position.x - grid.offset.y)], light);
+}
+
+fn middle_with(position: vec3u, value: vec2f, pixel: vec2f) -> vec2f {
+    if (is_padded && position.x - grid.offset.y >= grid.shape.y) {
         return vec2f(0.0);
     }
-    return cmul(value, phasor(opd[pixel_under(grid, position.y, x)], light));
+    return cmul(value, pixel);
 }
 
 fn store(position: vec3u, value: vec2f) {
