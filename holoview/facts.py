@@ -108,12 +108,12 @@ def _cut_offs(plan: Plan) -> list[Fact]:
 
 
 def _sampling(plan: Plan) -> list[Fact]:
-    grid = plan.grid
+    grid, how = plan.grid, plan.system.sampling.propagation
+    if how == "periodic" and grid.padded != grid.shape:
+        how += ", padded to the next sizes that can be transformed"
     return [
         Fact("sampling", "simulated field", f"{grid.shape[1]} x {grid.shape[0]} at {units.short(grid.pitch_m, 'um')}"),
-        Fact(
-            "sampling", "transformed grid", f"{grid.padded[1]} x {grid.padded[0]} ({plan.system.sampling.propagation})"
-        ),
+        Fact("sampling", "transformed grid", f"{grid.padded[1]} x {grid.padded[0]} ({how})"),
         Fact("sampling", "expected wrap-around", wrap_around(plan)),
     ]
 

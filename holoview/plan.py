@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from holoview.colour import observer_weights
 from holoview.errors import UserError
-from holoview.grid import frequency_indices, good_size
+from holoview.grid import frequency_indices, good_size, is_good_size
 from holoview.system import PLANES, Relay, System
 
 Pair = tuple[int, int]
@@ -197,7 +197,7 @@ def _grid(system: System, farthest_m: float) -> Grid:
 
 def _padded(n: int, propagation: str, reach: float, upsample: int) -> int:
     if propagation == "periodic":
-        return n
+        return n if is_good_size(n) else good_size(n, _good_part(upsample))
     if propagation == "linear":
         return good_size(2 * n, _good_part(upsample))
     return good_size(min(2 * n, n + math.ceil(reach) + _COMPACT_GUARD), _good_part(upsample))

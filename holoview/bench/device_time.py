@@ -7,11 +7,12 @@ import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from holoview.bench.choices import Asked, strategy_for
 from holoview.engine.session import FrameSession
 from holoview.gpu.device import Device
-from holoview.gpu.lines import Strategy
 from holoview.gpu.recorder import Recorder
 from holoview.gpu.timer import Timer
+from holoview.plan import make_plan
 from holoview.system import System
 from holoview.view import random_drive
 
@@ -34,11 +35,12 @@ class DeviceTime:
 
 
 def device_time(
-    system: System, device: Device, rounds: int, *, half: bool = False, strategy: Strategy = "passes"
+    system: System, device: Device, rounds: int, *, half: bool = False, strategy: Asked = "auto"
 ) -> DeviceTime:
     """Times warm frames of a periodic bench. Raises UserError where the device has no timestamp queries."""
     periodic = system.edit({"propagation": "periodic"})
-    session = FrameSession(periodic, random_drive(periodic), device, half=half, strategy=strategy)
+    chosen = strategy_for(device, make_plan(periodic).grid.padded, strategy)
+    session = FrameSession(periodic, random_drive(periodic), device, half=half, strategy=chosen)
     session.update(picture=False)
     session.timer = Timer(device)
     seconds = []

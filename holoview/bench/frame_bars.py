@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import torch
 
+from holoview.bench.choices import Asked, strategy_for
+from holoview.bench.fft_bar import FFT, TORCH_FFT, fft_jobs
 from holoview.bench.timing import Job, Sample, interleaved
 from holoview.bench.torch_loop import TorchLoop
 from holoview.engine.session import FrameSession
@@ -43,18 +45,18 @@ class Bar:
 
 @dataclass(frozen=True)
 class FrameBench:
-    """What was measured: wall times by job, ratios with their bars, and the traffic of a frame and wavelength."""
+    """What was measured: wall times by job, ratios with their bars, the traffic of a frame and wavelength, and by which
+    strategies the transforms went."""
 
     samples: dict[str, Sample]
     bars: list[Bar]
     wavelengths: int
     traffic_bytes: int
     memory_bytes: int
+    strategies: dict[str, Strategy]
 
 
-def measure(
-    system: System, device: Device, rounds: int, *, half: bool = False, strategy: Strategy = "passes"
-) -> FrameBench:
+def measure(system: System, device: Device, rounds: int, *, half: bool = False, strategy: Asked = "auto") -> FrameBench:
     """Times frames of a periodic, on-axis bench of one frame, warm, at its middle focal plane.
 
     Raises UserError when the device can't hold it.
@@ -69,10 +71,12 @@ def measure(
     jobs: dict[str, Job] = {name: _full(session) for name, session in sessions.items()}
     jobs |= {SCRUB: _scrub(sessions[FULL]), AMPLITUDE: _amplitudes(sessions[FULL])}
     jobs |= _torch_jobs(TORCH, base) | _torch_jobs(TORCH_SINGLE, single)
+    jobs |= fft_jobs(device, make_plan(base).grid.padded, sessions[FULL].strategy)
     samples = interleaved(jobs, rounds)
     bars = _bars(samples, len(base.wavelengths_m), frame_error(single, device, half, strategy))
     frame = sessions[FULL]
-    return FrameBench(samples, bars, len(base.wavelengths_m), frame.traffic_bytes, frame.memory_bytes)
+    chosen = {name: session.strategy for name, session in sessions.items()}
+    return FrameBench(samples, bars, len(base.wavelengths_m), frame.traffic_bytes, frame.memory_bytes, chosen)
 
 
 def one_wavelength(system: System) -> System:
@@ -81,7 +85,7 @@ def one_wavelength(system: System) -> System:
     return system.edit({"wavelengths": [middle], "amplitudes": [[1.0]]})
 
 
-def frame_error(system: System, device: Device, half: bool, strategy: Strategy) -> float:
+def frame_error(system: System, device: Device, half: bool, strategy: Asked) -> float:
     """Relative L2 of the intensity of the first wavelength against torch in complex128."""
     session = _session(system, device, half, strategy)
     plan = make_plan(system, [session.plane_m])
@@ -95,6 +99,7 @@ def _bars(samples: dict[str, Sample], wavelengths: int, error: float) -> list[Ba
     ms = {name: sample.median_ms for name, sample in samples.items()}
     best, best_single = (min(t for name, t in ms.items() if name.startswith(f"{of}:")) for of in (TORCH, TORCH_SINGLE))
     return [
+        Bar("FFT2 / torch.fft2 on 2 threads", ms[FFT] / ms[TORCH_FFT], 2.0, 1.6),
         Bar(f"frame / best torch loop, {wavelengths} λ", ms[FULL] / best, 0.80, 0.65),
         Bar("frame / best torch loop, 1 λ", ms[SINGLE] / best_single, 1.0, 0.85),
         Bar("padded (linear) / periodic frame", ms[PADDED] / ms[FULL], 4.0, 3.0),
@@ -104,9 +109,10 @@ def _bars(samples: dict[str, Sample], wavelengths: int, error: float) -> list[Ba
     ]
 
 
-def _session(system: System, device: Device, half: bool, strategy: Strategy) -> FrameSession:
+def _session(system: System, device: Device, half: bool, strategy: Asked) -> FrameSession:
     middle = float(system.planes_m[len(system.planes_m) // 2])
-    session = FrameSession(system, random_drive(system), device, plane_m=middle, half=half, strategy=strategy)
+    chosen = strategy_for(device, make_plan(system, [*system.planes_m, middle]).grid.padded, strategy)
+    session = FrameSession(system, random_drive(system), device, plane_m=middle, half=half, strategy=chosen)
     session.update()
     return session
 

@@ -12,13 +12,15 @@ from typing import Any
 import torch
 
 from holoview import __version__
+from holoview.bench.choices import Asked, tuned
 from holoview.bench.device_time import DeviceTime, device_time
 from holoview.bench.first_image import first_image_bar
 from holoview.bench.frame_bars import Bar, FrameBench, measure
 from holoview.commands.common import add_system, system_of
 from holoview.errors import UserError
 from holoview.gpu.device import TIMESTAMPS, Device, open_device
-from holoview.gpu.lines import Strategy, has_subgroups
+from holoview.gpu.lines import STRATEGIES, strategies
+from holoview.grid import is_good_size
 from holoview.plan import make_plan
 from holoview.system import System
 
@@ -33,9 +35,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--half", action="store_true", help="store fields as f16 between kernels")
     parser.add_argument(
         "--strategy",
-        choices=("auto", "passes", "subgroup"),
+        choices=("auto", *STRATEGIES),
         default="auto",
         help="of the transforms; auto: the fastest",
+    )
+    parser.add_argument(
+        "--tune", action="store_true", help="time the strategies of the transforms anew, remember the fastest, and stop"
     )
     parser.add_argument("--adapter", metavar="NAME", help="part of the name of the WebGPU adapter to use")
     parser.add_argument("--json", action="store_true", help="machine-readable output")
@@ -47,11 +52,15 @@ def run(args: argparse.Namespace) -> int:
     system = _sized(system_of(args), args.size)
     rounds = _rounds(args.rounds)
     device = open_device(args.adapter)
-    options = {"half": args.half, "strategy": _strategy(args.strategy, system, device)}
+    if args.tune:
+        print(_tuned(system, device, as_json=args.json))
+        return 0
+    _check_strategy(args.strategy, system, device)
+    options = {"half": args.half, "strategy": args.strategy}
     frame = measure(system, device, rounds, **options)
     timed = device_time(system, device, rounds, **options) if TIMESTAMPS in device.features else None
     bars = [*frame.bars, first_image_bar(system, args.adapter)]
-    result = {"strategy": options["strategy"]} | _result(system, device, frame, bars, timed, rounds)
+    result = _result(system, device, frame, bars, timed, rounds)
     print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _table(result))
     return 0
 
@@ -60,14 +69,14 @@ def _result(
     system: System, device: Device, frame: FrameBench, bars: list[Bar], timed: DeviceTime | None, rounds: int
 ) -> dict[str, Any]:
     """All that is shown, for programs."""
-    info = device.info
     rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
     return {
         "preset": system.name,
         "size": [columns, rows],
         "wavelengths": frame.wavelengths,
         "rounds": rounds,
-        "adapter": {"name": info.name, "kind": info.kind, "backend": info.backend, "driver": info.driver},
+        "strategies": frame.strategies,
+        "adapter": _adapter(device),
         "versions": {
             "holoview": __version__,
             "python": platform.python_version(),
@@ -97,7 +106,7 @@ def _table(result: dict[str, Any]) -> str:
     lines = [
         f"{result['preset']}: {columns} x {rows} samples, {result['wavelengths']} wavelengths, "
         f"medians of {result['rounds']} rounds, all jobs in turn; "
-        f"transforms: {result['strategy']}",
+        f"transforms: {', '.join(dict.fromkeys(result['strategies'].values()))}",
         f"{adapter['name']}, {adapter['backend']}, {adapter['driver']}",
         f"{versions}; {result['cores']} cores, {result['torch_threads']} threads of torch",
         "",
@@ -137,17 +146,35 @@ def _sized(system: System, size: str) -> System:
         raise UserError("--size", f'"{size}"', expected="samples such as 1024x768")
     if int(columns) % upsample or int(rows) % upsample:
         raise UserError("--size", size, expected=f"multiples of the bench's upsampling, {upsample}")
+    if not (is_good_size(int(columns)) and is_good_size(int(rows))):
+        raise UserError("--size", size, expected="products of 2, 3 and 5, so that torch transforms the same grid")
     return system.edit({"shape": [int(rows) // upsample, int(columns) // upsample]})
 
 
-def _strategy(name: str, system: System, device: Device) -> Strategy:
-    """The strategy of that name; the fastest one that the device and the sizes allow for "auto"."""
-    grids = (make_plan(system.edit({"propagation": how})).grid.padded for how in ("periodic", "linear"))
-    fits = all(has_subgroups(device, padded) for padded in grids)
-    if name == "subgroup" and not fits:
-        found = f"can't exchange values between lanes, or not at {system.name}'s sizes"
-        raise UserError("--strategy subgroup", found, expected="--strategy passes")
-    return "subgroup" if fits and name != "passes" else "passes"
+def _tuned(system: System, device: Device, *, as_json: bool) -> str:
+    """The strategies of the transforms of a bench, timed anew."""
+    found = [tuned(device, shape, anew=True) for shape in _grids(system)]
+    if as_json:
+        result = {"adapter": _adapter(device), "grids": [choice.as_dict() for choice in found]}
+        return json.dumps(result, indent=2, ensure_ascii=False)
+    return "\n".join([device.info.label, *(line for choice in found for line in choice.lines())])
+
+
+def _check_strategy(name: Asked, system: System, device: Device) -> None:
+    """Refuses a strategy that the device or a size doesn't allow."""
+    if name != "auto" and not all(name in strategies(device, shape) for shape in _grids(system)):
+        found = f"isn't possible on {device.info.name} at {system.name}'s sizes"
+        raise UserError(f"--strategy {name}", found, expected="--strategy passes")
+
+
+def _grids(system: System) -> list[tuple[int, int]]:
+    """The grids that are transformed, periodic and padded."""
+    return [make_plan(system.edit({"propagation": how})).grid.padded for how in ("periodic", "linear")]
+
+
+def _adapter(device: Device) -> dict[str, str]:
+    info = device.info
+    return {"name": info.name, "kind": info.kind, "backend": info.backend, "driver": info.driver}
 
 
 def _rounds(text: str) -> int:

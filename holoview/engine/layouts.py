@@ -10,7 +10,7 @@ GRID = Struct(
         ("padded", "vec2<u32>"),  # (y, x) of the grid that is transformed
         ("shape", "vec2<u32>"),  # (y, x) of the field inside it
         ("offset", "vec2<u32>"),  # where the field begins
-        ("stride", "u32"),  # complex numbers from row to row
+        ("stride", "u32"),  # complex numbers from row to row, before rows are cut into tiles
         ("upsample", "u32"),  # samples a modulator pixel and axis
     ],
 )
@@ -39,8 +39,8 @@ BATCH = Struct(
         ("wavelength", "u32"),  # number of the first field's wavelength; the fields that follow have those that follow
         ("source_field", "u32"),  # where the first field is read
         ("target_field", "u32"),  # where it is written
+        ("work_field", "u32"),  # where it lies between the shaders of one transform
         ("weight", "f32"),  # of the intensity
-        ("adds", "u32"),  # 1: the intensity is added to what was there
     ],
 )
 WEIGHT = Struct("Weight", [("weight", "f32")])
@@ -49,7 +49,6 @@ BLEND = Struct(
     [
         ("quads", "u32"),  # fours of pixels in an intensity
         ("count", "u32"),  # intensities that are blended
-        ("adds", "u32"),  # 1: they are added to what was there
     ],
 )
 SHARE = Struct("Share", [("xyz", "vec3<f32>"), ("slice", "u32")])  # of one intensity: its weight and where it is

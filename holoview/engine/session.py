@@ -3,8 +3,8 @@
     first rows ─▶ second rows ─▶ intensity ─▶ XYZ ─▶ picture
     (frame, source, wavelength)  (frame, wavelength)
 
-Each result is kept on the device with the identity of what it was computed from; it is stale when that identity is no
-longer the one that the bench gives. There are no rules of what an edit invalidates beyond that:
+Each result is kept on the device with the identity of what it was computed from (`results.py`); it is stale when that
+identity is no longer the one that the bench gives. There are no rules of what an edit invalidates beyond that:
 
     exposure                    the picture
     observer, amplitudes        XYZ and the picture: intensities are kept at unit amplitude
@@ -21,22 +21,26 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.engine.display import Display, Share
-from holoview.engine.fused import FusedFrame, Rows, Span
+from holoview.engine.display import Display
+from holoview.engine.fused import Span, spans_of
 from holoview.engine.inputs import Identity
-from holoview.engine.shelf import Lit, Shelf, Slices, Weight
+from holoview.engine.kernels import Kernels
+from holoview.engine.pace import Pace
+from holoview.engine.results import Results, Settings, is_clear
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.lines import Strategy
 from holoview.gpu.recorder import Recorder
 from holoview.gpu.timer import Timer
-from holoview.optics.slots import Slots, make_slots
 from holoview.plan import Plan, make_plan
 from holoview.system import System
+
+if TYPE_CHECKING:
+    from holoview.optics.slots import Slots
 
 Job = Callable[[Recorder], None]
 
@@ -61,8 +65,9 @@ class FrameSession:
     `xyz`, `srgb8` and `intensity`. A `timer`, where one is set, takes the time of all dispatches on the device.
 
     half: store fields as f16 between kernels. together: the most wavelengths that are computed at a time where no relay
-    has a pupil; one makes the smallest steps, several occupy a large GPU better. strategy: of the transforms; "passes"
-    compile at once, "subgroup" is faster and takes long to compile; ask `has_subgroups` first.
+    has a pupil; one makes the smallest steps, several occupy a large GPU better. strategy: of the transforms; "auto"
+    starts with what is ready at once and, if `poll` is called now and then, goes on with the fastest as soon as that is
+    compiled in the background. One that is named stays.
     Raises UserError as `make_plan` and `make_slots` do, and when the grid exceeds the device's limits.
     """
 
@@ -77,20 +82,20 @@ class FrameSession:
         budget_bytes: int = BUDGET_BYTES,
         half: bool = False,
         together: int = 1,
-        strategy: Strategy = "passes",
+        strategy: Strategy | Literal["auto"] = "auto",
     ) -> None:
         self.device = device
-        self._budget, self._half, self._together = budget_bytes, half, together
-        self._strategy = strategy
+        self._settings, self._half = Settings(budget_bytes, together), half
         self._drive, self._generation = drive, 0
         self.timer: Timer | None = None
-        self._seen_of: Identity = None
-        self._picture_of: Identity = None
         self.plane_m = float(system.planes_m[0]) if plane_m is None else plane_m
         self.exposure_stops = exposure_stops
         self._plan = make_plan(system, [*system.planes_m, self.plane_m])
-        self._slots = make_slots(self._plan, drive)
-        self._open()
+        self._pace = Pace(device, strategy)
+        shaders = self._warmed_up(self._plan)  # first, as making slots may have to wait for torch to be imported
+        self._slots = _make_slots(self._plan, drive)
+        self._results = self._opened(self._plan, self._slots, shaders)
+        self._take(self._pace.strategy_for(self._results.frame.variants()))
 
     @property
     def system(self) -> System:
@@ -100,17 +105,37 @@ class FrameSession:
     @property
     def kernels(self) -> Counter[str]:
         """How many fused kernels were dispatched, by name; `composite` and `show` among them."""
-        return self._frame.kernels
+        return self._results.frame.kernels
+
+    @property
+    def display(self) -> Display:
+        """What makes pictures, of which it tells the layout."""
+        return self._results.display
+
+    @property
+    def seen(self) -> Buffer:
+        """XYZ on the device, f32, (y, x, 4)."""
+        return self._results.seen
+
+    @property
+    def picture(self) -> Buffer:
+        """The picture on the device, 8-bit RGBA, `display.pitch` pixels a row."""
+        return self._results.picture
 
     @property
     def memory_bytes(self) -> int:
         """Memory on the device that fields and intensities take."""
-        return self._frame.memory_bytes + self._shelf.memory_bytes + self._slices.memory_bytes
+        return self._results.memory_bytes
 
     @property
     def traffic_bytes(self) -> int:
         """Bytes that the kernels read and write for a wavelength of a frame and a source, up to its intensity."""
-        return self._frame.traffic_bytes
+        return self._results.frame.traffic_bytes
+
+    @property
+    def strategy(self) -> Strategy:
+        """Of the transforms, now."""
+        return self._results.frame.strategy
 
     def edit(
         self,
@@ -130,20 +155,28 @@ class FrameSession:
         if system is not None or plane_m is not None:
             plan = make_plan(given, [*given.planes_m, plane])
         if drive is not None or _slots_of(plan) != _slots_of(self._plan):
-            slots = make_slots(plan, self._drive if drive is None else drive)
-        self._generation += 1
-        before = self._rows_identities()
-        self._drive = self._drive if drive is None else drive
-        self.plane_m = plane
-        self.exposure_stops = self.exposure_stops if exposure_stops is None else exposure_stops
-        fits = _structure(plan, slots) == _structure(self._plan, self._slots)
-        self._plan, self._slots = plan, slots
-        if not fits:
-            self._open()
+            slots = _make_slots(plan, self._drive if drive is None else drive)
+        if _structure(plan, slots) == _structure(self._plan, self._slots):
+            self._results.use(plan, slots, float(plan.planes_m[-1]))
         else:
-            self._frame.inputs.use(plan, slots)
-            self._frame.inputs.set_distance(1, plane)
-            self._keeps_first |= self._begins_at_the_gap(before)
+            self._results = self._opened(plan, slots, self._warmed_up(plan))
+        self._generation += 1
+        self._plan, self._slots, self.plane_m = plan, slots, plane
+        self._drive = self._drive if drive is None else drive
+        self.exposure_stops = self.exposure_stops if exposure_stops is None else exposure_stops
+        self._take(self._pace.strategy_for(self._results.frame.variants()))
+
+    def poll(self) -> bool:
+        """Whether the transforms have just become faster: call it now and then, such as once a drawn frame.
+
+        It never waits. Where the strategy is "auto", the first call begins to look for a faster one, in a process of
+        its own. Results stay valid; an update that has begun goes on.
+        """
+        return self._take(self._pace.poll(self._plan.grid.padded, self._results.frame))
+
+    def close(self) -> None:
+        """Ends the search for a faster strategy; the session stays of use."""
+        self._pace.close()
 
     def update(self, *, picture: bool = True) -> None:
         """Computes all that is stale, but not the picture without `picture`."""
@@ -153,9 +186,7 @@ class FrameSession:
     def forget(self) -> None:
         """Everything is stale: the next update begins at the light source."""
         self._generation += 1
-        self._slices.identities.clear()
-        self._shelf.forget()
-        self._seen_of = self._picture_of = None
+        self._results.forget()
 
     def steps(self, *, picture: bool = True, wait: bool = False) -> Iterator[Step]:
         """Computes what is stale, a submission a step; with `wait`, a step ends when the device has done it.
@@ -194,176 +225,76 @@ class FrameSession:
         total = np.zeros(self._plan.grid.shape, np.float32)
         for frame in self._plan.lit(wavelength):
             lit = (frame, wavelength)
-            if not self._is_fresh(lit):
+            if not self._results.is_fresh(lit):
                 for span in self._sources(Span(frame, 0, wavelength)):
-                    self._submit(partial(self._expose, span))
-            place = self._slices.place(lit)
-            unit = self.display.intensity(place.buffer, place.first)
-            total += np.float32(self._plan.weights[lit]) * unit
+                    self._submit(partial(self._results.expose, span))
+            total += np.float32(self._plan.weights[lit]) * self._results.intensity(lit)
         return total
 
-    # --- what is stale ----------------------------------------------------------------------------------------------
+    # --- what has to be done ----------------------------------------------------------------------------------------
 
-    def _open(self) -> None:
-        """Takes memory on the device for the results of the plan, none of which is known yet."""
-        plan, slots = self._plan, self._slots
-        self._frame = FusedFrame(
-            plan,
-            slots,
-            self.device,
-            half=self._half,
-            together=self._together if _is_clear(slots) else 1,
-            strategy=self._strategy,
-        )
-        self._frame.inputs.set_distance(1, self.plane_m)
-        self.display = Display(self.device, plan.grid.shape)
-        self.seen, self.picture = self.display.seen("XYZ"), self.display.picture("picture")
-        self._seen_of = self._picture_of = None
-        lit_first = sorted(np.ndindex(*plan.weights.shape), key=lambda lit: plan.weights[lit] == 0)
-        self._slices = Slices(self.display, lit_first, self._frame.together, self._budget)
-        self._shelf = Shelf(self._frame, self._budget - self._slices.memory_bytes)
-        self._keeps_first = False
+    def _warmed_up(self, plan: Plan) -> Kernels:
+        """The shaders for the grid of a plan, which are being compiled."""
+        shaders = Kernels(self.device, plan.grid, half=self._half)
+        shaders.warm_up(self._pace.start(plan.grid.padded), plan)
+        return shaders
+
+    def _opened(self, plan: Plan, slots: Slots, shaders: Kernels) -> Results:
+        """Memory on the device for the results of a plan, none of which is known yet."""
+        results = Results(plan, slots, shaders, self._settings, self._pace.start(plan.grid.padded))
+        results.frame.inputs.set_distance(1, float(plan.planes_m[-1]))
+        return results
+
+    def _take(self, strategy: Strategy) -> bool:
+        """Computes by that strategy from now on; whether it is another one."""
+        if strategy == self.strategy:
+            return False
+        self._results.use_strategy(strategy)
+        return True
 
     def _work(self, picture: bool) -> list[Job]:
         """What has to be submitted, in order: intensities that stay, their blend, those that don't, the picture."""
-        lit = [(int(f), int(w)) for f, w in np.argwhere(self._plan.weights > 0)]
-        weights = {key: self._plan.weights[key] * self._plan.colour_weights[key[1]] for key in lit}
-        seen_of = tuple((self._identity(key), weights[key].tobytes()) for key in lit)
+        results, plan = self._results, self._plan
+        lit = [(int(f), int(w)) for f, w in np.argwhere(plan.weights > 0)]
+        weights = {key: plan.weights[key] * plan.colour_weights[key[1]] for key in lit}
+        seen_of = tuple((results.identity(key), weights[key].tobytes()) for key in lit)
         work: list[Job] = []
-        for run in self._runs([key for key in lit if self._slices.is_housed(key) and not self._is_fresh(key)]):
-            work += [partial(self._expose, span) for span in self._sources(run)]
-        if self._seen_of != seen_of:
-            homeless = self._runs([key for key in lit if not self._slices.is_housed(key)])
-            work.append(partial(self._blend, weights, None if homeless else seen_of))
+        together = results.frame.together
+        for run in spans_of([key for key in lit if results.is_housed(key) and not results.is_fresh(key)], together):
+            work += [partial(results.expose, span) for span in self._sources(run)]
+        if results.seen_of != seen_of:
+            homeless = spans_of([key for key in lit if not results.is_housed(key)], together)
+            work.append(partial(results.blend, weights, None if homeless else seen_of))
             for run in homeless:
-                work += [partial(self._expose, span) for span in self._sources(run)]
-                work.append(partial(self._add, run, weights, seen_of if run is homeless[-1] else None))
+                work += [partial(results.expose, span) for span in self._sources(run)]
+                work.append(partial(results.add, run, weights, seen_of if run is homeless[-1] else None))
         picture_of = (seen_of, self.exposure_stops)
-        if picture and self._picture_of != picture_of:
-            work.append(partial(self._show, picture_of))
+        if picture and results.picture_of != picture_of:
+            work.append(partial(results.show, self.exposure_stops, picture_of))
         return work
-
-    def _runs(self, stale: list[Lit]) -> list[Span]:
-        """Neighbouring wavelengths of a frame together, as many as may be computed at a time."""
-        runs: list[Span] = []
-        for frame, wavelength in stale:
-            last = runs[-1] if runs else None
-            follows = last is not None and (last.frame, last.wavelength + last.count) == (frame, wavelength)
-            if last is not None and follows and wavelength % self._frame.together:
-                runs[-1] = replace(last, count=last.count + 1)
-            else:
-                runs.append(Span(frame, 0, wavelength))
-        return runs
 
     def _sources(self, run: Span) -> list[Span]:
         return [replace(run, source=source) for source in range(len(self._plan.slopes))]
-
-    def _rows_identities(self) -> tuple[Identity, Identity]:
-        """What the first and the second rows of the first laser that is lit are computed from."""
-        frame, wavelength = np.argwhere(self._plan.weights > 0)[0].tolist()
-        return self._frame.inputs.rows_of(frame, 0, wavelength)
-
-    def _begins_at_the_gap(self, before: tuple[Identity, Identity]) -> bool:
-        """Whether the first rows would have been of use after an edit, and may be kept for the next one like it.
-
-        They aren't kept from the start: it costs each frame a copy, since kernels then can't work in place.
-        """
-        first, second = self._rows_identities()
-        fields = 2 * len(self._plan.slopes) * int(np.count_nonzero(self._plan.weights))
-        return first == before[0] and second != before[1] and self._shelf.has_room_for(fields)
-
-    def _is_fresh(self, lit: Lit) -> bool:
-        return self._slices.is_housed(lit) and self._slices.identities.get(lit) == self._identity(lit)
-
-    def _identity(self, lit: Lit) -> Identity:
-        """What the intensity of a frame and wavelength is computed from."""
-        frame, wavelength = lit
-        inputs = self._frame.inputs
-        rows = tuple(inputs.rows_of(frame, source, wavelength)[1] for source in range(len(self._plan.slopes)))
-        return rows, inputs.plane_of(wavelength)
-
-    # --- submissions ------------------------------------------------------------------------------------------------
 
     def _submit(self, job: Job, wait: bool = False) -> None:
         recorder = Recorder(self.device, "frame", self.timer)
         job(recorder)
         recorder.submit(wait=wait)
 
-    def _expose(self, span: Span, recorder: Recorder) -> None:
-        """Adds the light of a source to the intensities of a span, or begins them with the first source."""
-        second = self._second_rows(span, recorder)
-        keys = [(span.frame, span.wavelength + i) for i in range(span.count)]
-        place = self._slices.place(keys[0])
-        self._frame.observe(recorder, span, second, place, adds=span.source > 0)
-        is_complete = span.source == len(self._plan.slopes) - 1
-        self._slices.identities.update({key: self._identity(key) if is_complete else None for key in keys})
 
-    def _second_rows(self, span: Span, recorder: Recorder) -> Rows:
-        """The light behind the last modulator: what is kept of it, else computed from as far on as possible."""
-        wavelengths = range(span.wavelength, span.wavelength + span.count)
-        of = [self._frame.inputs.rows_of(span.frame, span.source, wavelength) for wavelength in wavelengths]
-        first_of, second_of = [first for first, _ in of], [second for _, second in of]
-        home = self._shelf.rows("second", span)
-        if home is not None and self._shelf.holds("second", span, second_of):
-            return home
-        if self._plan.system.gap_m is None:
-            rows = self._frame.first(recorder, span, home)
-        else:
-            first = self._first_rows(span, recorder, first_of, home)
-            rows = self._frame.second(recorder, span, first, home)
-        if home is not None:
-            self._shelf.mark("second", span, second_of)
-        return rows
+def _make_slots(plan: Plan, drive: Any) -> Slots:
+    from holoview.optics.slots import make_slots  # here, as it imports torch, which takes a second
 
-    def _first_rows(self, span: Span, recorder: Recorder, first_of: list[Identity], otherwise: Rows | None) -> Rows:
-        """The light behind the first of two modulators, kept, or computed where it is kept or else `otherwise`."""
-        home = self._shelf.rows("first", span) if self._keeps_first else None
-        if home is not None and self._shelf.holds("first", span, first_of):
-            return home
-        if home is None:
-            return self._frame.first(recorder, span, otherwise)
-        self._shelf.mark("first", span, first_of)
-        return self._frame.first(recorder, span, home)
-
-    def _blend(self, weights: dict[Lit, Weight], seen_of: Identity, recorder: Recorder) -> None:
-        """Begins XYZ with the intensities that stay where they are."""
-        if not self._slices.banks:
-            recorder.clear(self.seen)
-        housed = {key: weight for key, weight in weights.items() if self._slices.is_housed(key)}
-        for number, bank in enumerate(self._slices.banks):
-            shares = self._slices.shares(housed, bank)
-            self._composite(recorder, bank, shares, adds=number > 0)
-        self._seen_of = seen_of
-
-    def _add(self, run: Span, weights: dict[Lit, Weight], seen_of: Identity, recorder: Recorder) -> None:
-        """Adds intensities to XYZ before the next ones take their place."""
-        some = {key: weights[key] for key in ((run.frame, run.wavelength + i) for i in range(run.count))}
-        place = self._slices.place((run.frame, run.wavelength))
-        self._composite(recorder, place.buffer, self._slices.shares(some, place.buffer), adds=True)
-        self._seen_of = seen_of
-
-    def _composite(self, recorder: Recorder, intensity: Buffer, shares: list[Share], *, adds: bool) -> None:
-        self.display.composite(recorder, intensity, shares, self.seen, adds=adds)
-        self.kernels["composite"] += 1
-
-    def _show(self, picture_of: Identity, recorder: Recorder) -> None:
-        """Makes the picture of a complete XYZ."""
-        self.display.show(recorder, self.seen, self.picture, self.exposure_stops)
-        self.kernels["show"] += 1
-        self._picture_of = picture_of
-
-
-def _is_clear(slots: Slots) -> bool:
-    """Whether no relay has a pupil."""
-    return all(pupil is None for pupils in slots.pupils for pupil in pupils)
+    return make_slots(plan, drive)
 
 
 def _structure(plan: Plan, slots: Slots) -> Identity:
     """What decides how much memory is taken, and what the kernels are compiled for."""
-    return plan.grid, plan.weights.shape, len(plan.slopes), len(plan.system.modulators), _is_clear(slots)
+    return plan.grid, plan.weights.shape, len(plan.slopes), len(plan.system.modulators), is_clear(slots)
 
 
 def _slots_of(plan: Plan) -> Identity:
     """What the slots of a drive depend on."""
     system = plan.system
-    return system.modulators, system.relay1, system.relay2, system.wavelengths_m.tobytes(), plan.grid, system.frames
+    bench = (system.modulators, system.relay1, system.relay2, system.wavelengths_m.tobytes(), plan.grid, system.frames)
+    return bench, plan.nominal.effects, plan.nominal.relay1, plan.nominal.relay2

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.optics.slots import Slots
 from holoview.plan import Grid, Plan, Transfer, fixed_turns
+
+if TYPE_CHECKING:
+    from holoview.optics.slots import Slots
 
 Values = dict[str, object]
 

@@ -29,9 +29,9 @@ from holoview.gpu.shader import ShaderError
 from holoview.gpu.tune_process import Answer, Helper
 from holoview.gpu.tune_store import Memory, Tuning
 
-__all__ = ["BUDGET_S", "FftChoice", "Memory", "Tuning"]
+__all__ = ["BUDGET_S", "FftChoice", "Memory", "Tuning", "remembered"]
 
-BUDGET_S = 60.0
+BUDGET_S = 120.0
 """Processor time that the helper may take in all: more isn't worth the energy."""
 _SLOWDOWN = 5.0
 """How much longer that may take by the clock, on a busy machine."""
@@ -152,21 +152,13 @@ class FftChoice:
         best = self.tuning.best
         if best == self._current or best not in self._offered:
             self.close()
-        elif self._is_ready_at_once(best):
+        elif _compiles_at_once(self._device, self.tuning, best):
             self._current = best
             self.close()
         else:
             self._coming, self._stages = best, list(self._shaders(best))
             self._helper = self._helper or Helper(self._device.info.name, self._budget_s)
             self._helper.ask({"do": "compile", "shaders": [_described(stage) for stage in self._stages]})
-
-    def _is_ready_at_once(self, strategy: Strategy) -> bool:
-        """Whether compiling takes no time that counts.
-
-        Where shaders run on the processor, it may only have been fast because the driver's cache held them.
-        """
-        seconds = self.tuning.compile_seconds.get(strategy, _AT_ONCE_S)
-        return seconds < _AT_ONCE_S and not self._device.info.is_cpu
 
     def _build(self) -> None:
         """The driver has all shaders on disk: make pipelines of them here."""
@@ -212,6 +204,26 @@ class _Builder(threading.Thread):
                 self._device.pipeline(stage.source, stage.constants)
         except (ShaderError, UserError):
             self.has_failed = True
+
+
+def remembered(device: Device, shape: tuple[int, int], memory: Memory | None = None) -> Strategy:
+    """The fastest strategy for fields of `shape` that is known to need no waiting; "passes" where none is known.
+
+    Raises UserError for a size that can't be transformed.
+    """
+    offered = strategies(device, shape)
+    known = (Memory() if memory is None else memory).recall(device.info, shape)
+    if known is None or known.best not in offered or not _compiles_at_once(device, known, known.best):
+        return "passes"
+    return known.best
+
+
+def _compiles_at_once(device: Device, tuning: Tuning, strategy: Strategy) -> bool:
+    """Whether compiling takes no time that counts.
+
+    Where shaders run on the processor, it may only have been fast because the driver's cache held them.
+    """
+    return tuning.compile_seconds.get(strategy, _AT_ONCE_S) < _AT_ONCE_S and not device.info.is_cpu
 
 
 def _described(stage: Stage) -> Answer:

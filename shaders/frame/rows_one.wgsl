@@ -2,13 +2,13 @@
 //#include "lib/grid.wgsl"
 
 @group(1) @binding(0) var<uniform> batch: Batch;
-@group(1) @binding(1) var<storage, read_write> rows: array<Stored>;
+@group(1) @binding(1) var<storage, read_write> target_rows: array<Stored>;
 
 // Sample x of row y of a field.
 fn fetched(field: u32, y: u32, x: u32) -> vec2f {
-    return restored(rows[index_in_rows(grid, batch.source_field + field, y, x)]);
+    return restored(target_rows[index_in_tiles(grid, batch.source_field + field, y, x)]);
 }
 
 fn put(field: u32, y: u32, x: u32, value: vec2f) {
-    rows[index_in_rows(grid, batch.target_field + field, y, x)] = stored(value);
+    target_rows[index_in_tiles(grid, batch.target_field + field, y, x)] = stored(value);
 }

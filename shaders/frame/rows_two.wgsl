@@ -7,9 +7,9 @@
 
 // Sample x of row y of a field.
 fn fetched(field: u32, y: u32, x: u32) -> vec2f {
-    return restored(source_rows[index_in_rows(grid, batch.source_field + field, y, x)]);
+    return restored(source_rows[index_in_tiles(grid, batch.source_field + field, y, x)]);
 }
 
 fn put(field: u32, y: u32, x: u32, value: vec2f) {
-    target_rows[index_in_rows(grid, batch.target_field + field, y, x)] = stored(value);
+    target_rows[index_in_tiles(grid, batch.target_field + field, y, x)] = stored(value);
 }

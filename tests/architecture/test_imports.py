@@ -92,8 +92,8 @@ def _under(name: str, package: str) -> bool:
 
 def test_the_parser_sees_the_imports_that_are_there() -> None:
     assert {"torch", "holoview.plan", "holoview.errors"} <= _imported("holoview.optics.slots")
-    assert "holoview.optics.pupil" in _reached("holoview.view")
-    assert "torch" in _reached("holoview.view")
+    assert "holoview.optics.pupil" in _reached("holoview.engine.torch")
+    assert "torch" in _reached("holoview.engine.torch")
     assert "holoview.gpu.device" in _imported("holoview.engine.backend", everywhere=True)
     assert "holoview.gpu.device" not in _imported("holoview.engine.backend")
 

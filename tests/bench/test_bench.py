@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import torch
 
 from holoview import preset
 from holoview.bench import first_image, frame_bars
+from holoview.bench.choices import Tuned
 from holoview.bench.device_time import device_time
 from holoview.bench.timing import Sample, interleaved
 from holoview.bench.torch_loop import TorchLoop
@@ -20,7 +22,9 @@ from holoview.engine.frame import focal_stack
 from holoview.engine.session import FrameSession
 from holoview.engine.torch import TorchExecutor
 from holoview.gpu.device import TIMESTAMPS, Device
+from holoview.gpu.lines import strategies
 from holoview.gpu.timer import Timer
+from holoview.gpu.tune import Tuning
 from holoview.optics.slots import make_slots
 from holoview.plan import make_plan
 from holoview.system import System
@@ -68,7 +72,7 @@ def test_each_round_runs_every_job_once_and_warm_up_is_not_timed() -> None:
 @pytest.mark.gpu
 def test_bars_are_ratios_of_jobs_that_did_the_work(device: Device) -> None:
     threads = torch.get_num_threads()
-    found = frame_bars.measure(_system(), device, rounds=1)
+    found = frame_bars.measure(_system(), device, rounds=1, strategy="passes")
     assert torch.get_num_threads() == threads
     assert all(math.isfinite(bar.value) and bar.value > 0 for bar in found.bars)
     error = next(bar for bar in found.bars if "error" in bar.name)
@@ -91,7 +95,7 @@ def test_a_timer_counts_the_time_on_the_device_and_no_more(device: Device) -> No
     session.update()
     assert 1e-6 < timer.seconds() < 10.0
     assert timer.seconds() == 0.0
-    timed = device_time(_system(), device, rounds=1)
+    timed = device_time(_system(), device, rounds=1, strategy="passes")
     assert timed.frame_ms == pytest.approx(8 * timed.wavelength_ms)
     assert timed.as_dict()["share_of_copy"] > 0
 
@@ -106,15 +110,37 @@ def test_the_command_prints_a_table_and_json(
     device: Device, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(first_image, "first_image_s", lambda system, adapter: 2.5)
-    arguments = ["bench", "--size", "64x48", "--rounds", "1"]
+    arguments = ["bench", "--size", "64x48", "--rounds", "1", "--strategy", "workgroup"]
     assert main(arguments) == 0
     table = capsys.readouterr().out
     assert "holochrome-8: 64 x 48 samples, 8 wavelengths" in table
     assert "amplitude edit / full frame" in table and "2.5" in table
     assert main([*arguments, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert len(result["bars"]) == 7 and result["size"] == [64, 48]
+    assert len(result["bars"]) == 8 and result["size"] == [64, 48]
     assert result["adapter"]["name"] == device.info.name
+
+
+@pytest.mark.gpu
+def test_tuning_shows_what_the_choice_rests_on(
+    device: Device, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
+    assert main(["bench", "--tune", "--size", "64x48", "--json"]) == 0
+    grids = json.loads(capsys.readouterr().out)["grids"]
+    assert [grid["size"] for grid in grids] == [[64, 48], [128, 96]]
+    for grid in grids:
+        assert set(grid["seconds"]) | set(grid["refused"]) == set(strategies(device, tuple(grid["size"][::-1])))
+        assert grid["chosen"] == min(grid["seconds"], key=lambda name: grid["seconds"][name])
+
+
+def test_a_choice_is_told_with_its_reasons() -> None:
+    tuning = Tuning({"passes": 0.02, "subgroup": 0.01}, {"passes": 0.5}, {"workgroup": "wrong by 1e-3"})
+    lines = Tuned((48, 64), "subgroup", tuning).lines()
+    assert lines[0] == "64 x 48: subgroup"
+    assert "20.00 ms an FFT and its inverse" in lines[1] and "0.50 s to compile" in lines[1]
+    assert lines[3].endswith("refused: wrong by 1e-3")
 
 
 @pytest.mark.parametrize(
@@ -122,6 +148,7 @@ def test_the_command_prints_a_table_and_json(
     [
         (["--size", "big"], "--size"),
         (["--size", "65x48"], "multiples of the bench's upsampling"),
+        (["--size", "44x48"], "products of 2, 3 and 5"),
         (["--rounds", "0"], "--rounds"),
         (["no-such-preset"], "no-such-preset"),
     ],

@@ -22,7 +22,7 @@ from holoview.gpu.fft import FftPlan
 from holoview.gpu.lines import Stage, Strategy, strategies
 from holoview.gpu.recorder import Recorder
 from holoview.gpu.shader import ShaderError
-from holoview.gpu.tune import FftChoice, Memory, Tuning
+from holoview.gpu.tune import FftChoice, Memory, Tuning, remembered
 from holoview.gpu.tune_store import cache_dir
 
 SHAPE = (64, 64)
@@ -195,6 +195,22 @@ def test_a_gpu_that_compiles_at_once_starts_on_the_fastest(
     choice = FftChoice(gpu, SHAPE, memory=memory)
     assert choice.current == "subgroup" and choice.is_settled
     assert script.started == 0  # type: ignore[attr-defined]
+
+
+@pytest.mark.gpu
+@pytest.mark.usefixtures("offers_all")
+def test_without_waiting_only_what_compiles_at_once_is_taken(device: Device, memory: Memory) -> None:
+    gpu = Device(device.raw, replace(device.info, kind="DiscreteGPU"), device.limits)
+    assert remembered(gpu, SHAPE, memory) == "passes"
+    memory.remember(gpu.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 9.0}))
+    assert remembered(gpu, SHAPE, memory) == "passes"
+    memory.remember(gpu.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 0.1}))
+    assert remembered(gpu, SHAPE, memory) == "subgroup"
+    processor = Device(device.raw, replace(device.info, kind="CPU"), device.limits)
+    memory.remember(processor.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 0.1}))
+    assert remembered(processor, SHAPE, memory) == "passes"
+    memory.remember(gpu.info, SHAPE, replace(KNOWN.without("subgroup", "wrong"), compile_seconds={"workgroup": 0.1}))
+    assert remembered(gpu, SHAPE, memory) == "workgroup"
 
 
 @pytest.mark.gpu
