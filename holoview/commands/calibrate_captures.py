@@ -111,14 +111,23 @@ def _learn(args: argparse.Namespace, job: _Job) -> tuple[State, bool]:
         for state in train(job.captures, known, job.split, job.layout, job.settings, resume):
             begun = begun or (time.monotonic(), state.epoch)
             report(state.epoch, state.epochs, f"chi2/n {state.chi2:.4g}{_left(state, begun)}")
-            if args.checkpoint is not None:
-                state.checkpoint().save(args.checkpoint)
+            _keep(args.checkpoint, state)
             if asked():
                 break
         interrupted = asked()
     if state is None:
         raise UserError("--resume", "the checkpoint is of a finished calibration", expected="one with epochs left")
     return state, interrupted
+
+
+def _keep(path: Path | None, state: State) -> None:
+    """A checkpoint that can't be written is no reason to lose the calibration: the one before stays."""
+    if path is None:
+        return
+    try:
+        state.checkpoint().save(path)
+    except UserError as error:
+        say(f"note: no checkpoint after epoch {state.epoch}: {error}")
 
 
 def _left(state: State, begun: tuple[float, int]) -> str:

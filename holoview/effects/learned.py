@@ -158,13 +158,14 @@ class Learned:
         """Complex amplitude of the light on the first modulator's pixels (rows, columns)."""
 
         def make() -> Tensor:
-            amplitude, path = (
-                _on_grid(self.at_wavelength(name, at.wavelength_m), at.shape)
-                for name in ("source_log_amplitude", "source_opd_m")
-            )
+            amplitude, path = (self.source_map(name, at) for name in ("source_log_amplitude", "source_opd_m"))
             return torch.polar(amplitude.exp(), path * (2 * math.pi / at.wavelength_m))
 
         return _keep(self._made, ("source", at.wavelength_m, at.shape), make)
+
+    def source_map(self, name: str, at: Surface) -> Tensor:
+        """A map of the source on the first modulator's pixels (rows, columns), in the tensor's unit."""
+        return _on_grid(self.at_wavelength(name, at.wavelength_m), at.shape)
 
     def at_wavelength(self, name: str, wavelength_m: float) -> Tensor:
         """A map of the source at a wavelength: linear between anchors, constant beyond them."""
