@@ -34,7 +34,7 @@ def test_outlines_are_what_they_are_called() -> None:
     inner = np.hypot(*disc.T) < 0.5
     assert inner.mean() == pytest.approx(0.25, abs=0.02)  # equal areas
     kurtosis = (gauss[:, 0] ** 4).mean() / (gauss[:, 0] ** 2).mean() ** 2
-    assert kurtosis == pytest.approx(3.0, abs=0.25)  # its tail ends with the grid's cells
+    assert kurtosis == pytest.approx(3.0, abs=0.3)  # its tail ends with the grid's cells; a disc has 2.0, a square 1.8
 
 
 def test_as_many_directions_as_the_speckle_asks_for(make_session: Make, make_fourier: Make) -> None:
