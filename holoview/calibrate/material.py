@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.captures.session import Captures
+from holoview.captures.session import Camera, Captures
 from holoview.diagnose.measured import Measured, measured
 from holoview.diagnose.noise import blind_variance, with_mismatch
 from holoview.errors import UserError
@@ -33,6 +33,11 @@ class Seen:
         """χ² a trusted pixel of a signal times its gain."""
         squares = self.weight * (self.light - gain * signal).square()
         return squares.sum() / (self.weight > 0).sum()
+
+    def weighed_by(self, camera: Camera, expected: Tensor) -> Seen:
+        """With the camera's noise at the expected signal (y, x) for weights; trusted pixels stay the same."""
+        variance = torch.from_numpy(camera.variance(expected.numpy()).astype(np.float32))
+        return Seen(self.light, torch.where(self.weight > 0, 1 / variance, 0.0))
 
     def unexplained(self, signal: Tensor) -> float:
         """Share of the picture's variance that the best scaled signal leaves."""

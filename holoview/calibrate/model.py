@@ -18,6 +18,7 @@ Tensor = torch.Tensor
 
 PRIOR: Mapping[str, float] = {
     "lut_steps": 0.5,
+    "fringing_px2": 0.2,
     "source_log_amplitude": 0.5,
     "source_opd_m": 200e-9,
     "warp_m": 20e-6,

@@ -58,10 +58,10 @@ def _source(path: Path, learned: Learned, captures: Captures) -> None:
     with drawing(path, (4.0 * len(anchors), 6.4)) as figure:
         for axes, anchor in zip(_columns(figure, 2, len(anchors)), anchors, strict=True):
             at = Surface(0, anchor, panel.opd_range_m, panel.pitch_m, shape, captures.upsample)
-            source = learned.source(at)
-            path_m = source.angle() * (anchor / (2 * torch.pi))
+            amplitude = learned.source_map("source_log_amplitude", at).exp()
+            path_m = learned.source_map("source_opd_m", at)
             title = short(anchor, "nm")
-            _map(figure, axes[0], source.abs().numpy(), f"amplitude, {title}", "viridis")
+            _map(figure, axes[0], amplitude.numpy(), f"amplitude, {title}", "viridis")
             _map(figure, axes[1], ((path_m - path_m.mean()) * 1e9).numpy(), f"optical path / nm, {title}", "RdBu", 0.0)
 
 
@@ -87,7 +87,8 @@ def _warp(path: Path, learned: Learned, captures: Captures) -> None:
     with drawing(path, (7.0, 5.0)) as figure:
         axes = figure.subplots()
         _map(figure, axes, np.hypot(*moved), "displacement of modulator 2 / pixels", "viridis")
-        axes.quiver(x, y, moved[1][y, x], moved[0][y, x], angles="xy", color="white")
+        if moved.any():
+            axes.quiver(x, y, moved[1][y, x], moved[0][y, x], angles="xy", color="white")
 
 
 def _pupils(path: Path, learned: Learned) -> None:

@@ -21,6 +21,7 @@ Floats = NDArray[np.float64]
 _LEAST_SPREAD = 0.05  # of log power, r.m.s.
 _FEWEST = 4  # captures of a wavelength
 _SIGNIFICANT = 3.0
+_LEAST = 0.003  # exponents below are nobody's concern
 _TOLD = 0.1  # σ of an exponent from which on gains scatter too much to tell any: a model that is still wrong
 
 
@@ -45,7 +46,7 @@ class LaserResponse:
     def is_bent(self) -> bool:
         """Whether light isn't proportional to power, as far as the gains tell."""
         exponent, sigma = self.common
-        return sigma < _TOLD and abs(exponent) > _SIGNIFICANT * sigma and -0.9 < exponent < 3.0
+        return sigma < _TOLD and abs(exponent) > max(_LEAST, _SIGNIFICANT * sigma) and -0.9 < exponent < 3.0
 
 
 def laser_response(captures: Captures, indices: NDArray[np.intp], gains: Floats) -> LaserResponse:

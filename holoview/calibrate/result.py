@@ -149,8 +149,8 @@ def in_words(score: Score) -> list[str]:
         )
     exponent, sigma = score.response.common
     if math.isfinite(sigma):
-        bent = "" if score.response.is_bent else ", proportional within its error"
-        lines.append(f"lasers' light rises as power to the {1 + exponent:.3f} ± {sigma:.3f}{bent}")
+        bent = "" if score.response.is_bent else ": no departure from proportionality is told"
+        lines.append(f"lasers' light rises as power to the {1 + exponent:.3f} ± {max(sigma, 5e-4):.3f}{bent}")
     return lines
 
 

@@ -1,8 +1,8 @@
 """How well captures are predicted, before and after: χ²/n and PSNR, group by group and wavelength by wavelength.
 
 One scale a wavelength, from the training captures of that wavelength; a wavelength that was held out whole has its own.
-Weights come from the pictures, so that both models are judged alike. PSNR is against the brightest 0.1 % of each
-picture.
+Both models are judged with the same weights: the camera's noise at what the calibrated one expects. PSNR is against the
+brightest 0.1 % of each picture.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.calibrate.held_out import HeldOut
-from holoview.calibrate.material import Material
+from holoview.calibrate.material import Material, Seen
 from holoview.calibrate.response import LaserResponse, laser_response
 from holoview.captures.session import Captures
 
@@ -37,6 +37,11 @@ class Moments:
     plain: Floats
     pixels: Floats
     peak: Floats
+
+    @staticmethod
+    def of(rows: Floats) -> Moments:
+        """Of rows (capture, 8): weighted sums, plain sums, pixels, peak."""
+        return Moments(rows[:, :3], rows[:, 3:6], rows[:, 6], rows[:, 7])
 
     @property
     def gains(self) -> Floats:
@@ -91,8 +96,7 @@ class Score:
 def score(material: Material, split: HeldOut, before: Signals, after: Signals, report: Report) -> Score:
     """Scores two models, each a function from indices to signals (capture, y, x). report: (done, total, note)."""
     captures = material.captures
-    first = _moments(material, before, lambda k: report(k, 2 * len(captures), "scoring"))
-    second = _moments(material, after, lambda k: report(len(captures) + k, 2 * len(captures), "scoring"))
+    first, second = _moments(material, before, after, report)
     response = laser_response(captures, split.train, second.gains[split.train])
     scales = _scales(captures, split, first, None), _scales(captures, split, second, response)
     rows: list[Row] = []
@@ -106,18 +110,27 @@ def score(material: Material, split: HeldOut, before: Signals, after: Signals, r
     return Score(tuple(rows), response)
 
 
-def _moments(material: Material, signals: Signals, step: Callable[[int], None]) -> Moments:
-    weighted, plain, pixels, peaks = [], [], [], []
-    for k in range(len(material.captures)):
-        signal, seen = signals([k])[0].double(), material.seen(k)
-        trusted = seen.weight > 0
-        s, y, w = (values[trusted].double() for values in (signal, seen.light, seen.weight))
-        weighted.append([float((w * a * b).sum()) for a, b in ((y, y), (y, s), (s, s))])
-        plain.append([float((a * b).sum()) for a, b in ((y, y), (y, s), (s, s))])
-        pixels.append(float(trusted.sum()))
-        peaks.append(float(np.quantile(y.numpy(), 0.999)))
-        step(k + 1)
-    return Moments(np.array(weighted), np.array(plain), np.array(pixels), np.array(peaks))
+def _moments(material: Material, before: Signals, after: Signals, report: Report) -> tuple[Moments, Moments]:
+    """Of both models, with the same weights."""
+    count = len(material.captures)
+    rows: tuple[list[list[float]], ...] = ([], [])
+    for k in range(count):
+        signals, seen = [model([k])[0] for model in (before, after)], material.seen(k)
+        seen = seen.weighed_by(material.captures.camera, seen.gain(signals[1]) * signals[1])
+        for mine, signal in zip(rows, signals, strict=True):
+            mine.append(_sums(seen, signal))
+        report(k + 1, count, "scoring")
+    first, second = (np.array(mine) for mine in rows)
+    return Moments.of(first), Moments.of(second)
+
+
+def _sums(seen: Seen, signal: Tensor) -> list[float]:
+    """Weighted Σyy Σys Σss, plain ones, pixels, peak."""
+    trusted = seen.weight > 0
+    s, y, w = (values[trusted].double() for values in (signal, seen.light, seen.weight))
+    pairs = ((y, y), (y, s), (s, s))
+    weighted, plain = [float((w * a * b).sum()) for a, b in pairs], [float((a * b).sum()) for a, b in pairs]
+    return [*weighted, *plain, float(trusted.sum()), float(np.quantile(y.numpy(), 0.999))]
 
 
 def _scales(captures: Captures, split: HeldOut, moments: Moments, response: LaserResponse | None) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ from holoview.errors import UserError
 
 RATES: Mapping[str, float] = {
     "lut_steps": 0.03,
+    "fringing_px2": 0.01,
     "source_log_amplitude": 0.02,
     "source_opd_m": 5e-9,
     "warp_m": 0.25e-6,
@@ -20,6 +22,13 @@ RATES: Mapping[str, float] = {
 """The first step of each tensor, in its own unit."""
 
 BETAS = (0.9, 0.98)
+
+_EPOCHS, _STEPS = 30, 300  # at least, of a calibration that isn't told how many
+
+
+def enough_epochs(captures: int, batch: int) -> int:
+    """Epochs that make enough steps of so many training captures."""
+    return max(_EPOCHS, math.ceil(_STEPS / math.ceil(captures / batch)))
 
 
 @dataclass(frozen=True)

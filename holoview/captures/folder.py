@@ -81,8 +81,8 @@ def import_folder(path: str | os.PathLike[str], progress: Progress | None = None
     rows = _rows(folder / TABLE, names)
     images, levels = [], []
     for number, row in enumerate(rows):
-        images.append(_picture(folder / row["image"]))
-        levels.append([_picture(folder / row[name]) for name in names[1:]])
+        images.append(read_counts(folder / row["image"]))
+        levels.append([read_counts(folder / row[name]) for name in names[1:]])
         if progress is not None:
             progress(number + 1, len(rows))
     columns = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in _COLUMNS}
@@ -177,7 +177,7 @@ def _number(kind: Number, text: str, where: str) -> float:
     return number
 
 
-def _picture(path: Path) -> NDArray[Any]:
+def read_counts(path: Path) -> NDArray[Any]:
     """Grey values (y, x) as they are, uint8 or uint16."""
     try:
         if path.suffix.lower() in (".tif", ".tiff"):

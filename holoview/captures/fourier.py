@@ -21,6 +21,7 @@ from holoview.effects.places import Pose, Surface
 from holoview.optics.resample import centred, warped
 from holoview.optics.slm import phasor
 from holoview.optics.source import pixel_wave, plane_wave
+from holoview.optics.zoom import fourier_sums
 from holoview.plan import Plan
 
 Tensor = torch.Tensor
@@ -81,19 +82,18 @@ class FourierBench:
 
     def _power(self, light: Tensor, λ: float, pixels: Pixels, pose: Pose) -> Tensor:
         """|E|² at pixels in rows and columns of the modulator's directions; zero where a stop is in the way."""
-        pitch_m = self.plan.system.modulators[0].pitch_m * self.plan.grid.shape[0] / self.plan.grid.upsample
-        pitch_m /= light.shape[0]
-        rows = pose.inverse(pixels.pitch_m)
-        waves, sines = [], []
+        modulator = self.plan.system.modulators[0]
+        pitch_m = modulator.pitch_m * modulator.shape[0] / light.shape[0]
+        rows, field, sines = pose.inverse(pixels.pitch_m), light, []
         for axis in (0, 1):
             place = centred(pixels.shape[axis], torch.float64, light.device) * rows[axis][axis] + rows[axis][2]
             sine = place * (pixels.pitch_m / self.focal_length_m)
             cycles = sine * (pitch_m / λ)
-            turns = torch.remainder(cycles[:, None] * centred(light.shape[axis], torch.float64, light.device), 1.0)
-            envelope = torch.special.sinc(cycles)[:, None] / light.shape[axis] ** 0.5
-            waves.append((torch.polar(torch.ones_like(turns), -2 * math.pi * turns) * envelope).to(light.dtype))
+            step = rows[axis][axis] * pixels.pitch_m / self.focal_length_m * pitch_m / λ
+            field = fourier_sums(field.transpose(-2, -1), float(cycles[0]), step, pixels.shape[axis])
+            envelope = torch.special.sinc(cycles) / light.shape[axis] ** 0.5
+            field = field * envelope.to(self.real)
             sines.append(sine)
-        field = waves[0] @ (light @ waves[1].T)
         return (field.real.square() + field.imag.square()) * self._passes(*sines)
 
     def _passes(self, sine_y: Tensor, sine_x: Tensor) -> Tensor:

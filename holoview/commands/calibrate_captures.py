@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import time
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from holoview.calibrate.model import Model
 from holoview.calibrate.pictures import draw_all
 from holoview.calibrate.result import Calibration, bench_for, in_words, known_effects
 from holoview.calibrate.score import score
-from holoview.calibrate.settings import Settings
+from holoview.calibrate.settings import Settings, enough_epochs
 from holoview.calibrate.train import State, train
 from holoview.captures import read_captures
 from holoview.captures.session import Captures
@@ -32,7 +33,7 @@ OPTIONS = ("epochs", "batch", "rate", "seed", "held_out", "pixels_a_node", "pict
 
 def add_options(group: argparse._ArgumentGroup) -> None:
     """Adds the options that only captures take."""
-    group.add_argument("--epochs", type=int, help="how often every capture is seen (default 30)")
+    group.add_argument("--epochs", type=int, help="how often every capture is seen (default: 300 steps, at least 30)")
     group.add_argument("--batch", type=int, help="captures a step (default 4)")
     group.add_argument("--rate", type=float, help="factor of all steps (default 1)")
     group.add_argument("--seed", type=seed, help="of what is held out and of the order (default 0)")
@@ -87,6 +88,8 @@ def _job(args: argparse.Namespace, file: Path) -> _Job:
     chosen = {name: getattr(args, option) for name, option in names.items() if getattr(args, option) is not None}
     settings = Settings(**chosen)
     split = hold_out(captures, settings.share, settings.seed)
+    if args.epochs is None:
+        settings = dataclasses.replace(settings, epochs=enough_epochs(len(split.train), settings.batch))
     nodes = args.pixels_a_node
     if nodes is not None and not 1 <= nodes <= 1000:
         raise UserError("--pixels-a-node", str(nodes), expected="1 to 1000")
@@ -108,14 +111,23 @@ def _learn(args: argparse.Namespace, job: _Job) -> tuple[State, bool]:
         for state in train(job.captures, known, job.split, job.layout, job.settings, resume):
             begun = begun or (time.monotonic(), state.epoch)
             report(state.epoch, state.epochs, f"chi2/n {state.chi2:.4g}{_left(state, begun)}")
-            if args.checkpoint is not None:
-                state.checkpoint().save(args.checkpoint)
+            _keep(args.checkpoint, state)
             if asked():
                 break
         interrupted = asked()
     if state is None:
         raise UserError("--resume", "the checkpoint is of a finished calibration", expected="one with epochs left")
     return state, interrupted
+
+
+def _keep(path: Path | None, state: State) -> None:
+    """A checkpoint that can't be written is no reason to lose the calibration: the one before stays."""
+    if path is None:
+        return
+    try:
+        state.checkpoint().save(path)
+    except UserError as error:
+        say(f"note: no checkpoint after epoch {state.epoch}: {error}")
 
 
 def _left(state: State, begun: tuple[float, int]) -> str:

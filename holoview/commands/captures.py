@@ -1,4 +1,4 @@
-"""`holoview captures make | check | show | import`: measured data, and virtual measurements to try things on."""
+"""`holoview captures make | check | show | import | plan`: measured data, and virtual measurements to try things on."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from holoview.captures import read_captures, write_captures
 from holoview.captures.folder import BENCH, TABLE, import_folder
 from holoview.captures.make import Nuisances, Session, make_captures
 from holoview.captures.summary import capture_sheet, summary
+from holoview.commands import captures_plan
 from holoview.commands.common import add_effects, add_system, check_output, effects_of, progress_bar, seed, system_of
 from holoview.pictures import write_png
 
@@ -36,6 +37,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     convert.add_argument("folder", type=Path)
     convert.add_argument("-o", "--output", metavar="FILE.h5", type=Path, required=True)
     convert.set_defaults(run=_import)
+    plan = commands.add_parser("plan", help="exposures and laser powers", description=captures_plan.run.__doc__)
+    captures_plan.configure(plan)
 
 
 def run(args: argparse.Namespace) -> int:

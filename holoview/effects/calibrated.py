@@ -47,6 +47,10 @@ class Calibrated(Effect):
     def response(self, share: Tensor, at: Surface, v: Values) -> Tensor:
         return self.learned(v).response(share, at.number)
 
+    def path(self, path_m: Tensor, at: Surface, v: Values) -> Tensor:
+        learned = self.learned(v)
+        return learned.fringed(path_m, at) if learned.has("fringing_px2") else path_m
+
     def transmission(self, light: Tensor, at: Surface, v: Values) -> Tensor:
         learned = self.learned(v)
         if at.number == 0:

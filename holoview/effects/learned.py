@@ -1,9 +1,10 @@
 """Maps of a bench that were learned from captures, and what they make of light; all differentiable.
 
-The hyperspectral model of HoloChrome, for a wavelength λ and a reference λ₀:
+The hyperspectral model of HoloChrome, and the fringing of its modulators, for a wavelength λ and a reference λ₀:
 
     modulator m    share of the stroke = linear between the knots of a table that rises; an optical path, so that its
                    phase at λ is that at λ₀ times λ₀/λ
+    fringing       a modulator's optical path is blurred by a Gaussian of some variance: pixels leak into neighbours
     source         exp(a(λ) + 2πi·p(λ)/λ): maps on nodes, at anchor wavelengths, linear in λ between them
     warp           modulator 2 is seen at r − d(r), d the thin-plate spline through displacements of nodes
                    (Duchon 1977; Bookstein, IEEE PAMI 11, 567 (1989))
@@ -36,8 +37,11 @@ Pair = tuple[int, int]
 _SLOPE_M = 100e-9
 _LATTICE = 96  # nodes a side on which a thin-plate spline is evaluated; it is smooth between them
 
+_LEAST_VARIANCE = 1e-6  # pixels²: a blur of a thousandth of a pixel changes nothing
+
 TENSORS = (
     "lut_steps",
+    "fringing_px2",
     "source_log_amplitude",
     "source_opd_m",
     "warp_m",
@@ -54,7 +58,7 @@ class Layout:
 
     modulators: how many; knots: of each table; anchors_m: rising wavelengths of the source's maps; source_nodes,
     warp_nodes, pupil_nodes: rows and columns of nodes; noll1, noll2: Zernike terms of each relay; degree: of their
-    polynomial in the wavelength; sine1, sine2: radius of each relay's aperture.
+    polynomial in the wavelength; sine1, sine2: radius of each relay's aperture; fringing: whether that is learned.
     """
 
     modulators: int
@@ -69,6 +73,7 @@ class Layout:
     pupil_nodes: Pair = (0, 0)
     sine1: float = 1.0
     sine2: float = 1.0
+    fringing: bool = True
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Shape of every tensor; a size of zero where there is no such map."""
@@ -76,6 +81,7 @@ class Layout:
         has_relay1 = self.modulators == 2
         return {
             "lut_steps": (self.modulators, self.knots - 1),
+            "fringing_px2": (self.modulators,) if self.fringing else (0,),
             "source_log_amplitude": (anchors, *self.source_nodes),
             "source_opd_m": (anchors, *self.source_nodes),
             "warp_m": (2, *self.warp_nodes),
@@ -139,17 +145,27 @@ class Learned:
         index, rest = left.long(), place - left
         return table[index] * (1 - rest) + table[index + 1] * rest
 
+    def fringed(self, path_m: Tensor, at: Surface) -> Tensor:
+        """A modulator's optical path as its pixels' neighbours leave it.
+
+        Below zero, where the variance stops, gradients still pass: else a step too far could never be taken back.
+        """
+        variance = self.tensors["fringing_px2"][at.number]
+        stopped = variance + (variance.clamp_min(_LEAST_VARIANCE) - variance).detach()
+        return at.blurred(path_m, stopped.to(path_m.dtype).sqrt())
+
     def source(self, at: Surface) -> Tensor:
         """Complex amplitude of the light on the first modulator's pixels (rows, columns)."""
 
         def make() -> Tensor:
-            amplitude, path = (
-                _on_grid(self.at_wavelength(name, at.wavelength_m), at.shape)
-                for name in ("source_log_amplitude", "source_opd_m")
-            )
+            amplitude, path = (self.source_map(name, at) for name in ("source_log_amplitude", "source_opd_m"))
             return torch.polar(amplitude.exp(), path * (2 * math.pi / at.wavelength_m))
 
         return _keep(self._made, ("source", at.wavelength_m, at.shape), make)
+
+    def source_map(self, name: str, at: Surface) -> Tensor:
+        """A map of the source on the first modulator's pixels (rows, columns), in the tensor's unit."""
+        return _on_grid(self.at_wavelength(name, at.wavelength_m), at.shape)
 
     def at_wavelength(self, name: str, wavelength_m: float) -> Tensor:
         """A map of the source at a wavelength: linear between anchors, constant beyond them."""

@@ -107,7 +107,8 @@ class FusedFrame:
     def variants(self) -> frozenset[Variant]:
         """The kernels that the plan needs."""
         wavelengths = range(len(self.inputs.plan.system.wavelengths_m))
-        return variants(self.inputs.plan, [{self.inputs.pupil(relay, w)[0] for w in wavelengths} for relay in (0, 1)])
+        glass = [{self.inputs.pupil(relay, w)[0] for w in wavelengths} for relay in (0, 1)]
+        return variants(self.inputs.plan, glass, [self.inputs.slots.is_dense(modulator) for modulator in (0, 1)])
 
     # --- kernels ----------------------------------------------------------------------------------------------------
 
@@ -116,8 +117,9 @@ class FusedFrame:
         target = target or self._scratch[0]
         inputs = self.inputs
         tilted = inputs.is_tilted(span.source, range(span.wavelength, span.wavelength + span.count))
-        tables = [inputs.table("waves"), inputs.table("lights", 0), inputs.table("opd", span.frame, 0)]
-        self._run(recorder, "light", span, None, target, tables, (("is_tilted", tilted),))
+        is_dense, dense = inputs.dense(span.frame, 0, span.wavelength)
+        tables = [inputs.table("waves"), inputs.table("lights", 0), inputs.table("opd", span.frame, 0), dense]
+        self._run(recorder, "light", span, None, target, tables, (("is_tilted", tilted), ("is_dense", is_dense)))
         return target
 
     def second(self, recorder: Recorder, span: Span, first: Rows, target: Rows | None = None) -> Rows:
@@ -126,8 +128,9 @@ class FusedFrame:
             return first
         target = target or self._scratch[0]
         self._propagate(recorder, span, 0, first, target)
-        tables = [self.inputs.table("lights", 1), self.inputs.table("opd", span.frame, 1)]
-        self._run(recorder, "modulate", span, target, target, tables)
+        is_dense, dense = self.inputs.dense(span.frame, 1, span.wavelength)
+        tables = [self.inputs.table("lights", 1), self.inputs.table("opd", span.frame, 1), dense]
+        self._run(recorder, "modulate", span, target, target, tables, (("is_dense", is_dense),))
         return target
 
     def observe(

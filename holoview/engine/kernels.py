@@ -61,19 +61,21 @@ class Kernels:
 
     def warm_up(self, strategy: Strategy, plan: Plan) -> None:
         """Has the device compile what a plan without pupils needs, and doesn't wait for it where drivers allow that."""
-        warm_up(self.device, self.stages(strategy, variants(plan, [{False}, {False}])))
+        warm_up(self.device, self.stages(strategy, variants(plan, [{False}, {False}], [False, False])))
 
 
-def variants(plan: Plan, glass: Sequence[Iterable[bool]]) -> frozenset[Variant]:
-    """The kernels that a plan needs. glass: for each relay, whether it has a pupil, at whichever wavelengths."""
+def variants(plan: Plan, glass: Sequence[Iterable[bool]], dense: Sequence[bool]) -> frozenset[Variant]:
+    """The kernels that a plan needs. glass: for each relay, whether it has a pupil, at whichever wavelengths; dense:
+    for each modulator, whether effects give its samples a transmission."""
     found: set[Variant] = {
-        ("light", (("is_tilted", bool(slope.any())),), False) for slope in plan.slopes.reshape(-1, 2)
+        ("light", (("is_tilted", bool(slope.any())), ("is_dense", dense[0])), False)
+        for slope in plan.slopes.reshape(-1, 2)
     }
     found |= {("propagate", (("has_pupil", has),), True) for has in glass[1]}
     found |= {("observe", (("adds", source > 0),), False) for source in range(min(len(plan.slopes), 2))}
     if plan.system.gap_m is not None:
         found |= {("propagate", (("has_pupil", has),), two) for has in glass[0] for two in (False, True)}
-        found.add(("modulate", (), False))
+        found.add(("modulate", (("is_dense", dense[1]),), False))
     return frozenset(found)
 
 

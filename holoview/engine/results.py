@@ -197,5 +197,5 @@ class Results:
 
 
 def is_clear(slots: Slots) -> bool:
-    """Whether no relay has a pupil."""
-    return all(pupil is None for pupils in slots.pupils for pupil in pupils)
+    """Whether no relay has a pupil, and no modulator a transmission of its samples."""
+    return slots.light is None and all(pupil is None for pupils in slots.pupils for pupil in pupils)

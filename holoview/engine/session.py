@@ -97,7 +97,7 @@ class FrameSession:
         self._pace = Pace(device, strategy)
         shaders = self._warmed_up(self._plan)  # first, as making slots may have to wait for torch to be imported
         self._slots = _make_slots(self._plan, drive)
-        self._results = self._opened(self._plan, self._slots, shaders, self.plane_m)
+        self._results = self._opened(self._plan, self._slots, shaders)
         self._take(self._pace.strategy_for(self._results.frame.variants()))
 
     @property
@@ -160,9 +160,9 @@ class FrameSession:
         if drive is not None or _slots_of(plan) != _slots_of(self._plan):
             slots = _make_slots(plan, self._drive if drive is None else drive)
         if _structure(plan, slots) == _structure(self._plan, self._slots):
-            self._results.use(plan, slots, plane)
+            self._results.use(plan, slots, float(plan.planes_m[-1]))
         else:
-            self._results = self._opened(plan, slots, self._warmed_up(plan), plane)
+            self._results = self._opened(plan, slots, self._warmed_up(plan))
         self._generation += 1
         self._plan, self._slots, self.plane_m = plan, slots, plane
         self._drive = self._drive if drive is None else drive
@@ -254,10 +254,10 @@ class FrameSession:
         shaders.warm_up(self._pace.start(plan.grid.padded), plan)
         return shaders
 
-    def _opened(self, plan: Plan, slots: Slots, shaders: Kernels, plane_m: float) -> Results:
+    def _opened(self, plan: Plan, slots: Slots, shaders: Kernels) -> Results:
         """Memory on the device for the results of a plan, none of which is known yet."""
         results = Results(plan, slots, shaders, self._settings, self._pace.start(plan.grid.padded))
-        results.frame.inputs.set_distance(1, plane_m)
+        results.frame.inputs.set_distance(1, float(plan.planes_m[-1]))
         return results
 
     def _take(self, strategy: Strategy) -> bool:
@@ -326,4 +326,5 @@ def _structure(plan: Plan, slots: Slots) -> Identity:
 def _slots_of(plan: Plan) -> Identity:
     """What the slots of a drive depend on."""
     system = plan.system
-    return system.modulators, system.relay1, system.relay2, system.wavelengths_m.tobytes(), plan.grid, system.frames
+    bench = (system.modulators, system.relay1, system.relay2, system.wavelengths_m.tobytes(), plan.grid, system.frames)
+    return bench, plan.nominal.effects, plan.nominal.relay1, plan.nominal.relay2

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.engine.display import Display
-from holoview.engine.frame import run_stages
 from holoview.engine.fused import FusedFrame, Rows, Span
 from holoview.engine.layouts import GRID, LIGHT, PATH, WAVE, WEIGHT
 from holoview.engine.values import Values, column_stops, dense_values, light_values, path_values, strokes, wave_values
@@ -55,9 +54,6 @@ class WgpuExecutor:
 
     def run(self, wavelength: int) -> None:
         """Leaves each plane's intensity at one wavelength in the executor, averaged over frames and sources."""
-        if self.slots.light is not None:
-            run_stages(self, wavelength)
-            return
         rounds = [Span(f, s, wavelength) for f in self.plan.lit(wavelength) for s in range(len(self.plan.slopes))]
         for plane in range(len(self._intensity) if not rounds else 0):
             self.clear(plane)

@@ -4,10 +4,12 @@
 //#include "lib/grid.wgsl"
 
 override is_tilted: bool = true;
+override is_dense: bool = false;
 
 @group(1) @binding(3) var<storage, read> waves: array<Wave>;
 @group(1) @binding(4) var<storage, read> lights: array<Light>;
 @group(1) @binding(5) var<storage, read> opd: array<f32>;
+@group(1) @binding(6) var<storage, read> dense: array<vec2f>;  // transmission of samples, in place of the pixels'
 
 var<private> wave: Wave;
 var<private> light: Light;
@@ -27,10 +29,14 @@ fn load_with(position: vec3u, pixel: vec2f) -> vec2f {
     if (is_padded && x >= grid.shape.y) {
         return vec2f(0.0);
     }
-    if (is_tilted) {
-        return cmul(pixel, plane_wave(wave, position.y, x));
+    var value = pixel;
+    if (is_dense) {
+        value = dense[position.y * grid.shape.y + x];
     }
-    return pixel;
+    if (is_tilted) {
+        return cmul(value, plane_wave(wave, position.y, x));
+    }
+    return value;
 }
 
 fn store(position: vec3u, value: vec2f) {

@@ -43,6 +43,11 @@ def test_tables_follow_the_hidden_curves(learnt: Any) -> None:
         assert np.abs(learnt.states[-1].best.table(modulator).numpy() - truth).max() < 0.005
 
 
+def test_fringing_is_the_hidden_blur(learnt: Any) -> None:
+    found = learnt.states[-1].best.tensors["fringing_px2"].sqrt().numpy()
+    assert found == pytest.approx([learnt.hidden["crosstalk"]["sigma"]] * 2, abs=0.01)
+
+
 def test_the_warp_is_the_hidden_shift_and_turn(learnt: Any) -> None:
     hidden = learnt.hidden["slm_alignment"]
     moved = learnt.states[-1].best.displacement(SHAPE).numpy()
@@ -91,6 +96,7 @@ def test_gradients_are_those_of_finite_differences(small: Captures) -> None:
         name: scale.get(name, 0.1) * torch.randn(shape, dtype=torch.float64, generator=random)
         for name, shape in layout.shapes().items()
     }
+    tensors["fringing_px2"] = torch.tensor([0.1, 0.2], dtype=torch.float64)  # below zero it stops
     probe = torch.randn(small.shape, dtype=torch.float64, generator=random)
 
     def loss() -> torch.Tensor:

@@ -16,9 +16,10 @@ Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 
 
 @pytest.mark.parametrize("sigma", [0.5e-9, 4e-9, 9e-9])
-def test_each_wavelength_becomes_a_gaussian_line(sigma: float) -> None:
+@pytest.mark.parametrize("top", [0.0, 0.4, 1.0])
+def test_each_wavelength_becomes_a_line_of_that_width(sigma: float, top: float) -> None:
     one, system = effect("bandwidth"), hv.load("holochrome-8")
-    found = one.bench(system, one.values({"sigma": sigma}))
+    found = one.bench(system, one.values({"sigma": sigma, "top": top}))
     lines = found.wavelengths_m.reshape(8, -1)
     weights = found.amplitudes[0].reshape(8, -1)
     assert weights.sum(axis=1) == pytest.approx(system.amplitudes[0])

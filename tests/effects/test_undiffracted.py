@@ -9,6 +9,8 @@ import pytest
 import torch
 
 from holoview.captures.session import Captures, Panel
+from holoview.effects.places import Surface
+from holoview.effects.registry import effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 
@@ -21,3 +23,12 @@ def test_the_zero_order_has_the_amplitude_that_isnt_modulated(make_fourier: Make
     dark, light = (float(predicted(captures, e)[0, 30, 40]) for e in ({}, {"undiffracted": values}))
     assert dark == pytest.approx(0.0, abs=1e-20)
     assert light == pytest.approx((0.3**2 + 0.1**2) * 20 * 28, rel=1e-6)
+
+
+def test_the_first_modulator_may_leave_more_than_the_second() -> None:
+    one = effect("undiffracted")
+    v = one.values({"share": 0.2, "difference": 0.05})
+    light = torch.full((2, 2), 1j, dtype=torch.complex128)
+    for number, amount in ((0, 0.25), (1, 0.15)):
+        at = Surface(number, 520e-9, 780e-9, 8e-6, (2, 2), 2)
+        torch.testing.assert_close(one.transmission(light, at, v), (1 - amount) * light + amount)

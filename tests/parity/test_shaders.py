@@ -106,7 +106,8 @@ def test_fused_kernels_can_be_compiled_ahead(device: Device, two: bool) -> None:
 def test_there_is_a_shader_for_each_fused_kernel_and_none_besides() -> None:
     hooks = {name for name in _shaders() if name.startswith("frame/")}
     assert hooks == {f"frame/{kernel}.wgsl" for kernel in KERNELS} | {f"frame/{part}.wgsl" for part in _PARTS}
-    assert [_switches(kernel) for kernel in KERNELS] == [["is_tilted"], ["has_pupil"], [], ["adds"]]
+    switches = [["is_tilted", "is_dense"], ["has_pupil"], ["is_dense"], ["adds"]]
+    assert [_switches(kernel) for kernel in KERNELS] == switches
 
 
 def test_an_error_in_a_fused_kernel_names_its_file_and_line(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
