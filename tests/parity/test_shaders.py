@@ -72,7 +72,7 @@ def test_a_shader_compiles_in_every_permutation(device: Device, name: str, const
     device.pipeline(link(DECLARATIONS, name, Generated("probe", probe), label=name), constants)
 
 
-_PARTS = ("rows_one", "rows_two", "work")
+_PARTS = ("rows", "rows_one", "rows_two", "work")
 
 
 def _switches(kernel: str) -> list[str]:
