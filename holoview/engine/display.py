@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from holoview.colour import XYZ_TO_SRGB
 from holoview.engine.layouts import BLEND, SCREEN, SHARE
 from holoview.gpu.device import Buffer, Device
-from holoview.gpu.lines import storage
 from holoview.gpu.recorder import Pass, Recorder, spread
 from holoview.gpu.shader import Generated, link
 
@@ -75,8 +74,7 @@ class Display:
             self._device.write(table, SHARE.pack_array(items))
         key = ("composite", intensity, table, seen, adds)
         if key not in self._passes:
-            structs = Generated("structs", BLEND.wgsl + SHARE.wgsl)
-            source = link(structs, storage(self._device), "display/composite.wgsl")
+            source = link(Generated("structs", BLEND.wgsl + SHARE.wgsl), "display/composite.wgsl")
             groups = [[blend, table], [intensity, seen]]
             workgroups = (*spread(-(-quads // _WORKGROUP), self._device), 1)
             self._passes[key] = Pass.bind(

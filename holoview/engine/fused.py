@@ -19,7 +19,16 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from holoview.engine.inputs import FrameInputs
-from holoview.engine.kernels import BETWEEN, KERNELS, Constants, Kernels, Variant, field_numbers, variants
+from holoview.engine.kernels import (
+    BETWEEN,
+    KERNELS,
+    Constants,
+    Kernels,
+    Variant,
+    field_numbers,
+    variants,
+    works_in_place,
+)
 from holoview.engine.layouts import BATCH
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.lines import Strategy
@@ -98,6 +107,11 @@ class FusedFrame:
         rows = (4 * modulators) * self.field_bytes
         return rows + opd + math.prod(self.grid.shape) * _F32
 
+    @property
+    def works_in_place(self) -> bool:
+        """Whether `second` is best given the rows that `first` was, as its target."""
+        return works_in_place(self.strategy)
+
     def use_strategy(self, strategy: Strategy) -> None:
         """Transform by another strategy from now on, which has spectra in its own order."""
         self.strategy = strategy
@@ -126,7 +140,7 @@ class FusedFrame:
         """Records light behind modulator 2, transformed along x; with one modulator that is `first`."""
         if self.inputs.plan.system.gap_m is None:
             return first
-        target = target or self._scratch[0]
+        target = target or (self._scratch[0] if self.works_in_place else self._scratch[1])
         self._propagate(recorder, span, 0, first, target)
         is_dense, dense = self.inputs.dense(span.frame, 1, span.wavelength)
         tables = [self.inputs.table("lights", 1), self.inputs.table("opd", span.frame, 1), dense]
@@ -137,7 +151,7 @@ class FusedFrame:
         self, recorder: Recorder, span: Span, second: Rows, intensity: Rows, *, weight: float = 1.0, adds: bool = False
     ) -> None:
         """Records weight·|field|² at the plane of relay 1 into slices of `intensity`, added to what is there or not."""
-        seen = self._scratch[1]
+        seen = self._scratch[1] if second != self._scratch[1] else self._scratch[0]
         self._propagate(recorder, span, 1, second, seen)
         self._run(recorder, "observe", span, seen, intensity, [], (("adds", adds),), weight=weight)
 

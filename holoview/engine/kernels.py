@@ -24,7 +24,7 @@ Constants = tuple[tuple[str, bool], ...]
 Variant = tuple[str, Constants, bool]
 """A kernel, its switches, and whether it reads one buffer and writes another, or works in place."""
 TILE_X, TILE_Y = 4, 16
-"""Samples of the tiles that fields lie in: see `shaders/lib/grid.wgsl`."""
+"""Samples of the tiles that fields lie in: see `shaders/frame/rows.wgsl`."""
 
 KERNELS: dict[str, tuple[Axis, tuple[Direction, ...], tuple[Struct, ...]]] = {
     "light": ("x", ("forward",), (WAVE, LIGHT)),
@@ -61,7 +61,15 @@ class Kernels:
 
     def warm_up(self, strategy: Strategy, plan: Plan) -> None:
         """Has the device compile what a plan without pupils needs, and doesn't wait for it where drivers allow that."""
-        warm_up(self.device, self.stages(strategy, variants(plan, [{False}, {False}], [False, False])))
+        needed = variants(plan, [{False}, {False}], [False, False])
+        if not works_in_place(strategy):
+            needed -= {("propagate", constants, False) for _, constants, _ in needed}
+        warm_up(self.device, self.stages(strategy, needed))
+
+
+def works_in_place(strategy: Strategy) -> bool:
+    """Whether fields are propagated in place where they may be: faster, but not by passes, which have less to compile."""
+    return strategy != "passes"
 
 
 def variants(plan: Plan, glass: Sequence[Iterable[bool]], dense: Sequence[bool]) -> frozenset[Variant]:
@@ -100,7 +108,7 @@ def transform_of(
     work = ("frame/work.wgsl",) if own_work else ()
     parts = (
         Generated("structs", GRID.wgsl + BATCH.wgsl + "".join(layout.wgsl for layout in layouts)),
-        Generated("grid", _grid_wgsl(grid)),
+        Generated("grid", _grid_wgsl(grid, strategy)),
         storage(device, half=half),
         f"frame/rows_{'two' if two else 'one'}.wgsl",
         *work,
@@ -124,11 +132,12 @@ def _rounded(samples: int, tile: int) -> int:
     return -(-samples // tile) * tile
 
 
-def _grid_wgsl(grid: Grid) -> str:
-    """WGSL constants of a grid, so that what depends on nothing else is evaluated by the compiler."""
+def _grid_wgsl(grid: Grid, strategy: Strategy) -> str:
+    """WGSL constants of a grid and of how fields lie in memory, so that the compiler evaluates what depends on them."""
     pairs = [f"vec2u({y}u, {x}u)" for y, x in (grid.padded, grid.shape, grid.offset)]
     return (
         f"const grid = Grid({', '.join(pairs)}, {row_stride(grid)}u, {grid.upsample}u);\n"
+        f"const is_tiled = {str(strategy == 'subgroup').lower()};\n"
         f"const is_padded = {str(grid.padded != grid.shape).lower()};\n"
         f"const inverse_scale = {1 / math.prod(grid.padded):.12g};  // of an inverse transform along both axes\n"
         f"const slice_pixels = {padded_pixels(grid.shape)}u;  // from one intensity to the next\n"

@@ -165,7 +165,7 @@ class Results:
         if self.plan.system.gap_m is None:
             rows = self.frame.first(recorder, span, home)
         else:
-            first = self._first_rows(span, recorder, first_of, home)
+            first = self._first_rows(span, recorder, first_of, home if self.frame.works_in_place else None)
             rows = self.frame.second(recorder, span, first, home)
         if home is not None:
             self._mark("second", span, second_of, recorder)

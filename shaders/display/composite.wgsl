@@ -1,5 +1,5 @@
 // What the observer makes of intensities: XYZ = Σ share × intensity, over wavelengths and frames, four pixels a thread.
-// Twin: holoview/engine/torch.py, composite. Link it after a file that says how pairs of numbers lie in a buffer.
+// Twin: holoview/engine/torch.py, composite.
 
 // Whether it is added to what was seen.
 override adds: bool = false;
@@ -7,7 +7,7 @@ override adds: bool = false;
 @group(0) @binding(0) var<uniform> blend: Blend;
 @group(0) @binding(1) var<storage, read> shares: array<Share>;
 
-@group(1) @binding(0) var<storage, read> intensity: array<Stored>;
+@group(1) @binding(0) var<storage, read> intensity: array<vec4f>;
 @group(1) @binding(1) var<storage, read_write> seen: array<vec4f>;
 
 @compute @workgroup_size(64)
@@ -33,13 +33,11 @@ fn main(
     for (var i = 0u; i < blend.count; i++) {
         let share = shares[i];
         let response = vec4f(share.xyz, 0.0);
-        let pair = 2u * (share.slice * blend.quads + quad);
-        let first = restored(intensity[pair]);
-        let second = restored(intensity[pair + 1u]);
-        a += first.x * response;
-        b += first.y * response;
-        c += second.x * response;
-        d += second.y * response;
+        let four = intensity[share.slice * blend.quads + quad];
+        a += four.x * response;
+        b += four.y * response;
+        c += four.z * response;
+        d += four.w * response;
     }
     seen[4u * quad] = a;
     seen[4u * quad + 1u] = b;

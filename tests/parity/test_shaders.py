@@ -18,7 +18,7 @@ from holoview.engine.kernels import KERNELS, Kernels, transform_of
 from holoview.files import data_dir
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.layout import Struct
-from holoview.gpu.lines import Strategy, has_subgroups, storage
+from holoview.gpu.lines import Strategy, has_subgroups
 from holoview.gpu.recorder import Pass, Recorder
 from holoview.gpu.shader import Generated, ShaderError, link
 from holoview.gpu.warm import warm_up
@@ -69,11 +69,10 @@ def _run(device: Device, text: str, uniforms: list[Buffer], inputs: list[Buffer]
 def test_a_shader_compiles_in_every_permutation(device: Device, name: str, constants: dict[str, int]) -> None:
     is_stage = "@compute" in (data_dir("shaders") / name).read_text(encoding="utf-8")
     probe = "" if is_stage else "@compute @workgroup_size(1) fn main() {}\n"
-    source = link(DECLARATIONS, storage(device), name, Generated("probe", probe), label=name)
-    device.pipeline(source, constants)
+    device.pipeline(link(DECLARATIONS, name, Generated("probe", probe), label=name), constants)
 
 
-_PARTS = ("rows_one", "rows_two", "work")
+_PARTS = ("rows", "rows_one", "rows_two", "work")
 
 
 def _switches(kernel: str) -> list[str]:
