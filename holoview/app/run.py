@@ -39,7 +39,7 @@ def off_screen(
         hand.frames(3)
         if names:
             app.loader.open(list(names) if len(names) > 1 else names[0])
-            wait(hand)
+        wait(hand)
         run_script(hand, script, where)
         if picture is not None:
             wait(hand)
