@@ -153,7 +153,7 @@ class Feed:
             if self._steps is None:
                 self._steps = self._begin(self._wanted)
             step = next(self._steps, None)
-        except UserError:
+        except Exception:  # not to be tried again and again: the user is told, and may edit what is wrong
             self._stage, self._steps = "done", None
             raise
         if step is not None:
@@ -171,6 +171,17 @@ class Feed:
         if self._host is None or self._host[0] != self._version:
             self._host = (self._version, self._full.session.xyz())
         return self._host[1]
+
+    def poll(self) -> None:
+        """Lets the full frame go on by a faster strategy, where the search in the background has found one."""
+        if self._full.session is not None:
+            self._full.session.poll()
+
+    def close(self) -> None:
+        """Ends that search."""
+        for engine in (self._full, self._quick):
+            if engine.session is not None:
+                engine.session.close()
 
     def intensity(self, wavelength: int) -> NDArray[np.float32] | None:
         """Intensity (y, x) of a laser of the full image; None until it is there."""
