@@ -39,7 +39,8 @@ class App:
     """What panels are given. `session` is the document; edits go through it by `attempt`, `change` and `look`.
 
     store: the user's preferences and saved sessions, None where nothing is kept. frame_s: see Window. panels: their
-    classes. tests: called by ImGui's test engine, which then runs.
+    classes. tests: called by ImGui's test engine, which then runs. tunes: whether the fastest strategy for the
+    device is looked for in the background.
     """
 
     def __init__(
@@ -52,6 +53,7 @@ class App:
         frame_s: float | None = None,
         panels: Sequence[type[Panel]] = ALL,
         tests: Callable[[], None] | None = None,
+        tunes: bool = False,
     ) -> None:
         self.session, self.device, self.store = session, device, store
         self.commands, self.tool, self.live_wanted = Commands(), "", False
@@ -65,7 +67,7 @@ class App:
         self.help = HelpOverlay(self)
         self.overlays: list[Panel] = [self.help]
         self.panels = [Guarded(panel(), self) for panel in panels]
-        self._is_stale = True
+        self._tunes, self._is_stale = tunes, True
         self._measured: tuple[object, ...] = ()
         add_actions(self)
         for guarded in self.panels:
@@ -155,6 +157,8 @@ class App:
             changed = self.sides.advance() if self.sides.is_busy else self.stack.advance()
             if changed:
                 self.window.wake()
+        if self._tunes and not self.is_busy:
+            self.sides.now.poll()
         return self.sides.resting_s == 0 if self.sides.is_busy else self.stack.is_busy
 
     @property
@@ -186,6 +190,7 @@ class App:
         self._stop_listening()
         self.loader.close()
         self.live.close()
+        self.sides.close()
         self.pages.close()
         self.session.close()
         self.window.close()

@@ -103,6 +103,9 @@ class Feed:
         self.picture: Picture | None = None
         self.progress = 1.0
         self.full_scene: Scene | None = None
+        self.quick_gain = 1.0
+        self._quick_scene: Scene | None = None
+        self._gain_of: object = None
         self._host: tuple[int, NDArray[np.float32]] | None = None
         self._lasers_host: tuple[int, NDArray[np.float32]] | None = None
 
@@ -150,7 +153,7 @@ class Feed:
             if self._steps is None:
                 self._steps = self._begin(self._wanted)
             step = next(self._steps, None)
-        except UserError:
+        except Exception:  # not to be tried again and again: the user is told, and may edit what is wrong
             self._stage, self._steps = "done", None
             raise
         if step is not None:
@@ -168,6 +171,17 @@ class Feed:
         if self._host is None or self._host[0] != self._version:
             self._host = (self._version, self._full.session.xyz())
         return self._host[1]
+
+    def poll(self) -> None:
+        """Lets the full frame go on by a faster strategy, where the search in the background has found one."""
+        if self._full.session is not None:
+            self._full.session.poll()
+
+    def close(self) -> None:
+        """Ends that search."""
+        for engine in (self._full, self._quick):
+            if engine.session is not None:
+                engine.session.close()
 
     def intensity(self, wavelength: int) -> NDArray[np.float32] | None:
         """Intensity (y, x) of a laser of the full image; None until it is there."""
@@ -219,10 +233,24 @@ class Feed:
         engine = self._quick if self._stage == "quick" else self._full
         assert engine.session is not None and self._wanted is not None
         self._version += 1
-        shape = engine.session.display.shape
-        self.picture = Picture(engine.session.seen, shape, self._stage == "quick", self._version)
+        is_quick, shape = self._stage == "quick", engine.session.display.shape
+        gain = self.quick_gain if is_quick else 1.0
+        self.picture = Picture(engine.session.seen, shape, is_quick, self._version, gain)
         self._steps = None
-        if self._stage == "quick":
-            self._stage = "full"
+        if is_quick:
+            self._stage, self._quick_scene = "full", self._wanted
             return
         self._stage, self.progress, self.full_scene = "done", 1.0, self._wanted
+        self._compare_brightness()
+
+    def _compare_brightness(self) -> None:
+        """How much brighter the cheaper bench is, unless that is known: its light can't leave to higher orders."""
+        assert self._wanted is not None
+        system = self._wanted.system
+        of = (system.modulators, system.sampling, system.gap_m is None)
+        if of == self._gain_of or self._quick_scene is not self._wanted or self._quick.session is None:
+            return
+        full, quick = self.xyz(), self._quick.session.xyz()
+        if full is not None and quick[..., 1].any():
+            self._gain_of = of
+            self.quick_gain = float(full[..., 1].mean() / quick[..., 1].mean())

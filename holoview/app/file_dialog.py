@@ -41,7 +41,7 @@ class FileDialog(Panel):
         self.folder = Path.cwd()
         self.name = ""
         self._entries: list[Path] = []
-        self._problem = ""
+        self.problem = ""
 
     @property
     def is_open(self) -> bool:
@@ -51,7 +51,7 @@ class FileDialog(Panel):
     def ask(self, request: Request) -> None:
         """Opens it; `request.chosen` is called with the path, unless it is cancelled."""
         self._request, self._is_new = request, True
-        self.name, self._problem = request.name, ""
+        self.name, self.problem = request.name, ""
         self.show(self.folder)
 
     def show(self, folder: Path) -> None:
@@ -59,9 +59,9 @@ class FileDialog(Panel):
         try:
             found = sorted(folder.iterdir(), key=lambda path: (not path.is_dir(), path.name.lower()))
         except OSError as error:
-            self._problem = f"{folder}: {error.strerror}"
+            self.problem = f"{folder}: {error.strerror}"
             return
-        self.folder, self._problem = folder, ""
+        self.folder, self.problem = folder, ""
         self._entries = [path for path in found if not path.name.startswith(".") and self._fits(path)]
 
     def draw(self, app: App) -> None:
@@ -95,8 +95,8 @@ class FileDialog(Panel):
         entered, self.name = imgui.input_text("##name", self.name, imgui.InputTextFlags_.enter_returns_true)
         if imgui.is_window_appearing():
             imgui.set_keyboard_focus_here(-1)
-        if self._problem:
-            imgui.text_colored(theme.ERROR, self._problem)
+        if self.problem:
+            imgui.text_colored(theme.ERROR, self.problem)
         accepted = imgui.button("Save##file" if request.saves else "Open##file", imgui.ImVec2(120, 0)) or entered
         imgui.same_line()
         if imgui.button("Cancel##file", imgui.ImVec2(120, 0)) or imgui.is_key_pressed(imgui.Key.escape):
@@ -117,7 +117,7 @@ class FileDialog(Panel):
         if request.saves and path.suffix.lower() not in request.suffixes:
             path = path.with_name(path.name + request.suffixes[0])
         if not request.saves and not path.exists():
-            self._problem = f"{path.name} isn't there"
+            self.problem = f"{path.name} isn't there"
             return
         self._close()
         with app.session.guard():

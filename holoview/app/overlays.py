@@ -128,5 +128,6 @@ def _draw_group(name: str, commands: list[Command]) -> None:
         keys = _keys_text(command)
         right = left + imgui.get_content_region_avail().x - imgui.calc_text_size(keys).x
         imgui.text(command.name)
-        imgui.same_line(right)
+        imgui.same_line()
+        imgui.set_cursor_pos_x(right)
         imgui.text_disabled(keys)

@@ -71,7 +71,7 @@ class RecoveryOffer(Panel):
         store = app.store
         assert store is not None
         store.discard(saved)
-        self.saved.remove(saved)
+        self.saved = [other for other in self.saved if other != saved]
 
     def _draw_one(self, app: App, saved: Saved) -> None:
         imgui.push_id(str(saved.folder))

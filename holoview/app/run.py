@@ -39,7 +39,7 @@ def off_screen(
         hand.frames(3)
         if names:
             app.loader.open(list(names) if len(names) > 1 else names[0])
-            wait(hand)
+        wait(hand)
         run_script(hand, script, where)
         if picture is not None:
             wait(hand)
@@ -87,7 +87,7 @@ def in_browser(
 
 
 def _begin(session: Session, device: Device, canvas: Any, store: Store, names: Sequence[str]) -> App:
-    app = App(session, device, canvas, store=store)
+    app = App(session, device, canvas, store=store, tunes=True)
     if names:
         app.attempt(app.loader.open, list(names) if len(names) > 1 else names[0])
     return app
@@ -100,9 +100,12 @@ def _run(app: App, store: Store, loop: Any, run: Callable[[], None]) -> None:
     try:
         run()
     finally:
-        if autosave is not None:
-            autosave.close()
+        failed = app.window.failed
+        if autosave is not None and failed is None:
+            autosave.close()  # else it is offered at the next start
         app.close()
+    if isinstance(failed, UserError):
+        raise UserError(failed.where, failed.found, remedy="start again: your work is saved and will be offered")
 
 
 def _autosave(app: App, store: Store) -> Autosave | None:

@@ -78,6 +78,11 @@ class Sides:
         feed = self.feed(side)
         return None if feed is None else feed.xyz()
 
+    def close(self) -> None:
+        """Ends what goes on in the background."""
+        for feed in (self.now, *self._others.values()):
+            feed.close()
+
     def _scene(self, side: Side) -> SessionScene | None:
         """A preset's patterns are random: they are made once a bench, or every frame would be new."""
         if side.kind != "preset":

@@ -31,6 +31,13 @@ def apply(name: str) -> None:
     ground = imgui.ImVec4(0.11, 0.115, 0.125, 1.0) if name == "Dark" else imgui.ImVec4(0.97, 0.97, 0.97, 1.0)
     style.set_color_(imgui.Col_.popup_bg, ground)
     style.set_color_(imgui.Col_.window_bg, ground)
+    bar = imgui.ImVec4(0.07, 0.09, 0.13, 1.0) if name == "Dark" else imgui.ImVec4(0.86, 0.88, 0.92, 1.0)
+    for colour in (imgui.Col_.title_bg, imgui.Col_.title_bg_active):
+        style.set_color_(colour, bar)
+    style.frame_border_size = 1.0
     if name == "Dark":
-        style.set_color_(imgui.Col_.text, imgui.ImVec4(0.92, 0.93, 0.94, 1.0))
-        style.set_color_(imgui.Col_.text_disabled, imgui.ImVec4(0.66, 0.68, 0.70, 1.0))
+        style.set_color_(imgui.Col_.frame_bg, imgui.ImVec4(0.165, 0.175, 0.195, 1.0))
+        style.set_color_(imgui.Col_.border, imgui.ImVec4(0.30, 0.31, 0.34, 1.0))
+    ink, pale = ((0.92, 0.93, 0.94), (0.66, 0.68, 0.70)) if name == "Dark" else ((0.08, 0.08, 0.09), (0.36, 0.37, 0.39))
+    style.set_color_(imgui.Col_.text, imgui.ImVec4(*ink, 1.0))
+    style.set_color_(imgui.Col_.text_disabled, imgui.ImVec4(*pale, 1.0))

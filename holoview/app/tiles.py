@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from imgui_bundle import imgui
@@ -48,9 +49,12 @@ class Tiles:
 
     def _texture(self, plane_m: float, picture: Picture, size: tuple[int, int]) -> imgui.ImTextureRef:
         look = _plain(self._app.session.look)
+        picture = replace(picture, gain=self._app.sides.now.quick_gain)
         known = self._drawn.get(plane_m)
         viewport = known[0] if known is not None else Viewport(self._app.device, f"{self._name} {plane_m:g}")
-        is_new = viewport.draw(picture, None, look, frame_of(look, size, picture.shape))
+        scale = imgui.get_io().display_framebuffer_scale.x
+        pixels = (max(round(size[0] * scale), 1), max(round(size[1] * scale), 1))
+        is_new = viewport.draw(picture, None, look, frame_of(look, pixels, picture.shape))
         if known is not None and not is_new:
             return known[1]
         if known is not None:

@@ -25,12 +25,16 @@ BACKGROUND = (0.075, 0.078, 0.086)
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """An image of XYZ on the device, f32 (y, x, 4). is_quick: of the cheaper bench; version: rises with its content."""
+    """An image of XYZ on the device, f32 (y, x, 4).
+
+    is_quick: of the cheaper bench. version: rises with its content. gain: its light is multiplied by it to be shown.
+    """
 
     buffer: Buffer
     shape: tuple[int, int]
     is_quick: bool = False
     version: int = 0
+    gain: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,7 @@ class Viewport:
         is_new = self._resize(frame.size)
         b_or_a = a if b is None else b
         look = look if b is not None else replace(look, compare="off")
-        asked = (a.buffer, a.version, b_or_a.buffer, b_or_a.version, look, frame, holds_b)
+        asked = (a.buffer, a.version, a.gain, b_or_a.buffer, b_or_a.version, b_or_a.gain, look, frame, holds_b)
         if asked == self._drawn and not is_new:
             return False
         self._device.write(self._uniform, _packed(a, b_or_a, look, frame, holds_b and b is not None))
@@ -160,6 +164,8 @@ def _packed(a: Picture, b: Picture, look: Look, frame: Frame, only_b: bool) -> b
         size=frame.size,
         comparison=_COMPARISONS[look.compare],
         only_b=only_b,
+        gain_a=a.gain,
+        gain_b=b.gain,
         split=look.wipe * frame.size[0],
         gamma=look.gamma,
         has_palette=bool(palette_of(look)),

@@ -14,7 +14,7 @@ from imgui_bundle import hello_imgui, imgui, immapp
 from wgpu.utils.imgui import ImguiWgpuBackend
 
 from holoview.app.keys import key_named, modifier_named
-from holoview.gpu.device import Device
+from holoview.gpu.device import Device, DeviceLost
 
 _LONGEST_FRAME_S, _SHORTEST_FRAME_S = 0.25, 1e-4
 _NOTCH = 100  # of the wheel, in rendercanvas's units
@@ -71,10 +71,17 @@ class Window:
         self.canvas.request_draw()
 
     def draw(self) -> None:
-        """Draws a frame. An exception is kept in `failed` and raised: the canvas would only log it."""
+        """Draws a frame. An exception is kept in `failed` and raised: the canvas would only log it.
+
+        Where the device was lost, nothing can be drawn any more, and the window closes.
+        """
         begun = time.perf_counter()
         try:
             immapp.manual_render.render()
+        except DeviceLost as error:
+            self.failed = error
+            self.canvas.close()
+            return
         except BaseException as error:
             self.failed = error
             raise

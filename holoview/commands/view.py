@@ -46,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _open(args: argparse.Namespace, system: System, names: list[str], size: tuple[int, int], script: str) -> None:
+    from holoview.app.no_adapter import show_page
     from holoview.app.run import in_browser, off_screen, on_screen
     from holoview.app.serve import Address
     from holoview.gpu.device import open_device
@@ -53,7 +54,12 @@ def _open(args: argparse.Namespace, system: System, names: list[str], size: tupl
     from holoview.session.session import Session
 
     address = None if args.serve is None else Address.parse(args.serve)
-    device = open_device(args.adapter)
+    try:
+        device = open_device(args.adapter)
+    except UserError as error:
+        if not args.offscreen and address is None and args.adapter is None:
+            show_page(error)
+        raise
     if args.offscreen:
         off_screen(Session(system), device, size, script, str(args.script or "script"), args.screenshot, names)
         return

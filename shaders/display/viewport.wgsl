@@ -47,7 +47,8 @@ fn light(is_b: bool, low: vec2f, high: vec2f, size: vec2i) -> vec3f {
 fn channels(is_b: bool, place: vec2f) -> vec3f {
     let size = vec2f(select(show.size_a, show.size_b, is_b));
     let half_step = 0.5 * show.step;
-    let xyz = light(is_b, (place - half_step) * size, (place + half_step) * size, vec2i(size));
+    let gain = select(show.gain_a, show.gain_b, is_b);
+    let xyz = gain * light(is_b, (place - half_step) * size, (place + half_step) * size, vec2i(size));
     return vec3f(
         dot(show.first.xyz, xyz) + show.first.w,
         dot(show.second.xyz, xyz) + show.second.w,

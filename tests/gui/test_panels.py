@@ -136,21 +136,22 @@ def test_play_goes_through_the_stack_until_it_is_stopped(gui: Any) -> None:
 # --- look -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("key", "field", "value"),
-    [
-        ("E", "exposure_stops", 0.25),
-        ("Shift+E", "exposure_stops", -0.25),
-        ("W", "compare", "wipe"),
-        ("D", "compare", "difference"),
-        ("C", "channel", "luminance"),
-        ("G", "page", "planes"),
-        ("Z", "zoom", 1.0),
-    ],
-)
-def test_a_key_changes_the_look(gui: Any, key: str, field: str, value: object) -> None:
-    gui.key(key)
-    assert getattr(gui.session.look, field) == value
+def test_keys_change_the_look(gui: Any) -> None:
+    changes = {
+        "E": ("exposure_stops", 0.25),
+        "R": ("exposure_stops", 0.0),
+        "Shift+E": ("exposure_stops", -0.25),
+        "W": ("compare", "wipe"),
+        "D": ("compare", "difference"),
+        "Escape": ("compare", "off"),
+        "C": ("channel", "luminance"),
+        "G": ("page", "planes"),
+        "Z": ("zoom", 1.0),
+        "F": ("zoom", 0.0),
+    }
+    for key, (field, value) in changes.items():
+        gui.key(key)
+        assert getattr(gui.session.look, field) == value, key
 
 
 def test_exposure_has_a_slider(gui: Any) -> None:

@@ -79,7 +79,12 @@ class Screen:
 
     def picture(self) -> np.ndarray:
         """What is on the screen (y, x, 3)."""
-        return np.asarray(ImageGrab.grab(xdisplay=self._display).convert("RGB"))
+        for _ in range(5):
+            try:
+                return np.asarray(ImageGrab.grab(xdisplay=self._display).convert("RGB"))
+            except OSError:  # a busy server refuses now and then
+                time.sleep(0.5)
+        raise AssertionError(f"no picture of {self._display}: {self.log}")
 
     def wait_for(self, is_so: Callable[[np.ndarray], bool]) -> np.ndarray:
         """The first picture for which something is so."""
@@ -94,7 +99,8 @@ class Screen:
 
 
 @pytest.fixture
-def screen(tmp_path: Path) -> Iterator[Screen]:
+def display() -> Iterator[str]:
+    """A virtual screen."""
     read, write = os.pipe()
     server = subprocess.Popen(
         ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{SIZE[0]}x{SIZE[1]}x24"],
@@ -103,7 +109,13 @@ def screen(tmp_path: Path) -> Iterator[Screen]:
     )
     os.close(write)
     with os.fdopen(read) as number:
-        display = f":{number.readline().strip()}"
+        yield f":{number.readline().strip()}"
+    server.terminate()
+    server.wait(10)
+
+
+@pytest.fixture
+def screen(display: str, tmp_path: Path) -> Iterator[Screen]:
     bench, picture = tmp_path / "bench.toml", tmp_path / "picture.png"
     preset.save(small_bench(), bench)
     Image.fromarray(np.full((64, 96, 3), 180, np.uint8)).save(picture)
@@ -111,8 +123,6 @@ def screen(tmp_path: Path) -> Iterator[Screen]:
     yield opened
     opened.viewer.kill()
     opened.viewer.wait(10)
-    server.terminate()
-    server.wait(10)
 
 
 def _is_busy_inside(rect: tuple[float, float, float, float]) -> Callable[[np.ndarray], bool]:
@@ -162,3 +172,22 @@ def test_a_window_at_rest_costs_next_to_nothing(screen: Screen, make_gui: Callab
     before = sum(process.cpu_times()[:2])
     time.sleep(4)
     assert sum(process.cpu_times()[:2]) - before < 1.0
+
+
+def test_without_an_adapter_a_page_tells_what_to_do(display: str) -> None:
+    """Where OpenGL can't draw either, the command's line on stderr has to do."""
+    page = (
+        "from holoview.errors import UserError; from holoview.app.no_adapter import show_page;"
+        "show_page(UserError('graphics adapter', 'none was found', expected='a driver'))"
+    )
+    with subprocess.Popen([sys.executable, "-c", page], env=os.environ | {"DISPLAY": display}) as viewer:
+        until = time.monotonic() + PATIENCE_S
+        while viewer.poll() is None and time.monotonic() < until:
+            texts = np.asarray(ImageGrab.grab(xdisplay=display).convert("L"))[:250, :640]
+            if (texts > 128).mean() > 0.01:
+                break
+            time.sleep(0.5)
+        if viewer.poll() is not None:
+            pytest.skip("no OpenGL on this screen")
+        assert (texts > 128).mean() > 0.01
+        viewer.kill()

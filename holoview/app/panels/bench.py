@@ -55,7 +55,7 @@ class BenchPanel(Panel):
                 continue
             if key == "relay1" and len(system.modulators) == 1:
                 continue
-            if imgui.collapsing_header(_TITLES.get(key, key.capitalize())):
+            if _header(app, _TITLES.get(key, key.capitalize())):
                 tip(field.metadata["doc"])
                 self._draw_fields(app, getattr(system, field.name), getattr(self._reset, field.name), f"{key}.")
         imgui.pop_item_width()
@@ -95,7 +95,7 @@ class BenchPanel(Panel):
     # --- modulators and source --------------------------------------------------------------------------------------
 
     def _draw_modulators(self, app: App, system: System) -> None:
-        if not imgui.collapsing_header("Modulators"):
+        if not _header(app, "Modulators"):
             return
         modulator, reset = system.modulators[0], self._reset.modulators[0] if self._reset else system.modulators[0]
         for key, field in describe.fields_by_key(type(modulator)).items():
@@ -119,7 +119,7 @@ class BenchPanel(Panel):
             app.attempt(app.session.change, "Modulators", changes)
 
     def _draw_source(self, app: App, system: System) -> None:
-        if not imgui.collapsing_header("Source"):
+        if not _header(app, "Source"):
             return
         count = len(system.source.directions_rad)
         imgui.text_disabled("one plane wave" if count == 1 else f"{count} plane waves, mutually incoherent")
@@ -142,6 +142,12 @@ class BenchPanel(Panel):
     def _apply_grid(self, app: App) -> None:
         source = {"grid": list(self._grid), "spacing": units.text(self._spacing_rad, "mrad")}
         app.attempt(app.session.change, "Source grid", {"source": source}, merge="source grid")
+
+
+def _header(app: App, title: str) -> bool:
+    is_open = imgui.collapsing_header(title)
+    app.mark(title)
+    return is_open
 
 
 def _tilt(app: App, system: System) -> None:

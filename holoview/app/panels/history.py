@@ -17,7 +17,7 @@ class HistoryPanel(Panel):
     """Undo as a list."""
 
     title = "History"
-    dock = "Low right"
+    dock = "Left"
 
     def __init__(self) -> None:
         self._followed = -1

@@ -13,7 +13,7 @@ from holoview.app.panel import Panel
 from holoview.app.panels.focus import FocusPanel
 from holoview.app.readout import draw_readout
 from holoview.app.viewport import Frame, Picture, Viewport, fitting_zoom, frame_of
-from holoview.session.look import NOW, Look
+from holoview.session.look import NOW, TARGET, Look
 
 if TYPE_CHECKING:
     from holoview.app.app import App
@@ -39,6 +39,7 @@ class ImagePanel(Panel):
         self._begun: tuple[float, float] | None = None
         self._drags_wipe = False
         self.holds_b = False
+        self._scale = 1.0
 
     def begin(self, app: App) -> None:
         self._viewport = Viewport(app.device, "viewport")
@@ -85,7 +86,9 @@ class ImagePanel(Panel):
     ) -> None:
         assert self._viewport is not None
         shape = app.session.state.shape if look.page == "image" else a.shape
-        self.frame = frame_of(look, size, shape)
+        self._scale = imgui.get_io().display_framebuffer_scale.x
+        pixels = (max(round(size[0] * self._scale), 1), max(round(size[1] * self._scale), 1))
+        self.frame = frame_of(look, pixels, shape)
         self.holds_b = look.compare == "hold" and imgui.is_key_down(imgui.Key.b)
         if self._viewport.draw(a, b, look, self.frame, holds_b=self.holds_b):
             if self._texture is not None:
@@ -116,14 +119,19 @@ class ImagePanel(Panel):
             drawn.add_line(
                 self._at(x0 + 0.5, y0 + 0.5, shape, corner), self._at(x1 + 0.5, y1 + 0.5, shape, corner), _LINE, 1.5
             )
-        for text, share in _side_names(look, self.holds_b):
+        has_target = app.session.wanted is not None
+        for text, share in _side_names(look, self.holds_b, has_target):
             _label(drawn, text, imgui.ImVec2(corner.x + share * size[0] + 8, corner.y + 6))
         drawn.pop_clip_rect()
 
     def _at(self, x: float, y: float, shape: tuple[int, int], corner: imgui.ImVec2) -> imgui.ImVec2:
         assert self.frame is not None
         column, row = self.frame.pixel(x / shape[1], y / shape[0])
-        return imgui.ImVec2(corner.x + column, corner.y + row)
+        return imgui.ImVec2(corner.x + column / self._scale, corner.y + row / self._scale)
+
+    def _pixel(self, at: imgui.ImVec2, corner: imgui.ImVec2) -> tuple[float, float]:
+        """The viewport's pixel at a place of the screen."""
+        return (at.x - corner.x) * self._scale, (at.y - corner.y) * self._scale
 
     # --- the hand ---------------------------------------------------------------------------------------------------
 
@@ -161,7 +169,8 @@ class ImagePanel(Panel):
         zoom = min(max((look.zoom or fit) * factor, min(_LEAST_ZOOM, fit)), _MOST_ZOOM)
         panes = 2 if look.compare == "side-by-side" else 1
         width = frame.size[0] // panes
-        x, y = (pointer.x - corner.x) % width if panes == 2 else pointer.x - corner.x, pointer.y - corner.y
+        x, y = self._pixel(pointer, corner)
+        x = x % width if panes == 2 else x
         u, v = frame.place(x, y)
         centre = (u - (x - width / 2) / (zoom * shape[1]), v - (y - frame.size[1] / 2) / (zoom * shape[0]))
         _view(app, zoom=zoom, centre=centre)
@@ -174,7 +183,7 @@ class ImagePanel(Panel):
     def _begin_drag(self, app: App, shape: tuple[int, int], corner: imgui.ImVec2, io: imgui.IO) -> None:
         look = app.session.look
         assert self.frame is not None
-        x = io.mouse_pos.x - corner.x
+        x = self._pixel(io.mouse_pos, corner)[0]
         self._drags_wipe = look.compare == "wipe" and abs(x - look.wipe * self.frame.size[0]) < _GRIP
         if app.tool or io.key_shift:
             app.tool = app.tool or "region"
@@ -184,13 +193,13 @@ class ImagePanel(Panel):
         look = app.session.look
         assert self.frame is not None
         if self._drags_wipe:
-            share = (io.mouse_pos.x - corner.x) / self.frame.size[0]
+            share = self._pixel(io.mouse_pos, corner)[0] / self.frame.size[0]
             app.look("Wipe", wipe=min(max(share, 0.0), 1.0))
         elif self._begun is not None:
             self._draw_tool(app, shape, self._begun, self._sample(shape, corner, io.mouse_pos))
         elif io.mouse_delta.x or io.mouse_delta.y:
             u, v = look.centre
-            step = self.frame.step
+            step = [self._scale * share for share in self.frame.step]
             zoom = look.zoom or fitting_zoom(look, self.frame.size, shape)
             _view(app, zoom=zoom, centre=(u - io.mouse_delta.x * step[0], v - io.mouse_delta.y * step[1]))
 
@@ -207,7 +216,7 @@ class ImagePanel(Panel):
     def _sample(self, shape: tuple[int, int], corner: imgui.ImVec2, at: imgui.ImVec2) -> tuple[float, float]:
         """Samples of the image at a place of the screen."""
         assert self.frame is not None
-        u, v = self.frame.place(at.x - corner.x, at.y - corner.y)
+        u, v = self.frame.place(*self._pixel(at, corner))
         return u * shape[1], v * shape[0]
 
     def _under_pointer(self, a: Picture | None, corner: imgui.ImVec2) -> tuple[float, float] | None:
@@ -215,7 +224,7 @@ class ImagePanel(Panel):
         if a is None or self.frame is None or not imgui.is_window_hovered():
             return None
         at = imgui.get_io().mouse_pos
-        u, v = self.frame.place(at.x - corner.x, at.y - corner.y)
+        u, v = self.frame.place(*self._pixel(at, corner))
         return (u, v) if 0 <= u < 1 and 0 <= v < 1 else None
 
 
@@ -224,16 +233,19 @@ def _view(app: App, **fields: object) -> None:
     app.attempt(app.session.look_at, "Zoom", undoable=False, **fields)
 
 
-def _side_names(look: Look, holds_b: bool) -> list[tuple[str, float]]:
+def _side_names(look: Look, holds_b: bool, has_target: bool) -> list[tuple[str, float]]:
     """Texts above the image and where, as a share of its width."""
     if look.page != "image" or look.compare == "off":
         return []
+    a, b = (
+        "no target yet: open a picture" if side == TARGET and not has_target else side.label
+        for side in (look.a, look.b)
+    )
     if look.compare == "hold":
-        return [(look.b.label if holds_b else f"{look.a.label}   (hold B: {look.b.label})", 0.0)]
+        return [(b if holds_b else f"{a}   (hold B: {b})", 0.0)]
     if look.compare == "difference":
-        return [(f"{look.a.label} − {look.b.label}", 0.0)]
-    share = 0.5 if look.compare == "side-by-side" else look.wipe
-    return [(look.a.label, 0.0), (look.b.label, share)]
+        return [(f"{a} − {b}", 0.0)]
+    return [(a, 0.0), (b, 0.5 if look.compare == "side-by-side" else look.wipe)]
 
 
 def _label(drawn: imgui.ImDrawList, text: str, at: imgui.ImVec2) -> None:

@@ -92,9 +92,9 @@ class LookPanel(Panel):
         frames, modulators = app.session.system.drive_shape[:2]
         for name, value, count in (("modulator", look.modulator, modulators), ("frame", look.frame, frames)):
             if count > 1:
-                changed, shown = imgui.slider_int(name, value + 1, 1, count)
+                changed, shown = imgui.combo(name, value, [str(number + 1) for number in range(count)])
                 if changed:
-                    app.look(name.capitalize(), **{name: min(max(shown - 1, 0), count - 1)})
+                    app.look(name.capitalize(), **{name: shown})
 
     def _draw_compare(self, app: App, look: Look) -> None:
         _chosen(app, "compare", COMPARES, look.compare, _COMPARE_DOCS)

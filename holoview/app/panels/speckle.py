@@ -12,7 +12,7 @@ from holoview.app.fields import tip
 from holoview.app.panel import Panel
 from holoview.session.live import Figures
 from holoview.session.measure import ContrastCurve, Profile, SpeckleHistogram
-from holoview.session.showcase import ShowcaseJob, showcase
+from holoview.session.showcase import Showcase, ShowcaseJob, showcase
 
 if TYPE_CHECKING:
     from holoview.app.app import App
@@ -65,6 +65,11 @@ class SpecklePanel(Panel):
             _draw_plots(figures)
         self._draw_showcase(app)
 
+    @property
+    def result(self) -> Showcase | None:
+        """What the last comparison of schemes found."""
+        return None if self._showcase is None else self._showcase.result
+
     def _draw_showcase(self, app: App) -> None:
         imgui.separator_text("Simultaneous beside HoloChrome")
         if app.session.wanted is not None:
@@ -80,10 +85,10 @@ class SpecklePanel(Panel):
             return
         if imgui.button("Compare##showcase", imgui.ImVec2(-1, 0)):
             self._compare(app)
-        if job is not None and job.result is not None:
-            for shown in (job.result.left, job.result.right):
+        if self.result is not None:
+            for shown in (self.result.left, self.result.right):
                 imgui.text_wrapped(f"{shown.name}: contrast {shown.contrast:.3f}")
-            imgui.text_disabled(job.result.how)
+            imgui.text_disabled(self.result.how)
 
     def _compare(self, app: App) -> None:
         with app.session.guard():
