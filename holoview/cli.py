@@ -23,7 +23,7 @@ COMMANDS = {
     "export": "write a hologram's patterns as PNG",
     "captures": "make, check, show and import measured captures",
     "diagnose": "name what the simulation of a measured bench gets wrong",
-    "calibrate": "learn a bench from captures, or a modulator's table from a sweep",
+    "calibrate": "learn a bench from captures, or a modulator's table",
     "bench": "measure how fast frames and edits are, beside torch",
     "demo": "make and show a hologram of the shipped picture",
 }
