@@ -24,7 +24,7 @@ COMMANDS = {
     "export": "write a hologram's patterns as PNG",
     "captures": "make, check, show and import measured captures",
     "diagnose": "name what the simulation of a measured bench gets wrong",
-    "calibrate": "learn a bench from captures, a table from a sweep",
+    "calibrate": "learn a bench from captures, or a modulator's table",
     "bench": "measure how fast frames and edits are, beside torch",
     "study": "make a figure of the paper again, with its numbers",
     "contrast": "measure the speckle contrast of a picture or bench",

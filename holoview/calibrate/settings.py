@@ -21,7 +21,10 @@ RATES: Mapping[str, float] = {
 }
 """The first step of each tensor, in its own unit."""
 
-BETAS = (0.9, 0.98)
+BETAS = (0.9, 0.95)
+
+FLOOR = 0.1
+"""Elements that the captures say little about move less: Adam would have them follow the noise in full steps."""
 
 _EPOCHS, _STEPS = 30, 300  # at least, of a calibration that isn't told how many
 

@@ -26,7 +26,7 @@ from holoview.calibrate.checkpoint import Checkpoint, Progress
 from holoview.calibrate.held_out import HeldOut
 from holoview.calibrate.material import Material
 from holoview.calibrate.model import Model, prior_cost
-from holoview.calibrate.settings import BETAS, RATES, Settings
+from holoview.calibrate.settings import BETAS, FLOOR, RATES, Settings
 from holoview.captures.session import Captures
 from holoview.diagnose.split import roughness
 from holoview.effects.learned import Layout, Learned
@@ -85,7 +85,7 @@ class _Training:
         self.train = split.train[np.argsort(rough[split.train], kind="stable")]
         self.judges = split.captures if len(split.captures) else split.train
         self.tensors = {n: t for n, t in Learned.nominal(layout).tensors.items() if t.numel()}
-        self.adam = {name: Adam(tensor, BETAS) for name, tensor in self.tensors.items()}
+        self.adam = {name: Adam(tensor, BETAS, FLOOR) for name, tensor in self.tensors.items()}
         self.mismatch = np.full(len(captures), _WORST_MISMATCH)
         self.best = {name: tensor.clone() for name, tensor in self.tensors.items()}
         self.progress = Progress(0, 0.0, math.inf)

@@ -132,12 +132,14 @@ def check_backend(args: argparse.Namespace) -> None:
 def system_of(args: argparse.Namespace) -> System:
     """The preset, driven by --scheme, with the changes of --set and the effects of --effects."""
     effects = effects_of(getattr(args, "switched_on", []))  # first: the preset may hold effects of one's own
-    system = preset.load(args.preset)
-    if effects:
-        system = system.edit(
-            {f"effects.{name}.{key}": x for name, table in effects.items() for key, x in table.items()}
-        )
+    system = with_effects(preset.load(args.preset), effects)
     return changed(system if args.scheme is None else with_scheme(system, args.scheme), args.changes)
+
+
+def with_effects(system: System, effects: dict[str, dict[str, float]]) -> System:
+    """A system with effects switched on beside those that it has."""
+    changes = {f"effects.{name}.{key}": value for name, table in effects.items() for key, value in table.items()}
+    return system.edit(changes) if changes else system
 
 
 def warn_of_camera_effects(system: System) -> None:

@@ -6,7 +6,7 @@ For capture k with counts y, black b, prediction m and frozen weights w = 1/σ,
 
 so the radiometric scale, jitter of exposure and of laser power never count as an error of the model. With `shifts` a
 sub-pixel movement of the camera in this capture, beyond what all captures share, is taken out too: to first order
-r − s·(w·a·∇m), s by least squares. The shared movement is an effect (`camera_alignment`) and stays in.
+r − s·(w·a·∇m), s by least squares. A shared movement is an effect (`camera_alignment`) and stays in.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ Values = Mapping[str, Mapping[str, float]]
 Floats = NDArray[np.float64]
 
 _MOST_SHIFT = 0.5  # pixels; beyond, the first order says nothing
+_STANDS_OUT = 5.0  # σ of the mean
 _TYPICAL_SHIFT = 0.2  # pixels, prior of the shift's size
 
 
@@ -116,13 +117,20 @@ class Comparison:
         solved = np.linalg.solve(normal + 1e-12 * np.eye(3) * np.trace(normal, axis1=1, axis2=2)[:, None, None], right[..., None])[..., 0]
         safe = np.where(np.abs(gain) > 0, gain, 1.0)
         shift = np.clip(-solved[:, 1:] / safe[:, None], -_MOST_SHIFT, _MOST_SHIFT)
-        shift = shift - shift.mean(axis=0)
+        shift = shift - _shared(shift)
         moved = -_each(gain * shift[:, 0]) * slope_y - _each(gain * shift[:, 1]) * slope_x
         weighted = self.weight * moved
         left = data - weighted
         power = np.maximum(np.einsum("kyx,kyx->k", model, model, dtype=np.float64), 1e-30)
         gain = np.einsum("kyx,kyx->k", left, model, dtype=np.float64) / power
         return Fitted(left - _each(gain) * model, gain, _each(gain) * signal + moved, shift)
+
+
+def _shared(shift: Floats) -> Floats:
+    """The movement that all captures share: their mean, where it stands out from their scatter, else none."""
+    mean = shift.mean(axis=0)
+    doubt = shift.std(axis=0, ddof=1) / np.sqrt(len(shift)) if len(shift) > 1 else np.zeros(2)
+    return np.where(np.abs(mean) > _STANDS_OUT * doubt, mean, 0.0)
 
 
 def gradient(images: Images) -> tuple[Images, Images]:

@@ -149,7 +149,7 @@ def _causes(bench: Bench, selection: Selection, decision: Decision) -> list[Caus
     effects = [bench.effects[name] for name in trial.causes]
     fitted = bench.judged_by(bench.split.fine, trial.values)
     at = tangent(trial, effects, fitted)
-    found = intervals(trial, at)
+    found = intervals(trial, at, fitted)
     alike = correlations(bench, trial, tangent(trial, effects, bench.judged_by(bench.split.coarse, trial.values)),
                          bench.judged_by(bench.split.coarse, trial.values))
     separate = separating(bench, decision.best, decision.rivals[0]) if decision.rivals else None

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
 Vector = NDArray[np.float64]
 Residuals = NDArray[np.float32]
@@ -17,15 +18,24 @@ Function = Callable[[Vector], Residuals]
 
 _GOLDEN = (5**0.5 - 1) / 2
 _FIRST_DAMPING, _MOST_TRIES = 1e-3, 5
+_SIMPLEX_EVALUATIONS, _BISECTIONS = 30, 6
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Where to look: lower ≤ x ≤ upper, `step` of the forward differences."""
+    """Where to look: lower ≤ x ≤ upper; `step` of the forward differences, of |x| too beyond 1 where `grows`."""
 
     lower: Vector
     upper: Vector
     step: Vector
+    grows: NDArray[np.bool_] | None = None
+
+    def step_at(self, x: Vector, axis: int) -> float:
+        """The step of one axis, away from the nearer bound."""
+        step = float(self.step[axis])
+        if self.grows is not None and self.grows[axis]:
+            step *= max(1.0, abs(float(x[axis])))
+        return step if x[axis] + step <= self.upper[axis] else -step
 
     def clip(self, x: Vector) -> Vector:
         """The nearest point inside."""
@@ -45,8 +55,8 @@ class Minimum:
 def jacobian(function: Function, x: Vector, residual: Residuals, bounds: Bounds) -> NDArray[np.float32]:
     """Slopes (parameter, residual) by one-sided differences, away from the nearer bound."""
     columns = np.empty((len(x), residual.size), dtype=np.float32)
-    for i, step in enumerate(bounds.step):
-        signed = step if x[i] + step <= bounds.upper[i] else -step
+    for i in range(len(x)):
+        signed = bounds.step_at(x, i)
         moved = x.copy()
         moved[i] += signed
         columns[i] = (function(moved) - residual).ravel() / np.float32(signed)
@@ -110,6 +120,44 @@ def golden_section(
             at_right = at(right)
     best = min(best, at_left, at_right, key=lambda m: m.cost)
     return Minimum(best.x, best.cost, best.residual, evaluations)
+
+
+def simplex(function: Function, start: Minimum, axes: list[int], reach: Vector, bounds: Bounds) -> Minimum:
+    """Nelder and Mead's search along some axes from a simplex of size `reach`, for coupled parameters with jumps."""
+
+    def point(part: Vector) -> Vector:
+        x = start.x.copy()
+        x[axes] = part
+        return bounds.clip(x)
+
+    first = start.x[axes]
+    corners = np.vstack([first, *(first + np.eye(len(axes))[k] * reach[k] for k in range(len(axes)))])
+    options = {"initial_simplex": corners, "maxfev": _SIMPLEX_EVALUATIONS * len(axes), "xatol": 1e-4, "fatol": 1e-6 * start.cost}
+    found = minimize(lambda part: _cost(function(point(part))), first, method="Nelder-Mead", options=options)
+    if not found.fun < start.cost:
+        return start
+    x = point(found.x)
+    return Minimum(x, float(found.fun), function(x), int(found.nfev))
+
+
+def profile_width(function: Function, at: Minimum, axis: int, bounds: Bounds, rise: float) -> float:
+    """How far an axis may move either way before the cost has risen by `rise`: half a confidence interval."""
+    widest = 0.0
+    for sign in (-1.0, 1.0):
+        low, high = 0.0, 0.25 * bounds.step[axis]
+
+        def risen(distance: float, sign: float = sign) -> bool:
+            x = at.x.copy()
+            x[axis] += sign * distance
+            return not _cost(function(bounds.clip(x))) < at.cost + rise
+
+        while not risen(high) and high < 8 * bounds.step[axis]:
+            low, high = high, 2 * high
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if risen(middle) else (middle, high)
+        widest = max(widest, high)
+    return widest
 
 
 def _step(normal: NDArray[np.float64], gradient: Vector, damping: float, x: Vector, bounds: Bounds) -> Vector:

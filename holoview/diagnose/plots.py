@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import textwrap
 from collections.abc import Sequence
 
 import numpy as np
@@ -32,6 +33,8 @@ def residual_maps(samples: Sequence[Sample]) -> Figure:
     rows, columns = samples[0].light.shape
     figure = Figure(figsize=(13.5, 0.35 + (2.7 * rows / columns + 0.3) * len(samples)), dpi=_DPI, layout="constrained")
     axes = figure.subplots(len(samples), len(heads), squeeze=False)
+    for axis, head in zip(axes[0], heads, strict=True):
+        axis.set_title(head, fontsize=9)
     for sample, line in zip(samples, axes, strict=True):
         brightest = float(np.quantile(sample.light, 0.995))
         pictures = (sample.light, sample.predicted[0], sample.residual[0], sample.predicted[1], sample.residual[1])
@@ -43,8 +46,6 @@ def residual_maps(samples: Sequence[Sample]) -> Figure:
                 axis.imshow(picture, cmap="gray", vmin=0, vmax=brightest, interpolation="nearest")
             axis.set_xticks([])
             axis.set_yticks([])
-            if line is axes[0]:
-                axis.set_title(head, fontsize=9)
         line[0].set_ylabel(f"capture {sample.capture}\n{short(sample.wavelength_m, 'nm')}", fontsize=8)
     return figure
 
@@ -103,6 +104,4 @@ def _paired_bars(axis: Axes, before: Sequence[Bin], after: Sequence[Bin]) -> Non
 
 
 def _wrapped(name: str) -> str:
-    words = name.split()
-    half = (len(words) + 1) // 2
-    return " ".join(words[:half]) + ("\n" + " ".join(words[half:]) if len(words) > 2 else "")
+    return textwrap.fill(name, 16)

@@ -54,7 +54,10 @@ def screen(bench: Bench, base: Found, effects: Sequence[Effect], report: Progres
     nothing = cost_of(comparison, base)
     ordered = sorted(effects, key=lambda e: (effort(bench, e), e.id))
     if off_by < _TANGENT_BELOW:
-        ordered = _promising(bench, base, ordered, comparison, report, note)
+        doubled = copies(base, comparison)
+        look = _scanned(bench, base, comparison, doubled)
+        yield _better(bench.map(look, [e for e in ordered if doubled(e)], report, note), nothing)
+        ordered = _promising(bench, base, [e for e in ordered if not doubled(e)], comparison, report, note)
         yield _better(bench.map(_local(comparison, base, 4), ordered, report, note), nothing)
         return
     if off_by < _LOCAL_BELOW:
@@ -118,7 +121,7 @@ def _local(comparison: Comparison, base: Found, iterations: int) -> Look:
 
 def _scanned(bench: Bench, base: Found, comparison: Comparison, starts: Hints) -> Look:
     """Scan on a few captures, local fits on all of the comparison's."""
-    few = bench.coarse_comparison(_spread(bench, _SCAN_CAPTURES), 1.0)
+    few = bench.coarse_comparison(_spread(bench, _SCAN_CAPTURES), min(1.0, mismatch(bench, base)))
 
     def look(effect: Effect) -> Trial:
         points = list(effect.starts(bench.system))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.levenberg import Minimum, Vector, golden_section, jacobian, levenberg_marquardt
+from holoview.diagnose.levenberg import Minimum, Vector, golden_section, jacobian, levenberg_marquardt, simplex
 from holoview.diagnose.unknowns import Found, Unknowns, unknowns
 from holoview.effects.effect import Effect
 from holoview.errors import UserError
@@ -145,9 +145,9 @@ def _distance(a: Trial, b: Trial, effect: Effect) -> float:
 
 
 def sharpened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
-    """Golden sections along each sharp parameter in turn, twice around where there are several.
+    """The last digits of parameters with hard edges, which a local fit takes long steps over.
 
-    Their steps in a local fit are as long as it takes to see a slope; here they get their last digits.
+    One: golden section. Several: a simplex search, twice, since they make up for each other.
     """
     free = unknowns(effects)
     sharp = [axis for axis, (_, p) in enumerate(free.entries) if p.sharp]
@@ -155,9 +155,10 @@ def sharpened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -
         return trial
     function, bounds = residual_of(free, trial.values, comparison), free.bounds()
     best = Minimum(free.pack(trial.values), trial.cost, comparison.residual(trial.values), 0)
-    for width in (1.0, 0.3)[: 1 + (len(sharp) > 1)]:
-        for axis in sharp:
-            reach = width * bounds.step[axis]
-            found = golden_section(function, best.x, bounds, axis, reach)
-            best = found if found.cost < best.cost else best
+    if len(sharp) == 1:
+        found = golden_section(function, best.x, bounds, sharp[0], float(bounds.step[sharp[0]]))
+        best = found if found.cost < best.cost else best
+    else:
+        for share in (1.0, 0.25):
+            best = simplex(function, best, sharp, share * bounds.step[sharp], bounds)
     return Trial(trial.causes, free.unpack(best.x, trial.values), best.cost)

@@ -17,11 +17,13 @@ from scipy.stats import t as student
 
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.search import Trial, residual_of
-from holoview.diagnose.levenberg import jacobian
+from holoview.diagnose.levenberg import Minimum, jacobian, profile_width
 from holoview.diagnose.unknowns import Unknowns, unknowns
 from holoview.effects.effect import Effect
 
 _LEVEL = 0.95
+_MODEL_ACCURACY = 5e-4  # of a value: two programs for the same physics hardly agree better on grids of this size
+_EDGE_RISE = 25.0  # χ² by which an edge is surely on the wrong side of a sample
 Slopes = NDArray[np.float32]
 
 
@@ -52,7 +54,7 @@ def tangent(trial: Trial, effects: Sequence[Effect], comparison: Comparison) -> 
     return Tangent(free, slopes, residual, len(comparison.indices))
 
 
-def intervals(trial: Trial, at: Tangent) -> dict[tuple[str, str], Interval]:
+def intervals(trial: Trial, at: Tangent, comparison: Comparison) -> dict[tuple[str, str], Interval]:
     """The 95 % interval of each (effect, parameter); an infinite one where the data hold nothing about it."""
     count = len(at.free)
     normal = (at.slopes @ at.slopes.T).astype(np.float64)
@@ -69,9 +71,22 @@ def intervals(trial: Trial, at: Tangent) -> dict[tuple[str, str], Interval]:
     scale = at.free.values_per_unit(at.free.pack(trial.values))
     result = {}
     for i, (effect, parameter) in enumerate(at.free.entries):
+        value = trial.values[effect][parameter.name]
         sigma = float("inf") if blind[i] else float(np.sqrt(variance[i]) * abs(scale[i]))
-        result[effect, parameter.name] = Interval(trial.values[effect][parameter.name], sigma, factor * sigma)
+        sigma = float(np.hypot(sigma, _MODEL_ACCURACY * abs(value - parameter.identity)))
+        if parameter.sharp:
+            sigma = max(sigma, _edge_width(trial, at, i, comparison) * abs(scale[i]) / factor)
+        result[effect, parameter.name] = Interval(value, sigma, factor * sigma)
     return result
+
+
+def _edge_width(trial: Trial, at: Tangent, axis: int, comparison: Comparison) -> float:
+    """Half the interval of a parameter with a hard edge, which may move between two samples and change nothing."""
+    function = residual_of(at.free, trial.values, comparison)
+    x = at.free.pack(trial.values)
+    cost = float(np.square(at.residual, dtype=np.float64).sum())
+    rise = _EDGE_RISE * max(1.0, cost / comparison.count)
+    return profile_width(function, Minimum(x, cost, at.residual, 0), axis, at.free.bounds(), rise)
 
 
 def canonical_correlation(first: Slopes, second: Slopes, known: Slopes | None = None) -> float:

@@ -42,7 +42,7 @@ class Unknowns:
         lower = [(0.0 if p.even else p.to_fit(p.low)) / _scale(p) for _, p in self.entries]
         upper = [p.to_fit(p.high) / _scale(p) for _, p in self.entries]
         steps = [_SHARP_STEP if p.sharp else _STEP for _, p in self.entries]
-        return Bounds(np.array(lower), np.array(upper), np.array(steps))
+        return Bounds(np.array(lower), np.array(upper), np.array(steps), np.array([p.even for _, p in self.entries]))
 
     def values_per_unit(self, x: Vector) -> Vector:
         """∂value/∂x at x: turns the vector's uncertainty into the values'."""

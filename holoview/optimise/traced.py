@@ -3,7 +3,8 @@
     light₁ ─▶ V = H_gap·F light₁ ─▶ E = F⁻¹V ─▶ W = F[E·light₂]
 
 light is whatever the effects make of the optical paths that are sought. From W on, planes and gradients are those of
-`Model`; torch carries them from W to the paths. It takes about three times the memory and the time of `Model`.
+`Model`; torch carries them from W to the paths. An evaluation with its gradient takes 1.3 to 1.6 times as long as the
+plain bench's (holochrome-8 at 512×384 samples, 5 planes, one thread), and what torch keeps on the way comes on top.
 """
 
 from __future__ import annotations

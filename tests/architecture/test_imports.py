@@ -145,12 +145,19 @@ def test_nothing_below_the_app_and_the_command_line_imports_the_app() -> None:
     assert not {m for m in outside if any(_under(name, "holoview.app") for name in _imported(m))}
 
 
-@pytest.mark.parametrize("layer", ["optics", "engine", "optimise"])
+@pytest.mark.parametrize("layer", ["optics", "effects", "captures", "engine", "optimise"])
 def test_physics_does_not_look_up_to_what_uses_it(layer: str) -> None:
     above = ("holoview.view", "holoview.cli", "holoview.commands", "holoview.app")
     for module in (m for m in MODULES if _under(m, f"holoview.{layer}")):
         names = _imported(module, everywhere=True)
         assert not {name for name in names if any(_under(name, upper) for upper in above)}
+
+
+def test_effects_know_neither_what_computes_them_nor_what_looks_for_them() -> None:
+    users = ("engine", "gpu", "optimise", "captures", "diagnose")
+    for module in (m for m in MODULES if _under(m, "holoview.effects")):
+        names = _imported(module, everywhere=True)
+        assert not {name for name in names if any(_under(name, f"holoview.{user}") for user in users)}, module
 
 
 def test_imports_are_absolute() -> None:

@@ -65,12 +65,16 @@ def test_info_tells_them_in_words_and_writes_them_as_toml(holoview: Run, own: Pa
     assert '[effects.gap]\ngap_error = "0.3 mm"' in written
 
 
-def test_a_hologram_is_made_for_the_bench_as_it_is(holoview: Run, own: Path, picture: Path) -> None:
+def test_a_hologram_is_made_for_the_bench_as_it_is_and_shown_on_any(
+    holoview: Run, own: Path, picture: Path, tmp_path: Path
+) -> None:
     small = ("--iterations", 2, *SMALL)
     outcome = holoview("optimise", own, picture, *small, "-o", "a.safetensors")
     assert outcome.code == 0, outcome.err
-    rendered = holoview("render", "--hologram", "a.safetensors", "--backend", "torch", "-o", "a.png")
-    assert rendered.code == 0, rendered.err
+    for name, more in {"own": (), "other": ("--effects", "gap.gap_error=0mm", "crosstalk.sigma=0")}.items():
+        rendered = holoview("render", "--hologram", "a.safetensors", *more, "--backend", "torch", "-o", f"{name}.png")
+        assert rendered.code == 0, rendered.err
+    assert np.abs(_pixels(tmp_path / "own.png") - _pixels(tmp_path / "other.png")).mean() > 1
 
 
 def test_the_cameras_effects_are_set_apart(holoview: Run) -> None:
