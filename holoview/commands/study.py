@@ -6,7 +6,8 @@ import argparse
 import time
 from pathlib import Path
 
-from holoview.commands.common import make_folder, progress_bar, seed
+from holoview.cli import INTERRUPTED
+from holoview.commands.common import make_folder, progress_bar, say, seed
 from holoview.errors import UserError
 from holoview.study.registry import find_study, registry
 from holoview.study.report import claims_table, write_report
@@ -44,8 +45,14 @@ def run(args: argparse.Namespace) -> int:
     folder = args.output or Path("out") / f"study-{study.name}"
     make_folder(folder)
     jobs, started = study.jobs(scale, args.seed), time.monotonic()
-    with progress_bar(study.name) as report:
-        results = run_jobs(study, jobs, Store(folder / "jobs"), where, report)
+    store = Store(folder / "jobs")
+    try:
+        with progress_bar(study.name) as report:
+            results = run_jobs(study, jobs, store, where, report)
+    except KeyboardInterrupt:
+        kept = sum(store.find(job) is not None for job in jobs)
+        say(f"interrupted: {kept} of {len(jobs)} jobs are done and kept in {store.folder}; run it again for the rest")
+        return INTERRUPTED
     findings = study.findings(results)
     path = write_report(folder, study, scale, args.seed, findings)
     print(f"{study.title}\n{scale.name}: {scale.words}; {len(jobs)} jobs in {time.monotonic() - started:.0f} s")

@@ -19,11 +19,10 @@ class HologramStudy(Study):
         return scored_hologram(settings, report)
 
 
-def scheme_jobs(study: str, schemes: Sequence[str], scale: Scale, seed: int, **settings: Any) -> list[Job]:
+def scheme_jobs(study: Study, schemes: Sequence[str], scale: Scale, seed: int, **settings: Any) -> list[Job]:
     """A hologram for each scheme, target and seed."""
     return [
-        Job(
-            study,
+        study.job(
             f"{scheme}, {target}, seed {number}",
             {**scale.settings, "scheme": scheme, "target": target, "seed": number, **settings},
         )

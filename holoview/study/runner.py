@@ -1,23 +1,21 @@
 """Jobs done one after the other here, in processes of this machine, or by a Dask cluster; results kept as they come.
 
-A job that fails is tried again, elsewhere where there is an elsewhere; so is one whose process died. What is done
-stays done: a run that is repeated begins with what its store holds.
+A job that fails is tried again at once; so is one whose process died. What is done stays done: a run that is repeated
+begins with what its store holds.
 """
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
 from typing import Any
 
-import torch
-
+from holoview import __version__
 from holoview.errors import UserError
+from holoview.study.places import Place, Share, check_version, cluster, processes, share_of
 from holoview.study.store import Store
 from holoview.study.study import Job, Outcome, Study
 
@@ -35,11 +33,9 @@ class Where:
     scheduler: str | None = None
 
     @property
-    def words(self) -> str:
-        """In words."""
-        if self.scheduler is not None:
-            return f"the cluster at {self.scheduler}"
-        return f"{self.workers} processes" if self.workers > 1 else "one process"
+    def is_here(self) -> bool:
+        """Whether this process does everything itself."""
+        return self.workers == 1 and self.scheduler is None
 
 
 def run_jobs(
@@ -52,7 +48,8 @@ def run_jobs(
 ) -> list[tuple[Job, Outcome]]:
     """Every job with its result, in order; those that the store holds aren't done again.
 
-    Raises UserError when a job keeps failing, naming it, after all others are done and kept.
+    Raises UserError when a job keeps failing, naming it, after all others are done and kept; at once when a job
+    refuses its settings or a worker has another version of holoview.
     """
     waiting = [job for job in _different(jobs) if store.find(job) is None]
     done = len(jobs) - len(waiting)
@@ -64,12 +61,13 @@ def run_jobs(
         done += 1
         progress(done, len(jobs), job.label)
 
-    if where.workers == 1 and where.scheduler is None:
-        failed = _here(study, waiting, keep, lambda note: progress(done, len(jobs), note), retries)
-    else:
-        failed = _elsewhere(study, waiting, keep, where, retries)
-    if failed:
-        job, error = next(iter(failed.items()))
+    tries = _Tries(retries)
+    if where.is_here:
+        _here(study, waiting, keep, lambda note: progress(done, len(jobs), note), tries)
+    elif waiting:
+        with cluster(where.scheduler) if where.scheduler is not None else processes(where.workers) as place:
+            _there(study, waiting, keep, place, tries)
+    for job, error in tries.failed.items():
         raise UserError(
             f"job {job.label}",
             f"failed {retries + 1} times: {error}",
@@ -82,12 +80,34 @@ def run_jobs(
     return [(job, outcome) for job, outcome in found if outcome is not None]
 
 
-def do_job(study: Study, settings: Mapping[str, Any]) -> Outcome:
-    """Does a job in this process: what is sent to other ones, which import the study's module."""
+def do_job(shares: Share | dict[str, Share], study: Study, settings: Mapping[str, Any], version: str) -> Outcome:
+    """Does a job in a worker, which has imported the study's module, and torch with it, by now.
+
+    version: of the holoview that wants it done.
+    """
+    if version != __version__:
+        check_version(version, "the run that this worker serves")
+    share_of(shares).take()
     return study.work(settings, lambda note: None)
 
 
-Failed = dict[Job, BaseException]
+class _Tries:
+    """How often each job may fail yet, and the last error of those that may not any more."""
+
+    def __init__(self, retries: int) -> None:
+        self._retries = retries
+        self._used: dict[Job, int] = {}
+        self.failed: dict[Job, BaseException] = {}
+
+    def again(self, job: Job, error: BaseException) -> bool:
+        """Whether a job that failed so is to be tried again. Raises what another try would meet again."""
+        if isinstance(error, UserError):
+            raise error
+        self._used[job] = self._used.get(job, 0) + 1
+        if self._used[job] <= self._retries:
+            return True
+        self.failed[job] = RuntimeError("its process was killed") if isinstance(error, BrokenExecutor) else error
+        return False
 
 
 def _different(jobs: Sequence[Job]) -> list[Job]:
@@ -96,97 +116,45 @@ def _different(jobs: Sequence[Job]) -> list[Job]:
 
 
 def _here(
-    study: Study, jobs: Sequence[Job], keep: Callable[[Job, Outcome], None], note: Callable[[str], None], retries: int
-) -> Failed:
-    failed: Failed = {}
-    for job in jobs:
-        for left in range(retries, -1, -1):
-            try:
-                outcome = study.work(job.settings, partial(_noted, note, job.label))
-            except UserError:
-                raise  # another try would meet it again
-            except Exception as error:
-                if left == 0:
-                    failed[job] = error
-                continue
-            keep(job, outcome)
-            break
-    return failed
+    study: Study,
+    jobs: Sequence[Job],
+    keep: Callable[[Job, Outcome], None],
+    note: Callable[[str], None],
+    tries: _Tries,
+) -> None:
+    queue = deque(jobs)
+    while queue:
+        job = queue.popleft()
+        try:
+            outcome = study.work(job.settings, partial(_noted, note, job.label))
+        except Exception as error:
+            if tries.again(job, error):
+                queue.appendleft(job)
+            continue
+        keep(job, outcome)
 
 
 def _noted(note: Callable[[str], None], label: str, text: str) -> None:
     note(f"{label}: {text}")
 
 
-def _elsewhere(
-    study: Study, jobs: Sequence[Job], keep: Callable[[Job, Outcome], None], where: Where, retries: int
-) -> Failed:
-    """Jobs in a pool; where the pool itself broke (a process was killed), a new one takes what is left."""
-    left = dict.fromkeys(jobs, retries)
-    failed: Failed = {}
-    while left:
-        with _pool(where) as pool:
-            futures = {pool.submit(do_job, study, job.settings): job for job in left}
-            try:
-                _collect(futures, left, failed, keep)
-            except BaseException:
-                for future in futures:
-                    future.cancel()
-                raise
-    return failed
-
-
-def _collect(
-    futures: dict[Future[Outcome], Job],
-    left: dict[Job, int],
-    failed: Failed,
-    keep: Callable[[Job, Outcome], None],
+def _there(
+    study: Study, jobs: Sequence[Job], keep: Callable[[Job, Outcome], None], place: Place, tries: _Tries
 ) -> None:
-    """Keeps results as they come, until all have; what is to be tried again stays in `left`."""
-    waiting = set(futures)
-    while waiting:
-        ended, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-        for future in ended:
-            job, error = futures[future], future.exception()
-            if error is None:
-                del left[job]
-                keep(job, future.result())
-            elif isinstance(error, UserError) or left[job] == 0:
-                del left[job]
-                failed[job] = error
-            else:
-                left[job] -= 1
-
-
-@contextmanager
-def _pool(where: Where) -> Iterator[Executor]:
-    if where.scheduler is not None:
-        with _cluster(where.scheduler) as executor:
-            yield executor
-        return
-    threads = max((os.cpu_count() or 1) // where.workers, 1)
-    pool = ProcessPoolExecutor(where.workers, get_context("spawn"), torch.set_num_threads, (threads,))
+    """Jobs in a place, as many at a time as it has room for."""
+    queue, running = deque(jobs), dict[Future[Outcome], Job]()
     try:
-        yield pool
-    except BaseException:
-        for process in list((pool._processes or {}).values()):
-            process.terminate()
-        raise
+        while queue or running:
+            while queue and place.has_room:
+                job = queue.popleft()
+                running[place.submit(do_job, study, dict(job.settings), __version__)] = job
+            ended, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in ended:
+                job, error = running.pop(future), future.exception()
+                if error is None:
+                    keep(job, future.result())
+                elif tries.again(job, error):
+                    queue.appendleft(job)
     finally:
-        pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def _cluster(address: str) -> Iterator[Executor]:
-    try:
-        from distributed import Client
-    except ImportError as error:
-        remedy = 'pip install "holoview[cluster]"'
-        raise UserError("--scheduler", "dask.distributed isn't installed", remedy=remedy) from error
-    try:
-        client = Client(address, timeout="10s", set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
-        expected = "the address of a Dask scheduler that runs, such as tcp://host:8786"
-        raise UserError(f"--scheduler {address}", f"no answer: {error}", expected=expected) from error
-    with client, client.get_executor(pure=False) as executor:
-        yield executor
+        for future in running:
+            future.cancel()

@@ -34,11 +34,12 @@ class Job:
     study: str
     label: str
     settings: Mapping[str, Any]
+    revision: int = 1
 
     @cached_property
     def key(self) -> str:
-        """Equal for jobs whose results are equal: same settings, same version of holoview."""
-        text = json.dumps([self.study, self.settings, __version__], sort_keys=True)
+        """Equal for jobs whose results are equal: same settings, revision of the study, and version of holoview."""
+        text = json.dumps([self.study, self.revision, self.settings, __version__], sort_keys=True)
         return blake2b(text.encode(), digest_size=10).hexdigest()
 
 
@@ -99,6 +100,12 @@ class Study(ABC):
     """What it shows, and the figure of the paper, in a sentence or two."""
     reduced: str
     """What --quick changes, beside the size."""
+    revision: int = 1
+    """Raised when what a job computes is changed: results of before are then not found again."""
+
+    def job(self, label: str, settings: Mapping[str, Any]) -> Job:
+        """A job of this study."""
+        return Job(self.name, label, settings, self.revision)
 
     @abstractmethod
     def jobs(self, scale: Scale, seed: int) -> list[Job]:

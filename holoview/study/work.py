@@ -17,6 +17,7 @@ import holoview as hv
 from holoview.colour import to_srgb8
 from holoview.files import data_dir
 from holoview.hologram import Hologram
+from holoview.optimise.device import find_device
 from holoview.optimise.state import State
 from holoview.scheme import with_scheme
 from holoview.score import eyebox_of, halfway, score
@@ -53,7 +54,7 @@ def optimised(
     """The last state of the job's optimisation."""
     options = hv.Settings(iterations=settings["iterations"], seed=settings["seed"], **_options(settings))
     state: State | None = None
-    for state in hv.iterate(system, stack, options):
+    for state in hv.iterate(system, stack, options, device=find_device()):
         if state.iteration % _REPORT_EVERY == 0:
             report(f"{label}{state.iteration}/{state.iterations}, {state.psnr_db:.1f} dB")
     assert state is not None

@@ -23,7 +23,7 @@ class Probe(Study):
     reduced = ""
 
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
-        return [Job(self.name, f"square {n}", {"n": n + seed}) for n in range(6)]
+        return [self.job(f"square {n}", {"n": n + seed, "seconds": 0.2}) for n in range(20)]
 
     def work(self, settings: Mapping[str, Any], report: Report) -> Outcome:
         log = Path(settings["log"]) if "log" in settings else None
@@ -32,6 +32,8 @@ class Probe(Study):
                 file.write(f"{settings['n']} {os.getpid()}\n")
         fate, first = settings.get("fate"), log is not None and _times(log, settings["n"]) == 1
         if fate == "dies once" and first:
+            os.kill(os.getpid(), signal.SIGKILL)
+        if fate == "dies":
             os.kill(os.getpid(), signal.SIGKILL)
         if fate == "fails once" and first:
             raise RuntimeError("a stumble")

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from holoview.errors import UserError
+from holoview.study import places
 from holoview.study.runner import Where, run_jobs
 from holoview.study.store import Store
 from holoview.study.study import Job
@@ -24,20 +25,21 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 _PATIENCE_S = 60.0
 
 
-@pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     """Address of a scheduler, and its two workers of a thread each."""
-    file = tmp_path / "scheduler.json"
+    folder = tmp_path_factory.mktemp("cluster")
+    file = folder / "scheduler.json"
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
-    options = {"env": environment, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    options = {"env": environment, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
     scheduler = subprocess.Popen([*dask, "--no-dashboard", "--scheduler-file", str(file)], **options)
     worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(file), "--nthreads", "1"]
     workers = [subprocess.Popen([*worker, "--no-nanny", "--no-dashboard"], **options) for _ in range(2)]
     try:
         until = time.monotonic() + _PATIENCE_S
         while not file.exists() and time.monotonic() < until:
-            time.sleep(0.1)
+            time.sleep(0.02)
         with distributed.Client(scheduler_file=str(file), set_as_default=False) as client:
             client.wait_for_workers(2, timeout=_PATIENCE_S)
             address = client.scheduler.address
@@ -46,6 +48,24 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]
         for process in (*workers, scheduler):
             process.kill()
             process.wait()
+
+
+def test_workers_share_their_machine_and_need_the_same_holoview(
+    cluster: tuple[str, list[subprocess.Popen[bytes]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with places.cluster(cluster[0]) as place:
+        shares = place._shares  # type: ignore[attr-defined]
+        assert sorted(share.number for share in shares.values()) == [0, 1]
+        assert {share.threads for share in shares.values()} == {max(places.cores() // 2, 1)}
+        assert place.submit(_share_there).result() in shares.values()
+    monkeypatch.setattr(places, "__version__", "0.0")
+    said = r"worker tcp://.*: has holoview .*expected holoview 0\.0, as here"
+    with pytest.raises(UserError, match=said), places.cluster(cluster[0]):
+        pass
+
+
+def _share_there(shares: dict[str, places.Share]) -> places.Share:
+    return places.share_of(shares)
 
 
 def test_a_worker_that_is_killed_loses_nothing(
@@ -69,6 +89,7 @@ def test_a_worker_that_is_killed_loses_nothing(
     assert len(pids) == 2
 
 
-def test_a_scheduler_that_doesn_t_answer_is_named(tmp_path: Path) -> None:
+def test_a_scheduler_that_doesn_t_answer_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(places, "_PATIENCE_S", 0.5)
     with pytest.raises(UserError, match=r"--scheduler tcp://127.0.0.1:9: no answer.*a Dask scheduler that runs"):
         run_jobs(STUDY, [Job("probe", "one", {"n": 1})], Store(tmp_path), Where(scheduler="tcp://127.0.0.1:9"))

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from holoview.errors import UserError
-from holoview.study.runner import Where, run_jobs
+from holoview.study.places import Processes, Share, cores
+from holoview.study.runner import Where, do_job, run_jobs
 from holoview.study.store import Store
 from holoview.study.study import Job
 from tests.study.probe import STUDY
@@ -96,6 +97,72 @@ def test_a_process_that_is_killed_loses_nothing(store: Store, tmp_path: Path) ->
     assert [outcome.numbers["square"] for _, outcome in results] == [n**2 for n in range(5)]
 
 
+def test_only_the_job_whose_process_died_pays_for_it(store: Store, tmp_path: Path) -> None:
+    jobs = [_job(0, log=str(tmp_path / "log"), fate="dies"), *(_job(n, seconds=0.1) for n in range(1, 6))]
+    with pytest.raises(UserError, match=r"job square 0: failed 2 times: its process was killed.*5 of 6 jobs are done"):
+        run_jobs(STUDY, jobs, store, Where(2), retries=1)
+    assert _log(tmp_path / "log") == [0, 0]
+
+
+def test_a_job_that_failed_is_tried_again_before_the_others(store: Store, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    run_jobs(STUDY, [_job(1, log=str(log), fate="fails once"), _job(3, log=str(log))], store)
+    assert [line.split()[0] for line in log.read_text().splitlines()] == ["1", "1", "3"]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_refusal_is_passed_on_and_not_tried_again(workers: int, store: Store, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="n: 1; expected another"):
+        run_jobs(STUDY, [_job(1, log=str(tmp_path / "log"), fate="refuses")], store, Where(workers))
+    assert _log(tmp_path / "log") == [1]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
+def test_ctrl_c_in_a_terminal_keeps_what_is_done(tmp_path: Path) -> None:
+    """A terminal sends SIGINT to the program and to its workers."""
+    program = (
+        "import sys; from holoview import cli; from holoview.study import registry\n"
+        "from tests.study.probe import STUDY\n"
+        "registry.registry = lambda: {'probe': STUDY}; sys.exit(cli.main())"
+    )
+    command = [sys.executable, "-c", program, "study", "probe", "-o", str(tmp_path), "--workers", "2"]
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, cwd=ROOT, start_new_session=True, **pipes) as process:
+        until = time.monotonic() + 60
+        while not list(tmp_path.glob("jobs/*.json")) and time.monotonic() < until:
+            time.sleep(0.02)
+        os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    kept = len(list(tmp_path.glob("jobs/*.json")))
+    assert (process.returncode, out) == (130, "")
+    assert 0 < kept < 20
+    assert err == (
+        f"interrupted: {kept} of 20 jobs are done and kept in {tmp_path / 'jobs'}; run it again for the rest\n"
+    )
+
+
+def test_processes_share_the_cores() -> None:
+    place = Processes(2)
+    shares = [share for share, _ in place._idle]
+    assert sorted(share.number for share in shares) == [0, 1]
+    assert all(share.threads == max(cores() // 2, 1) for share in shares)
+    place.stop(kill=False)
+
+
+def test_a_share_keeps_torch_to_its_threads() -> None:
+    import torch
+
+    before = torch.get_num_threads()
+    Share(threads=3).take()
+    assert torch.get_num_threads() == 3
+    torch.set_num_threads(before)
+
+
+def test_a_worker_of_another_version_refuses() -> None:
+    with pytest.raises(UserError, match=r"holoview"):
+        do_job(Share(), STUDY, {"n": 1}, "0.0")
+
+
 def test_a_run_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     folder, log = tmp_path / "jobs", tmp_path / "log"
     program = (
@@ -139,3 +206,5 @@ def test_keys_tell_settings_apart() -> None:
     assert _job(1).key == _job(1).key
     assert _job(1).key != _job(2).key
     assert _job(1).key != Job("other", "square 1", {"n": 1}).key
+    assert _job(1).key != Job("probe", "square 1", {"n": 1}, revision=2).key
+    assert _job(1).key == STUDY.job("another label", {"n": 1}).key

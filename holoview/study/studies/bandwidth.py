@@ -29,8 +29,7 @@ class _Bandwidth(HologramStudy):
 
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
         return [
-            Job(
-                self.name,
+            self.job(
                 f"{count} wavelengths {spacing} nm apart, {target}, seed {number}",
                 {
                     **scale.settings,

@@ -37,8 +37,7 @@ class _Contrast(Study):
 
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
         return [
-            Job(
-                self.name,
+            self.job(
                 f"{count} {way}, seed {number}",
                 {"shape": list(at_least(scale)), "way": way, "count": count, "seed": number},
             )

@@ -31,7 +31,7 @@ class _Defocus(Study):
     reduced = "Quick: 128 x 96 samples, 3 planes to optimise and 40 iterations."
 
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
-        return scheme_jobs(self.name, _SCHEMES, scale, seed, sweep=_SWEEP)
+        return scheme_jobs(self, _SCHEMES, scale, seed, sweep=_SWEEP)
 
     def work(self, settings: Mapping[str, Any], report: Report) -> Outcome:
         system = bench_of(settings)

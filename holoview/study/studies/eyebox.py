@@ -23,7 +23,7 @@ class _Eyebox(HologramStudy):
 
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
         schemes = [_scheme(count, frames) for frames in _FRAMES for count in _COUNTS]
-        return scheme_jobs(self.name, schemes, scale, seed)
+        return scheme_jobs(self, schemes, scale, seed)
 
     def findings(self, results: Results) -> Findings:
         table = {

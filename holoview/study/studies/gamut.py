@@ -32,7 +32,7 @@ class _Gamut(HologramStudy):
         return [
             job
             for saturation in _SATURATIONS
-            for job in scheme_jobs(self.name, (_FEW, _MANY), scale, seed, saturation=saturation)
+            for job in scheme_jobs(self, (_FEW, _MANY), scale, seed, saturation=saturation)
         ]
 
     def findings(self, results: Results) -> Findings:

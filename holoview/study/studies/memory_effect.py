@@ -39,7 +39,7 @@ class _MemoryEffect(Study):
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
         shared = {"grid": "periodic", "shape": list(at_least(scale)), "planes": 1, "scheme": "simultaneous"}
         return [
-            Job(self.name, f"{way}, {_gap_words(gap)}, seed {n}", {**shared, "way": way, "gap_mm": gap, "seed": n})
+            self.job(f"{way}, {_gap_words(gap)}, seed {n}", {**shared, "way": way, "gap_mm": gap, "seed": n})
             for way in _WAYS
             for gap in _GAPS_MM
             for n in range(seed, seed + max(scale.seeds, 2))

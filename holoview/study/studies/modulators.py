@@ -27,7 +27,7 @@ class _Modulators(HologramStudy):
     reduced = "Quick: 128 x 96 samples, 3 planes and 40 iterations; the eyebox penalty has less time to act."
 
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
-        free, even = (scheme_jobs(self.name, _SCHEMES, scale, seed, options=options) for options in (_FREE, _EVEN))
+        free, even = (scheme_jobs(self, _SCHEMES, scale, seed, options=options) for options in (_FREE, _EVEN))
         return free + even
 
     def findings(self, results: Results) -> Findings:

@@ -33,8 +33,7 @@ class _Multiplexing(Study):
 
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
         return [
-            Job(
-                self.name,
+            self.job(
                 f"{drive}, {mix:.0%} of the longer wavelength, {target}, seed {number}",
                 {
                     **scale.settings,

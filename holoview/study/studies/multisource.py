@@ -26,7 +26,7 @@ class _Multisource(HologramStudy):
     reduced = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
 
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
-        return scheme_jobs(self.name, _SCHEMES, scale, seed)
+        return scheme_jobs(self, _SCHEMES, scale, seed)
 
     def findings(self, results: Results) -> Findings:
         cases = [{"scheme": scheme} for scheme in _SCHEMES]

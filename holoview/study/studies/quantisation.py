@@ -29,8 +29,8 @@ class _Quantisation(HologramStudy):
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
         jobs: list[Job] = []
         for change in _cases().values():
-            jobs += scheme_jobs(self.name, [_SCHEME], scale, seed, set=change)
-        return jobs + scheme_jobs(self.name, [_BINARY], scale, seed, set={"levels": 2, "stroke": _HALF_WAVE})
+            jobs += scheme_jobs(self, [_SCHEME], scale, seed, set=change)
+        return jobs + scheme_jobs(self, [_BINARY], scale, seed, set={"levels": 2, "stroke": _HALF_WAVE})
 
     def findings(self, results: Results) -> Findings:
         names = [*_cases(), "binary, 12 frames of 3 lasers"]

@@ -28,7 +28,7 @@ class _Schemes(HologramStudy):
     reduced = "Quick: 128 x 96 samples, 3 planes and 40 iterations; gains scatter by about 0.3 dB."
 
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
-        return scheme_jobs(self.name, _SCHEMES, scale, seed)
+        return scheme_jobs(self, _SCHEMES, scale, seed)
 
     def findings(self, results: Results) -> Findings:
         levels = means(results, ("psnr_db", "between_db"), [{"scheme": scheme} for scheme in _SCHEMES])

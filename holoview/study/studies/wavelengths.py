@@ -26,7 +26,7 @@ class _Wavelengths(HologramStudy):
     reduced = "Quick: 128 x 96 samples, 3 planes; 20 of 40 iterations are left for the patterns alone."
 
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
-        fixed, free = (scheme_jobs(self.name, _SCHEMES, scale, seed, options=options) for options in (_FIXED, _FREE))
+        fixed, free = (scheme_jobs(self, _SCHEMES, scale, seed, options=options) for options in (_FIXED, _FREE))
         return fixed + free
 
     def findings(self, results: Results) -> Findings:
