@@ -68,7 +68,7 @@ class Kernels:
 
 
 def works_in_place(strategy: Strategy) -> bool:
-    """Whether fields are propagated in place where they may be: faster, but not by passes, which have less to compile."""
+    """Whether fields are propagated in place: faster, except by passes, which have less to compile if they aren't."""
     return strategy != "passes"
 
 
