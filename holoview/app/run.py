@@ -82,8 +82,9 @@ def in_browser(
         from rendercanvas.http import RenderCanvas, loop
     except ImportError as error:
         raise UserError("--serve", f"{error}", remedy='pip install "holoview[serve]"') from error
-    app = _begin(session, device, RenderCanvas(size=size, title=_TITLE, max_fps=30), store, names)
-    _run(app, store, loop, lambda: serve(address, began))
+    canvas = RenderCanvas(size=size, title=_TITLE, max_fps=30)
+    app = _begin(session, device, canvas, store, names)
+    _run(app, store, loop, lambda: serve(address, began, canvas.get_closed))
 
 
 def _begin(session: Session, device: Device, canvas: Any, store: Store, names: Sequence[str]) -> App:
