@@ -63,7 +63,7 @@ class App:
         remember = store.preferences.remember if store is not None else lambda path: None
         self.loader = Loader(session, remember=remember)
         self.theme = str(store.preferences.get("theme", theme.THEMES[0])) if store else theme.THEMES[0]
-        self._toasts, self._textures = Toasts(session.messages), Textures(device)
+        self.toasts, self._textures = Toasts(session.messages), Textures(device)
         self.help = HelpOverlay(self)
         self.overlays: list[Panel] = [self.help]
         self.panels = [Guarded(panel(), self) for panel in panels]
@@ -141,13 +141,15 @@ class App:
         if not imgui.get_io().want_text_input:
             for command in list(self.commands.pressed()):
                 self.attempt(command.action)
+            if self.commands.is_repeating():
+                self.window.wake()
         self._refresh()
 
     def after_frame(self) -> None:
         """What lies above all panels."""
         for guarded in self._above:
             guarded.draw()
-        self._toasts.draw()
+        self.toasts.draw()
         self._measure()
 
     def advance(self) -> bool:
@@ -160,6 +162,11 @@ class App:
         if self._tunes and not self.is_busy:
             self.sides.now.poll()
         return self.sides.resting_s == 0 if self.sides.is_busy else self.stack.is_busy
+
+    def tick(self) -> None:
+        """Draws what changes by itself with time: tooltips, a text's cursor, messages that go. Call it now and then."""
+        if self.window.is_due() or self.toasts.has_changed():
+            self.window.wake()
 
     @property
     def is_busy(self) -> bool:

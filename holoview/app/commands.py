@@ -73,6 +73,10 @@ class Commands:
         command = self._by_name[name]
         return command.keys[0].text if command.keys else ""
 
+    def is_repeating(self) -> bool:
+        """Whether a key is held down whose command is called again and again."""
+        return any(chord.is_down() for command in self if command.is_held for chord in command.keys)
+
     def pressed(self) -> Iterator[Command]:
         """The commands whose keys were pressed since the last frame."""
         for command in self:

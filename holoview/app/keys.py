@@ -89,6 +89,10 @@ class Chord:
         extra = {Key.mod_shift.value} if name == "?" else set()
         return int(sum({_MODIFIERS[modifier].value for modifier in modifiers} | extra)) | key.value
 
+    def is_down(self) -> bool:
+        """Whether its key is held, whatever the modifiers."""
+        return imgui.is_key_down(Key(self.code & ~Key.mod_mask_.value))
+
     def was_pressed(self, repeat: bool = False) -> bool:
         """Whether exactly this chord was pressed since the last frame."""
         code = self.code

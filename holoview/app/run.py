@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from holoview.app.app import App
+from holoview.app.desktop import join_desktop
 from holoview.app.hand import Hand
 from holoview.app.script import run_script, screenshot, wait
 from holoview.app.serve import Address, serve
@@ -59,13 +59,8 @@ def on_screen(session: Session, device: Device, store: Store, size: tuple[int, i
         raise _no_screen(None)
     canvas = RenderCanvas(size=size, title=_TITLE, max_fps=60)
     app = _begin(session, device, canvas, store, names)
-    take_drop: Any = partial(_take_drop, app)  # the stub has the signature of C
-    glfw.set_drop_callback(canvas._window, take_drop)
+    join_desktop(app, glfw, canvas._window)
     _run(app, store, loop, loop.run)
-
-
-def _take_drop(app: App, window: Any, paths: Sequence[str]) -> None:
-    app.attempt(app.loader.open, list(paths) if len(paths) > 1 else paths[0])
 
 
 def in_browser(
@@ -82,8 +77,9 @@ def in_browser(
         from rendercanvas.http import RenderCanvas, loop
     except ImportError as error:
         raise UserError("--serve", f"{error}", remedy='pip install "holoview[serve]"') from error
-    app = _begin(session, device, RenderCanvas(size=size, title=_TITLE, max_fps=30), store, names)
-    _run(app, store, loop, lambda: serve(address, began))
+    canvas = RenderCanvas(size=size, title=_TITLE, max_fps=30)
+    app = _begin(session, device, canvas, store, names)
+    _run(app, store, loop, lambda: serve(address, began, canvas.get_closed))
 
 
 def _begin(session: Session, device: Device, canvas: Any, store: Store, names: Sequence[str]) -> App:
@@ -122,6 +118,7 @@ async def compute(app: App) -> None:
     from rendercanvas.utils.asyncs import sleep
 
     while not app.window.canvas.get_closed():
+        app.tick()
         await sleep(0 if app.advance() else max(app.sides.resting_s, _IDLE_S))
 
 

@@ -11,6 +11,7 @@ import ipaddress
 import secrets
 import socket
 from collections.abc import Awaitable, Callable, MutableMapping
+from contextlib import suppress
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
@@ -114,8 +115,13 @@ class Guard:
         return "" if found is None else found.value
 
 
-def serve(address: Address, began: Callable[[str], None], token: str | None = None) -> None:
-    """Serves the canvas of `rendercanvas.http` until it is interrupted; `began` is told the address with the token.
+def serve(
+    address: Address,
+    began: Callable[[str], None],
+    is_over: Callable[[], bool] = lambda: False,
+    token: str | None = None,
+) -> None:
+    """Serves the canvas of `rendercanvas.http` until it is interrupted or `is_over`; `began` is told the address.
 
     Raises UserError where the libraries for it are missing or the address can't be had.
     """
@@ -124,10 +130,18 @@ def serve(address: Address, began: Callable[[str], None], token: str | None = No
     with _listening(address) as listener:
         port = listener.getsockname()[1]
         guard = Guard(application, token, f"holoview-{port}")  # cookies know hosts, not ports
-        config = uvicorn.Config(guard, log_level="warning", lifespan="on")
+        config = uvicorn.Config(guard, log_level="warning", lifespan="on", timeout_notify=1)
+        server = uvicorn.Server(config)
+
+        async def look() -> None:
+            """Once a second: rendercanvas takes the keyboard's interrupt for itself, and closes its canvas."""
+            server.should_exit = server.should_exit or is_over()
+
+        config.callback_notify = look
         host = f"[{address.host}]" if ":" in address.host else address.host
         began(f"http://{host}:{port}/?token={token}")
-        uvicorn.Server(config).run(sockets=[listener])
+        with suppress(KeyboardInterrupt):
+            server.run(sockets=[listener])
 
 
 def _libraries() -> tuple[Any, Application]:

@@ -18,6 +18,7 @@ class Toasts:
     def __init__(self, messages: Messages) -> None:
         self._messages = messages
         self._closed: set[float] = set()
+        self._drawn: list[float] = []
 
     def visible(self) -> list[Message]:
         """Those that are to be seen, newest first."""
@@ -29,12 +30,18 @@ class Toasts:
         ]
         return sorted(found, key=lambda message: -message.when)[:_MOST]
 
+    def has_changed(self) -> bool:
+        """Whether others are to be seen than were drawn."""
+        return [message.when for message in self.visible()] != self._drawn
+
     def draw(self) -> None:
         """Draws them above everything else."""
         place = imgui.get_main_viewport()
         right = place.work_pos.x + place.work_size.x - _GAP
         bottom = place.work_pos.y + place.work_size.y - _GAP - imgui.get_frame_height()
-        for number, message in enumerate(self.visible()):
+        seen = self.visible()
+        self._drawn = [message.when for message in seen]
+        for number, message in enumerate(seen):
             bottom = self._draw_one(number, message, right, bottom) - _GAP
 
     def _draw_one(self, number: int, message: Message, right: float, bottom: float) -> float:

@@ -18,6 +18,18 @@ from holoview.gpu.device import Device, DeviceLost
 
 _LONGEST_FRAME_S, _SHORTEST_FRAME_S = 0.25, 1e-4
 _NOTCH = 100  # of the wheel, in rendercanvas's units
+_TOOLTIP_MOMENTS_S = (0.2, 0.45, 0.7)  # after the last event: ImGui counts the time that frames tell it
+_BLINK_S = 0.4
+_CURSORS = {
+    imgui.MouseCursor_.text_input: "text",
+    imgui.MouseCursor_.resize_all: "pointer",
+    imgui.MouseCursor_.resize_ns: "ns_resize",
+    imgui.MouseCursor_.resize_ew: "ew_resize",
+    imgui.MouseCursor_.resize_nesw: "nesw_resize",
+    imgui.MouseCursor_.resize_nwse: "nwse_resize",
+    imgui.MouseCursor_.hand: "pointer",
+    imgui.MouseCursor_.not_allowed: "not_allowed",
+}
 _SETTLING_FRAMES = 3  # drawn after an event: ImGui answers some of them a frame or two late
 
 
@@ -36,7 +48,8 @@ class Window:
         self.closed = False
         self.failed: BaseException | None = None
         self._frame_s, self._last = frame_s, time.perf_counter()
-        self._settling = _SETTLING_FRAMES
+        self._settling, self._event_at, self._rested = _SETTLING_FRAMES, self._last, 0
+        self._cursor = ""
         self._context = canvas.get_wgpu_context()
         self._format = self._context.get_preferred_format(device.raw.adapter).removesuffix("-srgb")
         self._context.configure(device=device.raw, format=self._format)
@@ -69,6 +82,15 @@ class Window:
         """Draws soon. From the thread of the window."""
         self._settling = max(self._settling, 1)
         self.canvas.request_draw()
+
+    def is_due(self) -> bool:
+        """Whether a frame is due without any event: tooltips wait for a moment of rest, a text's cursor blinks."""
+        now = time.perf_counter()
+        rested = sum(self._event_at + moment <= now for moment in _TOOLTIP_MOMENTS_S)
+        if rested > self._rested:
+            self._rested = rested
+            return True
+        return imgui.get_io().want_text_input and now - self._last > _BLINK_S
 
     def draw(self) -> None:
         """Draws a frame. An exception is kept in `failed` and raised: the canvas would only log it.
@@ -127,6 +149,10 @@ class Window:
 
     def _present(self) -> None:
         assert self._backend is not None
+        cursor = _CURSORS.get(imgui.MouseCursor_(imgui.get_mouse_cursor()), "default")
+        if cursor != self._cursor:
+            self._cursor = cursor
+            self.canvas.set_cursor(cursor)
         self.device.check_alive()
         encoder = self.device.raw.create_command_encoder(label="window")
         attachment = {
@@ -159,7 +185,7 @@ class Window:
             self._on_key(event["key"], kind == "key_down")
         elif kind == "char":
             io.add_input_characters_utf8(event.get("data") or "")
-        self._settling = _SETTLING_FRAMES
+        self._settling, self._event_at, self._rested = _SETTLING_FRAMES, time.perf_counter(), 0
         self.canvas.request_draw()
 
     def _on_key(self, name: str, is_down: bool) -> None:

@@ -97,6 +97,14 @@ def test_a_screen_of_high_resolution_is_drawn_in_its_pixels(make_gui: Callable[.
     assert np.array_equal(image[y0 + 40 : y1 - 40, x0 + 40 : x1 - 40], seen[40:-40, 40:-40])
 
 
+def test_the_manual_names_every_key(gui: Any) -> None:
+    manual = (Path(__file__).parents[2] / "docs" / "viewer.md").read_text(encoding="utf-8")
+    lines = manual.splitlines()
+    for command in gui.app.commands:
+        if command.keys:
+            assert any(f"`{command.keys[0].text}`" in line and command.name in line for line in lines), command.name
+
+
 # --- the command ----------------------------------------------------------------------------------------------------
 
 

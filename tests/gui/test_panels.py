@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -246,3 +247,24 @@ def test_an_edit_while_the_image_is_computed_drops_what_is_stale(make_gui: Calla
     assert gui.app.sides.now.full_scene.plane_m == 9.3e-3
     lights = gui.app.sides.now._full.session.kernels["light"]
     assert lights == 3  # the first rows of each laser, once: planes share them
+
+
+def test_a_key_that_is_held_goes_on_without_further_events(gui: Any) -> None:
+    gui.hold(("ArrowRight",))
+    first = gui.session.look.plane_m
+    gui.frames(40)
+    assert gui.app.commands.is_repeating()
+    assert gui.session.look.plane_m > first
+    gui.let_go(("ArrowRight",))
+    assert not gui.app.commands.is_repeating()
+
+
+def test_a_moment_after_the_last_event_frames_are_due_for_tooltips(gui: Any) -> None:
+    gui.move(gui.where("gap"))
+    time.sleep(0.75)
+    assert gui.app.window.is_due()
+    assert not gui.app.window.is_due()
+    gui.session.messages.post("something happened")
+    assert gui.app.toasts.has_changed()
+    gui.frames(2)
+    assert not gui.app.toasts.has_changed()

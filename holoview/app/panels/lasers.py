@@ -26,6 +26,7 @@ _CONES = (
     ("S", imgui.ImVec4(0.50, 0.60, 1.0, 0.75)),
 )
 _MOST_LASERS = 32
+_NAME_HEIGHT = 1.08  # of the cones' names, whose curves reach 1
 
 
 class LasersPanel(Panel):
@@ -61,16 +62,20 @@ class LasersPanel(Panel):
 
     def _draw_plot(self, app: App, system: System) -> None:
         height = min(max(imgui.get_content_region_avail().y * 0.42, 110), 220)
-        flags = implot.Flags_.no_menus | implot.Flags_.no_mouse_text | implot.Flags_.no_box_select
+        flags = (
+            implot.Flags_.no_menus | implot.Flags_.no_mouse_text | implot.Flags_.no_box_select | implot.Flags_.no_legend
+        )
         if not implot.begin_plot("##spectrum", imgui.ImVec2(-1, height), flags):
             return
         app.mark("spectrum")
         implot.setup_axes("wavelength (nm)", "", 0, implot.AxisFlags_.no_tick_labels)
-        implot.setup_axes_limits(*_SHOWN_NM, 0.0, 1.12)
+        implot.setup_axes_limits(*_SHOWN_NM, 0.0, 1.18)
         implot.setup_axis_limits_constraints(implot.ImAxis_.x1, 200, 2000)
-        implot.setup_legend(implot.Location_.north_east, implot.LegendFlags_.horizontal)
         for (name, colour), curve in zip(_CONES, self._cones, strict=True):
-            implot.plot_line(name, self._nm, curve, spec=implot.Spec(line_color=colour))
+            implot.plot_line(f"##{name}", self._nm, curve, spec=implot.Spec(line_color=colour))
+            implot.push_style_color(implot.Col_.inlay_text, colour)
+            implot.plot_text(name, float(self._nm[np.argmax(curve)]), _NAME_HEIGHT)
+            implot.pop_style_color()
         powers = system.amplitudes[self._frame]
         scale = self._held_scale or float(powers.max()) or 1.0
         is_held = False
