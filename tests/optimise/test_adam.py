@@ -61,3 +61,11 @@ def test_the_fall_is_half_a_cosine() -> None:
     assert cosine(1, 3) == pytest.approx(0.75)
     values = [cosine(done, 20) for done in range(21)]
     assert all(later < earlier for earlier, later in pairwise(values))
+
+
+def test_a_floor_slows_what_the_gradient_says_little_about_and_nothing_else() -> None:
+    gradient = torch.tensor([1.0, -1.0, 1e-6])
+    free, floored = Adam(gradient, (0.9, 0.95)), Adam(gradient, (0.9, 0.95), floor=0.1)
+    assert torch.allclose(free.direction(gradient), torch.tensor([1.0, -1.0, 1.0]))
+    # the third is divided by a tenth of the r.m.s. gradient √(2/3) instead of its own
+    assert torch.allclose(floored.direction(gradient), torch.tensor([1.0, -1.0, 1e-5 / (2 / 3) ** 0.5]))
