@@ -5,25 +5,28 @@ For capture k with counts y, black b, prediction m and frozen weights w = 1/σ,
     r = w·(y − b − a·m),   a = Σ w²(y − b)m / Σ w²m²
 
 so the radiometric scale, jitter of exposure and of laser power never count as an error of the model. With `shifts` a
-sub-pixel movement of the camera in this capture, beyond what all captures share, is taken out too: to first order
-r − s·(w·a·∇m), s by least squares. A shared movement is an effect (`camera_alignment`) and stays in.
+sub-pixel movement of the camera in this capture, beyond what all captures share, is taken out too. A shared movement is an effect (`camera_alignment`) and stays in.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.diagnose.measured import Images, Measured
+from holoview.diagnose.resample import gradient, moved
+from holoview.errors import UserError
 
 Values = Mapping[str, Mapping[str, float]]
 Floats = NDArray[np.float64]
 
 _MOST_SHIFT = 0.5  # pixels; beyond, the first order says nothing
+_AIM = "camera_alignment"
+_FIRST_ORDER = 0.02  # pixels; beyond, the movement is found in two steps
 _STANDS_OUT = 5.0  # σ of the mean
 _TYPICAL_SHIFT = 0.2  # pixels, prior of the shift's size
 
@@ -86,12 +89,9 @@ class Comparison:
         signal = np.asarray(prediction.signal, dtype=np.float32)
         extra = np.float32(prediction.offset - self.measured.camera.black_level)
         data = self._weighted - extra * self.weight if extra else self._weighted
-        model = self.weight * signal
-        power = np.maximum(np.einsum("kyx,kyx->k", model, model, dtype=np.float64), 1e-30)
-        gain = np.einsum("kyx,kyx->k", data, model, dtype=np.float64) / power
         if not self.shifts:
-            return Fitted(data - _each(gain) * model, gain, _each(gain) * signal)
-        return self._shifted(data, model, signal, gain)
+            return _fitted(data, self.weight, signal)
+        return self._shifted(data, self.weight * signal, signal, values)
 
     def residual(self, values: Values) -> NDArray[np.float32]:
         """Whitened residuals, flat: what a fit makes small."""
@@ -105,25 +105,54 @@ class Comparison:
         """Mean squared whitened residual of each capture."""
         return self.fit(values).squares / np.maximum(self.pixels, 1.0)
 
-    def _shifted(self, data: Images, model: Images, signal: Images, gain: Floats) -> Fitted:
-        """Gains and movements of each capture together, then the movements' mean put back."""
+    def _shifted(self, data: Images, model: Images, signal: Images, values: Values) -> Fitted:
+        """Gains and movements of each capture together; what all captures share of the movements stays in."""
+        shift = self._movement(data, model, signal)
+        if np.abs(shift).max() <= _FIRST_ORDER:
+            own = shift - _shared(shift)
+            return replace(_fitted(data, self.weight, moved(signal, own)), shift=shift)
+        nearer = moved(signal, shift)
+        shift = np.clip(shift + self._movement(data, self.weight * nearer, nearer), -_MOST_SHIFT, _MOST_SHIFT)
+        own = shift - _shared(shift)
+        choices = [moved(signal, own), self._aimed(values, own)]
+        fits = [_fitted(data, self.weight, choice) for choice in choices if choice is not None]
+        return replace(min(fits, key=lambda fit: float(fit.squares.sum())), shift=shift)
+
+    def _aimed(self, values: Values, shift: Floats) -> Images | None:
+        """Predictions with the camera moved: where pictures hold detail beyond their pixels, moving them isn't enough."""
+        pitch = self.measured.camera.pitch_m
+        signals = []
+        for index, (y, x) in zip(self.indices, shift * pitch, strict=True):
+            own = dict(values.get(_AIM, {}))
+            own |= {name: own.get(name, 0.0) + float(by) for name, by in (("shift_y", y), ("shift_x", x))}
+            try:
+                signals.append(np.asarray(self.predictor(np.array([index]), {**values, _AIM: own}).signal)[0])
+            except UserError:
+                return None
+        return np.stack(signals).astype(np.float32)
+
+    def _movement(self, data: Images, model: Images, signal: Images) -> Floats:
+        """(y, x) pixels by which each capture lies beyond the signal, to first order, its gain fitted too."""
         slope_y, slope_x = gradient(signal)
         columns = np.stack([model, self.weight * slope_y, self.weight * slope_x], axis=1)
-        flat = columns.reshape(len(gain), 3, -1)
+        flat = columns.reshape(len(signal), 3, -1)
         normal = (flat @ flat.transpose(0, 2, 1)).astype(np.float64)
-        right = np.einsum("kcp,kp->kc", flat, data.reshape(len(gain), -1), dtype=np.float64)
+        right = np.einsum("kcp,kp->kc", flat, data.reshape(len(signal), -1), dtype=np.float64)
+        gain = np.abs(right[:, 0]) / np.maximum(normal[:, 0, 0], 1e-30)
         for axis in (1, 2):
-            normal[:, axis, axis] += 1.0 / (np.maximum(gain, 1e-12) * _TYPICAL_SHIFT) ** 2
-        solved = np.linalg.solve(normal + 1e-12 * np.eye(3) * np.trace(normal, axis1=1, axis2=2)[:, None, None], right[..., None])[..., 0]
-        safe = np.where(np.abs(gain) > 0, gain, 1.0)
-        shift = np.clip(-solved[:, 1:] / safe[:, None], -_MOST_SHIFT, _MOST_SHIFT)
-        shift = shift - _shared(shift)
-        moved = -_each(gain * shift[:, 0]) * slope_y - _each(gain * shift[:, 1]) * slope_x
-        weighted = self.weight * moved
-        left = data - weighted
-        power = np.maximum(np.einsum("kyx,kyx->k", model, model, dtype=np.float64), 1e-30)
-        gain = np.einsum("kyx,kyx->k", left, model, dtype=np.float64) / power
-        return Fitted(left - _each(gain) * model, gain, _each(gain) * signal + moved, shift)
+            normal[:, axis, axis] += 1.0 / np.maximum(gain * _TYPICAL_SHIFT, 1e-12) ** 2
+        normal += 1e-9 * np.eye(3) * np.trace(normal, axis1=1, axis2=2)[:, None, None] + 1e-30 * np.eye(3)
+        solved = np.linalg.solve(normal, right[..., None])[..., 0]
+        safe = np.where(solved[:, 0] > 0, solved[:, 0], np.inf)
+        return np.asarray(np.clip(-solved[:, 1:] / safe[:, None], -_MOST_SHIFT, _MOST_SHIFT))
+
+
+def _fitted(data: Images, weight: Images, signal: Images) -> Fitted:
+    """A signal with the gains that suit the weighted data best."""
+    model = weight * signal
+    power = np.maximum(np.einsum("kyx,kyx->k", model, model, dtype=np.float64), 1e-30)
+    gain = np.einsum("kyx,kyx->k", data, model, dtype=np.float64) / power
+    return Fitted(data - _each(gain) * model, gain, _each(gain) * signal)
 
 
 def _shared(shift: Floats) -> Floats:
@@ -131,23 +160,6 @@ def _shared(shift: Floats) -> Floats:
     mean = shift.mean(axis=0)
     doubt = shift.std(axis=0, ddof=1) / np.sqrt(len(shift)) if len(shift) > 1 else np.zeros(2)
     return np.where(np.abs(mean) > _STANDS_OUT * doubt, mean, 0.0)
-
-
-def gradient(images: Images) -> tuple[Images, Images]:
-    """∂/∂y and ∂/∂x (per pixel) by a five-point stencil of fourth order; the outermost two pixels are zero."""
-    result = []
-    for axis in (1, 2):
-        slope = np.zeros_like(images)
-        n = images.shape[axis]
-        if n >= 5:
-            at = [_along(axis, slice(k, n - 4 + k)) for k in range(5)]
-            slope[at[2]] = (8 * (images[at[3]] - images[at[1]]) - (images[at[4]] - images[at[0]])) / np.float32(12)
-        result.append(slope)
-    return result[0], result[1]
-
-
-def _along(axis: int, part: slice) -> tuple[slice, ...]:
-    return tuple(part if a == axis else slice(None) for a in range(3))
 
 
 def _each(values: Floats) -> NDArray[np.float32]:

@@ -16,8 +16,9 @@ from holoview.captures.session import Captures
 from holoview.diagnose.bench import Bench, Progress, same_physics
 from holoview.diagnose.comparison import Comparison, Fitted, Values
 from holoview.diagnose.confounds import correlations, separating
-from holoview.diagnose.decide import Decision, Verdict, decide
+from holoview.diagnose.decide import QUIET, Decision, Verdict, decide
 from holoview.diagnose.diagnosis import Candidate, Cause, Diagnosis, Group, Quality, Sample
+from holoview.diagnose.drift import DRIFTING, drift
 from holoview.diagnose.excess import excess
 from holoview.diagnose.extend import Known
 from holoview.diagnose.freeform import lives_in, places
@@ -33,7 +34,7 @@ from holoview.effects.registry import registry
 from holoview.errors import UserError
 
 _LEAST_CAPTURES = 2
-_PATTERN_BELOW = 1.5  # χ²/n up to which residuals tell the pixels' own sensitivity from errors of the model
+_PATTERN_BELOW = 3.0  # χ²/n up to which residuals tell the pixels' own sensitivity from errors of the model
 _MOST_PATTERN = 0.1
 _SAMPLES = 4
 _UNEXPLAINED = 1.1  # χ²/n above which it is worth asking where the rest lives
@@ -111,6 +112,7 @@ def _diagnosed(bench: Bench, notes: list[str], report: Progress, free_maps: bool
         if bench.fixed_pattern:
             selection = judge(bench, [c.trial for c in selection.candidates])
     decision = decide(selection, bench.equals)
+    decision, notes = _forgiving_drift(bench, selection, decision, notes)
     law = _power_law(bench, decision)
     report(1, 1, "intervals, look-alikes")
     causes = _causes(bench, selection, decision)
@@ -131,6 +133,19 @@ def _with_pattern(bench: Bench, values: Found) -> Bench:
         expected.append(fitted.expected)
         usable.append(seen)
     return replace(bench, fixed_pattern=min(fixed_pattern(residuals, expected, usable), _MOST_PATTERN))
+
+
+def _forgiving_drift(
+    bench: Bench, selection: Selection, decision: Decision, notes: list[str]
+) -> tuple[Decision, list[str]]:
+    """Consistent after all, where lasers that drift without direction account for what is left; with a note."""
+    if decision.verdict is not Verdict.UNEXPLAINED or DRIFTING not in bench.effects:
+        return decision, notes
+    found = drift(selection.comparison, {}, bench.effects[DRIFTING])
+    if found.has_direction or found.chi2 - 1.0 > QUIET:
+        return decision, notes
+    note = f"The wavelengths drift by {found.rms * 1e9:.2g} nm (r.m.s.) between captures; that explains what is left."
+    return Decision(Verdict.CONSISTENT, None), [*notes, note]
 
 
 def _power_law(bench: Bench, decision: Decision) -> PowerLaw | None:
