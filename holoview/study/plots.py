@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator, ScalarFormatter
+from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from holoview.study.study import Plot
@@ -30,11 +30,12 @@ def figure_of(plot: Plot) -> Figure:
     return figure
 
 
-def png_bytes(plot: Plot) -> bytes:
-    """The figure as PNG."""
-    buffer = io.BytesIO()
-    figure_of(plot).savefig(buffer, format="png", dpi=_DPI)
-    return buffer.getvalue()
+def drawn(plot: Plot) -> dict[str, bytes]:
+    """The figure as PNG and as PDF, by these names."""
+    figure, kinds = figure_of(plot), {"png": io.BytesIO(), "pdf": io.BytesIO()}
+    for kind, buffer in kinds.items():
+        figure.savefig(buffer, format=kind, dpi=_DPI)
+    return {kind: buffer.getvalue() for kind, buffer in kinds.items()}
 
 
 def data_uri(png: bytes) -> str:
@@ -49,8 +50,8 @@ def bars(labels: Sequence[str], values: Mapping[str, Sequence[float]], axis: str
         axes = figure.subplots()
         places, width = np.arange(len(labels)), 0.8 / len(values)
         for i, (name, heights) in enumerate(values.items()):
-            drawn = axes.bar(places + (i - (len(values) - 1) / 2) * width, heights, width, label=name)
-            axes.bar_label(drawn, fmt="%.2f", fontsize=_SMALL)
+            group = axes.bar(places + (i - (len(values) - 1) / 2) * width, heights, width, label=name)
+            axes.bar_label(group, fmt="%.2f", fontsize=_SMALL)
         _name_bars(axes, labels, places)
         axes.set_ylabel(axis)
         if len(values) > 1:
@@ -63,8 +64,8 @@ def panels(labels: Sequence[str], values: Mapping[str, Sequence[float]]) -> Call
     """Bars of quantities that have nothing in common but their labels, a panel each with its name over it."""
 
     def draw(figure: Figure) -> None:
-        drawn = figure.subplots(1, len(values), squeeze=False)[0]
-        for axes, (name, heights) in zip(drawn, values.items(), strict=True):
+        panes = figure.subplots(1, len(values), squeeze=False)[0]
+        for axes, (name, heights) in zip(panes, values.items(), strict=True):
             places = np.arange(len(labels))
             axes.bar_label(axes.bar(places, heights), fmt="%.2f", fontsize=_SMALL)
             _name_bars(axes, labels, places)
@@ -139,5 +140,5 @@ def _double_logarithmic(axes: Axes) -> None:
     low, high = axes.get_ylim()
     axes.set_yticks([tick for tick in (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0) if low <= tick <= high])
     for along in (axes.xaxis, axes.yaxis):
-        along.set_major_formatter(ScalarFormatter())
+        along.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_locator(NullLocator())

@@ -57,7 +57,7 @@ def small_assets(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("assets")
     for name in ("still-life", "still-life-depth"):
         with Image.open(data_dir("assets") / f"{name}.png") as picture:
-            picture.reduce(8).save(folder / f"{name}.png")
+            picture.resize((64, 48), Image.Resampling.NEAREST).save(folder / f"{name}.png")
     return folder
 
 
