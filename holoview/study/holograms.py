@@ -19,11 +19,13 @@ class HologramStudy(Study):
         return scored_hologram(settings, report)
 
 
-def scheme_jobs(study: Study, schemes: Sequence[str], scale: Scale, seed: int, **settings: Any) -> list[Job]:
-    """A hologram for each scheme, target and seed."""
+def scheme_jobs(
+    study: Study, schemes: Sequence[str], scale: Scale, seed: int, what: str = "", **settings: Any
+) -> list[Job]:
+    """A hologram for each scheme, target and seed. what: what tells these from others of the study, for labels."""
     return [
         study.job(
-            f"{scheme}, {target}, seed {number}",
+            f"{scheme}{what and f', {what}'}, {target}, seed {number}",
             {**scale.settings, "scheme": scheme, "target": target, "seed": number, **settings},
         )
         for scheme in schemes

@@ -7,14 +7,19 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
 from holoview.study.study import Plot
 
 _SIZE = (6.4, 4.0)
 _DPI = 150
+_SMALL = 8
+_LEVEL_LABELS = 5
+"""As many labels stand side by side without being turned."""
 
 
 def figure_of(plot: Plot) -> Figure:
@@ -25,11 +30,12 @@ def figure_of(plot: Plot) -> Figure:
     return figure
 
 
-def png_bytes(plot: Plot) -> bytes:
-    """The figure as PNG."""
-    buffer = io.BytesIO()
-    figure_of(plot).savefig(buffer, format="png", dpi=_DPI)
-    return buffer.getvalue()
+def drawn(plot: Plot) -> dict[str, bytes]:
+    """The figure as PNG and as PDF, by these names."""
+    figure, kinds = figure_of(plot), {"png": io.BytesIO(), "pdf": io.BytesIO()}
+    for kind, buffer in kinds.items():
+        figure.savefig(buffer, format=kind, dpi=_DPI)
+    return {kind: buffer.getvalue() for kind, buffer in kinds.items()}
 
 
 def data_uri(png: bytes) -> str:
@@ -38,18 +44,32 @@ def data_uri(png: bytes) -> str:
 
 
 def bars(labels: Sequence[str], values: Mapping[str, Sequence[float]], axis: str) -> Callable[[Figure], None]:
-    """Groups of bars, a group a label and a colour a name in `values`."""
+    """Groups of bars, a group a label and a colour a name in `values`, all in the unit of the axis."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         places, width = np.arange(len(labels)), 0.8 / len(values)
         for i, (name, heights) in enumerate(values.items()):
-            drawn = axes.bar(places + (i - (len(values) - 1) / 2) * width, heights, width, label=name)
-            axes.bar_label(drawn, fmt="%.2f", fontsize=8)
-        axes.set_xticks(places, labels, rotation=15, ha="right")
+            group = axes.bar(places + (i - (len(values) - 1) / 2) * width, heights, width, label=name)
+            axes.bar_label(group, fmt="%.2f", fontsize=_SMALL)
+        _name_bars(axes, labels, places)
         axes.set_ylabel(axis)
         if len(values) > 1:
-            axes.legend(fontsize=8)
+            _legend(figure, len(values))
+
+    return draw
+
+
+def panels(labels: Sequence[str], values: Mapping[str, Sequence[float]]) -> Callable[[Figure], None]:
+    """Bars of quantities that have nothing in common but their labels, a panel each with its name over it."""
+
+    def draw(figure: Figure) -> None:
+        panes = figure.subplots(1, len(values), squeeze=False)[0]
+        for axes, (name, heights) in zip(panes, values.items(), strict=True):
+            places = np.arange(len(labels))
+            axes.bar_label(axes.bar(places, heights), fmt="%.2f", fontsize=_SMALL)
+            _name_bars(axes, labels, places)
+            axes.set_title(name, fontsize=10)
 
     return draw
 
@@ -67,14 +87,13 @@ def lines(
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         for name, (x, y) in curves.items():
-            axes.plot(x, y, "--" if name in dashed else "o-", markersize=4, label=name)
+            axes.plot(x, y, "k--" if name in dashed else "o-", markersize=4, linewidth=1.2, label=name)
         axes.set_xlabel(x_axis)
         axes.set_ylabel(y_axis)
         if logarithmic:
-            axes.set_xscale("log", base=2)
-            axes.set_yscale("log")
+            _double_logarithmic(axes)
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=8)
+        _legend(figure, len(curves))
 
     return draw
 
@@ -97,3 +116,29 @@ def heat_map(
         figure.colorbar(image, label=unit)
 
     return draw
+
+
+def _legend(figure: Figure, count: int) -> None:
+    """Above the axes, where it hides nothing."""
+    figure.legend(loc="outside upper center", ncols=count if count <= 3 else 2, fontsize=_SMALL, frameon=False)
+
+
+def _name_bars(axes: Axes, labels: Sequence[str], places: NDArray[np.integer]) -> None:
+    """Level where they fit; turned far enough that none runs into its neighbour otherwise."""
+    room = sum(map(len, labels)) <= 10 * _LEVEL_LABELS
+    if room and len(labels) <= _LEVEL_LABELS:
+        axes.set_xticks(places, labels, fontsize=_SMALL)
+    else:
+        axes.set_xticks(places, labels, rotation=35, ha="right", rotation_mode="anchor", fontsize=_SMALL)
+    axes.margins(y=0.12)
+
+
+def _double_logarithmic(axes: Axes) -> None:
+    """Powers of two along x, tenths along y, written as plain numbers."""
+    axes.set_xscale("log", base=2)
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
+    axes.set_yticks([tick for tick in (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0) if low <= tick <= high])
+    for along in (axes.xaxis, axes.yaxis):
+        along.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_locator(NullLocator())

@@ -18,7 +18,7 @@ from PIL import Image
 from holoview import __version__
 from holoview.files import replacing
 from holoview.pictures import write_png
-from holoview.study.plots import data_uri, figure_of, png_bytes
+from holoview.study.plots import data_uri, drawn
 from holoview.study.scale import Scale
 from holoview.study.study import Claim, Findings, Picture, Study
 
@@ -27,16 +27,17 @@ _LIBRARIES = ("numpy", "torch", "colour-science")
 
 def write_report(folder: Path, study: Study, scale: Scale, seed: int, findings: Findings) -> Path:
     """Writes report.html, numbers.csv (and numbers.parquet where pyarrow is installed) and the figures."""
-    for plot in findings.plots:
-        for kind in ("png", "pdf"):
-            with replacing(folder / f"{plot.name}.{kind}") as temporary:
-                figure_of(plot).savefig(temporary, dpi=150)
+    figures = {plot.name: drawn(plot) for plot in findings.plots}
+    for name, kinds in figures.items():
+        for kind, content in kinds.items():
+            with replacing(folder / f"{name}.{kind}") as temporary:
+                temporary.write_bytes(content)
     for picture in findings.pictures:
         write_png(folder / f"{picture.name}.png", picture.pixels, {"holoview.caption": picture.caption})
     _write_numbers(folder, findings.rows)
     path = folder / "report.html"
     with replacing(path) as temporary:
-        temporary.write_text(_page(study, scale, seed, findings), encoding="utf-8")
+        temporary.write_text(_page(study, scale, seed, findings, figures), encoding="utf-8")
     return path
 
 
@@ -58,7 +59,7 @@ def _verdict(claim: Claim) -> str:
     return f"{claim.verdict}: {claim.reason}" if claim.reason else claim.verdict
 
 
-def _page(study: Study, scale: Scale, seed: int, findings: Findings) -> str:
+def _page(study: Study, scale: Scale, seed: int, findings: Findings, figures: Mapping[str, Mapping[str, bytes]]) -> str:
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     template = environment.from_string(files(__package__).joinpath("report.html").read_text(encoding="utf-8"))
     columns = list(findings.rows[0]) if findings.rows else []
@@ -68,7 +69,7 @@ def _page(study: Study, scale: Scale, seed: int, findings: Findings) -> str:
         scale=f"Scale {scale.name}: {scale.words}; seed {seed}.",
         reduced=study.reduced if scale.name == "quick" else "",
         claims=findings.claims,
-        plots=[{"uri": data_uri(png_bytes(plot)), "caption": plot.caption} for plot in findings.plots],
+        plots=[{"uri": data_uri(figures[plot.name]["png"]), "caption": plot.caption} for plot in findings.plots],
         pictures=[{"uri": data_uri(_png(picture)), "caption": picture.caption} for picture in findings.pictures],
         notes=findings.notes,
         columns=columns,

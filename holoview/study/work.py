@@ -7,6 +7,7 @@ Everything is optimised and scored on a periodic grid, alike for all that are co
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -29,6 +30,15 @@ from holoview.view import View
 _BASE = "holochrome-8"
 _PLANES_M = (9e-3, 11e-3)
 _REPORT_EVERY = 10
+WORDS = {
+    "psnr_db": "at the planes",
+    "between_db": "halfway between them",
+    "speckle_contrast": "speckle contrast σ/μ",
+    "delta_e": "mean CIEDE2000",
+    "eyebox_variation": "eyebox: variation",
+    "eyebox_centre_share": "eyebox: centre",
+}
+"""What numbers are called in plots."""
 
 Settings = Mapping[str, Any]
 
@@ -124,11 +134,16 @@ def gains(results: Sequence[tuple[Job, Outcome]], better: Settings, worse: Setti
 def row(job: Job, outcome: Outcome, names: Sequence[str]) -> dict[str, Any]:
     """A row of the raw table: some of the job's settings, and all its numbers that are single."""
     single = {key: value for key, value in outcome.numbers.items() if not isinstance(value, list | dict)}
-    return {name: job.settings.get(name) for name in names} | single
+    return {name: _cell(job.settings.get(name)) for name in names} | single
+
+
+def _cell(setting: Any) -> Any:
+    """Tables and lists as text, which every format of a table holds."""
+    return json.dumps(setting) if isinstance(setting, list | dict) else setting
 
 
 def means(
     results: Sequence[tuple[Job, Outcome]], keys: Sequence[str], cases: Sequence[Settings]
 ) -> dict[str, list[float]]:
-    """The mean of some numbers in each case, a list a number; underscores in its name become spaces."""
-    return {key.replace("_", " "): [mean_of(results, key, **case) for case in cases] for key in keys}
+    """The mean of some numbers in each case, by what the number is called in plots."""
+    return {WORDS[key]: [mean_of(results, key, **case) for case in cases] for key in keys}

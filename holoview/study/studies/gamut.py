@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from holoview.colour import observer_weights
 from holoview.metrics.gamut import SRGB_AREA, chromaticity, gamut_area
 from holoview.scheme import with_scheme
-from holoview.study.claims import SHOWN, gain_claim
+from holoview.study.claims import FAILS, REPRODUCES, SHOWN, gain_claim
 from holoview.study.holograms import HologramStudy, Results, pictures_of, scheme_jobs, table_of
 from holoview.study.plots import lines
 from holoview.study.scale import Scale
@@ -17,6 +19,7 @@ from holoview.study.work import bench_of, gains, mean_of
 _SATURATIONS = (0.0, 0.5, 1.0, 2.0)
 _FEW, _MANY = "simultaneous", "holochrome-16"
 _PAPER_DB = {0.0: 4.1, 1.0: 2.1}
+_EQUAL_DB = 0.1
 
 
 class _Gamut(HologramStudy):
@@ -32,7 +35,9 @@ class _Gamut(HologramStudy):
         return [
             job
             for saturation in _SATURATIONS
-            for job in scheme_jobs(self, (_FEW, _MANY), scale, seed, saturation=saturation)
+            for job in scheme_jobs(
+                self, (_FEW, _MANY), scale, seed, f"saturation {saturation:g}", saturation=saturation
+            )
         ]
 
     def findings(self, results: Results) -> Findings:
@@ -41,15 +46,14 @@ class _Gamut(HologramStudy):
                 results,
                 f"luminance PSNR, 16 lasers against 3, saturation {saturation:g}",
                 paper_db,
-                {"scheme": _MANY, "saturation": saturation},
-                {"scheme": _FEW, "saturation": saturation},
+                *_pair(saturation),
                 key="luminance_psnr_db",
             )
             for saturation, paper_db in _PAPER_DB.items()
         ]
+        claims.append(_falls(results))
         for saturation in _SATURATIONS:
-            many, few = ({"scheme": scheme, "saturation": saturation} for scheme in (_MANY, _FEW))
-            change = float(gains(results, many, few, "delta_e").mean())
+            change = float(gains(results, *_pair(saturation), "delta_e").mean())
             here = f"{change:+.1f} (mean CIEDE2000)"
             claims.append(Claim(f"colour difference, saturation {saturation:g}", "lower", here, _lower(change)))
         base = bench_of(results[0][0].settings)
@@ -79,8 +83,20 @@ def _curve(results: Results, key: str, scheme: str) -> list[float]:
     return [mean_of(results, key, scheme=scheme, saturation=saturation) for saturation in _SATURATIONS]
 
 
+def _falls(results: Results) -> Claim:
+    grey, full = (
+        float(gains(results, *_pair(saturation), "luminance_psnr_db").mean()) for saturation in sorted(_PAPER_DB)
+    )
+    here, paper = f"{grey:+.2f} → {full:+.2f} dB", " → ".join(f"{gain:+.1f}" for gain in _PAPER_DB.values()) + " dB"
+    return Claim("that gain falls with saturation", paper, here, REPRODUCES if full < grey - _EQUAL_DB else FAILS)
+
+
+def _pair(saturation: float) -> tuple[dict[str, Any], dict[str, Any]]:
+    return {"scheme": _MANY, "saturation": saturation}, {"scheme": _FEW, "saturation": saturation}
+
+
 def _lower(change: float) -> str:
-    return "reproduces" if change < 0 else "doesn't reproduce"
+    return REPRODUCES if change < 0 else FAILS
 
 
 def _area(wavelengths_m: np.ndarray) -> float:

@@ -10,7 +10,7 @@ from holoview.study.holograms import HologramStudy, Results, scheme_jobs, table_
 from holoview.study.plots import bars
 from holoview.study.scale import Scale
 from holoview.study.study import Claim, Findings, Job, Plot
-from holoview.study.work import means
+from holoview.study.work import WORDS, means
 
 _SCHEME, _BINARY = "holochrome-8", "multiplexed-12"
 _MEASURED = "16 levels of a real modulator"
@@ -28,20 +28,22 @@ class _Quantisation(HologramStudy):
 
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
         jobs: list[Job] = []
-        for change in _cases().values():
-            jobs += scheme_jobs(self, [_SCHEME], scale, seed, set=change)
-        return jobs + scheme_jobs(self, [_BINARY], scale, seed, set={"levels": 2, "stroke": _HALF_WAVE})
+        for name, change in _cases().items():
+            jobs += scheme_jobs(self, [_SCHEME], scale, seed, name, set=change)
+        return jobs + scheme_jobs(self, [_BINARY], scale, seed, "binary", set={"levels": 2, "stroke": _HALF_WAVE})
 
     def findings(self, results: Results) -> Findings:
         names = [*_cases(), "binary, 12 frames of 3 lasers"]
         cases = [{"scheme": _SCHEME, "set": change} for change in _cases().values()] + [{"scheme": _BINARY}]
-        found = means(results, ("psnr_db",), cases)
-        psnr = dict(zip(names, found["psnr db"], strict=True))
+        found = means(results, ("psnr_db", "between_db"), cases)
+        psnr = dict(zip(names, found[WORDS["psnr_db"]], strict=True))
         lost = ", ".join(f"{name} {psnr[name] - psnr['continuous']:+.2f}" for name in names if name != "continuous")
         return Findings(
             rows=table_of(results, "set"),
             claims=[Claim("PSNR against continuous modulators (dB)", "", lost, SHOWN)],
-            plots=[Plot("levels", "PSNR of linear sRGB of what the modulators can show", bars(names, found, "dB"))],
+            plots=[
+                Plot("levels", "PSNR of linear sRGB of what the modulators can show", bars(names, found, "PSNR (dB)"))
+            ],
         )
 
 

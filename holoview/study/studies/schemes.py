@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from holoview.study.claims import gain_claim
 from holoview.study.holograms import HologramStudy, Results, pictures_of, scheme_jobs, table_of
-from holoview.study.plots import bars
+from holoview.study.plots import bars, panels
 from holoview.study.scale import Scale
 from holoview.study.study import Findings, Job, Plot
 from holoview.study.work import means
@@ -32,15 +32,14 @@ class _Schemes(HologramStudy):
 
     def findings(self, results: Results) -> Findings:
         levels = means(results, ("psnr_db", "between_db"), [{"scheme": scheme} for scheme in _SCHEMES])
-        speckle = means(results, ("speckle_contrast", "eyebox_variation"), [{"scheme": s} for s in _SCHEMES])
-        colour = means(results, ("delta_e",), [{"scheme": scheme} for scheme in _SCHEMES])
+        keys = ("speckle_contrast", "eyebox_variation", "delta_e")
+        others = means(results, keys, [{"scheme": scheme} for scheme in _SCHEMES])
         return Findings(
             rows=table_of(results),
             claims=[gain_claim(results, *claim) for claim in _CLAIMS],
             plots=[
                 Plot("psnr", "PSNR of linear sRGB, mean over targets and seeds", bars(_SCHEMES, levels, "PSNR (dB)")),
-                Plot("speckle", "Speckle contrast; variation of the eyebox's filling", bars(_SCHEMES, speckle, "σ/μ")),
-                Plot("colour", "Mean CIEDE2000", bars(_SCHEMES, colour, "CIEDE2000")),
+                Plot("others", "Speckle, eyebox and colour of the same; small is good", panels(_SCHEMES, others)),
             ],
             pictures=pictures_of(results),
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from holoview.study.claims import gain_claim
 from holoview.study.holograms import HologramStudy, Results, pictures_of, scheme_jobs, table_of
-from holoview.study.plots import bars
+from holoview.study.plots import bars, panels
 from holoview.study.scale import Scale
 from holoview.study.study import Findings, Job, Plot
 from holoview.study.work import means
@@ -27,6 +27,7 @@ class _WavelengthCount(HologramStudy):
 
     def findings(self, results: Results) -> Findings:
         cases = [{"scheme": scheme} for scheme in _SCHEMES]
+        keys = ("speckle_contrast", "eyebox_variation", "delta_e")
         return Findings(
             rows=table_of(results),
             claims=[
@@ -35,12 +36,12 @@ class _WavelengthCount(HologramStudy):
             ],
             plots=[
                 Plot(
-                    "psnr", "PSNR of linear sRGB", bars(_LABELS, means(results, ("psnr_db", "between_db"), cases), "dB")
+                    "psnr",
+                    "PSNR of linear sRGB",
+                    bars(_LABELS, means(results, ("psnr_db", "between_db"), cases), "PSNR (dB)"),
                 ),
                 Plot(
-                    "speckle",
-                    "Speckle contrast; variation of the eyebox's filling",
-                    bars(_LABELS, means(results, ("speckle_contrast", "eyebox_variation"), cases), "σ/μ"),
+                    "others", "Speckle, eyebox and colour; small is good", panels(_LABELS, means(results, keys, cases))
                 ),
             ],
             pictures=pictures_of(results),
