@@ -23,13 +23,15 @@ class Edited:
     is_held: bool
 
 
-def number_field(name: str, kind: Number, value: float, reset: float, doc: str) -> Edited | None:
+def number_field(
+    name: str, kind: Number, value: float, reset: float, doc: str, span: tuple[float, float] | None = None
+) -> Edited | None:
     """A slider with its unit, Ctrl+click for exact entry, right click to reset; the new value in SI, or None.
 
-    The slider covers what is near `reset`; exact entry takes all that the kind allows.
+    The slider covers `span` (SI), or what is near `reset`; exact entry takes all that the kind allows.
     """
     scale = scale_of(kind)
-    low, high = slider_range(kind, reset)
+    low, high = slider_range(kind, reset) if span is None else span
     text = f"%.4g {kind.unit.replace('um', 'µm')}".strip()
     changed, shown = imgui.slider_float(
         name, value * scale, low * scale, high * scale, text, imgui.SliderFlags_.no_round_to_format

@@ -12,7 +12,7 @@ from holoview.app.theme import THEMES
 if TYPE_CHECKING:
     from holoview.app.app import App
 
-MENUS = ("File", "Edit", "Image", "Compare", "Focal plane", "Optimise", "Help")
+MENUS = ("File", "Edit", "Image", "Compare", "Focal plane", "Lasers", "Speckle", "Optimise", "Help")
 
 
 def draw_menus(app: App) -> None:

@@ -84,6 +84,11 @@ def in_browser(
 
 def _begin(session: Session, device: Device, canvas: Any, store: Store, names: Sequence[str]) -> App:
     app = App(session, device, canvas, store=store, tunes=True)
+    if not store.preferences.get("has_begun"):
+        session.messages.post(
+            "Drop a picture here to see it as a hologram. ? shows all keys, Ctrl+P finds any command."
+        )
+        app.attempt(store.preferences.set, "has_begun", True)
     if names:
         app.attempt(app.loader.open, list(names) if len(names) > 1 else names[0])
     return app

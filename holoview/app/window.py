@@ -110,8 +110,8 @@ class Window:
         self.draw_s = time.perf_counter() - begun
         if self.params.app_shall_exit:
             self.canvas.close()
-        elif self._settling > 0:
-            self._settling -= 1
+        elif self._settling > 0 or _has_input():
+            self._settling = max(self._settling - 1, 0)
             self.canvas.request_draw()
 
     def close(self) -> None:
@@ -194,6 +194,11 @@ class Window:
             io.add_key_event(modifier, is_down)
         if key is not None:
             io.add_key_event(key, is_down)
+
+
+def _has_input() -> bool:
+    """Whether events wait for their turn: ImGui takes a press or a letter a frame, however fast they come."""
+    return len(imgui.internal.get_current_context().input_events_queue) > 0
 
 
 def _after(first: Callable[[], None], then: Callable[[], None] | None) -> Callable[[], None]:

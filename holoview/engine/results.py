@@ -182,9 +182,18 @@ class Results:
         return self.frame.first(recorder, span, home)
 
     def _mark(self, name: str, span: Span, identities: Sequence[Identity], recorder: Recorder) -> None:
-        """Fields that are being written count as those of `identities` once all of that is submitted."""
+        """Fields that are being written count as those of `identities` once all of that is submitted.
+
+        They don't where another strategy has been taken meanwhile: they are spectra in the order of the one before.
+        """
         self._shelf.mark(name, span, [None] * span.count)
-        recorder.then(partial(self._shelf.mark, name, span, identities))
+        strategy = self.frame.strategy
+
+        def mark() -> None:
+            if self.frame.strategy == strategy:
+                self._shelf.mark(name, span, identities)
+
+        recorder.then(mark)
 
     def _see(self, seen_of: Identity, recorder: Recorder) -> None:
         """The same for XYZ."""

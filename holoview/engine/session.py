@@ -195,9 +195,10 @@ class FrameSession:
         """Computes what is stale, a submission a step; with `wait`, a step ends when the device has done it.
 
         With `slice_s`, a submission is cut into several of about so many seconds, waited for, and several steps have
-        the same number. The iterator ends early once the session is edited: what it has done stays, and the next one
-        goes on from there.
+        the same number. The iterator ends early once the session is edited, another iterator begins or an intensity is
+        computed: what it has done stays, and the next one goes on from there.
         """
+        self._generation += 1
         generation, work = self._generation, self._work(picture)
         for done, job in enumerate(work, start=1):
             if slice_s is None:
@@ -241,6 +242,7 @@ class FrameSession:
         for frame in self._plan.lit(wavelength):
             lit = (frame, wavelength)
             if not self._results.is_fresh(lit):
+                self._generation += 1
                 for span in self._sources(Span(frame, 0, wavelength)):
                     self._submit(partial(self._results.expose, span))
             total += np.float32(self._plan.weights[lit]) * self._results.intensity(lit)
