@@ -113,10 +113,14 @@ class Comparison:
             return replace(_fitted(data, self.weight, moved(signal, own)), shift=shift)
         nearer = moved(signal, shift)
         shift = np.clip(shift + self._movement(data, self.weight * nearer, nearer), -_MOST_SHIFT, _MOST_SHIFT)
-        own = shift - _shared(shift)
-        choices = [moved(signal, own), self._aimed(values, own)]
-        fits = [_fitted(data, self.weight, choice) for choice in choices if choice is not None]
-        return replace(min(fits, key=lambda fit: float(fit.squares.sum())), shift=shift)
+        fits = [_fitted(data, self.weight, moved(signal, shift - _shared(shift)))]
+        aimed = self._aimed(values, shift)
+        if aimed is not None:
+            exact = np.clip(shift + self._movement(data, self.weight * aimed, aimed), -_MOST_SHIFT, _MOST_SHIFT)
+            again = self._aimed(values, exact - _shared(exact))
+            fits += [] if again is None else [replace(_fitted(data, self.weight, again), shift=exact)]
+        best = min(fits, key=lambda fit: float(fit.squares.sum()))
+        return best if best.shift is not None else replace(best, shift=shift)
 
     def _aimed(self, values: Values, shift: Floats) -> Images | None:
         """Predictions with the camera moved: where pictures hold detail beyond their pixels, moving them isn't enough."""
