@@ -22,7 +22,7 @@ from holoview.diagnose.drift import DRIFTING, drift
 from holoview.diagnose.excess import excess
 from holoview.diagnose.extend import Known
 from holoview.diagnose.freeform import lives_in, places
-from holoview.diagnose.measured import Images, Measured, measured
+from holoview.diagnose.measured import Images, measured
 from holoview.diagnose.noise import fixed_pattern
 from holoview.diagnose.power import PowerLaw, gain_spread, only_power, power_law
 from holoview.diagnose.select import Selection, judge, select
@@ -53,8 +53,9 @@ def diagnose(
     """Names what the nominal model of these captures gets wrong.
 
     effects: the candidates (all of the registry when None). known: effects that the nominal model has; what is found
-    adds to them. workers: threads, each with its own predictor; results don't depend on their number. free_maps: ask where an unexplained error lives. report: (done, total, what).
-    Raises UserError when there are too few captures to judge.
+    adds to them. workers: threads, each with its own predictor; results don't depend on their number. free_maps: ask
+    where an unexplained error lives. report: (done, total, what). Raises UserError when there are too few captures to
+    judge.
     """
     began = time.monotonic()
     report = report or (lambda done, total, note: None)
@@ -146,7 +147,10 @@ def _forgiving_nuisances(
     still = bench.coarse_comparison(comparison.indices, 0.0).fit({}).squares.sum() / comparison.count
     allowed = QUIET + min(_NUISANCE_LEFT * max(still - selection.nominal.chi2, 0.0), _MOST_NUISANCE)
     if selection.nominal.excess <= allowed:
-        return Decision(Verdict.CONSISTENT, None), [*notes, "The camera moves between captures; that explains the rest."]
+        return Decision(Verdict.CONSISTENT, None), [
+            *notes,
+            "The camera moves between captures; that explains the rest.",
+        ]
     if DRIFTING not in bench.effects:
         return decision, notes
     found = drift(comparison, {})
@@ -173,8 +177,12 @@ def _causes(bench: Bench, selection: Selection, decision: Decision) -> list[Caus
     fitted = bench.judged_by(bench.split.fine, trial.values)
     at = tangent(trial, effects, fitted)
     found = intervals(trial, at, fitted)
-    alike = correlations(bench, trial, tangent(trial, effects, bench.judged_by(bench.split.coarse, trial.values)),
-                         bench.judged_by(bench.split.coarse, trial.values))
+    alike = correlations(
+        bench,
+        trial,
+        tangent(trial, effects, bench.judged_by(bench.split.coarse, trial.values)),
+        bench.judged_by(bench.split.coarse, trial.values),
+    )
     separate = separating(bench, decision.best, decision.rivals[0]) if decision.rivals else None
     rivals = {name: 1.0 for rival in decision.rivals for name in rival.causes if name not in trial.causes}
     causes = []
@@ -201,8 +209,15 @@ def _causes(bench: Bench, selection: Selection, decision: Decision) -> list[Caus
 
 
 def _told(
-    bench: Bench, selection: Selection, decision: Decision, law: PowerLaw | None, causes: list[Cause],
-    notes: list[str], report: Progress, free_maps: bool, began: float,
+    bench: Bench,
+    selection: Selection,
+    decision: Decision,
+    law: PowerLaw | None,
+    causes: list[Cause],
+    notes: list[str],
+    report: Progress,
+    free_maps: bool,
+    began: float,
 ) -> Diagnosis:
     captures, comparison = bench.measured.captures, selection.comparison
     values = decision.best.trial.values if decision.best else {}

@@ -1,4 +1,5 @@
-"""Lasers that drift from capture to capture: a nuisance like jitter of exposures, as long as the drift has no direction.
+"""Lasers that drift from capture to capture: a nuisance like jitter of exposures, as long as the drift has no
+direction.
 
 Each capture may choose its own wavelength among a few near the nominal one. Slopes wouldn't do: a small drift moves the
 edge of an iris over whole samples. Drift is nobody's fault where it takes the residuals to the noise and its mean
