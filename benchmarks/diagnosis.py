@@ -4,8 +4,8 @@
     python -m benchmarks.diagnosis --summary out/diagnosis.jsonl
 
 Each case is drawn from a seed, measured on a virtual bench with noise, and diagnosed; the truth is looked at only then.
-Families: singles, pairs, nothing, nuisances, deleted (the true effect isn't in the library), sampling (data from samples
-twice as fine as the model's). A line of JSON a case; the summary prints rates and the confusion matrix.
+Families: singles, pairs, nothing, nuisances, deleted (the true effect isn't in the library), sampling (data
+from samples twice as fine as the model's). A line of JSON a case; the summary prints rates and the confusion matrix.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from holoview.captures.make import Nuisances, Session, make_captures
 from holoview.captures.session import Captures
 from holoview.diagnose.diagnose import diagnose
 from holoview.diagnose.draw import draw_effect
-from holoview.diagnose.power import only_power
 from holoview.effects.registry import registry
 from holoview.errors import UserError
 from holoview.system import Modulator, Relay, System
@@ -77,7 +76,11 @@ def cases(families: list[str], sizes: list[str], only: list[str], repeats: int, 
         for family in families:
             for size in sizes if family in ("singles", "pairs", "deleted") else ["-"]:
                 for k, name in enumerate(names if family in ("singles", "deleted") else range(_count(family, names))):
-                    seed = first_seed + 1000 * repeat + 37 * k + 7 * list(SIZES).index(size) if size in SIZES else k + 1000 * repeat
+                    seed = (
+                        first_seed + 1000 * repeat + 37 * k + 7 * list(SIZES).index(size)
+                        if size in SIZES
+                        else k + 1000 * repeat
+                    )
                     rng = np.random.default_rng(seed)
                     hidden = _hidden(family, name, names, rng)
                     truth = {n: draw_effect(registry()[n], facts_of, SIZES.get(size, 0.3), rng) for n in hidden}
@@ -150,7 +153,11 @@ def is_covered(case: Case) -> list[bool]:
         for name, true in values.items():
             found = case.values.get(effect, {}).get(name)
             if found is not None:
-                inside.append(abs(abs(found[0]) - abs(true)) <= found[2] if _is_even(effect, name) else abs(found[0] - true) <= found[2])
+                inside.append(
+                    abs(abs(found[0]) - abs(true)) <= found[2]
+                    if _is_even(effect, name)
+                    else abs(found[0] - true) <= found[2]
+                )
     return inside
 
 
@@ -172,16 +179,20 @@ def summary(lines: list[Case]) -> str:
         right = sum(map(is_right, some))
         verdicts = ", ".join(f"{k} {v}" for k, v in Counter(c.verdict for c in some).most_common())
         cpu = np.median([c.cpu_seconds for c in some])
-        out.append(f"{family:10s} {size:7s} {right}/{len(some)} right; {verdicts}; median {cpu:.1f} s of processor time")
+        out.append(
+            f"{family:10s} {size:7s} {right}/{len(some)} right; {verdicts}; median {cpu:.1f} s of processor time"
+        )
     inside = [flag for c in lines if c.family in ("singles", "pairs") and is_right(c) for flag in is_covered(c)]
     if inside:
         out.append(f"true value inside its 95 % interval: {sum(inside)}/{len(inside)}")
     out.append("")
     for case in lines:
-        if case.family in ("singles", "deleted", "pairs") and (not is_right(case) or (case.family != "deleted" and case.verdict != "explained")):
-            truth = " + ".join(case.truth)
+        if case.family in ("singles", "deleted", "pairs") and (
+            not is_right(case) or (case.family != "deleted" and case.verdict != "explained")
+        ):
+            truth, named = " + ".join(case.truth), " + ".join(case.named) or "–"
             out.append(
-                f"{case.family} {case.size} {truth} (seed {case.seed}): {case.verdict} {' + '.join(case.named) or '–'}, "
+                f"{case.family} {case.size} {truth} (seed {case.seed}): {case.verdict} {named}, "
                 f"χ² {case.chi2[0]:.4g} → {case.chi2[1]:.4g}"
             )
     return "\n".join(out)
@@ -216,8 +227,11 @@ def main() -> None:
             with args.output.open("a") as file:
                 file.write(line + "\n")
         mark = "right" if is_right(case) else "WRONG"
-        print(f"{mark} {case.family} {case.size} {'+'.join(case.truth)} → {case.verdict} {'+'.join(case.named)} "
-              f"{case.chi2[0]:.3f} → {case.chi2[1]:.3f} {case.seconds:.0f} s, {case.cpu_seconds:.0f} cpu", flush=True)
+        print(
+            f"{mark} {case.family} {case.size} {'+'.join(case.truth)} → {case.verdict} {'+'.join(case.named)} "
+            f"{case.chi2[0]:.3f} → {case.chi2[1]:.3f} {case.seconds:.0f} s, {case.cpu_seconds:.0f} cpu",
+            flush=True,
+        )
     print(summary(done))
 
 

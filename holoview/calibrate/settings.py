@@ -26,7 +26,7 @@ BETAS = (0.9, 0.95)
 FLOOR = 0.1
 """Elements that the captures say little about move less: Adam would have them follow the noise in full steps."""
 
-_EPOCHS, _STEPS = 30, 300  # at least, of a calibration that isn't told how many
+_EPOCHS, _STEPS = 40, 300  # at least, of a calibration that isn't told how many
 
 
 def enough_epochs(captures: int, batch: int) -> int:
@@ -40,7 +40,7 @@ class Settings:
     captures and of what is held out. share: of the captures that is held out.
     """
 
-    epochs: int = 30
+    epochs: int = 40
     batch: int = 4
     rate: float = 1.0
     seed: int = 0

@@ -33,7 +33,7 @@ OPTIONS = ("epochs", "batch", "rate", "seed", "held_out", "pixels_a_node", "pict
 
 def add_options(group: argparse._ArgumentGroup) -> None:
     """Adds the options that only captures take."""
-    group.add_argument("--epochs", type=int, help="how often every capture is seen (default: 300 steps, at least 30)")
+    group.add_argument("--epochs", type=int, help="how often every capture is seen (default: 300 steps, at least 40)")
     group.add_argument("--batch", type=int, help="captures a step (default 4)")
     group.add_argument("--rate", type=float, help="factor of all steps (default 1)")
     group.add_argument("--seed", type=seed, help="of what is held out and of the order (default 0)")

@@ -23,10 +23,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
     parser.add_argument("captures", metavar="CAPTURES.h5", help="a capture file, see docs/captures.md")
     parser.add_argument(
-        "--preset", metavar="PRESET", help="the nominal bench, in place of what the file says; its effects count as known"
+        "--preset",
+        metavar="PRESET",
+        help="the nominal bench, in place of what the file says; its effects count as known",
     )
     parser.add_argument(
-        "--effects", metavar="FILE.py", nargs="+", action="extend", default=[],
+        "--effects",
+        metavar="FILE.py",
+        nargs="+",
+        action="extend",
+        default=[],
         help="effects of your own that may be the cause; the files are run",
     )
     parser.add_argument("--report", metavar="DIR", type=Path, help="write report.html and pictures into this folder")
@@ -35,7 +41,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--save-preset", metavar="P2.toml", type=Path, help="write the bench with the causes that were named"
     )
     parser.add_argument(
-        "--no-display", action="store_true",
+        "--no-display",
+        action="store_true",
         help="leave out of the report what the extended model buys on the display, which takes half a minute",
     )
     parser.add_argument("--workers", metavar="N", type=int, default=2, help="threads (default 2)")
@@ -86,12 +93,15 @@ def _tell(found: Diagnosis, args: argparse.Namespace) -> None:
     """The diagnosis in a few lines."""
     before, after = found.before, found.after
     print(f"{args.captures}: {found.verdict}")
-    print(f"  held-out captures: χ²/n {before.chi2:.4g} → {after.chi2:.4g} (noise: 1), {before.psnr_db:.1f} → {after.psnr_db:.1f} dB")
+    print(
+        f"  held-out captures: χ²/n {before.chi2:.4g} → {after.chi2:.4g} (noise: 1), "
+        f"{before.psnr_db:.1f} → {after.psnr_db:.1f} dB"
+    )
     for cause in found.causes:
         print(f"  {cause.effect}: {cause.sentence}")
         for name, interval in cause.intervals.items():
-            unit = cause.units[name]
-            print(f"      {name} = {interval.value:.6g} ± {interval.half_width:.2g} {unit if unit != '1' else ''}".rstrip())
+            unit = cause.units[name].replace("1", "")
+            print(f"      {name} = {interval.value:.6g} ± {interval.half_width:.2g} {unit}".rstrip())
         if cause.confounded_with:
             print(f"      looks much like: {', '.join(f'{n} ({c:.2f})' for n, c in cause.confounded_with.items())}")
         if cause.separate_by:

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.diagnose.comparison import Comparison, Prediction, Values
+from holoview.diagnose.comparison import Comparison, Prediction, Predicts, Values
 from holoview.diagnose.measured import Images, Measured
 from holoview.diagnose.noise import blind_variance, model_variance, with_mismatch
 from holoview.diagnose.split import Split
@@ -20,39 +20,40 @@ from holoview.system import System
 
 T = TypeVar("T")
 Progress = Callable[[int, int, str], None]
-Predict = Callable[[NDArray[np.intp], Values], Prediction]
 
 
 class PerThread:
     """A predictor for each thread that asks for one: predictors remember what they computed and can't be shared."""
 
-    def __init__(self, make: Callable[[], Predict]) -> None:
+    def __init__(self, make: Callable[[], Predicts]) -> None:
         self._make, self._own = make, threading.local()
 
-    def __call__(self, indices: NDArray[np.intp], values: Values) -> Prediction:
+    def __call__(self, indices: NDArray[np.intp], values: Values, *, grad: bool = False) -> Prediction:
         if not hasattr(self._own, "predict"):
             self._own.predict = self._make()
-        return self._own.predict(indices, values)
+        predicted: Prediction = self._own.predict(indices, values, grad=grad)
+        return predicted
 
 
 @dataclass(frozen=True)
 class Bench:
     """measured: the captures. effects: the candidates by id. split: which captures are for what.
 
-    make_predictor: a new predictor of the captures; `extra` effects may be given. workers: threads; each has a predictor of its own. fixed_pattern: 1 σ of the pixels' relative sensitivity.
-    equals: for each effect the others that are the same physics on this bench (`same_physics`).
+    make_predictor: a new predictor of the captures; `extra` effects may be given. workers: threads; each has a
+    predictor of its own. fixed_pattern: 1 σ of the pixels' relative sensitivity. equals: for each effect the others
+    that are the same physics on this bench (`same_physics`).
     """
 
     measured: Measured
     system: System
     effects: Mapping[str, Effect]
     split: Split
-    make_predictor: Callable[..., Predict]
+    make_predictor: Callable[..., Predicts]
     pool: ThreadPoolExecutor
     workers: int = 1
     fixed_pattern: float = 0.0
     equals: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    predict: Predict = field(init=False, repr=False)
+    predict: Predicts = field(init=False, repr=False)
     _blind: dict[tuple[int, ...], Images] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -97,7 +98,9 @@ class Bench:
 def same_physics(effects: Mapping[str, Effect], facts: Facts) -> dict[str, frozenset[str]]:
     """For each effect those of the others that such data can't tell from it, both ways around."""
     pairs = {(e.id, other) for e in effects.values() for other in e.equal_to(facts) if other in effects}
-    return {name: frozenset({b for a, b in pairs if a == name} | {a for a, b in pairs if b == name}) for name in effects}
+    return {
+        name: frozenset({b for a, b in pairs if a == name} | {a for a, b in pairs if b == name}) for name in effects
+    }
 
 
 def _finish(future: Future[T]) -> None:

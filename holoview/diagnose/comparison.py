@@ -5,14 +5,15 @@ For capture k with counts y, black b, prediction m and frozen weights w = 1/σ,
     r = w·(y − b − a·m),   a = Σ w²(y − b)m / Σ w²m²
 
 so the radiometric scale, jitter of exposure and of laser power never count as an error of the model. With `shifts` a
-sub-pixel movement of the camera in this capture, beyond what all captures share, is taken out too. A shared movement is an effect (`camera_alignment`) and stays in.
+sub-pixel movement of the camera in this capture, beyond what all captures share, is taken out too. A shared movement is
+an effect (`camera_alignment`) and stays in.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,7 @@ class Prediction(Protocol):
     """signal (capture, y, x) before the radiometric scale; offset: the camera's black level in counts."""
 
     @property
-    def signal(self) -> object: ...
+    def signal(self) -> Any: ...
 
     @property
     def offset(self) -> float: ...
@@ -44,7 +45,7 @@ class Prediction(Protocol):
 class Predicts(Protocol):
     """What `holoview.captures.predict.Predictor` does."""
 
-    def __call__(self, indices: NDArray[np.intp], values: Values) -> Prediction: ...
+    def __call__(self, indices: NDArray[np.intp], values: Values, *, grad: bool = False) -> Prediction: ...
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,11 @@ class Comparison:
             return _fitted(data, self.weight, signal)
         return self._shifted(data, self.weight * signal, signal, values)
 
+    @property
+    def no_light(self) -> NDArray[np.float32]:
+        """Residuals far worse than those of any bench: ten times what a dark picture would leave."""
+        return np.float32(10.0) * self._weighted.ravel()
+
     def residual(self, values: Values) -> NDArray[np.float32]:
         """Whitened residuals, flat: what a fit makes small."""
         return self.fit(values).residual.ravel()
@@ -113,10 +119,14 @@ class Comparison:
             return replace(_fitted(data, self.weight, moved(signal, own)), shift=shift)
         nearer = moved(signal, shift)
         shift = np.clip(shift + self._movement(data, self.weight * nearer, nearer), -_MOST_SHIFT, _MOST_SHIFT)
-        own = shift - _shared(shift)
-        choices = [moved(signal, own), self._aimed(values, own)]
-        fits = [_fitted(data, self.weight, choice) for choice in choices if choice is not None]
-        return replace(min(fits, key=lambda fit: float(fit.squares.sum())), shift=shift)
+        fits = [_fitted(data, self.weight, moved(signal, shift - _shared(shift)))]
+        aimed = self._aimed(values, shift)
+        if aimed is not None:
+            exact = np.clip(shift + self._movement(data, self.weight * aimed, aimed), -_MOST_SHIFT, _MOST_SHIFT)
+            again = self._aimed(values, exact - _shared(exact))
+            fits += [] if again is None else [replace(_fitted(data, self.weight, again), shift=exact)]
+        best = min(fits, key=lambda fit: float(fit.squares.sum()))
+        return best if best.shift is not None else replace(best, shift=shift)
 
     def _aimed(self, values: Values, shift: Floats) -> Images | None:
         """Predictions with the camera moved: where pictures hold detail beyond their pixels, moving them isn't enough."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +31,7 @@ def correlations(bench: Bench, trial: Trial, at: Tangent, comparison: Comparison
     """
     residual = comparison.residual(trial.values)
     others = [e for e in bench.effects.values() if e.id not in trial.causes]
-    jobs = [lambda e=e: slopes_of(e, {**trial.values, e.id: _identity(e)}, comparison, residual) for e in others]
+    jobs = [partial(slopes_of, e, {**trial.values, e.id: _identity(e)}, comparison, residual) for e in others]
     slopes = bench.side_by_side(jobs)
     owner = np.array([effect for effect, _ in at.free.entries])
     result: dict[str, dict[str, float]] = {}
@@ -103,7 +105,7 @@ def _difference(captures: Captures, first: Found, second: Found) -> float:
     return float((weight * (m - gain * n) ** 2).sum())
 
 
-def _with(captures: Captures, **changes: object) -> Captures:
+def _with(captures: Captures, **changes: Any) -> Captures:
     return dataclasses.replace(captures, **changes)
 
 

@@ -22,7 +22,7 @@ from holoview.diagnose.drift import DRIFTING, drift
 from holoview.diagnose.excess import excess
 from holoview.diagnose.extend import Known
 from holoview.diagnose.freeform import lives_in, places
-from holoview.diagnose.measured import Images, Measured, measured
+from holoview.diagnose.measured import Images, measured
 from holoview.diagnose.noise import fixed_pattern
 from holoview.diagnose.power import PowerLaw, gain_spread, only_power, power_law
 from holoview.diagnose.select import Selection, judge, select
@@ -37,6 +37,7 @@ _LEAST_CAPTURES = 2
 _PATTERN_BELOW = 3.0  # χ²/n up to which residuals tell the pixels' own sensitivity from errors of the model
 _MOST_PATTERN = 0.1
 _SAMPLES = 4
+_NUISANCE_LEFT, _MOST_NUISANCE = 0.02, 0.06  # χ²/n that movements of the camera leave, of what they caused; at most
 _UNEXPLAINED = 1.1  # χ²/n above which it is worth asking where the rest lives
 
 
@@ -52,8 +53,9 @@ def diagnose(
     """Names what the nominal model of these captures gets wrong.
 
     effects: the candidates (all of the registry when None). known: effects that the nominal model has; what is found
-    adds to them. workers: threads, each with its own predictor; results don't depend on their number. free_maps: ask where an unexplained error lives. report: (done, total, what).
-    Raises UserError when there are too few captures to judge.
+    adds to them. workers: threads, each with its own predictor; results don't depend on their number. free_maps: ask
+    where an unexplained error lives. report: (done, total, what). Raises UserError when there are too few captures to
+    judge.
     """
     began = time.monotonic()
     report = report or (lambda done, total, note: None)
@@ -112,7 +114,7 @@ def _diagnosed(bench: Bench, notes: list[str], report: Progress, free_maps: bool
         if bench.fixed_pattern:
             selection = judge(bench, [c.trial for c in selection.candidates])
     decision = decide(selection, bench.equals)
-    decision, notes = _forgiving_drift(bench, selection, decision, notes)
+    decision, notes = _forgiving_nuisances(bench, selection, decision, notes)
     law = _power_law(bench, decision)
     report(1, 1, "intervals, look-alikes")
     causes = _causes(bench, selection, decision)
@@ -135,16 +137,26 @@ def _with_pattern(bench: Bench, values: Found) -> Bench:
     return replace(bench, fixed_pattern=min(fixed_pattern(residuals, expected, usable), _MOST_PATTERN))
 
 
-def _forgiving_drift(
+def _forgiving_nuisances(
     bench: Bench, selection: Selection, decision: Decision, notes: list[str]
 ) -> tuple[Decision, list[str]]:
-    """Consistent after all, where lasers that drift without direction account for what is left; with a note."""
-    if decision.verdict is not Verdict.UNEXPLAINED or DRIFTING not in bench.effects:
+    """Consistent after all, where what drifts and shakes without direction accounts for what is left; with a note."""
+    if decision.verdict is not Verdict.UNEXPLAINED:
         return decision, notes
-    found = drift(selection.comparison, {}, bench.effects[DRIFTING])
-    if found.has_direction or found.chi2 - 1.0 > QUIET:
+    comparison = selection.comparison
+    still = bench.coarse_comparison(comparison.indices, 0.0).fit({}).squares.sum() / comparison.count
+    allowed = QUIET + min(_NUISANCE_LEFT * max(still - selection.nominal.chi2, 0.0), _MOST_NUISANCE)
+    if selection.nominal.excess <= allowed:
+        return Decision(Verdict.CONSISTENT, None), [
+            *notes,
+            "The camera moves between captures; that explains the rest.",
+        ]
+    if DRIFTING not in bench.effects:
         return decision, notes
-    note = f"The wavelengths drift by {found.rms * 1e9:.2g} nm (r.m.s.) between captures; that explains what is left."
+    found = drift(comparison, {})
+    if found.has_direction or found.chi2 - 1.0 > allowed:
+        return decision, notes
+    note = f"The wavelengths drift by {found.rms_m * 1e9:.2g} nm (r.m.s.) between captures; that explains what is left."
     return Decision(Verdict.CONSISTENT, None), [*notes, note]
 
 
@@ -165,8 +177,12 @@ def _causes(bench: Bench, selection: Selection, decision: Decision) -> list[Caus
     fitted = bench.judged_by(bench.split.fine, trial.values)
     at = tangent(trial, effects, fitted)
     found = intervals(trial, at, fitted)
-    alike = correlations(bench, trial, tangent(trial, effects, bench.judged_by(bench.split.coarse, trial.values)),
-                         bench.judged_by(bench.split.coarse, trial.values))
+    alike = correlations(
+        bench,
+        trial,
+        tangent(trial, effects, bench.judged_by(bench.split.coarse, trial.values)),
+        bench.judged_by(bench.split.coarse, trial.values),
+    )
     separate = separating(bench, decision.best, decision.rivals[0]) if decision.rivals else None
     rivals = {name: 1.0 for rival in decision.rivals for name in rival.causes if name not in trial.causes}
     causes = []
@@ -193,8 +209,15 @@ def _causes(bench: Bench, selection: Selection, decision: Decision) -> list[Caus
 
 
 def _told(
-    bench: Bench, selection: Selection, decision: Decision, law: PowerLaw | None, causes: list[Cause],
-    notes: list[str], report: Progress, free_maps: bool, began: float,
+    bench: Bench,
+    selection: Selection,
+    decision: Decision,
+    law: PowerLaw | None,
+    causes: list[Cause],
+    notes: list[str],
+    report: Progress,
+    free_maps: bool,
+    began: float,
 ) -> Diagnosis:
     captures, comparison = bench.measured.captures, selection.comparison
     values = decision.best.trial.values if decision.best else {}

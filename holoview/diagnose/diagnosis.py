@@ -115,16 +115,28 @@ class Diagnosis:
             "causes": [_cause(cause) for cause in self.causes],
             "candidates": [{"causes": list(c.causes), "chi2_per_pixel": _figure(c.chi2)} for c in self.candidates],
             "rivals": [list(causes) for causes in self.rivals],
-            "unexplained": {"share": _figure(self.unexplained), "lives_in": list(self.lives_in), "shares": {k: _figure(v) for k, v in self.lives_in.items()}},
+            "unexplained": {
+                "share": _figure(self.unexplained),
+                "lives_in": list(self.lives_in),
+                "shares": {k: _figure(v) for k, v in self.lives_in.items()},
+            },
             "held_out": [
-                {"wavelength": g.wavelength_m, "distance": g.distance_m, "before": _quality(g.before), "after": _quality(g.after)}
+                {
+                    "wavelength": g.wavelength_m,
+                    "distance": g.distance_m,
+                    "before": _quality(g.before),
+                    "after": _quality(g.after),
+                }
                 for g in self.groups
             ],
             "excess": {
                 "before": _excess(self.where_before),
                 "after": _excess(self.where_after),
             },
-            "signal_explained": {"before": _figure(self.signal_explained[0]), "after": _figure(self.signal_explained[1])},
+            "signal_explained": {
+                "before": _figure(self.signal_explained[0]),
+                "after": _figure(self.signal_explained[1]),
+            },
             "fixed_pattern": _figure(self.fixed_pattern),
             "gain_spread": _figure(self.gain_spread),
             "notes": list(self.notes),
@@ -140,7 +152,10 @@ def _cause(cause: Cause) -> dict[str, Any]:
                 "value": interval.value,
                 "unit": cause.units[name],
                 "sigma": _figure(interval.sigma),
-                "interval": [_figure(interval.value - interval.half_width), _figure(interval.value + interval.half_width)],
+                "interval": [
+                    _figure(interval.value - interval.half_width),
+                    _figure(interval.value + interval.half_width),
+                ],
             }
             for name, interval in cause.intervals.items()
         },
@@ -160,7 +175,10 @@ def _quality(quality: Quality) -> dict[str, float | None]:
 
 def _excess(excess: Excess) -> dict[str, Any]:
     return {
-        f.name: [{"name": b.name, "chi2_per_pixel": _figure(b.chi2), "share": _figure(b.share)} for b in getattr(excess, f.name)]
+        f.name: [
+            {"name": b.name, "chi2_per_pixel": _figure(b.chi2), "share": _figure(b.share)}
+            for b in getattr(excess, f.name)
+        ]
         for f in dataclasses.fields(excess)
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,8 +86,10 @@ def _by_class(
     pixels = np.bincount(number.ravel(), usable.ravel(), len(edges) + 1)
     names = [
         f"up to {text.format(edges[0])}",
-        *(f"{low:.3g} to {text.format(high)}" if "%" not in text else f"{low:.0%} to {text.format(high)}"
-          for low, high in zip(edges[:-1], edges[1:], strict=True)),
+        *(
+            f"{low:.3g} to {text.format(high)}" if "%" not in text else f"{low:.0%} to {text.format(high)}"
+            for low, high in pairwise(edges)
+        ),
         f"beyond {text.format(edges[-1])}",
     ]
     return _bins(list(zip(names, squares, pixels, strict=True)))

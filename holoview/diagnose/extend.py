@@ -26,7 +26,9 @@ def nominal_of(captures: Captures, system: System, name: str) -> tuple[Captures,
     """
     if len(system.modulators) != len(captures.panels):
         raise UserError(
-            f"--preset {name}", f"{len(system.modulators)} modulators", expected=f"{len(captures.panels)} as in the captures"
+            f"--preset {name}",
+            f"{len(system.modulators)} modulators",
+            expected=f"{len(captures.panels)} as in the captures",
         )
     shape = captures.levels.shape[2:]
     if system.modulators[0].shape != shape:
@@ -35,7 +37,9 @@ def nominal_of(captures: Captures, system: System, name: str) -> tuple[Captures,
     for panel, modulator in zip(captures.panels, system.modulators, strict=True):
         if abs(panel.pitch_m / modulator.pitch_m - 1) > _SAME:
             raise UserError(
-                f"--preset {name}", f"a pitch of {modulator.pitch_m:.4g} m", expected=f"{panel.pitch_m:.4g} m as in the captures"
+                f"--preset {name}",
+                f"a pitch of {modulator.pitch_m:.4g} m",
+                expected=f"{panel.pitch_m:.4g} m as in the captures",
             )
     changed = dataclasses.replace(
         captures,
@@ -72,7 +76,11 @@ class Known:
 
     def __call__(self, indices: Any, values: Values, *, grad: bool = False) -> Prediction:
         """As the predictor's; `values` add to what is known."""
-        own = combined(self._known, {n: v for n, v in values.items() if not n.startswith("free_")}) if self._known else values
+        own = (
+            combined(self._known, {n: v for n, v in values.items() if not n.startswith("free_")})
+            if self._known
+            else values
+        )
         free = {n: v for n, v in values.items() if n.startswith("free_")}
         return self._predict(indices, {**own, **free}, grad=grad)
 

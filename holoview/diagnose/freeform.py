@@ -1,7 +1,7 @@
 """Where an error lives that no effect of the library explains: smooth maps, free at one place at a time.
 
-Each place gets maps that can express anything smooth and pixel-local there (amplitude, optical path, response), fitted to
-the fine captures by L-BFGS and judged on the held-out ones. The place whose maps predict most is where to look.
+Each place gets maps that can express anything smooth and pixel-local there (amplitude, optical path, response), fitted
+to the fine captures by L-BFGS and judged on the held-out ones. The place whose maps predict most is where to look.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -84,7 +85,9 @@ class FreeModulator(FreeMaps):
     """What a modulator shows: a response curve, its stroke over the surface, a mixture with neighbouring pixels."""
 
     def __init__(self, number: int) -> None:
-        super().__init__({"curve": (_CURVE,), "stroke": _GRID, "neighbours": (4,)} | ({"path": _GRID} if number else {}))
+        super().__init__(
+            {"curve": (_CURVE,), "stroke": _GRID, "neighbours": (4,)} | ({"path": _GRID} if number else {})
+        )
         self.number, self.id = number, f"free_modulator_{number + 1}"  # type: ignore[misc]
         self.where = (f"modulator {number + 1}",)  # type: ignore[misc]
 
@@ -119,7 +122,7 @@ class FreeRelay(FreeMaps):
         reach = at.iris_na if at.iris_na < 1 else float(at.sine_y.abs().max())
         real = pupil.real.dtype
         y, x = (s.to(real) / reach for s in (at.sine_y, at.sine_x))
-        places = torch.stack(torch.broadcast_tensors(x, y), dim=-1)[None]
+        places = torch.stack([x.expand(len(y), -1), y.expand(-1, x.shape[1])], dim=-1)[None]
         maps = torch.stack([self.maps["amplitude"], self.maps["path"]]).to(real)[None]
         amplitude, path = torch.nn.functional.grid_sample(maps, places, padding_mode="border", align_corners=True)[0]
         return pupil * torch.polar(1.0 + _SHARE * amplitude, (2 * math.pi * _PATH_M / at.wavelength_m) * path)
@@ -160,7 +163,7 @@ class Freed:
 def places(bench: Bench, base: Found, comparison: Comparison) -> list[Freed]:
     """Every place with its maps fitted on top of `base`, the most telling first. comparison: held-out captures."""
     before = comparison.chi2(base)
-    jobs = [lambda e=effect: _freed(bench, base, comparison, e, before) for effect in _effects(bench)]
+    jobs = [partial(_freed, bench, base, comparison, effect, before) for effect in _effects(bench)]
     return sorted(bench.side_by_side(jobs), key=lambda freed: -freed.share)
 
 

@@ -132,7 +132,12 @@ def simplex(function: Function, start: Minimum, axes: list[int], reach: Vector, 
 
     first = start.x[axes]
     corners = np.vstack([first, *(first + np.eye(len(axes))[k] * reach[k] for k in range(len(axes)))])
-    options = {"initial_simplex": corners, "maxfev": _SIMPLEX_EVALUATIONS * len(axes), "xatol": 1e-4, "fatol": 1e-6 * start.cost}
+    options = {
+        "initial_simplex": corners,
+        "maxfev": _SIMPLEX_EVALUATIONS * len(axes),
+        "xatol": 1e-4,
+        "fatol": 1e-6 * start.cost,
+    }
     found = minimize(lambda part: _cost(function(point(part))), first, method="Nelder-Mead", options=options)
     if not found.fun < start.cost:
         return start

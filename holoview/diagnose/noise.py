@@ -21,7 +21,8 @@ def model_variance(camera: Camera, expected: Images) -> Images:
 
 
 def blind_variance(measured: Measured, indices: NDArray[np.intp]) -> Images:
-    """Variance (counts²) without a model, (capture, y, x): the mean of a pixel's eight neighbours stands for its signal.
+    """Variance (counts²) without a model, (capture, y, x): the mean of a pixel's eight neighbours stands for its
+    signal.
 
     The pixel itself is left out. If its own noise set its weight, low readings would weigh more than high ones, which
     looks like a black level that is too low.

@@ -23,7 +23,8 @@ _DPI = 110
 def png(figure: Figure) -> bytes:
     """The figure as a PNG file."""
     buffer = io.BytesIO()
-    FigureCanvasAgg(figure).print_png(buffer)
+    FigureCanvasAgg(figure)
+    figure.savefig(buffer, format="png")
     return buffer.getvalue()
 
 
@@ -83,7 +84,9 @@ def candidates(found: Diagnosis, most: int = 12) -> Figure:
     figure = Figure(figsize=(8, 0.9 + 0.27 * len(names)), dpi=_DPI, layout="constrained")
     axis = figure.subplots()
     floor = 1e-3
-    axis.barh(np.arange(len(names)), np.maximum(excess, floor) / floor, left=floor, color=[_BEFORE] + [_AFTER] * len(shown))
+    axis.barh(
+        np.arange(len(names)), np.maximum(excess, floor) / floor, left=floor, color=[_BEFORE] + [_AFTER] * len(shown)
+    )
     axis.set_xscale("log")
     axis.set_yticks(np.arange(len(names)), names, fontsize=8)
     axis.invert_yaxis()

@@ -119,8 +119,8 @@ def _display(gain: DisplayGain | None, pictures: dict[str, bytes]) -> str:
         return ""
     return (
         "<h2>What it buys on the display</h2>"
-        f"<p>A hologram optimised with the nominal model reaches {gain.nominal_db:.1f} dB on the bench as it is; with the "
-        f"extended model <b>{gain.extended_db:.1f} dB</b>, {gain.gain_db:+.1f} dB "
+        f"<p>A hologram optimised with the nominal model reaches {gain.nominal_db:.1f} dB on the bench as it is; "
+        f"with the extended model <b>{gain.extended_db:.1f} dB</b>, {gain.gain_db:+.1f} dB "
         f"({gain.iterations} iterations each, the mean of all focal planes).</p>"
         f"{_image(pictures['display'], 'both holograms on the bench as it is')}"
     )

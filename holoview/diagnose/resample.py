@@ -24,7 +24,7 @@ def moved(images: Images, shift: Floats) -> Images:
 def gradient(images: Images) -> tuple[Images, Images]:
     """∂/∂y and ∂/∂x per pixel."""
     kernel = _slope()
-    return tuple(convolve1d(images, kernel, axis=axis, mode="nearest") for axis in (1, 2))  # type: ignore[return-value]
+    return tuple(convolve1d(images, kernel, axis=axis, mode="nearest") for axis in (1, 2))
 
 
 def _along_both(image: NDArray[np.float32], y: Floats, x: Floats) -> NDArray[np.float32]:

@@ -1,9 +1,9 @@
 """First look at every effect, on the smoothest captures, on top of causes that are already known.
 
-Three ways, by how far the model is off. Nearly there: the tangent at the identity tells what each effect could gain, and
-only the most promising are fitted. Medium: a local fit of each from its identity. Far: a scan over each effect's range
-first, since decorrelated speckle has no slope that points home. Effects come in batches, the cheapest first, so that the
-caller can stop as soon as one explains everything.
+Three ways, by how far the model is off. Nearly there: the tangent at the identity tells what each effect could gain,
+and only the most promising are fitted. Medium: a local fit of each from its identity. Far: a scan over each effect's
+range first, since decorrelated speckle has no slope that points home. Effects come in batches, the cheapest first, so
+that the caller can stop as soon as one explains everything.
 """
 
 from __future__ import annotations

@@ -12,7 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.levenberg import Minimum, Vector, golden_section, jacobian, levenberg_marquardt, simplex
+from holoview.diagnose.levenberg import (
+    Function,
+    Minimum,
+    Residuals,
+    Vector,
+    golden_section,
+    jacobian,
+    levenberg_marquardt,
+    simplex,
+)
 from holoview.diagnose.unknowns import Found, Unknowns, unknowns
 from holoview.effects.effect import Effect
 from holoview.errors import UserError
@@ -81,8 +90,11 @@ def local_fit(
     values, cost = start, cost_of(comparison, start)
     if len(smooth):
         minimum = levenberg_marquardt(
-            residual_of(smooth, start, comparison), smooth.pack(start), smooth.bounds(),
-            iterations=iterations, tolerance=tolerance,
+            residual_of(smooth, start, comparison),
+            smooth.pack(start),
+            smooth.bounds(),
+            iterations=iterations,
+            tolerance=tolerance,
         )
         values, cost = smooth.unpack(minimum.x, start), minimum.cost
     return Trial(tuple(e.id for e in effects), values, cost)
@@ -95,14 +107,14 @@ def search(effect: Effect, comparison: Comparison, base: Found, trials: Sequence
     return Trial((*base, effect.id), best.values, best.cost)
 
 
-def residual_of(free: Unknowns, base: Found, comparison: Comparison):  # noqa: ANN201
+def residual_of(free: Unknowns, base: Found, comparison: Comparison) -> Function:
     """The residuals as a function of the vector; a bench that can't be answers with the residuals of no light."""
 
-    def function(x: Vector) -> np.ndarray:
+    def function(x: Vector) -> Residuals:
         try:
             return comparison.residual(free.unpack(x, base))
         except UserError:
-            return 10.0 * comparison._weighted.ravel()
+            return comparison.no_light
 
     return function
 
@@ -113,7 +125,9 @@ def slopes_of(effect: Effect, values: Found, comparison: Comparison, residual: n
     return jacobian(residual_of(free, values, comparison), free.pack(values), residual, free.bounds())
 
 
-def _tried(comparison: Comparison, causes: tuple[str, ...], base: Found, own: str, points: Sequence[dict[str, float]]) -> list[Trial]:
+def _tried(
+    comparison: Comparison, causes: tuple[str, ...], base: Found, own: str, points: Sequence[dict[str, float]]
+) -> list[Trial]:
     trials = []
     for point in points:
         values = {**base, own: dict(point)}

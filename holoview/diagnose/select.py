@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from holoview.diagnose.bench import Bench, Progress
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.screen import mismatch, screen
 from holoview.diagnose.search import Trial, cost_of, local_fit, sharpened
-from holoview.diagnose.unknowns import Found
 from holoview.effects.effect import Effect
 
 _SHORT_LIST, _CLOSE_SECONDS, _CLOSE = 3, 2, 1.3
@@ -118,7 +118,9 @@ def refined(bench: Bench, trial: Trial, *, fine: bool = False) -> Trial:
         if mismatch(bench, values) > _FAR:
             return found
     comparison = bench.judged_by(indices, values)
-    return sharpened(effects, local_fit(effects, values, comparison, iterations=5, tolerance=1e-4, fine=fine), comparison)
+    return sharpened(
+        effects, local_fit(effects, values, comparison, iterations=5, tolerance=1e-4, fine=fine), comparison
+    )
 
 
 def _first_round(bench: Bench, effects: Sequence[Effect], report: Progress) -> Selection:
@@ -135,7 +137,7 @@ def _first_round(bench: Bench, effects: Sequence[Effect], report: Progress) -> S
             if selection.best.chi2 < _EARLY:
                 return selection
     short = _short_list(sorted(trials.values(), key=lambda t: t.cost))
-    return judge(bench, bench.side_by_side([lambda t=t: refined(bench, t) for t in short]))
+    return judge(bench, bench.side_by_side([partial(refined, bench, t) for t in short]))
 
 
 def _next_round(
@@ -148,7 +150,7 @@ def _next_round(
         screened = [t for batch in screen(bench, base.trial.values, rest, report, f"{number} causes") for t in batch]
         best = _distinct(sorted(screened, key=lambda t: t.cost))[:_SECONDS]
         joint = _joint(bench, best)[:_REFINED]
-        known += bench.side_by_side([lambda t=t: refined(bench, t) for t in joint])
+        known += bench.side_by_side([partial(refined, bench, t) for t in joint])
         selection = judge(bench, _distinct(sorted(known, key=lambda t: -len(t.causes))))
         if selection.best.chi2 < _EARLY:
             break
@@ -161,7 +163,7 @@ def _joint(bench: Bench, trials: Sequence[Trial]) -> list[Trial]:
     for trial in trials:
         comparison = bench.coarse_comparison(bench.split.coarse, min(mismatch(bench, trial.values), 1.0))
         effects = [bench.effects[name] for name in trial.causes]
-        jobs.append(lambda e=effects, v=trial.values, c=comparison: local_fit(e, v, c))
+        jobs.append(partial(local_fit, effects, trial.values, comparison))
     blind = bench.coarse_comparison(bench.split.coarse, 0.0)
     fits = bench.side_by_side(jobs)
     return sorted((replace(t, cost=cost_of(blind, t.values)) for t in fits), key=lambda t: t.cost)
@@ -245,7 +247,7 @@ def _pruned(bench: Bench, selection: Selection) -> Selection:
         Trial(tuple(c for c in best.causes if c != out), {k: v for k, v in best.trial.values.items() if k != out}, 0.0)
         for out in best.causes
     ]
-    refits = bench.side_by_side([lambda t=t: refined(bench, t) for t in fewer])
+    refits = bench.side_by_side([partial(refined, bench, t) for t in fewer])
     return judge(bench, [*(c.trial for c in selection.candidates), *refits])
 
 

@@ -1,9 +1,9 @@
 """How sure a value is, and what it could be mistaken for: both from the slopes of the residuals at the solution.
 
-With J the slopes of the whitened residuals r (gains and movements of the camera projected out), photon noise alone gives
-the covariance (JᵀJ)⁻¹. Where the model doesn't reach the floor, what is left is the same in neighbouring pixels, so the
-scores g_k = J_kᵀ r_k of whole captures are the independent draws: (JᵀJ)⁻¹ (Σ g_k g_kᵀ) (JᵀJ)⁻¹ · K/(K − 1). The larger of
-the two is reported (White, Econometrica 48, 817 (1980); clusters: Liang & Zeger, Biometrika 73, 13 (1986)).
+With J the slopes of the whitened residuals r (gains and movements of the camera projected out), photon noise alone
+gives the covariance (JᵀJ)⁻¹. Where the model doesn't reach the floor, what is left is the same in neighbouring pixels,
+so the scores g_k = J_kᵀ r_k of whole captures are the independent draws: (JᵀJ)⁻¹ (Σ g_k g_kᵀ) (JᵀJ)⁻¹ · K/(K − 1). The
+larger of the two is reported (White, Econometrica 48, 817 (1980); clusters: Liang & Zeger, Biometrika 73, 13 (1986)).
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.search import Trial, residual_of
 from holoview.diagnose.levenberg import Minimum, jacobian, profile_width
+from holoview.diagnose.search import Trial, residual_of
 from holoview.diagnose.unknowns import Unknowns, unknowns
 from holoview.effects.effect import Effect
 
