@@ -198,7 +198,7 @@ class Window:
 
 def _has_input() -> bool:
     """Whether events wait for their turn: ImGui takes a press or a letter a frame, however fast they come."""
-    return len(imgui.internal.get_current_context().input_events_queue) > 0
+    return len(imgui.get_current_context().input_events_queue) > 0
 
 
 def _after(first: Callable[[], None], then: Callable[[], None] | None) -> Callable[[], None]:

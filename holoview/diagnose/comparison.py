@@ -129,7 +129,7 @@ class Comparison:
         return best if best.shift is not None else replace(best, shift=shift)
 
     def _aimed(self, values: Values, shift: Floats) -> Images | None:
-        """Predictions with the camera moved: where pictures hold detail beyond their pixels, moving them isn't enough."""
+        """Predictions with the camera moved: not exact where pictures hold detail beyond their pixels."""
         pitch = self.measured.camera.pitch_m
         signals = []
         for index, (y, x) in zip(self.indices, shift * pitch, strict=True):

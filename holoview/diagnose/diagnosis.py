@@ -58,7 +58,7 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """A held-out capture for the eye: light (counts), predictions (counts) and residuals (σ) before and after, (y, x)."""
+    """A held-out capture for the eye: light (counts), predictions (counts) and residuals (σ) before, after: (y, x)."""
 
     capture: int
     wavelength_m: float

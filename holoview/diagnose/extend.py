@@ -1,4 +1,4 @@
-"""The model before and after: a preset as the nominal bench of captures, and a bench with the causes that were named."""
+"""The model before and after: a preset as the nominal bench of captures, and a bench with the causes named."""
 
 from __future__ import annotations
 

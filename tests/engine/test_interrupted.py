@@ -24,7 +24,13 @@ BENCH = System(
     source={"directions": [[0.0, 0.0], [0.0, 0.01]]},
 )
 A_DISPATCH = 1e-9
-EDITS = [{"gap": "1 mm"}, {"gap": "1.5 mm"}, {"relay2.iris_na": 0.02}, {"relay2.iris_na": None}, {"amplitudes": [[1, 2, 0]]}]
+EDITS = [
+    {"gap": "1 mm"},
+    {"gap": "1.5 mm"},
+    {"relay2.iris_na": 0.02},
+    {"relay2.iris_na": None},
+    {"amplitudes": [[1, 2, 0]]},
+]
 
 
 def _fresh(device: Device, system: System, drive: np.ndarray, plane_m: float) -> np.ndarray:
