@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from threading import Event
+from typing import Any
 
 import numpy as np
 import pytest
 
 from holoview.colour import D65_WHITE
-from holoview.session.live import Live, measured
+from holoview.session.live import Figures, Live, measured
 from holoview.session.newest import Newest
 from holoview.session.session import Session
 
@@ -35,16 +36,27 @@ def test_a_dark_region_is_told(session: Session) -> None:
     assert figures.region is None and "light" in figures.problem
 
 
-def test_only_the_newest_image_is_measured(session: Session) -> None:
-    changes: list[float] = []
-    live = Live(session, lambda: changes.append(live.figures.region.mean))  # type: ignore[union-attr]
-    for mean in range(1, 30):
+def test_only_the_newest_image_is_measured(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, goes_on = Event(), Event()
+
+    def slow(*args: Any) -> Figures:
+        begun.set()
+        assert goes_on.wait(20)
+        return measured(*args)
+
+    monkeypatch.setattr("holoview.session.live.measured", slow)
+    means: list[float] = []
+    live = Live(session, lambda: means.append(live.figures.region.mean))  # type: ignore[union-attr]
+    live.look(session.state, np.ones((48, 64, 3)))
+    assert begun.wait(20)
+    for mean in range(2, 30):
         live.look(session.state, np.ones((48, 64, 3)) * mean)
+    goes_on.set()
     until = time.monotonic() + 20
     while live.is_busy and time.monotonic() < until:
         time.sleep(0.01)
     session.poll()
-    assert changes[-1] == 29 and len(changes) <= 3
+    assert means == [1, 29]
     live.close()
 
 

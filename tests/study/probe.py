@@ -15,6 +15,8 @@ from holoview.errors import UserError
 from holoview.study.scale import Scale
 from holoview.study.study import Findings, Job, Outcome, Report, Study
 
+_FOREVER_S = 600.0
+
 
 class Probe(Study):
     name = "probe"
@@ -39,6 +41,8 @@ class Probe(Study):
             raise RuntimeError("a stumble")
         if fate == "fails":
             raise RuntimeError("always")
+        if fate == "waits once" and first:
+            time.sleep(_FOREVER_S)
         if fate == "refuses":
             raise UserError("n", str(settings["n"]), expected="another")
         time.sleep(settings.get("seconds", 0.0))

@@ -163,25 +163,27 @@ def test_a_worker_of_another_version_refuses() -> None:
         do_job(Share(), STUDY, {"n": 1}, "0.0")
 
 
+def _to_be_killed(log: Path) -> list[Job]:
+    """Four jobs of which the third is long at the first attempt."""
+    return [_job(n, log=str(log), fate="waits once" if n == 2 else "") for n in range(4)]
+
+
 def test_a_run_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     folder, log = tmp_path / "jobs", tmp_path / "log"
     program = (
-        "import sys; from pathlib import Path; from holoview.study.runner import run_jobs, Where\n"
-        "from holoview.study.store import Store; from tests.study.test_runner import _jobs, STUDY\n"
-        "run_jobs(STUDY, _jobs(Path(sys.argv[2]), 4, seconds=0.4), Store(Path(sys.argv[1])))\n"
+        "import sys; from pathlib import Path; from holoview.study.runner import run_jobs\n"
+        "from holoview.study.store import Store; from tests.study.test_runner import _to_be_killed, STUDY\n"
+        "run_jobs(STUDY, _to_be_killed(Path(sys.argv[2])), Store(Path(sys.argv[1])))\n"
     )
-    process = subprocess.Popen([sys.executable, "-c", program, str(folder), str(log)], cwd=ROOT)
-    until = time.monotonic() + 60
-    while not list(folder.glob("*.json")) and time.monotonic() < until:
-        time.sleep(0.02)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    kept = len(list(folder.glob("*.json")))
-    assert 0 < kept < 4
-    before = len(_log(log))
-    results = run_jobs(STUDY, _jobs(log, 4, seconds=0.4), Store(folder))
+    with subprocess.Popen([sys.executable, "-c", program, str(folder), str(log)], cwd=ROOT) as process:
+        until = time.monotonic() + 60
+        while not (log.exists() and len(_log(log)) == 3) and time.monotonic() < until:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+    assert len(list(folder.glob("*.json"))) == 2
+    results = run_jobs(STUDY, _to_be_killed(log), Store(folder))
     assert [outcome.numbers["square"] for _, outcome in results] == [0, 1, 4, 9]
-    assert len(_log(log)) == before + 4 - kept
+    assert _log(log) == [0, 1, 2, 2, 3]
 
 
 @pytest.mark.parametrize("damage", ["", "{", '{"format": "other"}', "[]", '{"format": "holoview-result"}'])
