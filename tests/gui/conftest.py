@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -88,7 +90,16 @@ def make_gui(device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     for app in opened:
         failures = [guarded.failure for guarded in app.panels if guarded.failure is not None]
         app.close()
+        _take_signals_back()
         assert not failures, failures
+
+
+def _take_signals_back() -> None:
+    """The test engine handles signals for good, and crashes where Python would go on: at a pipe that is broken."""
+    if hasattr(signal, "SIGPIPE"):
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    faulthandler.enable()
 
 
 def _register(box: dict[str, Any]) -> None:
