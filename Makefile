@@ -1,7 +1,8 @@
 # make demo   set up everything, make a hologram of the shipped picture and render what an eye sees
 # make test   set up everything, check style and types, run the tests
+# make gallery  run every study at its quick scale and build docs/gallery.md (a quarter of an hour)
 # make bench  time the frame's stages on this machine
-.PHONY: demo test bench lint package clean help
+.PHONY: demo test bench gallery lint package clean help
 .DEFAULT_GOAL := help
 
 BIN := .venv/bin
@@ -32,6 +33,9 @@ lint: .venv/holoview.stamp
 bench: .venv/holoview.stamp
 	@bash .ci/adapter
 	$(BIN)/python -m benchmarks.frame_time
+
+gallery: .venv/holoview.stamp
+	@$(BIN)/python -m benchmarks.gallery
 
 package: .venv/holoview.stamp
 	$(BIN)/python -m build

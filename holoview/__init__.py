@@ -12,7 +12,9 @@ grid plan                FFT conventions; every derived number
 optics engine gpu        elements in torch; two executors of a plan; WebGPU plumbing
 colour metrics targets   the eye; PSNR, ΔE, speckle, eyebox; pictures to focal stacks
 optimise hologram        finding patterns; the file that holds them (tensors: how such files are read)
+effects captures         what real benches do besides; measured data and what the model expects of them
 view cli                 what is seen; the command line
+session app              what a viewer edits; the viewer itself, `show` in a notebook
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from holoview.preset import load
 from holoview.system import Modulator, Relay, Sampling, Source, System
 
 if TYPE_CHECKING:
+    from holoview.app.notebook import show
     from holoview.hologram import Hologram, load_hologram
     from holoview.optimise.settings import Settings
     from holoview.optimise.solve import iterate
@@ -46,6 +49,7 @@ _LAZY = {
     "iterate": "holoview.optimise.solve",
     "load_hologram": "holoview.hologram",
     "random_drive": "holoview.view",
+    "show": "holoview.app.notebook",
     "simulate": "holoview.view",
     "target_for": "holoview.targets.build",
 }
@@ -68,6 +72,7 @@ __all__ = [
     "load_hologram",
     "make_plan",
     "random_drive",
+    "show",
     "simulate",
     "target_for",
 ]

@@ -18,10 +18,16 @@ INTERRUPTED = 130
 COMMANDS = {
     "presets": "list the presets, a line each",
     "info": "show the derived numbers of a preset",
+    "view": "see, scrub, compare and optimise in a window",
     "render": "render what an observer sees, to PNG",
     "optimise": "find patterns and laser amplitudes for a picture",
     "export": "write a hologram's patterns as PNG",
+    "captures": "make, check, show and import measured captures",
+    "diagnose": "name what the simulation of a measured bench gets wrong",
+    "calibrate": "learn a bench from captures, or a modulator's table",
     "bench": "measure how fast frames and edits are, beside torch",
+    "study": "make a figure of the paper again, with its numbers",
+    "contrast": "measure the speckle contrast of a picture or bench",
     "demo": "make and show a hologram of the shipped picture",
 }
 ALIASES = {"optimize": "optimise"}

@@ -9,8 +9,8 @@ Light becomes colour in three linear steps and one curve:
 The scale is fixed throughout: Y = 1 is the white of the display, and nothing is normalised per image. An eye's XYZ_F is
 shown as if it were CIE 1931 XYZ, which is how CIE 170-2 intends it; the white point is that of sRGB in both cases.
 
-Only numpy is imported at the top: colour-science takes over a second to import and is loaded when a table is first
-read.
+The observers' tables are colour-science's, kept as files beside the pictures: the package itself takes over a second to
+import and is loaded for colour differences only.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from holoview.errors import UserError, near_matches
+from holoview.files import data_dir
 
 FloatArray = NDArray[np.float64]
 
@@ -81,14 +82,18 @@ def colour_science() -> Any:
     return colour
 
 
+TABLES = {
+    "cones": ("Stockman & Sharpe 2 Degree Cone Fundamentals", "L,M,S"),
+    "cie1931": ("CIE 1931 2 Degree Standard Observer", "x,y,z"),
+}
+"""The tables in `assets/observers`: the name that each has in colour-science, and its columns."""
+
+
 @cache
 def _table(name: str) -> tuple[FloatArray, FloatArray]:
-    """Wavelengths (n,) in nm and values (n, 3) of a colour-matching table of colour-science, at its 1 nm steps.
-
-    Some releases hold NaN where the S cone has no published value (above 615 nm): its response there is below 1e-5.
-    """
-    table = colour_science().MSDS_CMFS[name]
-    return _constant(table.wavelengths), _constant(np.nan_to_num(table.values, nan=0.0))
+    """Wavelengths (n,) in nm and values (n, 3) of one of `TABLES`, at 1 nm steps."""
+    rows = np.loadtxt(data_dir("assets") / "observers" / f"{name}.csv", delimiter=",")
+    return _constant(rows[:, 0]), _constant(rows[:, 1:])
 
 
 def _interpolate(name: str, wavelengths_m: ArrayLike, offset_nm: float = 0.0) -> tuple[FloatArray, FloatArray]:
@@ -102,15 +107,11 @@ def _interpolate(name: str, wavelengths_m: ArrayLike, offset_nm: float = 0.0) ->
         raise UserError(
             "wavelength",
             f"{asked_nm[outside][0]:g} nm",
-            expected=f"{first:g}…{last:g} nm, the range of the {name}",
+            expected=f"{first:g}…{last:g} nm, the range of the {TABLES[name][0]}",
             remedy="wavelengths here are in metres: 532 nm is 532e-9",
         )
     at_nm = np.clip(asked_nm + offset_nm, first, last)
     return at_nm, np.stack([np.interp(at_nm, known_nm, column) for column in values.T], axis=-1)
-
-
-_CONES = "Stockman & Sharpe 2 Degree Cone Fundamentals"
-_CIE1931 = "CIE 1931 2 Degree Standard Observer"
 
 
 def cone_fundamentals(wavelengths_m: ArrayLike) -> FloatArray:
@@ -119,7 +120,7 @@ def cone_fundamentals(wavelengths_m: ArrayLike) -> FloatArray:
     Stockman & Sharpe (2000), 2°, energy-based, as adopted by CIE 170-1:2006; linear between the 1 nm table entries.
     Raises UserError outside 390…830 nm.
     """
-    return _interpolate(_CONES, wavelengths_m)[1]
+    return _interpolate("cones", wavelengths_m)[1]
 
 
 def cone_slopes(wavelengths_m: ArrayLike) -> FloatArray:
@@ -128,8 +129,8 @@ def cone_slopes(wavelengths_m: ArrayLike) -> FloatArray:
     The interpolant has a kink at each whole nanometre, where lasers usually sit. A centred difference over ±0.001 nm is
     exact between table entries and gives the mean of both slopes at one; at the ends of the table it's one-sided.
     """
-    below_nm, below = _interpolate(_CONES, wavelengths_m, -1e-3)
-    above_nm, above = _interpolate(_CONES, wavelengths_m, 1e-3)
+    below_nm, below = _interpolate("cones", wavelengths_m, -1e-3)
+    above_nm, above = _interpolate("cones", wavelengths_m, 1e-3)
     return (above - below) / ((above_nm - below_nm) * 1e-9)[:, None]
 
 
@@ -143,7 +144,7 @@ def observer_weights(kind: str, wavelengths_m: ArrayLike) -> FloatArray:
     if kind == "eye":
         return cone_fundamentals(wavelengths_m) @ LMS_TO_XYZ.T
     if kind == "cie1931":
-        return _interpolate(_CIE1931, wavelengths_m)[1]
+        return _interpolate("cie1931", wavelengths_m)[1]
     if kind == "mono":
         return np.tile(D65_WHITE, (np.atleast_1d(np.asarray(wavelengths_m)).size, 1))
     raise UserError("observer", repr(kind), remedy=near_matches(kind, OBSERVERS))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from holoview.errors import UserError, near_matches
-from holoview.schema import Coefficients, Kind
+from holoview.schema import Coefficients, EffectTable, Kind
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,6 +126,8 @@ def _edited_inside(kind: Kind, value: Any, changes: Mapping[str, Any], where: st
         return _edited_entries(kind, value, changes, where)
     if isinstance(kind, Coefficients):
         return kind.read({**kind.write(value), **changes}, where)
+    if isinstance(kind, EffectTable):
+        return kind.edited(value, changes, where)
     if not isinstance(kind, Item):
         raise UserError(f"{where}.{next(iter(changes))}", "unknown key", remedy=f"{where} has no parts")
     try:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from functools import partial
+from typing import Any
 
 
 class UserError(ValueError):
@@ -21,6 +23,10 @@ class UserError(ValueError):
         if remedy:
             parts.append(remedy)
         super().__init__("; ".join(parts))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """How it passes from one process to another."""
+        return partial(UserError, expected=self.expected, remedy=self.remedy), (self.where, self.found)
 
     def inside(self, outer: str) -> UserError:
         """The same mistake, located from further out: "gap" inside "bench.toml: " is "bench.toml: gap"."""

@@ -27,7 +27,14 @@ class Fact:
 def facts(system: System) -> list[Fact]:
     """Everything derived that a person may want to check before trusting a simulation."""
     plan = make_plan(system)
-    return [*_bench(system), *_diffraction(system), *_cut_offs(plan), *_sampling(plan), *_memory(plan)]
+    return [
+        *_bench(system),
+        *_diffraction(system),
+        *_cut_offs(plan),
+        *_sampling(plan),
+        *_memory(plan),
+        *_effects(system),
+    ]
 
 
 def _bench(system: System) -> list[Fact]:
@@ -101,12 +108,12 @@ def _cut_offs(plan: Plan) -> list[Fact]:
 
 
 def _sampling(plan: Plan) -> list[Fact]:
-    grid = plan.grid
+    grid, how = plan.grid, plan.system.sampling.propagation
+    if how == "periodic" and grid.padded != grid.shape:
+        how += ", padded to the next sizes that can be transformed"
     return [
         Fact("sampling", "simulated field", f"{grid.shape[1]} x {grid.shape[0]} at {units.short(grid.pitch_m, 'um')}"),
-        Fact(
-            "sampling", "transformed grid", f"{grid.padded[1]} x {grid.padded[0]} ({plan.system.sampling.propagation})"
-        ),
+        Fact("sampling", "transformed grid", f"{grid.padded[1]} x {grid.padded[0]} ({how})"),
         Fact("sampling", "expected wrap-around", wrap_around(plan)),
     ]
 
@@ -139,6 +146,19 @@ def _memory(plan: Plan) -> list[Fact]:
         Fact("memory", "focal stack of intensities", _bytes(stack)),
         Fact("memory", "optimiser", f"about {_bytes(peak_bytes(plan.system))}"),
     ]
+
+
+def _effects(system: System) -> list[Fact]:
+    """What the bench does beyond the plain model, in words."""
+    if not system.effects:
+        return []
+    from holoview.effects.switched import Switched  # here: only benches with effects load them
+
+    switched = Switched(system.effect_values)
+    said = [Fact("effects", one.id, one.sentence(system, dict(v))) for one, v in switched.on]
+    camera = [one.id for one in switched.of_camera()]
+    note = f"{', '.join(camera)}: of the camera that took captures, not of what is rendered"
+    return [*said, *([Fact("effects", "not seen", note)] if camera else [])]
 
 
 def _bytes(count: float) -> str:

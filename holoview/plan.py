@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from holoview.colour import observer_weights
 from holoview.errors import UserError
-from holoview.grid import frequency_indices, good_size
+from holoview.grid import frequency_indices, good_size, is_good_size
 from holoview.system import PLANES, Relay, System
 
 Pair = tuple[int, int]
@@ -85,6 +85,9 @@ class Transfer:
 class Plan:
     """Derived numbers of a system for a choice of focal planes.
 
+    system: the bench with its effects on distances, angles, wavelengths, apertures and powers; nominal: as described.
+    moments: factors of the optical paths that each exposure averages over; frame f·M + m of `system` is moment m of
+    the drive's frame f.
     weights (frame, wavelength): what multiplies |field|²: amplitude / (frames × sources).
     slopes (source, wavelength, 2): phase slope of the illumination (y, x), turns a sample.
     colour_weights (wavelength, 3): XYZ of unit intensity.
@@ -96,6 +99,8 @@ class Plan:
     weights: NDArray[np.float64]
     slopes: NDArray[np.float64]
     colour_weights: NDArray[np.float64]
+    nominal: System
+    moments: tuple[float, ...] = (1.0,)
     _transfers: dict[tuple[float, int, int], Transfer] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -122,7 +127,12 @@ def make_plan(system: System, planes: Sequence[float | str] | NDArray[np.float64
 
     Raises UserError for a plane behind the modulator.
     """
-    planes_m = system.planes_m if planes is None else _read_planes(planes)
+    nominal: System = system
+    moments: tuple[float, ...] = (1.0,)
+    planes_m = system.planes_m if planes is None else read_planes(planes)
+    if system.effects:
+        system, moments = _as_built(system.edit({"planes": planes_m}))
+        planes_m = system.planes_m
     sources = len(system.source.directions_rad)
     return Plan(
         system=system,
@@ -131,7 +141,17 @@ def make_plan(system: System, planes: Sequence[float | str] | NDArray[np.float64
         weights=system.amplitudes / (system.frames * sources),
         slopes=_slopes(system),
         colour_weights=observer_weights(system.observer, system.wavelengths_m),
+        nominal=nominal,
+        moments=moments,
     )
+
+
+def _as_built(system: System) -> tuple[System, tuple[float, ...]]:
+    """The bench with its effects, and the moments of an exposure."""
+    from holoview.effects.switched import Switched  # here: only benches with effects load them
+
+    switched = Switched(system.effect_values)
+    return switched.as_built(system), tuple(factor for _, factor in switched.moments())
 
 
 def fixed_turns(turns: float) -> NDArray[np.uint32]:
@@ -156,7 +176,8 @@ def band_limit(padded: int, pitch_m: float, wavelength_m: float, distance_m: flo
     return 1.0 / (wavelength_m * math.hypot(2 * distance_m / (padded * pitch_m), 1.0))
 
 
-def _read_planes(planes: Sequence[float | str] | NDArray[np.float64]) -> NDArray[np.float64]:
+def read_planes(planes: Sequence[float | str] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distances of planes, m. Raises UserError for an empty list, and for one behind the modulator."""
     read = PLANES.read(planes, "planes")
     if read is None or len(read) == 0:
         raise UserError("planes", "an empty list", expected="at least one distance")
@@ -176,7 +197,7 @@ def _grid(system: System, farthest_m: float) -> Grid:
 
 def _padded(n: int, propagation: str, reach: float, upsample: int) -> int:
     if propagation == "periodic":
-        return n
+        return n if is_good_size(n) else good_size(n, _good_part(upsample))
     if propagation == "linear":
         return good_size(2 * n, _good_part(upsample))
     return good_size(min(2 * n, n + math.ceil(reach) + _COMPACT_GUARD), _good_part(upsample))

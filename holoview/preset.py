@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from holoview.files import data_dir, replacing
 from holoview.shorthand import expand_table
 from holoview.system import System
 
-_TABLES = ("source", "relay1", "relay2", "sampling")
+_TABLES = ("source", "relay1", "relay2", "sampling", "effects")
 
 
 def names() -> list[str]:
@@ -62,8 +62,9 @@ def dumps(system: System) -> str:
 
 def save(system: System, path: str | os.PathLike[str]) -> None:
     """Writes the system as a preset file, whole or not at all."""
+    table = _with_files(_written(system), Path(path).resolve().parent, _shortened)
     with replacing(path) as temporary:
-        temporary.write_text(dumps(system), encoding="utf-8")
+        temporary.write_text(tomli_w.dumps(table, multiline_strings=False), encoding="utf-8")
 
 
 def _written(system: System) -> dict[str, Any]:
@@ -96,6 +97,7 @@ def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
         table = _parse(path.read_text(encoding="utf-8"), str(path))
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(str(path), f"can't be read: {error}", expected="a text file in TOML") from error
+    table = _with_files(table, path.parent, _anchored)
     base = table.pop("base", None)
     if base is None:
         return table
@@ -104,6 +106,32 @@ def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
     beside = path.parent / f"{base}"
     inherited = _with_base(beside if beside.suffix == ".toml" else _find(base), (*seen, path))
     return _merged({key: value for key, value in inherited.items() if key not in ("name", "description")}, table)
+
+
+def _with_files(table: dict[str, Any], folder: Path, change: Callable[[str, Path], str]) -> dict[str, Any]:
+    """The table with the paths of its effects' files changed: what a preset states is relative to its own folder."""
+    effects = table.get("effects")
+    if not isinstance(effects, dict):
+        return table
+    from holoview.effects.parameter import FileParameter  # here: only presets with effects load them
+    from holoview.effects.registry import effect
+
+    changed: dict[str, Any] = {}
+    for name, values in effects.items():
+        files = {p.name for p in effect(name).parameters if isinstance(p, FileParameter)}
+        known = isinstance(values, dict) and files
+        changed[name] = {k: change(v, folder) if k in files else v for k, v in values.items()} if known else values
+    return table | {"effects": changed}
+
+
+def _anchored(file: str, folder: Path) -> str:
+    return str(folder / file)
+
+
+def _shortened(file: str, folder: Path) -> str:
+    """Relative to the folder where the file lies in it."""
+    path = Path(file)
+    return str(path.relative_to(folder)) if path.is_relative_to(folder) else file
 
 
 def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:

@@ -75,7 +75,7 @@ def eyebox_of(hologram: Hologram) -> EyeboxUniformity:
     plan = make_plan(system, system.planes_m[:1])
     executor = TorchExecutor(plan, make_slots(plan, hologram.drive))
     power = np.zeros(plan.grid.padded)
-    for wavelength in range(len(system.wavelengths_m)):
+    for wavelength in range(len(plan.system.wavelengths_m)):
         stop = executor.transfer(1, wavelength, 0.0).abs().square().numpy()  # at no distance only stops are left
         for frame in plan.lit(wavelength):
             weight = plan.weights[frame, wavelength] * plan.colour_weights[wavelength, 1]

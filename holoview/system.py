@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from holoview import describe, units
 from holoview.describe import Item, Items, param
 from holoview.errors import UserError
-from holoview.schema import Array, Choice, Coefficients, Count, Number, Shape
+from holoview.schema import Array, Choice, Coefficients, Count, EffectPairs, EffectTable, Number, Shape
 
 Floats = NDArray[np.float64]
 
@@ -173,6 +173,9 @@ class System(_Description):
         Choice(("eye", "cie1931", "mono")), "What looks: the eye's cones, CIE 1931, mono camera.", default="eye"
     )
     sampling: Sampling = param(Item(Sampling), "Grid of the simulation.", default_factory=Sampling)
+    effects: EffectPairs = param(
+        EffectTable(), "What the bench does beyond the plain model: effects by their id.", default=()
+    )
     name: str = param(Choice(), "Name of the preset.", default="")
     description: str = param(Choice(), "The bench in a sentence.", default="")
 
@@ -258,6 +261,11 @@ class System(_Description):
     def drive_shape(self) -> tuple[int, int, int, int]:
         """Shape of a drive array: (frame, modulator, y, x)."""
         return (self.frames, len(self.modulators), *self.modulators[0].shape)
+
+    @property
+    def effect_values(self) -> dict[str, dict[str, Any]]:
+        """Effects that are switched on, {id: {parameter: SI value}}."""
+        return {name: dict(pairs) for name, pairs in self.effects}
 
     def edit(self, changes: Mapping[str, Any]) -> System:
         """A copy with some keys changed, e.g. edit({"gap": 3e-3, "relay2.iris_na": 0.02}); SI numbers or people's text.

@@ -60,3 +60,12 @@ class TensorFormat:
         missing = sorted(set(self.tensors) - names) or [f"its {text}" for text in self.texts if text not in texts]
         if missing:
             raise UserError(str(path), f"lacks {', '.join(missing)}", expected=self.what)
+
+
+def kind_of(path: str | os.PathLike[str]) -> str:
+    """The format that one of our files says it has, or "" for any other file; only the header is read."""
+    try:
+        with safe_open(path, framework="numpy") as file:
+            return str((file.metadata() or {}).get("format", ""))
+    except (SafetensorError, OSError, ValueError, TypeError, AttributeError):
+        return ""

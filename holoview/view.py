@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.backend import open_executor
 from holoview.engine.frame import Progress, focal_stack
-from holoview.plan import make_plan
+from holoview.plan import make_plan, read_planes
 from holoview.system import System
 
 
@@ -23,6 +23,7 @@ class View:
 
     intensity (plane, wavelength, y, x): frames and sources averaged, laser amplitudes applied; on the modulator's own
     area at the simulation pitch. xyz (plane, y, x, 3). wavelengths_m (wavelength,), planes_m (plane,), pitch_m: metres.
+    Effects of the bench may split wavelengths; planes are called by their nominal distances.
     backend: what computed it, in words.
     """
 
@@ -86,8 +87,8 @@ def simulate(
     return View(
         intensity=intensity,
         xyz=xyz,
-        wavelengths_m=system.wavelengths_m,
-        planes_m=plan.planes_m,
+        wavelengths_m=plan.system.wavelengths_m,
+        planes_m=system.planes_m if planes is None else read_planes(planes),
         pitch_m=plan.grid.pitch_m,
         backend=label,
     )

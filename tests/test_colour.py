@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+from assets import make_observers
 from holoview import colour
 from holoview.errors import UserError
 
@@ -87,11 +88,17 @@ def test_an_unknown_observer_is_refused_with_the_nearest_name() -> None:
         colour.observer_weights("eyes", EIGHT)
 
 
-def test_nothing_of_the_process_is_changed_and_nothing_slow_imported_until_a_table_is_read() -> None:
+@pytest.mark.parametrize("name", list(colour.TABLES))
+def test_the_tables_are_those_of_colour_science(name: str) -> None:
+    kept = (make_observers.FOLDER / f"{name}.csv").read_text(encoding="utf-8")
+    assert kept == make_observers.table(*colour.TABLES[name])
+
+
+def test_observers_import_nothing_slow_and_colour_science_changes_nothing_of_the_process() -> None:
     program = (
-        "import sys, warnings, numpy as np; from holoview import colour as c; assert 'colour' not in sys.modules; "
-        "before = (np.get_printoptions(), list(warnings.filters)); c.observer_weights('eye', 532e-9); "
-        "assert 'colour' in sys.modules; assert (np.get_printoptions(), list(warnings.filters)) == before"
+        "import sys, warnings, numpy as np; from holoview import colour as c; c.observer_weights('eye', 532e-9); "
+        "assert 'colour' not in sys.modules; before = (np.get_printoptions(), list(warnings.filters)); "
+        "c.colour_science(); assert (np.get_printoptions(), list(warnings.filters)) == before"
     )
     subprocess.run([sys.executable, "-W", "error", "-c", program], check=True)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import pytest
 
 from holoview.errors import UserError, near_matches
@@ -48,3 +50,9 @@ def test_all_known_words_are_listed_in_order_when_none_is_near() -> None:
 
 def test_no_more_than_three_words_are_offered() -> None:
     assert near_matches("key", [f"key{i}" for i in range(9)]).count(" or ") == 2
+
+
+def test_passes_from_one_process_to_another() -> None:
+    error = UserError("gap", "-1 mm", expected="0 or more", remedy="turn it round")
+    passed = copy.copy(error)  # by __reduce__, as pickle does it
+    assert (str(passed), passed.where, passed.remedy) == (str(error), "gap", "turn it round")

@@ -116,3 +116,10 @@ def test_the_bench_is_told_in_people_s_units() -> None:
     assert found["gap"] == "5 mm"
     assert found["focal planes"] == "20, 22.5, 25, 27.5, 30 mm"
     assert "gap" not in _facts("simultaneous-1slm")
+
+
+def test_effects_are_told_in_words_and_those_of_the_camera_set_apart() -> None:
+    found = _facts("holochrome-8", **{"effects.gap.gap_error": "0.1 mm", "effects.camera_gamma.exponent": 0.2})
+    assert found["gap"] == "The gap is 2.1 mm, not 2 mm."
+    assert found["not seen"].startswith("camera_gamma")
+    assert "not seen" not in _facts("holochrome-8")

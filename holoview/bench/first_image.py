@@ -15,12 +15,16 @@ from holoview.system import System
 _CACHES = ("XDG_CACHE_HOME", "MESA_SHADER_CACHE_DIR", "LOCALAPPDATA")
 _PROGRAM = """
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from holoview import preset
-from holoview.engine.session import FrameSession
 from holoview.gpu.device import open_device
-from holoview.view import random_drive
-system = preset.loads(sys.stdin.read())
-session = FrameSession(system, random_drive(system), open_device(sys.argv[1] or None))
+with ThreadPoolExecutor(1) as aside:
+    device = aside.submit(open_device, sys.argv[1] or None)
+    system = preset.loads(sys.stdin.read())
+    from holoview.engine.session import FrameSession
+    from holoview.view import random_drive
+    drive = random_drive(system)
+session = FrameSession(system, drive, device.result())
 session.update()
 session.srgb8()
 """

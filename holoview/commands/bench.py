@@ -20,6 +20,7 @@ from holoview.commands.common import add_system, system_of
 from holoview.errors import UserError
 from holoview.gpu.device import TIMESTAMPS, Device, open_device
 from holoview.gpu.lines import STRATEGIES, strategies
+from holoview.grid import is_good_size
 from holoview.plan import make_plan
 from holoview.system import System
 
@@ -145,6 +146,8 @@ def _sized(system: System, size: str) -> System:
         raise UserError("--size", f'"{size}"', expected="samples such as 1024x768")
     if int(columns) % upsample or int(rows) % upsample:
         raise UserError("--size", size, expected=f"multiples of the bench's upsampling, {upsample}")
+    if not (is_good_size(int(columns)) and is_good_size(int(rows))):
+        raise UserError("--size", size, expected="products of 2, 3 and 5, so that torch transforms the same grid")
     return system.edit({"shape": [int(rows) // upsample, int(columns) // upsample]})
 
 

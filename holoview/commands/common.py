@@ -19,6 +19,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from holoview import preset
 from holoview.errors import UserError
+from holoview.schema import EffectTable
 from holoview.scheme import with_scheme
 from holoview.system import System
 
@@ -27,11 +28,18 @@ _SECONDS_A_LINE = 10.0
 _LARGEST_SEED = 2**63 - 1
 
 
-def add_system(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
-    """PRESET and --set KEY=VALUE."""
+def add_system(parser: argparse.ArgumentParser, *, optional: bool = False, effects: bool = True) -> None:
+    """PRESET, --scheme and --set KEY=VALUE; with `effects` also --effects, which `system_of` switches on."""
     parser.add_argument(
         "preset", nargs="?" if optional else None, help="a preset's name (see `holoview presets`) or a TOML file"
     )
+    add_changes(parser)
+    if effects:
+        add_effects(parser, dest="switched_on")
+
+
+def add_changes(parser: argparse.ArgumentParser) -> None:
+    """--scheme and --set KEY=VALUE."""
     parser.add_argument(
         "--scheme",
         metavar="NAME",
@@ -46,6 +54,32 @@ def add_system(parser: argparse.ArgumentParser, *, optional: bool = False) -> No
         dest="changes",
         help='change the bench, e.g. --set gap="3 mm" --set relay2.iris_na=0.02; several may be given',
     )
+
+
+def add_effects(parser: argparse.ArgumentParser, dest: str = "effects") -> None:
+    """--effects: values of effects, and files of the user's own."""
+    parser.add_argument(
+        "--effects",
+        dest=dest,
+        metavar="NAME.KEY=VALUE|FILE.py",
+        nargs="+",
+        action="extend",
+        default=[],
+        help='e.g. gap.gap_error="0.1 mm" crosstalk.sigma=0.4; a Python file that defines effects of your own is run',
+    )
+
+
+def effects_of(texts: list[str]) -> dict[str, dict[str, float]]:
+    """The values that --effects states, {id: {parameter: SI value}}; files are run first, and it says so."""
+    from holoview.effects.registry import load_user_effects
+
+    files = [text for text in texts if text.endswith(".py") and "=" not in text]
+    for file in files:
+        say(f"running {file} for its effects")
+        load_user_effects(file)
+    changes = dict(_pair(text, "--effects", "gap.gap_error=0.1mm") for text in texts if text not in files)
+    kind = EffectTable()
+    return {name: dict(pairs) for name, pairs in kind.edited((), changes, "--effects")}
 
 
 def add_backend(parser: argparse.ArgumentParser) -> None:
@@ -96,9 +130,26 @@ def check_backend(args: argparse.Namespace) -> None:
 
 
 def system_of(args: argparse.Namespace) -> System:
-    """The preset, driven by --scheme, with the changes of --set."""
-    system = preset.load(args.preset)
+    """The preset, driven by --scheme, with the changes of --set and the effects of --effects."""
+    effects = effects_of(getattr(args, "switched_on", []))  # first: the preset may hold effects of one's own
+    system = with_effects(preset.load(args.preset), effects)
     return changed(system if args.scheme is None else with_scheme(system, args.scheme), args.changes)
+
+
+def with_effects(system: System, effects: dict[str, dict[str, float]]) -> System:
+    """A system with effects switched on beside those that it has."""
+    changes = {f"effects.{name}.{key}": value for name, table in effects.items() for key, value in table.items()}
+    return system.edit(changes) if changes else system
+
+
+def warn_of_camera_effects(system: System) -> None:
+    """Says which of the bench's effects change what a camera records and nothing that is shown here."""
+    if not system.effects:
+        return
+    from holoview.effects.switched import Switched
+
+    if camera := [one.id for one in Switched(system.effect_values).of_camera()]:
+        say(f"note: {', '.join(camera)} belong to the camera that took captures; eyes don't look through it")
 
 
 def changed(system: System, changes: list[str]) -> System:
@@ -106,10 +157,10 @@ def changed(system: System, changes: list[str]) -> System:
     return system.edit(dict(_pair(change) for change in changes)) if changes else system
 
 
-def _pair(change: str) -> tuple[str, Any]:
+def _pair(change: str, flag: str = "--set", example: str = 'gap="3 mm"') -> tuple[str, Any]:
     key, equals, value = change.partition("=")
     if not equals or not key.strip():
-        raise UserError(f"--set {change}", "isn't KEY=VALUE", expected='e.g. --set gap="3 mm"')
+        raise UserError(f"{flag} {change}", "isn't KEY=VALUE", expected=f"e.g. {flag} {example}")
     try:
         return key.strip(), tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:

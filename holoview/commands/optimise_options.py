@@ -18,6 +18,7 @@ from holoview.optimise.checkpoint import Checkpoint, load_checkpoint
 from holoview.optimise.device import find_device
 from holoview.optimise.losses import LOSSES
 from holoview.optimise.settings import STARTS, UNKNOWNS, Region, Settings
+from holoview.optimise.team import device_of_part
 from holoview.plan import make_plan
 from holoview.system import System
 from holoview.targets.build import Placement, target_for
@@ -35,6 +36,7 @@ class Run:
 
     grid: str = "compact"
     device: str = "cpu"
+    sharded: bool = False
     start: Hologram | None = None
     resume: Checkpoint | None = None
     checkpoint: Path | None = None
@@ -97,6 +99,12 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
         help="compact (default): padded just enough, about twice as fast; the score uses the preset's own grid",
     )
     group.add_argument("--device", default="auto", help="cpu, cuda, cuda:1, mps, or auto: the fastest there is")
+    group.add_argument(
+        "--sharded",
+        action="store_true",
+        help="share the lasers among the processes that torchrun started: torchrun --nproc-per-node 2 -m holoview "
+        "optimise … --sharded; each takes a GPU of its own where there are",
+    )
     group.add_argument("--until-psnr", metavar="DB", type=float, default=math.inf, help="stop when it is this good")
     group.add_argument("--time", metavar="SECONDS", type=float, default=math.inf, help="stop after this long")
     group.add_argument("--checkpoint", metavar="FILE", type=Path, help="write all that goes on from here, now and then")
@@ -205,7 +213,8 @@ def run_of(args: argparse.Namespace) -> Run:
             check_output(path, suffix)
     return Run(
         grid=args.grid,
-        device=find_device(args.device),
+        device=device_of_part(find_device(args.device)) if args.sharded else find_device(args.device),
+        sharded=args.sharded,
         start=None if args.start is None else load_hologram(args.start),
         resume=None if args.resume is None else load_checkpoint(args.resume),
         checkpoint=checkpoint,

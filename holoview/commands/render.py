@@ -18,10 +18,13 @@ from holoview.commands.common import (
     changed,
     check_backend,
     check_output,
+    effects_of,
     progress_bar,
     say,
     seed,
     system_of,
+    warn_of_camera_effects,
+    with_effects,
 )
 from holoview.errors import UserError
 from holoview.hologram import Hologram, load_hologram
@@ -58,6 +61,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Renders and writes one PNG a plane."""
     system, drive = _subject(args)
+    warn_of_camera_effects(system)
     planes_m = _planes(args.plane, system)
     output = args.output or Path(f"{system.name or 'holoview'}.png")
     check_output(output, ".png")
@@ -118,12 +122,13 @@ def _hologram(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
     """A hologram file on its own bench, or with its lasers on the named one."""
     if args.scheme is not None:
         raise UserError("--scheme", "with --hologram", expected="the lasers and frames that the hologram was made for")
+    effects = effects_of(args.switched_on)  # first: the hologram's bench may hold effects of one's own
     hologram = load_hologram(args.hologram)
     system = hologram.system
     if args.preset is not None:
         lasers = {"wavelengths": system.wavelengths_m, "amplitudes": system.amplitudes}
         system = preset.load(args.preset).edit(lasers)
-    system = changed(system, args.changes)
+    system = changed(with_effects(system, effects), args.changes)
     try:
         return system, Hologram(hologram.drive, system).drive
     except UserError as error:

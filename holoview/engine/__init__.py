@@ -7,6 +7,7 @@ session  a hologram that is edited: only what is stale is computed again
 results  what a session has computed, and how it computes what is stale
 pace     which strategy of the transforms it uses
 fused    the five fused kernels of a frame, bound to `inputs`, whose numbers are `values`
+kernels  their shaders, and which variants of them a plan needs
 shelf    what a session keeps on the device
 display  intensities to XYZ and to a picture
 """

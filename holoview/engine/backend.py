@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from holoview.engine.frame import Executor
-from holoview.engine.torch import TorchExecutor
 from holoview.errors import UserError, near_matches
-from holoview.optics.slots import make_slots
 from holoview.plan import Plan
 
 BACKENDS = ("auto", "wgpu", "torch", "torch64")
@@ -25,6 +23,9 @@ def open_executor(
         raise UserError(
             "backend", f'"{backend}"', expected=" or ".join(BACKENDS), remedy=near_matches(backend, BACKENDS)
         )
+    from holoview.engine.torch import TorchExecutor  # here, as importing torch takes a second
+    from holoview.optics.slots import make_slots
+
     if backend == "torch64":
         return TorchExecutor(plan, make_slots(plan, drive), double=True), "torch, complex128"
     slots = make_slots(plan, drive)

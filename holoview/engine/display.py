@@ -68,7 +68,7 @@ class Display:
         quads = self._pixels // QUAD
         blend = self._uniform(("blend", intensity, seen, adds), BLEND.size, "blend")
         table = self._table(("shares", intensity, seen, adds), max(len(shares), 1))
-        self._device.write(blend, BLEND.pack(quads=quads, count=len(shares), adds=adds))
+        self._device.write(blend, BLEND.pack(quads=quads, count=len(shares)))
         if shares:
             items = ({"xyz": xyz, "slice": number} for number, xyz in shares)
             self._device.write(table, SHARE.pack_array(items))
@@ -77,7 +77,9 @@ class Display:
             source = link(Generated("structs", BLEND.wgsl + SHARE.wgsl), "display/composite.wgsl")
             groups = [[blend, table], [intensity, seen]]
             workgroups = (*spread(-(-quads // _WORKGROUP), self._device), 1)
-            self._passes[key] = Pass.bind(self._device, self._device.pipeline(source), groups, workgroups)
+            self._passes[key] = Pass.bind(
+                self._device, self._device.pipeline(source, {"adds": adds}), groups, workgroups
+            )
         recorder.add(self._passes[key])
 
     def show(self, recorder: Recorder, seen: Buffer, picture: Buffer, exposure_stops: float = 0.0) -> None:

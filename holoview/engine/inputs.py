@@ -9,14 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
 from hashlib import blake2b
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from holoview.engine.layouts import LIGHT, PATH, WAVE
-from holoview.engine.values import column_stops, light_values, path_values, strokes, wave_values
+from holoview.engine.values import column_stops, dense_values, light_values, path_values, strokes, wave_values
 from holoview.gpu.device import Buffer, Device
-from holoview.optics.slots import Slots
 from holoview.plan import Plan
+
+if TYPE_CHECKING:
+    from holoview.optics.slots import Slots
 
 _STOPS_BYTES = 8
 
@@ -26,7 +29,7 @@ Identity = Hashable
 
 
 class FrameInputs:
-    """Tables of a plan and its slots: waves; lights and optical paths of modulators; paths, stops, pupils of relays."""
+    """Tables of a plan and its slots: waves; lights, paths, samples of modulators; paths, stops, pupils of relays."""
 
     def __init__(self, device: Device, plan: Plan, slots: Slots) -> None:
         self.plan, self.slots = plan, slots
@@ -34,7 +37,7 @@ class FrameInputs:
         self._tables: dict[Key, Buffer] = {}
         self._digests: dict[Key, tuple[bytes, ...]] = {}
         self._items: dict[Key, list[bytes]] = {}
-        self._clear_glass = device.upload(np.zeros(1, np.complex64), "clear pupil")
+        self._no_table = device.upload(np.zeros(1, np.complex64), "no table")
         self._fill_slots()
         self.use(plan, slots)
 
@@ -70,8 +73,15 @@ class FrameInputs:
 
     def pupil(self, relay: int, wavelength: int) -> tuple[bool, Buffer]:
         """Whether the relay has a pupil at that wavelength, and its table; any table when it has none."""
-        found = self._tables.get(("pupil", relay, wavelength))
-        return found is not None, found or self._clear_glass
+        return self._optional("pupil", relay, wavelength)
+
+    def dense(self, frame: int, modulator: int, wavelength: int) -> tuple[bool, Buffer]:
+        """Whether a modulator has a transmission of samples, and its table; any table when it has none."""
+        return self._optional("dense", frame, modulator, wavelength)
+
+    def _optional(self, *key: str | int) -> tuple[bool, Buffer]:
+        found = self._tables.get(key)
+        return found is not None, found or self._no_table
 
     def is_tilted(self, source: int, wavelengths: range) -> bool:
         """Whether any of the waves of a source falls in at an angle."""
@@ -93,7 +103,8 @@ class FrameInputs:
         return (*tables, self._digests.get(("pupil", relay, wavelength)))
 
     def _modulator(self, modulator: int, frame: int, wavelength: int) -> tuple[Identity, ...]:
-        return self._digests["lights", modulator][wavelength], self._digests["opd", frame, modulator]
+        dense = self._digests.get(("dense", frame, modulator, wavelength))
+        return dense or (self._digests["lights", modulator][wavelength], self._digests["opd", frame, modulator])
 
     # --- filling ----------------------------------------------------------------------------------------------------
 
@@ -103,13 +114,27 @@ class FrameInputs:
             for modulator in range(len(self.plan.system.modulators)):
                 maps = strokes(self.plan, self.slots, frame, modulator)
                 self._fill(("opd", frame, modulator), [maps.tobytes()])
+                self._fill_dense(frame, modulator)
         for relay, pupils in enumerate(self.slots.pupils):
             for wavelength, pupil in enumerate(pupils):
                 key = ("pupil", relay, wavelength)
                 if pupil is not None:
                     self._fill(key, [pupil.cpu().numpy().astype(np.complex64).tobytes()])
-                elif key in self._tables:
-                    del self._tables[key], self._digests[key]
+                else:
+                    self._drop(key)
+
+    def _fill_dense(self, frame: int, modulator: int) -> None:
+        """Transmissions of a modulator's samples at the wavelengths that are lit, where effects give it any."""
+        for wavelength in range(len(self.plan.system.wavelengths_m)):
+            key = ("dense", frame, modulator, wavelength)
+            if self.slots.is_dense(modulator) and self.plan.weights[frame, wavelength] > 0:
+                self._fill(key, [dense_values(self.slots, frame, modulator, wavelength).tobytes()])
+            else:
+                self._drop(key)
+
+    def _drop(self, key: Key) -> None:
+        if key in self._tables:
+            del self._tables[key], self._digests[key]
 
     def _fill(self, key: Key, items: list[bytes]) -> None:
         """The table of that key holds `items` for all that isn't submitted."""

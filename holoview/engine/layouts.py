@@ -10,7 +10,7 @@ GRID = Struct(
         ("padded", "vec2<u32>"),  # (y, x) of the grid that is transformed
         ("shape", "vec2<u32>"),  # (y, x) of the field inside it
         ("offset", "vec2<u32>"),  # where the field begins
-        ("stride", "u32"),  # complex numbers from row to row
+        ("stride", "u32"),  # complex numbers from row to row, before rows are cut into tiles
         ("upsample", "u32"),  # samples a modulator pixel and axis
     ],
 )
@@ -41,7 +41,6 @@ BATCH = Struct(
         ("target_field", "u32"),  # where it is written
         ("work_field", "u32"),  # where it lies between the shaders of one transform
         ("weight", "f32"),  # of the intensity
-        ("adds", "u32"),  # 1: the intensity is added to what was there
     ],
 )
 WEIGHT = Struct("Weight", [("weight", "f32")])
@@ -50,7 +49,6 @@ BLEND = Struct(
     [
         ("quads", "u32"),  # fours of pixels in an intensity
         ("count", "u32"),  # intensities that are blended
-        ("adds", "u32"),  # 1: they are added to what was there
     ],
 )
 SHARE = Struct("Share", [("xyz", "vec3<f32>"), ("slice", "u32")])  # of one intensity: its weight and where it is
@@ -62,5 +60,28 @@ SCREEN = Struct(
         ("from_z", "vec4<f32>"),
         ("width", "u32"),  # pixels
         ("pitch", "u32"),  # pixels from row to row of the picture
+    ],
+)
+VIEWPORT = Struct(
+    "Viewport",
+    [
+        ("first", "vec4<f32>"),  # of XYZ: exposed channel = dot(xyz) + w, black 0 to white 1
+        ("second", "vec4<f32>"),
+        ("third", "vec4<f32>"),
+        ("background", "vec4<f32>"),  # 8-bit sRGB / 255
+        ("origin", "vec2<f32>"),  # (x, y) of the corner, in shares of the image
+        ("step", "vec2<f32>"),  # from pixel to pixel, in shares of the image
+        ("size_a", "vec2<u32>"),  # (x, y) samples of an image
+        ("size_b", "vec2<u32>"),
+        ("size", "vec2<u32>"),  # (x, y) pixels that are shown
+        ("comparison", "u32"),  # 0 one side, 1 wipe, 2 side by side, 3 difference
+        ("only_b", "u32"),  # 1: the one side is b
+        ("gain_a", "f32"),  # of the light of an image
+        ("gain_b", "f32"),
+        ("split", "f32"),  # pixels left of the wipe
+        ("gamma", "f32"),
+        ("has_palette", "u32"),
+        ("is_linear", "u32"),  # 1: the palette is read by the value itself, not by its code
+        ("has_grid", "u32"),
     ],
 )

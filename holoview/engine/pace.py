@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from holoview.engine.fused import FusedFrame, Variant
+from holoview.engine.fused import FusedFrame
+from holoview.engine.kernels import Variant
 from holoview.gpu.device import Device
 from holoview.gpu.lines import Strategy
 from holoview.gpu.tune import FftChoice, remembered
@@ -52,7 +53,7 @@ class Pace:
         variants = frame.variants()
         if self._choice is None and not variants <= self._ready:
             self._coming = variants
-            self._choice = FftChoice(self._device, shape, lambda strategy: frame.stages(strategy, self._coming))
+            self._choice = FftChoice(self._device, shape, lambda strategy: frame.shaders.stages(strategy, self._coming))
         if self._choice is not None:
             self._choice.poll()
             if self._choice.is_settled:

@@ -1,13 +1,16 @@
 """The results of a session on the device: what each was computed from, and how those that are stale are recorded.
 
 Each result has the identity of what it was computed from, and is stale when that is no longer the identity that the
-bench gives. What has no room is computed again when it is needed, and so is what has never been of use twice.
+bench gives. It has none while it is written, until all of that is submitted, since work may be dropped half way. What
+has no room is computed again when it is needed, and so is what has never been of use twice.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +18,15 @@ from numpy.typing import NDArray
 from holoview.engine.display import Display, Share
 from holoview.engine.fused import FusedFrame, Rows, Span
 from holoview.engine.inputs import Identity
+from holoview.engine.kernels import Kernels
 from holoview.engine.shelf import Lit, Shelf, Slices, Weight
-from holoview.gpu.device import Buffer, Device
+from holoview.gpu.device import Buffer
 from holoview.gpu.lines import Strategy
 from holoview.gpu.recorder import Recorder
-from holoview.optics.slots import Slots
 from holoview.plan import Plan
+
+if TYPE_CHECKING:
+    from holoview.optics.slots import Slots
 
 
 @dataclass(frozen=True)
@@ -28,7 +34,6 @@ class Settings:
     """How a session computes: see `FrameSession`."""
 
     budget_bytes: int
-    half: bool
     together: int
 
 
@@ -38,9 +43,9 @@ class Results:
     Raises UserError when the grid exceeds the device's limits.
     """
 
-    def __init__(self, plan: Plan, slots: Slots, device: Device, settings: Settings, strategy: Strategy) -> None:
-        together = settings.together if is_clear(slots) else 1
-        self.frame = FusedFrame(plan, slots, device, half=settings.half, together=together, strategy=strategy)
+    def __init__(self, plan: Plan, slots: Slots, shaders: Kernels, settings: Settings, strategy: Strategy) -> None:
+        together, device = settings.together if is_clear(slots) else 1, shaders.device
+        self.frame = FusedFrame(plan, slots, device, together=together, strategy=strategy, shaders=shaders)
         self.display = Display(device, plan.grid.shape)
         self.seen, self.picture = self.display.seen("XYZ"), self.display.picture("picture")
         self.seen_of: Identity = None
@@ -115,31 +120,34 @@ class Results:
         """Adds the light of a source to the intensities of a span, or begins them with the first source."""
         second = self._second_rows(span, recorder)
         keys = [(span.frame, span.wavelength + i) for i in range(span.count)]
+        self._slices.identities.update(dict.fromkeys(keys))
         self.frame.observe(recorder, span, second, self._slices.place(keys[0]), adds=span.source > 0)
-        is_complete = span.source == len(self.plan.slopes) - 1
-        self._slices.identities.update({key: self.identity(key) if is_complete else None for key in keys})
+        if span.source == len(self.plan.slopes) - 1:
+            complete = {key: self.identity(key) for key in keys}
+            recorder.then(partial(self._slices.identities.update, complete))
 
     def blend(self, weights: dict[Lit, Weight], seen_of: Identity, recorder: Recorder) -> None:
         """Begins XYZ with the intensities that stay where they are."""
+        self._see(seen_of, recorder)
         if not self._slices.banks:
             recorder.clear(self.seen)
         housed = {key: weight for key, weight in weights.items() if self.is_housed(key)}
         for number, bank in enumerate(self._slices.banks):
             self._composite(recorder, bank, self._slices.shares(housed, bank), adds=number > 0)
-        self.seen_of = seen_of
 
     def add(self, run: Span, weights: dict[Lit, Weight], seen_of: Identity, recorder: Recorder) -> None:
         """Adds intensities to XYZ before the next ones take their place."""
         some = {key: weights[key] for key in ((run.frame, run.wavelength + i) for i in range(run.count))}
         place = self._slices.place((run.frame, run.wavelength))
         self._composite(recorder, place.buffer, self._slices.shares(some, place.buffer), adds=True)
-        self.seen_of = seen_of
+        self._see(seen_of, recorder)
 
     def show(self, exposure_stops: float, picture_of: Identity, recorder: Recorder) -> None:
         """Makes the picture of a complete XYZ."""
         self.display.show(recorder, self.seen, self.picture, exposure_stops)
         self.frame.kernels["show"] += 1
-        self.picture_of = picture_of
+        self.picture_of = None
+        recorder.then(partial(setattr, self, "picture_of", picture_of))
 
     def intensity(self, lit: Lit) -> NDArray[np.float32]:
         """An intensity at unit amplitude, (y, x), as it was last computed."""
@@ -157,10 +165,10 @@ class Results:
         if self.plan.system.gap_m is None:
             rows = self.frame.first(recorder, span, home)
         else:
-            first = self._first_rows(span, recorder, first_of, home)
+            first = self._first_rows(span, recorder, first_of, home if self.frame.works_in_place else None)
             rows = self.frame.second(recorder, span, first, home)
         if home is not None:
-            self._shelf.mark("second", span, second_of)
+            self._mark("second", span, second_of, recorder)
         return rows
 
     def _first_rows(self, span: Span, recorder: Recorder, first_of: list[Identity], otherwise: Rows | None) -> Rows:
@@ -170,8 +178,27 @@ class Results:
             return home
         if home is None:
             return self.frame.first(recorder, span, otherwise)
-        self._shelf.mark("first", span, first_of)
+        self._mark("first", span, first_of, recorder)
         return self.frame.first(recorder, span, home)
+
+    def _mark(self, name: str, span: Span, identities: Sequence[Identity], recorder: Recorder) -> None:
+        """Fields that are being written count as those of `identities` once all of that is submitted.
+
+        They don't where another strategy has been taken meanwhile: they are spectra in the order of the one before.
+        """
+        self._shelf.mark(name, span, [None] * span.count)
+        strategy = self.frame.strategy
+
+        def mark() -> None:
+            if self.frame.strategy == strategy:
+                self._shelf.mark(name, span, identities)
+
+        recorder.then(mark)
+
+    def _see(self, seen_of: Identity, recorder: Recorder) -> None:
+        """The same for XYZ."""
+        self.seen_of = None
+        recorder.then(partial(setattr, self, "seen_of", seen_of))
 
     def _composite(self, recorder: Recorder, intensity: Buffer, shares: Sequence[Share], *, adds: bool) -> None:
         self.display.composite(recorder, intensity, shares, self.seen, adds=adds)
@@ -179,5 +206,5 @@ class Results:
 
 
 def is_clear(slots: Slots) -> bool:
-    """Whether no relay has a pupil."""
-    return all(pupil is None for pupils in slots.pupils for pupil in pupils)
+    """Whether no relay has a pupil, and no modulator a transmission of its samples."""
+    return slots.light is None and all(pupil is None for pupils in slots.pupils for pupil in pupils)

@@ -17,31 +17,35 @@ What the memory budget has no room for is computed again when it is needed.
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.engine.display import Display
-from holoview.engine.fused import Span
+from holoview.engine.fused import Span, spans_of
 from holoview.engine.inputs import Identity
+from holoview.engine.kernels import Kernels
 from holoview.engine.pace import Pace
 from holoview.engine.results import Results, Settings, is_clear
-from holoview.engine.shelf import Lit
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.lines import Strategy
-from holoview.gpu.recorder import Recorder
+from holoview.gpu.recorder import Recorder, Score
 from holoview.gpu.timer import Timer
-from holoview.optics.slots import Slots, make_slots
 from holoview.plan import Plan, make_plan
 from holoview.system import System
 
+if TYPE_CHECKING:
+    from holoview.optics.slots import Slots
+
 Job = Callable[[Recorder], None]
 
+_MOST_DISPATCHES = 256.0  # in a slice
 BUDGET_BYTES = 2**30
 """Device memory for results that are kept, unless another budget is given."""
 
@@ -83,20 +87,23 @@ class FrameSession:
         strategy: Strategy | Literal["auto"] = "auto",
     ) -> None:
         self.device = device
-        self._settings = Settings(budget_bytes, half, together)
+        self._settings, self._half = Settings(budget_bytes, together), half
         self._drive, self._generation = drive, 0
+        self._dispatches = 1.0
         self.timer: Timer | None = None
         self.plane_m = float(system.planes_m[0]) if plane_m is None else plane_m
         self.exposure_stops = exposure_stops
         self._plan = make_plan(system, [*system.planes_m, self.plane_m])
-        self._slots = make_slots(self._plan, drive)
         self._pace = Pace(device, strategy)
-        self._open()
+        shaders = self._warmed_up(self._plan)  # first, as making slots may have to wait for torch to be imported
+        self._slots = _make_slots(self._plan, drive)
+        self._results = self._opened(self._plan, self._slots, shaders)
+        self._take(self._pace.strategy_for(self._results.frame.variants()))
 
     @property
     def system(self) -> System:
         """The bench as it was last edited."""
-        return self._plan.system
+        return self._plan.nominal
 
     @property
     def kernels(self) -> Counter[str]:
@@ -151,17 +158,15 @@ class FrameSession:
         if system is not None or plane_m is not None:
             plan = make_plan(given, [*given.planes_m, plane])
         if drive is not None or _slots_of(plan) != _slots_of(self._plan):
-            slots = make_slots(plan, self._drive if drive is None else drive)
+            slots = _make_slots(plan, self._drive if drive is None else drive)
+        if _structure(plan, slots) == _structure(self._plan, self._slots):
+            self._results.use(plan, slots, float(plan.planes_m[-1]))
+        else:
+            self._results = self._opened(plan, slots, self._warmed_up(plan))
         self._generation += 1
+        self._plan, self._slots, self.plane_m = plan, slots, plane
         self._drive = self._drive if drive is None else drive
-        self.plane_m = plane
         self.exposure_stops = self.exposure_stops if exposure_stops is None else exposure_stops
-        fits = _structure(plan, slots) == _structure(self._plan, self._slots)
-        self._plan, self._slots = plan, slots
-        if not fits:
-            self._open()
-            return
-        self._results.use(plan, slots, plane)
         self._take(self._pace.strategy_for(self._results.frame.variants()))
 
     def poll(self) -> bool:
@@ -186,17 +191,30 @@ class FrameSession:
         self._generation += 1
         self._results.forget()
 
-    def steps(self, *, picture: bool = True, wait: bool = False) -> Iterator[Step]:
+    def steps(self, *, picture: bool = True, wait: bool = False, slice_s: float | None = None) -> Iterator[Step]:
         """Computes what is stale, a submission a step; with `wait`, a step ends when the device has done it.
 
-        The iterator ends early once the session is edited: what it has done stays, and the next one goes on from there.
+        With `slice_s`, a submission is cut into several of about so many seconds, waited for, and several steps have
+        the same number. The iterator ends early once the session is edited, another iterator begins or an intensity is
+        computed: what it has done stays, and the next one goes on from there.
         """
+        self._generation += 1
         generation, work = self._generation, self._work(picture)
         for done, job in enumerate(work, start=1):
+            if slice_s is None:
+                self._submit(job, wait)
+            else:
+                for _ in self._cut(job, slice_s):
+                    yield Step(done - 1, len(work))
+                    if generation != self._generation:
+                        return
+            yield Step(done, len(work))
             if generation != self._generation:
                 return
-            self._submit(job, wait)
-            yield Step(done, len(work))
+
+    def pending(self, *, picture: bool = True) -> int:
+        """How many submissions are left to do."""
+        return len(self._work(picture))
 
     def stack(self, planes_m: Sequence[float]) -> NDArray[np.float32]:
         """XYZ (plane, y, x, 3) at several planes, sharing all up to the second rows; the session's plane stays."""
@@ -224,6 +242,7 @@ class FrameSession:
         for frame in self._plan.lit(wavelength):
             lit = (frame, wavelength)
             if not self._results.is_fresh(lit):
+                self._generation += 1
                 for span in self._sources(Span(frame, 0, wavelength)):
                     self._submit(partial(self._results.expose, span))
             total += np.float32(self._plan.weights[lit]) * self._results.intensity(lit)
@@ -231,12 +250,17 @@ class FrameSession:
 
     # --- what has to be done ----------------------------------------------------------------------------------------
 
-    def _open(self) -> None:
-        """Takes memory on the device for the results of the plan, none of which is known yet."""
-        strategy = self._pace.start(self._plan.grid.padded)
-        self._results = Results(self._plan, self._slots, self.device, self._settings, strategy)
-        self._results.frame.inputs.set_distance(1, self.plane_m)
-        self._take(self._pace.strategy_for(self._results.frame.variants()))
+    def _warmed_up(self, plan: Plan) -> Kernels:
+        """The shaders for the grid of a plan, which are being compiled."""
+        shaders = Kernels(self.device, plan.grid, half=self._half)
+        shaders.warm_up(self._pace.start(plan.grid.padded), plan)
+        return shaders
+
+    def _opened(self, plan: Plan, slots: Slots, shaders: Kernels) -> Results:
+        """Memory on the device for the results of a plan, none of which is known yet."""
+        results = Results(plan, slots, shaders, self._settings, self._pace.start(plan.grid.padded))
+        results.frame.inputs.set_distance(1, float(plan.planes_m[-1]))
+        return results
 
     def _take(self, strategy: Strategy) -> bool:
         """Computes by that strategy from now on; whether it is another one."""
@@ -252,10 +276,11 @@ class FrameSession:
         weights = {key: plan.weights[key] * plan.colour_weights[key[1]] for key in lit}
         seen_of = tuple((results.identity(key), weights[key].tobytes()) for key in lit)
         work: list[Job] = []
-        for run in self._runs([key for key in lit if results.is_housed(key) and not results.is_fresh(key)]):
+        together = results.frame.together
+        for run in spans_of([key for key in lit if results.is_housed(key) and not results.is_fresh(key)], together):
             work += [partial(results.expose, span) for span in self._sources(run)]
         if results.seen_of != seen_of:
-            homeless = self._runs([key for key in lit if not results.is_housed(key)])
+            homeless = spans_of([key for key in lit if not results.is_housed(key)], together)
             work.append(partial(results.blend, weights, None if homeless else seen_of))
             for run in homeless:
                 work += [partial(results.expose, span) for span in self._sources(run)]
@@ -265,25 +290,34 @@ class FrameSession:
             work.append(partial(results.show, self.exposure_stops, picture_of))
         return work
 
-    def _runs(self, stale: list[Lit]) -> list[Span]:
-        """Neighbouring wavelengths of a frame together, as many as may be computed at a time."""
-        runs: list[Span] = []
-        for frame, wavelength in stale:
-            last = runs[-1] if runs else None
-            follows = last is not None and (last.frame, last.wavelength + last.count) == (frame, wavelength)
-            if last is not None and follows and wavelength % self._results.frame.together:
-                runs[-1] = replace(last, count=last.count + 1)
-            else:
-                runs.append(Span(frame, 0, wavelength))
-        return runs
-
     def _sources(self, run: Span) -> list[Span]:
         return [replace(run, source=source) for source in range(len(self._plan.slopes))]
+
+    def _cut(self, job: Job, slice_s: float) -> Iterator[None]:
+        """Submits a job in slices, as many dispatches at a time as took about `slice_s` so far; yields between them."""
+        score = Score(self.device, "frame", self.timer)
+        job(score)
+        while True:
+            count, begun = max(min(round(self._dispatches), score.left), 1), time.perf_counter()
+            score.play(count, wait=True)
+            spent = max(time.perf_counter() - begun, 1e-6)
+            self._dispatches = min(
+                max(count * slice_s / spent, self._dispatches / 2), 2 * self._dispatches, _MOST_DISPATCHES
+            )
+            if score.left == 0:
+                return
+            yield
 
     def _submit(self, job: Job, wait: bool = False) -> None:
         recorder = Recorder(self.device, "frame", self.timer)
         job(recorder)
         recorder.submit(wait=wait)
+
+
+def _make_slots(plan: Plan, drive: Any) -> Slots:
+    from holoview.optics.slots import make_slots  # here, as it imports torch, which takes a second
+
+    return make_slots(plan, drive)
 
 
 def _structure(plan: Plan, slots: Slots) -> Identity:
@@ -294,4 +328,5 @@ def _structure(plan: Plan, slots: Slots) -> Identity:
 def _slots_of(plan: Plan) -> Identity:
     """What the slots of a drive depend on."""
     system = plan.system
-    return system.modulators, system.relay1, system.relay2, system.wavelengths_m.tobytes(), plan.grid, system.frames
+    bench = (system.modulators, system.relay1, system.relay2, system.wavelengths_m.tobytes(), plan.grid, system.frames)
+    return bench, plan.nominal.effects, plan.nominal.relay1, plan.nominal.relay2

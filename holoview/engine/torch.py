@@ -37,7 +37,10 @@ class TorchExecutor:
         return plane_wave(self.plan, wavelength, source, self._dtype, self._device)
 
     def modulate(self, field: torch.Tensor, frame: int, modulator: int, wavelength: int) -> torch.Tensor:
-        """field × exp(2πi·opd/λ), (y, x)."""
+        """field × exp(2πi·opd/λ), or × the transmission that effects give the modulator, (y, x)."""
+        dense = self.slots.transmission(frame, modulator, wavelength)
+        if dense is not None:
+            return field * dense.to(self._dtype).to(self._device)
         opd = self.slots.opd_m[frame, modulator].to(self._device)
         pixels = phasor(opd, float(self.plan.system.wavelengths_m[wavelength]), self._dtype)
         return field * upsampled(pixels, self.plan.grid.upsample)

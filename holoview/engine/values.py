@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.optics.slots import Slots
 from holoview.plan import Grid, Plan, Transfer, fixed_turns
+
+if TYPE_CHECKING:
+    from holoview.optics.slots import Slots
 
 Values = dict[str, object]
 
@@ -48,3 +52,10 @@ def strokes(plan: Plan, slots: Slots, frame: int, modulator: int) -> NDArray[np.
     """Optical paths in strokes of the modulator (y, x), so that a float32 drive stays exact."""
     fraction = slots.opd_m[frame, modulator] / plan.system.modulators[modulator].stroke_m
     return np.ascontiguousarray(fraction.float().cpu().numpy())
+
+
+def dense_values(slots: Slots, frame: int, modulator: int, wavelength: int) -> NDArray[np.complex64]:
+    """Transmission of a modulator's samples (y, x), where effects give it one."""
+    samples = slots.transmission(frame, modulator, wavelength)
+    assert samples is not None
+    return np.ascontiguousarray(samples.cpu().numpy().astype(np.complex64))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from holoview.engine.display import Display
 from holoview.engine.fused import FusedFrame, Rows, Span
 from holoview.engine.layouts import GRID, LIGHT, PATH, WAVE, WEIGHT
-from holoview.engine.values import Values, column_stops, light_values, path_values, strokes, wave_values
+from holoview.engine.values import Values, column_stops, dense_values, light_values, path_values, strokes, wave_values
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.fft import FftPlan
 from holoview.gpu.layout import Struct
@@ -77,13 +77,18 @@ class WgpuExecutor:
         return GpuField(0)
 
     def modulate(self, field: GpuField, frame: int, modulator: int, wavelength: int) -> GpuField:
-        """field × exp(2πi·opd/λ), zero outside the modulator."""
+        """field × exp(2πi·opd/λ), or × the transmission that effects give the modulator; zero outside it."""
         values = lambda: light_values(self.plan, modulator, wavelength)  # noqa: E731
         light = self._uniform(("light", modulator, wavelength), LIGHT, values)
         opd = self._stored(("opd", frame, modulator), lambda: strokes(self.plan, self.slots, frame, modulator))
+        is_dense, table = self.slots.is_dense(modulator), self._no_table
+        if is_dense:
+            samples = partial(dense_values, self.slots, frame, modulator, wavelength)
+            table = self._stored(("dense", frame, modulator, wavelength), samples)
         key = ("modulate", frame, modulator, wavelength, field.number)
-        buffers = [opd, self._fields[field.number]]
-        self._run(key, "stage/modulate.wgsl", LIGHT, [light], buffers, self.plan.grid.padded)
+        buffers = [opd, table, self._fields[field.number]]
+        constants = {"is_dense": is_dense}
+        self._run(key, "stage/modulate.wgsl", LIGHT, [light], buffers, self.plan.grid.padded, constants)
         return field
 
     def spectrum(self, field: GpuField) -> GpuField:
@@ -98,7 +103,7 @@ class WgpuExecutor:
         path = self._uniform(key[:4], PATH, lambda: path_values(step))
         stops = self._stored(("stops", *key[1:4]), lambda: column_stops(step, self.plan.grid))
         pupil = self.slots.pupils[relay][wavelength]
-        glass = self._no_pupil
+        glass = self._no_table
         if pupil is not None:
             glass = self._stored(("pupil", relay, wavelength), lambda: pupil.cpu().numpy().astype(np.complex64))
         target = 1 - spectrum.number
@@ -189,8 +194,8 @@ class WgpuExecutor:
         return [self.device.upload(np.ascontiguousarray(f, dtype=np.int32), "frequencies") for f in orders]
 
     @cached_property
-    def _no_pupil(self) -> Buffer:
-        return self.device.upload(np.zeros(1, np.complex64), "no pupil")
+    def _no_table(self) -> Buffer:
+        return self.device.upload(np.zeros(1, np.complex64), "no table")
 
     @cached_property
     def _grid(self) -> Buffer:

@@ -17,6 +17,7 @@ tune.py          which strategy of a transform is the fastest here, found out in
 tune_store.py    remembering it
 tune_process.py  the helper process that finds out, from outside
 tune_worker.py   and from inside
+warm.py          shaders compiled ahead
 
 Only this package imports wgpu. Importing it needs no driver: adapters are first looked for in `open_device`.
 """

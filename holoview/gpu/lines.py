@@ -5,6 +5,13 @@
     middle(position: vec3u, value: vec2f) -> vec2f     between two steps
     store(position: vec3u, value: vec2f)               what becomes of the result
 
+Where neighbouring points along x need the same complex number, the hooks may tell it in a function of its own,
+
+    joint(position: vec3u) -> vec2f                    the same for `neighbours` points, from a multiple of it on
+
+and take it as a last argument of `load_with` or `middle_with`, instead of `load` or `middle`: a subgroup evaluates it
+once for all of them.
+
 Neither step is normalised. Positions of a spectrum are in the strategy's own order: `frequency_x(position: u32) -> i32`
 and `frequency_y`, which hooks may call, tell the signed frequency index.
 
@@ -59,6 +66,14 @@ ROW_PADDING = 8
 _COMPLEX_BYTES, _WORD = 8, 4
 _WORKGROUP_MEMORY = "max-compute-workgroup-storage-size"
 
+_UNSHARED = {
+    "load": Generated("load", "fn load(at: vec3u) -> vec2f { return load_with(at, joint(at)); }\n"),
+    "middle": Generated(
+        "middle", "fn middle(at: vec3u, value: vec2f) -> vec2f { return middle_with(at, value, joint(at)); }\n"
+    ),
+}
+"""Where each point is alone in an invocation, it evaluates for itself what it has in common with its neighbours."""
+
 _LANES: WeakKeyDictionary[Device, int] = WeakKeyDictionary()
 _COUNT_LANES = """
 @group(1) @binding(0) var<storage, read_write> lanes: u32;
@@ -73,12 +88,15 @@ class Hooks:
 
     own_work: the WGSL also defines `load_work` and `store_work`, like `load` and `store`, for what lies between the
     shaders of a transform; else it lies in a work buffer. Hooks that transform a buffer in place need no other.
+    shares: which of `load` and `middle` takes what `neighbours` points have in common, if one does.
     """
 
     name: str
     parts: tuple[Part, ...]
     constants: tuple[tuple[str, int | float | bool], ...] = ()
     own_work: bool = False
+    shares: Literal["load", "middle"] | None = None
+    neighbours: int = 1
 
 
 @dataclass(frozen=True)
@@ -141,7 +159,7 @@ class LineTransform:
     def _subgroup(self) -> list[Stage]:
         lanes = lanes_of(self._length, subgroup_lanes(self._device))
         assert lanes is not None
-        text = generate_line(self.axis, self._length, lanes, self._steps)
+        text = generate_line(self.axis, self._length, lanes, self._steps, self._hooks.shares, self._hooks.neighbours)
         return [Stage(self._linked(text), dict(self._hooks.constants), partial(workgroups_for, lanes))]
 
     def _workgroup(self) -> list[Stage]:
@@ -173,6 +191,8 @@ class LineTransform:
         """The hooks, if they are used, and a generated shader after them."""
         name = f"{self._hooks.name}: {'-'.join(self._steps)} along {self.axis}{which}, {self._strategy}"
         before: Sequence[Part] = (Generated("frequencies", self._frequencies()), *self._hooks.parts)
+        if self._hooks.shares is not None and self._strategy != "subgroup":
+            before = (*before, _UNSHARED[self._hooks.shares])
         return link(*parts, *(before if uses_hooks else ()), Generated(name, text))
 
     def _frequencies(self) -> str:

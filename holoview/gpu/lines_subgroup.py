@@ -23,7 +23,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from holoview.gpu.fft_butterfly import Emitter, emit_dft, literal
 from holoview.gpu.fft_codegen import LINES, Direction
 
-INVOCATIONS = 64
+MOST_LINES, MOST_INVOCATIONS = 4, 128
+"""Of a workgroup: four columns are 32 bytes wide, the least that GPUs read at a time."""
 MOST_REGISTERS = 256
 """Complex registers of a lane: more would spill on any adapter."""
 
@@ -41,9 +42,14 @@ def lanes_of(n: int, largest: int) -> int | None:
     return None
 
 
-def generate_line(axis: str, n: int, lanes: int, steps: Sequence[Direction]) -> str:
-    """The WGSL of a transform of lines of n points along `axis`, to be linked after its hooks; its entry is `main`."""
-    code = _Line(axis, n, lanes)
+def generate_line(
+    axis: str, n: int, lanes: int, steps: Sequence[Direction], shares: str | None = None, neighbours: int = 1
+) -> str:
+    """The WGSL of a transform of lines of n points along `axis`, to be linked after its hooks; its entry is `main`.
+
+    shares: the hook, "load" or "middle", that takes what `neighbours` points have in common.
+    """
+    code = _Line(axis, n, lanes, shares, neighbours)
     points: list[str] | None = None
     spectrum: Iterable[list[str]] | None = None
     for step in steps:
@@ -67,18 +73,20 @@ def workgroups_for(lanes: int, lines: int) -> int:
 
 
 def _lines_a_workgroup(lanes: int) -> int:
-    return max(INVOCATIONS // lanes, 1)
+    return max(min(MOST_LINES, MOST_INVOCATIONS // lanes), 1)
 
 
 class _Line(Emitter):
     """Statements on the registers of a line: its points, or the groups of its spectrum, one after the other."""
 
-    def __init__(self, axis: str, n: int, lanes: int) -> None:
+    def __init__(self, axis: str, n: int, lanes: int, shares: str | None, neighbours: int) -> None:
         super().__init__()
+        self._shares, self._neighbours = shares, neighbours
         self.axis, self.n, self.lanes, self.registers = axis, n, lanes, n // lanes
         self.groups = -(-self.registers // lanes)
         for bit in self._bits():
             self.lines.append(f"let is_odd{bit} = (lane & {bit}u) != 0u;")
+        self.lines.append("let of_others = invocation - lane;")
         self.lines.append("begin(line, field);")
         self._twiddles = self._emit_twiddles()
 
@@ -98,7 +106,9 @@ class _Line(Emitter):
 
     def loaded_points(self) -> list[str]:
         """What the hook loads."""
-        return [self.let(f"load({self._point(k)})") for k in range(self.registers)]
+        if self._shares != "load":
+            return [self.let(f"load({self._point(k)})") for k in range(self.registers)]
+        return [self.let(f"load_with({self._point(k)}, {joint})") for k, joint in enumerate(self._joint())]
 
     def loaded_spectrum(self) -> Iterator[list[str]]:
         """What the hook loads, a group at a time."""
@@ -107,13 +117,33 @@ class _Line(Emitter):
 
     def between_points(self, points: list[str]) -> list[str]:
         """What the hook between two steps makes of points."""
-        return [self.let(f"middle({self._point(k)}, {value})") for k, value in enumerate(points)]
+        if self._shares != "middle":
+            return [self.let(f"middle({self._point(k)}, {value})") for k, value in enumerate(points)]
+        pairs = zip(points, self._joint(), strict=True)
+        return [
+            self.let(f"middle_with({self._point(k)}, {value}, {common})") for k, (value, common) in enumerate(pairs)
+        ]
 
     def between_spectrum(self, spectrum: Iterable[list[str]]) -> Iterator[list[str]]:
         """What the hook between two steps makes of frequencies, a group at a time."""
         for group, values in enumerate(spectrum):
             places = self._frequencies(group)
             yield [self.let(f"middle({place}, {value})") for place, value in zip(places, values, strict=True)]
+
+    def _joint(self) -> Iterator[str]:
+        """What each register's point has in common with its neighbours, evaluated by one lane for all of them.
+
+        The points of u registers are S·u in a row, which share S values, one for each lane to evaluate.
+        """
+        u, s = self._neighbours, self.lanes
+        if u == 1 or s % u or self.registers % u:
+            for k in range(self.registers):
+                yield self.let(f"joint({self._point(k)})")
+            return
+        for first in range(0, self.registers, u):
+            mine = self.let(f"joint({self._place(f'lane * {u}u + {s * first}u')})")
+            for part in range(u):
+                yield self.let(f"subgroupShuffle({mine}, of_others + lane / {u}u + {part * s // u}u)")
 
     def store_points(self, points: list[str]) -> None:
         """Hand the points of a line that there is to the hook."""

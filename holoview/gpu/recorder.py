@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,6 +52,7 @@ class Recorder:
         self._encoder = device.raw.create_command_encoder(label=label)
         self._compute: Any = None
         self._submitted = False
+        self._then: list[Callable[[], None]] = []
 
     def add(self, step: Pass) -> None:
         """Record a dispatch."""
@@ -76,12 +77,18 @@ class Recorder:
         self._between_passes()
         self._encoder.copy_buffer_to_buffer(source.raw, 0, target.raw, 0, source.raw.size)
 
+    def then(self, call: Callable[[], None]) -> None:
+        """Has a call made once all that was recorded is submitted, such as noting that results are valid."""
+        self._then.append(call)
+
     def submit(self, wait: bool = False) -> None:
         """Run what was recorded, once; with `wait`, return when it has run. Raises DeviceLost."""
         self._between_passes()
         self._device.check_alive()
         self._submitted = True
         self._device.raw.queue.submit([self._encoder.finish()])
+        for call in self._then:
+            call()
         if wait:
             self._device.wait()
 
@@ -94,6 +101,49 @@ class Recorder:
     def _check_open(self) -> None:
         if self._submitted:
             raise RuntimeError("a recorder runs once: make a new one for the next submission")
+
+
+class Score(Recorder):
+    """A recorder whose steps are submitted a few at a time, by `play`, so that other work comes in between.
+
+    Where it isn't played to its end, nothing that was to follow is called.
+    """
+
+    def __init__(self, device: Device, label: str = "", timer: Timer | None = None) -> None:
+        super().__init__(device, label, timer)
+        self._steps: list[Callable[[Recorder], None]] = []
+        self._label, self._next = label, 0
+
+    @property
+    def left(self) -> int:
+        """Steps that aren't submitted yet."""
+        return len(self._steps) - self._next
+
+    def add(self, step: Pass) -> None:
+        """Record a dispatch."""
+        self._steps.append(lambda recorder: recorder.add(step))
+
+    def clear(self, buffer: Buffer) -> None:
+        """Record filling `buffer` with zeros."""
+        self._steps.append(lambda recorder: recorder.clear(buffer))
+
+    def copy(self, source: Buffer, target: Buffer) -> None:
+        """Record copying all of `source` to the start of `target`."""
+        self._steps.append(lambda recorder: recorder.copy(source, target))
+
+    def play(self, count: int, wait: bool = False) -> None:
+        """Submit the next `count` steps; with `wait`, return when they have run. Raises DeviceLost."""
+        recorder = Recorder(self._device, self._label, self._timer)
+        for step in self._steps[self._next : self._next + count]:
+            step(recorder)
+        self._next = min(self._next + count, len(self._steps))
+        if self.left == 0:
+            recorder._then = self._then
+        recorder.submit(wait)
+
+    def submit(self, wait: bool = False) -> None:
+        """Submit all that is left."""
+        self.play(self.left, wait)
 
 
 def spread(workgroups: int, device: Device) -> tuple[int, int]:

@@ -34,15 +34,15 @@ if sys.platform != "win32":
 from holoview.errors import UserError
 from holoview.gpu.device import Buffer, Device, open_device
 from holoview.gpu.fft import FftPlan
-from holoview.gpu.lines import Strategy
-from holoview.gpu.recorder import Pass, Recorder
+from holoview.gpu.lines import Stage, Strategy
+from holoview.gpu.recorder import Recorder
 from holoview.gpu.shader import ShaderError, ShaderSource
+from holoview.gpu.warm import warm_up
 
 LARGEST_ERROR = 7e-7
 """Relative L2 of a forward FFT, against float64: a strategy that a driver makes wrong isn't offered."""
 _ROUNDS, _PAIRS = 5, 4
 _NICENESS = 5
-_BINDING_BYTES = 1 << 16
 
 
 def main() -> int:
@@ -121,24 +121,12 @@ def _seconds(device: Device, plans: dict[Strategy, tuple[FftPlan, Buffer]]) -> d
 
 
 def _compile(device: Device, shaders: Sequence[dict[str, Any]]) -> None:
-    """Compiles shaders and runs each once, on memory that holds nothing, as some drivers compile no sooner."""
+    """Compiles shaders, and waits until they have run."""
     start = time.perf_counter()
-    recorder = Recorder(device)
-    for shader in shaders:
-        source = ShaderSource(shader["label"], shader["text"], ((shader["label"], 0),))
-        groups: list[list[Buffer]] = []
-        for number, bindings in sorted((source.buffers() or {}).items()):
-            groups += [[] for _ in range(number - len(groups))]
-            groups.append([_memory(device, kind) for _, kind in sorted(bindings.items())])
-        recorder.add(Pass.bind(device, device.pipeline(source, shader["constants"]), groups, (1, 1, 1)))
-    recorder.submit(wait=True)
+    sources = (ShaderSource(shader["label"], shader["text"], ((shader["label"], 0),)) for shader in shaders)
+    warm_up(device, [Stage(s, given["constants"], lambda lines: 1) for s, given in zip(sources, shaders, strict=True)])
+    device.wait()
     _answer(compile_seconds=time.perf_counter() - start)
-
-
-def _memory(device: Device, kind: str) -> Buffer:
-    if kind == "uniform":
-        return device.uniform(bytes(_BINDING_BYTES), "nothing")
-    return device.buffer(_BINDING_BYTES, "nothing")
 
 
 def _field(shape: tuple[int, int]) -> NDArray[np.complex64]:

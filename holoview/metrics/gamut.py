@@ -34,10 +34,16 @@ def gamut_area(xy: ArrayLike) -> float:
     points = np.asarray(xy, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
         raise UserError("chromaticities", f"shape {points.shape}", expected="finite values of shape (n, 2)")
-    ordered = sorted({(float(x), float(y)) for x, y in points})
+    corners = hull(points)
+    return _polygon_area(corners) if len(corners) > 2 else 0.0
+
+
+def hull(xy: ArrayLike) -> NDArray[np.float64]:
+    """Corners (m, 2) of the convex hull of points (n, 2), counter-clockwise; both ends of a line, or a single point."""
+    ordered = sorted({(float(x), float(y)) for x, y in np.asarray(xy, dtype=np.float64)})
     if len(ordered) < 3:
-        return 0.0
-    return _polygon_area(np.array(_half_hull(ordered) + _half_hull(ordered[::-1])))
+        return np.array(ordered).reshape(-1, 2)
+    return np.array(_half_hull(ordered) + _half_hull(ordered[::-1]))
 
 
 def _half_hull(ordered: list[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -19,16 +19,22 @@ def transfer_function(transfer: Transfer, grid: Grid, dtype: torch.dtype, device
 
     H is even in both frequencies: one quadrant is evaluated and the rest gathered from it.
     """
-    ky, kx = (torch.from_numpy(frequency_indices(p)).abs().to(device) for p in grid.padded)
+    ky, kx = (torch.from_numpy(frequency_indices(p)).to(device) for p in grid.padded)
+    return transfer_at(transfer, ky, kx, dtype)
+
+
+def transfer_at(transfer: Transfer, ky: torch.Tensor, kx: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
+    """H at rows ky (A,) and columns kx (B,) of signed frequency indices, (A, B) complex."""
+    rows, ky, kx = ky % len(transfer.support), ky.abs(), kx.abs()
     sine_y, sine_x = (
-        torch.arange(p // 2 + 1, device=device).double() * step
-        for p, step in zip(grid.padded, transfer.sine_step, strict=True)
+        torch.arange(int(k.max()) + 1, device=k.device).double() * step
+        for k, step in zip((ky, kx), transfer.sine_step, strict=True)
     )
     a = sine_y.square()[:, None] + sine_x.square()[None, :]
     turns = -transfer.waves * a / (1 + torch.sqrt((1 - a).clamp_min(0)))
     phase = (2 * math.pi) * torch.remainder(turns, 1.0)
     quadrant = torch.polar(torch.ones_like(phase), phase).to(dtype)
-    return quadrant[ky][:, kx] * support_mask(transfer, kx)
+    return quadrant[ky][:, kx] * support_mask(transfer, kx, chosen=rows)
 
 
 def phase_slope(wavelength_m: float, grid: Grid) -> torch.Tensor:
@@ -54,7 +60,7 @@ def relay_response(
     return (transfer_function(transfer, grid, torch.complex128, device) * pupil.to(device)).to(dtype)
 
 
-def support_mask(transfer: Transfer, abs_kx: torch.Tensor) -> torch.Tensor:
-    """(P_y, P_x) bool: which frequencies pass, from the plan's rows of (smallest, largest) |k_x|."""
-    rows = torch.from_numpy(transfer.support).to(abs_kx.device)
+def support_mask(transfer: Transfer, abs_kx: torch.Tensor, chosen: torch.Tensor | slice = slice(None)) -> torch.Tensor:
+    """(A, B) bool: which frequencies pass, from the plan's rows of (smallest, largest) |k_x|, or those chosen."""
+    rows = torch.from_numpy(transfer.support).to(abs_kx.device)[chosen]
     return (abs_kx[None, :] >= rows[:, :1]) & (abs_kx[None, :] <= rows[:, 1:])

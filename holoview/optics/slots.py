@@ -6,6 +6,7 @@ Everything that only shapes a slot (modulator response, aberrations) exists once
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -19,13 +20,33 @@ from holoview.plan import Plan
 
 @dataclass(frozen=True)
 class Slots:
-    """opd_m (frame, modulator, y, x) float64: optical path of each modulator pixel, m.
+    """opd_m (frame, modulator, y, x) float64: optical path of each modulator pixel, m; what was sent, where `light` is.
 
     pupils[relay][wavelength]: (P_y, P_x) complex128 or None where the relay neither apodises nor aberrates.
+    light: transmissions of modulators that aren't exp(2πi·opd/λ) of their pixels alone; None where all are.
     """
 
     opd_m: torch.Tensor
     pupils: tuple[tuple[torch.Tensor | None, ...], ...]
+    light: Lights | None = None
+
+    def is_dense(self, modulator: int) -> bool:
+        """Whether a modulator's transmission isn't exp(2πi·opd/λ) of its pixels."""
+        return self.light is not None and self.light.is_dense(modulator)
+
+    def transmission(self, frame: int, modulator: int, wavelength: int) -> torch.Tensor | None:
+        """Complex128 transmission of a modulator's samples (y, x), or None: exp(2πi·opd/λ) of its pixels."""
+        return None if self.light is None else self.light.samples(frame, modulator, wavelength)
+
+
+class Lights(Protocol):
+    """What makes dense transmissions of modulators."""
+
+    def is_dense(self, modulator: int) -> bool:
+        """Whether that modulator's is."""
+
+    def samples(self, frame: int, modulator: int, wavelength: int) -> torch.Tensor | None:
+        """Complex128 transmission of a modulator's samples (y, x); None where its pixels' optical paths say it all."""
 
 
 def make_slots(plan: Plan, drive: torch.Tensor | NDArray[np.floating]) -> Slots:
@@ -36,12 +57,40 @@ def make_slots(plan: Plan, drive: torch.Tensor | NDArray[np.floating]) -> Slots:
     patterns = drive if isinstance(drive, torch.Tensor) else _as_tensor(drive)
     check_drive(plan, patterns)
     patterns = patterns.double()
+    pupils = tuple(tuple(relay_pupil(plan, r, i) for i in range(len(plan.system.wavelengths_m))) for r in (0, 1))
+    return Slots(optical_paths(plan, patterns), pupils, _lights(plan, patterns))
+
+
+def relay_pupil(plan: Plan, relay: int, wavelength: int) -> torch.Tensor | None:
+    """(P_y, P_x) complex128 pupil of a relay with its effects; None where it neither apodises nor aberrates."""
+    own = pupil(plan, relay, wavelength, torch.complex128, torch.device("cpu"))
+    if not plan.nominal.effects:
+        return own
+    from holoview.effects.dense import added_pupil  # here: only benches with effects load them
+
+    added = added_pupil(plan, relay, wavelength)
+    if own is None or added is None:
+        return added if own is None else own
+    return own * added
+
+
+def _lights(plan: Plan, drive: torch.Tensor) -> Lights | None:
+    if not plan.nominal.effects:
+        return None
+    from holoview.effects.dense import DenseLight  # here: only benches with effects load them
+
+    light = DenseLight(plan, drive)
+    return light if light.is_any_dense else None
+
+
+def optical_paths(plan: Plan, drive: torch.Tensor) -> torch.Tensor:
+    """Optical path (frame, modulator, y, x) of a drive at each moment, nominal but for the strokes, m."""
     modulators = plan.system.modulators
-    opd = torch.stack([optical_path(patterns[:, i], modulator) for i, modulator in enumerate(modulators)], dim=1)
-    cpu = torch.device("cpu")
-    count = len(plan.system.wavelengths_m)
-    pupils = tuple(tuple(pupil(plan, r, i, torch.complex128, cpu) for i in range(count)) for r in (0, 1))
-    return Slots(opd, pupils)
+    paths = torch.stack([optical_path(drive[:, i], modulator) for i, modulator in enumerate(modulators)], dim=1)
+    if plan.moments == (1.0,):
+        return paths
+    factors = torch.tensor(plan.moments, dtype=paths.dtype, device=paths.device)
+    return (paths[:, None] * factors[:, None, None, None]).flatten(0, 1)
 
 
 def _as_tensor(drive: NDArray[np.floating]) -> torch.Tensor:
@@ -55,7 +104,7 @@ def check_drive(plan: Plan, drive: torch.Tensor) -> None:
     """UserError unless the drive has the system's shape and lies in 0…1."""
     if drive.is_complex():
         raise UserError("drive", "complex numbers", expected="real numbers, 0 to 1 of the modulator's stroke")
-    expected = plan.system.drive_shape
+    expected = plan.nominal.drive_shape
     if tuple(drive.shape) != expected:
         raise UserError(
             "drive", f"an array of shape {tuple(drive.shape)}", expected=f"(frame, modulator, y, x) = {expected}"

@@ -17,6 +17,7 @@ responses    what spectra are multiplied by, made once
 chromatic    the gradient with respect to wavelengths
 eyebox       how evenly the eyebox is filled, and a penalty
 memory       what it all takes, and a clear word when there is less
+team         processes that share the lasers
 threads      as many as the size deserves
 device       which torch device
 checkpoint   all that goes on from where it stopped, in a file

@@ -2,7 +2,8 @@
 
     minimise Σ_{plane, channel, pixel} (Σ_j a_j·M_jc·I_j − T_c)²   over a ≥ 0
 
-Only the Gram matrix G_ij = (I_i·I_j)(M_i·M_j) and b_i = Σ_c M_ic (I_i·T_c) are needed, added up plane by plane.
+Only the Gram matrix G_ij = (I_i·I_j)(M_i·M_j) and b_i = Σ_c M_ic (I_i·T_c) are needed, added up plane by plane. Of a
+team, every process fills the rows of its lasers.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.optimize import nnls
+
+from holoview.optimise.team import ALONE, Team
 
 Tensor = torch.Tensor
 Floats = NDArray[np.float64]
@@ -21,17 +24,24 @@ _EIGEN_FLOOR = 1e-6
 
 
 class AmplitudeProblem:
-    """Gathers the planes; colours (laser, channel) are those of unit amplitude and intensity."""
+    """Gathers the planes; colours (laser, channel) are those of unit amplitude and intensity, of everybody's lasers."""
 
-    def __init__(self, colours: Floats) -> None:
-        self._colours = colours
+    def __init__(self, colours: Floats, team: Team = ALONE) -> None:
+        self._colours, self._team = colours, team
+        self._mine = team.part(len(colours))
         self._gram, self._right = np.zeros((len(colours), len(colours))), np.zeros(len(colours))
 
     def add(self, intensity: Tensor, target: Tensor, weight: float = 1.0) -> None:
-        """Adds a plane: intensity (laser, …) at unit amplitude and target (channel, …) of equal trailing shape."""
+        """Adds a plane: intensity (own laser, …) at unit amplitude and target (channel, …) of equal trailing shape."""
         images, wanted = intensity.flatten(1), target.flatten(1)
-        self._gram += weight * (images @ images.T).cpu().double().numpy()
-        self._right += weight * np.einsum("lc,lc->l", self._colours, (images @ wanted.T).cpu().double().numpy())
+        for theirs, others in self._team.passing(images, len(self._colours)):
+            self._gram[self._mine, theirs] += weight * (images @ others.T).cpu().double().numpy()
+        seen = (images @ wanted.T).cpu().double().numpy()
+        self._right[self._mine] += weight * np.einsum("lc,lc->l", self._colours[self._mine], seen)
+
+    def join(self) -> None:
+        """Gives everybody all rows, when all planes are there."""
+        self._team.add(torch.from_numpy(self._gram), torch.from_numpy(self._right))
 
     @property
     def is_dark(self) -> bool:

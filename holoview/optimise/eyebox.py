@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from holoview.optics.first_order import first_order
 from holoview.optics.propagate import relay_response
-from holoview.optics.pupil import pupil
+from holoview.optics.slots import relay_pupil
 from holoview.optimise.model import Model
 
 Tensor = torch.Tensor
@@ -74,7 +74,7 @@ class Eyebox:
     def _stop(self, wavelength: int) -> Tensor:
         """Transmission of the last relay's stops and apodisation over the order; at no distance only they are left."""
         plan, cpu = self._model.plan, torch.device("cpu")
-        glass = pupil(plan, 1, wavelength, torch.complex128, cpu)
+        glass = relay_pupil(plan, 1, wavelength)
         response = relay_response(plan.transfer(1, wavelength, 0.0), plan.grid, glass, torch.complex128, cpu)
         passed = response.abs().square()[self._rows.cpu()[:, None], self._columns.cpu()[None, :]]
         return passed.to(self._model.real).to(self._model.device)

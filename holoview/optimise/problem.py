@@ -15,11 +15,12 @@ from holoview.errors import UserError
 from holoview.optimise.amplitudes import AmplitudeProblem
 from holoview.optimise.eyebox import Eyebox
 from holoview.optimise.memory import keeps_fields, needs_memory
-from holoview.optimise.model import Model
 from holoview.optimise.objective import colours_of, make_objective
 from holoview.optimise.quantise import Jumps, own_cost
 from holoview.optimise.settings import Settings
+from holoview.optimise.team import ALONE, Team, share_out, with_lasers
 from holoview.optimise.threads import suited_threads
+from holoview.optimise.traced import model_for
 from holoview.optimise.wavelengths import check_observer, colour_slopes
 from holoview.plan import Plan, make_plan
 from holoview.system import System
@@ -66,18 +67,33 @@ class Evaluation:
 
 
 class Problem:
-    """A system, a target and how to compare them, ready to be evaluated on a device."""
+    """A system, a target and how to compare them, ready to be evaluated on a device.
 
-    def __init__(self, system: System, stack: NDArray[np.floating], settings: Settings, device: str = "cpu") -> None:
-        self.system, self.settings = system, settings
+    Of a team, this process's model has its part of the lasers; what `evaluate` brings is everybody's.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        stack: NDArray[np.floating],
+        settings: Settings,
+        device: str = "cpu",
+        team: Team = ALONE,
+    ) -> None:
+        self.system, self.settings, self.team = system, settings, team
         plan = self._plan_of(system, settings)
+        _check_effects(plan, settings)
+        parts = share_out(plan, team)
+        self.lasers = [laser for part in parts for laser in part]
+        self._mine = team.part(len(self.lasers))
+        plan = with_lasers(plan, parts[team.rank])
         self._needs_memory = partial(needs_memory, chromatic="wavelengths" in settings.free)
         self.objective = make_objective(plan, stack, settings, device=device)
         if "wavelengths" in settings.free:
             check_observer(system.observer, settings)
         self.samples = int(np.prod(plan.grid.padded))
         with self._needs_memory(plan, device), suited_threads(self.samples):
-            self.model = Model(plan, device=device, keep=keeps_fields(plan))
+            self.model = model_for(plan, device=device, keep=keeps_fields(plan))
             self._intensity = torch.empty(len(self.model.lasers), *plan.grid.shape, device=self.model.device)
             self._images = torch.empty(2, *self.objective.target.shape[1:], device=self.model.device)
             self.eyebox = Eyebox(self.model)
@@ -87,7 +103,7 @@ class Problem:
         """Goes on with other wavelengths, on the same grid."""
         self.system = self.system.edit({"wavelengths": wavelengths_m})
         plan = replace(make_plan(self.system), grid=self.model.plan.grid)
-        self.model.use(plan)
+        self.model.use(with_lasers(plan, self.model.lasers))
         self.objective.colours = colours_of(self.objective.loss, plan, self.objective.target)
         self.eyebox = Eyebox(self.model)
 
@@ -100,14 +116,15 @@ class Problem:
         model, objective, intensity = self.model, self.objective, self._intensity
         model.forward(opd_m, chromatic=wanted.chromatic)
         colours, weights = self._colours(), self._weights(amplitudes)
-        problem = AmplitudeProblem(colours)
-        share = torch.as_tensor(colours * weights[:, None]).to(intensity)
-        products = np.zeros((objective.target.shape[1], len(model.lasers)))
+        problem = AmplitudeProblem(colours, self.team)
+        share = torch.as_tensor((colours * weights[:, None])[self._mine]).to(intensity)
+        products = torch.zeros(objective.target.shape[1], len(self.lasers), dtype=torch.float64)
         judged, middle = [], len(objective.target) // 2
         for plane in range(len(objective.target)):
             model.see(plane, intensity)
             image = self._images[0]
             torch.mm(share.T, intensity.flatten(1), out=image.flatten(1))
+            self.team.add(image)
             if plane == middle:
                 self._images[1].copy_(image)
             if wanted.amplitudes:
@@ -117,7 +134,7 @@ class Problem:
             judged.append(objective.judge(plane, image))
             if wanted.gradient:
                 if wanted.products:
-                    products += (image.flatten(1) @ intensity.flatten(1).T).cpu().double().numpy()
+                    products[:, self._mine] += (image.flatten(1) @ intensity.flatten(1).T).cpu().double()
                 torch.mm(share, image.flatten(1), out=intensity.flatten(1))
                 model.answer(plane, intensity)
         found = Evaluation(
@@ -133,6 +150,7 @@ class Problem:
         if not wanted.eyebox and self.settings.eyebox == 0:
             return found
         blocks = self.eyebox.blocks(amplitudes)
+        self.team.add(blocks)
         variation = self.eyebox.variation(blocks)
         if not math.isfinite(variation):
             raise _nothing_passes()
@@ -142,27 +160,31 @@ class Problem:
         return replace(found, loss=loss, eyebox=variation)
 
     def _with_gradients(
-        self, found: Evaluation, products: Floats, weights: Floats, opd_m: Tensor, wanted: Wanted
+        self, found: Evaluation, products: Tensor, weights: Floats, opd_m: Tensor, wanted: Wanted
     ) -> Evaluation:
-        """products (channel, laser): Σ ∂L/∂image·intensity."""
+        """products (channel, laser): Σ ∂L/∂image·intensity, of this process's lasers."""
         gradient = torch.zeros_like(opd_m)
         model = self.model
         chromatic = torch.zeros(len(self.system.wavelengths_m), dtype=torch.float64) if wanted.chromatic else None
         jumps = None if wanted.jump_m is None else Jumps(wanted.jump_m, wanted.stiffness * self._own_costs(weights))
         model.finish(gradient, chromatic, jumps)
-        slopes = np.einsum("lc,cl->l", self._colours(), products)
+        self.team.add(gradient, *([products] if wanted.products else []), *([] if chromatic is None else [chromatic]))
+        pulls = products.numpy()
         if chromatic is not None:
             colour = colour_slopes(self.objective.loss, self.system.wavelengths_m, self.system.observer)
-            for laser, (_, λ) in enumerate(model.lasers):
-                chromatic[λ] += float(weights[laser] * (colour[λ] @ products[:, laser]) / self.system.frames)
+            for laser, (_, λ) in enumerate(self.lasers):
+                chromatic[λ] += float(weights[laser] * (colour[λ] @ pulls[:, laser]) / self.system.frames)
         return replace(
             found,
             gradient=gradient,
-            amplitude_slopes=self._table(slopes) if wanted.amplitude_slopes else None,
+            amplitude_slopes=self._table(np.einsum("lc,cl->l", self._colours(), pulls))
+            if wanted.amplitude_slopes
+            else None,
             chromatic=None if chromatic is None else chromatic.numpy(),
         )
 
     def _solved(self, problem: AmplitudeProblem) -> Floats:
+        problem.join()
         if problem.is_dark:
             raise _nothing_passes()
         found = problem.solve()
@@ -176,10 +198,10 @@ class Problem:
         return self._table(found)
 
     def _own_costs(self, weights: Floats) -> Tensor:
-        """κ of each laser at each modulator; light that stops absorb costs nothing, in its field and its own."""
+        """κ of each own laser at each modulator; light that stops absorb costs nothing, in its field and its own."""
         grid = self.model.plan.grid
         inside = self.objective.target[0, 0][self.objective.inside].numel()
-        squares = np.mean((self._colours() * weights[:, None]) ** 2, axis=1)
+        squares = np.mean((self._colours() * weights[:, None])[self._mine] ** 2, axis=1)
         rows = []
         for (_, λ), square in zip(self.model.lasers, squares, strict=True):
             first, last = self._transmission(λ)
@@ -195,15 +217,15 @@ class Problem:
     def _colours(self) -> Floats:
         """Channels (laser, channel) that a laser adds at unit amplitude and intensity: frames are averaged."""
         table = self.objective.colours.cpu().double().numpy()
-        return table[[λ for _, λ in self.model.lasers]] / self.system.frames
+        return table[[λ for _, λ in self.lasers]] / self.system.frames
 
     def _weights(self, amplitudes: Floats) -> Floats:
-        return np.array([amplitudes[laser] for laser in self.model.lasers])
+        return np.array([amplitudes[laser] for laser in self.lasers])
 
     def _table(self, values: Floats) -> Floats:
         """Values of the lasers that are on as a table (frame, wavelength); zero for the others."""
         table = np.zeros((self.system.frames, len(self.system.wavelengths_m)))
-        for laser, value in zip(self.model.lasers, values, strict=True):
+        for laser, value in zip(self.lasers, values, strict=True):
             table[laser] = value
         return table
 
@@ -216,6 +238,26 @@ class Problem:
         longest = system.wavelengths_m.copy()
         longest[np.argmax(longest)] = max(settings.wavelength_range_m[1], float(longest.max()))
         return replace(plan, grid=make_plan(system.edit({"wavelengths": longest})).grid)
+
+
+def _check_effects(plan: Plan, settings: Settings) -> None:
+    """UserError for effects under which a laser isn't one wavelength, one frame and its own power any more."""
+    if not plan.nominal.effects:
+        return
+    lasers = (len(plan.system.wavelengths_m), plan.system.frames)
+    if lasers != (len(plan.nominal.wavelengths_m), plan.nominal.frames) or np.any(
+        plan.system.amplitudes != plan.nominal.amplitudes
+    ):
+        hooks = ("bandwidth", "flicker", "laser_power")
+        found = " and ".join(name for name in plan.nominal.effect_values if name in hooks) or "an effect"
+        raise UserError(
+            f"effects.{found}",
+            "changes the lasers themselves, which patterns can't be optimised for",
+            expected="effects that change the light of each laser",
+            remedy="switch it off for the optimisation; rendering shows what it does",
+        )
+    if "wavelengths" in settings.free:
+        raise UserError("free", "wavelengths on a bench with effects", remedy="free patterns and amplitudes only")
 
 
 def _nothing_passes() -> UserError:

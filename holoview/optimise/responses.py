@@ -9,6 +9,7 @@ import torch
 from holoview.optics.propagate import phase_slope, relay_response
 from holoview.optics.pupil import pupil
 from holoview.optics.slm import pixel_response
+from holoview.optics.slots import relay_pupil
 from holoview.optics.source import pixel_wave
 from holoview.plan import Plan
 
@@ -100,7 +101,6 @@ class Responses:
         return (y[:, None] * x[None, :]).to(self.dtype).to(self.device)
 
     def _relay(self, relay: int, wavelength: int, distance_m: float) -> Tensor:
-        cpu = torch.device("cpu")
-        glass = pupil(self.plan, relay, wavelength, torch.complex128, cpu)
+        glass = relay_pupil(self.plan, relay, wavelength)
         step = self.plan.transfer(relay, wavelength, distance_m)
-        return relay_response(step, self.plan.grid, glass, self.dtype, cpu)
+        return relay_response(step, self.plan.grid, glass, self.dtype, torch.device("cpu"))

@@ -23,6 +23,7 @@ from holoview.optimise.patterns import first_drive
 from holoview.optimise.problem import Evaluation, Problem, Wanted
 from holoview.optimise.settings import Settings
 from holoview.optimise.state import State
+from holoview.optimise.team import ALONE, Team
 from holoview.optimise.unknowns import Unknowns
 from holoview.system import System
 
@@ -37,14 +38,16 @@ def iterate(
     resume: Checkpoint | None = None,
     *,
     device: str = "cpu",
+    team: Team = ALONE,
 ) -> Iterator[State]:
     """Optimises for a focal stack (plane, y, x, 3) in linear sRGB at the system's planes; a state an iteration.
 
     start: a drive (frame, modulator, y, x) to begin with; as the settings say when None. resume: a checkpoint to go on
-    from, bit for bit on the same machine. device: of torch, "cpu", "cuda", "cuda:1", "mps".
+    from, bit for bit on the same machine. device: of torch, "cpu", "cuda", "cuda:1", "mps". team: the processes that
+    share the lasers; each is given the same arguments, and asks for as many states.
     Raises UserError when the stack, the drive or the checkpoint doesn't fit, and when memory runs out.
     """
-    return _Solver(system, stack, settings, start, resume, device).states()
+    return _Solver(system, stack, settings, start, resume, device, team).states()
 
 
 class _Solver:
@@ -56,11 +59,12 @@ class _Solver:
         start: NDArray[np.float32] | None,
         resume: Checkpoint | None,
         device: str,
+        team: Team,
     ) -> None:
         self.system, self.settings, self.target = system, settings, digest(stack)
         if resume is not None:
             resume.check(system, settings, self.target, "checkpoint")
-        self.problem = Problem(system, stack, settings, device)
+        self.problem = Problem(system, stack, settings, device, team)
         drive = first_drive(system, settings) if start is None else torch.tensor(start, dtype=torch.float32)
         check_drive(self.problem.model.plan, drive)
         self.unknowns = Unknowns(system, settings, drive.to(device))

@@ -1,6 +1,9 @@
 // What the observer makes of intensities: XYZ = Σ share × intensity, over wavelengths and frames, four pixels a thread.
 // Twin: holoview/engine/torch.py, composite.
 
+// Whether it is added to what was seen.
+override adds: bool = false;
+
 @group(0) @binding(0) var<uniform> blend: Blend;
 @group(0) @binding(1) var<storage, read> shares: array<Share>;
 
@@ -21,7 +24,7 @@ fn main(
     var b = vec4f(0.0);
     var c = vec4f(0.0);
     var d = vec4f(0.0);
-    if (blend.adds != 0u) {
+    if (adds) {
         a = seen[4u * quad];
         b = seen[4u * quad + 1u];
         c = seen[4u * quad + 2u];

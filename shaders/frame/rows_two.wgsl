@@ -1,5 +1,5 @@
 // Fields that a kernel reads from one buffer and writes to another, so that the first ones are kept.
-//#include "lib/grid.wgsl"
+//#include "frame/rows.wgsl"
 
 @group(1) @binding(0) var<uniform> batch: Batch;
 @group(1) @binding(1) var<storage, read> source_rows: array<Stored>;
@@ -7,9 +7,9 @@
 
 // Sample x of row y of a field.
 fn fetched(field: u32, y: u32, x: u32) -> vec2f {
-    return restored(source_rows[index_in_rows(grid, batch.source_field + field, y, x)]);
+    return restored(source_rows[index_of_sample(batch.source_field + field, y, x)]);
 }
 
 fn put(field: u32, y: u32, x: u32, value: vec2f) {
-    target_rows[index_in_rows(grid, batch.target_field + field, y, x)] = stored(value);
+    target_rows[index_of_sample(batch.target_field + field, y, x)] = stored(value);
 }

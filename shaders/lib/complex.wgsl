@@ -12,14 +12,14 @@ fn cmul_conj(a: vec2f, b: vec2f) -> vec2f {
 }
 
 // exp(2πi·t) for |t| ≤ 1/4 turn.
-// Taylor series (coefficients (2π)ⁿ/n!) of the sine to t¹³ and of the cosine to t¹⁴: what they leave out is below
-// 7e-10, so that rounding decides the error, which stays below 3e-7.
+// Polynomials in t² with the least largest error on that range: 3.4e-9 of the sine, 2.5e-10 of the cosine, so that
+// rounding decides the error, which stays below 3e-7. Taylor series as exact would be four terms longer.
 fn cis_half_circle(t: f32) -> vec2f {
     let s = t * t;
-    let sine = t * (6.283185307179586 + s * (-41.341702240399755 + s * (81.60524927607504 + s * (-76.70585975306136
-        + s * (42.058693944897634 + s * (-15.094642576822984 + s * 3.8199525848482803))))));
-    let cosine = 1.0 + s * (-19.739208802178716 + s * (64.93939402266828 + s * (-85.45681720669371
-        + s * (60.24464137187664 + s * (-26.426256783374388 + s * (7.903536371318465 + s * -1.7143907110886711))))));
+    let sine = t * (6.283185160089216 + s * (-41.341655031360474 + s * (81.60100407004795 + s * (-76.54978222495677
+        + s * 39.536705577164724))));
+    let cosine = 1.0 + s * (-19.739208624346624 + s * (64.93935359558762 + s * (-85.4538306870612
+        + s * (60.148204526412364 + s * -25.006794011124466))));
     return vec2f(cosine, sine);
 }
 

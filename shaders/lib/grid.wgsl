@@ -8,8 +8,3 @@ fn is_inside(grid: Grid, y: u32, x: u32) -> bool {
 fn index_padded(grid: Grid, y: u32, x: u32) -> u32 {
     return y * grid.stride + x;
 }
-
-// Index of sample x of a row of the field, in a buffer that holds the field's rows alone.
-fn index_in_rows(grid: Grid, field: u32, y: u32, x: u32) -> u32 {
-    return field * (grid.shape.x * grid.stride) + y * grid.stride + x;
-}

@@ -1,13 +1,16 @@
-// A phase modulator: field × exp(2πi·opd/λ) inside, 0 outside.
+// A phase modulator: field × exp(2πi·opd/λ) inside, or × its transmission sample by sample; 0 outside.
 // Twin: holoview/engine/torch.py, modulate.
 //#include "lib/modulator.wgsl"
 //#include "lib/grid.wgsl"
+
+override is_dense: bool = false;
 
 @group(0) @binding(0) var<uniform> grid: Grid;
 @group(0) @binding(1) var<uniform> light: Light;
 
 @group(1) @binding(0) var<storage, read> opd: array<f32>;
-@group(1) @binding(1) var<storage, read_write> field: array<vec2f>;
+@group(1) @binding(1) var<storage, read> dense: array<vec2f>;
+@group(1) @binding(2) var<storage, read_write> field: array<vec2f>;
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3u) {
@@ -17,7 +20,13 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
     let at = index_padded(grid, id.y, id.x);
     var value = vec2f(0.0);
     if (is_inside(grid, id.y, id.x)) {
-        value = cmul(field[at], phasor(opd[pixel_under(grid, id.y - grid.offset.x, id.x - grid.offset.y)], light));
+        let y = id.y - grid.offset.x;
+        let x = id.x - grid.offset.y;
+        if (is_dense) {
+            value = cmul(field[at], dense[y * grid.shape.y + x]);
+        } else {
+            value = cmul(field[at], phasor(opd[pixel_under(grid, y, x)], light));
+        }
     }
     field[at] = value;
 }

@@ -15,7 +15,8 @@ import holoview
 
 PACKAGE = Path(holoview.__file__).resolve().parent
 DESCRIPTION = ("errors", "files", "grid", "plan", "preset", "schema", "shorthand", "system", "units")
-ENGINES = {"torch", "wgpu", "imgui_bundle"}
+GUIS = {"imgui_bundle", "rendercanvas", "glfw"}
+ENGINES = {"torch", "wgpu", *GUIS}
 GPU_MAY_KNOW = ("holoview.errors", "holoview.files", "holoview.grid", "holoview.gpu")
 
 
@@ -92,8 +93,8 @@ def _under(name: str, package: str) -> bool:
 
 def test_the_parser_sees_the_imports_that_are_there() -> None:
     assert {"torch", "holoview.plan", "holoview.errors"} <= _imported("holoview.optics.slots")
-    assert "holoview.optics.pupil" in _reached("holoview.view")
-    assert "torch" in _reached("holoview.view")
+    assert "holoview.optics.pupil" in _reached("holoview.engine.torch")
+    assert "torch" in _reached("holoview.engine.torch")
     assert "holoview.gpu.device" in _imported("holoview.engine.backend", everywhere=True)
     assert "holoview.gpu.device" not in _imported("holoview.engine.backend")
 
@@ -106,10 +107,11 @@ def test_the_description_of_a_bench_reaches_no_engine_and_no_window(module: str)
     assert not direct & ENGINES
 
 
-def test_only_the_gpu_layer_and_its_executor_know_webgpu() -> None:
+def test_only_the_gpu_layer_and_what_draws_windows_know_webgpu() -> None:
     users = {m for m in MODULES if any(_under(name, "wgpu") for name in _imported(m, everywhere=True))}
-    assert users
-    assert all(_under(module, "holoview.gpu") for module in users), sorted(users)
+    drawing = {f"holoview.app.{name}" for name in ("window", "viewport", "textures")}
+    assert drawing < users
+    assert all(_under(module, "holoview.gpu") for module in users - drawing), sorted(users)
 
 
 @pytest.mark.parametrize("module", [m for m in MODULES if _under(m, "holoview.gpu")])
@@ -118,9 +120,24 @@ def test_the_gpu_layer_knows_no_optics(module: str) -> None:
     assert not {name for name in ours if not any(_under(name, allowed) for allowed in GPU_MAY_KNOW)}
 
 
-def test_only_the_app_knows_a_gui() -> None:
-    users = {m for m in MODULES if any(_under(name, "imgui_bundle") for name in _imported(m, everywhere=True))}
+@pytest.mark.parametrize("toolkit", ["imgui_bundle", "rendercanvas", "glfw"])
+def test_only_the_app_knows_a_gui(toolkit: str) -> None:
+    users = {m for m in MODULES if any(_under(name, toolkit) for name in _imported(m, everywhere=True))}
+    assert users
     assert all(_under(module, "holoview.app") for module in users), sorted(users)
+
+
+@pytest.mark.parametrize("module", [m for m in MODULES if _under(m, "holoview.app.panels")])
+def test_panels_hold_no_physics(module: str) -> None:
+    physics = ("torch", "wgpu", "scipy", "holoview.optics", "holoview.engine", "holoview.gpu", "holoview.plan")
+    names = _imported(module, everywhere=True)
+    assert not {name for name in names if any(_under(name, part) for part in physics)}
+
+
+@pytest.mark.parametrize("module", [m for m in MODULES if _under(m, "holoview.session")])
+def test_a_session_knows_no_window(module: str) -> None:
+    names = _imported(module, everywhere=True)
+    assert not {name for name in names if any(_under(name, upper) for upper in ("holoview.app", *sorted(GUIS)))}
 
 
 def test_nothing_below_the_app_and_the_command_line_imports_the_app() -> None:
@@ -128,12 +145,19 @@ def test_nothing_below_the_app_and_the_command_line_imports_the_app() -> None:
     assert not {m for m in outside if any(_under(name, "holoview.app") for name in _imported(m))}
 
 
-@pytest.mark.parametrize("layer", ["optics", "engine", "optimise"])
+@pytest.mark.parametrize("layer", ["optics", "effects", "captures", "engine", "optimise"])
 def test_physics_does_not_look_up_to_what_uses_it(layer: str) -> None:
     above = ("holoview.view", "holoview.cli", "holoview.commands", "holoview.app")
     for module in (m for m in MODULES if _under(m, f"holoview.{layer}")):
         names = _imported(module, everywhere=True)
         assert not {name for name in names if any(_under(name, upper) for upper in above)}
+
+
+def test_effects_know_neither_what_computes_them_nor_what_looks_for_them() -> None:
+    users = ("engine", "gpu", "optimise", "captures", "diagnose")
+    for module in (m for m in MODULES if _under(m, "holoview.effects")):
+        names = _imported(module, everywhere=True)
+        assert not {name for name in names if any(_under(name, f"holoview.{user}") for user in users)}, module
 
 
 def test_imports_are_absolute() -> None:

@@ -148,6 +148,7 @@ def test_a_choice_is_told_with_its_reasons() -> None:
     [
         (["--size", "big"], "--size"),
         (["--size", "65x48"], "multiples of the bench's upsampling"),
+        (["--size", "44x48"], "products of 2, 3 and 5"),
         (["--rounds", "0"], "--rounds"),
         (["no-such-preset"], "no-such-preset"),
     ],

@@ -14,7 +14,7 @@ from holoview.engine.frame import focal_stack
 from holoview.engine.session import FrameSession
 from holoview.engine.torch import TorchExecutor
 from holoview.errors import UserError
-from holoview.gpu.device import Device
+from holoview.gpu.device import Device, DeviceLost, open_device
 from holoview.gpu.lines import has_subgroups
 from holoview.optics.slots import make_slots
 from holoview.plan import make_plan
@@ -248,3 +248,36 @@ def test_another_grid_is_computed_from_the_start(device: Device) -> None:
     session.update()
     assert session.kernels == ALL
     assert session.xyz().shape == (25, 32, 3)
+
+
+# --- where it can't go on -------------------------------------------------------------------------------------------
+
+
+def _limited(device: Device, **limits: int) -> Device:
+    """The device with lower limits, which are checked before the driver is asked for anything."""
+    lower = {name.replace("_", "-"): limit for name, limit in limits.items()}
+    return Device(device.raw, device.info, {**device.limits, **lower})
+
+
+def test_a_bench_beyond_the_limits_is_refused_with_what_to_lower_and_the_session_goes_on(device: Device) -> None:
+    session = _open(_limited(device, max_storage_buffer_binding_size=2**18))
+    before = session.xyz()
+    with pytest.raises(UserError, match=r"needs 1.587 MiB; expected at most 262144 bytes .*lower the size of the grid"):
+        session.edit(system=SYSTEM.edit({"shape": [100, 128]}), drive=np.zeros((2, 2, 100, 128), np.float32))
+    assert session.system == SYSTEM
+    session.edit(plane_m=4e-3)
+    session.update()
+    session.edit(plane_m=3e-3)
+    session.update()
+    assert np.array_equal(session.xyz(), before)
+
+
+def test_a_lost_device_is_told_at_the_next_step(device: Device, wgpu_log: list[str]) -> None:
+    lost = open_device(device.info.name)
+    session = _open(lost)
+    lost.raw.destroy()
+    session.forget()
+    for act in (session.update, session.xyz, lambda: session.edit(plane_m=5e-3)):
+        with pytest.raises(DeviceLost, match="reopen the device"):
+            act()
+    wgpu_log.clear()

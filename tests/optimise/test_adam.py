@@ -59,3 +59,11 @@ def test_the_fall_is_the_root_of_what_is_left() -> None:
     assert [fall(done, 4) for done in (0, 3, 4, 5, 100)] == [1.0, 0.5, 0.0, 0.0, 0.0]
     values = [fall(done, 20) for done in range(21)]
     assert all(later < earlier for earlier, later in pairwise(values))
+
+
+def test_a_floor_slows_what_the_gradient_says_little_about_and_nothing_else() -> None:
+    gradient = torch.tensor([1.0, -1.0, 1e-6])
+    free, floored = Adam(gradient, (0.9, 0.95)), Adam(gradient, (0.9, 0.95), floor=0.1)
+    assert torch.allclose(free.direction(gradient), torch.tensor([1.0, -1.0, 1.0]))
+    # the third is divided by a tenth of the r.m.s. gradient √(2/3) instead of its own
+    assert torch.allclose(floored.direction(gradient), torch.tensor([1.0, -1.0, 1e-5 / (2 / 3) ** 0.5]))

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from holoview.engine.backend import open_executor
@@ -14,6 +15,7 @@ from holoview.engine.frame import focal_stack
 from holoview.engine.torch import TorchExecutor
 from holoview.engine.wgpu import WgpuExecutor
 from holoview.errors import UserError
+from holoview.facts import facts
 from holoview.gpu import device as device_module
 from holoview.gpu.adapter import MIB
 from holoview.gpu.device import Device
@@ -80,7 +82,7 @@ def test_more_workgroups_than_the_device_takes_are_refused_before_it_is_asked(de
     ("changes", "refusal"),
     [
         ({"shape": [2, 4200]}, r"points a side; expected at most 8192; lower the size"),
-        ({"shape": [11, 32], "propagation": "periodic"}, r"22 points a side.*next good size is 24"),
+        ({"shape": [2, 4200], "propagation": "periodic"}, r"points a side; expected at most 8192; lower the size"),
     ],
 )
 def test_a_size_that_the_shaders_cannot_transform_is_refused(
@@ -88,6 +90,19 @@ def test_a_size_that_the_shaders_cannot_transform_is_refused(
 ) -> None:
     with pytest.raises(UserError, match=refusal):
         _shaders(bench(**changes), device)
+
+
+@gpu
+def test_a_periodic_size_that_has_no_transform_is_padded_to_the_next_one_in_both_executors(
+    device: Device, bench: Opened
+) -> None:
+    system = bench(shape=[11, 32], propagation="periodic")
+    plan, drive = make_plan(system), random_drive(system)
+    assert plan.grid.padded == (24, 64) and plan.grid.shape == (22, 64)
+    assert "24 (periodic, padded to the next sizes" in str(facts(system))
+    expected = focal_stack(TorchExecutor(plan, make_slots(plan, drive), double=True))[0]
+    found = focal_stack(_shaders(system, device))[0]
+    assert np.linalg.norm(found - expected) <= 1e-6 * np.linalg.norm(expected)
 
 
 @gpu

@@ -14,13 +14,14 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.engine import layouts
-from holoview.engine.fused import KERNELS, transform_of
+from holoview.engine.kernels import KERNELS, Kernels, transform_of
 from holoview.files import data_dir
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.layout import Struct
 from holoview.gpu.lines import Strategy, has_subgroups
 from holoview.gpu.recorder import Pass, Recorder
 from holoview.gpu.shader import Generated, ShaderError, link
+from holoview.gpu.warm import warm_up
 from holoview.optics.propagate import transfer_function
 from holoview.plan import Grid, fixed_turns
 
@@ -71,7 +72,7 @@ def test_a_shader_compiles_in_every_permutation(device: Device, name: str, const
     device.pipeline(link(DECLARATIONS, name, Generated("probe", probe), label=name), constants)
 
 
-_PARTS = ("rows_one", "rows_two", "work")
+_PARTS = ("rows", "rows_one", "rows_two", "work")
 
 
 def _switches(kernel: str) -> list[str]:
@@ -94,10 +95,18 @@ def test_a_fused_kernel_compiles_in_every_permutation(
         transform_of(device, grid, kernel, constants, strategy, half=half, two=two).compile()
 
 
+@pytest.mark.parametrize("two", [False, True], ids=["in place", "elsewhere"])
+def test_fused_kernels_can_be_compiled_ahead(device: Device, two: bool) -> None:
+    kernels = Kernels(device, Grid((64, 128), (64, 128), (0, 0), 4e-6, 2))
+    warm_up(device, kernels.stages("workgroup", [(kernel, (), two) for kernel in KERNELS]))
+    device.wait()
+
+
 def test_there_is_a_shader_for_each_fused_kernel_and_none_besides() -> None:
     hooks = {name for name in _shaders() if name.startswith("frame/")}
     assert hooks == {f"frame/{kernel}.wgsl" for kernel in KERNELS} | {f"frame/{part}.wgsl" for part in _PARTS}
-    assert [_switches(kernel) for kernel in KERNELS] == [["is_tilted"], ["has_pupil"], [], []]
+    switches = [["is_tilted", "is_dense"], ["has_pupil"], ["is_dense"], ["adds"]]
+    assert [_switches(kernel) for kernel in KERNELS] == switches
 
 
 def test_an_error_in_a_fused_kernel_names_its_file_and_line(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,239 @@
+"""How often `holoview diagnose` names what is wrong: hidden effects of every kind and size, pairs, and nothing at all.
+
+    python -m benchmarks.diagnosis --families singles pairs nothing --repeats 1 -o out/diagnosis.jsonl
+    python -m benchmarks.diagnosis --summary out/diagnosis.jsonl
+
+Each case is drawn from a seed, measured on a virtual bench with noise, and diagnosed; the truth is looked at only then.
+Families: singles, pairs, nothing, nuisances, deleted (the true effect isn't in the library), sampling (data
+from samples twice as fine as the model's). A line of JSON a case; the summary prints rates and the confusion matrix.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from holoview.captures.make import Nuisances, Session, make_captures
+from holoview.captures.session import Captures
+from holoview.diagnose.diagnose import diagnose
+from holoview.diagnose.draw import draw_effect
+from holoview.effects.registry import registry
+from holoview.errors import UserError
+from holoview.system import Modulator, Relay, System
+
+SIZES = {"small": 0.15, "medium": 0.45, "large": 0.9}
+FAMILIES = ("singles", "pairs", "nothing", "nuisances", "deleted", "sampling")
+
+
+@dataclass
+class Case:
+    """A hidden truth and what was said about it."""
+
+    family: str
+    size: str
+    seed: int
+    truth: dict[str, dict[str, float]]
+    named: list[str] = field(default_factory=list)
+    verdict: str = ""
+    values: dict[str, dict[str, list[float]]] = field(default_factory=dict)
+    chi2: list[float] = field(default_factory=list)
+    rivals: list[list[str]] = field(default_factory=list)
+    confounded: dict[str, list[str]] = field(default_factory=dict)
+    lives_in: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+
+
+def bench(rows: int = 96, columns: int = 128) -> System:
+    """Two modulators of 16 levels, four wavelengths, one plane."""
+    stroke = 825e-9
+    modulator = Modulator(pitch_m=8e-6, shape=(rows, columns), stroke_m=stroke, levels=16)
+    return System(
+        wavelengths_m=np.array([450e-9, 520e-9, 580e-9, 638e-9]),
+        amplitudes=np.ones((1, 4)),
+        modulators=(modulator, modulator),
+        gap_m=1e-3,
+        planes_m=np.array([4e-3]),
+        relay1=Relay(iris_na=0.03),
+        relay2=Relay(iris_na=0.03),
+        observer="mono",
+    )
+
+
+def cases(families: list[str], sizes: list[str], only: list[str], repeats: int, first_seed: int) -> Iterator[Case]:
+    """What is to be found, in an order that mixes effects early."""
+    names = [n for n in registry() if not only or n in only]
+    facts_of = bench()
+    for repeat in range(repeats):
+        for family in families:
+            for size in sizes if family in ("singles", "pairs", "deleted") else ["-"]:
+                for k, name in enumerate(names if family in ("singles", "deleted") else range(_count(family, names))):
+                    seed = (
+                        first_seed + 1000 * repeat + 37 * k + 7 * list(SIZES).index(size)
+                        if size in SIZES
+                        else k + 1000 * repeat
+                    )
+                    rng = np.random.default_rng(seed)
+                    hidden = _hidden(family, name, names, rng)
+                    truth = {n: draw_effect(registry()[n], facts_of, SIZES.get(size, 0.3), rng) for n in hidden}
+                    yield Case(family, size, seed, truth)
+
+
+def _count(family: str, names: list[str]) -> int:
+    return {"pairs": 10, "nothing": 10, "nuisances": 10, "sampling": 4}[family]
+
+
+def _hidden(family: str, name: Any, names: list[str], rng: np.random.Generator) -> list[str]:
+    if family in ("singles", "deleted"):
+        return [name]
+    if family != "pairs":
+        return []
+    while True:
+        pair = sorted(rng.choice(names, 2, replace=False))
+        if pair[1] not in registry()[pair[0]].equals and pair[0] not in registry()[pair[1]].equals:
+            return [str(p) for p in pair]
+
+
+def measure(case: Case, each: int, shape: list[int]) -> Captures:
+    """The captures of a case."""
+    jitter = Nuisances(0.003, 0.01, 0.5e-6, 0.05e-9) if case.family == "nuisances" else Nuisances()
+    finer = 2 if case.family == "sampling" else 1
+    return make_captures(bench(*shape), case.truth, Session(each=each, seed=case.seed, nuisances=jitter, finer=finer))
+
+
+def solve(case: Case, each: int, shape: list[int], workers: int) -> Case:
+    """Diagnoses a case and fills in what was said."""
+    captures = measure(case, each, shape)
+    library = [e for e in registry().values() if case.family != "deleted" or e.id not in _with_equals(case)]
+    began, cpu = time.monotonic(), time.process_time()
+    found = diagnose(captures, library, workers=workers, free_maps=case.family == "deleted")
+    case.seconds, case.cpu_seconds = time.monotonic() - began, time.process_time() - cpu
+    case.verdict, case.named = str(found.verdict), [c.effect for c in found.causes]
+    case.values = {
+        c.effect: {n: [i.value, i.sigma, i.half_width] for n, i in c.intervals.items()} for c in found.causes
+    }
+    case.chi2, case.rivals = [found.before.chi2, found.after.chi2], [list(r) for r in found.rivals]
+    case.confounded = {c.effect: list(c.confounded_with) for c in found.causes}
+    case.lives_in = list(found.lives_in)
+    return case
+
+
+def _with_equals(case: Case) -> set[str]:
+    deleted = set(case.truth)
+    for name, effect in registry().items():
+        if deleted & {name} or deleted & set(effect.equals):
+            deleted |= {name, *effect.equals} if name in case.truth else {name}
+    return deleted
+
+
+def is_right(case: Case) -> bool:
+    """Whether the verdict is what it should be: the physically same cause counts as the cause."""
+    if case.family in ("nothing", "nuisances"):
+        return case.verdict == "consistent" and not case.named
+    if case.family == "sampling":
+        return not case.named or case.verdict not in ("explained", "ambiguous")
+    if case.family == "deleted":
+        return case.verdict in ("unexplained", "partly-explained", "consistent", "ambiguous")
+    named = case.named[: max(len(case.truth), 1)]
+    return all(any(_same(t, n) for n in named) for t in case.truth)
+
+
+def is_covered(case: Case) -> list[bool]:
+    """For each true parameter of a named cause, whether its 95 % interval holds the truth."""
+    inside = []
+    for effect, values in case.truth.items():
+        for name, true in values.items():
+            found = case.values.get(effect, {}).get(name)
+            if found is not None:
+                inside.append(
+                    abs(abs(found[0]) - abs(true)) <= found[2]
+                    if _is_even(effect, name)
+                    else abs(found[0] - true) <= found[2]
+                )
+    return inside
+
+
+def _is_even(effect: str, name: str) -> bool:
+    return next(p for p in registry()[effect].parameters if p.name == name).even
+
+
+def _same(a: str, b: str) -> bool:
+    return a == b or b in registry()[a].equals or a in registry()[b].equals
+
+
+def summary(lines: list[Case]) -> str:
+    """Rates by family, coverage, seconds, and the confusion matrix of single effects."""
+    out = []
+    groups: dict[tuple[str, str], list[Case]] = defaultdict(list)
+    for case in lines:
+        groups[case.family, case.size].append(case)
+    for (family, size), some in sorted(groups.items()):
+        right = sum(map(is_right, some))
+        verdicts = ", ".join(f"{k} {v}" for k, v in Counter(c.verdict for c in some).most_common())
+        cpu = np.median([c.cpu_seconds for c in some])
+        out.append(
+            f"{family:10s} {size:7s} {right}/{len(some)} right; {verdicts}; median {cpu:.1f} s of processor time"
+        )
+    inside = [flag for c in lines if c.family in ("singles", "pairs") and is_right(c) for flag in is_covered(c)]
+    if inside:
+        out.append(f"true value inside its 95 % interval: {sum(inside)}/{len(inside)}")
+    out.append("")
+    for case in lines:
+        if case.family in ("singles", "deleted", "pairs") and (
+            not is_right(case) or (case.family != "deleted" and case.verdict != "explained")
+        ):
+            truth, named = " + ".join(case.truth), " + ".join(case.named) or "–"
+            out.append(
+                f"{case.family} {case.size} {truth} (seed {case.seed}): {case.verdict} {named}, "
+                f"χ² {case.chi2[0]:.4g} → {case.chi2[1]:.4g}"
+            )
+    return "\n".join(out)
+
+
+def main() -> None:
+    """Runs the cases, or sums up a file of results."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--families", nargs="+", choices=FAMILIES, default=["singles"])
+    parser.add_argument("--sizes", nargs="+", choices=list(SIZES), default=list(SIZES))
+    parser.add_argument("--only", nargs="+", default=[], help="effects")
+    parser.add_argument("--repeats", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--each", type=int, default=8, help="captures a wavelength")
+    parser.add_argument("--shape", type=int, nargs=2, default=[96, 128], help="rows and columns of the modulators")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("-o", "--output", type=Path)
+    parser.add_argument("--summary", type=Path, nargs="+")
+    args = parser.parse_args()
+    if args.summary:
+        print(summary([Case(**json.loads(line)) for path in args.summary for line in path.read_text().splitlines()]))
+        return
+    done = []
+    for case in cases(args.families, args.sizes, args.only, args.repeats, args.seed):
+        try:
+            done.append(solve(case, args.each, args.shape, args.workers))
+        except UserError as error:
+            print(f"{case.family} {case.size} {case.truth}: can't be measured: {error}", flush=True)
+            continue
+        line = json.dumps(asdict(done[-1]))
+        if args.output:
+            with args.output.open("a") as file:
+                file.write(line + "\n")
+        mark = "right" if is_right(case) else "WRONG"
+        print(
+            f"{mark} {case.family} {case.size} {'+'.join(case.truth)} → {case.verdict} {'+'.join(case.named)} "
+            f"{case.chi2[0]:.3f} → {case.chi2[1]:.3f} {case.seconds:.0f} s, {case.cpu_seconds:.0f} cpu",
+            flush=True,
+        )
+    print(summary(done))
+
+
+if __name__ == "__main__":
+    main()

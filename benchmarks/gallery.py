@@ -1,0 +1,109 @@
+"""The gallery: every study at --quick, docs/gallery.md with a figure, a picture and the claims of each.
+
+python -m benchmarks.gallery [-o out/gallery]     what was run before is kept there, and not run again
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+from PIL import Image
+
+from holoview.commands.common import progress_bar
+from holoview.files import replacing
+from holoview.study.plots import drawn
+from holoview.study.registry import registry
+from holoview.study.report import versions, write_report
+from holoview.study.runner import run_jobs
+from holoview.study.scale import QUICK
+from holoview.study.store import Store
+from holoview.study.study import Claim, Findings, Picture, Plot, Study
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+FIGURE_WIDTH, PICTURE_WIDTH = 560, 256
+_MOST_PICTURES = 3
+_QUALITY = 88
+_COLOURS = 64
+
+HEAD = """# Gallery
+
+Every study at its quick scale ({scale}), made by `python -m benchmarks.gallery`. At this size the pictures are small,
+gains scatter, and nothing here is a figure to quote: run a study at `--scale middle` or `--full` for that, and see
+[studies](studies.md) for what each scale means. How to read the contrasts: [speckle contrast](speckle-contrast.md).
+
+Computed with {versions}.
+"""
+
+
+def found_by(study: Study, folder: Path) -> Findings:
+    """What a study finds at the quick scale; its report is written too."""
+    with progress_bar(study.name) as report:
+        results = run_jobs(study, study.jobs(QUICK, 0), Store(folder / "jobs"), progress=report)
+    findings = study.findings(results)
+    write_report(folder, study, QUICK, 0, findings)
+    return findings
+
+
+def section(study: Study, findings: Findings, images: Path) -> str:
+    """Markdown of a study; its images are written."""
+    shown = [_figure(study, plot, images) for plot in findings.plots[:1]]
+    shown += [_picture(study, picture, images) for picture in _chosen(findings.pictures)]
+    parts = [f"## {study.title}", f"`holoview study {study.name}` · {study.shows}", "\n".join(shown)]
+    return "\n\n".join([*parts, _table(findings.claims)])
+
+
+def _chosen(pictures: Sequence[Picture]) -> Sequence[Picture]:
+    """The first, the second and the last: what is wanted, the simplest display and the best."""
+    return pictures if len(pictures) <= _MOST_PICTURES else (*pictures[: _MOST_PICTURES - 1], pictures[-1])
+
+
+def _figure(study: Study, plot: Plot, images: Path) -> str:
+    with Image.open(io.BytesIO(drawn(plot)["png"])) as figure:
+        size = FIGURE_WIDTH, round(figure.height * FIGURE_WIDTH / figure.width)
+        small = figure.convert("RGB").resize(size, Image.Resampling.LANCZOS).quantize(_COLOURS)
+    name = f"{study.name}-{plot.name}.png"
+    with replacing(images / name) as temporary:
+        small.save(temporary, format="PNG", optimize=True)
+    return f"![{plot.caption}](images/gallery/{name})"
+
+
+def _picture(study: Study, picture: Picture, images: Path) -> str:
+    """Enlarged by whole pixels, so that speckle is neither invented nor smoothed away."""
+    pixels = Image.fromarray(picture.pixels)
+    scale = max(PICTURE_WIDTH // pixels.width, 1)
+    name = f"{study.name}-{picture.name}.jpg"
+    with replacing(images / name) as temporary:
+        large = pixels.resize((scale * pixels.width, scale * pixels.height), Image.Resampling.NEAREST)
+        large.save(temporary, format="JPEG", quality=_QUALITY)
+    return (
+        f'<img src="images/gallery/{name}" alt="{picture.caption}" title="{picture.caption}" width="{PICTURE_WIDTH}">'
+    )
+
+
+def _table(claims: Sequence[Claim]) -> str:
+    rows = [
+        f"| {claim.claim} | {claim.paper} | {claim.here} | {claim.verdict}{claim.reason and f': {claim.reason}'} |"
+        for claim in claims
+    ]
+    return "\n".join(["| claim | paper | here | verdict |", "| --- | --- | --- | --- |", *rows])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, default=Path("out/gallery"), help="reports and jobs"
+    )
+    folder, images = parser.parse_args().output, DOCS / "images" / "gallery"
+    images.mkdir(parents=True, exist_ok=True)
+    parts = [HEAD.format(scale=QUICK.words, versions=versions())]
+    parts += [section(study, found_by(study, folder / study.name), images) for study in registry().values()]
+    with replacing(DOCS / "gallery.md") as temporary:
+        temporary.write_text("\n".join(parts) + "\n", encoding="utf-8")
+    print(f"{DOCS / 'gallery.md'}: {sum(file.stat().st_size for file in images.iterdir()) / 1e6:.2f} MB of images")
+
+
+if __name__ == "__main__":
+    main()

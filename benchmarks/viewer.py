@@ -1,0 +1,107 @@
+"""How soon the viewer answers: input while an image is computed, a quick frame after a scrub, and the window alone.
+
+    python -m benchmarks.viewer [--preset NAME] [--size WxH] [--adapter NAME]
+
+Off screen, at 1280 × 800. An answer is a frame that was drawn and read back after the event. The event is taken to
+arrive when a slice of computing begins, which is the worst moment.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+
+import numpy as np
+from rendercanvas.offscreen import OffscreenRenderCanvas
+
+from holoview import preset
+from holoview.app.app import App
+from holoview.app.hand import Hand
+from holoview.gpu.device import open_device
+from holoview.session.session import Session
+
+EVENTS = 24
+
+
+def main() -> None:
+    """Prints a table of medians and the worst."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--preset", default="holochrome-8")
+    parser.add_argument("--size", default="1280x800")
+    parser.add_argument("--adapter")
+    args = parser.parse_args()
+    width, height = (int(side) for side in args.size.split("x"))
+    device = open_device(args.adapter)
+    app = App(Session(preset.load(args.preset)), device, OffscreenRenderCanvas(size=(width, height)), frame_s=1 / 60)
+    hand = Hand(app)
+    hand.frames(4)
+    hand.settle()
+    print(f"{args.preset}, window {args.size}, {device.info.label}")
+    _line("the window alone", [_timed(hand.frames) for _ in range(EVENTS)])
+    _line("input while all is computed anew", _while_computing(hand, lambda i: _gap(hand, 2e-3 + 1e-5 * (i + 1))))
+    hand.settle()
+    _line("scrub: quick frame on the screen", [_scrub(hand, 9.1e-3 + 2e-5 * i) for i in range(EVENTS)])
+    for name, change in (
+        ("focal plane", lambda i: _plane(hand, 1.05e-2 + 1e-5 * i)),
+        ("gap", lambda i: _gap(hand, 3e-3 + 1e-5 * i)),
+    ):
+        _line(f"full frame after {name}", [_full(hand, change, i) for i in range(3)])
+    app.close()
+
+
+def _while_computing(hand: Hand, edit: Callable[[int], None]) -> list[float]:
+    """Moves of the pointer, each answered while slices of a full frame are computed."""
+    answers: list[float] = []
+    hand.app.sides.now._wanted_at = 0.0
+    for number in range(EVENTS):
+        if not hand.app.sides.now.is_busy:
+            edit(number)
+        begun = time.perf_counter()
+        hand.app.advance()
+        hand.move((400 + 5.0 * number, 300))
+        answers.append(time.perf_counter() - begun)
+        time.sleep(hand.app.sides.resting_s)
+    return answers
+
+
+def _scrub(hand: Hand, plane_m: float) -> float:
+    """From a change of the focal plane to its quick frame on the screen, the window drawn between slices as it is."""
+    begun, version = time.perf_counter(), hand.app.sides.now.picture
+    _plane(hand, plane_m)
+    while hand.app.sides.now.picture is version:
+        hand.app.advance()
+    hand.frames()
+    return time.perf_counter() - begun
+
+
+def _full(hand: Hand, change: Callable[[int], None], number: int) -> float:
+    """From an edit to the full frame, the rest of the hand and the quick frame before it included."""
+    begun = time.perf_counter()
+    change(number)
+    hand.app.advance()
+    while hand.app.sides.is_busy:
+        hand.app.advance()
+    return time.perf_counter() - begun
+
+
+def _plane(hand: Hand, plane_m: float) -> None:
+    hand.app.session.look_at("Plane", plane_m=plane_m)
+
+
+def _gap(hand: Hand, gap_m: float) -> None:
+    hand.app.session.change("Gap", {"gap": gap_m})
+
+
+def _timed(call: Callable[[], object]) -> float:
+    begun = time.perf_counter()
+    call()
+    return time.perf_counter() - begun
+
+
+def _line(name: str, seconds: list[float]) -> None:
+    print(f"{name:36} median {1e3 * float(np.median(seconds)):7.1f} ms   worst {1e3 * max(seconds):7.1f} ms")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,29 @@
+"""The commands that belong to no panel: files, undo, help."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+
+def add_actions(app: App) -> None:
+    """Adds them to the app's commands."""
+    session, add = app.session, app.commands.add
+    add("Undo", lambda: _say(app, "Undone", session.undo()), "Edit", "Ctrl+Z", is_possible=lambda: session.can_undo)
+    add(
+        "Redo",
+        lambda: _say(app, "Done again", session.redo()),
+        "Edit",
+        "Ctrl+Shift+Z Ctrl+Y",
+        is_possible=lambda: session.can_redo,
+    )
+    add("Quit", app.quit, "File", "Ctrl+Q", "All is saved as it is, and offered at the next start.")
+    add("Keys", lambda: app.help.toggle("keys"), "Help", "? F1", "Every key and what it does.")
+    add("Commands", lambda: app.help.toggle("palette"), "Help", "Ctrl+P Ctrl+Shift+P", "Type what you want to do.")
+
+
+def _say(app: App, done: str, label: str | None) -> None:
+    if label is not None:
+        app.session.messages.post(f"{done}: {label}")

@@ -1,0 +1,228 @@
+"""The app: panels over one session, drawn when something happened, with computing in between in small slices."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from imgui_bundle import hello_imgui, imgui
+from numpy.typing import NDArray
+
+from holoview.app import layout, theme
+from holoview.app.actions import add_actions
+from holoview.app.commands import Commands
+from holoview.app.overlays import HelpOverlay
+from holoview.app.pages import Pages
+from holoview.app.panel import Guarded, Panel
+from holoview.app.panels import ALL
+from holoview.app.panels.image import ImagePanel
+from holoview.app.sides import Sides
+from holoview.app.stack import Stack
+from holoview.app.textures import Textures
+from holoview.app.toasts import Toasts
+from holoview.app.window import Window
+from holoview.errors import UserError
+from holoview.gpu.device import Device
+from holoview.session.autosave import Store
+from holoview.session.live import Live
+from holoview.session.loading import Loader
+from holoview.session.look import NOW
+from holoview.session.session import Change, Session
+
+Rect = tuple[float, float, float, float]
+P = TypeVar("P", bound=Panel)
+
+
+class App:
+    """What panels are given. `session` is the document; edits go through it by `attempt`, `change` and `look`.
+
+    store: the user's preferences and saved sessions, None where nothing is kept. frame_s: see Window. panels: their
+    classes. tests: called by ImGui's test engine, which then runs. tunes: whether the fastest strategy for the
+    device is looked for in the background.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        device: Device,
+        canvas: Any,
+        *,
+        store: Store | None = None,
+        frame_s: float | None = None,
+        panels: Sequence[type[Panel]] = ALL,
+        tests: Callable[[], None] | None = None,
+        tunes: bool = False,
+    ) -> None:
+        self.session, self.device, self.store = session, device, store
+        self.commands, self.tool, self.live_wanted = Commands(), "", False
+        self.rects: dict[str, Rect] = {}
+        self.sides, self.stack, self.pages = Sides(device, session), Stack(device, session), Pages(device, session)
+        self.live = Live(session, self._wake)
+        remember = store.preferences.remember if store is not None else lambda path: None
+        self.loader = Loader(session, remember=remember)
+        self.theme = str(store.preferences.get("theme", theme.THEMES[0])) if store else theme.THEMES[0]
+        self.toasts, self._textures = Toasts(session.messages), Textures(device)
+        self.help = HelpOverlay(self)
+        self.overlays: list[Panel] = [self.help]
+        self.panels = [Guarded(panel(), self) for panel in panels]
+        self._tunes, self._is_stale = tunes, True
+        self._measured: tuple[object, ...] = ()
+        add_actions(self)
+        for guarded in self.panels:
+            guarded.panel.begin(self)
+        self._above = [Guarded(panel, self) for panel in self.overlays]
+        params = layout.params_of(self, store)
+        if tests is not None:
+            params.use_imgui_test_engine, params.callbacks.register_tests = True, tests
+        self.window = Window(canvas, device, params, frame_s=frame_s)
+        self._textures.window = self.window
+        self._stop_listening = session.listen(self._on_change)
+
+    # --- for panels -------------------------------------------------------------------------------------------------
+
+    def attempt(self, edit: Callable[..., Any], *arguments: Any, **keywords: Any) -> None:
+        """Calls an edit of the session; where that is impossible, the user is told why and all stays as it was."""
+        with self.session.guard():
+            edit(*arguments, **keywords)
+
+    def change(self, label: str, key: str, value: Any, *, is_held: bool = False) -> None:
+        """Changes a key of the bench, as `System.edit` does; edits of one drag are one step of undo."""
+        self.attempt(self.session.change, label, {key: value}, merge=key)
+        if not is_held:
+            self.session.settle()
+
+    def look(self, label: str, **fields: Any) -> None:
+        """Changes fields of the look; edits of the same fields in a row are one step of undo."""
+        self.attempt(self.session.look_at, label, merge=tuple(sorted(fields)), **fields)
+
+    def mark(self, name: str) -> None:
+        """Notes where the last item is, for tests and hints."""
+        low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+        self.rects[name] = (low.x, low.y, high.x, high.y)
+
+    def panel(self, kind: type[P]) -> P:
+        """The panel of a class."""
+        return next(guarded.panel for guarded in self.panels if isinstance(guarded.panel, kind))
+
+    def show(self, title: str) -> None:
+        """Opens a panel's window and brings it to the front."""
+        window = hello_imgui.get_runner_params().docking_params.dockable_window_of_name(title)
+        if window is not None:
+            window.is_visible = window.focus_window_at_next_frame = True
+        self.window.wake()
+
+    def texture(self, key: str, pixels: NDArray[np.uint8]) -> imgui.ImTextureRef:
+        """A texture of 8-bit pixels (y, x, 3 or 4) for `imgui.image`; another array under the same key replaces it."""
+        return self._textures.of(key, pixels)
+
+    def seen(self) -> NDArray[np.uint8] | None:
+        """What the image panel shows, 8-bit sRGB (y, x, 3); None before anything is shown."""
+        return self.panel(ImagePanel).seen()
+
+    def quit(self) -> None:
+        """Closes the window after this frame."""
+        self.window.params.app_shall_exit = True
+
+    def set_theme(self, name: str) -> None:
+        """Makes a theme of `theme.THEMES` the present one."""
+        self.theme = name
+        theme.apply(name)
+        if self.store is not None:
+            self.attempt(self.store.preferences.set, "theme", name)
+
+    # --- frames -----------------------------------------------------------------------------------------------------
+
+    def before_frame(self) -> None:
+        """What is done before panels are drawn: what workers delivered, and keys."""
+        self.session.poll()
+        self.live_wanted = False
+        if not imgui.get_io().want_text_input:
+            for command in list(self.commands.pressed()):
+                self.attempt(command.action)
+            if self.commands.is_repeating():
+                self.window.wake()
+        self._refresh()
+
+    def after_frame(self) -> None:
+        """What lies above all panels."""
+        for guarded in self._above:
+            guarded.draw()
+        self.toasts.draw()
+        self._measure()
+
+    def advance(self) -> bool:
+        """Computes a slice of what is stale; whether there may be more to do at once."""
+        self._refresh()
+        with self.session.guard():
+            changed = self.sides.advance() if self.sides.is_busy else self.stack.advance()
+            if changed:
+                self.window.wake()
+        if self._tunes and not self.is_busy:
+            self.sides.now.poll()
+        return self.sides.resting_s == 0 if self.sides.is_busy else self.stack.is_busy
+
+    def tick(self) -> None:
+        """Draws what changes by itself with time: tooltips, a text's cursor, messages that go. Call it now and then."""
+        if self.window.is_due() or self.toasts.has_changed():
+            self.window.wake()
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether an image, a target or figures are still on their way."""
+        return (
+            self.sides.is_busy
+            or self.stack.is_busy
+            or self.pages.is_busy
+            or self.session.targets.is_building
+            or self.live.is_busy
+        )
+
+    def settle(self, timeout_s: float = 120.0) -> None:
+        """Computes until nothing is stale: for scripts and tests. Raises UserError when that takes too long."""
+        until = time.monotonic() + timeout_s
+        while time.monotonic() < until:
+            self.session.poll()
+            if not self.advance() and not self.is_busy:
+                self.session.poll()
+                self._refresh()
+                if not self.is_busy:
+                    return
+            time.sleep(min(self.sides.resting_s, 0.005))
+        raise UserError("viewer", f"the image wasn't ready in {timeout_s:g} s", remedy="choose a smaller bench")
+
+    def close(self) -> None:
+        """Ends the session's work and closes the window."""
+        self._stop_listening()
+        self.loader.close()
+        self.live.close()
+        self.sides.close()
+        self.pages.close()
+        self.session.close()
+        self.window.close()
+
+    def _measure(self) -> None:
+        """Has the newest full image measured, where a panel asked for figures in this frame."""
+        xyz = self.sides.xyz(NOW) if self.live_wanted else None
+        if xyz is None:
+            return
+        shown, target = self.session.shown, self.session.target_at()
+        asked = (id(xyz), shown.region, shown.look.profile, id(target))
+        if asked != self._measured:
+            self._measured = asked
+            self.live.look(shown, xyz, target, self.sides.now.intensities())
+
+    def _refresh(self) -> None:
+        if self._is_stale:
+            self._is_stale = False
+            with self.session.guard():
+                self.sides.want()
+                self.stack.want()
+
+    def _on_change(self, change: Change) -> None:
+        self._is_stale = True
+        self._wake()
+
+    def _wake(self) -> None:
+        self.window.wake()

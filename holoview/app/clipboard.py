@@ -1,0 +1,74 @@
+"""Pictures to and from the system's clipboard. ImGui's own holds text only."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageGrab
+
+from holoview.errors import UserError
+from holoview.session.export.pictures import png_bytes
+
+_SECONDS = 5.0
+
+
+def copy_picture(pixels: NDArray[np.uint8]) -> None:
+    """Puts 8-bit sRGB pixels (y, x, 3) on the clipboard. Raises UserError where that can't be done."""
+    png = png_bytes(pixels)
+    if sys.platform in ("win32", "darwin"):
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "picture.png"
+            path.write_bytes(png)
+            _run(_with_file(path), b"")
+    else:
+        _run(_linux_command(), png)
+
+
+def paste_picture() -> NDArray[np.uint8] | None:
+    """The clipboard's picture (y, x, 4), 8-bit sRGB; None where it holds none. Raises UserError without a clipboard."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = ImageGrab.grabclipboard()
+    except (NotImplementedError, OSError, ChildProcessError) as error:
+        raise UserError("clipboard", f"can't be read: {error}", remedy=_REMEDY) from error
+    return np.asarray(found.convert("RGBA")) if isinstance(found, Image.Image) else None
+
+
+_REMEDY = "install wl-clipboard (Wayland) or xclip (X11)"
+
+
+def _linux_command() -> list[str]:
+    if os.environ.get("WAYLAND_DISPLAY") and shutil.which("wl-copy"):
+        return ["wl-copy", "--type", "image/png"]
+    if os.environ.get("DISPLAY") and shutil.which("xclip"):
+        return ["xclip", "-selection", "clipboard", "-t", "image/png", "-i"]
+    raise UserError("clipboard", "there is none that takes pictures", remedy=f"{_REMEDY}, or save the view as PNG")
+
+
+def _with_file(path: Path) -> list[str]:
+    if sys.platform == "darwin":
+        return ["osascript", "-e", f'set the clipboard to (read (POSIX file "{path}") as «class PNGf»)']
+    load = f"[System.Drawing.Image]::FromFile('{path}')"
+    script = f"Add-Type -AssemblyName System.Windows.Forms,System.Drawing; [Windows.Forms.Clipboard]::SetImage({load})"
+    return ["powershell", "-NoProfile", "-STA", "-Command", script]
+
+
+def _run(command: list[str], data: bytes) -> None:
+    """Runs a clipboard's program; what it prints isn't waited for, since xclip stays to serve what it holds."""
+    try:
+        done = subprocess.run(
+            command, input=data, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=_SECONDS, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise UserError("clipboard", f"{command[0]} failed: {error}", remedy="save the view as PNG") from error
+    if done.returncode != 0:
+        raise UserError("clipboard", f"{command[0]} failed with {done.returncode}", remedy="save the view as PNG")

@@ -1,0 +1,49 @@
+"""All focal planes of the bench at once, as large as the panel has room for."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from imgui_bundle import imgui
+
+from holoview.app.tiles import Tiles
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+_GAP = 6.0
+
+
+class Contact:
+    """A sheet of tiles."""
+
+    def __init__(self, app: App) -> None:
+        self._tiles = Tiles(app, "sheet")
+
+    def draw(self, app: App, room: tuple[int, int]) -> float | None:
+        """Draws the sheet; the plane that was clicked."""
+        planes, chosen = app.stack.planes_m, None
+        columns, size = fitting_tiles(len(planes), room, app.session.state.shape)
+        corner = imgui.get_cursor_pos()
+        for number, plane_m in enumerate(planes):
+            row, column = divmod(number, columns)
+            place = imgui.ImVec2(corner.x + column * (size[0] + _GAP), corner.y + row * (size[1] + _GAP))
+            imgui.set_cursor_pos(place)
+            if self._tiles.draw(plane_m, app.stack.pictures.get(plane_m), size, False):
+                chosen = plane_m
+        imgui.set_cursor_pos(imgui.ImVec2(corner.x, corner.y + room[1]))
+        imgui.dummy(imgui.ImVec2(0, 0))
+        return chosen
+
+
+def fitting_tiles(count: int, room: tuple[int, int], shape: tuple[int, int]) -> tuple[int, tuple[int, int]]:
+    """Columns, and the size (x, y), of the largest tiles of an image of `shape` (y, x) that fit into a room."""
+    best, chosen = (0, 0), 1
+    for columns in range(1, count + 1):
+        rows = math.ceil(count / columns)
+        width = min((room[0] - _GAP * columns) / columns, (room[1] - _GAP * rows) / rows * shape[1] / shape[0])
+        size = max(int(width), 16), max(int(width * shape[0] / shape[1]), 12)
+        if size[0] > best[0]:
+            best, chosen = size, columns
+    return chosen, best

@@ -1,0 +1,99 @@
+"""Widgets for a bench's parameters, made from what their metadata say: unit, range, choices, a sentence."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from imgui_bundle import imgui
+
+from holoview import units
+from holoview.schema import Choice, Count, Number
+
+_SPAN = 3.0  # a slider reaches to so many times the value that "reset" gives back
+_WIDEST_RATIO = 1000.0
+
+
+@dataclass(frozen=True)
+class Edited:
+    """What a widget did: the new value, whether the hand still holds it."""
+
+    value: Any
+    is_held: bool
+
+
+def number_field(
+    name: str, kind: Number, value: float, reset: float, doc: str, span: tuple[float, float] | None = None
+) -> Edited | None:
+    """A slider with its unit, Ctrl+click for exact entry, right click to reset; the new value in SI, or None.
+
+    The slider covers `span` (SI), or what is near `reset`; exact entry takes all that the kind allows.
+    """
+    scale = scale_of(kind)
+    low, high = slider_range(kind, reset) if span is None else span
+    text = f"%.4g {kind.unit.replace('um', 'µm')}".strip()
+    changed, shown = imgui.slider_float(
+        name, value * scale, low * scale, high * scale, text, imgui.SliderFlags_.no_round_to_format
+    )
+    is_reset = _extras(f"{doc}\n{kind.range_text()}; right click: back to {kind_text(kind, reset)}")
+    if is_reset:
+        return Edited(reset, False)
+    return Edited(_rounded(shown) / scale, imgui.is_item_active()) if changed else None
+
+
+def count_field(name: str, kind: Count, value: int, reset: int, doc: str) -> Edited | None:
+    """A slider for a whole number."""
+    high = min(kind.high, max(4, 2 * reset))
+    changed, shown = imgui.slider_int(name, value, kind.low, high)
+    if _extras(f"{doc}\nfrom {kind.low} to {kind.high}; right click: back to {reset}"):
+        return Edited(reset, False)
+    return Edited(int(shown), imgui.is_item_active()) if changed else None
+
+
+def choice_field(name: str, kind: Choice, value: str, doc: str) -> Edited | None:
+    """A list to choose from."""
+    options = list(kind.options)
+    changed, index = imgui.combo(name, options.index(value), options)
+    _extras(doc)
+    return Edited(options[index], False) if changed else None
+
+
+def scale_of(kind: Number) -> float:
+    """What SI values are multiplied by to be shown."""
+    if not kind.unit:
+        return 1.0
+    quantity: units.Quantity = "angle" if kind.unit.endswith("rad") else "length"
+    return 1.0 / units.parse(f"1 {kind.unit}", "unit", quantity)
+
+
+def kind_text(kind: Number, value: float) -> str:
+    """A value as people write it."""
+    return units.short(value, kind.unit).replace("um", "µm") if kind.unit else f"{value:.4g}"
+
+
+def slider_range(kind: Number, reset: float) -> tuple[float, float]:
+    """What a slider covers, SI: all that is allowed where that is a narrow range, else what is near `reset`."""
+    is_narrow = math.isfinite(kind.low) and math.isfinite(kind.high) and kind.low > -math.inf
+    if is_narrow and kind.low > 0 and kind.high / kind.low <= _WIDEST_RATIO:
+        return kind.low, kind.high
+    reach = _SPAN * abs(reset) or 10.0 / scale_of(kind)
+    low = -reach if kind.low < 0 else 0.0
+    return max(low, kind.low), min(reach, kind.high)
+
+
+def _rounded(shown: float) -> float:
+    """Six digits: a slider's f32 shouldn't show as 2.0000000949949026 mm in a preset."""
+    return float(f"{shown:.6g}")
+
+
+def tip(text: str) -> None:
+    """The tooltip of the last item."""
+    if text and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
+        imgui.set_tooltip(text)
+
+
+def _extras(doc: str) -> bool:
+    """The tooltip of the last item; whether it was clicked with the right button."""
+    tip(doc)
+    return imgui.is_item_clicked(imgui.MouseButton_.right)

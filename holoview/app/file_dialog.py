@@ -1,0 +1,146 @@
+"""Choosing a file, in a dialog of the app's own: the same on a screen, off screen, and in a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imgui_bundle import imgui
+
+from holoview.app import theme
+from holoview.app.panel import Panel
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+MODAL = imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_docking
+_ROWS = 12
+
+
+@dataclass(frozen=True)
+class Request:
+    """A file that is wanted: to open where it must be there, else to save with one of the suffixes."""
+
+    title: str
+    suffixes: Sequence[str]
+    chosen: Callable[[Path], object]
+    name: str = ""
+    saves: bool = False
+
+
+class FileDialog(Panel):
+    """A folder's content, a field for a name, and a button; typed paths may lead anywhere."""
+
+    title = "File dialog"
+
+    def __init__(self) -> None:
+        self._request: Request | None = None
+        self._is_new = False
+        self.folder = Path.cwd()
+        self.name = ""
+        self._entries: list[Path] = []
+        self.problem = ""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it waits for an answer."""
+        return self._request is not None
+
+    def ask(self, request: Request) -> None:
+        """Opens it; `request.chosen` is called with the path, unless it is cancelled."""
+        self._request, self._is_new = request, True
+        self.name, self.problem = request.name, ""
+        self.show(self.folder)
+
+    def show(self, folder: Path) -> None:
+        """Lists another folder."""
+        try:
+            found = sorted(folder.iterdir(), key=lambda path: (not path.is_dir(), path.name.lower()))
+        except OSError as error:
+            self.problem = f"{folder}: {error.strerror}"
+            return
+        self.folder, self.problem = folder, ""
+        self._entries = [path for path in found if not path.name.startswith(".") and self._fits(path)]
+
+    def draw(self, app: App) -> None:
+        """Draws it while it is open."""
+        if self._request is None:
+            return
+        if self._is_new:
+            imgui.open_popup(self._request.title)
+            self._is_new = False
+        centre(min(620.0, imgui.get_main_viewport().work_size.x - 20))
+        is_shown, is_open = imgui.begin_popup_modal(self._request.title, True, MODAL)
+        if is_shown:
+            self._draw_inside(app, self._request)
+            imgui.end_popup()
+        if not is_open:
+            self._request = None
+
+    def _draw_inside(self, app: App, request: Request) -> None:
+        if imgui.button("Up"):
+            self.show(self.folder.parent)
+        imgui.same_line()
+        imgui.text_unformatted(str(self.folder))
+        imgui.begin_child("entries", imgui.ImVec2(0, _ROWS * imgui.get_text_line_height_with_spacing()), True)
+        for path in list(self._entries):
+            label = f"{path.name}/" if path.is_dir() else path.name
+            clicked, _ = imgui.selectable(label, path.name == self.name, imgui.SelectableFlags_.no_auto_close_popups)
+            if clicked:
+                self._on_click(path)
+        imgui.end_child()
+        imgui.set_next_item_width(-1)
+        entered, self.name = imgui.input_text("##name", self.name, imgui.InputTextFlags_.enter_returns_true)
+        if imgui.is_window_appearing():
+            imgui.set_keyboard_focus_here(-1)
+        if self.problem:
+            imgui.text_colored(theme.ERROR, self.problem)
+        accepted = imgui.button("Save##file" if request.saves else "Open##file", imgui.ImVec2(120, 0)) or entered
+        imgui.same_line()
+        if imgui.button("Cancel##file", imgui.ImVec2(120, 0)) or imgui.is_key_pressed(imgui.Key.escape):
+            self._close()
+        elif accepted:
+            self.accept(app)
+
+    def accept(self, app: App) -> None:
+        """Takes the name that is in the field: a folder is shown, a file is chosen."""
+        request = self._request
+        if request is None or not self.name.strip():
+            return
+        path = self.folder / Path(self.name.strip()).expanduser()
+        if path.is_dir() and not (path / self.name).exists():
+            self.name = ""
+            self.show(path)
+            return
+        if request.saves and path.suffix.lower() not in request.suffixes:
+            path = path.with_name(path.name + request.suffixes[0])
+        if not request.saves and not path.exists():
+            self.problem = f"{path.name} isn't there"
+            return
+        self._close()
+        with app.session.guard():
+            request.chosen(path)
+
+    def _on_click(self, path: Path) -> None:
+        if path.is_dir():
+            self.show(path)
+        else:
+            self.name = path.name
+
+    def _fits(self, path: Path) -> bool:
+        suffixes = self._request.suffixes if self._request is not None else ()
+        return path.is_dir() or not suffixes or path.suffix.lower() in suffixes
+
+    def _close(self) -> None:
+        self._request = None
+        imgui.close_current_popup()
+
+
+def centre(width: float) -> None:
+    """The next window appears in the middle, `width` wide."""
+    place = imgui.get_main_viewport().get_center()
+    imgui.set_next_window_pos(place, imgui.Cond_.appearing, imgui.ImVec2(0.5, 0.5))
+    imgui.set_next_window_size_constraints(imgui.ImVec2(width, 0), imgui.ImVec2(width, 2000))
+    imgui.set_next_window_bg_alpha(1.0)

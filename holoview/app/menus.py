@@ -1,0 +1,63 @@
+"""The menu bar, made from the commands: a menu a group, with keys."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from imgui_bundle import hello_imgui, imgui
+
+from holoview import preset
+from holoview.app.theme import THEMES
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+MENUS = ("File", "Edit", "Image", "Compare", "Focal plane", "Lasers", "Speckle", "Optimise", "Help")
+
+
+def draw_menus(app: App) -> None:
+    """All menus; groups of commands that have no menu are reached by keys and the palette."""
+    for group in MENUS:
+        commands = [command for command in app.commands if command.group == group]
+        if not commands or not imgui.begin_menu(group):
+            continue
+        if group == "File":
+            _draw_open(app)
+        for command in commands:
+            keys = command.keys[0].text if command.keys else ""
+            if imgui.menu_item(command.name, keys, False, command.is_possible())[0]:
+                app.attempt(command.action)
+            if command.help and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
+                imgui.set_tooltip(command.help)
+        imgui.end_menu()
+    if imgui.begin_menu("Window"):
+        _draw_windows(app)
+        imgui.end_menu()
+
+
+def _draw_open(app: App) -> None:
+    if imgui.begin_menu("Preset"):
+        for name in preset.names():
+            if imgui.menu_item(name, "", name == app.session.system.name)[0]:
+                app.attempt(app.loader.open, name)
+        imgui.end_menu()
+    recent = app.store.preferences.recent if app.store is not None else ()
+    if imgui.begin_menu("Recent", bool(recent)):
+        for path in recent:
+            if imgui.menu_item(str(path), "", False)[0]:
+                app.attempt(app.loader.open, path)
+        imgui.end_menu()
+    imgui.separator()
+
+
+def _draw_windows(app: App) -> None:
+    for window in hello_imgui.get_runner_params().docking_params.dockable_windows:
+        clicked, visible = imgui.menu_item(window.label, "", window.is_visible)
+        if clicked:
+            window.is_visible = visible
+    imgui.separator()
+    for name in THEMES:
+        if imgui.menu_item(f"{name} theme", "", app.theme == name)[0]:
+            app.set_theme(name)
+    if imgui.menu_item("Original layout", "", False)[0]:
+        hello_imgui.get_runner_params().docking_params.layout_reset = True

@@ -1,0 +1,104 @@
+"""The viewer in a notebook's cell.
+
+viewer = holoview.show("holochrome-8")   # as a cell's last line, or display(viewer)
+viewer.session.change("Gap", {"gap": "3 mm"})
+viewer.session.drive                     # patterns, also those that were found by the viewer
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from numpy.typing import NDArray
+
+from holoview import preset
+from holoview.app.app import App
+from holoview.app.run import compute
+from holoview.errors import UserError
+from holoview.gpu.device import open_device
+from holoview.hologram import Hologram
+from holoview.session.session import Session
+from holoview.system import System
+
+Shown = System | Hologram | Session | str
+_MOST_FRAMES_A_SECOND = 30
+_open: list[Viewer] = []
+"""The viewer that is open: ImGui has one window a process."""
+
+
+class Viewer:
+    """The viewer as a notebook shows it; `session` is what it edits, for code in other cells."""
+
+    def __init__(self, session: Session, app: App, task: asyncio.Task[None]) -> None:
+        self.session = session
+        self._app, self._task = app, task
+
+    def close(self) -> None:
+        """Ends it; the cell keeps its last picture."""
+        if self in _open:
+            _open.remove(self)
+            self._task.cancel()
+            self._app.close()
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        """What IPython asks of whatever is the last line of a cell."""
+        return self._app.window.canvas._repr_mimebundle_(**options)
+
+
+def show(
+    what: Shown,
+    drive: NDArray[Any] | None = None,
+    *,
+    size: tuple[int, int] = (1100, 720),
+    adapter: str | None = None,
+) -> Viewer:
+    """Opens the viewer in a notebook's cell, in place of the one that was open before.
+
+    what: a system, a hologram, a session, or a preset's name or file. drive (frame, modulator, y, x) in 0…1: patterns
+    of a system, random when None. size: of the widget, in pixels. adapter: part of the name of the WebGPU adapter.
+    Raises UserError outside a notebook, without an adapter or anywidget, and for a drive that doesn't fit.
+    """
+    canvas_class, loop = _widgets()
+    session = _session(what, drive)
+    device = open_device(adapter)
+    for viewer in list(_open):
+        viewer.close()
+    canvas = canvas_class(size=size, title="holoview", max_fps=_MOST_FRAMES_A_SECOND)
+    app = App(session, device, canvas)
+    session.wake = lambda: loop.call_soon_threadsafe(app.window.wake)
+    viewer = Viewer(session, app, asyncio.get_running_loop().create_task(compute(app)))
+    _open.append(viewer)
+    return viewer
+
+
+def _session(what: Shown, drive: NDArray[Any] | None) -> Session:
+    if isinstance(what, Session):
+        return what
+    if isinstance(what, Hologram):
+        return Session(what.system, what.drive, origin="hologram of the notebook")
+    return Session(preset.load(what) if isinstance(what, str) else what, drive)
+
+
+def _widgets() -> tuple[Any, Any]:
+    """rendercanvas's widget and its loop. Raises UserError where anywidget is missing or nothing runs a loop."""
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError as error:
+        remedy = "use `holoview view` on a screen, or holoview.simulate for an image"
+        raise UserError("show", "no event loop runs here", expected="a notebook", remedy=remedy) from error
+    try:
+        from rendercanvas.anywidget import RenderCanvas, loop
+    except ImportError as error:
+        remedy = 'install it with `pip install "holoview[notebook]"`'
+        raise UserError("show", f"{error.name} isn't installed", remedy=remedy) from error
+
+    class Cell(RenderCanvas):  # type: ignore[misc]
+        """A widget whose closing doesn't call itself for ever, as that of rendercanvas 2.7 does."""
+
+        def _rc_close(self) -> None:
+            if not self.get_closed():
+                self._is_closed = True
+                super()._rc_close()
+
+    return Cell, loop

@@ -1,0 +1,28 @@
+"""The panels of the viewer, a file each; their order is that of tabs that share a dock."""
+
+from __future__ import annotations
+
+from holoview.app.panel import Panel
+from holoview.app.panels.bench import BenchPanel
+from holoview.app.panels.files import FilesPanel
+from holoview.app.panels.focus import FocusPanel
+from holoview.app.panels.gamut import GamutPanel
+from holoview.app.panels.history import HistoryPanel
+from holoview.app.panels.image import ImagePanel
+from holoview.app.panels.lasers import LasersPanel
+from holoview.app.panels.look import LookPanel
+from holoview.app.panels.optimise import OptimisePanel
+from holoview.app.panels.speckle import SpecklePanel
+
+ALL: tuple[type[Panel], ...] = (
+    ImagePanel,
+    BenchPanel,
+    LasersPanel,
+    GamutPanel,
+    LookPanel,
+    SpecklePanel,
+    OptimisePanel,
+    FilesPanel,
+    HistoryPanel,
+    FocusPanel,
+)

@@ -1,0 +1,211 @@
+"""The bench's parameters: a widget each, made from their descriptions, so that a new parameter appears by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from imgui_bundle import imgui
+
+from holoview import describe, units
+from holoview.app.fields import Edited, choice_field, count_field, kind_text, number_field, tip
+from holoview.app.panel import Panel
+from holoview.schema import Array, Choice, Coefficients, Count, Number, Shape
+from holoview.system import System
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+_ELSEWHERE = ("wavelengths", "amplitudes", "name", "description", "modulators", "source")
+_LEVELS = {"continuous": None, "2": 2, "4": 4, "8": 8, "16": 16, "64": 64, "256": 256}
+_TITLES = {
+    "relay1": "Relay 1 (between the modulators)",
+    "relay2": "Relay 2 (to the focal plane)",
+    "sampling": "Simulation",
+    "modulators": "Modulators",
+    "source": "Source",
+}
+_FIRST_VALUE = {"iris_na": 0.02, "dc_block_na": 0.001, "apodisation_na": 0.02}
+_MOST_SOURCES = 7
+
+
+class BenchPanel(Panel):
+    """All parameters of the bench but its lasers."""
+
+    title = "Bench"
+    dock = "Left"
+
+    def __init__(self) -> None:
+        self._reset: System | None = None
+        self._name: str | None = None
+        self._grid = (3, 3)
+        self._spacing_rad = 2e-3
+
+    def draw(self, app: App) -> None:
+        system = app.session.system
+        if self._name != system.name or self._reset is None:
+            self._reset, self._name = system, system.name
+        imgui.push_item_width(imgui.get_content_region_avail().x * 0.56)
+        imgui.text_wrapped(system.description or system.name or "a bench of your own")
+        self._draw_fields(app, system, self._reset, "")
+        self._draw_modulators(app, system)
+        self._draw_source(app, system)
+        for key, field in describe.fields_by_key(type(system)).items():
+            if key in _ELSEWHERE or not isinstance(field.metadata["kind"], describe.Item):
+                continue
+            if key == "relay1" and len(system.modulators) == 1:
+                continue
+            if _header(app, _TITLES.get(key, key.capitalize())):
+                tip(field.metadata["doc"])
+                self._draw_fields(app, getattr(system, field.name), getattr(self._reset, field.name), f"{key}.")
+        imgui.pop_item_width()
+
+    def _draw_fields(self, app: App, item: Any, reset: Any, path: str) -> None:
+        for key, field in describe.fields_by_key(type(item)).items():
+            if path == "" and key in _ELSEWHERE:
+                continue
+            kind, doc, value = field.metadata["kind"], field.metadata["doc"], getattr(item, field.name)
+            if isinstance(kind, describe.Item):
+                continue
+            imgui.push_id(path + key)
+            self._draw_field(app, path + key, kind, value, getattr(reset, field.name), doc)
+            imgui.pop_id()
+
+    def _draw_field(self, app: App, path: str, kind: Any, value: Any, reset: Any, doc: str) -> None:
+        name = path.rpartition(".")[2].replace("_", " ").replace(" na", " NA")
+        edited: Edited | None = None
+        if isinstance(kind, Number) and kind.optional and path.rpartition(".")[2] in _FIRST_VALUE:
+            edited = _optional(name, kind, value, reset, doc, _FIRST_VALUE[path.rpartition(".")[2]])
+        elif isinstance(kind, Number):
+            if value is None:
+                return
+            edited = number_field(name, kind, value, value if reset is None else reset, doc)
+        elif isinstance(kind, Count):
+            edited = count_field(name, kind, value, reset, doc)
+        elif isinstance(kind, Choice) and kind.options:
+            edited = choice_field(name, kind, value, doc)
+        elif isinstance(kind, Coefficients):
+            edited = _coefficients(name, kind, value, doc)
+        elif isinstance(kind, Array) and kind.axes == 1:
+            edited = _lengths(name, kind, value, doc)
+        app.mark(path)
+        if edited is not None:
+            app.change(name.capitalize(), path, edited.value, is_held=edited.is_held)
+
+    # --- modulators and source --------------------------------------------------------------------------------------
+
+    def _draw_modulators(self, app: App, system: System) -> None:
+        if not _header(app, "Modulators"):
+            return
+        modulator, reset = system.modulators[0], self._reset.modulators[0] if self._reset else system.modulators[0]
+        for key, field in describe.fields_by_key(type(modulator)).items():
+            kind, doc, value = field.metadata["kind"], field.metadata["doc"], getattr(modulator, field.name)
+            edited: Edited | None = None
+            if isinstance(kind, Number):
+                edited = number_field(key, kind, value, getattr(reset, field.name), doc)
+            elif isinstance(kind, Shape):
+                imgui.text_disabled(f"{value[1]} × {value[0]} pixels")
+                tip(doc)
+            else:
+                edited = _levels(key, value, doc)
+            app.mark(f"modulators.{key}")
+            if edited is not None:
+                app.change(key.capitalize(), key, edited.value, is_held=edited.is_held)
+        two = len(system.modulators) == 2
+        if imgui.button("Leave out modulator 2" if two else "Add a second modulator"):
+            changes: dict[str, Any] = {"modulators": system.modulators[:1], "gap": None, "relay1": {}}
+            if not two:
+                changes = {"modulators": system.modulators * 2, "gap": "2 mm"}
+            app.attempt(app.session.change, "Modulators", changes)
+
+    def _draw_source(self, app: App, system: System) -> None:
+        if not _header(app, "Source"):
+            return
+        count = len(system.source.directions_rad)
+        imgui.text_disabled("one plane wave" if count == 1 else f"{count} plane waves, mutually incoherent")
+        changed, grid = imgui.input_int2("grid", list(self._grid))
+        tip("Rows and columns of sources. Several sources average out speckle and widen the eyebox.")
+        self._grid = (min(max(grid[0], 1), _MOST_SOURCES), min(max(grid[1], 1), _MOST_SOURCES))
+        kind = Number("mrad", low=0.0, high=0.2)
+        spacing = number_field("spacing", kind, self._spacing_rad, 2e-3, "Angle between neighbouring sources.")
+        if spacing is not None:
+            self._spacing_rad = spacing.value
+        if (changed or (spacing is not None and count > 1)) and max(self._grid) > 1:
+            self._apply_grid(app)
+        if imgui.button("Use this grid"):
+            self._apply_grid(app)
+        imgui.same_line()
+        if imgui.button("One source"):
+            app.attempt(app.session.change, "One source", {"source": {}})
+        _tilt(app, system)
+
+    def _apply_grid(self, app: App) -> None:
+        source = {"grid": list(self._grid), "spacing": units.text(self._spacing_rad, "mrad")}
+        app.attempt(app.session.change, "Source grid", {"source": source}, merge="source grid")
+
+
+def _header(app: App, title: str) -> bool:
+    is_open = imgui.collapsing_header(title)
+    app.mark(title)
+    return is_open
+
+
+def _tilt(app: App, system: System) -> None:
+    """The direction of the first source, which moves all of them."""
+    kind = Number("mrad", low=-1.0, high=1.0)
+    directions = system.source.directions_rad
+    middle = directions.mean(axis=0)
+    for axis, name in enumerate(("tilt y", "tilt x")):
+        edited = number_field(name, kind, float(middle[axis]), 0.0, "Angle of incidence on the first modulator.")
+        if edited is not None:
+            moved = directions.copy()
+            moved[:, axis] += edited.value - middle[axis]
+            app.change(name.capitalize(), "source.directions", moved, is_held=edited.is_held)
+
+
+def _optional(
+    name: str, kind: Number, value: float | None, reset: float | None, doc: str, first: float
+) -> Edited | None:
+    changed, is_on = imgui.checkbox(f"##{name} on", value is not None)
+    tip(f"Whether there is one. {doc}")
+    imgui.same_line()
+    if changed:
+        imgui.text(name)
+        return Edited((reset or first) if is_on else None, False)
+    if value is None:
+        imgui.text_disabled(f"no {name.removesuffix(' NA')}")
+        return None
+    imgui.set_next_item_width(imgui.get_content_region_avail().x * 0.55)
+    return number_field(name, kind, value, reset or first, doc)
+
+
+def _coefficients(name: str, kind: Coefficients, value: tuple[tuple[int, float], ...], doc: str) -> Edited | None:
+    imgui.text_disabled(name)
+    tip(doc)
+    terms: Mapping[int, float] = dict(value)
+    for index, size in terms.items():
+        edited = number_field(f"{kind.prefix}{index}", kind.item, size, 0.0, f"{doc} Right click takes it away.")
+        if edited is not None:
+            changed = {**terms, index: edited.value}
+            return Edited(tuple((i, x) for i, x in changed.items() if x or edited.is_held), edited.is_held)
+    if imgui.button(f"Add a term##{name}"):
+        index = next(i for i in range(4, kind.highest + 1) if i not in terms)
+        return Edited((*value, (index, 30e-9)), False)
+    return None
+
+
+def _lengths(name: str, kind: Array, value: Any, doc: str) -> Edited | None:
+    shown = ", ".join(kind_text(kind.item, float(x)).rpartition(" ")[0] for x in value)
+    changed, text = imgui.input_text(f"{name} ({kind.item.unit})", shown, imgui.InputTextFlags_.enter_returns_true)
+    tip(f"{doc} Several are parted by commas; Enter takes them over.")
+    if not changed:
+        return None
+    return Edited([f"{part.strip()} {kind.item.unit}" for part in text.split(",") if part.strip()], False)
+
+
+def _levels(name: str, value: Any, doc: str) -> Edited | None:
+    count = "continuous" if value is None else str(len(value))
+    options = list(_LEVELS) + ([] if count in _LEVELS else [count])
+    changed, index = imgui.combo(name, options.index(count), options)
+    tip(doc)
+    return Edited(_LEVELS[options[index]], False) if changed and options[index] in _LEVELS else None

@@ -1,0 +1,168 @@
+"""Opening, saving, exporting, and the work that goes on in the background."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from imgui_bundle import imgui
+from numpy.typing import NDArray
+
+from holoview.app.clipboard import copy_picture, paste_picture
+from holoview.app.fields import tip
+from holoview.app.file_dialog import FileDialog, Request
+from holoview.app.panel import Panel
+from holoview.app.recovery import RecoveryOffer
+from holoview.errors import UserError
+from holoview.session.export.documents import save_hologram, save_preset
+from holoview.session.export.figure import save_figure
+from holoview.session.export.pictures import save_planes, save_view
+from holoview.session.export.sweep import save_sweep
+from holoview.session.jobs import describe_job
+from holoview.session.look import NOW
+from holoview.session.tone import compared
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+_OPENS = (".safetensors", ".toml", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+
+
+@dataclass(frozen=True)
+class _Save:
+    """Something that can be saved: its name, the suffixes that it may have, what writes it, a sentence, its keys."""
+
+    name: str
+    suffixes: tuple[str, ...]
+    write: Callable[[Path], object]
+    help: str
+    keys: str = ""
+
+
+class FilesPanel(Panel):
+    """Buttons for everything that is read or written."""
+
+    title = "Files"
+    dock = "Low right"
+
+    def __init__(self) -> None:
+        self.frames, self.seconds = 24, 3.0
+        self.dialog = FileDialog()
+
+    def begin(self, app: App) -> None:
+        """Adds the commands of the File menu, the file dialog, and the offer to recover what a crash has left."""
+        self.recovery = RecoveryOffer(app.store.crashed() if app.store is not None else ())
+        app.overlays += [self.recovery, self.dialog]
+        self._saves = self._all_saves(app)
+        add = app.commands.add
+        add("Open…", lambda: self._open(app), "File", "Ctrl+O", "A preset, hologram, patterns, or picture.")
+        for save in self._saves:
+            add(f"{save.name}…", partial(self._save, app, save), "File", save.keys, save.help)
+        add("Copy image", lambda: _copy(app), "File", "Ctrl+Shift+C", "The image as it is seen, to the clipboard.")
+        add("Paste picture", lambda: _paste(app), "File", "Ctrl+V", "The clipboard's picture becomes the target.")
+
+    def _all_saves(self, app: App) -> list[_Save]:
+        session = app.session
+        return [
+            _Save(
+                "Save hologram",
+                (".safetensors",),
+                partial(save_hologram, session),
+                "Patterns, lasers and bench in one file.",
+                "Ctrl+S",
+            ),
+            _Save("Save preset", (".toml",), partial(save_preset, session), "The bench, to start from again."),
+            _Save(
+                "Save view",
+                (".png",),
+                lambda path: save_view(session, path, _seen(app)),
+                "The image as it is seen.",
+                "Ctrl+E",
+            ),
+            _Save("Save all planes", (".png",), partial(save_planes, session), "A picture for each focal plane."),
+            _Save(
+                "Save focal sweep",
+                (".gif", ".mp4"),
+                lambda path: save_sweep(session, path, frames=self.frames, seconds=self.seconds),
+                "An animation through the focal planes and back.",
+            ),
+            _Save(
+                "Save figure",
+                (".png", ".pdf"),
+                partial(save_figure, session),
+                "With scale bar, wavelengths and speckle contrast.",
+            ),
+        ]
+
+    def draw(self, app: App) -> None:
+        """Open, save, what the sweep is like, and jobs."""
+        if imgui.button("Open…", imgui.ImVec2(-1, 0)):
+            app.attempt(self._open, app)
+        width = (imgui.get_content_region_avail().x - imgui.get_style().item_spacing.x) / 2
+        for number, save in enumerate(self._saves):
+            if imgui.button(f"{save.name}…", imgui.ImVec2(width, 0)):
+                app.attempt(self._save, app, save)
+            tip(save.help)
+            if number % 2 == 0:
+                imgui.same_line()
+        imgui.set_next_item_width(0.7 * width)
+        _, frames = imgui.input_int("frames in the sweep", self.frames, 1, 10)
+        self.frames = min(max(frames, 2), 600)
+        imgui.set_next_item_width(0.7 * width)
+        _, seconds = imgui.input_float("seconds there and back", self.seconds, 0.5, 1.0, "%.1f")
+        self.seconds = min(max(seconds, 0.1), 600.0)
+        _draw_watch(app)
+        _draw_jobs(app)
+
+    def _open(self, app: App) -> None:
+        self.dialog.ask(Request("Open", _OPENS, lambda path: app.loader.open(path)))
+
+    def _save(self, app: App, save: _Save) -> None:
+        name = f"{app.session.system.name or 'hologram'}{save.suffixes[0]}"
+        self.dialog.ask(Request(save.name, save.suffixes, save.write, name, saves=True))
+
+
+def _draw_watch(app: App) -> None:
+    path = app.session.state.path
+    if path is None:
+        return
+    changed, watches = imgui.checkbox("read again when rewritten", app.loader.watching is not None)
+    tip(f"{path} is read again when another program has written it.")
+    if changed:
+        app.loader.watch(watches)
+
+
+def _draw_jobs(app: App) -> None:
+    for number, job in enumerate(app.session.jobs.active):
+        imgui.push_id(number)
+        imgui.progress_bar(job.fraction, imgui.ImVec2(-70, 0), describe_job(job))
+        imgui.same_line()
+        if imgui.button("Cancel", imgui.ImVec2(-1, 0)):
+            job.cancel()
+        imgui.pop_id()
+
+
+def _seen(app: App) -> NDArray[np.uint8]:
+    """The image at its own resolution, compared as it is on the screen."""
+    look = app.session.look
+    a, b = (NOW, None) if look.compare == "off" else (look.a, look.b)
+    xyz, other = app.sides.xyz(a), None if b is None else app.sides.xyz(b)
+    if xyz is None or (b is not None and other is None):
+        raise UserError("image", "is still being computed", remedy="try again in a moment")
+    return compared(xyz, other, look)
+
+
+def _copy(app: App) -> None:
+    copy_picture(_seen(app))
+    app.session.messages.post("copied the image")
+
+
+def _paste(app: App) -> None:
+    picture = paste_picture()
+    if picture is None:
+        raise UserError("clipboard", "holds no picture", remedy="copy one, or open a file")
+    app.loader.paste(picture)

@@ -1,0 +1,88 @@
+"""The chromaticity diagram: what the lasers can mix, what screens show, and the colours of the image."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from imgui_bundle import imgui, implot
+from numpy.typing import NDArray
+
+from holoview.app.colours import laser_colour
+from holoview.app.panel import Panel
+from holoview.session.gamut import TRIANGLES, WHITE, colour_cloud, horseshoe, laser_points, laser_polygon
+from holoview.session.look import NOW
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+_TRIANGLE_COLOURS = {"sRGB": imgui.ImVec4(0.75, 0.75, 0.75, 1.0), "Display P3": imgui.ImVec4(0.95, 0.72, 0.30, 1.0)}
+_LASER_LINE = imgui.ImVec4(0.35, 0.75, 1.0, 1.0)
+_OUTLINE = imgui.ImVec4(0.55, 0.57, 0.60, 1.0)
+_CLOUD = 1500
+
+
+class GamutPanel(Panel):
+    """Colours that the lasers can mix, beside those of screens."""
+
+    title = "Gamut"
+    dock = "Right"
+
+    def __init__(self) -> None:
+        self._cloud: tuple[object, NDArray[np.float64], NDArray[np.uint8]] | None = None
+
+    def draw(self, app: App) -> None:
+        system = app.session.system
+        flags = implot.Flags_.equal | implot.Flags_.no_menus
+        if not implot.begin_plot("##gamut", imgui.ImVec2(-1, -1), flags):
+            return
+        implot.setup_axes("x", "y")
+        implot.setup_axes_limits(-0.02, 0.78, -0.02, 0.88)
+        implot.setup_legend(implot.Location_.north_east)
+        _closed("spectrum", horseshoe(system.observer), _OUTLINE)
+        for name, corners in TRIANGLES.items():
+            _closed(name, np.array(corners), _TRIANGLE_COLOURS[name])
+        self._draw_cloud(app)
+        _closed("lasers", laser_polygon(system), _LASER_LINE, 2.0)
+        for index, (x, y) in enumerate(laser_points(system)):
+            _dot(f"##laser{index}", x, y, laser_colour(float(system.wavelengths_m[index])), 5)
+        _dot("##white", *WHITE, imgui.ImVec4(1, 1, 1, 1), 3)
+        implot.end_plot()
+
+    def _draw_cloud(self, app: App) -> None:
+        xyz = app.sides.xyz(NOW)
+        if xyz is not None and (self._cloud is None or self._cloud[0] is not xyz):
+            points, colours = colour_cloud(xyz * 2.0**app.session.look.exposure_stops, _CLOUD)
+            self._cloud = (xyz, points, colours)
+        if self._cloud is None or len(self._cloud[1]) == 0:
+            return
+        _, points, _ = self._cloud
+        spec = implot.Spec(
+            marker=implot.Marker_.circle,
+            marker_size=1.0,
+            marker_line_color=imgui.ImVec4(0.8, 0.8, 0.85, 0.35),
+            marker_fill_color=imgui.ImVec4(0.8, 0.8, 0.85, 0.35),
+        )
+        implot.plot_scatter("image", _column(points, 0), _column(points, 1), spec=spec)
+
+
+def _column(points: NDArray[np.float64], index: int) -> NDArray[np.float64]:
+    return np.ascontiguousarray(points[:, index])
+
+
+def _closed(name: str, points: NDArray[np.float64], colour: imgui.ImVec4, weight: float = 1.0) -> None:
+    if len(points) == 0:
+        return
+    round_trip = np.vstack([points, points[:1]])
+    spec = implot.Spec(line_color=colour, line_weight=weight)
+    implot.plot_line(name, _column(round_trip, 0), _column(round_trip, 1), spec=spec)
+
+
+def _dot(name: str, x: float, y: float, colour: imgui.ImVec4, size: float) -> None:
+    spec = implot.Spec(
+        marker=implot.Marker_.circle,
+        marker_size=size,
+        marker_fill_color=colour,
+        marker_line_color=imgui.ImVec4(0, 0, 0, 1),
+    )
+    implot.plot_scatter(name, np.array([x]), np.array([y]), spec=spec)

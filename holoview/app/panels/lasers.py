@@ -1,0 +1,264 @@
+"""The lasers: a spectrum with the cones' sensitivities and a draggable peak a laser, a table, sets of lasers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from imgui_bundle import imgui, implot
+from numpy.typing import NDArray
+
+from holoview import preset
+from holoview.app.colours import laser_colour
+from holoview.app.fields import tip
+from holoview.app.panel import Panel
+from holoview.colour import cone_fundamentals
+from holoview.system import System
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+_SHOWN_NM = (390.0, 720.0)
+_EYE_NM = (390.0, 830.0)
+_CONES = (
+    ("L", imgui.ImVec4(1.0, 0.45, 0.40, 0.75)),
+    ("M", imgui.ImVec4(0.40, 0.85, 0.45, 0.75)),
+    ("S", imgui.ImVec4(0.50, 0.60, 1.0, 0.75)),
+)
+_MOST_LASERS = 32
+_NAME_HEIGHT = 1.08  # of the cones' names, whose curves reach 1
+
+
+class LasersPanel(Panel):
+    """Wavelengths and powers of the lasers."""
+
+    title = "Lasers"
+    dock = "Right"
+
+    def __init__(self) -> None:
+        nm = np.linspace(*_SHOWN_NM, 166)
+        cones = cone_fundamentals(nm * 1e-9)
+        self._nm = nm
+        self._cones = [np.ascontiguousarray(cones[:, i]) for i in range(3)]
+        self._frame = 0
+        self._held_scale: float | None = None
+
+    def begin(self, app: App) -> None:
+        add = app.commands.add
+        add("Balance to white", lambda: _white(app), "Lasers", help="Powers that make an even image white.")
+        add("Add a laser", lambda: _add(app), "Lasers", help="In the middle of the widest gap.")
+        add("All lasers", lambda: app.look("All lasers", solo=None, muted=frozenset()), "Lasers", "0")
+        keys = " ".join(str(number) for number in range(1, 10))
+        add("Solo a laser", lambda: _solo(app, _digit_pressed() - 1), "Lasers", keys, "By its number; again: all.")
+
+    def draw(self, app: App) -> None:
+        system = app.session.system
+        self._frame = min(self._frame, system.frames - 1)
+        self._draw_plot(app, system)
+        self._draw_buttons(app, system)
+        self._draw_table(app, system)
+
+    # --- spectrum ---------------------------------------------------------------------------------------------------
+
+    def _draw_plot(self, app: App, system: System) -> None:
+        height = min(max(imgui.get_content_region_avail().y * 0.42, 110), 220)
+        flags = (
+            implot.Flags_.no_menus | implot.Flags_.no_mouse_text | implot.Flags_.no_box_select | implot.Flags_.no_legend
+        )
+        if not implot.begin_plot("##spectrum", imgui.ImVec2(-1, height), flags):
+            return
+        app.mark("spectrum")
+        implot.setup_axes("wavelength (nm)", "", 0, implot.AxisFlags_.no_tick_labels)
+        implot.setup_axes_limits(*_SHOWN_NM, 0.0, 1.18)
+        implot.setup_axis_limits_constraints(implot.ImAxis_.x1, 200, 2000)
+        for (name, colour), curve in zip(_CONES, self._cones, strict=True):
+            implot.plot_line(f"##{name}", self._nm, curve, spec=implot.Spec(line_color=colour))
+            implot.push_style_color(implot.Col_.inlay_text, colour)
+            implot.plot_text(name, float(self._nm[np.argmax(curve)]), _NAME_HEIGHT)
+            implot.pop_style_color()
+        powers = system.amplitudes[self._frame]
+        scale = self._held_scale or float(powers.max()) or 1.0
+        is_held = False
+        for index, wavelength_m in enumerate(system.wavelengths_m):
+            is_held |= self._draw_laser(
+                app, system, index, float(wavelength_m) * 1e9, float(powers[index]) / scale, scale
+            )
+        if self._held_scale is not None and not is_held:
+            app.session.settle()
+        self._held_scale = scale if is_held else None
+        low = implot.plot_to_pixels(_SHOWN_NM[0], 0.0)
+        app.rects["spectrum origin"] = (low.x, low.y, low.x, low.y)
+        implot.end_plot()
+
+    def _draw_laser(self, app: App, system: System, index: int, nm: float, height: float, scale: float) -> bool:
+        """A stem with a peak that can be dragged; whether the hand holds it."""
+        is_lit = _is_lit(app, index)
+        colour = laser_colour(nm * 1e-9, 1.0 if is_lit else 0.35)
+        stem = implot.Spec(line_color=colour, line_weight=3.0 if is_lit else 1.0)
+        implot.plot_line(f"##stem{index}", np.array([nm, nm]), np.array([0.0, height]), spec=stem)
+        moved, x, y, _, hovered, held = implot.drag_point(
+            index, nm, height, colour, 6.0, 0, out_clicked=False, out_hovered=False, out_held=False
+        )
+        pixel = implot.plot_to_pixels(nm, height)
+        app.rects[f"laser {index}"] = (pixel.x - 6, pixel.y - 6, pixel.x + 6, pixel.y + 6)
+        if hovered and not held:
+            imgui.set_tooltip(f"laser {index + 1}: {nm:.4g} nm, power {height * scale:.4g}\ndrag: wavelength and power")
+        if moved:
+            power = min(max(y, 0.0), 1.1) * scale
+            _edit(app, system, index, nm=round(x, 2), power=power, frame=self._frame, merge=("laser", index))
+        return bool(held)
+
+    # --- sets and table ---------------------------------------------------------------------------------------------
+
+    def _draw_buttons(self, app: App, system: System) -> None:
+        if imgui.button("Add"):
+            _add(app)
+        tip("Another laser, in the middle of the widest gap; powers are balanced to white again.")
+        imgui.same_line()
+        if imgui.button("White"):
+            _white(app)
+        tip("Powers that make an even image white.")
+        imgui.same_line()
+        if imgui.button("All on"):
+            app.look("All lasers", solo=None, muted=frozenset())
+        tip("Ends solo and mute.")
+        imgui.same_line()
+        imgui.set_next_item_width(-1)
+        if imgui.begin_combo("##set", "Take lasers of"):
+            for name in preset.names():
+                if imgui.selectable(name, False)[0]:
+                    _take_lasers(app, name)
+            imgui.end_combo()
+        if system.frames > 1:
+            imgui.set_next_item_width(-60)
+            _, frame = imgui.slider_int("frame", self._frame + 1, 1, system.frames)
+            self._frame = frame - 1
+            tip("The frame of the time sequence whose powers are shown.")
+
+    def _draw_table(self, app: App, system: System) -> None:
+        flags = imgui.TableFlags_.row_bg | imgui.TableFlags_.scroll_y | imgui.TableFlags_.sizing_stretch_prop
+        if not imgui.begin_table("lasers", 4, flags):
+            return
+        imgui.table_setup_scroll_freeze(0, 1)
+        for name, weight in (("", 0.25), ("nm", 1.0), ("power", 1.0), ("solo mute", 1.0)):
+            imgui.table_setup_column(name, imgui.TableColumnFlags_.width_stretch, weight)
+        imgui.table_headers_row()
+        for index in range(len(system.wavelengths_m)):
+            imgui.table_next_row()
+            imgui.push_id(index)
+            self._draw_row(app, system, index)
+            imgui.pop_id()
+        imgui.end_table()
+
+    def _draw_row(self, app: App, system: System, index: int) -> None:
+        nm, look = float(system.wavelengths_m[index]) * 1e9, app.session.look
+        imgui.table_next_column()
+        imgui.color_button("##colour", laser_colour(nm * 1e-9), imgui.ColorEditFlags_.no_tooltip, imgui.ImVec2(14, 14))
+        imgui.table_next_column()
+        imgui.set_next_item_width(-1)
+        changed, value = imgui.drag_float("##nm", nm, 0.25, *_EYE_NM, "%.5g")
+        app.mark(f"nm {index}")
+        tip("Wavelength in nm: drag, or double click to enter it.")
+        if changed:
+            _edit(app, system, index, nm=round(value, 3), frame=self._frame, merge=("nm", index))
+        imgui.table_next_column()
+        imgui.set_next_item_width(-1)
+        power = float(system.amplitudes[self._frame, index])
+        changed, value = imgui.drag_float("##power", power, max(power, 0.1) * 0.01, 0.0, 1e6, "%.4g")
+        tip("Relative power: drag, or double click to enter it.")
+        if changed:
+            _edit(app, system, index, power=max(value, 0.0), frame=self._frame, merge=("power", index))
+        imgui.table_next_column()
+        self._draw_switches(app, system, index, look.solo == index, index in look.muted)
+
+    def _draw_switches(self, app: App, system: System, index: int, is_solo: bool, is_muted: bool) -> None:
+        if _toggle("S", is_solo, "Shows this laser alone."):
+            _solo(app, index)
+        imgui.same_line(spacing=2)
+        if _toggle("M", is_muted, "Leaves this laser out of the image."):
+            muted = app.session.look.muted ^ {index}
+            app.look("Mute", muted=muted)
+        imgui.same_line(spacing=2)
+        imgui.begin_disabled(len(system.wavelengths_m) == 1)
+        if imgui.small_button("×"):
+            _remove(app, system, index)
+        app.mark(f"remove {index}")
+        tip("Takes this laser off the bench.")
+        imgui.end_disabled()
+
+
+def _toggle(label: str, is_on: bool, doc: str) -> bool:
+    if is_on:
+        imgui.push_style_color(imgui.Col_.button, imgui.get_style_color_vec4(imgui.Col_.button_active))
+    pressed = imgui.small_button(label)
+    if is_on:
+        imgui.pop_style_color()
+    tip(doc)
+    return pressed
+
+
+def _digit_pressed() -> int:
+    """The digit key that was pressed since the last frame, 1…9; 1 where the command came by name."""
+    return next((n for n in range(1, 10) if imgui.is_key_pressed(imgui.Key(imgui.Key._0.value + n), False)), 1)
+
+
+def _is_lit(app: App, index: int) -> bool:
+    look = app.session.look
+    return look.solo == index if look.solo is not None else index not in look.muted
+
+
+def _solo(app: App, index: int) -> None:
+    if index < len(app.session.system.wavelengths_m):
+        app.look("Solo", solo=None if app.session.look.solo == index else index)
+
+
+def _edit(
+    app: App,
+    system: System,
+    index: int,
+    *,
+    nm: float | None = None,
+    power: float | None = None,
+    frame: int = 0,
+    merge: tuple[str, int],
+) -> None:
+    wavelengths, amplitudes = system.wavelengths_m.copy(), system.amplitudes.copy()
+    if nm is not None:
+        wavelengths[index] = round(min(max(nm, _EYE_NM[0]), _EYE_NM[1]) * 1e-9, 14)
+    if power is not None:
+        amplitudes[frame, index] = power
+    changes = {"wavelengths": wavelengths, "amplitudes": amplitudes}
+    app.attempt(app.session.change, f"Laser {index + 1}", changes, merge=merge)
+
+
+def _white(app: App) -> None:
+    app.attempt(app.session.change, "Balance to white", {"amplitudes": "white"})
+
+
+def _add(app: App) -> None:
+    wavelengths = np.sort(app.session.system.wavelengths_m)
+    if len(wavelengths) >= _MOST_LASERS:
+        app.session.messages.post(f"{_MOST_LASERS} lasers are the most that the viewer adds", "warning")
+        return
+    ends = np.array([450e-9, *wavelengths, 650e-9])
+    widest = int(np.argmax(np.diff(ends)))
+    new = round(float(ends[widest] + ends[widest + 1]) / 2, 10)
+    _replace(app, "Add a laser", np.append(app.session.system.wavelengths_m, new))
+
+
+def _remove(app: App, system: System, index: int) -> None:
+    app.look("All lasers", solo=None, muted=frozenset())
+    amplitudes = np.delete(system.amplitudes, index, axis=1)
+    changes = {"wavelengths": np.delete(system.wavelengths_m, index), "amplitudes": amplitudes, "source.tilts": None}
+    app.attempt(app.session.change, "Remove a laser", changes)
+
+
+def _replace(app: App, label: str, wavelengths: NDArray[np.float64]) -> None:
+    changes = {"wavelengths": np.sort(wavelengths), "amplitudes": "white", "source.tilts": None}
+    app.attempt(app.session.change, label, changes)
+
+
+def _take_lasers(app: App, name: str) -> None:
+    other = preset.load(name)
+    changes = {"wavelengths": other.wavelengths_m, "amplitudes": other.amplitudes, "source.tilts": None}
+    app.attempt(app.session.change, f"Lasers of {name}", changes)

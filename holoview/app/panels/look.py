@@ -1,0 +1,181 @@
+"""How the image is looked at: page, exposure, channel, false colour, black and white, comparison."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from imgui_bundle import imgui
+
+from holoview import preset
+from holoview.app.fields import tip
+from holoview.app.panel import Panel
+from holoview.session.look import CHANNELS, COMPARES, FALSE_COLOURS, NOW, PAGES, TARGET, Look, Side
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+_STOP = 0.25
+_BRIGHT_PERCENT = 99.0
+_PAGE_DOCS = {
+    "image": "What is seen at the focal plane.",
+    "planes": "All focal planes of the bench beside each other.",
+    "phase": "The pattern on a modulator, as phase at the laser in the middle; a turn of hue is a wave.",
+    "spectrum": "Where the light leaves to: the eyebox, around the modulator's first order.",
+}
+_COMPARE_DOCS = {
+    "off": "One image.",
+    "hold": "A; B while its key is held.",
+    "wipe": "A left of a line, B right of it; drag the line.",
+    "side-by-side": "A and B beside each other, the same part of both.",
+    "difference": "A minus B.",
+}
+
+
+class LookPanel(Panel):
+    """Exposure, channels and comparison."""
+
+    title = "View"
+    dock = "Low right"
+
+    def begin(self, app: App) -> None:
+        add, session = app.commands.add, app.session
+        add("Brighter", lambda: _expose(app, _STOP), "Image", "E", "A quarter stop.", is_held=True)
+        add("Darker", lambda: _expose(app, -_STOP), "Image", "Shift+E", "A quarter stop.", is_held=True)
+        add("Reset tone", lambda: _reset(app), "Image", "R", "Exposure, gamma, black and white as at first.")
+        add("Next channel", lambda: _turn(app, "channel", CHANNELS), "Image", "C")
+        add("False colour", lambda: _turn(app, "false_colour", FALSE_COLOURS), "Image", "K", "For single channels.")
+        add("Next page", lambda: _turn(app, "page", PAGES), "Image", "G", "Image, planes, phase, spectrum.")
+        for name, keys in (("off", "Escape"), ("wipe", "W"), ("side-by-side", "S"), ("difference", "D"), ("hold", "H")):
+            title = "No comparison" if name == "off" else f"Compare: {name}"
+            action = partial(_compare, app, name)
+            add(title, action, "Compare", keys, _COMPARE_DOCS[name], is_possible=lambda: not app.help.open)
+        add("Swap A and B", lambda: app.look("Swap", a=session.look.b, b=session.look.a), "Compare", "X")
+        add("Pin a snapshot", lambda: _pin(app), "Compare", "P", "Keeps the present state, to compare with later.")
+        add("Compare with target", lambda: app.look("Compare", b=TARGET, compare="wipe"), "Compare", "T")
+
+    def draw(self, app: App) -> None:
+        look = app.session.look
+        imgui.push_item_width(imgui.get_content_region_avail().x * 0.62)
+        _chosen(app, "page", PAGES, look.page, _PAGE_DOCS)
+        self._draw_tone(app, look)
+        if look.page == "phase":
+            self._draw_pattern_choice(app, look)
+        imgui.separator_text("Compare")
+        self._draw_compare(app, look)
+        imgui.pop_item_width()
+
+    def _draw_tone(self, app: App, look: Look) -> None:
+        if _slider(app, "exposure", look.exposure_stops, -8.0, 8.0, "%+.2f stops", 0.0, "Brighter by 2^stops."):
+            look = app.session.look
+        _slider(app, "gamma", look.gamma, 0.3, 3.0, "%.2f", 1.0, "On top of the sRGB curve; 1 changes nothing.")
+        _chosen(app, "channel", CHANNELS, look.channel, {}, "What is shown of the colours: all, or a single channel.")
+        if look.channel != "colour":
+            _chosen(app, "false_colour", FALSE_COLOURS, look.false_colour, {}, "A colour map for the single channel.")
+        changed, low, high = imgui.drag_float_range2(
+            "black, white", look.low, look.high, 0.005, -10.0, 10.0, "%.3f", "%.3f", imgui.SliderFlags_.always_clamp
+        )
+        app.mark("black, white")
+        tip("Values of a channel, after exposure, that are shown black and white.")
+        if changed and low < high:
+            app.look("Black and white", low=low, high=high)
+        if imgui.button("Reset"):
+            _reset(app)
+        tip("Exposure, gamma, black and white as at first.")
+        imgui.same_line()
+        if imgui.button("Fit brightness"):
+            _fit_brightness(app)
+        tip("An exposure at which only the brightest hundredth of the image is beyond white.")
+
+    def _draw_pattern_choice(self, app: App, look: Look) -> None:
+        frames, modulators = app.session.system.drive_shape[:2]
+        for name, value, count in (("modulator", look.modulator, modulators), ("frame", look.frame, frames)):
+            if count > 1:
+                changed, shown = imgui.combo(name, value, [str(number + 1) for number in range(count)])
+                if changed:
+                    app.look(name.capitalize(), **{name: shown})
+
+    def _draw_compare(self, app: App, look: Look) -> None:
+        _chosen(app, "compare", COMPARES, look.compare, _COMPARE_DOCS)
+        for key in ("a", "b"):
+            self._draw_side(app, key, getattr(look, key))
+        if look.compare == "wipe":
+            _slider(app, "wipe", look.wipe, 0.0, 1.0, "%.2f", 0.5, "Share of the width that shows A.")
+        if imgui.button("Pin"):
+            _pin(app)
+        tip("Keeps the present state under a name, to compare with later.")
+        imgui.same_line()
+        if imgui.button("Swap"):
+            app.look("Swap", a=look.b, b=look.a)
+        tip("A becomes B and B becomes A.")
+
+    def _draw_side(self, app: App, key: str, chosen: Side) -> None:
+        if not imgui.begin_combo(key.upper(), chosen.label):
+            return
+        sides = [NOW, TARGET, *(Side("snapshot", name) for name in app.session.snapshots)]
+        for side in [*sides, *(Side("preset", name) for name in preset.names())]:
+            text = f"preset {side.label}" if side.kind == "preset" else side.label
+            if imgui.selectable(text, side == chosen)[0]:
+                app.look("Compare", **{key: side})
+        imgui.end_combo()
+
+
+def _slider(app: App, key: str, value: float, low: float, high: float, text: str, reset: float, doc: str) -> bool:
+    field = "exposure_stops" if key == "exposure" else key
+    changed, shown = imgui.slider_float(key, value, low, high, text)
+    app.mark(key)
+    tip(f"{doc} Ctrl+click: exact entry; right click: {reset:g}.")
+    if imgui.is_item_clicked(imgui.MouseButton_.right):
+        changed, shown = True, reset
+    if changed:
+        app.look(key.capitalize(), **{field: shown})
+    if imgui.is_item_deactivated():
+        app.session.settle()
+    return changed
+
+
+def _chosen(app: App, field: str, options: tuple[str, ...], value: str, docs: dict[str, str], doc: str = "") -> None:
+    label = field.replace("_", " ")
+    if imgui.begin_combo(label, value or "grey"):
+        for option in options:
+            if imgui.selectable(option or "grey", option == value)[0]:
+                app.look(label.capitalize(), **{field: option})
+            if option in docs:
+                tip(docs[option])
+        imgui.end_combo()
+    app.mark(label)
+    tip(doc or docs.get(value, ""))
+
+
+def _expose(app: App, stops: float) -> None:
+    app.look("Exposure", exposure_stops=app.session.look.exposure_stops + stops)
+
+
+def _reset(app: App) -> None:
+    app.look("Reset tone", exposure_stops=0.0, gamma=1.0, low=0.0, high=1.0)
+
+
+def _fit_brightness(app: App) -> None:
+    xyz = app.sides.xyz(app.session.look.a if app.session.look.compare != "off" else NOW)
+    if xyz is None:
+        app.session.messages.post("the full image isn't there yet: try again in a moment")
+        return
+    bright = float(np.percentile(xyz[..., 1], _BRIGHT_PERCENT))
+    if bright > 0:
+        app.look("Exposure", exposure_stops=round(-float(np.log2(bright)), 2))
+
+
+def _turn(app: App, field: str, options: tuple[str, ...]) -> None:
+    index = options.index(getattr(app.session.look, field))
+    app.look(field.replace("_", " ").capitalize(), **{field: options[(index + 1) % len(options)]})
+
+
+def _compare(app: App, name: str) -> None:
+    is_on = app.session.look.compare == name
+    app.look("Compare", compare="off" if is_on else name)
+
+
+def _pin(app: App) -> None:
+    name = app.session.pin()
+    app.session.messages.post(f"pinned as {name}: choose it as A or B to compare with")

@@ -1,0 +1,194 @@
+"""Optimising in the background: what for, how, and how far it has come; the view follows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from imgui_bundle import imgui
+
+from holoview.app import plots, theme
+from holoview.app.fields import tip
+from holoview.app.panel import Panel
+from holoview.errors import UserError
+from holoview.optimise.losses import LOSSES
+from holoview.optimise.settings import Settings
+from holoview.session.optimising import BEGINS, Optimisation, OptimisePlan, last, optimise, quick_look, running
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+_AS_IT_IS = "the bench as it is"
+_SCHEMES = (
+    *(_AS_IT_IS, "simultaneous", "time-sequential", "multiplexed-3", "holochrome-8", "holochrome-8x3"),
+    *("holochrome-16", "holochrome-8+multisource-3x3"),
+)
+_TIPS = {
+    "scheme": "How the lasers are driven: which wavelengths, together or in turn, in how many frames.",
+    "loss": "In which space the image is compared with the target.",
+    "begin": "Patterns to begin with. Random: speckle, a filled eyebox. Smooth: less speckle, an almost empty eyebox. "
+    "Now: go on from what is shown.",
+    "iterations": "More make a better image; what was found so far can be kept at any time.",
+    "eyebox": "Weight of an evenly filled eyebox in the loss; 0 leaves it free.",
+    "brightness": "A factor on the target's linear light.",
+}
+
+
+class OptimisePanel(Panel):
+    """Scheme, loss, target; start, pause, keep, cancel."""
+
+    title = "Optimise"
+    dock = "Low right"
+
+    def __init__(self) -> None:
+        self.scheme, self.loss, self.begins_with = _AS_IT_IS, "by the observer", "random"
+        self.iterations, self.eyebox = 60, 0.0
+
+    def begin(self, app: App) -> None:
+        """Adds the commands."""
+        add = app.commands.add
+        add(
+            "Optimise",
+            lambda: self.start(app),
+            "Optimise",
+            "Ctrl+Enter",
+            "Find patterns for the target; undo brings the old ones back.",
+            is_possible=lambda: running(app.session) is None,
+        )
+        for name, act in (
+            ("Keep the best so far", Optimisation.keep),
+            ("Pause or go on", _pause_or_go_on),
+            ("Cancel the optimisation", Optimisation.cancel),
+        ):
+            add(
+                name,
+                partial(_with_running, app, act),
+                "Optimise",
+                is_possible=lambda: running(app.session) is not None,
+            )
+        add("Quick look", lambda: _quick_look(app), "Optimise", help="A few iterations with large pixels: seconds.")
+
+    def draw(self, app: App) -> None:
+        """The target and the choices, or what is running."""
+        _draw_target(app)
+        job = running(app.session)
+        if job is None:
+            self._draw_choices(app)
+        else:
+            _draw_progress(job)
+        shown = job or last(app.session)
+        if shown is not None and len(shown.reached) > 1:
+            _draw_plot(shown)
+
+    def start(self, app: App) -> None:
+        """Starts what is chosen."""
+        app.attempt(lambda: optimise(app.session, self.plan()))
+
+    def plan(self) -> OptimisePlan:
+        """What is chosen. Raises UserError for what makes no sense."""
+        loss = self.loss if self.loss in LOSSES else None
+        settings = Settings(iterations=self.iterations, loss=loss, eyebox=self.eyebox)
+        scheme = None if self.scheme == _AS_IT_IS else self.scheme
+        return OptimisePlan(settings, scheme=scheme, begin=self.begins_with)
+
+    def _draw_choices(self, app: App) -> None:
+        self.scheme = _combo("scheme", self.scheme, _SCHEMES)
+        self.loss = _combo("loss", self.loss, ("by the observer", *LOSSES))
+        self.begins_with = _combo("begin", self.begins_with, BEGINS)
+        _, count = imgui.input_int("iterations", self.iterations, 10, 100)
+        tip(_TIPS["iterations"])
+        self.iterations = min(max(count, 1), 100_000)
+        _, weight = imgui.input_float("eyebox", self.eyebox, 0.005, 0.05, "%.3g")
+        tip(_TIPS["eyebox"])
+        self.eyebox = max(weight, 0.0)
+        imgui.begin_disabled(app.session.wanted is None)
+        if imgui.button("Optimise##start", imgui.ImVec2(-1, 1.4 * imgui.get_frame_height())):
+            self.start(app)
+        imgui.end_disabled()
+        if app.session.wanted is None:
+            imgui.text_wrapped("Open a picture to optimise for, drop one on the window, or paste one.")
+
+
+def _draw_target(app: App) -> None:
+    wanted = app.session.wanted
+    if wanted is None:
+        return
+    imgui.text_wrapped(f"target: {wanted.title}")
+    changed, brightness = imgui.slider_float("brightness", wanted.brightness, 0.1, 2.0, "%.2f")
+    tip(_TIPS["brightness"])
+    if changed and brightness > 0:
+        app.attempt(
+            app.session.edit,
+            "Target brightness",
+            wanted=replace(wanted, brightness=float(f"{brightness:.3g}")),
+            merge="brightness",
+        )
+
+
+def _draw_progress(job: Optimisation) -> None:
+    left = job.seconds_left
+    words = f"{job.fraction:.0%}" + ("" if left is None else f", {_duration(left)} left")
+    imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), "paused" if job.status == "paused" else words)
+    latest = job.latest
+    if latest is None:
+        imgui.text_disabled(job.note)
+    else:
+        imgui.text(f"iteration {latest.iteration} of {latest.iterations}")
+        imgui.text(f"loss {latest.loss:.4g}   PSNR {latest.psnr_db:.2f} dB   best {latest.best_psnr_db:.2f} dB")
+    width = (imgui.get_content_region_avail().x - 2 * imgui.get_style().item_spacing.x) / 3
+    size = imgui.ImVec2(width, 0)
+    if imgui.button("Go on" if job.status == "paused" else "Pause", size):
+        _pause_or_go_on(job)
+    imgui.same_line()
+    imgui.begin_disabled(latest is None)
+    if imgui.button("Keep", size):
+        job.keep()
+    imgui.end_disabled()
+    tip("Ends it with the best so far; undo brings the old patterns back.")
+    imgui.same_line()
+    if imgui.button("Cancel", size):
+        job.cancel()
+    tip("Ends it; the old patterns stay.")
+
+
+def _draw_plot(job: Optimisation) -> None:
+    iterations = np.array([reached.iteration for reached in job.reached])
+    decibels = np.array([reached.best_psnr_db for reached in job.reached])
+    low, high = float(decibels.min()), float(decibels.max())
+    with plots.plot(
+        "psnr", "iteration", "best PSNR (dB)", (0, float(job.plan.settings.iterations)), (low - 0.5, high + 0.5)
+    ) as is_open:
+        if is_open:
+            plots.line("##best", iterations, decibels, theme.ACCENT)
+
+
+def _pause_or_go_on(job: Optimisation) -> None:
+    if job.status == "paused":
+        job.resume()
+    else:
+        job.pause()
+
+
+def _with_running(app: App, act: Callable[[Optimisation], None]) -> None:
+    job = running(app.session)
+    if job is not None:
+        act(job)
+
+
+def _quick_look(app: App) -> None:
+    if app.session.wanted is None:
+        raise UserError("quick look", "there is no target", remedy="open a picture first")
+    quick_look(app.session)
+
+
+def _combo(name: str, chosen: str, options: tuple[str, ...]) -> str:
+    found, index = imgui.combo(name, options.index(chosen), list(options))
+    tip(_TIPS[name])
+    return options[index] if found else chosen
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"

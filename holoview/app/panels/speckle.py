@@ -1,0 +1,197 @@
+"""Speckle of a region: its numbers while they change, its histogram beside theory, what each wavelength brings."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from imgui_bundle import imgui
+
+from holoview.app import plots, theme
+from holoview.app.fields import tip
+from holoview.app.panel import Panel
+from holoview.session.live import Figures
+from holoview.session.measure import ContrastCurve, Profile, SpeckleHistogram
+from holoview.session.showcase import Showcase, ShowcaseJob, showcase
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+_GROUP = "Speckle"
+_TIPS = {
+    "Contrast": "Standard deviation over mean of the luminance. Fully developed speckle has 1; N independent patterns "
+    "together have 1/√N. With a target, the picture's own structure is divided out.",
+    "Mean": "Mean luminance of the region; 1 is the display's white.",
+    "PSNR": "Peak signal-to-noise ratio to the target in this region, linear sRGB clipped to 0…1.",
+    "ΔE2000": "Mean CIEDE2000 colour difference to the target in this region; 1 is about the least that can be seen.",
+    "Patterns": "Independent speckle patterns that lasers, frames and sources could bring, by their brightness: "
+    "(Σm)²/Σm².",
+}
+
+
+class SpecklePanel(Panel):
+    """Draw a region on the image; its figures follow the image."""
+
+    title = "Speckle"
+    dock = "Right"
+
+    def __init__(self) -> None:
+        self._showcase: ShowcaseJob | None = None
+        self._iterations = 0
+
+    def begin(self, app: App) -> None:
+        """Adds the commands."""
+        add = app.commands.add
+        add("Draw a region", lambda: _take(app, "region"), _GROUP, "Shift+R", "Drag on the image; figures follow it.")
+        add("Draw a line", lambda: _take(app, "line"), _GROUP, "Shift+L", "Drag on the image; its profile is plotted.")
+        add("Forget region and line", lambda: _forget(app), _GROUP, help="Back to the central half of the image.")
+        add(
+            "Simultaneous beside HoloChrome",
+            lambda: self._compare(app),
+            _GROUP,
+            "F5",
+            "The same bench with 3 and with 8 wavelengths, side by side, each with its speckle contrast.",
+        )
+
+    def draw(self, app: App) -> None:
+        """Tools, numbers, plots, and the comparison of schemes."""
+        app.live_wanted = True
+        _draw_tools(app)
+        figures = app.live.figures
+        if figures is None:
+            imgui.text_disabled("The image is on its way.")
+        else:
+            _draw_numbers(figures)
+            _draw_plots(figures)
+        self._draw_showcase(app)
+
+    @property
+    def result(self) -> Showcase | None:
+        """What the last comparison of schemes found."""
+        return None if self._showcase is None else self._showcase.result
+
+    def _draw_showcase(self, app: App) -> None:
+        imgui.separator_text("Simultaneous beside HoloChrome")
+        if app.session.wanted is not None:
+            imgui.set_next_item_width(6 * imgui.get_font_size())
+            _, self._iterations = imgui.input_int("iterations##showcase", self._iterations, 10, 50)
+            self._iterations = min(max(self._iterations, 0), 1000)
+            tip("0 takes random patterns for both; else both are optimised for the target, from equal starts.")
+        job = self._showcase
+        if job is not None and job.is_active:
+            imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), job.note)
+            if imgui.button("Cancel##showcase"):
+                job.cancel()
+            return
+        if imgui.button("Compare##showcase", imgui.ImVec2(-1, 0)):
+            self._compare(app)
+        if self.result is not None:
+            for shown in (self.result.left, self.result.right):
+                imgui.text_wrapped(f"{shown.name}: contrast {shown.contrast:.3f}")
+            imgui.text_disabled(self.result.how)
+
+    def _compare(self, app: App) -> None:
+        with app.session.guard():
+            self._showcase = showcase(app.session, self._iterations)
+
+
+def _take(app: App, tool: str) -> None:
+    app.tool = "" if app.tool == tool else tool
+
+
+def _forget(app: App) -> None:
+    app.tool = ""
+    app.session.look_at("Forget region and line", region=None, profile=None)
+
+
+def _draw_tools(app: App) -> None:
+    width = (imgui.get_content_region_avail().x - 2 * imgui.get_style().item_spacing.x) / 3
+    for tool, name in (("region", "Draw region"), ("line", "Draw line")):
+        is_taken = app.tool == tool
+        if is_taken:
+            imgui.push_style_color(imgui.Col_.button, theme.ACCENT)
+        if imgui.button(name, imgui.ImVec2(width, 0)):
+            _take(app, tool)
+        if is_taken:
+            imgui.pop_style_color()
+        imgui.same_line()
+    if imgui.button("Forget", imgui.ImVec2(width, 0)):
+        _forget(app)
+    state = app.session.state
+    changed, numbers = imgui.input_int4("x y w h", list(state.region), imgui.InputTextFlags_.enter_returns_true)
+    tip("The region in samples of the image: left, top, width, height. Enter applies.")
+    if changed:
+        with app.session.guard("region"):
+            x, y, w, h = numbers
+            app.session.look_at("Region", region=(x, y, w, h))
+
+
+def _draw_numbers(figures: Figures) -> None:
+    if figures.problem:
+        imgui.push_style_color(imgui.Col_.text, theme.WARNING)
+        imgui.text_wrapped(figures.problem)
+        imgui.pop_style_color()
+    region = figures.region
+    if region is None or not imgui.begin_table("numbers", 2, imgui.TableFlags_.sizing_stretch_prop):
+        return
+    _row("Contrast", f"{region.contrast:.3f}")
+    if region.psnr_db is not None:
+        _row("Contrast", f"{region.raw_contrast:.3f}", "with the picture's structure")
+    _row("Mean", f"{region.mean:.4g}")
+    if figures.histogram is not None:
+        _row("Patterns", f"{figures.histogram.patterns:.2f}", "independent patterns, at most")
+    if region.psnr_db is not None and region.delta_e is not None:
+        _row("PSNR", f"{region.psnr_db:.2f} dB")
+        _row("ΔE2000", f"{region.delta_e:.2f}")
+    imgui.end_table()
+
+
+def _row(key: str, value: str, label: str = "") -> None:
+    names = {"Contrast": "speckle contrast", "Mean": "mean luminance"}
+    imgui.table_next_row()
+    imgui.table_next_column()
+    imgui.text(label or names.get(key, key))
+    tip(_TIPS[key])
+    imgui.table_next_column()
+    imgui.text(value)
+
+
+def _draw_plots(figures: Figures) -> None:
+    if figures.histogram is not None and _header("Histogram"):
+        _draw_histogram(figures.histogram)
+    if figures.curve is not None and _header("Contrast by the number of wavelengths"):
+        _draw_curve(figures.curve)
+    if figures.profile is not None and _header("Profile along the line"):
+        _draw_profile(figures.profile)
+
+
+def _draw_histogram(histogram: SpeckleHistogram) -> None:
+    top = 1.1 * max(float(histogram.density.max()), 1.0)
+    with plots.plot("histogram", "luminance / mean", "density", (0, histogram.edges[-1]), (0, top)) as is_open:
+        if is_open:
+            width = float(histogram.edges[1] - histogram.edges[0])
+            plots.bars("image", histogram.centres, histogram.density, width)
+            plots.line("one laser", histogram.centres, histogram.developed, theme.WARNING)
+            if histogram.patterns > 1:
+                name = f"{histogram.patterns:.3g} patterns"
+                plots.line(name, histogram.centres, histogram.expected, plots.GREY)
+
+
+def _draw_curve(curve: ContrastCurve) -> None:
+    count = np.arange(1, len(curve.measured) + 1)
+    top = 1.1 * max(float(curve.measured.max()), 1.0)
+    with plots.plot("curve", "wavelengths, brightest first", "contrast", (0.5, count[-1] + 0.5), (0, top)) as is_open:
+        if is_open:
+            plots.line("image", count, curve.measured, theme.ACCENT, marked=True)
+            plots.line("independent", count, curve.independent, plots.GREY, marked=True)
+
+
+def _draw_profile(profile: Profile) -> None:
+    x, y = profile.distance_m * 1e3, profile.values[:, 0]
+    with plots.plot("profile", "mm", "luminance", (0, float(x[-1])), (0, 1.05 * max(float(y.max()), 1e-9))) as is_open:
+        if is_open:
+            plots.line("luminance", x, y, theme.ACCENT)
+
+
+def _header(name: str) -> bool:
+    return bool(imgui.collapsing_header(name, imgui.TreeNodeFlags_.default_open))

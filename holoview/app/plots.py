@@ -1,0 +1,52 @@
+"""Small plots with the look that all panels share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from imgui_bundle import imgui, implot
+from numpy.typing import ArrayLike, NDArray
+
+from holoview.app import theme
+
+HEIGHT_EM = 9.5
+_FLAGS = implot.Flags_.no_menus | implot.Flags_.no_box_select | implot.Flags_.no_mouse_text
+_AXIS = implot.AxisFlags_.no_grid_lines | implot.AxisFlags_.no_menus | implot.AxisFlags_.no_highlight
+GREY = imgui.ImVec4(0.60, 0.62, 0.66, 1.0)
+
+
+@contextmanager
+def plot(
+    name: str, x_label: str, y_label: str, x_range: tuple[float, float], y_range: tuple[float, float]
+) -> Iterator[bool]:
+    """A plot over the panel's width with fixed ranges; false where it can't be seen."""
+    size = imgui.ImVec2(-1, HEIGHT_EM * imgui.get_font_size())
+    is_open = implot.begin_plot(f"##{name}", size, _FLAGS | implot.Flags_.no_inputs)
+    try:
+        if is_open:
+            implot.setup_axes(x_label, y_label, _AXIS, _AXIS)
+            implot.setup_axes_limits(*x_range, *y_range, implot.Cond_.always)
+            implot.setup_legend(implot.Location_.north_east, implot.LegendFlags_.no_buttons)
+        yield is_open
+    finally:
+        if is_open:
+            implot.end_plot()
+
+
+def bars(name: str, centres: ArrayLike, heights: ArrayLike, width: float) -> None:
+    """Bars in the accent colour."""
+    spec = implot.Spec(fill_color=theme.ACCENT, fill_alpha=0.55, line_color=theme.ACCENT, line_weight=0.0)
+    implot.plot_bars(name, _doubles(centres), _doubles(heights), width, spec)
+
+
+def line(name: str, x: ArrayLike, y: ArrayLike, colour: imgui.ImVec4, *, marked: bool = False) -> None:
+    """A line, with a mark at each value where they are few."""
+    marker = implot.Marker_.circle if marked else implot.Marker_.none
+    spec = implot.Spec(line_color=colour, line_weight=1.6, marker=marker, marker_size=3.0, marker_fill_color=colour)
+    implot.plot_line(name, _doubles(x), _doubles(y), spec)
+
+
+def _doubles(values: ArrayLike) -> NDArray[np.float64]:
+    return np.ascontiguousarray(values, dtype=np.float64)

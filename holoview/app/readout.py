@@ -1,0 +1,54 @@
+"""The line below the image: where the pointer is and what the values there are."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from imgui_bundle import imgui
+from numpy.typing import NDArray
+
+from holoview.app.fields import tip
+from holoview.session.look import NOW
+from holoview.session.measure import pixel_at
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+
+def draw_readout(app: App, place: tuple[float, float] | None) -> None:
+    """place: shares (x, y) of the image under the pointer, None elsewhere."""
+    look, shape = app.session.look, app.session.state.shape
+    if place is None or look.page != "image":
+        imgui.text_disabled(_idle_text(app))
+        return
+    imgui.text(describe_pixel(app, int(place[0] * shape[1]), int(place[1] * shape[0])))
+    app.mark("readout")
+    tip("Linear sRGB and XYZ at this sample; 1 is white. Intensities are those of the lasers, in the table's order.")
+
+
+def describe_pixel(app: App, x: int, y: int) -> str:
+    """The values at a sample, in a line."""
+    look = app.session.look
+    side = look.a if look.compare != "off" else NOW
+    xyz = app.sides.xyz(side)
+    values = None if xyz is None else pixel_at(x, y, xyz, app.sides.now.intensities() if side == NOW else None)
+    if values is None:
+        return f"x {x}  y {y}   values follow with the full image"
+    parts = [f"x {x}  y {y}", f"RGB {_three(values.linear_rgb)}", f"XYZ {_three(values.xyz)}"]
+    if values.intensity is not None:
+        parts.append("I " + " ".join(f"{value:.2f}" for value in values.intensity))
+    return "   ".join(parts)
+
+
+def _three(values: NDArray[np.float64]) -> str:
+    return "  ".join(f"{value:.3f}" for value in values)
+
+
+def _idle_text(app: App) -> str:
+    rows, columns = app.session.state.shape
+    if app.session.look.page == "spectrum":
+        return "the eyebox: light by direction, up to ±λ/(2·pitch)"
+    if app.session.look.page == "phase":
+        return "phase at the laser in the middle of the spectrum; a turn of hue is a wave"
+    return f"{columns} × {rows} samples   {app.session.state.origin}"

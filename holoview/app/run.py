@@ -1,0 +1,132 @@
+"""Opens the viewer: on a screen, off screen by a script, or in a browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from holoview.app.app import App
+from holoview.app.desktop import join_desktop
+from holoview.app.hand import Hand
+from holoview.app.script import run_script, screenshot, wait
+from holoview.app.serve import Address, serve
+from holoview.errors import UserError
+from holoview.gpu.device import Device
+from holoview.session.autosave import Autosave, Store
+from holoview.session.session import Session
+
+_IDLE_S = 0.05  # between looks at what there is to do, while there is nothing
+_TITLE = "holoview"
+SCRIPT_FRAME_S = 1 / 60
+
+
+def off_screen(
+    session: Session,
+    device: Device,
+    size: tuple[int, int],
+    script: str = "",
+    where: str = "script",
+    picture: Path | None = None,
+    names: Sequence[str] = (),
+) -> None:
+    """Draws a window of `size` (x, y) that nobody sees, opens `names`, runs a script and writes a picture of it."""
+    from rendercanvas.offscreen import OffscreenRenderCanvas
+
+    app = App(session, device, OffscreenRenderCanvas(size=size), frame_s=SCRIPT_FRAME_S)
+    try:
+        hand = Hand(app)
+        hand.frames(3)
+        if names:
+            app.loader.open(list(names) if len(names) > 1 else names[0])
+        wait(hand)
+        run_script(hand, script, where)
+        if picture is not None:
+            wait(hand)
+            screenshot(hand, picture)
+    finally:
+        app.close()
+
+
+def on_screen(session: Session, device: Device, store: Store, size: tuple[int, int], names: Sequence[str] = ()) -> None:
+    """A window until it is closed. Raises UserError where there is no screen."""
+    try:
+        import glfw
+        from rendercanvas.glfw import RenderCanvas, loop
+    except (ImportError, RuntimeError) as error:
+        raise _no_screen(error) from error
+    if not glfw.init():
+        raise _no_screen(None)
+    canvas = RenderCanvas(size=size, title=_TITLE, max_fps=60)
+    app = _begin(session, device, canvas, store, names)
+    join_desktop(app, glfw, canvas._window)
+    _run(app, store, loop, loop.run)
+
+
+def in_browser(
+    session: Session,
+    device: Device,
+    store: Store,
+    address: Address,
+    began: Callable[[str], None],
+    size: tuple[int, int],
+    names: Sequence[str] = (),
+) -> None:
+    """Serves the viewer to a browser until it is interrupted; `began` is told its address."""
+    try:
+        from rendercanvas.http import RenderCanvas, loop
+    except ImportError as error:
+        raise UserError("--serve", f"{error}", remedy='pip install "holoview[serve]"') from error
+    canvas = RenderCanvas(size=size, title=_TITLE, max_fps=30)
+    app = _begin(session, device, canvas, store, names)
+    _run(app, store, loop, lambda: serve(address, began, canvas.get_closed))
+
+
+def _begin(session: Session, device: Device, canvas: Any, store: Store, names: Sequence[str]) -> App:
+    app = App(session, device, canvas, store=store, tunes=True)
+    if not store.preferences.get("has_begun"):
+        session.messages.post(
+            "Drop a picture here to see it as a hologram. ? shows all keys, Ctrl+P finds any command."
+        )
+        app.attempt(store.preferences.set, "has_begun", True)
+    if names:
+        app.attempt(app.loader.open, list(names) if len(names) > 1 else names[0])
+    return app
+
+
+def _run(app: App, store: Store, loop: Any, run: Callable[[], None]) -> None:
+    autosave = _autosave(app, store)
+    app.session.wake = lambda: loop.call_soon_threadsafe(app.window.wake)
+    loop.add_task(compute, app, name="compute")
+    try:
+        run()
+    finally:
+        failed = app.window.failed
+        if autosave is not None and failed is None:
+            autosave.close()  # else it is offered at the next start
+        app.close()
+    if isinstance(failed, UserError):
+        raise UserError(failed.where, failed.found, remedy="start again: your work is saved and will be offered")
+
+
+def _autosave(app: App, store: Store) -> Autosave | None:
+    """Saves the session as it changes; where that is impossible, the user is told."""
+    try:
+        return store.attach(app.session)
+    except UserError as error:
+        app.session.messages.post_error(error, "autosave")
+        return None
+
+
+async def compute(app: App) -> None:
+    """Computes a slice, lets the window do what it has to, and so on; at rest, it looks now and then."""
+    from rendercanvas.utils.asyncs import sleep
+
+    while not app.window.canvas.get_closed():
+        app.tick()
+        await sleep(0 if app.advance() else max(app.sides.resting_s, _IDLE_S))
+
+
+def _no_screen(error: BaseException | None) -> UserError:
+    found = f"can't be opened: {error}" if error else "can't be opened: no display was found"
+    return UserError("window", found, remedy="use --serve for a browser, or --offscreen with --screenshot")

@@ -1,0 +1,148 @@
+"""Scripts for the viewer without a screen: a line an action, e.g. for the pictures of a manual.
+
+open still-life.png          a preset, file or picture, as the window opens it
+set gap = "3 mm"             a key of the bench, as --set takes it
+look exposure_stops = 1      a field of the look
+command Pin a snapshot       a command by its name
+show Gamut                   a panel by its title
+key Ctrl+Z                   keys
+type 550                     text, into what has the focus
+click image 0.5 0.5          a marked item, and where in it; 0.5 0.5 if absent
+drag image 0.2 0.2 0.8 0.8   from there to there
+wheel image 0.5 0.5 2        the wheel, by notches
+wait                         until everything is computed and all jobs have ended
+screenshot FILE.png          the whole window
+"""
+
+from __future__ import annotations
+
+import shlex
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from holoview.app.hand import Hand
+from holoview.errors import UserError, near_matches
+from holoview.pictures import write_png
+
+_JOBS_S = 600.0
+
+
+def run_script(hand: Hand, text: str, where: str = "script") -> None:
+    """Runs a script's lines. Raises UserError that names the line which is wrong or can't be done."""
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.strip()
+        if not words or words.startswith("#"):
+            continue
+        try:
+            _run(hand, words)
+        except UserError as error:
+            raise error.inside(f"{where}:{number}: ") from error
+
+
+def _run(hand: Hand, line: str) -> None:
+    verb, _, rest = line.partition(" ")
+    verbs: dict[str, Callable[[Hand, str], None]] = {
+        "open": _open,
+        "set": _set,
+        "look": _look,
+        "command": lambda hand, name: hand.app.commands.run(name),
+        "show": lambda hand, title: hand.app.show(title),
+        "key": lambda hand, chord: hand.key(chord),
+        "type": lambda hand, text: hand.type(text),
+        "click": _click,
+        "drag": _drag,
+        "wheel": _wheel,
+        "wait": lambda hand, _: wait(hand),
+        "screenshot": lambda hand, path: screenshot(hand, Path(path)),
+    }
+    if verb not in verbs:
+        raise UserError(f'"{verb}"', "unknown", remedy=near_matches(verb, verbs))
+    verbs[verb](hand, rest.strip())
+    hand.frames(2)
+    _check(hand)
+
+
+def wait(hand: Hand) -> None:
+    """Draws until everything is computed and all jobs have ended."""
+    hand.settle()
+    if not hand.app.session.wait(_JOBS_S):
+        raise UserError("wait", f"jobs still run after {_JOBS_S:g} s")
+    hand.settle()
+
+
+def screenshot(hand: Hand, path: Path) -> None:
+    """Writes the window as PNG."""
+    write_png(path, hand.frames(2), {})
+
+
+def _check(hand: Hand) -> None:
+    """A script has nobody who reads messages: what went wrong ends it."""
+    for guarded in hand.app.panels:
+        if guarded.failure is not None:
+            raise guarded.failure
+    wrong = [message for message in hand.app.session.messages.all if message.kind == "error"]
+    if wrong:
+        raise UserError("the viewer", wrong[-1].text)
+
+
+def _open(hand: Hand, names: str) -> None:
+    several = shlex.split(names)
+    hand.app.loader.open(several[0] if len(several) == 1 else several)
+    wait(hand)
+
+
+def _set(hand: Hand, text: str) -> None:
+    for key, value in _values(text).items():
+        hand.app.session.change(f"Set {key}", {key: value})
+
+
+def _look(hand: Hand, text: str) -> None:
+    hand.app.session.look_at("Look", **_values(text))
+
+
+def _values(text: str) -> dict[str, Any]:
+    """One KEY = VALUE in TOML; dots stay part of the key."""
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise UserError(text, "isn't KEY = VALUE")
+    try:
+        return {key.strip(): tomllib.loads(f"value = {value}")["value"]}
+    except tomllib.TOMLDecodeError:
+        return {key.strip(): value.strip()}
+
+
+def _numbers(text: str, count: int, default: tuple[float, ...]) -> tuple[str, list[float]]:
+    """The name of an item and the numbers after it."""
+    words = shlex.split(text)
+    numbers: list[float] = []
+    while words and len(numbers) < count and _is_number(words[-1]):
+        numbers.insert(0, float(words.pop()))
+    return " ".join(words), numbers or list(default)
+
+
+def _is_number(word: str) -> bool:
+    return word.lstrip("-").replace(".", "", 1).isdigit()
+
+
+def _click(hand: Hand, text: str) -> None:
+    name, (x, y) = _numbers(text, 2, (0.5, 0.5))
+    hand.click(hand.where(name, x, y))
+
+
+def _drag(hand: Hand, text: str) -> None:
+    name, numbers = _numbers(text, 4, ())
+    if len(numbers) != 4:
+        raise UserError(f"drag {text}", "isn't ITEM X0 Y0 X1 Y1")
+    x0, y0, x1, y1 = numbers
+    hand.drag(hand.where(name, x0, y0), hand.where(name, x1, y1), steps=6)
+
+
+def _wheel(hand: Hand, text: str) -> None:
+    name, numbers = _numbers(text, 3, ())
+    if len(numbers) != 3:
+        raise UserError(f"wheel {text}", "isn't ITEM X Y NOTCHES")
+    hand.wheel(hand.where(name, *numbers[:2]), float(np.clip(numbers[2], -100, 100)))

@@ -1,0 +1,182 @@
+"""The viewer in a browser: rendercanvas streams pictures and takes events, behind a token that the address carries.
+
+Whoever has the token drives the viewer, opens files and writes them, as the user who started it. So it is served to
+this machine only unless another address is asked for, and a page of another site can't connect though the browser has
+the token: its origin is refused.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import secrets
+import socket
+from collections.abc import Awaitable, Callable, MutableMapping
+from contextlib import suppress
+from dataclasses import dataclass
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+from holoview.errors import UserError
+
+Scope = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Any]]
+Send = Callable[[Any], Awaitable[None]]
+Application = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+_POLICY_VIOLATION = 1008  # RFC 6455, 7.4.1
+_PAGE = b"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<title>holoview</title>
+<link rel="icon" href="data:,">
+<link rel="stylesheet" href="renderview.css">
+<style>
+  html, body { margin: 0; height: 100%; background: #18181b; overflow: hidden; }
+  #canvas { position: fixed; inset: 0; width: 100% !important; height: 100% !important; }
+  #status { position: fixed; right: 8px; bottom: 8px; color: #71717a; font: 11px sans-serif; pointer-events: none; }
+  #status button { pointer-events: auto; }
+</style>
+<script type="module" src="renderview.js"></script>
+<script type="module" src="renderview-client.js"></script>
+</head>
+<body><div id="canvas" class="renderview-wrapper"></div><div id="status"></div></body>
+</html>
+"""
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where to serve: a host's name or number, and a port; port 0 takes a free one."""
+
+    host: str = "127.0.0.1"
+    port: int = 0
+
+    @classmethod
+    def parse(cls, text: str) -> Address:
+        """The address of "HOST:PORT", ":PORT" or "PORT". Raises UserError for anything else."""
+        host, _, port = text.strip().rpartition(":")
+        if not port.isdecimal() or not 0 <= int(port) < 65536:
+            raise UserError("--serve", f'"{text}"', expected="HOST:PORT, e.g. 127.0.0.1:8080")
+        return cls(host.strip("[]") or "127.0.0.1", int(port))
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only this machine can reach it."""
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return self.host == "localhost"
+
+
+class Guard:
+    """Lets only those through to an application who know the token: first in the address, then in a cookie."""
+
+    def __init__(self, application: Application, token: str, cookie: str = "holoview") -> None:
+        self._application, self._token, self._cookie = application, token, cookie
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """An ASGI application, https://asgi.readthedocs.io."""
+        if scope["type"] == "lifespan":
+            await self._application(scope, receive, send)
+        elif scope["type"] == "websocket":
+            await self._on_websocket(scope, receive, send)
+        elif scope["type"] == "http":
+            await self._on_request(scope, receive, send)
+
+    async def _on_request(self, scope: Scope, receive: Receive, send: Send) -> None:
+        given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
+        if given and self._is_right(given):
+            cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+            await _answer(send, 303, b"", [(b"location", b"/"), (b"set-cookie", cookie.encode())])
+        elif not self._is_right(self._cookie_of(scope)):
+            await _answer(send, 403, b"This address needs the token that `holoview view --serve` printed.\n")
+        elif scope["path"] == "/":
+            await _answer(send, 200, _PAGE, [(b"content-type", b"text/html; charset=utf-8")])
+        else:
+            await self._application(scope, receive, send)
+
+    async def _on_websocket(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if self._is_right(self._cookie_of(scope)) and _is_same_origin(scope):
+            await self._application(scope, receive, send)
+        else:
+            await receive()  # websocket.connect
+            await send({"type": "websocket.close", "code": _POLICY_VIOLATION})
+
+    def _is_right(self, token: str) -> bool:
+        return secrets.compare_digest(token.encode(), self._token.encode())
+
+    def _cookie_of(self, scope: Scope) -> str:
+        try:
+            found = SimpleCookie(_header(scope, b"cookie")).get(self._cookie)
+        except CookieError:
+            return ""
+        return "" if found is None else found.value
+
+
+def serve(
+    address: Address,
+    began: Callable[[str], None],
+    is_over: Callable[[], bool] = lambda: False,
+    token: str | None = None,
+) -> None:
+    """Serves the canvas of `rendercanvas.http` until it is interrupted or `is_over`; `began` is told the address.
+
+    Raises UserError where the libraries for it are missing or the address can't be had.
+    """
+    uvicorn, application = _libraries()
+    token = secrets.token_urlsafe(18) if token is None else token
+    with _listening(address) as listener:
+        port = listener.getsockname()[1]
+        guard = Guard(application, token, f"holoview-{port}")  # cookies know hosts, not ports
+        config = uvicorn.Config(guard, log_level="warning", lifespan="on", timeout_notify=1)
+        server = uvicorn.Server(config)
+
+        async def look() -> None:
+            """Once a second: rendercanvas takes the keyboard's interrupt for itself, and closes its canvas."""
+            server.should_exit = server.should_exit or is_over()
+
+        config.callback_notify = look
+        host = f"[{address.host}]" if ":" in address.host else address.host
+        began(f"http://{host}:{port}/?token={token}")
+        with suppress(KeyboardInterrupt):
+            server.run(sockets=[listener])
+
+
+def _libraries() -> tuple[Any, Application]:
+    """uvicorn and rendercanvas's application. Raises UserError where one is missing."""
+    try:
+        import uvicorn
+        import websockets  # noqa: F401 — uvicorn takes it by itself, and silently does without
+        from rendercanvas.http import asgi
+    except ImportError as error:
+        remedy = 'install it with `pip install "holoview[serve]"`'
+        raise UserError("--serve", f"{error.name} isn't installed", remedy=remedy) from error
+    return uvicorn, asgi
+
+
+def _listening(address: Address) -> socket.socket:
+    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
+    try:
+        return socket.create_server((address.host, address.port), family=family)
+    except OSError as error:
+        remedy = "choose another port; 0 takes a free one"
+        raise UserError("--serve", f"{address.host}:{address.port}: {error.strerror}", remedy=remedy) from error
+
+
+def _is_same_origin(scope: Scope) -> bool:
+    """Whether a connection comes from the page itself, or from a program, which says no origin."""
+    origin = _header(scope, b"origin")
+    return not origin or urlsplit(origin).netloc == _header(scope, b"host")
+
+
+def _header(scope: Scope, name: bytes) -> str:
+    return next((value.decode("latin-1") for key, value in scope["headers"] if key == name), "")
+
+
+async def _answer(send: Send, status: int, body: bytes, headers: list[tuple[bytes, bytes]] | None = None) -> None:
+    common = [(b"content-length", str(len(body)).encode()), (b"cache-control", b"no-store")]
+    kind = [] if headers else [(b"content-type", b"text/plain; charset=utf-8")]
+    await send({"type": "http.response.start", "status": status, "headers": [*(headers or kind), *common]})
+    await send({"type": "http.response.body", "body": body})

@@ -1,0 +1,85 @@
+"""Small images of all focal planes of the bench, computed once the image itself is there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from holoview.app.feed import Engine, Scene
+from holoview.app.viewport import Picture
+from holoview.engine.session import Step
+from holoview.errors import UserError
+from holoview.gpu.device import Device
+from holoview.gpu.recorder import Recorder
+from holoview.session.quick import quick_version
+from holoview.session.session import Session
+from holoview.session.state import Drive
+from holoview.system import System
+
+_MOST_PLANES = 24
+
+
+class Stack:
+    """A picture a plane, of the cheaper bench; those that are stale stay until their successor is there."""
+
+    def __init__(self, device: Device, session: Session) -> None:
+        self._device, self._session = device, session
+        self._engine = Engine(device)
+        self._of: tuple[System, Drive] | None = None
+        self._stale: list[float] = []
+        self._steps: Iterator[Step] | None = None
+        self.pictures: dict[float, Picture] = {}
+        self._version = 0
+
+    @property
+    def planes_m(self) -> list[float]:
+        """The planes of the bench, nearest first; of very many, evenly chosen ones."""
+        planes = np.unique(self._session.system.planes_m)
+        chosen = np.unique(np.linspace(0, len(planes) - 1, min(len(planes), _MOST_PLANES)).round().astype(int))
+        return [float(planes[i]) for i in chosen]
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether there is something to compute."""
+        return bool(self._stale)
+
+    def want(self) -> None:
+        """Follows the session."""
+        shown = self._session.shown
+        is_same = self._of is not None and shown.drive is self._of[1] and shown.system == self._of[0]
+        if not is_same:
+            self._of, self._steps = (shown.system, shown.drive), None
+            here = self._session.look.plane_m
+            self._stale = sorted(self.planes_m, key=lambda z: abs(z - here))
+            self.pictures = {z: picture for z, picture in self.pictures.items() if z in self._stale}
+
+    def advance(self) -> bool:
+        """Computes a slice; whether a picture has changed."""
+        if not self._stale or self._of is None:
+            return False
+        plane_m = self._stale[0]
+        try:
+            if self._steps is None:
+                system, drive = self._of
+                self._steps = self._engine.begin(Scene(quick_version(system), drive, plane_m))
+            if next(self._steps, None) is not None:
+                return False
+        except UserError:  # a bench that has no cheaper version has no small images either
+            self._stale, self._steps = [], None
+            return False
+        self._keep(plane_m)
+        self._stale, self._steps = self._stale[1:], None
+        return True
+
+    def _keep(self, plane_m: float) -> None:
+        session = self._engine.session
+        assert session is not None
+        known = self.pictures.get(plane_m)
+        fits = known is not None and known.shape == session.display.shape
+        buffer = known.buffer if known is not None and fits else session.display.seen(f"plane {plane_m * 1e3:.4g} mm")
+        recorder = Recorder(self._device, "plane")
+        recorder.copy(session.seen, buffer)
+        recorder.submit()
+        self._version += 1
+        self.pictures[plane_m] = Picture(buffer, session.display.shape, is_quick=True, version=self._version)

@@ -1,0 +1,42 @@
+"""The status bar: what computes, how long a frame takes, what is going on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from imgui_bundle import imgui
+
+from holoview.app import theme
+from holoview.app.fields import tip
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+
+def draw_status(app: App) -> None:
+    """A line of facts; details as tooltips."""
+    info, feed = app.device.info, app.sides.now
+    imgui.text(info.name)
+    tip(info.label)
+    if info.is_cpu:
+        imgui.same_line()
+        imgui.text_colored(theme.WARNING, "software")
+        tip("Shaders run on the processor: a GPU's driver wasn't found, or --adapter chose this one.")
+    parts = [f"full frame {_ms(feed.update_s)}"] if feed.update_s else []
+    parts += [f"quick {_ms(feed.quick_s)}"] if feed.quick_s else []
+    parts += [f"window {_ms(app.window.draw_s)}"]
+    imgui.same_line(spacing=20)
+    imgui.text_disabled("  ·  ".join(parts))
+    tip("Time of the last full frame, of the last quick one, and of drawing this window (processor's part).")
+    if feed.is_busy:
+        imgui.same_line(spacing=20)
+        text = "quick view" if feed.picture is not None and feed.picture.is_quick else "computing"
+        imgui.progress_bar(feed.progress, imgui.ImVec2(110, imgui.get_text_line_height()), text)
+        tip("A cheaper image is shown at once; the full one follows when your hand rests.")
+    for job in app.session.jobs.active:
+        imgui.same_line(spacing=20)
+        imgui.text(f"{job.title} {job.fraction:.0%}")
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.0f} ms" if seconds < 10 else f"{seconds:.1f} s"

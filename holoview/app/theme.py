@@ -1,0 +1,43 @@
+"""Fonts and colours. Every text colour is readable on its ground: at least 4.5 : 1."""
+
+from __future__ import annotations
+
+from imgui_bundle import hello_imgui, imgui
+
+THEMES = ("Dark", "Light")
+FONT_PIXELS = 15.0
+_BASES = {
+    "Dark": hello_imgui.ImGuiTheme_.darcula_darker,
+    "Light": hello_imgui.ImGuiTheme_.light_rounded,
+}
+ACCENT = imgui.ImVec4(0.30, 0.62, 0.95, 1.0)
+WARNING = imgui.ImVec4(0.95, 0.70, 0.25, 1.0)
+ERROR = imgui.ImVec4(1.0, 0.45, 0.40, 1.0)
+
+
+def load_fonts() -> None:
+    """Roboto, which has the Greek letters and signs that optics needs."""
+    hello_imgui.load_font("fonts/Roboto/Roboto-Regular.ttf", FONT_PIXELS)
+
+
+def apply(name: str) -> None:
+    """Makes a theme of THEMES the present one."""
+    hello_imgui.apply_theme(_BASES[name])
+    style = imgui.get_style()
+    style.frame_rounding = style.grab_rounding = style.tab_rounding = 3.0
+    style.window_rounding = style.popup_rounding = 4.0
+    style.window_padding, style.frame_padding = imgui.ImVec2(8, 6), imgui.ImVec2(6, 3)
+    style.item_spacing = imgui.ImVec2(6, 5)
+    ground = imgui.ImVec4(0.11, 0.115, 0.125, 1.0) if name == "Dark" else imgui.ImVec4(0.97, 0.97, 0.97, 1.0)
+    style.set_color_(imgui.Col_.popup_bg, ground)
+    style.set_color_(imgui.Col_.window_bg, ground)
+    bar = imgui.ImVec4(0.07, 0.09, 0.13, 1.0) if name == "Dark" else imgui.ImVec4(0.86, 0.88, 0.92, 1.0)
+    for colour in (imgui.Col_.title_bg, imgui.Col_.title_bg_active):
+        style.set_color_(colour, bar)
+    style.frame_border_size = 1.0
+    if name == "Dark":
+        style.set_color_(imgui.Col_.frame_bg, imgui.ImVec4(0.165, 0.175, 0.195, 1.0))
+        style.set_color_(imgui.Col_.border, imgui.ImVec4(0.30, 0.31, 0.34, 1.0))
+    ink, pale = ((0.92, 0.93, 0.94), (0.66, 0.68, 0.70)) if name == "Dark" else ((0.08, 0.08, 0.09), (0.36, 0.37, 0.39))
+    style.set_color_(imgui.Col_.text, imgui.ImVec4(*ink, 1.0))
+    style.set_color_(imgui.Col_.text_disabled, imgui.ImVec4(*pale, 1.0))

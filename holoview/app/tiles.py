@@ -1,0 +1,74 @@
+"""Small pictures of focal planes beside each other, to choose from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from imgui_bundle import imgui
+
+from holoview.app.viewport import Picture, Viewport, frame_of
+from holoview.session.look import Look
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+_CHOSEN = imgui.IM_COL32(80, 160, 245, 255)
+_EMPTY = imgui.IM_COL32(20, 20, 22, 255)
+_GROUND, _INK = imgui.IM_COL32(0, 0, 0, 160), imgui.IM_COL32(255, 255, 255, 255)
+
+
+class Tiles:
+    """Draws pictures by plane; each has a texture of its own, drawn anew when it or the look has changed."""
+
+    def __init__(self, app: App, name: str) -> None:
+        self._app, self._name = app, name
+        self._drawn: dict[float, tuple[Viewport, imgui.ImTextureRef]] = {}
+
+    def draw(self, plane_m: float, picture: Picture | None, size: tuple[int, int], is_chosen: bool) -> bool:
+        """A tile of `size` (x, y) pixels; whether it was clicked."""
+        corner = imgui.get_cursor_screen_pos()
+        corner = imgui.ImVec2(float(round(corner.x)), float(round(corner.y)))
+        name = f"{plane_m * 1e3:.4g} mm"
+        clicked = imgui.invisible_button(f"##{self._name} {name}", imgui.ImVec2(*size))
+        self._app.mark(f"{self._name} {name}")
+        if not imgui.is_item_visible():
+            return False
+        end = imgui.ImVec2(corner.x + size[0], corner.y + size[1])
+        canvas = imgui.get_window_draw_list()
+        if picture is None:
+            canvas.add_rect_filled(corner, end, _EMPTY, 2)
+        else:
+            canvas.add_image(self._texture(plane_m, picture, size), corner, end)
+        label = imgui.calc_text_size(name)
+        canvas.add_rect_filled(corner, imgui.ImVec2(corner.x + label.x + 8, corner.y + label.y + 2), _GROUND, 2)
+        canvas.add_text(imgui.ImVec2(corner.x + 4, corner.y + 1), _INK, name)
+        if is_chosen or imgui.is_item_hovered():
+            canvas.add_rect(corner, end, _CHOSEN, 2, 2.0 if is_chosen else 1.0)
+        return clicked
+
+    def _texture(self, plane_m: float, picture: Picture, size: tuple[int, int]) -> imgui.ImTextureRef:
+        look = _plain(self._app.session.look)
+        picture = replace(picture, gain=self._app.sides.now.quick_gain)
+        known = self._drawn.get(plane_m)
+        viewport = known[0] if known is not None else Viewport(self._app.device, f"{self._name} {plane_m:g}")
+        scale = imgui.get_io().display_framebuffer_scale.x
+        pixels = (max(round(size[0] * scale), 1), max(round(size[1] * scale), 1))
+        is_new = viewport.draw(picture, None, look, frame_of(look, pixels, picture.shape))
+        if known is not None and not is_new:
+            return known[1]
+        if known is not None:
+            self._app.window.forget_texture(known[1])
+        reference = self._app.window.texture(viewport.view)
+        self._drawn[plane_m] = (viewport, reference)
+        return reference
+
+
+def tile_size(shape: tuple[int, int], height: float) -> tuple[int, int]:
+    """Pixels (x, y) of a tile of a height that shows an image of `shape` (y, x) without bars."""
+    return max(round(height * shape[1] / shape[0]), 24), max(round(height), 16)
+
+
+def _plain(look: Look) -> Look:
+    """The same tone; all of the image, and nothing compared."""
+    return look.with_(page="image", compare="off", zoom=0.0, centre=(0.5, 0.5), plane_m=0.0, region=None, profile=None)

@@ -1,0 +1,74 @@
+"""Messages that appear for a while in the corner of the window."""
+
+from __future__ import annotations
+
+from imgui_bundle import imgui
+
+from holoview.app import theme
+from holoview.session.messages import Message, Messages
+
+SECONDS = {"info": 4.0, "warning": 8.0, "error": 12.0}
+_WIDTH, _GAP, _MOST = 380.0, 10.0, 4
+_COLOURS = {"info": theme.ACCENT, "warning": theme.WARNING, "error": theme.ERROR}
+
+
+class Toasts:
+    """Draws the newest messages of a session until their time is over or they are clicked away."""
+
+    def __init__(self, messages: Messages) -> None:
+        self._messages = messages
+        self._closed: set[float] = set()
+        self._drawn: list[float] = []
+
+    def visible(self) -> list[Message]:
+        """Those that are to be seen, newest first."""
+        found = [
+            message
+            for kind, seconds in SECONDS.items()
+            for message in self._messages.recent(seconds)
+            if message.kind == kind and message.when not in self._closed
+        ]
+        return sorted(found, key=lambda message: -message.when)[:_MOST]
+
+    def has_changed(self) -> bool:
+        """Whether others are to be seen than were drawn."""
+        return [message.when for message in self.visible()] != self._drawn
+
+    def draw(self) -> None:
+        """Draws them above everything else."""
+        place = imgui.get_main_viewport()
+        right = place.work_pos.x + place.work_size.x - _GAP
+        bottom = place.work_pos.y + place.work_size.y - _GAP - imgui.get_frame_height()
+        seen = self.visible()
+        self._drawn = [message.when for message in seen]
+        for number, message in enumerate(seen):
+            bottom = self._draw_one(number, message, right, bottom) - _GAP
+
+    def _draw_one(self, number: int, message: Message, right: float, bottom: float) -> float:
+        imgui.set_next_window_pos(imgui.ImVec2(right, bottom), imgui.Cond_.always, imgui.ImVec2(1.0, 1.0))
+        imgui.set_next_window_size(imgui.ImVec2(_WIDTH, 0.0))
+        flags = (
+            imgui.WindowFlags_.no_decoration
+            | imgui.WindowFlags_.no_docking
+            | imgui.WindowFlags_.no_move
+            | imgui.WindowFlags_.no_saved_settings
+            | imgui.WindowFlags_.no_focus_on_appearing
+            | imgui.WindowFlags_.no_nav
+        )
+        imgui.begin(f"##toast{number}", None, flags)
+        imgui.internal.bring_window_to_display_front(imgui.internal.get_current_window())
+        imgui.push_style_color(imgui.Col_.text, _COLOURS[message.kind])
+        imgui.text({"info": "Note", "warning": "Warning", "error": "Not done"}[message.kind])
+        imgui.pop_style_color()
+        imgui.push_text_wrap_pos(0.0)
+        imgui.text_unformatted(message.text)
+        imgui.pop_text_wrap_pos()
+        if imgui.small_button("Close"):
+            self._closed.add(message.when)
+        if message.details:
+            imgui.same_line()
+            if imgui.small_button("Copy details"):
+                imgui.set_clipboard_text(message.details)
+        top = imgui.get_window_pos().y
+        imgui.end()
+        return top

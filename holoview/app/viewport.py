@@ -1,0 +1,174 @@
+"""Draws images of the device into a texture as the look says: zoom, exposure, palette, comparison, pixel grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import wgpu
+from numpy.typing import NDArray
+
+from holoview.engine.layouts import VIEWPORT
+from holoview.gpu.device import Buffer, Device
+from holoview.gpu.recorder import Pass, Recorder
+from holoview.gpu.shader import Generated, link
+from holoview.session.look import Look
+from holoview.session.palettes import palette
+from holoview.session.tone import channel_matrix
+
+_TILE = 8
+_GRID_FROM = 10.0  # screen pixels a sample: below, lines would hide what they part
+_COMPARISONS = {"off": 0, "hold": 0, "wipe": 1, "side-by-side": 2, "difference": 3}
+BACKGROUND = (0.075, 0.078, 0.086)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """An image of XYZ on the device, f32 (y, x, 4).
+
+    is_quick: of the cheaper bench. version: rises with its content. gain: its light is multiplied by it to be shown.
+    """
+
+    buffer: Buffer
+    shape: tuple[int, int]
+    is_quick: bool = False
+    version: int = 0
+    gain: float = 1.0
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Which part of an image is shown in `size` (x, y) pixels: `origin` and `step` in shares of the image."""
+
+    size: tuple[int, int]
+    origin: tuple[float, float]
+    step: tuple[float, float]
+
+    def place(self, x: float, y: float) -> tuple[float, float]:
+        """Shares of the image at a pixel's position."""
+        return self.origin[0] + x * self.step[0], self.origin[1] + y * self.step[1]
+
+    def pixel(self, u: float, v: float) -> tuple[float, float]:
+        """The pixel's position of shares of the image."""
+        return (u - self.origin[0]) / self.step[0], (v - self.origin[1]) / self.step[1]
+
+
+def frame_of(look: Look, size: tuple[int, int], shape: tuple[int, int]) -> Frame:
+    """The part of an image of `shape` (y, x) that a look shows in `size` (x, y) pixels; its corner is on a pixel's."""
+    panes = 2 if look.compare == "side-by-side" else 1
+    width, height = max(size[0] // panes, 1), max(size[1], 1)
+    zoom = look.zoom or fitting_zoom(look, size, shape)
+    step = (1 / (zoom * shape[1]), 1 / (zoom * shape[0]))
+    left, top = round(width / 2 - look.centre[0] / step[0]), round(height / 2 - look.centre[1] / step[1])
+    return Frame(size, (-left * step[0], -top * step[1]), step)
+
+
+def fitting_zoom(look: Look, size: tuple[int, int], shape: tuple[int, int]) -> float:
+    """Screen pixels a sample at which the whole image is seen."""
+    panes = 2 if look.compare == "side-by-side" else 1
+    return max(min(size[0] / panes / shape[1], size[1] / shape[0]), 1e-3)
+
+
+class Viewport:
+    """A texture of its own on a device, drawn anew when asked. `view` is the texture's view."""
+
+    def __init__(self, device: Device, label: str) -> None:
+        self._device, self._label = device, label
+        self._uniform = device.uniform(bytes(VIEWPORT.size), f"{label}: what is shown")
+        self._palettes: dict[str, Buffer] = {}
+        self._drawn: Any = None
+        self._texture: Any = None
+        self.view: Any = None
+        self.size = (0, 0)
+
+    def draw(self, a: Picture, b: Picture | None, look: Look, frame: Frame, *, holds_b: bool = False) -> bool:
+        """Draws where something has changed; whether `view` is another one than before.
+
+        b: the other side of the comparison, a alone when None. holds_b: b is shown in place of a.
+        """
+        is_new = self._resize(frame.size)
+        b_or_a = a if b is None else b
+        look = look if b is not None else replace(look, compare="off")
+        asked = (a.buffer, a.version, a.gain, b_or_a.buffer, b_or_a.version, b_or_a.gain, look, frame, holds_b)
+        if asked == self._drawn and not is_new:
+            return False
+        self._device.write(self._uniform, _packed(a, b_or_a, look, frame, holds_b and b is not None))
+        source = link(Generated("structs", VIEWPORT.wgsl), "display/viewport.wgsl")
+        pipeline = self._device.pipeline(source)
+        groups = [[self._uniform], [a.buffer, b_or_a.buffer, self._palette(look), self.view]]
+        tiles = (-(-frame.size[0] // _TILE), -(-frame.size[1] // _TILE), 1)
+        recorder = Recorder(self._device, self._label)
+        recorder.add(Pass.bind(self._device, pipeline, groups, tiles))
+        recorder.submit()
+        self._drawn = asked
+        return is_new
+
+    def pixels(self) -> NDArray[np.uint8]:
+        """What was drawn, 8-bit sRGB (y, x, 3)."""
+        width, height = self.size
+        data = self._device.raw.queue.read_texture(
+            {"texture": self._texture, "mip_level": 0, "origin": (0, 0, 0)},
+            {"bytes_per_row": 4 * width, "rows_per_image": height},
+            (width, height, 1),
+        )
+        return np.frombuffer(data, np.uint8).reshape(height, width, 4)[..., :3].copy()
+
+    def _resize(self, size: tuple[int, int]) -> bool:
+        if size == self.size:
+            return False
+        usage = wgpu.TextureUsage.STORAGE_BINDING | wgpu.TextureUsage.TEXTURE_BINDING | wgpu.TextureUsage.COPY_SRC
+        self._device.check_alive()
+        self._texture = self._device.raw.create_texture(
+            label=self._label, size=(*size, 1), format=wgpu.TextureFormat.rgba8unorm, usage=usage
+        )
+        self.view, self.size = self._texture.create_view(), size
+        return True
+
+    def _palette(self, look: Look) -> Buffer:
+        name = palette_of(look) or "grey"
+        if name not in self._palettes:
+            opaque = np.full((256, 4), 255, np.uint8)
+            opaque[:, :3] = palette(name)
+            self._palettes[name] = self._device.upload(opaque, f"palette {name}")
+        return self._palettes[name]
+
+
+def palette_of(look: Look) -> str:
+    """The palette that a look needs; "" where colours are shown as they are."""
+    if look.page == "phase":
+        return "hue"
+    if look.channel == "colour":
+        return ""
+    return "signed" if look.compare == "difference" else look.false_colour or "grey"
+
+
+def _packed(a: Picture, b: Picture, look: Look, frame: Frame, only_b: bool) -> bytes:
+    rows = np.zeros((3, 4))
+    matrix = np.array([[0.0, 1.0, 0.0]]) if look.page == "phase" else channel_matrix(look.channel)
+    scale = 1.0 if look.page == "phase" else 2.0**look.exposure_stops / (look.high - look.low)
+    rows[:, :3] = matrix * scale
+    is_offset = look.page != "phase" and look.compare != "difference"  # of a difference, blacks cancel
+    rows[:, 3] = -look.low / (look.high - look.low) if is_offset else 0.0
+    first, second, third = rows
+    zoom = 1 / (frame.step[0] * a.shape[1])
+    return VIEWPORT.pack(
+        first=first,
+        second=second,
+        third=third,
+        background=(*BACKGROUND, 1.0),
+        origin=frame.origin,
+        step=frame.step,
+        size_a=a.shape[::-1],
+        size_b=b.shape[::-1],
+        size=frame.size,
+        comparison=_COMPARISONS[look.compare],
+        only_b=only_b,
+        gain_a=a.gain,
+        gain_b=b.gain,
+        split=look.wipe * frame.size[0],
+        gamma=look.gamma,
+        has_palette=bool(palette_of(look)),
+        is_linear=look.page == "phase",
+        has_grid=zoom >= _GRID_FROM and not a.is_quick,
+    )

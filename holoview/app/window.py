@@ -1,0 +1,210 @@
+"""A window in which Dear ImGui is drawn: rendercanvas owns the window and its events, wgpu draws.
+
+HelloImGui runs with its null platform and null renderer, so that docking, themes and the saved layout work on the
+device of the holograms, on a screen, off screen and in a browser alike.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from imgui_bundle import hello_imgui, imgui, immapp
+from wgpu.utils.imgui import ImguiWgpuBackend
+
+from holoview.app.keys import key_named, modifier_named
+from holoview.gpu.device import Device, DeviceLost
+
+_LONGEST_FRAME_S, _SHORTEST_FRAME_S = 0.25, 1e-4
+_NOTCH = 100  # of the wheel, in rendercanvas's units
+_TOOLTIP_MOMENTS_S = (0.2, 0.45, 0.7)  # after the last event: ImGui counts the time that frames tell it
+_BLINK_S = 0.4
+_CURSORS = {
+    imgui.MouseCursor_.text_input: "text",
+    imgui.MouseCursor_.resize_all: "pointer",
+    imgui.MouseCursor_.resize_ns: "ns_resize",
+    imgui.MouseCursor_.resize_ew: "ew_resize",
+    imgui.MouseCursor_.resize_nesw: "nesw_resize",
+    imgui.MouseCursor_.resize_nwse: "nwse_resize",
+    imgui.MouseCursor_.hand: "pointer",
+    imgui.MouseCursor_.not_allowed: "not_allowed",
+}
+_SETTLING_FRAMES = 3  # drawn after an event: ImGui answers some of them a frame or two late
+
+
+class Window:
+    """Draws what `params` describe into a canvas, whenever something happened.
+
+    frame_s: a fixed time between frames, which makes pictures repeatable; measured when None. Call `close` once done:
+    ImGui has a single window a process.
+    """
+
+    def __init__(
+        self, canvas: Any, device: Device, params: hello_imgui.RunnerParams, *, frame_s: float | None = None
+    ) -> None:
+        self.canvas, self.device, self.params = canvas, device, params
+        self.draw_s = 0.0
+        self.closed = False
+        self.failed: BaseException | None = None
+        self._frame_s, self._last = frame_s, time.perf_counter()
+        self._settling, self._event_at, self._rested = _SETTLING_FRAMES, self._last, 0
+        self._cursor = ""
+        self._context = canvas.get_wgpu_context()
+        self._format = self._context.get_preferred_format(device.raw.adapter).removesuffix("-srgb")
+        self._context.configure(device=device.raw, format=self._format)
+        self._backend: ImguiWgpuBackend | None = None
+        self._set_up(params)
+        canvas.add_event_handler(
+            self._on_event,
+            "pointer_move",
+            "pointer_down",
+            "pointer_up",
+            "wheel",
+            "key_down",
+            "key_up",
+            "char",
+            "resize",
+        )
+        canvas.request_draw(self.draw)
+
+    def texture(self, view: Any) -> imgui.ImTextureRef:
+        """A reference by which ImGui draws a texture of the device."""
+        assert self._backend is not None
+        return self._backend.register_texture(view)
+
+    def forget_texture(self, reference: imgui.ImTextureRef) -> None:
+        """Ends the use of a texture; it may be drawn until the end of this frame."""
+        assert self._backend is not None
+        self._backend.unregister_texture(reference)
+
+    def wake(self) -> None:
+        """Draws soon. From the thread of the window."""
+        self._settling = max(self._settling, 1)
+        self.canvas.request_draw()
+
+    def is_due(self) -> bool:
+        """Whether a frame is due without any event: tooltips wait for a moment of rest, a text's cursor blinks."""
+        now = time.perf_counter()
+        rested = sum(self._event_at + moment <= now for moment in _TOOLTIP_MOMENTS_S)
+        if rested > self._rested:
+            self._rested = rested
+            return True
+        return imgui.get_io().want_text_input and now - self._last > _BLINK_S
+
+    def draw(self) -> None:
+        """Draws a frame. An exception is kept in `failed` and raised: the canvas would only log it.
+
+        Where the device was lost, nothing can be drawn any more, and the window closes.
+        """
+        begun = time.perf_counter()
+        try:
+            immapp.manual_render.render()
+        except DeviceLost as error:
+            self.failed = error
+            self.canvas.close()
+            return
+        except BaseException as error:
+            self.failed = error
+            raise
+        self.draw_s = time.perf_counter() - begun
+        if self.params.app_shall_exit:
+            self.canvas.close()
+        elif self._settling > 0 or _has_input():
+            self._settling = max(self._settling - 1, 0)
+            self.canvas.request_draw()
+
+    def close(self) -> None:
+        """Gives the context up."""
+        if not self.closed:
+            self.closed = True
+            self._backend = None
+            immapp.manual_render.tear_down()
+            self.canvas.close()
+
+    # --- HelloImGui -------------------------------------------------------------------------------------------------
+
+    def _set_up(self, params: hello_imgui.RunnerParams) -> None:
+        params.platform_backend_type = hello_imgui.PlatformBackendType.null
+        params.renderer_backend_type = hello_imgui.RendererBackendType.null
+        params.fps_idling.enable_idling = False
+        calls = params.callbacks
+        calls.post_init = _after(self._begin, calls.post_init)
+        calls.pre_new_frame = _after(self._begin_frame, calls.pre_new_frame)
+        calls.before_swap = self._present
+        calls.before_exit_post_cleanup = imgui.destroy_context  # the null runner doesn't
+        addons = immapp.AddOnsParams(with_implot=True)
+        immapp.manual_render.setup_from_runner_params(params, addons)
+
+    def _begin(self) -> None:
+        self._backend = ImguiWgpuBackend(self.device.raw, self._format)
+
+    def _begin_frame(self) -> None:
+        io = imgui.get_io()
+        io.display_size = imgui.ImVec2(*self._context.logical_size)
+        io.display_framebuffer_scale = imgui.ImVec2(self._context.pixel_ratio, self._context.pixel_ratio)
+        now = time.perf_counter()
+        io.delta_time = self._frame_s or min(max(now - self._last, _SHORTEST_FRAME_S), _LONGEST_FRAME_S)
+        self._last = now
+
+    def _present(self) -> None:
+        assert self._backend is not None
+        cursor = _CURSORS.get(imgui.MouseCursor_(imgui.get_mouse_cursor()), "default")
+        if cursor != self._cursor:
+            self._cursor = cursor
+            self.canvas.set_cursor(cursor)
+        self.device.check_alive()
+        encoder = self.device.raw.create_command_encoder(label="window")
+        attachment = {
+            "view": self._context.get_current_texture().create_view(),
+            "resolve_target": None,
+            "clear_value": (0, 0, 0, 1),
+            "load_op": "clear",
+            "store_op": "store",
+        }
+        drawn = encoder.begin_render_pass(color_attachments=[attachment])
+        self._backend.render(imgui.get_draw_data(), drawn)
+        drawn.end()
+        self.device.raw.queue.submit([encoder.finish()])
+
+    # --- events -----------------------------------------------------------------------------------------------------
+
+    def _on_event(self, event: dict[str, Any]) -> None:
+        if self.closed:
+            return
+        io, kind = imgui.get_io(), event["event_type"]
+        if kind == "pointer_move":
+            io.add_mouse_pos_event(event["x"], event["y"])
+        elif kind in ("pointer_down", "pointer_up"):
+            io.add_mouse_pos_event(event["x"], event["y"])
+            if event["button"] > 0:
+                io.add_mouse_button_event(event["button"] - 1, kind == "pointer_down")
+        elif kind == "wheel":
+            io.add_mouse_wheel_event(event["dx"] / _NOTCH, -event["dy"] / _NOTCH)
+        elif kind in ("key_down", "key_up"):
+            self._on_key(event["key"], kind == "key_down")
+        elif kind == "char":
+            io.add_input_characters_utf8(event.get("data") or "")
+        self._settling, self._event_at, self._rested = _SETTLING_FRAMES, time.perf_counter(), 0
+        self.canvas.request_draw()
+
+    def _on_key(self, name: str, is_down: bool) -> None:
+        io, key, modifier = imgui.get_io(), key_named(name), modifier_named(name)
+        if modifier is not None:
+            io.add_key_event(modifier, is_down)
+        if key is not None:
+            io.add_key_event(key, is_down)
+
+
+def _has_input() -> bool:
+    """Whether events wait for their turn: ImGui takes a press or a letter a frame, however fast they come."""
+    return len(imgui.get_current_context().input_events_queue) > 0
+
+
+def _after(first: Callable[[], None], then: Callable[[], None] | None) -> Callable[[], None]:
+    def both() -> None:
+        first()
+        if then is not None:
+            then()
+
+    return both

@@ -1,0 +1,76 @@
+"""The bench that is being learned: tensors that a gradient reaches, through the forward model of the captures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import torch
+
+from holoview.captures.predict import Predictor
+from holoview.captures.session import Captures
+from holoview.effects.calibrated import Calibrated
+from holoview.effects.learned import Kept, Layout, Learned
+from holoview.effects.parameter import Values
+from holoview.effects.switched import Table
+
+Tensor = torch.Tensor
+
+PRIOR: Mapping[str, float] = {
+    "lut_steps": 0.5,
+    "fringing_px2": 0.2,
+    "source_log_amplitude": 0.5,
+    "source_opd_m": 200e-9,
+    "warp_m": 20e-6,
+    "zernike1_m": 200e-9,
+    "zernike2_m": 200e-9,
+    "pupil1_log_amplitude": 0.3,
+    "pupil2_log_amplitude": 0.3,
+}
+"""How large each tensor commonly is (1 σ), in its own unit: what no capture shows stays near the nominal bench."""
+
+_CACHE_MB = 128
+
+
+class _Trained(Calibrated):
+    """The effect `calibrated` with tensors at hand instead of a file."""
+
+    listed: ClassVar[bool] = False
+
+    def __init__(self) -> None:
+        self.now: Learned | None = None
+
+    def learned(self, v: Values) -> Learned:
+        assert self.now is not None
+        return self.now
+
+
+class Model:
+    """Predicts captures for tensors of a layout, on top of effects {id: {parameter: value}} that are known."""
+
+    def __init__(self, captures: Captures, layout: Layout, known: Table, *, double: bool = False) -> None:
+        self.layout, self.known = layout, dict(known)
+        self._effect = _Trained()
+        self._predictor = Predictor(captures, extra=(self._effect,), double=double, cache_mb=_CACHE_MB)
+        self._kept, self._version = Kept(), 0
+
+    def use(self, tensors: Mapping[str, Tensor]) -> None:
+        """Predict with these tensors from now on; call it again whenever one of them changed."""
+        self._kept.made = {}
+        self._effect.now = Learned(self.layout, tensors, self._kept)
+        self._version += 1
+
+    def signals(self, indices: Sequence[int], *, grad: bool = False) -> Tensor:
+        """Signals (capture, y, x) before the radiometric scale."""
+        table = {**self.known, _Trained.id: {"file": f"version {self._version}"}}
+        return self._predictor(indices, table, grad=grad).signal
+
+    def nominal(self, indices: Sequence[int]) -> Tensor:
+        """Signals without anything learned."""
+        return self._predictor(indices, self.known).signal
+
+
+def prior_cost(tensors: Mapping[str, Tensor]) -> Tensor:
+    """Σ (θ/σ)², the cost of what departs from the nominal bench."""
+    parts = [(tensor / PRIOR[name]).square().sum() for name, tensor in tensors.items() if tensor.numel()]
+    return torch.stack(parts).sum()

@@ -1,0 +1,71 @@
+"""FFTs between a field in space and the frequencies that a relay lets through, everything else skipped.
+
+With an iris, most frequencies of a padded grid carry nothing: columns outside the band are never transformed. The field
+counts as the first samples of the padded grid; free space doesn't mind where in it the field lies.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+
+from holoview.grid import frequency_indices
+from holoview.plan import Grid, Transfer
+
+Tensor = torch.Tensor
+
+
+@dataclass(frozen=True)
+class Band:
+    """Frequencies |k_y| ≤ reach[0], |k_x| ≤ reach[1] of a padded grid, in FFT order: (rows, columns) of a spectrum."""
+
+    padded: tuple[int, int]
+    reach: tuple[int, int]
+
+    @staticmethod
+    def of(transfer: Transfer, grid: Grid) -> Band:
+        """The smallest band that holds all that a transfer function lets through."""
+        lit = np.flatnonzero(transfer.support[:, 1] >= 0)
+        highest = int(np.abs(frequency_indices(grid.padded[0])[lit]).max(initial=0))
+        widest = int(transfer.support[:, 1].max(initial=0))
+        return Band(grid.padded, (highest, widest))
+
+    @cached_property
+    def indices(self) -> tuple[Tensor, Tensor]:
+        """Signed frequency indices of rows and of columns."""
+        sides = []
+        for p, reach in zip(self.padded, self.reach, strict=True):
+            k = torch.from_numpy(frequency_indices(p))
+            sides.append(k if 2 * reach + 1 >= p else k[k.abs() <= reach])
+        return sides[0], sides[1]
+
+    def forward(self, field: Tensor) -> Tensor:
+        """Spectrum (rows, columns) of a field (y, x), zero outside it."""
+        lines = _cut(torch.fft.fft(field, n=self.padded[1], dim=1), self.padded[1], self.reach[1], 1)
+        return _cut(torch.fft.fft(lines, n=self.padded[0], dim=0), self.padded[0], self.reach[0], 0)
+
+    def inverse(self, spectrum: Tensor, shape: tuple[int, int]) -> Tensor:
+        """The first `shape` samples (y, x) of the field of a spectrum."""
+        lines = torch.fft.ifft(_spread(spectrum, self.padded[0], self.reach[0], 0), dim=0)[: shape[0]]
+        return torch.fft.ifft(_spread(lines, self.padded[1], self.reach[1], 1), dim=1)[:, : shape[1]]
+
+
+def _cut(spectrum: Tensor, padded: int, reach: int, dim: int) -> Tensor:
+    if 2 * reach + 1 >= padded:
+        return spectrum
+    parts = (spectrum.narrow(dim, 0, reach + 1), spectrum.narrow(dim, padded - reach, reach))
+    return torch.cat(parts, dim=dim)
+
+
+def _spread(spectrum: Tensor, padded: int, reach: int, dim: int) -> Tensor:
+    if 2 * reach + 1 >= padded:
+        return spectrum
+    shape = list(spectrum.shape)
+    shape[dim] = padded
+    whole = spectrum.new_zeros(shape)
+    whole.narrow(dim, 0, reach + 1).copy_(spectrum.narrow(dim, 0, reach + 1))
+    whole.narrow(dim, padded - reach, reach).copy_(spectrum.narrow(dim, reach + 1, reach))
+    return whole

@@ -1,0 +1,43 @@
+"""`holoview calibrate CAPTURES.h5 -o CALIBRATED.toml` learns the bench; `holoview calibrate lut FILE.csv` a modulator's
+look-up table.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from holoview.commands import calibrate_captures, calibrate_lut
+from holoview.errors import UserError
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments."""
+    parser.add_argument(
+        "source", nargs="+", metavar="CAPTURES.h5 | lut FILE.csv", help="a capture file, or lut and a sweep"
+    )
+    parser.add_argument("-o", "--output", metavar="TOML", type=Path, help="the preset, or the table, to write")
+    parser.add_argument("--preset", help="the bench to start from: a preset's name or a TOML file")
+    parser.add_argument("--json", action="store_true", help="machine-readable figures on stdout")
+    calibrate_captures.add_options(parser.add_argument_group("captures"))
+    calibrate_lut.add_options(parser.add_argument_group("lut"))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Calibrates from captures, or fits a table."""
+    source: list[str] = args.source
+    if source[0] == "lut" and len(source) == 2:
+        _refuse_others(args, calibrate_captures.OPTIONS, "holoview calibrate CAPTURES.h5")
+        return calibrate_lut.run_lut(args, Path(source[1]))
+    if len(source) != 1 or source[0] == "lut":
+        expected = "CAPTURES.h5, or: lut FILE.csv"
+        raise UserError("holoview calibrate", f'"{" ".join(source)}"', expected=expected)
+    _refuse_others(args, calibrate_lut.OPTIONS, "holoview calibrate lut")
+    return calibrate_captures.run_captures(args, Path(source[0]))
+
+
+def _refuse_others(args: argparse.Namespace, options: tuple[str, ...], belongs_to: str) -> None:
+    """Refuses an option of the other use, rather than leave it aside silently."""
+    for option in options:
+        if getattr(args, option) is not None:
+            raise UserError(f"--{option.replace('_', '-')}", "doesn't apply here", expected=f"it with `{belongs_to}`")

@@ -1,0 +1,152 @@
+"""`holoview calibrate CAPTURES.h5`: the bench as it is, learned from captures by gradient descent."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from holoview import preset
+from holoview.calibrate.checkpoint import load_checkpoint
+from holoview.calibrate.held_out import HeldOut, hold_out
+from holoview.calibrate.layout import layout_for
+from holoview.calibrate.material import Material
+from holoview.calibrate.model import Model
+from holoview.calibrate.pictures import draw_all
+from holoview.calibrate.result import Calibration, bench_for, in_words, known_effects
+from holoview.calibrate.score import score
+from holoview.calibrate.settings import Settings, enough_epochs
+from holoview.calibrate.train import State, train
+from holoview.captures import read_captures
+from holoview.captures.session import Captures
+from holoview.commands.common import check_output, make_folder, progress_bar, say, seed, stopping_on_interrupt
+from holoview.effects.learned import Layout
+from holoview.errors import UserError
+from holoview.optimise.threads import suited_threads
+from holoview.system import System
+
+OPTIONS = ("epochs", "batch", "rate", "seed", "held_out", "pixels_a_node", "pictures", "checkpoint", "resume")
+
+
+def add_options(group: argparse._ArgumentGroup) -> None:
+    """Adds the options that only captures take."""
+    group.add_argument("--epochs", type=int, help="how often every capture is seen (default: 300 steps, at least 40)")
+    group.add_argument("--batch", type=int, help="captures a step (default 4)")
+    group.add_argument("--rate", type=float, help="factor of all steps (default 1)")
+    group.add_argument("--seed", type=seed, help="of what is held out and of the order (default 0)")
+    group.add_argument("--held-out", type=float, metavar="SHARE", help="of captures that only judge (default 0.2)")
+    group.add_argument("--pixels-a-node", type=int, metavar="N", help="how coarse the source's maps are (default 8)")
+    group.add_argument("--pictures", metavar="DIR", type=Path, help="draw what was learned into a folder")
+    group.add_argument("--checkpoint", metavar="FILE", type=Path, help="keep the state after every epoch")
+    group.add_argument("--resume", metavar="FILE", type=Path, help="go on from a checkpoint")
+
+
+@dataclass(frozen=True)
+class _Job:
+    """What is calibrated from what, and how."""
+
+    captures: Captures
+    bench: System
+    split: HeldOut
+    layout: Layout
+    settings: Settings
+
+
+def run_captures(args: argparse.Namespace, file: Path) -> int:
+    """Learns, writes (also after Ctrl-C: the best so far), draws, and says how well captures are predicted."""
+    if args.output is None:
+        raise UserError("-o", "is missing", expected="the preset to write, e.g. -o calibrated.toml")
+    check_output(args.output, ".toml")
+    if args.checkpoint is not None:
+        check_output(args.checkpoint, ".safetensors")
+    if args.pictures is not None:
+        make_folder(args.pictures)
+    job = _job(args, file)
+    samples = 4 * job.captures.upsample**2 * job.captures.levels[0, 0].size
+    with suited_threads(samples):
+        state, interrupted = _learn(args, job)
+        found = _judge(args, job, state)
+    maps = found.save(args.output)
+    if args.json:
+        print(json.dumps(found.table() | {"preset": str(args.output), "maps": str(maps)}, indent=2))
+    else:
+        print("\n".join([*in_words(found.score), f"written: {args.output}, {maps}"]))
+    if interrupted:
+        say(f"interrupted after epoch {state.epoch}: the best so far is kept in {args.output}")
+        return 130
+    return 0
+
+
+def _job(args: argparse.Namespace, file: Path) -> _Job:
+    captures = read_captures(file)
+    given = None if args.preset is None else preset.load(args.preset)
+    bench = bench_for(captures, given, args.output.stem)
+    names = {"epochs": "epochs", "batch": "batch", "rate": "rate", "seed": "seed", "share": "held_out"}
+    chosen = {name: getattr(args, option) for name, option in names.items() if getattr(args, option) is not None}
+    settings = Settings(**chosen)
+    split = hold_out(captures, settings.share, settings.seed)
+    if args.epochs is None:
+        settings = dataclasses.replace(settings, epochs=enough_epochs(len(split.train), settings.batch))
+    nodes = args.pixels_a_node
+    if nodes is not None and not 1 <= nodes <= 1000:
+        raise UserError("--pixels-a-node", str(nodes), expected="1 to 1000")
+    layout = layout_for(captures, split.train) if nodes is None else layout_for(captures, split.train, nodes)
+    if len(captures.wavelengths_m) == 1:
+        say("note: one wavelength only: what changes with the wavelength can't be known")
+    if len(set(captures.distance_m.tolist())) == 1 and not captures.is_fourier:
+        say("note: one plane only: relay 2 and the camera can't be told apart")
+    return _Job(captures, bench, split, layout, settings)
+
+
+def _learn(args: argparse.Namespace, job: _Job) -> tuple[State, bool]:
+    """The last state, and whether Ctrl-C ended it."""
+    resume = None if args.resume is None else load_checkpoint(args.resume)
+    state: State | None = None
+    with stopping_on_interrupt() as asked, progress_bar("calibrating") as report:
+        known = known_effects(job.bench)
+        begun: tuple[float, int] | None = None
+        for state in train(job.captures, known, job.split, job.layout, job.settings, resume):
+            begun = begun or (time.monotonic(), state.epoch)
+            report(state.epoch, state.epochs, f"chi2/n {state.chi2:.4g}{_left(state, begun)}")
+            _keep(args.checkpoint, state)
+            if asked():
+                break
+        interrupted = asked()
+    if state is None:
+        raise UserError("--resume", "the checkpoint is of a finished calibration", expected="one with epochs left")
+    return state, interrupted
+
+
+def _keep(path: Path | None, state: State) -> None:
+    """A checkpoint that can't be written is no reason to lose the calibration: the one before stays."""
+    if path is None:
+        return
+    try:
+        state.checkpoint().save(path)
+    except UserError as error:
+        say(f"note: no checkpoint after epoch {state.epoch}: {error}")
+
+
+def _left(state: State, begun: tuple[float, int]) -> str:
+    """How long the rest takes."""
+    started, first = begun
+    if state.epoch == first:
+        return ""
+    each = (time.monotonic() - started) / (state.epoch - first)
+    return f", {each * (state.epochs - state.epoch):.0f} s left"
+
+
+def _judge(args: argparse.Namespace, job: _Job, state: State) -> Calibration:
+    """Scores the best maps, and draws them."""
+    material = Material(job.captures)
+    model = Model(job.captures, job.layout, known_effects(job.bench))
+    model.use(state.best.tensors)
+    with progress_bar("scoring") as report:
+        found = score(material, job.split, model.nominal, model.signals, report)
+    if args.pictures is not None:
+        for path in draw_all(args.pictures, material, state.best, job.split, model.nominal, model.signals):
+            say(f"drawn: {path}")
+    return Calibration(job.captures, job.bench, state.best, found, normalised=args.preset is None)

@@ -1,0 +1,64 @@
+"""`holoview calibrate lut FILE.csv`: a modulator's look-up table from a diffraction-efficiency sweep."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from holoview import preset, units
+from holoview.calibrate import lut_file
+from holoview.calibrate.drawing import draw_lut
+from holoview.calibrate.lut import fit_lut
+from holoview.calibrate.sweep import read_sweep
+from holoview.commands.common import check_output
+from holoview.errors import UserError
+
+OPTIONS = ("wavelength", "plot", "save_preset")
+_RANGE_M = (100e-9, 10e-6)
+
+
+def add_options(group: argparse._ArgumentGroup) -> None:
+    """Adds the options that only a sweep takes."""
+    group.add_argument("--wavelength", metavar="LENGTH", help='of the sweep, e.g. "820 nm": turns phases into lengths')
+    group.add_argument("--plot", metavar="PNG", type=Path, help="draw the sweep, its fit and the table")
+    group.add_argument(
+        "--save-preset",
+        metavar="TOML",
+        type=Path,
+        help="write --preset with this stroke and table (wants --wavelength)",
+    )
+
+
+def run_lut(args: argparse.Namespace, file: Path) -> int:
+    """Fits, writes what was asked for, and says how it fits."""
+    wavelength = _wavelength(args.wavelength)
+    for path, suffix in ((args.output, ".toml"), (args.save_preset, ".toml"), (args.plot, ".png")):
+        if path is not None:
+            check_output(path, suffix)
+    if (args.save_preset is None) != (args.preset is None):
+        missing = "--preset" if args.preset is None else "--save-preset"
+        raise UserError(missing, "is missing", expected="--preset and --save-preset together")
+    base = None if args.preset is None else preset.load(args.preset)
+    lut = fit_lut(read_sweep(file))
+    changed = None if base is None else lut_file.with_lut(base, lut, wavelength)
+    if args.output is not None:
+        lut_file.save(args.output, lut, file.name, wavelength)
+    if changed is not None:
+        preset.save(changed, args.save_preset)
+    if args.plot is not None:
+        draw_lut(args.plot, lut, file.name)
+    if args.json:
+        print(json.dumps(lut_file.table(lut, file.name, wavelength), indent=2))
+    else:
+        print("\n".join(lut_file.in_words(lut, wavelength)))
+    return 0
+
+
+def _wavelength(text: str | None) -> float | None:
+    if text is None:
+        return None
+    value = units.parse(text, "--wavelength")
+    if not _RANGE_M[0] <= value <= _RANGE_M[1]:
+        raise UserError("--wavelength", text, expected="between 100 nm and 10 um")
+    return value

@@ -1,0 +1,134 @@
+"""`holoview captures make | check | show | import | plan`: measured data, and virtual measurements to try things on."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from holoview import units
+from holoview.captures import read_captures, write_captures
+from holoview.captures.folder import BENCH, TABLE, import_folder
+from holoview.captures.make import Nuisances, Session, make_captures
+from holoview.captures.summary import capture_sheet, summary
+from holoview.commands import captures_plan
+from holoview.commands.common import add_effects, add_system, check_output, effects_of, progress_bar, seed, system_of
+from holoview.pictures import write_png
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the subcommands."""
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _configure_make(commands.add_parser("make", help="measure a virtual bench", description=_make.__doc__))
+    check = commands.add_parser("check", help="validate a capture file", description=_check.__doc__)
+    check.add_argument("captures", help="a capture file")
+    check.add_argument("--json", action="store_true", help="machine-readable output")
+    check.set_defaults(run=_check)
+    show = commands.add_parser("show", help="a contact sheet of a capture file", description=_show.__doc__)
+    show.add_argument("captures", help="a capture file")
+    show.add_argument("-o", "--output", metavar="PNG", type=Path, required=True)
+    show.add_argument("--most", type=int, default=12, help="captures on the sheet (default 12)")
+    show.set_defaults(run=_show)
+    convert = commands.add_parser(
+        "import",
+        help=f"a folder of PNG or TIFF with {TABLE} and {BENCH}",
+        description=f"Converts a folder of greyscale PNG or TIFF; {TABLE} has a line a capture, {BENCH} the geometry.",
+    )
+    convert.add_argument("folder", type=Path)
+    convert.add_argument("-o", "--output", metavar="FILE.h5", type=Path, required=True)
+    convert.set_defaults(run=_import)
+    plan = commands.add_parser("plan", help="exposures and laser powers", description=captures_plan.run.__doc__)
+    captures_plan.configure(plan)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Unused: each subcommand has its own."""
+    raise AssertionError
+
+
+def _configure_make(parser: argparse.ArgumentParser) -> None:
+    add_system(parser, effects=False)
+    add_effects(parser)
+    parser.add_argument("-o", "--output", metavar="FILE.h5", type=Path, required=True)
+    parser.add_argument("--each", type=int, default=8, help="captures of every wavelength and plane (default 8)")
+    parser.add_argument("--seed", type=seed, default=0, help="of patterns and noise (default 0)")
+    parser.add_argument("--focal-length", metavar="LENGTH", help="a Fourier bench with a lens of that focal length")
+    parser.add_argument(
+        "--camera-pitch", metavar="LENGTH", help="referred to the modulators (default: the simulation's)"
+    )
+    parser.add_argument("--camera-shape", metavar="N", type=int, nargs=2, help="rows and columns of the camera")
+    parser.add_argument("--finer", type=int, default=1, help="times finer sampling than the model's (default 1)")
+    jitter = parser.add_argument_group("what varies by itself (standard deviations)")
+    jitter.add_argument("--exposure-jitter", metavar="SHARE", type=float, default=0.0)
+    jitter.add_argument("--prnu", metavar="SHARE", type=float, default=0.0, help="of the camera's pixels")
+    jitter.add_argument("--camera-jitter", metavar="LENGTH", default="0 um")
+    jitter.add_argument("--wavelength-jitter", metavar="LENGTH", default="0 nm")
+    parser.set_defaults(run=_make)
+
+
+def _make(args: argparse.Namespace) -> int:
+    """Takes captures of a preset, with what its effects and `--effects` do to it; the file tells the nominal bench."""
+    check_output(args.output, ".h5")
+    session = Session(
+        each=args.each,
+        seed=args.seed,
+        finer=args.finer,
+        focal_length_m=None if args.focal_length is None else _length(args, "focal_length"),
+        camera_pitch_m=None if args.camera_pitch is None else _length(args, "camera_pitch"),
+        camera_shape=None if args.camera_shape is None else (args.camera_shape[0], args.camera_shape[1]),
+        nuisances=Nuisances(
+            args.exposure_jitter, args.prnu, _length(args, "camera_jitter"), _length(args, "wavelength_jitter")
+        ),
+    )
+    effects = effects_of(args.effects)
+    system = system_of(args)
+    with progress_bar("measuring") as report:
+        captures = make_captures(system, effects, session, progress=lambda done, total: report(done, total, "captures"))
+    write_captures(args.output, captures)
+    print(f"{args.output}: {len(captures)} captures of {len(captures.wavelengths_m)} wavelengths")
+    return 0
+
+
+def _length(args: argparse.Namespace, name: str) -> float:
+    return units.parse(getattr(args, name), f"--{name.replace('_', '-')}")
+
+
+def _check(args: argparse.Namespace) -> int:
+    """Validates a capture file and tells what is in it, and what it can't tell."""
+    found = summary(read_captures(args.captures))
+    if args.json:
+        print(json.dumps(found, indent=2, ensure_ascii=False))
+        return 0
+    rows, columns = found["pixels"]
+    wavelengths = ", ".join(units.short(λ, "nm") for λ in found["wavelengths_m"])
+    distances = ", ".join(units.short(z, "mm") for z in found["distances_m"])
+    saturated = found["saturated"]
+    print(f"{args.captures}: {found['captures']} captures, {found['geometry']}")
+    print(f"  modulators   {found['modulators']} of {columns} x {rows} pixels, {found['levels'][0]} levels")
+    print(f"  camera       {found['image'][1]} x {found['image'][0]} pixels, {found['mean_electrons']:.0f} electrons")
+    print(f"  wavelengths  {wavelengths}")
+    print(f"  distances    {distances}")
+    print(f"  saturated    {saturated['mean']:.2%} of the pixels, {saturated['worst']:.2%} in the worst picture")
+    if found["dark"]:
+        print(f"  dark         captures {', '.join(map(str, found['dark']))}")
+    for name, why in found["cant_tell"].items():
+        print(f"  can't tell   {name}: {why}")
+    return 0
+
+
+def _show(args: argparse.Namespace) -> int:
+    """Draws what was sent and seen in captures spread over the session; saturated pixels are red."""
+    check_output(args.output, ".png")
+    captures = read_captures(args.captures)
+    write_png(args.output, capture_sheet(captures, max(args.most, 1)), {"holoview.captures": str(args.captures)})
+    print(args.output)
+    return 0
+
+
+def _import(args: argparse.Namespace) -> int:
+    check_output(args.output, ".h5")
+    with progress_bar("reading") as report:
+        captures = import_folder(args.folder, progress=lambda done, total: report(done, total, "captures"))
+    write_captures(args.output, captures)
+    print(f"{args.output}: {len(captures)} captures")
+    return 0

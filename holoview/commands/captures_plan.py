@@ -1,0 +1,59 @@
+"""`holoview captures plan FIRST.h5`: exposures and laser powers for a session, from first captures."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from holoview.calibrate.exposure import HEADROOM, Exposure, Limits, plan_exposures
+from holoview.captures import read_captures
+from holoview.captures.folder import read_counts
+from holoview.commands.common import check_output
+from holoview.files import replacing
+
+_HEADS = ("wavelength_nm", "power", "exposure_s", "reached_counts", "note")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments."""
+    parser.add_argument("captures", help="a capture file with at least one capture of each wavelength")
+    parser.add_argument("--dark", metavar="PICTURE", type=Path, help="PNG or TIFF with the lasers off")
+    parser.add_argument("--power", type=float, nargs=2, metavar=("LOW", "HIGH"), default=Limits().powers)
+    parser.add_argument("--exposure", type=float, nargs=2, metavar=("LOW", "HIGH"), default=Limits().exposures_s)
+    parser.add_argument("--headroom", type=float, default=HEADROOM, help="share of the range to use (default 0.9)")
+    parser.add_argument("-o", "--output", metavar="CSV", type=Path, help="write the plan as a table")
+    parser.add_argument("--json", action="store_true", help="machine-readable output")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Says, a line a wavelength, what to set; the brightest 0.1 % then stays below saturation."""
+    if args.output is not None:
+        check_output(args.output, ".csv")
+    captures = read_captures(args.captures)
+    dark = None if args.dark is None else read_counts(args.dark)
+    plan = plan_exposures(captures, dark, Limits(tuple(args.power), tuple(args.exposure)), args.headroom)
+    if args.output is not None:
+        _write(args.output, plan)
+    if args.json:
+        print(json.dumps([asdict(line) for line in plan], indent=2))
+        return 0
+    for line in plan:
+        note = f"  {line.note}" if line.note else ""
+        print(
+            f"{line.wavelength_m * 1e9:.6g} nm: power {line.power:g}, exposure {line.exposure_s * 1e3:.4g} ms, "
+            f"reaches {line.reached:.0f} counts above black{note}"
+        )
+    return 0
+
+
+def _write(path: Path, plan: list[Exposure]) -> None:
+    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(_HEADS)
+        for line in plan:
+            nm = f"{line.wavelength_m * 1e9:.6g}"
+            writer.writerow([nm, line.power, line.exposure_s, f"{line.reached:.1f}", line.note])

@@ -1,0 +1,138 @@
+"""`holoview contrast FILE`: the speckle contrast σ/μ of a picture, a preset's speckle, or a hologram."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview import preset, units
+from holoview.colour import SRGB_TO_XYZ
+from holoview.commands.common import check_output, seed, system_of
+from holoview.errors import UserError
+from holoview.files import replacing
+from holoview.hologram import Hologram, load_hologram
+from holoview.metrics.speckle import Region, independent_patterns, speckle_contrast
+from holoview.score import central_region
+from holoview.study.histogram import draw_histogram
+from holoview.study.plots import figure_of
+from holoview.study.study import Plot
+from holoview.targets.picture import read_picture
+from holoview.targets.raster import decode
+from holoview.view import random_drive, simulate
+
+_HOLOGRAM, _TOML = ".safetensors", ".toml"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments."""
+    parser.add_argument("preset", metavar="WHAT", help="a picture, a hologram file, a preset's name or TOML file")
+    parser.add_argument("--scheme", metavar="NAME", help="drive the preset's bench by a colour scheme")
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], dest="changes", help="change it")
+    parser.add_argument("--region", metavar="X,Y,W,H", help="samples from the upper left; the central half if absent")
+    parser.add_argument("--plane", metavar="DISTANCE", help="focal plane of a preset or hologram; else the middle one")
+    parser.add_argument("--random", metavar="SEED", type=seed, default=0, help="seed of a preset's random patterns")
+    parser.add_argument("--linear", action="store_true", help="an integer picture holds intensity, not an sRGB signal")
+    parser.add_argument("--plot", metavar="PNG", type=Path, help="the region and its histogram beside the speckle laws")
+    parser.add_argument("--json", action="store_true", help="machine-readable output")
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What is measured: luminance (y, x), and what it is, in words."""
+
+    luminance: NDArray[np.floating]
+    what: str
+    clipped: float = 0.0
+    """Share of its pixels that are as bright as the file can hold: they hide the brightest speckle."""
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measures and prints, and draws where asked."""
+    if args.plot is not None:
+        check_output(args.plot, ".png")
+    subject = _subject(args)
+    region = central_region(subject.luminance.shape) if args.region is None else _region(args.region)
+    found = speckle_contrast(subject.luminance, region)
+    patterns = independent_patterns(found.contrast)
+    result: dict[str, Any] = {
+        "what": subject.what,
+        "region": list(region),
+        "contrast": found.contrast,
+        "mean": found.mean,
+        "std": found.std,
+        "pixels": found.n_pixels,
+        "clipped": subject.clipped,
+        "independent_patterns": patterns if np.isfinite(patterns) else None,
+    }
+    if args.plot is not None:
+        plot = Plot("contrast", subject.what, draw_histogram(subject.luminance, region, found.contrast))
+        _write(args.plot, plot)
+        result["plot"] = str(args.plot)
+    print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _words(result))
+    return 0
+
+
+def _words(result: dict[str, Any]) -> str:
+    x, y, width, height = result["region"]
+    patterns = result["independent_patterns"]
+    as_many = "no speckle at all" if patterns is None else f"as of {patterns:.2f} independent speckle patterns"
+    lines = [
+        f"{result['what']}",
+        f"speckle contrast {result['contrast']:.4f} ({as_many})",
+        f"mean {result['mean']:.4g}, standard deviation {result['std']:.4g}, {result['pixels']} pixels: "
+        f"{width} x {height} at ({x}, {y})",
+        "structure of a picture counts as speckle here: choose a region that should be even",
+    ]
+    if result["clipped"] > 0:
+        lines.append(f"{result['clipped']:.2%} of the picture is saturated: its contrast comes out too low")
+    return "\n".join(lines + ([f"plot: {result['plot']}"] if "plot" in result else []))
+
+
+def _subject(args: argparse.Namespace) -> Subject:
+    path = Path(args.preset)
+    if path.suffix.lower() == _HOLOGRAM:
+        if args.scheme or args.changes:
+            raise UserError("--set or --scheme", "with a hologram file", expected="the bench that it was made for")
+        return _of_hologram(load_hologram(path), args.plane, path.name)
+    if path.suffix and path.suffix.lower() != _TOML and args.preset not in preset.names():
+        return _of_picture(path, args)
+    system = system_of(args)
+    hologram = Hologram(random_drive(system, args.random), system)
+    return _of_hologram(hologram, args.plane, f"{system.name}, random patterns of seed {args.random}")
+
+
+def _of_picture(path: Path, args: argparse.Namespace) -> Subject:
+    if args.scheme or args.changes or args.plane:
+        raise UserError("--set, --scheme or --plane", "with a picture", expected="a preset or a hologram for these")
+    raster = decode(path)
+    clipped = float(np.mean(raster.values.max(axis=-1) >= 1)) if raster.encoded else 0.0
+    if args.linear:
+        values = raster.values if raster.values.shape[-1] == 3 else np.repeat(raster.values, 3, axis=-1)
+        return Subject(values @ SRGB_TO_XYZ[1], f"intensity of {path.name}", clipped)
+    return Subject(read_picture(path).rgb.astype(np.float64) @ SRGB_TO_XYZ[1], f"luminance of {path.name}", clipped)
+
+
+def _of_hologram(hologram: Hologram, plane: str | None, name: str) -> Subject:
+    system = hologram.system
+    plane_m = float(system.planes_m[len(system.planes_m) // 2]) if plane is None else units.parse(plane, "--plane")
+    view = simulate(system, hologram.drive, [plane_m], backend="torch")
+    return Subject(view.xyz[0, ..., 1], f"luminance of {name} at {units.text(plane_m, 'mm')}")
+
+
+def _region(text: str) -> Region:
+    parts = text.split(",")
+    if len(parts) != 4 or not all(part.strip().isdecimal() for part in parts):
+        raise UserError("--region", f'"{text}"', expected="x,y,width,height in samples, e.g. 100,80,64,64")
+    x, y, width, height = (int(part) for part in parts)
+    return x, y, width, height
+
+
+def _write(path: Path, plot: Plot) -> None:
+    with replacing(path) as temporary:
+        figure_of(plot).savefig(temporary, dpi=150)

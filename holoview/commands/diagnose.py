@@ -1,0 +1,118 @@
+"""`holoview diagnose CAPTURES.h5`: what the simulation gets wrong about a real bench, and by how much."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from holoview import preset
+from holoview.captures import read_captures
+from holoview.commands.common import check_output, make_folder, progress_bar, say
+from holoview.diagnose.comparison import Values
+from holoview.diagnose.diagnose import diagnose
+from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.extend import extended, nominal_of
+from holoview.effects.registry import load_user_effects
+from holoview.errors import UserError
+from holoview.files import replacing
+from holoview.system import System
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments."""
+    parser.add_argument("captures", metavar="CAPTURES.h5", help="a capture file, see docs/captures.md")
+    parser.add_argument(
+        "--preset",
+        metavar="PRESET",
+        help="the nominal bench, in place of what the file says; its effects count as known",
+    )
+    parser.add_argument(
+        "--effects",
+        metavar="FILE.py",
+        nargs="+",
+        action="extend",
+        default=[],
+        help="effects of your own that may be the cause; the files are run",
+    )
+    parser.add_argument("--report", metavar="DIR", type=Path, help="write report.html and pictures into this folder")
+    parser.add_argument("--json", metavar="OUT.json", type=Path, help="write the diagnosis for programs")
+    parser.add_argument(
+        "--save-preset", metavar="P2.toml", type=Path, help="write the bench with the causes that were named"
+    )
+    parser.add_argument(
+        "--no-display",
+        action="store_true",
+        help="leave out of the report what the extended model buys on the display, which takes half a minute",
+    )
+    parser.add_argument("--workers", metavar="N", type=int, default=2, help="threads (default 2)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Diagnoses, then writes what was asked for, each file whole or not at all."""
+    if args.workers < 1:
+        raise UserError("--workers", f"{args.workers}", expected="1 or more")
+    for path, suffix in ((args.json, ".json"), (args.save_preset, ".toml")):
+        if path is not None:
+            check_output(path, suffix)
+    for file in args.effects:
+        say(f"running {file} for its effects")
+        load_user_effects(file)
+    captures = read_captures(args.captures)
+    known: dict[str, dict[str, float]] = {}
+    bench = captures.system()
+    if args.preset is not None:
+        captures, known, bench = nominal_of(captures, preset.load(args.preset), args.preset)
+    with progress_bar("diagnosing") as report:
+        found = diagnose(captures, known=known, workers=args.workers, report=report)
+    if args.report is not None:
+        _write_report(args, bench, captures.is_fourier, known, found)
+    if args.json is not None:
+        with replacing(args.json) as temporary:
+            temporary.write_text(json.dumps(found.as_json(), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    if args.save_preset is not None:
+        preset.save(extended(bench, found.values), args.save_preset)
+    _tell(found, args)
+    return 0
+
+
+def _write_report(args: argparse.Namespace, bench: System, fourier: bool, known: Values, found: Diagnosis) -> None:
+    from holoview.diagnose.display import display_gain  # here: the optimiser and plots take a second to import
+    from holoview.diagnose.report import write_report
+
+    make_folder(args.report)
+    gain = None
+    if found.values and not fourier and not args.no_display:
+        with progress_bar("optimising holograms") as report:
+            gain = display_gain(bench.edit({"effects": {}}), known, found.values, report=report)
+    with progress_bar("drawing") as report:
+        write_report(args.report, Path(args.captures).name, found, gain, report)
+
+
+def _tell(found: Diagnosis, args: argparse.Namespace) -> None:
+    """The diagnosis in a few lines."""
+    before, after = found.before, found.after
+    print(f"{args.captures}: {found.verdict}")
+    print(
+        f"  held-out captures: χ²/n {before.chi2:.4g} → {after.chi2:.4g} (noise: 1), "
+        f"{before.psnr_db:.1f} → {after.psnr_db:.1f} dB"
+    )
+    for cause in found.causes:
+        print(f"  {cause.effect}: {cause.sentence}")
+        for name, interval in cause.intervals.items():
+            unit = cause.units[name].replace("1", "")
+            print(f"      {name} = {interval.value:.6g} ± {interval.half_width:.2g} {unit}".rstrip())
+        if cause.confounded_with:
+            print(f"      looks much like: {', '.join(f'{n} ({c:.2f})' for n, c in cause.confounded_with.items())}")
+        if cause.separate_by:
+            print(f"      to separate them: {cause.separate_by}")
+    for rival in found.rivals:
+        print(f"  can't be excluded: {' and '.join(rival)}")
+    if found.lives_in:
+        where = ", ".join(f"{place} ({share:.0%})" for place, share in found.lives_in.items())
+        print(f"  what is left lives in: {where}")
+    for note in found.notes:
+        print(f"  note: {note}")
+    for path in (args.report and args.report / "report.html", args.json, args.save_preset):
+        if path:
+            print(f"  written: {path}")

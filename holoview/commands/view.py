@@ -1,0 +1,119 @@
+"""`holoview view [PRESET|FILE…]`: the interactive viewer."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+from holoview import preset
+from holoview.commands.common import add_changes, changed, check_output, say
+from holoview.errors import UserError
+from holoview.scheme import with_scheme
+from holoview.system import System
+
+_PRESET = "holochrome-8"
+_SIZES = (320, 16384)
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments."""
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="PRESET|FILE",
+        help=f"a preset, a hologram file, pattern PNGs or a picture to show; {_PRESET} if absent",
+    )
+    add_changes(parser)
+    parser.add_argument("--size", default="1280x800", metavar="WxH", help="of the window, in pixels")
+    parser.add_argument("--adapter", metavar="NAME", help="part of the name of the WebGPU adapter to use")
+    parser.add_argument("--new", action="store_true", help="begin anew instead of with the last session")
+    parser.add_argument("--serve", metavar="HOST:PORT", help="show it in a browser; asks for the token that is printed")
+    parser.add_argument("--offscreen", action="store_true", help="draw it without a screen, for --script, --screenshot")
+    parser.add_argument("--script", metavar="FILE", type=Path, help="actions to do, a line each; with --offscreen")
+    parser.add_argument("--screenshot", metavar="PNG", type=Path, help="a picture of the window; with --offscreen")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Opens the viewer and returns when it is closed."""
+    size = _size(args.size)
+    _check(args)
+    system = _system(args)
+    names = [name for name in args.names if not _is_bench(name)]
+    script = _read(args.script) if args.script is not None else ""
+    _open(args, system, names, size, script)
+    return 0
+
+
+def _open(args: argparse.Namespace, system: System, names: list[str], size: tuple[int, int], script: str) -> None:
+    from holoview.app.no_adapter import show_page
+    from holoview.app.run import in_browser, off_screen, on_screen
+    from holoview.app.serve import Address
+    from holoview.gpu.device import open_device
+    from holoview.session.autosave import Store
+    from holoview.session.session import Session
+
+    address = None if args.serve is None else Address.parse(args.serve)
+    try:
+        device = open_device(args.adapter)
+    except UserError as error:
+        if not args.offscreen and address is None and args.adapter is None:
+            show_page(error)
+        raise
+    if args.offscreen:
+        off_screen(Session(system), device, size, script, str(args.script or "script"), args.screenshot, names)
+        return
+    store = Store()
+    is_fresh = args.new or args.names or args.changes or args.scheme
+    last = None if is_fresh else store.last()
+    session = Session(system) if last is None else last.restore()
+    if address is not None:
+        in_browser(session, device, store, address, say, size, names)
+    else:
+        on_screen(session, device, store, size, names)
+
+
+def _check(args: argparse.Namespace) -> None:
+    if not args.offscreen and (args.script is not None or args.screenshot is not None):
+        flag = "--script" if args.script is not None else "--screenshot"
+        raise UserError(flag, "without --offscreen", expected="--offscreen with it")
+    if args.offscreen and args.serve is not None:
+        raise UserError("--serve", "with --offscreen", expected="one of them")
+    if args.offscreen and args.script is None and args.screenshot is None:
+        raise UserError("--offscreen", "alone would show nothing", expected="--script or --screenshot with it")
+    if args.screenshot is not None:
+        check_output(args.screenshot, ".png")
+
+
+def _system(args: argparse.Namespace) -> System:
+    """The bench to begin with: the preset among the names, if any."""
+    benches = [name for name in args.names if _is_bench(name)]
+    if len(benches) > 1:
+        raise UserError(benches[1], "a second preset", expected="one preset", remedy="choose others in the window")
+    system = preset.load(benches[0] if benches else _PRESET)
+    return changed(system if args.scheme is None else with_scheme(system, args.scheme), args.changes)
+
+
+def _is_bench(name: str) -> bool:
+    if name in preset.names() and not Path(name).exists():
+        return True
+    if Path(name).suffix == ".toml":
+        return True
+    if not Path(name).exists():
+        preset.load(name)  # raises: neither a file nor a preset, with near matches
+    return False
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(str(path), f"can't be read: {error}", expected="a script, a line an action") from error
+
+
+def _size(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)[x×](\d+)", text.strip())
+    sizes = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not all(_SIZES[0] <= side <= _SIZES[1] for side in sizes):
+        raise UserError("--size", f'"{text}"', expected=f"WIDTHxHEIGHT, each from {_SIZES[0]} to {_SIZES[1]} pixels")
+    return sizes

@@ -1,0 +1,110 @@
+"""What a diagnosis works with: the captures, the nominal bench, the effects, predictors, and the split."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.diagnose.comparison import Comparison, Prediction, Predicts, Values
+from holoview.diagnose.measured import Images, Measured
+from holoview.diagnose.noise import blind_variance, model_variance, with_mismatch
+from holoview.diagnose.split import Split
+from holoview.effects.effect import Effect, Facts
+from holoview.system import System
+
+T = TypeVar("T")
+Progress = Callable[[int, int, str], None]
+
+
+class PerThread:
+    """A predictor for each thread that asks for one: predictors remember what they computed and can't be shared."""
+
+    def __init__(self, make: Callable[[], Predicts]) -> None:
+        self._make, self._own = make, threading.local()
+
+    def __call__(self, indices: NDArray[np.intp], values: Values, *, grad: bool = False) -> Prediction:
+        if not hasattr(self._own, "predict"):
+            self._own.predict = self._make()
+        predicted: Prediction = self._own.predict(indices, values, grad=grad)
+        return predicted
+
+
+@dataclass(frozen=True)
+class Bench:
+    """measured: the captures. effects: the candidates by id. split: which captures are for what.
+
+    make_predictor: a new predictor of the captures; `extra` effects may be given. workers: threads; each has a
+    predictor of its own. fixed_pattern: 1 σ of the pixels' relative sensitivity. equals: for each effect the others
+    that are the same physics on this bench (`same_physics`).
+    """
+
+    measured: Measured
+    system: System
+    effects: Mapping[str, Effect]
+    split: Split
+    make_predictor: Callable[..., Predicts]
+    pool: ThreadPoolExecutor
+    workers: int = 1
+    fixed_pattern: float = 0.0
+    equals: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    predict: Predicts = field(init=False, repr=False)
+    _blind: dict[tuple[int, ...], Images] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "predict", PerThread(self.make_predictor))
+
+    def coarse_comparison(self, indices: NDArray[np.intp], mismatch: float) -> Comparison:
+        """Weights from the pictures, for a model that is off by `mismatch` of the mean light."""
+        key = tuple(int(k) for k in indices)
+        if key not in self._blind:
+            self._blind[key] = blind_variance(self.measured, indices)
+        variance = with_mismatch(self._blind[key], self.measured.light[indices], mismatch)
+        return Comparison(self.predict, self.measured, indices, variance)
+
+    def judged_by(self, indices: NDArray[np.intp], values: Values) -> Comparison:
+        """Weights from a model's prediction, then frozen; movements of the camera are taken out."""
+        expected = self.coarse_comparison(indices, 0.0).fit(values).expected
+        variance = model_variance(self.measured.camera, expected)
+        if self.fixed_pattern:
+            variance = variance + np.square(np.float32(self.fixed_pattern) * expected)
+        return Comparison(self.predict, self.measured, indices, variance, shifts=len(indices) > 1)
+
+    def map(self, work: Callable[[Effect], T], effects: Sequence[Effect], report: Progress, note: str) -> list[T]:
+        """`work` on every effect, side by side; results in the order of `effects`. Ctrl-C ends it between two."""
+        futures = [self.pool.submit(work, one) for one in effects]
+        try:
+            for done, one in enumerate(futures):
+                _finish(one)
+                report(done + 1, len(futures), f"{note}: {effects[done].id}")
+        except BaseException:
+            for one in futures:
+                one.cancel()
+            wait([one for one in futures if not one.cancelled()])
+            raise
+        return [one.result() for one in futures]
+
+    def side_by_side(self, jobs: Iterable[Callable[[], T]]) -> list[T]:
+        """Results of jobs that run in the pool."""
+        futures = [self.pool.submit(job) for job in jobs]
+        return [one.result() for one in futures]
+
+
+def same_physics(effects: Mapping[str, Effect], facts: Facts) -> dict[str, frozenset[str]]:
+    """For each effect those of the others that such data can't tell from it, both ways around."""
+    pairs = {(e.id, other) for e in effects.values() for other in e.equal_to(facts) if other in effects}
+    return {
+        name: frozenset({b for a, b in pairs if a == name} | {a for a, b in pairs if b == name}) for name in effects
+    }
+
+
+def _finish(future: Future[T]) -> None:
+    """Waits in short spells, so that Ctrl-C is noticed."""
+    while not future.done():
+        wait([future], timeout=0.2)
+    future.result()

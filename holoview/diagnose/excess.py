@@ -1,0 +1,119 @@
+"""Where the error lives: χ²/n of pixels by wavelength, plane, pattern, radius, brightness, and its spectrum."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.captures.session import Captures
+from holoview.diagnose.comparison import Comparison, Fitted
+from holoview.units import short
+
+Floats = NDArray[np.float64]
+
+_CLASSES = 4
+
+
+@dataclass(frozen=True)
+class Bin:
+    """A class of pixels: its name in words, χ²/n, and the share of all pixels' squared residuals beyond the noise."""
+
+    name: str
+    chi2: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Excess:
+    """Bins by each property."""
+
+    wavelength: tuple[Bin, ...]
+    plane: tuple[Bin, ...]
+    smoothness: tuple[Bin, ...]
+    radius: tuple[Bin, ...]
+    frequency: tuple[Bin, ...]
+    brightness: tuple[Bin, ...]
+
+
+def excess(captures: Captures, comparison: Comparison, fitted: Fitted, rough: Floats) -> Excess:
+    """The excess of a prediction in the captures of a comparison. rough: roughness of every capture of the session."""
+    indices = comparison.indices
+    squares, pixels = fitted.squares, comparison.pixels
+    wavelengths, planes = captures.wavelength_m[indices], captures.distance_m[indices]
+    return Excess(
+        wavelength=_by_value(wavelengths, "nm", squares, pixels),
+        plane=_by_value(planes, "mm", squares, pixels),
+        smoothness=_by_rank(rough[indices], squares, pixels),
+        radius=_by_radius(comparison, fitted),
+        frequency=_by_frequency(comparison, fitted),
+        brightness=_by_brightness(comparison, fitted),
+    )
+
+
+def _by_value(values: Floats, unit: str, squares: Floats, pixels: Floats) -> tuple[Bin, ...]:
+    groups = [(short(float(v), unit), values == v) for v in np.unique(values)]
+    return _bins([(name, squares[same].sum(), pixels[same].sum()) for name, same in groups])
+
+
+def _by_rank(rough: Floats, squares: Floats, pixels: Floats) -> tuple[Bin, ...]:
+    order = np.argsort(rough, kind="stable")
+    names = ("smoothest patterns", "smoother", "rougher", "roughest patterns")
+    parts = zip(names, np.array_split(order, _CLASSES), strict=True)
+    return _bins([(name, squares[part].sum(), pixels[part].sum()) for name, part in parts if len(part)])
+
+
+def _by_radius(comparison: Comparison, fitted: Fitted) -> tuple[Bin, ...]:
+    rows, columns = comparison.weight.shape[1:]
+    y, x = (np.arange(n) - (n - 1) / 2 for n in (rows, columns))
+    radius = np.hypot(y[:, None] / (rows / 2), x[None, :] / (columns / 2)) / np.sqrt(2)
+    return _by_class(radius, np.array([0.25, 0.5, 0.75]), comparison, fitted, "{:.0%} of the way to the corners")
+
+
+def _by_brightness(comparison: Comparison, fitted: Fitted) -> tuple[Bin, ...]:
+    mean = np.maximum(fitted.expected.mean(axis=(1, 2), keepdims=True), 1e-12)
+    return _by_class(fitted.expected / mean, np.array([0.5, 1.0, 2.0]), comparison, fitted, "{:.3g} × the mean light")
+
+
+def _by_class(
+    measure: NDArray[np.floating], edges: Floats, comparison: Comparison, fitted: Fitted, text: str
+) -> tuple[Bin, ...]:
+    number = np.broadcast_to(np.digitize(measure, edges), comparison.weight.shape)
+    usable = comparison.weight > 0
+    squares = np.bincount(number.ravel(), np.square(fitted.residual).ravel(), len(edges) + 1)
+    pixels = np.bincount(number.ravel(), usable.ravel(), len(edges) + 1)
+    names = [
+        f"up to {text.format(edges[0])}",
+        *(
+            f"{low:.3g} to {text.format(high)}" if "%" not in text else f"{low:.0%} to {text.format(high)}"
+            for low, high in pairwise(edges)
+        ),
+        f"beyond {text.format(edges[-1])}",
+    ]
+    return _bins(list(zip(names, squares, pixels, strict=True)))
+
+
+def _by_frequency(comparison: Comparison, fitted: Fitted) -> tuple[Bin, ...]:
+    """The whitened residual's power spectrum in four bands up to the camera's Nyquist frequency; noise is flat."""
+    rows, columns = comparison.weight.shape[1:]
+    fy, fx = np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns)[None, :]
+    band = np.minimum((np.hypot(fy, fx) / 0.5 * _CLASSES).astype(int), _CLASSES - 1)
+    twice = np.where((fx == 0) | (fx == 0.5), 1.0, 2.0) * np.ones_like(fy)
+    power = np.zeros(band.shape)
+    for residual in fitted.residual:
+        power += np.abs(np.fft.rfft2(residual)) ** 2
+    squares = np.bincount(band.ravel(), (power * twice).ravel(), _CLASSES) / (rows * columns)
+    share = np.bincount(band.ravel(), twice.ravel(), _CLASSES) / (rows * columns)
+    names = [f"{k / _CLASSES:.2g} to {(k + 1) / _CLASSES:.2g} of Nyquist" for k in range(_CLASSES)]
+    return _bins([(n, s, p * comparison.count) for n, s, p in zip(names, squares, share, strict=True)])
+
+
+def _bins(groups: list[tuple[str, float, float]]) -> tuple[Bin, ...]:
+    beyond = [max(squares - pixels, 0.0) for _, squares, pixels in groups]
+    total = max(sum(beyond), 1e-30)
+    return tuple(
+        Bin(name, float(squares / max(pixels, 1.0)), float(extra / total))
+        for (name, squares, pixels), extra in zip(groups, beyond, strict=True)
+    )

@@ -1,0 +1,110 @@
+"""Figures of a diagnosis, drawn off screen."""
+
+from __future__ import annotations
+
+import io
+import textwrap
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from holoview.diagnose.diagnosis import Diagnosis, Sample
+from holoview.diagnose.excess import Bin
+from holoview.units import short
+
+_BEFORE, _AFTER, _NOISE = "#c8553d", "#2f6f9f", "#888888"
+_SIGMAS = 5.0
+_DPI = 110
+
+
+def png(figure: Figure) -> bytes:
+    """The figure as a PNG file."""
+    buffer = io.BytesIO()
+    FigureCanvasAgg(figure)
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def residual_maps(samples: Sequence[Sample]) -> Figure:
+    """A row a capture: seen, predicted by the nominal and the extended model, and both residuals in σ."""
+    heads = ("captured", "nominal model", "residual, nominal (σ)", "extended model", "residual, extended (σ)")
+    rows, columns = samples[0].light.shape
+    figure = Figure(figsize=(13.5, 0.35 + (2.7 * rows / columns + 0.3) * len(samples)), dpi=_DPI, layout="constrained")
+    axes = figure.subplots(len(samples), len(heads), squeeze=False)
+    for axis, head in zip(axes[0], heads, strict=True):
+        axis.set_title(head, fontsize=9)
+    for sample, line in zip(samples, axes, strict=True):
+        brightest = float(np.quantile(sample.light, 0.995))
+        pictures = (sample.light, sample.predicted[0], sample.residual[0], sample.predicted[1], sample.residual[1])
+        for axis, head, picture in zip(line, heads, pictures, strict=True):
+            if "residual" in head:
+                shown = axis.imshow(picture, cmap="RdBu_r", vmin=-_SIGMAS, vmax=_SIGMAS, interpolation="nearest")
+                figure.colorbar(shown, ax=axis, fraction=0.035, pad=0.02).ax.tick_params(labelsize=7)
+            else:
+                axis.imshow(picture, cmap="gray", vmin=0, vmax=brightest, interpolation="nearest")
+            axis.set_xticks([])
+            axis.set_yticks([])
+        line[0].set_ylabel(f"capture {sample.capture}\n{short(sample.wavelength_m, 'nm')}", fontsize=8)
+    return figure
+
+
+def where_the_excess_lives(found: Diagnosis) -> Figure:
+    """χ²/n by each property, before and after."""
+    names = ("wavelength", "plane", "smoothness", "radius", "frequency", "brightness")
+    figure = Figure(figsize=(13.5, 6), dpi=_DPI, layout="constrained")
+    for axis, name in zip(figure.subplots(2, 3).ravel(), names, strict=True):
+        _paired_bars(axis, getattr(found.where_before, name), getattr(found.where_after, name))
+        axis.set_title(f"by {name}" if name != "frequency" else "by spatial frequency", fontsize=10)
+    return figure
+
+
+def held_out(found: Diagnosis) -> Figure:
+    """PSNR of held-out captures for each wavelength and plane, before and after."""
+    figure = Figure(figsize=(max(4.0, 1.3 * len(found.groups) + 1.5), 3.2), dpi=_DPI, layout="constrained")
+    axis = figure.subplots()
+    at = np.arange(len(found.groups))
+    for shift, colour, label in ((-0.2, _BEFORE, "before"), (0.2, _AFTER, "after")):
+        heights = [getattr(group, label).psnr_db for group in found.groups]
+        axis.bar(at + shift, heights, 0.4, color=colour, label=label)
+    labels = [f"{short(g.wavelength_m, 'nm')}\n{short(g.distance_m, 'mm')}" for g in found.groups]
+    axis.set_xticks(at, labels, fontsize=8)
+    axis.set_ylabel("PSNR, dB")
+    axis.legend(frameon=False, fontsize=8)
+    return figure
+
+
+def candidates(found: Diagnosis, most: int = 12) -> Figure:
+    """χ²/n − 1 on held-out captures of what was tried, on a logarithmic scale."""
+    shown = found.candidates[:most]
+    names = ["nominal model", *(" + ".join(c.causes) for c in shown)]
+    excess = [found.before.chi2 - 1, *(c.chi2 - 1 for c in shown)]
+    figure = Figure(figsize=(8, 0.9 + 0.27 * len(names)), dpi=_DPI, layout="constrained")
+    axis = figure.subplots()
+    floor = 1e-3
+    axis.barh(
+        np.arange(len(names)), np.maximum(excess, floor) / floor, left=floor, color=[_BEFORE] + [_AFTER] * len(shown)
+    )
+    axis.set_xscale("log")
+    axis.set_yticks(np.arange(len(names)), names, fontsize=8)
+    axis.invert_yaxis()
+    axis.set_xlabel("χ²/n − 1 on held-out captures")
+    return figure
+
+
+def _paired_bars(axis: Axes, before: Sequence[Bin], after: Sequence[Bin]) -> None:
+    at = np.arange(len(before))
+    axis.bar(at - 0.2, [b.chi2 for b in before], 0.4, color=_BEFORE, label="nominal")
+    axis.bar(at + 0.2, [b.chi2 for b in after], 0.4, color=_AFTER, label="extended")
+    axis.axhline(1.0, color=_NOISE, linewidth=1, linestyle="--")
+    axis.set_xticks(at, [_wrapped(b.name) for b in before], fontsize=7)
+    if max(b.chi2 for b in before) > 10:
+        axis.set_yscale("log")
+    axis.set_ylabel("χ²/n", fontsize=8)
+    axis.tick_params(axis="y", labelsize=7)
+
+
+def _wrapped(name: str) -> str:
+    return textwrap.fill(name, 16)

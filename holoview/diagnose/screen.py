@@ -1,0 +1,161 @@
+"""First look at every effect, on the smoothest captures, on top of causes that are already known.
+
+Three ways, by how far the model is off. Nearly there: the tangent at the identity tells what each effect could gain,
+and only the most promising are fitted. Medium: a local fit of each from its identity. Far: a scan over each effect's
+range first, since decorrelated speckle has no slope that points home. Effects come in batches, the cheapest first, so
+that the caller can stop as soon as one explains everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.diagnose.bench import Bench, Progress
+from holoview.diagnose.comparison import Comparison
+from holoview.diagnose.displacement import Hints, hints
+from holoview.diagnose.ghosts import copies
+from holoview.diagnose.search import Trial, cost_of, local_fit, scan, search, slopes_of
+from holoview.diagnose.unknowns import Found
+from holoview.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
+from holoview.errors import UserError
+
+Look = Callable[[Effect], Trial]
+
+_TANGENT_BELOW, _LOCAL_BELOW = 0.05, 0.35  # r.m.s. residual over mean light
+_TANGENT_FITS = 8
+_BATCH = 8
+_SCAN_CAPTURES = 2
+_MANY_BEAMS = 8  # a local fit of so many fields isn't begun where the scan found nothing
+_BEAMS = 60  # field computations of a scan that are worth it for one effect and capture
+
+
+def mismatch(bench: Bench, values: Found, indices: NDArray[np.intp] | None = None) -> float:
+    """How far a model is off: r.m.s. residual beyond the noise over the mean light; coarse captures when None."""
+    comparison = bench.coarse_comparison(bench.split.coarse if indices is None else indices, 0.0)
+    fitted = comparison.fit(values)
+    usable = comparison.weight > 0
+    inverse = np.where(usable, 1.0 / np.where(usable, comparison.weight, 1.0), 0.0)
+    excess = np.square(fitted.residual * inverse).sum((1, 2)) - np.square(inverse).sum((1, 2))
+    light = np.abs(np.where(usable, comparison.light, 0.0).sum((1, 2)))
+    ratio = np.maximum(excess, 0.0) * comparison.pixels / np.maximum(light, 1e-9) ** 2
+    return float(np.sqrt(ratio.mean()))
+
+
+def screen(bench: Bench, base: Found, effects: Sequence[Effect], report: Progress, note: str) -> Iterator[list[Trial]]:
+    """Batches of trials, each one effect on top of `base` with costs of one comparison; the cheapest effects first.
+
+    An effect comes twice where a local fit from its identity may have missed what a scan finds.
+    """
+    off_by = mismatch(bench, base)
+    comparison = bench.coarse_comparison(bench.split.coarse, min(off_by, 1.0))
+    nothing = cost_of(comparison, base)
+    ordered = sorted(effects, key=lambda e: (effort(bench, e), e.id))
+    if off_by < _TANGENT_BELOW:
+        doubled = copies(base, comparison)
+        look = _scanned(bench, base, comparison, doubled)
+        yield _better(bench.map(look, [e for e in ordered if doubled(e)], report, note), nothing)
+        ordered = _promising(bench, base, [e for e in ordered if not doubled(e)], comparison, report, note)
+        yield _better(bench.map(_local(comparison, base, 4), ordered, report, note), nothing)
+        return
+    if off_by < _LOCAL_BELOW:
+        for batch in _batches(ordered):
+            yield _better(bench.map(_local(comparison, base, 4), batch, report, note), nothing)
+    start = _starts(bench, base, comparison)
+    look = _scanned(bench, base, comparison, start)
+    for batch in _batches(ordered):
+        yield _better(bench.map(look, batch, report, f"{note}, over its range"), nothing)
+
+
+def effort(bench: Bench, effect: Effect) -> float:
+    """How much a search costs: points of its scan × fields of a prediction × how early the light path changes."""
+    points = list(effect.starts(bench.system))
+    beams = _beams(bench, effect, points)
+    upstream = any(effect.changes(h) for h in (*BENCH_HOOKS, *MODULATOR_HOOKS) if h != "power")
+    aims = any(effect.changes(h) for h in CAMERA_HOOKS)
+    return (len(points) + 3 * len(effect.parameters)) * (4.0 * beams if upstream else 0.2 if aims else 2.0)
+
+
+def _beams(bench: Bench, effect: Effect, points: Sequence[dict[str, float]]) -> int:
+    """Fields that a prediction with this effect sums incoherently, at the far end of its scan."""
+    if not points:
+        return 1
+    values = effect.values(points[-1])
+    nominal = bench.system
+    try:
+        system = effect.bench(nominal, values)
+    except UserError:
+        return 1
+    lines = len(system.wavelengths_m) // len(nominal.wavelengths_m)
+    return lines * len(system.source.directions_rad) * len(effect.moments(values))
+
+
+def _promising(
+    bench: Bench, base: Found, effects: Sequence[Effect], comparison: Comparison, report: Progress, note: str
+) -> list[Effect]:
+    """The effects whose tangents explain most of the residual, the best first."""
+    residual = comparison.residual(base)
+
+    def gain(effect: Effect) -> float:
+        start = {**base, effect.id: _identity(effect)}
+        slopes = slopes_of(effect, start, comparison, residual)
+        normal = (slopes @ slopes.T).astype(np.float64)
+        right = (slopes @ residual).astype(np.float64)
+        return float(right @ np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ right)
+
+    gains = bench.map(gain, effects, report, f"{note}, tangents")
+    order = np.argsort(gains)[::-1][:_TANGENT_FITS]
+    return [effects[k] for k in order if gains[k] > 0]
+
+
+def _local(comparison: Comparison, base: Found, iterations: int) -> Look:
+    def look(effect: Effect) -> Trial:
+        start = {**base, effect.id: _identity(effect)}
+        found = local_fit([effect], start, comparison, iterations=iterations)
+        return Trial((*base, effect.id), found.values, found.cost)
+
+    return look
+
+
+def _scanned(bench: Bench, base: Found, comparison: Comparison, starts: Hints) -> Look:
+    """Scan on a few captures, local fits on all of the comparison's."""
+    few = bench.coarse_comparison(_spread(bench, _SCAN_CAPTURES), min(1.0, mismatch(bench, base)))
+
+    def look(effect: Effect) -> Trial:
+        points = list(effect.starts(bench.system))
+        beams = _beams(bench, effect, points)
+        most = max(3, _BEAMS // beams)
+        thinned = points[:: -(-len(points) // most)] if len(points) > most else points
+        trials = scan(effect, few, base, [*starts(effect), *thinned])
+        if beams >= _MANY_BEAMS and trials[0].values[effect.id] == _identity(effect):
+            return Trial((*base, effect.id), trials[0].values, float("inf"))
+        return search(effect, comparison, base, trials)
+
+    return look
+
+
+def _spread(bench: Bench, count: int) -> np.ndarray:
+    """Some of the coarse captures, of wavelengths as different as can be."""
+    coarse = bench.split.coarse
+    order = coarse[np.argsort(bench.measured.captures.wavelength_m[coarse], kind="stable")]
+    return order[np.unique(np.linspace(0, len(order) - 1, count).round().astype(int))]
+
+
+def _starts(bench: Bench, base: Found, comparison: Comparison) -> Hints:
+    """Starting values that the pictures themselves suggest."""
+    moved, doubled = hints(base, comparison), copies(base, comparison)
+    return lambda effect: [*moved(effect), *doubled(effect)]
+
+
+def _batches(effects: Sequence[Effect]) -> list[Sequence[Effect]]:
+    return [effects[k : k + _BATCH] for k in range(0, len(effects), _BATCH)]
+
+
+def _better(trials: Sequence[Trial], nothing: float) -> list[Trial]:
+    return sorted((t for t in trials if t.cost < nothing), key=lambda t: t.cost)
+
+
+def _identity(effect: Effect) -> dict[str, float]:
+    return {p.name: p.identity for p in effect.parameters}

@@ -1,0 +1,178 @@
+"""The best values of one effect, or of several together: a scan over its range, then a local fit.
+
+A tangent at the identity value tells the cause of small errors. Large ones decorrelate the speckle, and the true value
+is then found only by looking along the effect's range: `scan`. Hard edges have no slopes: golden section.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from holoview.diagnose.comparison import Comparison
+from holoview.diagnose.levenberg import (
+    Function,
+    Minimum,
+    Residuals,
+    Vector,
+    golden_section,
+    jacobian,
+    levenberg_marquardt,
+    simplex,
+)
+from holoview.diagnose.unknowns import Found, Unknowns, unknowns
+from holoview.effects.effect import Effect
+from holoview.errors import UserError
+
+_LOCAL_STARTS, _MANY = 2, 4
+_GAIN_OF_A_CYCLE = 0.99  # a second round over the parameters is worth it when the first lowered the cost below this
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Causes with values, and their cost (Σ residual²) in the comparison that they were fitted in."""
+
+    causes: tuple[str, ...]
+    values: Found
+    cost: float
+
+    @property
+    def free(self) -> int:
+        """How many numbers are off their identity."""
+        return sum(len(values) for values in self.values.values())
+
+
+def cost_of(comparison: Comparison, values: Mapping[str, Mapping[str, float]]) -> float:
+    """Σ residual², infinite where such a bench can't be (a gap below zero, say)."""
+    try:
+        return float(comparison.fit(values).squares.sum())
+    except UserError:
+        return float("inf")
+
+
+def scan(effect: Effect, comparison: Comparison, base: Found, starts: Sequence[Mapping[str, float]]) -> list[Trial]:
+    """Trials at the identity and at `starts` on top of `base`, best first.
+
+    Where several parameters have a scan of their own, a second round varies each from the best point of the first.
+    """
+    causes = (*base, effect.id)
+    identity = {p.name: p.identity for p in effect.parameters}
+    points = [dict(identity), *({**identity, **p} for p in starts)]
+    trials = _tried(comparison, causes, base, effect.id, points)
+    several = sum(p.scan is not None for p in effect.parameters) > 1
+    if several and trials[0].cost < _GAIN_OF_A_CYCLE * trials_at_identity(trials, effect):
+        best = trials[0].values[effect.id]
+        more = [{**best, **_moved(point, identity)} for point in points[1:]]
+        fresh = [point for point in more if point not in points]
+        trials = sorted([*trials, *_tried(comparison, causes, base, effect.id, fresh)], key=lambda t: t.cost)
+    return trials
+
+
+def trials_at_identity(trials: Sequence[Trial], effect: Effect) -> float:
+    """The cost of the trial in which the effect is off."""
+    identity = {p.name: p.identity for p in effect.parameters}
+    return next(t.cost for t in trials if t.values[effect.id] == identity)
+
+
+def local_fit(
+    effects: Sequence[Effect],
+    start: Found,
+    comparison: Comparison,
+    *,
+    iterations: int = 6,
+    tolerance: float = 2e-3,
+    fine: bool = False,
+) -> Trial:
+    """Levenberg–Marquardt on all parameters of the effects from `start`."""
+    smooth = unknowns(effects, fine=fine)
+    values, cost = start, cost_of(comparison, start)
+    if len(smooth):
+        minimum = levenberg_marquardt(
+            residual_of(smooth, start, comparison),
+            smooth.pack(start),
+            smooth.bounds(),
+            iterations=iterations,
+            tolerance=tolerance,
+        )
+        values, cost = smooth.unpack(minimum.x, start), minimum.cost
+    return Trial(tuple(e.id for e in effects), values, cost)
+
+
+def search(effect: Effect, comparison: Comparison, base: Found, trials: Sequence[Trial]) -> Trial:
+    """Local fits of the effect alone from the best points of a scan."""
+    fits = [local_fit([effect], t.values, comparison) for t in _apart(trials, effect)]
+    best = min(fits, key=lambda t: t.cost)
+    return Trial((*base, effect.id), best.values, best.cost)
+
+
+def residual_of(free: Unknowns, base: Found, comparison: Comparison) -> Function:
+    """The residuals as a function of the vector; a bench that can't be answers with the residuals of no light."""
+
+    def function(x: Vector) -> Residuals:
+        try:
+            return comparison.residual(free.unpack(x, base))
+        except UserError:
+            return comparison.no_light
+
+    return function
+
+
+def slopes_of(effect: Effect, values: Found, comparison: Comparison, residual: np.ndarray) -> np.ndarray:
+    """Slopes (parameter, pixel) of the residuals by the effect's parameters at `values`, in units of the priors."""
+    free = unknowns([effect])
+    return jacobian(residual_of(free, values, comparison), free.pack(values), residual, free.bounds())
+
+
+def _tried(
+    comparison: Comparison, causes: tuple[str, ...], base: Found, own: str, points: Sequence[dict[str, float]]
+) -> list[Trial]:
+    trials = []
+    for point in points:
+        values = {**base, own: dict(point)}
+        trials.append(Trial(causes, values, cost_of(comparison, values)))
+    return sorted(trials, key=lambda t: t.cost)
+
+
+def _moved(point: Mapping[str, float], identity: Mapping[str, float]) -> dict[str, float]:
+    return {name: value for name, value in point.items() if value != identity[name]}
+
+
+def _apart(trials: Sequence[Trial], effect: Effect) -> list[Trial]:
+    """The best trials to start from: finite, not next to each other in the scan; one where a fit is expensive."""
+    chosen: list[Trial] = []
+    starts = _LOCAL_STARTS if sum(not p.fine for p in effect.parameters) < _MANY else 1
+    for trial in trials:
+        if np.isfinite(trial.cost) and all(_distance(trial, other, effect) > 1.5 for other in chosen):
+            chosen.append(trial)
+        if len(chosen) == starts:
+            break
+    return chosen
+
+
+def _distance(a: Trial, b: Trial, effect: Effect) -> float:
+    """The largest difference of a parameter in steps of its scan."""
+    steps = {p.name: p.scan[2] if p.scan else p.prior for p in effect.parameters}
+    first, second = a.values[effect.id], b.values[effect.id]
+    return max(abs(first[name] - second[name]) / step for name, step in steps.items())
+
+
+def sharpened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
+    """The last digits of parameters with hard edges, which a local fit takes long steps over.
+
+    One: golden section. Several: a simplex search, twice, since they make up for each other.
+    """
+    free = unknowns(effects)
+    sharp = [axis for axis, (_, p) in enumerate(free.entries) if p.sharp]
+    if not sharp:
+        return trial
+    function, bounds = residual_of(free, trial.values, comparison), free.bounds()
+    best = Minimum(free.pack(trial.values), trial.cost, comparison.residual(trial.values), 0)
+    if len(sharp) == 1:
+        found = golden_section(function, best.x, bounds, sharp[0], float(bounds.step[sharp[0]]))
+        best = found if found.cost < best.cost else best
+    else:
+        for share in (1.0, 0.25):
+            best = simplex(function, best, sharp, share * bounds.step[sharp], bounds)
+    return Trial(trial.causes, free.unpack(best.x, trial.values), best.cost)

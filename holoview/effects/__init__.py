@@ -1,0 +1,13 @@
+"""Effects: what real benches do and the plain model doesn't, one physical cause a file.
+
+effect parameter   what an effect states: cause, parameters, the hooks of the slots that it changes
+registry           all effects by id; a user's own files
+places             what hooks work on: a modulator's surface, a relay's aperture, the camera's sensor
+apply              a bench with its effects: hooks in order
+every other file   one effect, named as its id
+"""
+
+from holoview.effects.effect import Effect, Facts, Needs
+from holoview.effects.parameter import Parameter, Values
+
+__all__ = ["Effect", "Facts", "Needs", "Parameter", "Values"]

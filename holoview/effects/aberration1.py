@@ -1,0 +1,19 @@
+"""Relay 1 isn't free of aberrations."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from holoview.effects.aberration_base import Aberration
+from holoview.effects.effect import Needs
+
+
+class Aberration1(Aberration):
+    """Zernike terms in the Fourier plane of relay 1. Its defocus alone is the same as a wrong gap."""
+
+    id = "aberration1"
+    cause = "The optics between the modulators have aberrations."
+    finding = "Relay 1 has aberrations of {rms} r.m.s., {largest} above all."
+    where = ("relay 1",)
+    equals: ClassVar = ("gap",)
+    needs = Needs(modulators=2, irises=(1,), fourier=False)

@@ -1,0 +1,19 @@
+"""Relay 2 isn't free of aberrations."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from holoview.effects.aberration_base import Aberration
+from holoview.effects.effect import Needs
+
+
+class Aberration2(Aberration):
+    """Zernike terms in the Fourier plane of relay 2. Its defocus alone is the same as a wrong distance."""
+
+    id = "aberration2"
+    cause = "The optics behind the last modulator have aberrations."
+    finding = "Relay 2 has aberrations of {rms} r.m.s., {largest} above all."
+    where = ("relay 2",)
+    equals: ClassVar = ("distance",)
+    needs = Needs(irises=(2,), fourier=False)

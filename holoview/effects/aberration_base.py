@@ -1,0 +1,45 @@
+"""What the aberrations of both relays have in common."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from holoview.effects.effect import Effect
+from holoview.effects.parameter import Parameter, Values
+from holoview.system import System
+from holoview.units import short
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from holoview.effects.places import Aperture
+
+_TERMS = range(4, 12)  # Noll: defocus, astigmatism, coma, trefoil, spherical; piston and tilts are shifts
+_REFERENCE_M, _PER_M = 550e-9, 100e-9
+
+
+def _term(noll: int) -> Parameter:
+    doc = f"Zernike term {noll} (Noll), r.m.s. optical path over the nominal iris at 550 nm."
+    return Parameter(f"z{noll}", doc, "nm", low=-5e-6, high=5e-6, prior=100e-9, scan=(-400e-9, 400e-9, 100e-9))
+
+
+def _slope(noll: int) -> Parameter:
+    doc = f"What term {noll} gains for each 100 nm of wavelength."
+    return Parameter(f"z{noll}_slope", doc, "nm", low=-2e-6, high=2e-6, prior=20e-9, fine=True)
+
+
+class Aberration(Effect):
+    """pupil → pupil · exp(2πi·opd/λ), opd = Σ_j (c_j + slope_j·(λ − 550 nm)/100 nm)·Z_j over the nominal iris."""
+
+    parameters = (*map(_term, _TERMS), *map(_slope, _TERMS))
+
+    def pupil(self, pupil: Tensor, at: Aperture, v: Values) -> Tensor:
+        x = (at.wavelength_m - _REFERENCE_M) / _PER_M
+        terms = {noll: v[f"z{noll}"] + v[f"z{noll}_slope"] * x for noll in _TERMS}
+        return at.delayed(pupil, at.zernike({noll: value for noll, value in terms.items() if value}))
+
+    def words(self, system: System, v: Values) -> dict[str, str]:
+        size = sum(v[f"z{noll}"] ** 2 for noll in _TERMS) ** 0.5
+        largest = max(_TERMS, key=lambda noll: abs(v[f"z{noll}"]))
+        term = f"Z{largest} = {short(v[f'z{largest}'], 'nm', 3)}"
+        return {"rms": short(size, "nm", 3), "largest": term}

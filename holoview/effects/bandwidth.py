@@ -1,0 +1,60 @@
+"""Lasers aren't monochromatic: each wavelength is a line of some width, and its parts add in intensity."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.effects.effect import Effect
+from holoview.effects.parameter import Parameter, Values
+from holoview.system import System
+
+_POINTS = ((2.5e-9, 5), (5e-9, 7), (np.inf, 11))  # by the line's width
+
+
+class Bandwidth(Effect):
+    """Each wavelength → a line of standard deviation `sigma`: a Gaussian, by Gauss–Hermite quadrature.
+
+    top takes a share of it to a rectangle of the same variance, by Gauss–Legendre quadrature.
+    """
+
+    id = "bandwidth"
+    cause = "The lasers' lines are broad: light of slightly different wavelengths adds in intensity."
+    finding = "The light's spectral lines are {sigma} wide (standard deviation), not monochromatic."
+    parameters = (
+        Parameter(
+            "sigma",
+            "Standard deviation of each line.",
+            "nm",
+            low=0.0,
+            high=30e-9,
+            prior=1e-9,
+            scan=(1e-9, 9e-9, 1e-9),
+            even=True,
+        ),
+        Parameter("top", "Share of a rectangle in the line.", low=0.0, high=1.0, prior=0.5, fine=True),
+    )
+    where = ("source",)
+
+    def bench(self, system: System, v: Values) -> System:
+        if v["sigma"] == 0:
+            return system
+        nodes, weights = line(next(count for widest, count in _POINTS if v["sigma"] <= widest), v["top"])
+        lines = (system.wavelengths_m[:, None] + v["sigma"] * nodes).ravel()
+        amplitudes = (system.amplitudes[:, :, None] * weights).reshape(system.frames, -1)
+        source = system.source
+        if source.tilts_rad is not None:
+            source = dataclasses.replace(source, tilts_rad=np.repeat(source.tilts_rad, len(nodes), axis=0))
+        return dataclasses.replace(system, wavelengths_m=lines, amplitudes=amplitudes, source=source)
+
+
+def line(points: int, top: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Nodes in standard deviations and weights, which add up to 1, of a line that is a share `top` of a rectangle."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(points)
+    weights = weights / weights.sum()
+    if top == 0:
+        return nodes, weights
+    within, shares = np.polynomial.legendre.leggauss(points)
+    return np.concatenate([nodes, 3**0.5 * within]), np.concatenate([(1 - top) * weights, top / 2 * shares])

@@ -1,0 +1,38 @@
+"""A pixel's field leaks into its neighbours: the optical path is blurred (fringing)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from holoview.effects.effect import Effect
+from holoview.effects.parameter import Parameter, Values
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from holoview.effects.places import Surface
+
+
+class Crosstalk(Effect):
+    """opd → opd convolved with a Gaussian of standard deviation `sigma` modulator pixels."""
+
+    id = "crosstalk"
+    cause = "Neighbouring pixels of the modulators influence each other (fringing fields)."
+    finding = "The modulators' pixels leak into their neighbours: a blur of {sigma} (standard deviation)."
+    parameters = (
+        Parameter(
+            "sigma",
+            "Standard deviation of the blur.",
+            "px",
+            low=0.0,
+            high=4.0,
+            prior=0.3,
+            scan=(0.15, 1.2, 0.15),
+            even=True,
+        ),
+    )
+    where = ("modulator 1", "modulator 2")
+    order = 1
+
+    def path(self, path_m: Tensor, at: Surface, v: Values) -> Tensor:
+        return at.blurred(path_m, v["sigma"])

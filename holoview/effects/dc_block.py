@@ -1,0 +1,39 @@
+"""Something stops the zero order in the last relay's Fourier plane."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from holoview.effects.effect import Effect
+from holoview.effects.parameter import Parameter, Values
+from holoview.system import System
+
+
+class DcBlock(Effect):
+    """A round stop at the zero order of relay 2 whose radius is the direction sine `radius`."""
+
+    id = "dc_block"
+    cause = "A stop at the zero order (or dust there) takes low frequencies away."
+    finding = "A stop of {radius} radius blocks the zero order."
+    parameters = (
+        Parameter(
+            "radius",
+            "Direction sine at the stop's edge.",
+            "mrad",
+            low=0.0,
+            high=50e-3,
+            prior=1e-3,
+            scan=(0.5e-3, 5.5e-3, 0.5e-3),
+            sharp=True,
+        ),
+    )
+    where = ("relay 2",)
+
+    def bench(self, system: System, v: Values) -> System:
+        relay = system.relay2
+        radius = max(v["radius"], relay.dc_block_na or 0.0)
+        if relay.iris_na is not None:
+            radius = min(radius, 0.99 * relay.iris_na)
+        if radius < 1e-5:  # less than a description can hold
+            return system
+        return dataclasses.replace(system, relay2=dataclasses.replace(relay, dc_block_na=radius))

@@ -1,0 +1,47 @@
+"""The optical path that a level adds depends on the wavelength."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from holoview.effects.effect import Effect, Needs
+from holoview.effects.parameter import Parameter, Values
+from holoview.system import System
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from holoview.effects.places import Surface
+
+_REFERENCE_M, _PER_M = 550e-9, 100e-9
+
+
+class Dispersion(Effect):
+    """opd(λ) = opd · (1 + offset + slope·x + curvature·x²), x = (550 nm − λ)/100 nm.
+
+    Liquid crystals delay short waves more: slope > 0 (Li et al., J. Disp. Technol. 1, 51 (2005), Cauchy's law).
+    """
+
+    id = "dispersion"
+    cause = "The modulators' optical path depends on the wavelength (dispersion of the liquid crystal)."
+    finding = "The modulators' optical path changes with the wavelength: {blue} at 450 nm against 550 nm."
+    parameters = (
+        Parameter(
+            "slope", "Relative rise of the path for each 100 nm.", low=-0.8, high=0.8, prior=0.1, scan=(-0.3, 0.3, 0.05)
+        ),
+        Parameter("curvature", "Its quadratic part.", low=-0.5, high=0.5, prior=0.03, fine=True),
+        Parameter("offset", "Relative error of the path at 550 nm.", low=-0.5, high=0.5, prior=0.05, fine=True),
+    )
+    where = ("modulator 1", "modulator 2")
+    needs = Needs(wavelengths=2)
+
+    def path(self, path_m: Tensor, at: Surface, v: Values) -> Tensor:
+        return path_m * self.factor(at.wavelength_m, v)
+
+    def factor(self, wavelength_m: float, v: Values) -> float:
+        """By what the nominal path is multiplied."""
+        x = (_REFERENCE_M - wavelength_m) / _PER_M
+        return 1 + v["offset"] + v["slope"] * x + v["curvature"] * x * x
+
+    def words(self, system: System, v: Values) -> dict[str, str]:
+        return {"blue": f"{(self.factor(450e-9, v) / self.factor(_REFERENCE_M, v) - 1) * 100:+.1f} %"}

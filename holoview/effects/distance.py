@@ -1,0 +1,44 @@
+"""The planes aren't at their nominal distance from the last modulator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from holoview.effects.effect import Effect, Facts
+from holoview.effects.parameter import Parameter, Values
+from holoview.system import System
+from holoview.units import short
+
+
+class Distance(Effect):
+    """plane → plane + distance_error. Defocus of relay 2 is the same; on a Fourier bench, a curved modulator is."""
+
+    id = "distance"
+    cause = "The camera's plane is nearer or further than its nominal distance (or relay 2 is defocused)."
+    finding = "The camera's plane is {amount} {side} than its nominal distance."
+    parameters = (
+        Parameter(
+            "distance_error",
+            "Added to the distance of every plane.",
+            "mm",
+            low=-20e-3,
+            high=20e-3,
+            prior=0.2e-3,
+            scan=(-0.6e-3, 0.6e-3, 0.1e-3),
+        ),
+    )
+    where = ("relay 2",)
+    equals: ClassVar = ("aberration2",)
+
+    def equal_to(self, facts: Facts) -> tuple[str, ...]:
+        return ("slm_flatness",) if facts.is_fourier else self.equals
+
+    def bench(self, system: System, v: Values) -> System:
+        return system.with_(planes=np.maximum(system.planes_m + v["distance_error"], 0.0))
+
+    def words(self, system: System, v: Values) -> Mapping[str, str]:
+        error = v["distance_error"]
+        return {"amount": short(abs(error), "mm"), "side": "further" if error >= 0 else "nearer"}

@@ -1,0 +1,36 @@
+"""The distance between the modulators isn't what it is taken for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from holoview.effects.effect import Effect, Needs
+from holoview.effects.parameter import Parameter, Values
+from holoview.system import System
+from holoview.units import short
+
+
+class Gap(Effect):
+    """gap → gap + gap_error. Defocus of relay 1 is the same thing."""
+
+    id = "gap"
+    cause = "The gap between the modulators is longer or shorter than its nominal value (or relay 1 is defocused)."
+    finding = "The gap is {actual}, not {nominal}."
+    parameters = (
+        Parameter(
+            "gap_error", "Added to the gap.", "mm", low=-5e-3, high=5e-3, prior=0.2e-3, scan=(-0.5e-3, 0.5e-3, 0.1e-3)
+        ),
+    )
+    where = ("relay 1",)
+    equals: ClassVar = ("aberration1",)
+    needs = Needs(modulators=2, fourier=False)
+
+    def bench(self, system: System, v: Values) -> System:
+        assert system.gap_m is not None
+        return system.with_(gap=system.gap_m + v["gap_error"])
+
+    def words(self, system: System, v: Values) -> Mapping[str, str]:
+        assert system.gap_m is not None
+        actual = system.gap_m + v["gap_error"]
+        return {"actual": short(actual, "mm"), "nominal": short(system.gap_m, "mm")}

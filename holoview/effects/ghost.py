@@ -1,0 +1,39 @@
+"""A reflection puts a weak, shifted copy over the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from holoview.effects.effect import Effect
+from holoview.effects.parameter import Parameter, Values
+from holoview.system import System
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from holoview.effects.places import Sensor
+
+_DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, -1), (-1, 0), (-1, -1), (-1, 1))
+
+
+class Ghost(Effect):
+    """signal → signal + strength · signal moved by (shift_y, shift_x) camera pixels."""
+
+    id = "ghost"
+    cause = "A reflection adds a weak, shifted copy of the picture."
+    finding = "A ghost of {strength} of the picture's brightness lies {shift_y} (y) and {shift_x} (x) beside it."
+    parameters = (
+        Parameter("strength", "Brightness of the copy.", low=0.0, high=1.0, prior=0.05),
+        Parameter("shift_y", "Shift of the copy in y (rows).", "px", low=-500.0, high=500.0, prior=10.0),
+        Parameter("shift_x", "Shift of the copy in x (columns).", "px", low=-500.0, high=500.0, prior=10.0),
+    )
+    where = ("camera",)
+    order = 1
+
+    def starts(self, system: System) -> Iterable[dict[str, float]]:
+        """Copies in eight directions; peaks of the residual's correlation with the picture are better starts."""
+        return [{"strength": 0.1, "shift_y": 8.0 * y, "shift_x": 8.0 * x} for y, x in _DIRECTIONS]
+
+    def image(self, image: Tensor, at: Sensor, v: Values) -> Tensor:
+        return image + v["strength"] * at.shifted(image, (v["shift_y"], v["shift_x"]))

@@ -1,0 +1,17 @@
+"""The iris of relay 1 isn't as large as it is taken to be, or isn't centred."""
+
+from __future__ import annotations
+
+from holoview.effects.effect import Needs
+from holoview.effects.iris_base import Iris
+
+
+class Iris1(Iris):
+    """The round iris in the Fourier plane of relay 1."""
+
+    id = "iris1"
+    cause = "The iris between the modulators is wider, narrower or off its centre."
+    finding = "The iris of relay 1 has an aperture of {actual}, not {nominal}{beside}."
+    relay = "relay1"
+    where = ("relay 1",)
+    needs = Needs(modulators=2, irises=(1,), fourier=False)

@@ -1,0 +1,17 @@
+"""The iris of relay 2 isn't as large as it is taken to be, or isn't centred."""
+
+from __future__ import annotations
+
+from holoview.effects.effect import Needs
+from holoview.effects.iris_base import Iris
+
+
+class Iris2(Iris):
+    """The round iris in the Fourier plane of relay 2."""
+
+    id = "iris2"
+    cause = "The iris behind the last modulator is wider, narrower or off its centre."
+    finding = "The iris of relay 2 has an aperture of {actual}, not {nominal}{beside}."
+    relay = "relay2"
+    where = ("relay 2",)
+    needs = Needs(irises=(2,), fourier=False)

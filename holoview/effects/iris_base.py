@@ -1,0 +1,62 @@
+"""What the irises of both relays have in common."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, ClassVar
+
+from holoview.effects.effect import Effect
+from holoview.effects.parameter import Parameter, Values
+from holoview.effects.search import square
+from holoview.system import System
+from holoview.units import short
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from holoview.effects.places import Aperture
+
+PARAMETERS = (
+    Parameter(
+        "radius_error",
+        "Relative error of the radius.",
+        low=-0.9,
+        high=4.0,
+        prior=0.1,
+        scan=(-0.5, 0.5, 0.1),
+        sharp=True,
+    ),
+    Parameter("decentre_y", "Shift in y, in nominal radii.", low=-2.0, high=2.0, prior=0.1, sharp=True),
+    Parameter("decentre_x", "Shift in x, in nominal radii.", low=-2.0, high=2.0, prior=0.1, sharp=True),
+)
+
+
+class Iris(Effect):
+    """Aperture na → na·(1 + radius_error), its centre at the direction sines na·(decentre_y, decentre_x)."""
+
+    relay: ClassVar[str]
+    parameters = PARAMETERS
+
+    def starts(self, system: System) -> Iterable[dict[str, float]]:
+        return [*super().starts(system), *square("decentre_y", "decentre_x", 0.4, 0.2)]
+
+    def bench(self, system: System, v: Values) -> System:
+        """The iris itself, or where it is off the centre the centred one around it."""
+        relay = getattr(system, self.relay)
+        away = (v["decentre_y"] ** 2 + v["decentre_x"] ** 2) ** 0.5
+        wide = min(relay.iris_na * (1 + v["radius_error"] + away), 1.0)
+        return dataclasses.replace(system, **{self.relay: dataclasses.replace(relay, iris_na=wide)})
+
+    def pupil(self, pupil: Tensor, at: Aperture, v: Values) -> Tensor:
+        centre_y, centre_x = (at.iris_na * v[name] for name in ("decentre_y", "decentre_x"))
+        if centre_y == 0 and centre_x == 0:
+            return pupil
+        radius = at.iris_na * (1 + v["radius_error"])
+        return pupil * ((at.sine_y - centre_y) ** 2 + (at.sine_x - centre_x) ** 2 <= radius**2)
+
+    def words(self, system: System, v: Values) -> dict[str, str]:
+        na = getattr(system, self.relay).iris_na
+        away = (v["decentre_y"], v["decentre_x"])
+        beside = f", off its centre by {short(na * away[0], 'mrad', 3)} (y) and {short(na * away[1], 'mrad', 3)} (x)"
+        return {"actual": f"{na * (1 + v['radius_error']):.4g}", "nominal": f"{na:.4g}", "beside": beside * any(away)}

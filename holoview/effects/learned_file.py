@@ -1,0 +1,53 @@
+"""The safetensors file of a calibration: the tensors of `holoview.effects.learned` in SI units, and what they are of.
+
+metadata: format, version, layout (JSON), summary (JSON: what it was learned from, and how well it predicts).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+
+from holoview.effects.learned import TENSORS, Layout, Learned
+from holoview.errors import UserError
+from holoview.tensors import TensorFormat
+
+_FORMAT = TensorFormat(
+    name="holoview-calibration",
+    version="1",
+    what="the maps of a calibration that `holoview calibrate` wrote",
+    tensors=TENSORS,
+    texts=("layout", "summary"),
+)
+
+
+@dataclass(frozen=True)
+class LearnedFile:
+    """Maps and their summary."""
+
+    learned: Learned
+    summary: dict[str, Any]
+
+
+def write_learned(path: str | os.PathLike[str], learned: Learned, summary: Mapping[str, Any]) -> None:
+    """Writes the file, whole or not at all."""
+    tensors = {name: tensor.detach().float().numpy() for name, tensor in learned.tensors.items()}
+    _FORMAT.write(path, tensors, {"layout": learned.layout.text(), "summary": json.dumps(summary)})
+
+
+def read_learned(path: str | os.PathLike[str]) -> LearnedFile:
+    """Reads the file. Raises UserError when it is missing, damaged, of another kind, or its shapes don't fit."""
+    arrays, texts = _FORMAT.read(path)
+    layout = Layout.read(texts["layout"], f"{path}: layout")
+    for name, shape in layout.shapes().items():
+        if arrays[name].shape != shape:
+            raise UserError(f"{path}: {name}", f"shape {arrays[name].shape}", expected=f"{shape}, as its layout says")
+        if not bool(torch.isfinite(torch.from_numpy(arrays[name])).all()):
+            raise UserError(f"{path}: {name}", "holds NaN or infinity", expected="finite numbers")
+    tensors = {name: torch.from_numpy(arrays[name].copy()) for name in TENSORS}
+    return LearnedFile(Learned(layout, tensors), json.loads(texts["summary"]))

@@ -1,0 +1,56 @@
+"""A modulator isn't flat: it adds a static wavefront of its own."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from holoview.effects.effect import Effect
+from holoview.effects.parameter import Parameter, Values
+from holoview.system import System
+from holoview.units import short
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from holoview.effects.places import Surface
+
+_TERMS = range(4, 12)  # Noll: defocus, astigmatism, coma, trefoil, spherical
+_COMMON = (4, 5, 6)
+
+
+def _terms(modulator: int) -> tuple[Parameter, ...]:
+    return tuple(
+        Parameter(
+            f"z{noll}_{modulator}",
+            f"Zernike term {noll} (Noll) of modulator {modulator}, r.m.s. over the circle around it.",
+            "nm",
+            low=-5e-6,
+            high=5e-6,
+            prior=100e-9,
+            scan=(-300e-9, 300e-9, 100e-9) if noll in _COMMON else None,
+            fine=noll not in _COMMON,
+        )
+        for noll in _TERMS
+    )
+
+
+class SlmFlatness(Effect):
+    """opd → opd + Σ c_j·Z_j over the circle around the modulator, equal at all wavelengths."""
+
+    id = "slm_flatness"
+    cause = "A modulator isn't flat (backplane or cover glass): it adds a static wavefront."
+    finding = "The modulators aren't flat: {rms} r.m.s. of wavefront."
+    parameters = (*_terms(1), *_terms(2))
+    where = ("modulator 1", "modulator 2")
+    order = 2
+
+    def path(self, path_m: Tensor, at: Surface, v: Values) -> Tensor:
+        terms = {noll: value for noll in _TERMS if (value := v[f"z{noll}_{at.number + 1}"])}
+        return path_m + at.zernike(path_m, terms) if terms else path_m
+
+    def words(self, system: System, v: Values) -> dict[str, str]:
+        squares = [sum(v[f"z{noll}_{m + 1}"] ** 2 for noll in _TERMS) for m in range(len(system.modulators))]
+        names = ("modulator 1", "modulator 2")
+        parts = [f"{short(math.sqrt(s), 'nm', 3)} ({name})" for s, name in zip(squares, names, strict=False) if s]
+        return {"rms": " and ".join(parts) or "0 nm"}

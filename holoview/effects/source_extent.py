@@ -1,0 +1,83 @@
+"""The source isn't a point: light falls in from a cone of directions, and speckle washes out."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.effects.effect import Effect
+from holoview.effects.parameter import Parameter, Values
+from holoview.system import System
+
+_FEWEST, _MOST = 3, 11  # directions along a side
+
+
+class SourceExtent(Effect):
+    """Each direction → directions over a disc of angular radius `radius`, mutually incoherent and equally strong.
+
+    outline takes the disc to a square (1) or to a Gaussian spot (−1) of the same variance, radius²/4 each way. The
+    directions are a square grid, mapped to the disc with equal areas (Shirley & Chiu, J. Graph. Tools 2, 45 (1997)), as
+    fine as the finest speckle: a direction moves it by distance × angle, and it is λ/(2·NA) wide.
+    """
+
+    id = "source_extent"
+    cause = "The source is extended: its light is only partly coherent in space."
+    finding = "The source is a disc of {radius} angular radius, not a point."
+    parameters = (
+        Parameter(
+            "radius",
+            "Angular radius of the source.",
+            "mrad",
+            low=0.0,
+            high=20e-3,
+            prior=1e-3,
+            scan=(0.5e-3, 5.5e-3, 0.5e-3),
+            even=True,
+        ),
+        Parameter("outline", "From a Gaussian spot over a disc to a square.", low=-1.0, high=1.0, prior=0.5, fine=True),
+    )
+    where = ("source",)
+
+    def bench(self, system: System, v: Values) -> System:
+        if v["radius"] == 0:
+            return system
+        spread = v["radius"] * spot(self.side(system, v["radius"]), v["outline"])
+        directions = (system.source.directions_rad[:, None] + spread[None]).reshape(-1, 2)
+        return dataclasses.replace(system, source=dataclasses.replace(system.source, directions_rad=directions))
+
+    def side(self, system: System, radius_rad: float) -> int:
+        """How many directions there are along a side of the grid."""
+        far = float(system.planes_m.max()) + (system.gap_m or 0.0)
+        shortest, panel = float(system.wavelengths_m.min()), system.modulators[0]
+        sines = [na for na in (system.relay1.iris_na, system.relay2.iris_na) if na is not None]
+        sines += [shortest / panel.pitch_m, max(panel.shape) * panel.pitch_m / (2 * max(far, 1e-9))]
+        across = 2 * radius_rad * far * 2 * min(sines) / shortest
+        return min(max(math.ceil(across) + 2, _FEWEST), _MOST)
+
+
+def spot(side: int, outline: float) -> NDArray[np.float64]:
+    """(side², 2) points of equal weight, for a radius of 1: variance 1/4 each way, whatever the outline."""
+    middles = (2 * np.arange(side) + 1) / side - 1
+    v, u = (a.ravel() for a in np.meshgrid(middles, middles, indexing="ij"))
+    radius = np.maximum(np.abs(u), np.abs(v))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        angle = np.where(np.abs(u) >= np.abs(v), np.pi / 4 * v / u, np.pi / 2 - np.pi / 4 * u / v)
+    angle = np.where(radius == 0, 0.0, angle)
+    sign = np.where(np.where(np.abs(u) >= np.abs(v), u, v) < 0, -1.0, 1.0)
+    towards = sign[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    disc = _of_variance(radius[:, None] * towards)
+    if outline > 0:
+        return _of_variance((1 - outline) * disc + outline * _of_variance(np.stack([v, u], axis=1)))
+    if outline < 0:
+        gauss = np.sqrt(-2 * np.log1p(-(radius**2)))[:, None] * towards
+        return _of_variance((1 + outline) * disc - outline * _of_variance(gauss))
+    return disc
+
+
+def _of_variance(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The points about their mean, scaled to a mean squared radius of 1/2."""
+    points = points - points.mean(axis=0)
+    return points / math.sqrt(2 * float((points**2).sum(axis=1).mean()))

@@ -1,0 +1,54 @@
+"""The illumination isn't equally bright over the first modulator."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from holoview.effects.effect import Effect
+from holoview.effects.parameter import Parameter, Values
+from holoview.effects.search import square
+from holoview.system import System
+from holoview.units import short
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from holoview.effects.places import Surface
+
+
+class SourceProfile(Effect):
+    """amplitude = exp(−fall·|r|² + slope·r), r in half lengths of the modulator's longer side.
+
+    A Gaussian beam of waist w, centred at c, has fall = (half/w)² and slope = 2·fall·c/half: it is off at zero, where
+    waist and centre would be infinite and undefined.
+    """
+
+    id = "source_profile"
+    cause = "The illumination isn't flat: a Gaussian beam, or one that is off the centre."
+    finding = "The illumination is {shape}."
+    parameters = (
+        Parameter("fall", "Fall of the amplitude's logarithm at the edge.", low=-2.0, high=8.0, prior=0.3),
+        Parameter("slope_y", "Slope of the amplitude's logarithm in y.", low=-8.0, high=8.0, prior=0.2),
+        Parameter("slope_x", "Slope of the amplitude's logarithm in x.", low=-8.0, high=8.0, prior=0.2),
+    )
+    where = ("source",)
+
+    def starts(self, system: System) -> Iterable[dict[str, float]]:
+        return [{"fall": fall} for fall in (0.2, 0.5, 1.0, 2.0, 4.0)] + square("slope_y", "slope_x", 0.5, 0.5)
+
+    def transmission(self, light: Tensor, at: Surface, v: Values) -> Tensor:
+        y, x = (place / at.half_width() for place in at.places(light))
+        logarithm = v["slope_y"] * y + v["slope_x"] * x - v["fall"] * (y * y + x * x)
+        return light * logarithm.exp()
+
+    def words(self, system: System, v: Values) -> dict[str, str]:
+        half = max(system.modulators[0].shape) * system.modulators[0].pitch_m / 2
+        fall, slopes = v["fall"], (v["slope_y"], v["slope_x"])
+        if fall <= 0.02:
+            return {"shape": "brighter on one side" if any(slopes) else "brighter towards the edge"}
+        centre = [short(slope / (2 * fall) * half, "um", 3) for slope in slopes]
+        waist = short(half / fall**0.5, "mm", 3)
+        return {
+            "shape": f"a Gaussian beam of waist {waist} (1/e of amplitude), centred at y = {centre[0]}, x = {centre[1]}"
+        }

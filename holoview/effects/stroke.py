@@ -1,0 +1,39 @@
+"""Full drive adds another optical path than the modulators are taken to have."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+from holoview.effects.effect import Effect
+from holoview.effects.parameter import Parameter, Values
+from holoview.system import System
+from holoview.units import short
+
+
+class Stroke(Effect):
+    """stroke → stroke · (1 + stroke_error ± difference): + for the first modulator, − for the second."""
+
+    id = "stroke"
+    cause = "The modulators' stroke (the optical path of full drive) isn't its nominal value."
+    finding = "The stroke is {strokes}, not {nominal}."
+    parameters = (
+        Parameter(
+            "stroke_error", "Relative error of the stroke.", low=-0.9, high=2.0, prior=0.1, scan=(-0.5, 0.5, 0.05)
+        ),
+        Parameter(
+            "difference", "Half the relative difference of the two strokes.", low=-0.5, high=0.5, prior=0.05, fine=True
+        ),
+    )
+    where = ("modulator 1", "modulator 2")
+
+    def bench(self, system: System, v: Values) -> System:
+        modulators = tuple(
+            dataclasses.replace(m, stroke_m=m.stroke_m * (1 + v["stroke_error"] + sign * v["difference"]))
+            for m, sign in zip(system.modulators, (1, -1), strict=False)
+        )
+        return dataclasses.replace(system, modulators=modulators)
+
+    def words(self, system: System, v: Values) -> Mapping[str, str]:
+        strokes = [short(m.stroke_m, "nm") for m in self.bench(system, v).modulators]
+        return {"strokes": " and ".join(dict.fromkeys(strokes)), "nominal": short(system.modulators[0].stroke_m, "nm")}

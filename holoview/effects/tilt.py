@@ -1,0 +1,36 @@
+"""The illumination doesn't fall in at its nominal angle."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+
+import numpy as np
+
+from holoview.effects.effect import Effect, Facts
+from holoview.effects.parameter import Parameter, Values
+from holoview.effects.search import square
+from holoview.system import System
+
+
+class Tilt(Effect):
+    """direction → direction + (tilt_y, tilt_x), of every source and wavelength."""
+
+    id = "tilt"
+    cause = "The illumination falls in at an angle."
+    finding = "The illumination is tilted by {tilt_y} (y) and {tilt_x} (x)."
+    parameters = (
+        Parameter("tilt_y", "Angle added in y.", "mrad", low=-0.1, high=0.1, prior=1e-3),
+        Parameter("tilt_x", "Angle added in x.", "mrad", low=-0.1, high=0.1, prior=1e-3),
+    )
+    where = ("source",)
+
+    def equal_to(self, facts: Facts) -> tuple[str, ...]:
+        return ("camera_alignment",) if facts.is_fourier else ()
+
+    def starts(self, system: System) -> Iterable[dict[str, float]]:
+        return square("tilt_y", "tilt_x", reach=7.5e-3, step=1.5e-3)
+
+    def bench(self, system: System, v: Values) -> System:
+        directions = system.source.directions_rad + np.array([v["tilt_y"], v["tilt_x"]])
+        return dataclasses.replace(system, source=dataclasses.replace(system.source, directions_rad=directions))

@@ -1,0 +1,43 @@
+"""Part of the light isn't modulated: gaps between pixels, reflections, dead time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from holoview.effects.effect import Effect
+from holoview.effects.parameter import Parameter, Values
+from holoview.system import System
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from holoview.effects.places import Surface
+
+
+class Undiffracted(Effect):
+    """t → (1 − |a|)·t + a, a = share ± difference + i·quadrature: an amplitude that a modulator leaves as it is.
+
+    + for the first modulator, − for the second.
+    """
+
+    id = "undiffracted"
+    cause = "Part of the light isn't modulated (fill factor, reflections, dead time): a zero order remains."
+    finding = "A share {size} of the light's amplitude isn't modulated."
+    parameters = (
+        Parameter("share", "Amplitude that isn't modulated.", low=-0.5, high=0.9, prior=0.1, scan=(-0.1, 0.5, 0.1)),
+        Parameter("difference", "Half of what modulator 1 has more.", low=-0.5, high=0.5, prior=0.05, fine=True),
+        Parameter("quadrature", "Its part out of phase.", low=-0.9, high=0.9, prior=0.05, fine=True),
+    )
+    where = ("modulator 1", "modulator 2")
+
+    def transmission(self, light: Tensor, at: Surface, v: Values) -> Tensor:
+        amount = self.amount(at.number, v)
+        return (1 - abs(amount)) * light + amount
+
+    def amount(self, modulator: int, v: Values) -> complex:
+        """Amplitude that a modulator (0, 1) leaves as it is."""
+        return complex(v["share"] + (-1) ** modulator * v["difference"], v["quadrature"])
+
+    def words(self, system: System, v: Values) -> dict[str, str]:
+        sizes = [f"{abs(self.amount(n, v)):.3g}" for n in range(len(system.modulators))]
+        return {"size": " and ".join(dict.fromkeys(sizes))}

@@ -1,0 +1,35 @@
+"""The picture gets darker towards its edges."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from holoview.effects.effect import Effect
+from holoview.effects.parameter import Parameter, Values
+from holoview.system import System
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from holoview.effects.places import Sensor
+
+
+class Vignetting(Effect):
+    """signal → signal · (1 − fall_y·y² − fall_x·x²), y and x in half lengths of the picture's own sides."""
+
+    id = "vignetting"
+    cause = "The camera's picture gets darker towards its edges."
+    finding = "The picture falls off by {fall_y} (y) and {fall_x} (x) of its brightness towards its edges."
+    parameters = (
+        Parameter("fall_y", "Share lost at the upper and lower edge.", low=-1.0, high=0.95, prior=0.1),
+        Parameter("fall_x", "Share lost at the left and right edge.", low=-1.0, high=0.95, prior=0.1),
+    )
+    where = ("camera",)
+
+    def starts(self, system: System) -> Iterable[dict[str, float]]:
+        return [{"fall_y": fall, "fall_x": fall} for fall in (-0.15, -0.05, 0.05, 0.15, 0.25, 0.35)]
+
+    def image(self, image: Tensor, at: Sensor, v: Values) -> Tensor:
+        y, x = at.places(image)
+        return image * (1 - v["fall_y"] * y.square() - v["fall_x"] * x.square()).clamp_min(0)

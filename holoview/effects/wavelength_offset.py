@@ -1,0 +1,24 @@
+"""Every laser's wavelength is off by the same."""
+
+from __future__ import annotations
+
+from holoview.effects.effect import Effect
+from holoview.effects.parameter import Parameter, Values
+from holoview.system import System
+
+
+class WavelengthOffset(Effect):
+    """λ → λ + offset."""
+
+    id = "wavelength_offset"
+    cause = "The lasers' wavelengths are off."
+    finding = "The wavelengths are off by {offset}."
+    parameters = (
+        Parameter(
+            "offset", "Added to every wavelength.", "nm", low=-50e-9, high=50e-9, prior=2e-9, scan=(-18e-9, 18e-9, 2e-9)
+        ),
+    )
+    where = ("source",)
+
+    def bench(self, system: System, v: Values) -> System:
+        return system.with_(wavelengths=system.wavelengths_m + v["offset"])

@@ -1,0 +1,225 @@
+"""A session as a folder: session.json names objects/*.safetensors by their content, so that steps share patterns.
+
+Objects are written first, then session.json in one rename: whenever the program dies, the folder holds a whole session.
+Nothing is pickled; what can't be read back is left out and told.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import weakref
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview import preset
+from holoview.errors import UserError
+from holoview.files import replacing
+from holoview.session.history import Step
+from holoview.session.look import Look, Side
+from holoview.session.state import State, frozen
+from holoview.session.wanted import Wanted
+from holoview.system import System
+from holoview.targets.build import Placement
+from holoview.targets.picture import Picture
+from holoview.tensors import TensorFormat
+
+FORMAT, VERSION = "holoview-session", 1
+_FILE = "session.json"
+_ARRAY = TensorFormat("holoview-object", "1", "patterns or a picture of a saved session", ("array",), ())
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """All of a session that is saved; `unfinished` is what a running optimisation has found."""
+
+    steps: tuple[Step, ...]
+    position: int
+    snapshots: Mapping[str, State]
+    unfinished: State | None = None
+
+    @property
+    def present(self) -> State:
+        """The current state."""
+        return self.steps[self.position].state
+
+
+class Archive:
+    """Writes documents into a folder, again and again; what hasn't changed isn't written again."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._objects = folder / "objects"
+        self._names: dict[int, tuple[weakref.ref[Any], str]] = {}
+        self._systems: dict[System, str] = {}
+
+    def write(self, document: Document, facts: Mapping[str, Any]) -> None:
+        """Writes the document; `facts` go into session.json beside it. Raises UserError when the disk refuses."""
+        self._objects.mkdir(parents=True, exist_ok=True)
+        systems: dict[str, str] = {}
+        targets: dict[str, Any] = {}
+
+        def written(state: State) -> dict[str, Any]:
+            return self._written(state, systems, targets)
+
+        steps = [{"label": s.label, "when": s.when, **written(s.state)} for s in document.steps]
+        table = {
+            "format": FORMAT,
+            "version": VERSION,
+            **facts,
+            "position": document.position,
+            "steps": steps,
+            "snapshots": {name: written(state) for name, state in document.snapshots.items()},
+            "unfinished": None if document.unfinished is None else written(document.unfinished),
+            "systems": systems,
+            "targets": targets,
+        }
+        text = json.dumps(table)
+        with replacing(self.folder / _FILE) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+        for path in self._objects.glob("*.safetensors"):
+            if path.stem not in text:
+                path.unlink(missing_ok=True)
+
+    def _written(self, state: State, systems: dict[str, str], targets: dict[str, Any]) -> dict[str, Any]:
+        toml = self._systems.setdefault(state.system, preset.dumps(state.system))
+        key = hashlib.sha256(toml.encode()).hexdigest()[:16]
+        systems[key] = toml
+        wanted = None
+        if state.wanted is not None:
+            wanted = str(id(state.wanted))
+            targets.setdefault(wanted, self._target(state.wanted))
+        return {
+            "system": key,
+            "drive": self._object(state.drive),
+            "wanted": wanted,
+            "look": _look_table(state.look),
+            "origin": state.origin,
+            "path": None if state.path is None else str(state.path),
+        }
+
+    def _target(self, wanted: Wanted) -> dict[str, Any]:
+        table = {key: getattr(wanted, key) for key in ("title", "brightness", "saturation", "space")}
+        placement = asdict(wanted.placement)
+        table["placement"] = placement | {"depth": None if placement["depth"] is None else str(placement["depth"])}
+        if isinstance(wanted.source, Path):
+            return table | {"stack": str(wanted.source)}
+        return table | {"picture": self._object(wanted.source.rgb), "source": wanted.source.source}
+
+    def _object(self, array: NDArray[np.float32]) -> str:
+        """The name of an array's file, written if it isn't there yet."""
+        known = self._names.get(id(array))
+        if known is None or known[0]() is not array:
+            digest = hashlib.sha256(repr(array.shape).encode() + np.ascontiguousarray(array).data).hexdigest()[:32]
+            known = (weakref.ref(array), digest)
+            self._names[id(array)] = known
+        path = self._objects / f"{known[1]}.safetensors"
+        if not path.is_file():
+            _ARRAY.write(path, {"array": array}, {})
+        return known[1]
+
+
+def read_facts(folder: Path) -> dict[str, Any]:
+    """session.json of a folder. Raises UserError when it is missing, damaged, or of another version."""
+    path = folder / _FILE
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+        if (table["format"], table["version"]) != (FORMAT, VERSION):
+            raise UserError(str(path), f"version {table['version']}", expected=f"{FORMAT}, version {VERSION}")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        if isinstance(error, UserError):
+            raise
+        raise UserError(str(path), f"can't be read: {error}", expected="a saved session") from error
+    return dict(table)
+
+
+def read_document(folder: Path) -> tuple[Document, list[str]]:
+    """The document of a folder, and in words what of it couldn't be read. Raises UserError when nothing could be."""
+    table = read_facts(folder)
+    reader = _Reader(folder, table)
+    steps: list[Step] = []
+    position = 0
+    for index, entry in enumerate(table["steps"]):
+        state = reader.state(entry, f'step "{entry["label"]}"')
+        if state is not None:
+            steps.append(Step(entry["label"], state, entry["when"]))
+        if index <= table["position"]:
+            position = max(len(steps) - 1, 0)
+    if not steps:
+        raise UserError(str(folder), "no step of it can be read", expected="a saved session")
+    snapshots = {name: reader.state(entry, f'snapshot "{name}"') for name, entry in table["snapshots"].items()}
+    unfinished = None if table["unfinished"] is None else reader.state(table["unfinished"], "unfinished optimisation")
+    kept = {name: state for name, state in snapshots.items() if state is not None}
+    return Document(tuple(steps), position, kept, unfinished), reader.lost
+
+
+class _Reader:
+    """Reads states; systems, patterns and targets once each, so that steps share them again."""
+
+    def __init__(self, folder: Path, table: Mapping[str, Any]) -> None:
+        self._folder, self._table = folder, table
+        self._arrays: dict[str, NDArray[np.float32]] = {}
+        self._systems: dict[str, System] = {}
+        self._targets: dict[str, Wanted] = {}
+        self.lost: list[str] = []
+
+    def state(self, entry: Mapping[str, Any], what: str) -> State | None:
+        try:
+            return State(
+                self._system(entry["system"]),
+                self._array(entry["drive"]),
+                _look(entry["look"]),
+                None if entry["wanted"] is None else self._target(entry["wanted"]),
+                entry["origin"],
+                None if entry["path"] is None else Path(entry["path"]),
+            )
+        except (UserError, KeyError, TypeError, ValueError) as error:
+            self.lost.append(f"{what}: {error}")
+            return None
+
+    def _system(self, key: str) -> System:
+        if key not in self._systems:
+            self._systems[key] = preset.loads(self._table["systems"][key], "saved system")
+        return self._systems[key]
+
+    def _array(self, name: str) -> NDArray[np.float32]:
+        if name not in self._arrays:
+            tensors, _ = _ARRAY.read(self._folder / "objects" / f"{name}.safetensors")
+            self._arrays[name] = frozen(tensors["array"])
+        return self._arrays[name]
+
+    def _target(self, key: str) -> Wanted:
+        if key not in self._targets:
+            table = self._table["targets"][key]
+            plain = {name: table[name] for name in ("title", "brightness", "saturation", "space")}
+            source: Picture | Path
+            source = (
+                Path(table["stack"]) if "stack" in table else Picture(self._array(table["picture"]), table["source"])
+            )
+            self._targets[key] = Wanted(source, placement=Placement(**table["placement"]), **plain)
+        return self._targets[key]
+
+
+# --- the look -------------------------------------------------------------------------------------------------------
+
+
+def _look_table(look: Look) -> dict[str, Any]:
+    table = asdict(look)
+    return table | {"muted": sorted(look.muted)}
+
+
+def _look(table: Mapping[str, Any]) -> Look:
+    """The look of a table; a field that isn't there has its default."""
+    values: dict[str, Any] = {}
+    for field in fields(Look):
+        if field.name in table:
+            value = table[field.name]
+            values[field.name] = tuple(value) if isinstance(value, list) else value
+    values |= {key: Side(**values[key]) for key in ("a", "b") if key in values}
+    values["muted"] = frozenset(values.get("muted", ()))
+    return Look(**values)

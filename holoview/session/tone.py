@@ -1,0 +1,63 @@
+"""From XYZ to what is seen on the screen, as the look says; the viewport's shader does the same.
+
+value = (channel · 2^exposure − low) / (high − low), clipped to 0…1
+code  = sRGB curve of the value, to the power 1/gamma; through the palette where false colour is asked for
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.colour import LMS_TO_XYZ, XYZ_TO_SRGB, srgb_encode
+from holoview.session.look import Look
+from holoview.session.palettes import palette
+
+_LMS = np.linalg.inv(LMS_TO_XYZ)
+_ROWS = {
+    "luminance": np.array([0.0, 1.0, 0.0]),
+    **{name: np.eye(3)[i] for i, name in enumerate("XYZ")},
+    **{name: XYZ_TO_SRGB[i] for i, name in enumerate("RGB")},
+    **{name: _LMS[i] / _LMS[i].sum() for i, name in enumerate("LMS")},
+}
+
+
+def channel_matrix(channel: str) -> NDArray[np.float64]:
+    """The matrix (3, 3) or, for a single channel, (1, 3) that takes XYZ to what is shown; L, M, S are 1 for E white."""
+    return XYZ_TO_SRGB if channel == "colour" else _ROWS[channel][None]
+
+
+def pixels(xyz: NDArray[np.floating], look: Look) -> NDArray[np.uint8]:
+    """8-bit sRGB (y, x, 3) of XYZ (y, x, 3) as the look says."""
+    matrix = channel_matrix(look.channel) * 2.0**look.exposure_stops
+    values = (np.asarray(xyz, dtype=np.float32) @ matrix.T.astype(np.float32) - look.low) / (look.high - look.low)
+    codes = srgb_encode(np.clip(values, 0, 1)) ** (1 / look.gamma)
+    levels = np.rint(255 * codes).astype(np.uint8)
+    if look.channel == "colour":
+        return levels
+    return palette(look.false_colour or "grey")[levels[..., 0]]
+
+
+def compared(a: NDArray[np.floating], b: NDArray[np.floating] | None, look: Look) -> NDArray[np.uint8]:
+    """8-bit sRGB of two sides, XYZ (y, x, 3) of equal shape, as the look compares them; of `a` alone without `b`.
+
+    A wipe shows `a` left of its line. A difference shows a − b around mid-grey, for a single channel from blue to red.
+    """
+    if look.compare == "off" or b is None or a.shape != b.shape:
+        return pixels(a, look)
+    if look.compare == "difference":
+        return _difference(a, b, look)
+    left, right = pixels(a, look), pixels(b, look)
+    if look.compare == "side-by-side":
+        return np.concatenate([left, right], axis=1)
+    if look.compare == "wipe":
+        edge = round(look.wipe * a.shape[1])
+        return np.concatenate([left[:, :edge], right[:, edge:]], axis=1)
+    return left
+
+
+def _difference(a: NDArray[np.floating], b: NDArray[np.floating], look: Look) -> NDArray[np.uint8]:
+    matrix = channel_matrix(look.channel) * 2.0**look.exposure_stops
+    shares = np.clip(0.5 + 0.5 * ((np.asarray(a, dtype=np.float64) - b) @ matrix.T), 0, 1)
+    levels = np.rint(255 * shares).astype(np.uint8)
+    return levels if look.channel == "colour" else palette("signed")[levels[..., 0]]

@@ -1,0 +1,144 @@
+"""Plots that several studies share, drawn without a display and without global state."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
+from numpy.typing import NDArray
+
+from holoview.study.study import Plot
+
+_SIZE = (6.4, 4.0)
+_DPI = 150
+_SMALL = 8
+_LEVEL_LABELS = 5
+"""As many labels stand side by side without being turned."""
+
+
+def figure_of(plot: Plot) -> Figure:
+    """The drawn figure."""
+    figure = Figure(figsize=_SIZE, layout="constrained")
+    FigureCanvasAgg(figure)
+    plot.draw(figure)
+    return figure
+
+
+def drawn(plot: Plot) -> dict[str, bytes]:
+    """The figure as PNG and as PDF, by these names."""
+    figure, kinds = figure_of(plot), {"png": io.BytesIO(), "pdf": io.BytesIO()}
+    for kind, buffer in kinds.items():
+        figure.savefig(buffer, format=kind, dpi=_DPI)
+    return {kind: buffer.getvalue() for kind, buffer in kinds.items()}
+
+
+def data_uri(png: bytes) -> str:
+    """A PNG for the inside of an HTML page."""
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+
+
+def bars(labels: Sequence[str], values: Mapping[str, Sequence[float]], axis: str) -> Callable[[Figure], None]:
+    """Groups of bars, a group a label and a colour a name in `values`, all in the unit of the axis."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        places, width = np.arange(len(labels)), 0.8 / len(values)
+        for i, (name, heights) in enumerate(values.items()):
+            group = axes.bar(places + (i - (len(values) - 1) / 2) * width, heights, width, label=name)
+            axes.bar_label(group, fmt="%.2f", fontsize=_SMALL)
+        _name_bars(axes, labels, places)
+        axes.set_ylabel(axis)
+        if len(values) > 1:
+            _legend(figure, len(values))
+
+    return draw
+
+
+def panels(labels: Sequence[str], values: Mapping[str, Sequence[float]]) -> Callable[[Figure], None]:
+    """Bars of quantities that have nothing in common but their labels, a panel each with its name over it."""
+
+    def draw(figure: Figure) -> None:
+        panes = figure.subplots(1, len(values), squeeze=False)[0]
+        for axes, (name, heights) in zip(panes, values.items(), strict=True):
+            places = np.arange(len(labels))
+            axes.bar_label(axes.bar(places, heights), fmt="%.2f", fontsize=_SMALL)
+            _name_bars(axes, labels, places)
+            axes.set_title(name, fontsize=10)
+
+    return draw
+
+
+def lines(
+    curves: Mapping[str, tuple[Sequence[float] | NDArray[np.floating], Sequence[float] | NDArray[np.floating]]],
+    x_axis: str,
+    y_axis: str,
+    *,
+    dashed: Sequence[str] = (),
+    logarithmic: bool = False,
+) -> Callable[[Figure], None]:
+    """Curves by name, (x, y) each; those in `dashed` are laws or references."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        for name, (x, y) in curves.items():
+            axes.plot(x, y, "k--" if name in dashed else "o-", markersize=4, linewidth=1.2, label=name)
+        axes.set_xlabel(x_axis)
+        axes.set_ylabel(y_axis)
+        if logarithmic:
+            _double_logarithmic(axes)
+        axes.grid(alpha=0.3)
+        _legend(figure, len(curves))
+
+    return draw
+
+
+def heat_map(
+    table: NDArray[np.floating], rows: tuple[str, Sequence[str]], columns: tuple[str, Sequence[str]], unit: str
+) -> Callable[[Figure], None]:
+    """A table (row, column) as colours with the numbers in them; axes are (title, labels)."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        image = axes.imshow(table, cmap="viridis", aspect="auto")
+        axes.set_yticks(range(len(rows[1])), rows[1])
+        axes.set_xticks(range(len(columns[1])), columns[1])
+        axes.set_ylabel(rows[0])
+        axes.set_xlabel(columns[0])
+        middle = float(np.nanmean(table))
+        for (y, x), value in np.ndenumerate(table):
+            axes.text(x, y, f"{value:.1f}", ha="center", va="center", color="w" if value < middle else "k")
+        figure.colorbar(image, label=unit)
+
+    return draw
+
+
+def _legend(figure: Figure, count: int) -> None:
+    """Above the axes, where it hides nothing."""
+    figure.legend(loc="outside upper center", ncols=count if count <= 3 else 2, fontsize=_SMALL, frameon=False)
+
+
+def _name_bars(axes: Axes, labels: Sequence[str], places: NDArray[np.integer]) -> None:
+    """Level where they fit; turned far enough that none runs into its neighbour otherwise."""
+    room = sum(map(len, labels)) <= 10 * _LEVEL_LABELS
+    if room and len(labels) <= _LEVEL_LABELS:
+        axes.set_xticks(places, labels, fontsize=_SMALL)
+    else:
+        axes.set_xticks(places, labels, rotation=35, ha="right", rotation_mode="anchor", fontsize=_SMALL)
+    axes.margins(y=0.12)
+
+
+def _double_logarithmic(axes: Axes) -> None:
+    """Powers of two along x, tenths along y, written as plain numbers."""
+    axes.set_xscale("log", base=2)
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
+    axes.set_yticks([tick for tick in (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0) if low <= tick <= high])
+    for along in (axes.xaxis, axes.yaxis):
+        along.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_locator(NullLocator())

@@ -1,0 +1,27 @@
+"""The studies that there are: each file in `studies/` holds one as `STUDY`."""
+
+from __future__ import annotations
+
+import pkgutil
+from functools import cache
+from importlib import import_module
+
+from holoview.errors import UserError, near_matches
+from holoview.study import studies
+from holoview.study.study import Study
+
+
+@cache
+def registry() -> dict[str, Study]:
+    """Every study, by name."""
+    modules = (import_module(f"{studies.__name__}.{found.name}") for found in pkgutil.iter_modules(studies.__path__))
+    found: list[Study] = [module.STUDY for module in modules]
+    return {study.name: study for study in sorted(found, key=lambda study: study.name)}
+
+
+def find_study(name: str) -> Study:
+    """The study of a name. Raises UserError with near matches."""
+    if name not in registry():
+        known = ", ".join(registry())
+        raise UserError(f'study "{name}"', "unknown", expected=known, remedy=near_matches(name, registry()))
+    return registry()[name]

@@ -1,0 +1,44 @@
+"""How large a study is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Modulator pixels (y, x), iterations of an optimisation, number of seeds, targets, focal planes."""
+
+    name: str
+    shape: tuple[int, int]
+    iterations: int
+    seeds: int
+    targets: tuple[str, ...]
+    planes: int
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What jobs depend on."""
+        return {"shape": list(self.shape), "iterations": self.iterations, "planes": self.planes}
+
+    @property
+    def words(self) -> str:
+        """The scale as a sentence."""
+        samples = " x ".join(str(2 * n) for n in reversed(self.shape))
+        seeds = f"{self.seeds} seeds" if self.seeds > 1 else "one seed"
+        return f"{samples} samples, {self.iterations} iterations, {seeds}, {self.planes} focal planes"
+
+
+QUICK = Scale("quick", (48, 64), 40, 1, ("still-life",), 3)
+FULL = Scale("full", (384, 512), 100, 1, ("still-life",), 5)
+MIDDLE = Scale("middle", (96, 128), 150, 3, ("still-life", "resolution"), 5)
+SCALES = {scale.name: scale for scale in (QUICK, MIDDLE, FULL)}
+"""quick: a look within minutes; middle: a quarter of a display a side, several seeds; full: a whole display."""
+
+_SMALLEST = (96, 128)
+
+
+def at_least(scale: Scale) -> tuple[int, int]:
+    """Pixels for studies of speckle itself: a smaller field would limit the angles that reach a point of the image."""
+    return max(scale.shape, _SMALLEST)

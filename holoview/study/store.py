@@ -1,0 +1,66 @@
+"""Results of jobs in a folder, a JSON file each and its pictures beside: written whole or not at all, as they come."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from holoview.errors import UserError
+from holoview.files import replacing
+from holoview.pictures import write_png
+from holoview.study.study import Job, Outcome
+
+_FORMAT = "holoview-result"
+
+
+class Store:
+    """The results in a folder, by the keys of their jobs."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            remedy = "choose another folder"
+            raise UserError(str(folder), f"can't be made: {error.strerror}", remedy=remedy) from error
+
+    def find(self, job: Job) -> Outcome | None:
+        """The result of a job; None when there is none, or not a whole one: then it is to be done again."""
+        path = self._path(job)
+        try:
+            kept = json.loads(path.read_text(encoding="utf-8"))
+            if kept["format"] != _FORMAT:
+                return None
+            pictures = {name: _read(self.folder / file) for name, file in kept["pictures"].items()}
+            return Outcome(kept["numbers"], pictures)
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return None
+
+    def keep(self, job: Job, outcome: Outcome) -> None:
+        """Writes a result; its JSON comes last, so that what has one is whole."""
+        files: dict[str, str] = {}
+        for name, pixels in outcome.pictures.items():
+            files[name] = f"{job.key}-{name}.png"
+            write_png(self.folder / files[name], pixels, {"holoview.job": job.label})
+        kept: dict[str, Any] = {
+            "format": _FORMAT,
+            "study": job.study,
+            "label": job.label,
+            "settings": dict(job.settings),
+            "numbers": outcome.numbers,
+            "pictures": files,
+        }
+        with replacing(self._path(job)) as temporary:
+            temporary.write_text(json.dumps(kept, indent=1), encoding="utf-8")
+
+    def _path(self, job: Job) -> Path:
+        return self.folder / f"{job.key}.json"
+
+
+def _read(path: Path) -> Any:
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB"))

@@ -1,0 +1,72 @@
+"""Number and spacing of the wavelengths, seen by a camera without colour."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from holoview.study.claims import DIRECTION, FAILS, REPRODUCES
+from holoview.study.holograms import HologramStudy, Results, table_of
+from holoview.study.plots import heat_map
+from holoview.study.scale import Scale
+from holoview.study.study import Claim, Findings, Job, Plot
+from holoview.study.work import mean_of
+
+_COUNTS = (2, 4, 8, 16)
+_SPACINGS_NM = (2, 4, 8, 16)
+_MIDDLE_NM = 550.0
+
+
+class _Bandwidth(HologramStudy):
+    name = "bandwidth"
+    title = "Number and spacing of wavelengths"
+    shows = (
+        "The paper's heat map: PSNR of a monochrome camera's picture against the number of wavelengths and their "
+        "spacing about 550 nm. Closer lasers share more of their speckle; farther ones ask more of one pattern."
+    )
+    reduced = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+
+    def jobs(self, scale: Scale, seed: int) -> list[Job]:
+        return [
+            self.job(
+                f"{count} wavelengths {spacing} nm apart, {target}, seed {number}",
+                {
+                    **scale.settings,
+                    "scheme": "simultaneous",
+                    "target": target,
+                    "seed": number,
+                    "set": _lasers(count, spacing),
+                    "count": count,
+                    "spacing_nm": spacing,
+                },
+            )
+            for count in _COUNTS
+            for spacing in _SPACINGS_NM
+            for target in scale.targets
+            for number in range(seed, seed + scale.seeds)
+        ]
+
+    def findings(self, results: Results) -> Findings:
+        table = np.array(
+            [[mean_of(results, "luminance_psnr_db", count=n, spacing_nm=s) for s in _SPACINGS_NM] for n in _COUNTS]
+        )
+        best = _SPACINGS_NM[int(np.argmax(table[-1]))]
+        verdict = REPRODUCES if best == 16 else DIRECTION if best == 8 else FAILS
+        here = ", ".join(f"{s} nm {value:.1f}" for s, value in zip(_SPACINGS_NM, table[-1], strict=True))
+        drawn = heat_map(
+            table, ("wavelengths", [str(n) for n in _COUNTS]), ("spacing (nm)", [str(s) for s in _SPACINGS_NM]), "dB"
+        )
+        return Findings(
+            rows=table_of(results, "count", "spacing_nm"),
+            claims=[Claim("best spacing of 16 wavelengths", "16 nm", f"{best} nm ({here} dB)", verdict)],
+            plots=[Plot("bandwidth", "PSNR of a monochrome camera's picture", drawn)],
+        )
+
+
+def _lasers(count: int, spacing_nm: float) -> dict[str, Any]:
+    nm = _MIDDLE_NM + spacing_nm * (np.arange(count) - (count - 1) / 2)
+    return {"wavelengths": (nm * 1e-9).tolist(), "amplitudes": [[1.0] * count], "observer": "mono"}
+
+
+STUDY = _Bandwidth()

@@ -1,0 +1,113 @@
+"""Speckle contrast against the number of wavelengths and of frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+import holoview as hv
+from holoview.colour import to_srgb8, xyz_to_linear_srgb
+from holoview.metrics.speckle import independent_patterns, speckle_contrast
+from holoview.study.claims import DIRECTION, REPRODUCES, SHOWN
+from holoview.study.holograms import Results
+from holoview.study.plots import lines
+from holoview.study.scale import Scale, at_least
+from holoview.study.study import Claim, Findings, Job, Outcome, Picture, Plot, Report, Study
+from holoview.study.work import bench_of
+
+_COUNTS = (1, 2, 4, 8, 16, 32)
+_SEEDS = 4
+_WAYS = {
+    "frames": "frames of independent patterns, one laser",
+    "wavelengths": "wavelengths 440 to 660 nm, one pattern, two modulators",
+    "wavelengths, 1 modulator": "the same with one modulator",
+}
+
+
+class _Contrast(Study):
+    name = "contrast"
+    title = "Speckle contrast against the number of wavelengths and frames"
+    shows = (
+        "Random patterns make fully developed speckle of contrast 1, and N independent ones average to 1/√N. Frames "
+        "are independent; wavelengths through the same pattern only where they are far apart (see memory-effect)."
+    )
+    reduced = "Contrast is taken of intensity (all lasers alike) over the whole field."
+
+    def jobs(self, scale: Scale, seed: int) -> list[Job]:
+        return [
+            self.job(
+                f"{count} {way}, seed {number}",
+                {"shape": list(at_least(scale)), "way": way, "count": count, "seed": number},
+            )
+            for way in _WAYS
+            for count in _COUNTS
+            for number in range(seed, seed + _SEEDS)
+        ]
+
+    def work(self, settings: Mapping[str, Any], report: Report) -> Outcome:
+        system = bench_of({**settings, "planes": 1, "scheme": "simultaneous", "set": _changes(settings)})
+        if settings["way"].endswith("1 modulator"):
+            system = system.edit({"modulators": system.modulators[:1], "gap": None})
+        view = hv.simulate(system, hv.random_drive(system, settings["seed"]), backend="torch")
+        image = view.intensity[0].mean(axis=0)
+        contrast = speckle_contrast(image).contrast
+        picture = to_srgb8(xyz_to_linear_srgb(np.repeat((0.3 * image / image.mean())[..., None], 3, axis=-1)))
+        return Outcome({"contrast": contrast, "patterns": independent_patterns(contrast)}, {"speckle": picture})
+
+    def findings(self, results: Results) -> Findings:
+        curves = {way: [_mean(results, way, count) for count in _COUNTS] for way in _WAYS}
+        law = 1 / np.sqrt(_COUNTS)
+        departure = float(np.max(np.abs(np.array(curves["frames"]) / law - 1)))
+        eight = {way: curve[_COUNTS.index(8)] for way, curve in curves.items()}
+        claims = [
+            Claim(
+                "N frames have contrast 1/√N",
+                "1/√N",
+                f"within {departure:.1%}",
+                REPRODUCES if departure < 0.05 else DIRECTION,
+            ),
+            *(
+                Claim(f"8 {_WAYS[way]}", "", f"{c:.3f}: as {independent_patterns(c):.1f} independent patterns", SHOWN)
+                for way, c in eight.items()
+            ),
+        ]
+        drawn = lines(
+            {**{_WAYS[way]: (_COUNTS, curve) for way, curve in curves.items()}, "1/√N": (_COUNTS, law)},
+            "N",
+            "speckle contrast",
+            dashed=("1/√N",),
+            logarithmic=True,
+        )
+        shown = [
+            Picture(
+                f"speckle-{count}",
+                f"{count} wavelength{'s' * (count > 1)}: contrast {outcome.numbers['contrast']:.2f}",
+                outcome.pictures["speckle"],
+            )
+            for job, outcome in results
+            if job.settings["way"] == "wavelengths"
+            and (count := job.settings["count"]) in (1, 8, 32)
+            and job.settings["seed"] == results[0][0].settings["seed"]
+        ]
+        rows = [
+            {**{k: job.settings[k] for k in ("way", "count", "seed")}, **outcome.numbers} for job, outcome in results
+        ]
+        return Findings(rows, claims, [Plot("contrast", f"Mean over {_SEEDS} random patterns", drawn)], shown)
+
+
+def _changes(settings: Mapping[str, Any]) -> dict[str, Any]:
+    count = settings["count"]
+    if settings["way"] == "frames":
+        return {"wavelengths": [550e-9], "amplitudes": [[1.0]] * count, "observer": "mono"}
+    wavelengths = np.linspace(440e-9, 660e-9, count) if count > 1 else np.array([550e-9])
+    return {"wavelengths": wavelengths.tolist(), "amplitudes": [[1.0] * count], "observer": "mono"}
+
+
+def _mean(results: Results, way: str, count: int) -> float:
+    found = [o.numbers["contrast"] for j, o in results if (j.settings["way"], j.settings["count"]) == (way, count)]
+    return float(np.mean(found))
+
+
+STUDY = _Contrast()

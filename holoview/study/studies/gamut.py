@@ -1,0 +1,106 @@
+"""More or less colourful pictures, with 3 and with 16 lasers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from holoview.colour import observer_weights
+from holoview.metrics.gamut import SRGB_AREA, chromaticity, gamut_area
+from holoview.scheme import with_scheme
+from holoview.study.claims import FAILS, REPRODUCES, SHOWN, gain_claim
+from holoview.study.holograms import HologramStudy, Results, pictures_of, scheme_jobs, table_of
+from holoview.study.plots import lines
+from holoview.study.scale import Scale
+from holoview.study.study import Claim, Findings, Job, Plot
+from holoview.study.work import bench_of, gains, mean_of
+
+_SATURATIONS = (0.0, 0.5, 1.0, 2.0)
+_FEW, _MANY = "simultaneous", "holochrome-16"
+_PAPER_DB = {0.0: 4.1, 1.0: 2.1}
+_EQUAL_DB = 0.1
+
+
+class _Gamut(HologramStudy):
+    name = "gamut"
+    title = "Saturation of the picture, 3 lasers against 16"
+    shows = (
+        "The paper's gamut study: the target's chroma scaled in CIE LCHuv, shown by 3 and by 16 lasers in one frame; "
+        "luminance PSNR and CIEDE2000. The less colour is asked for, the more freedom 16 lasers have left for speckle."
+    )
+    reduced = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+
+    def jobs(self, scale: Scale, seed: int) -> list[Job]:
+        return [
+            job
+            for saturation in _SATURATIONS
+            for job in scheme_jobs(
+                self, (_FEW, _MANY), scale, seed, f"saturation {saturation:g}", saturation=saturation
+            )
+        ]
+
+    def findings(self, results: Results) -> Findings:
+        claims = [
+            gain_claim(
+                results,
+                f"luminance PSNR, 16 lasers against 3, saturation {saturation:g}",
+                paper_db,
+                *_pair(saturation),
+                key="luminance_psnr_db",
+            )
+            for saturation, paper_db in _PAPER_DB.items()
+        ]
+        claims.append(_falls(results))
+        for saturation in _SATURATIONS:
+            change = float(gains(results, *_pair(saturation), "delta_e").mean())
+            here = f"{change:+.1f} (mean CIEDE2000)"
+            claims.append(Claim(f"colour difference, saturation {saturation:g}", "lower", here, _lower(change)))
+        base = bench_of(results[0][0].settings)
+        areas = [_area(with_scheme(base, scheme).wavelengths_m) / SRGB_AREA for scheme in (_FEW, _MANY)]
+        claims.append(
+            Claim("gamut's area in xy, 3 and 16 lasers, of sRGB's", "", f"{areas[0]:.2f}, {areas[1]:.2f}", SHOWN)
+        )
+        return Findings(
+            rows=table_of(results, "saturation"),
+            claims=claims,
+            plots=[
+                Plot(
+                    name,
+                    caption,
+                    lines({s: (_SATURATIONS, _curve(results, key, s)) for s in (_FEW, _MANY)}, "saturation", axis),
+                )
+                for name, caption, key, axis in (
+                    ("luminance", "PSNR of the luminance", "luminance_psnr_db", "PSNR (dB)"),
+                    ("colour", "Mean CIEDE2000", "delta_e", "CIEDE2000"),
+                )
+            ],
+            pictures=pictures_of([(j, o) for j, o in results if j.settings["saturation"] == 1.0]),
+        )
+
+
+def _curve(results: Results, key: str, scheme: str) -> list[float]:
+    return [mean_of(results, key, scheme=scheme, saturation=saturation) for saturation in _SATURATIONS]
+
+
+def _falls(results: Results) -> Claim:
+    grey, full = (
+        float(gains(results, *_pair(saturation), "luminance_psnr_db").mean()) for saturation in sorted(_PAPER_DB)
+    )
+    here, paper = f"{grey:+.2f} → {full:+.2f} dB", " → ".join(f"{gain:+.1f}" for gain in _PAPER_DB.values()) + " dB"
+    return Claim("that gain falls with saturation", paper, here, REPRODUCES if full < grey - _EQUAL_DB else FAILS)
+
+
+def _pair(saturation: float) -> tuple[dict[str, Any], dict[str, Any]]:
+    return {"scheme": _MANY, "saturation": saturation}, {"scheme": _FEW, "saturation": saturation}
+
+
+def _lower(change: float) -> str:
+    return REPRODUCES if change < 0 else FAILS
+
+
+def _area(wavelengths_m: np.ndarray) -> float:
+    return gamut_area(chromaticity(observer_weights("cie1931", wavelengths_m)))
+
+
+STUDY = _Gamut()

@@ -1,0 +1,175 @@
+"""How fast speckle decorrelates when the wavelength or the direction of the light changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import holoview as hv
+from holoview.study.claims import FAILS, REPRODUCES, SHOWN
+from holoview.study.holograms import Results
+from holoview.study.plots import lines
+from holoview.study.scale import Scale, at_least
+from holoview.study.study import Claim, Findings, Job, Outcome, Plot, Report, Study
+from holoview.study.work import bench_of
+from holoview.system import System
+
+_MIDDLE_M, _PLANE_M = 550e-9, 10e-3
+_STEPS_NM = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
+_ANGLES_MRAD = (0.0, 0.5, 1.0, 2.0, 3.0, 4.3, 6.0, 8.6)
+_GAPS_MM = (None, 1.0, 2.0, 4.0)
+_WAYS = {"wavelength": _STEPS_NM, "refocused": _STEPS_NM, "angle": _ANGLES_MRAD}
+_PARTS = (-0.5, -0.25, 0.0, 0.25, 0.5)
+_UNITS = {"wavelength": "nm", "refocused": "nm", "angle": "mrad"}
+
+
+class _MemoryEffect(Study):
+    name = "memory-effect"
+    title = "The memory effect of one and two modulators"
+    shows = (
+        "Correlation of the speckle of a random pattern with that at another wavelength (same plane, or refocused at "
+        "equal z·λ) or direction (shifted back): a second modulator behind a gap shortens the range over which "
+        "patterns stay alike, and so makes more wavelengths and directions count."
+    )
+    reduced = "Quick: 256 x 192 samples; correlations scatter by about 0.02."
+    revision = 2
+
+    def jobs(self, scale: Scale, seed: int) -> list[Job]:
+        shared = {"grid": "periodic", "shape": list(at_least(scale)), "planes": 1, "scheme": "simultaneous"}
+        return [
+            self.job(f"{way}, {_gap_words(gap)}, seed {n}", {**shared, "way": way, "gap_mm": gap, "seed": n})
+            for way in _WAYS
+            for gap in _GAPS_MM
+            for n in range(seed, seed + max(scale.seeds, 2))
+        ]
+
+    def work(self, settings: Mapping[str, Any], report: Report) -> Outcome:
+        bench = bench_of(settings).edit({"observer": "mono"})
+        gap = settings["gap_mm"]
+        bench = bench.edit({"modulators": bench.modulators[:1], "gap": None} if gap is None else {"gap": gap * 1e-3})
+        drive = hv.random_drive(_laser(bench, _MIDDLE_M), settings["seed"])
+        first = _speckle(_laser(bench, _MIDDLE_M), drive, _PLANE_M)
+        steps = [_step(bench, settings["way"], step) for step in _WAYS[settings["way"]]]
+        found = [_correlation(first, *_other(bench, drive, settings["way"], step)) for step in steps]
+        return Outcome({"steps": steps, "correlation": found})
+
+    def findings(self, results: Results) -> Findings:
+        curves = {(way, gap): _mean(results, way, gap) for way in _WAYS for gap in _GAPS_MM}
+        widths = [_half_width(_STEPS_NM, curves["wavelength", gap]) for gap in _GAPS_MM]
+        here = ", ".join(f"{_gap_words(gap)}: {width:.1f} nm" for gap, width in zip(_GAPS_MM, widths, strict=True))
+        falls = all(later < earlier for earlier, later in pairwise(widths))
+        steps = {way: next(o.numbers["steps"] for j, o in results if j.settings["way"] == way) for way in _WAYS}
+        angle = _ANGLES_MRAD.index(4.3)
+        at_angle = ", ".join(f"{_gap_words(gap)}: {curves['angle', gap][angle]:.2f}" for gap in _GAPS_MM)
+        far = ", ".join(f"{_gap_words(gap)}: {curves['refocused', gap][-1]:.2f}" for gap in _GAPS_MM)
+        return Findings(
+            rows=[
+                {
+                    "way": j.settings["way"],
+                    "gap_mm": j.settings["gap_mm"],
+                    "seed": j.settings["seed"],
+                    "step": step,
+                    "correlation": c,
+                }
+                for j, o in results
+                for step, c in zip(o.numbers["steps"], o.numbers["correlation"], strict=True)
+            ],
+            claims=[
+                Claim("a larger gap decorrelates faster (half width)", "yes", here, REPRODUCES if falls else FAILS),
+                Claim(f"correlation {steps['angle'][angle]:.1f} mrad away, shifted back", "", at_angle, SHOWN),
+                Claim("correlation 32 nm away, refocused at equal z·λ", "", far, SHOWN),
+            ],
+            plots=[
+                Plot(
+                    f"memory-{way}",
+                    caption,
+                    lines(
+                        {_gap_words(gap): (steps[way], curves[way, gap]) for gap in _GAPS_MM},
+                        f"{'angle' if way == 'angle' else 'wavelength'} difference ({_UNITS[way]})",
+                        "correlation",
+                    ),
+                )
+                for way, caption in zip(
+                    _WAYS,
+                    (
+                        "Another wavelength, same plane",
+                        "Another wavelength, refocused at equal z·λ",
+                        "Another direction, shifted back",
+                    ),
+                    strict=True,
+                )
+            ],
+        )
+
+
+def _other(bench: System, drive: NDArray[np.float32], way: str, step: float) -> tuple[NDArray[np.float64], int]:
+    """Speckle at a step away, and the samples by which it may have moved at most."""
+    if way == "angle":
+        angle = step * 1e-3
+        tilted = _laser(bench, _MIDDLE_M).edit({"source.directions": [[0.0, angle]]})
+        pitch_m = bench.modulators[0].pitch_m / bench.sampling.upsample
+        reach = (_PLANE_M + (bench.gap_m or 0.0)) * np.tan(angle) / pitch_m
+        return _speckle(tilted, drive, _PLANE_M), int(np.ceil(reach)) + 1
+    λ = _MIDDLE_M + step * 1e-9
+    plane_m = _PLANE_M * _MIDDLE_M / λ if way == "refocused" else _PLANE_M
+    return _speckle(_laser(bench, λ), drive, plane_m), 0
+
+
+def _step(bench: System, way: str, step: float) -> float:
+    """The step itself; of angles the nearest whose plane wave is periodic on the grid: λ/width times a whole number."""
+    if way != "angle":
+        return step
+    shape, pitch_m = bench.modulators[0].shape, bench.modulators[0].pitch_m
+    finest = _MIDDLE_M / (shape[1] * pitch_m) * 1e3
+    return round(step / finest) * finest
+
+
+def _laser(bench: System, wavelength_m: float) -> System:
+    return bench.edit({"wavelengths": [wavelength_m], "amplitudes": [[1.0]]})
+
+
+def _speckle(system: System, drive: NDArray[np.float32], plane_m: float) -> NDArray[np.float64]:
+    return np.asarray(hv.simulate(system, drive, [plane_m], backend="torch").intensity[0, 0], dtype=np.float64)
+
+
+def _correlation(first: NDArray[np.float64], second: NDArray[np.float64], reach: int) -> float:
+    """Correlation of the central halves, the best over shifts of `second` along x up to `reach` samples.
+
+    To a quarter of a sample, about the best whole one. Intensity has twice the field's bandwidth, more than the samples
+    hold: of one modulator, whose speckle moves without changing, up to a tenth is lost between samples.
+    """
+    rows, columns = first.shape
+    y, x = slice(rows // 4, rows - rows // 4), slice(columns // 4, columns - columns // 4)
+    reach = min(reach, columns // 4)
+    spectrum, frequencies = np.fft.rfft(second, axis=1), np.fft.rfftfreq(columns)
+
+    def at(shift: float) -> float:
+        moved = np.fft.irfft(spectrum * np.exp(-2j * np.pi * frequencies * shift), columns, axis=1)
+        return float(np.corrcoef(first[y, x].ravel(), moved[y, x].ravel())[0, 1])
+
+    best = max(range(-reach, reach + 1), key=at)
+    return max(at(best + part) for part in (_PARTS if reach else (0.0,)))
+
+
+def _mean(results: Results, way: str, gap: float | None) -> NDArray[np.float64]:
+    found = [o.numbers["correlation"] for j, o in results if (j.settings["way"], j.settings["gap_mm"]) == (way, gap)]
+    return np.asarray(np.mean(found, axis=0))
+
+
+def _half_width(steps: tuple[float, ...], curve: NDArray[np.float64]) -> float:
+    """Where the curve falls to a half, between its points."""
+    below = int(np.argmax(curve < 0.5))
+    if not curve[below] < 0.5:
+        return float("inf")
+    return float(np.interp(0.5, [curve[below], curve[below - 1]], [steps[below], steps[below - 1]]))
+
+
+def _gap_words(gap_mm: float | None) -> str:
+    return "one modulator" if gap_mm is None else f"gap {gap_mm:g} mm"
+
+
+STUDY = _MemoryEffect()

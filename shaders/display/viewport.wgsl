@@ -1,0 +1,113 @@
+// What a window shows of one or two images of XYZ: zoomed, exposed, through the sRGB curve or a palette, side against
+// side. A pixel smaller than a sample shows the nearest one; a larger one shows the mean light of what it covers.
+// Twin: holoview/session/tone.py, pixels.
+
+@group(0) @binding(0) var<uniform> show: Viewport;
+
+@group(1) @binding(0) var<storage, read> image_a: array<vec4f>;
+@group(1) @binding(1) var<storage, read> image_b: array<vec4f>;
+@group(1) @binding(2) var<storage, read> palette: array<u32>;  // 256 colours
+@group(1) @binding(3) var target_texture: texture_storage_2d<rgba8unorm, write>;
+
+const ONE = 0u;
+const WIPE = 1u;
+const SIDES = 2u;
+const DIFFERENCE = 3u;
+const MOST_TAPS = 8;  // along an axis; wider footprints are sampled sparsely
+
+fn srgb_encoded(linear: vec3f) -> vec3f {
+    let curve = 1.055 * pow(max(linear, vec3f(0.0031308)), vec3f(1.0 / 2.4)) - 0.055;
+    return select(curve, 12.92 * linear, linear <= vec3f(0.0031308));
+}
+
+fn sample_at(is_b: bool, place: vec2i, size: vec2i) -> vec3f {
+    let held = clamp(place, vec2i(0), size - 1);
+    let index = held.y * size.x + held.x;
+    if (is_b) {
+        return image_b[index].xyz;
+    }
+    return image_a[index].xyz;
+}
+
+/// Mean XYZ over the footprint of a pixel; `from` and `to` are its corners in samples.
+fn light(is_b: bool, low: vec2f, high: vec2f, size: vec2i) -> vec3f {
+    let extent = high - low;
+    let taps = clamp(vec2i(ceil(extent - 1e-4)), vec2i(1), vec2i(MOST_TAPS));
+    var sum = vec3f(0.0);
+    for (var y = 0; y < taps.y; y++) {
+        for (var x = 0; x < taps.x; x++) {
+            let share = (vec2f(f32(x), f32(y)) + 0.5) / vec2f(taps);
+            sum += sample_at(is_b, vec2i(floor(low + share * extent)), size);
+        }
+    }
+    return sum / f32(taps.x * taps.y);
+}
+
+/// Exposed channels of a side at a place of the image, 0 black to 1 white.
+fn channels(is_b: bool, place: vec2f) -> vec3f {
+    let size = vec2f(select(show.size_a, show.size_b, is_b));
+    let half_step = 0.5 * show.step;
+    let gain = select(show.gain_a, show.gain_b, is_b);
+    let xyz = gain * light(is_b, (place - half_step) * size, (place + half_step) * size, vec2i(size));
+    return vec3f(
+        dot(show.first.xyz, xyz) + show.first.w,
+        dot(show.second.xyz, xyz) + show.second.w,
+        dot(show.third.xyz, xyz) + show.third.w,
+    );
+}
+
+fn coded(value: vec3f) -> vec3f {
+    return pow(srgb_encoded(clamp(value, vec3f(0.0), vec3f(1.0))), vec3f(1.0 / show.gamma));
+}
+
+fn through_palette(code: f32) -> vec3f {
+    return unpack4x8unorm(palette[u32(round(255.0 * clamp(code, 0.0, 1.0)))]).rgb;
+}
+
+fn colour(is_b: bool, place: vec2f) -> vec3f {
+    if (show.comparison == DIFFERENCE) {
+        let difference = channels(false, place) - channels(true, place);
+        if (show.has_palette != 0u) {
+            return through_palette(0.5 + 0.5 * difference.x);
+        }
+        return coded(abs(difference));
+    }
+    let value = channels(is_b, place);
+    if (show.has_palette == 0u) {
+        return coded(value);
+    }
+    if (show.is_linear != 0u) {
+        return through_palette(value.x);
+    }
+    return through_palette(coded(value).x);
+}
+
+/// Whether the edge between two samples passes through this pixel.
+fn on_grid(place: vec2f) -> bool {
+    let size = vec2f(show.size_a);
+    return any(floor(place * size) != floor((place - show.step) * size));
+}
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3u) {
+    if (any(id.xy >= show.size)) {
+        return;
+    }
+    let half_width = show.size.x / 2u;
+    let is_right = show.comparison == SIDES && id.x >= half_width;
+    let pixel = vec2f(f32(select(id.x, id.x - half_width, is_right)), f32(id.y)) + 0.5;
+    let place = show.origin + pixel * show.step;
+    let is_b = is_right || (show.comparison == WIPE && f32(id.x) >= show.split) || (show.comparison == ONE && show.only_b != 0u);
+    var shown = show.background.rgb;
+    if (all(place >= vec2f(0.0)) && all(place < vec2f(1.0))) {
+        shown = colour(is_b, place);
+        if (show.has_grid != 0u && on_grid(place)) {
+            shown = mix(shown, vec3f(0.5), 0.35);
+        }
+    }
+    let is_seam = (show.comparison == SIDES && id.x == half_width) || (show.comparison == WIPE && abs(f32(id.x) + 0.5 - show.split) < 1.0);
+    if (is_seam) {
+        shown = vec3f(0.95);
+    }
+    textureStore(target_texture, vec2i(id.xy), vec4f(shown, 1.0));
+}

@@ -1,0 +1,82 @@
+"""A virtual session of a bench with many faults, and what a calibration learns from it: once for all tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+
+from holoview.calibrate.held_out import HeldOut, hold_out
+from holoview.calibrate.layout import layout_for
+from holoview.calibrate.settings import Settings
+from holoview.calibrate.train import State, train
+from holoview.captures.make import Session, make_captures
+from holoview.captures.session import Captures
+from holoview.effects.learned import Layout
+from holoview.system import Modulator, Relay, System
+
+SHAPE = (36, 48)
+PITCH = 8e-6
+TRUTH: dict[str, dict[str, float]] = {
+    "lut": {"gamma1": 1.25, "gamma2": 0.85},
+    "crosstalk": {"sigma": 0.35},
+    "slm_alignment": {"shift_y": 3e-6, "shift_x": -2e-6, "rotation": 6e-3},
+    "source_profile": {"fall": 0.3, "slope_x": 0.15},
+    "aberration1": {"z5": 60e-9, "z6": -40e-9},
+    "aberration2": {"z7": 80e-9, "z5_slope": 20e-9},
+    "laser_power": {"exponent": 0.15},
+}
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """A session, what was hidden in it, how it was split, the maps' layout, and the states after every epoch."""
+
+    hidden: dict[str, dict[str, float]]
+    captures: Captures
+    split: HeldOut
+    layout: Layout
+    states: list[State]
+
+
+def bench(wavelengths: int = 3, planes: tuple[float, ...] = (3e-3,)) -> System:
+    """A small dual-modulator bench without faults."""
+    modulator = Modulator(pitch_m=PITCH, shape=SHAPE, stroke_m=825e-9, levels=16)
+    return System(
+        wavelengths_m=[460e-9, 532e-9, 638e-9, 600e-9][:wavelengths],
+        amplitudes=[[1.0] * wavelengths],
+        modulators=(modulator, modulator),
+        gap_m=1e-3,
+        planes_m=planes,
+        relay1=Relay(iris_na=0.03),
+        relay2=Relay(iris_na=0.03),
+        observer="mono",
+    )
+
+
+def session(each: int = 7, seed: int = 1, **changes: object) -> Captures:
+    """Captures of the small bench with all its faults."""
+    return make_captures(bench(**changes), TRUTH, Session(each=each, seed=seed))  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def make_bench() -> Callable[..., System]:
+    """`bench`, for a number of wavelengths and planes."""
+    return bench
+
+
+@pytest.fixture(scope="session")
+def small() -> Captures:
+    """A few captures, for what needs no result."""
+    return session(each=2)
+
+
+@pytest.fixture(scope="session")
+def learnt() -> Learnt:
+    """What 25 epochs learn from 17 of 21 captures."""
+    captures = session()
+    split = hold_out(captures)
+    layout = layout_for(captures, split.train)
+    states = list(train(captures, {}, split, layout, Settings(epochs=25, batch=2)))
+    return Learnt(TRUTH, captures, split, layout, states)

@@ -1,0 +1,183 @@
+"""Hidden faults, made by effects that know nothing of the maps, are found again; gradients; resuming; bad input."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from holoview.calibrate.checkpoint import load_checkpoint
+from holoview.calibrate.held_out import hold_out
+from holoview.calibrate.layout import layout_for
+from holoview.calibrate.model import Model
+from holoview.calibrate.settings import Settings
+from holoview.calibrate.train import State, train
+from holoview.captures.make import Session, nominal_session
+from holoview.captures.session import Captures
+from holoview.effects.learned import Learned
+from holoview.effects.places import Surface
+from holoview.errors import UserError
+from holoview.system import System
+
+SHAPE, PITCH = (36, 48), 8e-6
+
+
+def test_held_out_captures_are_predicted_to_the_noise(learnt: Any) -> None:
+    first, last = learnt.states[0], learnt.states[-1]
+    assert first.chi2 > 100
+    # 4 captures of 3900 pixels: χ²/n scatters by 0.011; 1.5 leaves room for maps that haven't come to rest
+    assert last.best_chi2 < 1.5
+    assert last.best_chi2 == min(state.chi2 for state in learnt.states)
+
+
+def test_tables_follow_the_hidden_curves(learnt: Any) -> None:
+    drive = np.linspace(0, 1, 16)
+    for modulator in range(2):
+        truth = drive ** learnt.hidden["lut"][f"gamma{modulator + 1}"]
+        # a thousandth of the stroke is 1 nm, 1/500 of a wave
+        assert np.abs(learnt.states[-1].best.table(modulator).numpy() - truth).max() < 0.005
+
+
+def test_fringing_is_the_hidden_blur(learnt: Any) -> None:
+    found = learnt.states[-1].best.tensors["fringing_px2"].sqrt().numpy()
+    assert found == pytest.approx([learnt.hidden["crosstalk"]["sigma"]] * 2, abs=0.01)
+
+
+def test_the_warp_is_the_hidden_shift_and_turn(learnt: Any) -> None:
+    hidden = learnt.hidden["slm_alignment"]
+    moved = learnt.states[-1].best.displacement(SHAPE).numpy()
+    assert moved.mean(axis=(1, 2)) == pytest.approx([hidden["shift_y"], hidden["shift_x"]], abs=0.2e-6)
+    turn_y = np.polyfit(np.arange(SHAPE[1]) * PITCH, moved[0].mean(axis=0), 1)[0]
+    turn_x = np.polyfit(np.arange(SHAPE[0]) * PITCH, moved[1].mean(axis=1), 1)[0]
+    # +x turns towards +y: y moves by +rotation·x, x by −rotation·y; 1 mrad over half the modulator is 0.02 pixel
+    assert (turn_y, -turn_x) == pytest.approx((hidden["rotation"], hidden["rotation"]), abs=1e-3)
+
+
+def test_pupils_hold_the_hidden_zernike_terms_and_how_they_change_with_the_wavelength(learnt: Any) -> None:
+    best, layout = learnt.states[-1].best, learnt.layout
+    first = dict(zip(layout.noll1, best.tensors["zernike1_m"].numpy(), strict=True))
+    second = dict(zip(layout.noll2, best.tensors["zernike2_m"].numpy(), strict=True))
+    assert first[5][0] == pytest.approx(60e-9, abs=4e-9)
+    assert first[6][0] == pytest.approx(-40e-9, abs=4e-9)
+    assert second[7][0] == pytest.approx(80e-9, abs=4e-9)
+    assert second[5][1] == pytest.approx(20e-9, abs=4e-9)  # per 100 nm, both in the effect and in the maps
+    assert np.abs(first[11]).max() < 4e-9  # wasn't hidden
+
+
+def test_the_source_has_the_hidden_profile(learnt: Any) -> None:
+    at = Surface(0, 532e-9, 825e-9, PITCH, SHAPE, 2)
+    found = learnt.states[-1].best.source(at).abs().log().numpy()
+    y, x = ((np.arange(n) - (n - 1) / 2) / (SHAPE[1] / 2) for n in SHAPE)
+    truth = -0.3 * (y[:, None] ** 2 + x[None, :] ** 2) + 0.15 * x[None, :]
+    inner = (slice(6, -6), slice(6, -6))  # light from the edges leaves the trusted part of the picture
+    rest = (found - truth)[inner]
+    assert np.abs(rest - rest.mean()).max() < 0.05
+
+
+def test_gradients_are_those_of_finite_differences(small: Captures) -> None:
+    split = hold_out(small)
+    layout = dataclasses.replace(
+        layout_for(small, split.train),
+        source_nodes=(3, 3),
+        pupil_nodes=(3, 3),
+        warp_nodes=(2, 3),
+        noll1=(4, 7),
+        noll2=(3, 8),
+    )
+    model = Model(small, layout, {}, double=True)
+    random = torch.Generator().manual_seed(5)
+    scale = {"source_opd_m": 5e-8, "warp_m": 2e-6, "zernike1_m": 5e-8, "zernike2_m": 5e-8}
+    tensors = {
+        name: scale.get(name, 0.1) * torch.randn(shape, dtype=torch.float64, generator=random)
+        for name, shape in layout.shapes().items()
+    }
+    tensors["fringing_px2"] = torch.tensor([0.1, 0.2], dtype=torch.float64)  # below zero it stops
+    probe = torch.randn(small.shape, dtype=torch.float64, generator=random)
+
+    def loss() -> torch.Tensor:
+        model.use(tensors)
+        return (model.signals([1], grad=True)[0] * probe).sum()
+
+    for tensor in tensors.values():
+        tensor.requires_grad_()
+    gradients = dict(zip(tensors, torch.autograd.grad(loss(), list(tensors.values())), strict=True))
+    for name, tensor in tensors.items():
+        tensor.requires_grad_(False)
+        direction = torch.randn(tensor.shape, dtype=torch.float64, generator=random) * scale.get(name, 0.1)
+        sides = []
+        for sign in (1e-4, -1e-4):  # the error of central differences is (1e-4)² of the third derivative
+            tensor.add_(direction, alpha=sign)
+            sides.append(float(loss().detach()))
+            tensor.add_(direction, alpha=-sign)
+        slope = (sides[0] - sides[1]) / 2e-4
+        assert float((gradients[name].detach() * direction).sum()) == pytest.approx(slope, rel=2e-4), name
+
+
+def test_resuming_goes_on_bit_for_bit(small: Captures, tmp_path: Path) -> None:
+    split = hold_out(small)
+    layout, settings = layout_for(small, split.train), Settings(epochs=4, batch=2)
+
+    def states(stop: int, resume: Path | None = None) -> list[State]:
+        found = []
+        kept = None if resume is None else load_checkpoint(resume)
+        for state in train(small, {}, split, layout, settings, kept):
+            found.append(dataclasses.replace(state, best=_copied(state.best)))
+            if state.epoch == stop:
+                state.checkpoint().save(tmp_path / "c.safetensors")
+                break
+        return found
+
+    whole = states(4)
+    states(2)
+    rest = states(4, resume=tmp_path / "c.safetensors")
+    assert [state.chi2 for state in whole[3:]] == [state.chi2 for state in rest]
+    for name, tensor in whole[-1].best.tensors.items():
+        assert torch.equal(tensor, rest[-1].best.tensors[name]), name
+
+
+def test_a_checkpoint_of_something_else_is_refused(small: Captures, tmp_path: Path) -> None:
+    split = hold_out(small)
+    layout = layout_for(small, split.train)
+    state = next(train(small, {}, split, layout, Settings(epochs=2)))
+    state.checkpoint().save(tmp_path / "c.safetensors")
+    kept = load_checkpoint(tmp_path / "c.safetensors")
+    other = dataclasses.replace(small, power=small.power * 1.5)
+    for captures, known, settings, said in (
+        (other, {}, Settings(epochs=2), "the captures"),
+        (small, {"gap": {"gap_error": 1e-4}}, Settings(epochs=2), "the known effects"),
+        (small, {}, Settings(epochs=3), "epochs"),
+    ):
+        with pytest.raises(UserError, match=f"{said} differ"):
+            next(train(captures, known, split, layout, settings, kept))
+
+
+def test_too_few_captures_are_refused(small: Captures) -> None:
+    with pytest.raises(UserError, match="1 capture; expected at least 4"):
+        hold_out(small.subset([0]))
+
+
+def test_planes_and_wavelengths_are_held_out_whole(make_bench: Callable[..., System]) -> None:
+    rng = np.random.default_rng(0)
+    captures = nominal_session(make_bench(4, planes=(2e-3, 3e-3, 4e-3)), Session(each=3), rng)
+    split = hold_out(captures)
+    assert set(captures.distance_m[split.planes]) == {3e-3}
+    assert len(set(captures.wavelength_m[split.wavelengths])) == 1
+    assert 3e-3 not in captures.distance_m[split.train]
+    assert not set(captures.wavelength_m[split.train]) & set(captures.wavelength_m[split.wavelengths])
+    everything = np.concatenate(list(split.groups().values()))
+    assert sorted(everything) == list(range(len(captures)))
+
+
+def test_settings_that_cannot_be_are_refused() -> None:
+    for wrong in ({"epochs": 0}, {"batch": 0}, {"rate": 0.0}, {"rate": float("nan")}):
+        with pytest.raises(UserError, match=next(iter(wrong))):
+            Settings(**wrong)  # type: ignore[arg-type]
+
+
+def _copied(learned: Learned) -> Learned:
+    return Learned(learned.layout, {name: tensor.clone() for name, tensor in learned.tensors.items()})

@@ -1,0 +1,181 @@
+"""Capture files: nothing is lost on the way, and whatever can't be is refused by its name."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from holoview.captures import Camera, Captures, Panel, read_captures, write_captures
+from holoview.errors import UserError
+
+Edit = Callable[[h5py.File], None]
+
+
+def _captures(modulators: int = 2) -> Captures:
+    rng = np.random.default_rng(1)
+    two = modulators == 2
+    return Captures(
+        levels=rng.integers(0, 16, (3, modulators, 6, 8), dtype=np.uint8),
+        images=rng.integers(64, 900, (3, 12, 16), dtype=np.uint16),
+        wavelength_m=np.array([450e-9, 520e-9, 638e-9]),
+        distance_m=np.full(3, 4e-3),
+        power=np.array([1.0, 0.5, 0.25]),
+        exposure_s=np.full(3, 0.01),
+        panels=(Panel(8e-6, 16, 780e-9),) * modulators,
+        camera=Camera(4e-6, 12, 4.0, 3.0, 64.0),
+        gap_m=1e-3 if two else None,
+        iris1_na=0.03 if two else None,
+        iris2_na=0.03,
+    )
+
+
+def _same(first: Captures, second: Captures) -> bool:
+    pairs = ((getattr(first, f.name), getattr(second, f.name)) for f in dataclasses.fields(Captures))
+    return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b for a, b in pairs)
+
+
+@pytest.mark.parametrize(
+    "captures",
+    [
+        _captures(),
+        _captures(1),
+        dataclasses.replace(_captures(1), distance_m=np.zeros(3), focal_length_m=0.2, iris2_na=None),
+        dataclasses.replace(_captures(), levels=np.full((3, 2, 6, 8), 15, np.uint16)),
+    ],
+    ids=["near field", "one modulator", "Fourier bench", "16 bit levels"],
+)
+def test_what_is_written_is_read_again(captures: Captures, tmp_path: Path) -> None:
+    write_captures(tmp_path / "c.h5", captures)
+    assert _same(read_captures(tmp_path / "c.h5"), captures)
+
+
+def test_what_is_unknown_is_ignored(tmp_path: Path) -> None:
+    write_captures(tmp_path / "c.h5", _captures())
+    with h5py.File(tmp_path / "c.h5", "a") as h5:
+        h5["notes"] = "a cold morning"
+        h5["camera"].attrs["serial"] = 7
+    assert _same(read_captures(tmp_path / "c.h5"), _captures())
+
+
+def _without(name: str) -> Edit:
+    def edit(h5: h5py.File) -> None:
+        del h5[name]
+
+    return edit
+
+
+def _attribute(group: str, name: str, value: object) -> Edit:
+    def edit(h5: h5py.File) -> None:
+        h5[group].attrs[name] = value
+
+    return edit
+
+
+def _no_attribute(group: str, name: str) -> Edit:
+    def edit(h5: h5py.File) -> None:
+        del h5[group].attrs[name]
+
+    return edit
+
+
+def _dataset(name: str, value: object) -> Edit:
+    def edit(h5: h5py.File) -> None:
+        attributes = dict(h5[name].attrs) if name in h5 else {}
+        del h5[name]
+        h5[name] = value
+        h5[name].attrs.update(attributes)
+
+    return edit
+
+
+def _nan(h5: h5py.File) -> None:
+    h5["distance"][1] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        *(
+            (_without(n), f"{n}: is missing")
+            for n in ("slm1/levels", "camera/images", "wavelength", "distance", "power")
+        ),
+        (_attribute("/", "format", "something"), 'attribute format: "something"'),
+        (_attribute("/", "version", 2), "attribute version: 2"),
+        (_no_attribute("/", "format"), "attribute format: is missing"),
+        (_no_attribute("camera", "bit_depth"), "camera attribute bit_depth: is missing"),
+        (_no_attribute("slm1", "pitch"), "slm1 attribute pitch: is missing"),
+        (_no_attribute("geometry", "gap"), "geometry attribute gap: is missing"),
+        (_attribute("slm1", "pitch", "8 um"), "slm1 attribute pitch: '8 um'; expected a number"),
+        (_dataset("slm1/levels", np.zeros((3, 6, 8), np.float32)), "slm1/levels: numbers of type float32"),
+        (_dataset("slm1/levels", np.zeros((3, 6), np.uint8)), r"slm1/levels: an array of shape \(3, 6\)"),
+        (_dataset("slm2/levels", np.zeros((3, 5, 8), np.uint8)), "slm2/levels: shapes"),
+        (_dataset("camera/images", np.zeros((3, 12, 16), np.int32)), "camera/images: numbers of type int32"),
+        (_dataset("camera/images", np.full((2, 12, 16), 99, np.uint16)), "camera/images: 2 captures; expected 3"),
+        (_dataset("wavelength", np.array(520e-9)), "wavelength: an array of shape"),
+        (_dataset("wavelength", np.full(3, 520.0)), "wavelength: 520; expected .* it looks like nanometres"),
+        (_dataset("distance", np.full(3, 4.0)), "distance: 4; expected .* it looks like millimetres"),
+        (_dataset("distance", np.full(3, 0.4)), "distance: 0.4: light would spread .* millimetres"),
+        (_nan, "distance: nan at capture 1"),
+        (_attribute("geometry", "gap", 2.0), "geometry attribute gap: 2; .* millimetres"),
+        (_attribute("slm1", "pitch", 8.0), "slm1 attribute pitch: 8; .* it looks like micrometres"),
+        (_attribute("slm1", "pitch", 0.008), "slm1 attribute pitch: 0.008; .* it looks like millimetres"),
+        (_attribute("geometry", "focal_length", 200.0), "focal_length: 200; .* millimetres"),
+        (_attribute("geometry", "iris1_na", 30.0), "iris1_na: 30"),
+        (_attribute("slm1", "num_levels", 8), "slm1/levels: level 15; expected 0 to 7"),
+        (_attribute("camera", "bit_depth", 8), "camera/images: .* counts; expected 0 to 255"),
+        (_attribute("camera", "bit_depth", 40), "camera attribute bit_depth: 40"),
+        (_attribute("camera", "electrons_per_count", 0.0), "electrons_per_count: 0"),
+        (_attribute("camera", "black_level", 5000.0), "black_level: 5000"),
+        (_dataset("power", np.array([1.0, 0.0, 1.0])), "power: 0; expected positive"),
+        (_dataset("camera/images", np.full((3, 12, 16), 64, np.uint16)), "camera/images: all are dark"),
+        (_dataset("camera/images", np.full((3, 12, 16), 4095, np.uint16)), "camera/images: all are saturated"),
+        (
+            _dataset("camera/images", np.full((3, 16, 12), 99, np.uint16)),
+            "camera/images: .* rows and columns look swapped",
+        ),
+    ],
+)
+def test_what_cant_be_is_refused_by_its_name(edit: Edit, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "c.h5"
+    write_captures(path, _captures())
+    with h5py.File(path, "a") as h5:
+        edit(h5)
+    with pytest.raises(UserError, match=words) as caught:
+        read_captures(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_file_that_isnt_there_or_isnt_hdf5_or_is_cut_short(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no such file"):
+        read_captures(tmp_path / "none.h5")
+    (tmp_path / "text.h5").write_text("hello", encoding="utf-8")
+    with pytest.raises(UserError, match="isn't an HDF5 file"):
+        read_captures(tmp_path / "text.h5")
+    write_captures(tmp_path / "whole.h5", _captures())
+    data = (tmp_path / "whole.h5").read_bytes()
+    for share in (0.3, 0.6, 0.95):
+        (tmp_path / "cut.h5").write_bytes(data[: int(share * len(data))])
+        with pytest.raises(UserError, match=r"is cut short|isn't an HDF5 file|is damaged"):
+            read_captures(tmp_path / "cut.h5")
+
+
+def test_a_damaged_dataset_is_told_as_such(tmp_path: Path) -> None:
+    path = tmp_path / "c.h5"
+    write_captures(path, _captures())
+    with h5py.File(path) as h5:
+        chunk = h5["camera/images"].id.get_chunk_info(0)
+    data = bytearray(path.read_bytes())
+    data[chunk.byte_offset : chunk.byte_offset + chunk.size] = bytes(chunk.size)
+    path.write_bytes(data)
+    with pytest.raises(UserError, match="is damaged"):
+        read_captures(path)
+
+
+def test_two_modulators_dont_go_with_a_focal_length() -> None:
+    with pytest.raises(UserError, match="slm2: on a Fourier bench"):
+        write_captures("unused.h5", dataclasses.replace(_captures(), focal_length_m=0.2, distance_m=np.zeros(3)))

@@ -1,0 +1,224 @@
+"""The fast forward model is the executors' physics, explains what an independent program computed, and never mixes."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+import holoview as hv
+from holoview.captures import Camera, Captures, Panel, read_captures
+from holoview.captures.predict import Predictor, predict
+from holoview.errors import UserError
+
+FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data"
+CHI2_TOLERANCE = 0.035
+"""χ²/n of n = 49152 pixels scatters by √(2/n) = 0.0064; five of these, and the fitted gain's own error."""
+SHAPE = (20, 28)
+NEAR: dict[str, dict[str, float]] = {
+    "gap": {"gap_error": 1e-4},
+    "distance": {"distance_error": -2e-4},
+    "stroke": {"stroke_error": 0.1, "difference": 0.02},
+    "lut": {"gamma1": 1.3, "level2_05": 0.1},
+    "dispersion": {"slope": 0.2},
+    "tilt": {"tilt_y": 2e-3, "tilt_x": -1e-3},
+    "source_profile": {"fall": 0.5, "slope_y": 0.1},
+    "source_extent": {"radius": 0.5e-3},
+    "bandwidth": {"sigma": 3e-9},
+    "wavelength_offset": {"offset": 4e-9},
+    "slm_alignment": {"shift_y": 3e-6, "rotation": 5e-3, "magnification": 0.01},
+    "slm_flatness": {"z4_1": 1e-7, "z5_2": 1e-7},
+    "crosstalk": {"sigma": 0.45},
+    "undiffracted": {"share": 0.2, "quadrature": 0.1},
+    "flicker": {"depth": 0.1},
+    "iris1": {"radius_error": 0.2, "decentre_y": 0.3},
+    "iris2": {"radius_error": -0.2, "decentre_x": 0.2},
+    "dc_block": {"radius": 2e-3},
+    "aberration1": {"z5": 1e-7, "z7": 5e-8},
+    "aberration2": {"z4": 2e-7, "z6_slope": 1e-7},
+}
+
+
+def _session(count: int = 3, modulators: int = 2) -> Captures:
+    rng = np.random.default_rng(5)
+    return Captures(
+        levels=rng.integers(0, 16, (count, modulators, *SHAPE), dtype=np.uint8),
+        images=np.full((count, 2 * SHAPE[0], 2 * SHAPE[1]), 500, np.uint16),
+        wavelength_m=np.linspace(480e-9, 620e-9, count),
+        distance_m=np.full(count, 3e-3),
+        power=np.linspace(1.0, 0.5, count),
+        exposure_s=np.full(count, 0.01),
+        panels=(Panel(8e-6, 16, 780e-9),) * modulators,
+        camera=Camera(4e-6, 12, 4.0, 3.0, 64.0),
+        gap_m=1e-3 if modulators == 2 else None,
+        iris1_na=0.03 if modulators == 2 else None,
+        iris2_na=0.03,
+    )
+
+
+def _executed(captures: Captures, k: int, effects: dict[str, dict[str, float]]) -> NDArray[np.floating]:
+    """What the reference executor computes of a capture."""
+    system = captures.system([captures.wavelength_m[k]], [captures.distance_m[k]]).edit({"effects": effects})
+    view = hv.simulate(system, captures.drive(k)[None], backend="torch64")
+    return view.intensity[0].sum(axis=0) * captures.power[k] * captures.exposure_s[k]
+
+
+@pytest.mark.parametrize("name", ["none", *NEAR])
+def test_it_is_what_the_reference_executor_computes(name: str) -> None:
+    captures, effects = _session(), {name: NEAR[name]} if name in NEAR else {}
+    found = Predictor(captures, double=True)([1], effects).signal[0].numpy()
+    np.testing.assert_allclose(found, _executed(captures, 1, effects), rtol=1e-9, atol=1e-9 * found.max())
+
+
+@pytest.mark.parametrize("name", [n for n in NEAR if n not in ("gap", "slm_alignment", "iris1", "aberration1")])
+def test_one_modulator_too(name: str) -> None:
+    captures = _session(modulators=1)
+    found = Predictor(captures, double=True)([0], {name: NEAR[name]}).signal[0].numpy()
+    np.testing.assert_allclose(found, _executed(captures, 0, {name: NEAR[name]}), rtol=1e-9, atol=1e-9 * found.max())
+
+
+def test_all_effects_together() -> None:
+    captures = _session()
+    some = {name: NEAR[name] for name in ("gap", "lut", "crosstalk", "slm_alignment", "undiffracted", "iris2", "tilt")}
+    found = Predictor(captures, double=True)([2], some).signal[0].numpy()
+    np.testing.assert_allclose(found, _executed(captures, 2, some), rtol=1e-9, atol=1e-9 * found.max())
+
+
+def test_what_is_kept_never_stands_for_something_else() -> None:
+    """Effects called in a random order give, to the bit, what each gives alone."""
+    captures = _session()
+    camera = {
+        "camera_blur": {"sigma": 1.0},
+        "camera_alignment": {"shift_y": 2e-6},
+        "ghost": {"strength": 0.1, "shift_x": 3},
+    }
+    tables = [{}, *({name: values} for name, values in {**NEAR, **camera}.items())]
+    tables += [{"gap": {"gap_error": e}, "lut": {"gamma1": g}} for e in (1e-4, 2e-4) for g in (1.2, 1.3)]
+    shared, rng = Predictor(captures), np.random.default_rng(0)
+    for number in rng.integers(0, len(tables), 60):
+        k = int(rng.integers(0, 3))
+        assert torch.equal(shared([k], tables[number]).signal, Predictor(captures)([k], tables[number]).signal), number
+
+
+@pytest.mark.parametrize("capture", [0, 9, 16, 31])
+@pytest.mark.parametrize(
+    ("name", "effects"),
+    [
+        ("sample_consistent", {}),
+        ("sample_gap", {"gap": {"gap_error": 0.108e-3}}),
+        (
+            "sample_two",
+            {"crosstalk": {"sigma": 0.45}, "slm_alignment": {"shift_y": 0.6 * 8e-6, "shift_x": -0.45 * 8e-6}},
+        ),
+    ],
+)
+def test_captures_of_an_independent_program_are_explained_to_their_noise(
+    name: str, effects: dict[str, dict[str, float]], capture: int
+) -> None:
+    path = FOLDER / f"{name}.h5"
+    if not path.is_file():
+        pytest.skip("the sample captures aren't on this machine")
+    captures = read_captures(path)
+    found = predict(captures, [capture], effects)
+    image, signal = captures.images[capture].astype(float), found.signal[0].double().numpy()
+    valid = image < captures.camera.saturation
+    seen, signal = image[valid] - found.offset, signal[valid]
+    signal = signal * (signal @ seen) / (signal @ signal)
+    assert np.mean((seen - signal) ** 2 / captures.camera.variance(signal)) == pytest.approx(1.0, abs=CHI2_TOLERANCE)
+
+
+def test_a_grating_on_a_fourier_bench_sends_its_orders_where_the_grating_equation_says() -> None:
+    """A binary phase grating of half a wave, period 4 pixels: orders ±1 at λf/period with (2/π)² of the light each,
+    less the pixel's own envelope; none in the middle."""
+    λ, f, pitch = 500e-9, 0.128, 8e-6
+    levels = np.zeros((1, 1, 32, 64), np.uint8)
+    levels[..., np.arange(64) % 4 >= 2] = 1
+    captures = dataclasses.replace(
+        _session(1, 1),
+        levels=levels,
+        images=np.full((1, 401, 401), 500, np.uint16),
+        wavelength_m=np.array([λ]),
+        distance_m=np.zeros(1),
+        power=np.ones(1),
+        exposure_s=np.ones(1),
+        panels=(Panel(pitch, 2, λ / 2),),
+        camera=Camera(20e-6, 12, 4.0, 3.0, 64.0),
+        iris2_na=None,
+        focal_length_m=f,
+    )
+    image = Predictor(captures, double=True)([0]).signal[0]
+    away = round(λ * f / (4 * pitch) / 20e-6)  # 100 pixels
+    assert away == 100
+    order = np.unravel_index(int(image.argmax()), image.shape)
+    assert order[0] == 200 and abs(order[1] - 200) == away
+    assert float(image[200, 200]) == pytest.approx(0.0, abs=1e-15)
+    sampled = abs((1 + np.exp(-0.5j * np.pi) - np.exp(-1j * np.pi) - np.exp(-1.5j * np.pi)) / 4) ** 2
+    assert float(image[order]) == pytest.approx(32 * 64 * sampled * np.sinc(0.25) ** 2, rel=1e-9)
+    assert sampled * np.sinc(0.25) ** 2 == pytest.approx((2 / np.pi) ** 2, rel=1e-9)
+
+
+def test_gradients_reach_what_an_own_effect_holds() -> None:
+    from holoview.effects import Effect, Parameter
+
+    class Map(Effect):
+        id = "map"
+        cause = finding = "A map."
+        parameters = (Parameter("on", "Whether it acts."),)
+        where = ("modulator 1",)
+        values_m = torch.zeros(SHAPE, dtype=torch.float64, requires_grad=True)
+
+        def path(self, path_m, at, v):  # type: ignore[no-untyped-def]
+            return path_m + self.values_m
+
+    predictor = Predictor(_session(), extra=[Map()], double=True)
+    loss = predictor([0], {"map": {"on": 1.0}}, grad=True).signal.square().sum()
+    (gradient,) = torch.autograd.grad(loss, Map.values_m)
+    step = torch.randn(SHAPE, generator=torch.Generator().manual_seed(2)).double() * 1e-12
+    with torch.no_grad():
+        Map.values_m += step
+        up = predictor([0], {"map": {"on": 1.0}}, grad=True).signal.square().sum()
+        Map.values_m -= 2 * step
+        down = predictor([0], {"map": {"on": 1.0}}, grad=True).signal.square().sum()
+    assert float((gradient * step).sum()) == pytest.approx(float(up - down) / 2, rel=1e-5)
+
+
+def test_a_camera_with_other_pixels_sees_the_same_light() -> None:
+    """Pixels twice as large have the mean of four; a picture cut out is part of the whole."""
+    captures = _session(1)
+    whole = Predictor(captures, double=True)([0]).signal[0]
+    coarse = dataclasses.replace(
+        captures, images=np.zeros((1, *SHAPE), np.uint16), camera=dataclasses.replace(captures.camera, pitch_m=8e-6)
+    )
+    binned = whole.reshape(SHAPE[0], 2, SHAPE[1], 2).mean(dim=(1, 3))
+    torch.testing.assert_close(Predictor(coarse, double=True)([0]).signal[0], binned, rtol=1e-7, atol=1e-9)
+    cut = dataclasses.replace(captures, images=np.zeros((1, 20, 30), np.uint16))
+    torch.testing.assert_close(Predictor(cut, double=True)([0]).signal[0], whole[10:30, 13:43], rtol=1e-7, atol=1e-9)
+
+
+def test_a_bench_that_cant_be_names_the_effect() -> None:
+    with pytest.raises(UserError, match=r"effects\.gap"):
+        predict(_session(), [0], {"gap": {"gap_error": -2e-3}})
+
+
+def test_a_turned_camera_sees_the_light_beside_the_modulator_too() -> None:
+    """By a tiny angle the picture is the same, out to the corners of a camera larger than the modulator."""
+    captures = _session(1)
+    large = dataclasses.replace(captures, images=np.zeros((1, 56, 72), np.uint16))
+    straight = Predictor(large, double=True)([0]).signal[0]
+    turned = Predictor(large, double=True)([0], {"camera_alignment": {"rotation": 1e-9}}).signal[0]
+    # cubic interpolation at twice the sampling: seen 0.3 %
+    assert float((turned - straight).norm() / straight.norm()) < 0.01
+    torch.testing.assert_close(
+        straight[8:48, 8:64], Predictor(captures, double=True)([0]).signal[0], rtol=1e-7, atol=1e-9
+    )
+
+
+def test_beyond_what_is_computed_there_is_no_light() -> None:
+    captures = dataclasses.replace(_session(1), images=np.zeros((1, 120, 150), np.uint16))
+    signal = Predictor(captures, double=True)([0]).signal[0]
+    assert not bool(signal[:20].any()) and not bool(signal[:, -15:].any())  # of 80 × 120 padded samples
+    assert bool(signal[40:80, 50:100].all())

@@ -1,0 +1,155 @@
+"""`holoview calibrate`: from a capture file to a preset that renders, resumed, interrupted, and refused."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from holoview import preset
+from holoview.captures import write_captures
+from holoview.captures.make import Session, make_captures
+from holoview.system import Modulator, Relay, System
+
+SHAPE = (24, 32)
+
+
+@pytest.fixture(scope="module")
+def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eight captures of a small bench whose second modulator is off by 3/4 of a pixel and leaks into neighbours."""
+    modulator = Modulator(pitch_m=8e-6, shape=SHAPE, stroke_m=825e-9, levels=16)
+    system = System(
+        wavelengths_m=[520e-9, 638e-9],
+        amplitudes=[[1.0, 1.0]],
+        modulators=(modulator, modulator),
+        gap_m=1e-3,
+        planes_m=[3e-3],
+        relay1=Relay(iris_na=0.03),
+        relay2=Relay(iris_na=0.03),
+        observer="mono",
+    )
+    path = tmp_path_factory.mktemp("captures") / "c.h5"
+    write_captures(
+        path, make_captures(system, {"slm_alignment": {"shift_y": 6e-6}, "crosstalk": {"sigma": 0.5}}, Session(each=4))
+    )
+    return path
+
+
+@pytest.fixture
+def sweep(tmp_path: Path) -> Path:
+    x = np.linspace(0, 1, 64)
+    power = 10 + 900 * np.sin(2.4 * np.pi * x**1.2 / 2) ** 2 + np.random.default_rng(1).normal(0, 5, 64)
+    path = tmp_path / "sweep.csv"
+    path.write_text("".join(f"{k},{p:.2f}\n" for k, p in enumerate(power)))
+    return path
+
+
+def test_a_calibrated_bench_renders(holoview: Callable[..., Any], captures: Path, tmp_path: Path) -> None:
+    done = holoview("calibrate", captures, "-o", "c.toml", "--epochs", 12, "--batch", 1, "--pictures", "seen", "--json")
+    assert done.code == 0, done.err
+    found = json.loads(done.out)
+    scores = {row["group"]: row for row in found["scores"] if row["wavelength_nm"] is None}
+    assert scores["captures"]["after"]["chi2_per_pixel"] < scores["captures"]["before"]["chi2_per_pixel"]
+    assert {path.name for path in tmp_path.iterdir()} == {"c.toml", "c.safetensors", "seen"}
+    assert (tmp_path / "seen" / "pupils.png").is_file()
+    assert holoview("render", "c.toml", "--backend", "torch", "-o", "c.png").code == 0
+
+
+def test_a_checkpoint_goes_on_to_the_same_maps(holoview: Callable[..., Any], captures: Path, tmp_path: Path) -> None:
+    common = ("calibrate", captures, "--epochs", 2)
+    assert holoview(*common, "-o", "whole.toml", "--checkpoint", "k.safetensors").code == 0
+    finished = holoview(*common, "-o", "rest.toml", "--resume", "k.safetensors")
+    assert finished.code == 2
+    assert "finished" in finished.err
+    assert not (tmp_path / "rest.toml").exists()
+    other = holoview("calibrate", captures, "--epochs", 3, "-o", "rest.toml", "--resume", "k.safetensors")
+    assert "epochs differ" in other.err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
+def test_ctrl_c_keeps_the_best(captures: Path, tmp_path: Path) -> None:
+    program = (
+        "import sys; from holoview.commands import common; common._SECONDS_A_LINE = 0.0; from holoview import cli; "
+    )
+    program += "sys.exit(cli.main())"
+    command = [sys.executable, "-c", program, "calibrate", str(captures), "-o", "c.toml", "--epochs", "5000"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        seen = ""
+        while not seen.startswith("calibrating: 2/"):
+            seen = process.stderr.readline()
+            assert seen, "ended early"
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert "the best so far is kept in c.toml" in err
+    assert {path.name for path in tmp_path.iterdir()} == {"c.toml", "c.safetensors"}
+
+
+def test_a_sweep_becomes_a_table_a_bench_and_a_picture(
+    holoview: Callable[..., Any], sweep: Path, tmp_path: Path
+) -> None:
+    more = ("--preset", "simultaneous", "--save-preset", "mine.toml", "--wavelength", "520nm", "--plot", "lut.png")
+    done = holoview("calibrate", "lut", sweep, "-o", "lut.toml", *more)
+    assert done.code == 0, done.err
+    assert "stroke 2.4 π" in done.out
+    assert {path.name for path in tmp_path.iterdir()} == {"sweep.csv", "lut.toml", "lut.png", "mine.toml"}
+    # 2.4 π at 520 nm is 624 nm, to the interval of about 0.02 π
+    assert preset.load("mine.toml").modulators[0].stroke_m == pytest.approx(624e-9, abs=8e-9)
+    figures = json.loads(holoview("calibrate", "lut", sweep, "--json").out)
+    assert figures["stroke_pi"] == pytest.approx(2.4, abs=0.05)
+
+
+BAD: dict[str, tuple[str, ...]] = {
+    "is missing": ("calibrate", "{captures}"),
+    "expected .toml": ("calibrate", "{captures}", "-o", "c.txt"),
+    "doesn't exist": ("calibrate", "{captures}", "-o", "nowhere/c.toml"),
+    "no such file": ("calibrate", "none.h5", "-o", "c.toml"),
+    "none.csv": ("calibrate", "lut", "none.csv"),
+    "epochs": ("calibrate", "{captures}", "-o", "c.toml", "--epochs", "0"),
+    "held-out share": ("calibrate", "{captures}", "-o", "c.toml", "--held-out", "0.9"),
+    "preset: gap": ("calibrate", "{captures}", "-o", "c.toml", "--preset", "holochrome-8"),
+    "--wavelength: doesn't apply": ("calibrate", "{captures}", "-o", "c.toml", "--wavelength", "520nm"),
+    "--epochs: doesn't apply": ("calibrate", "lut", "{sweep}", "--epochs", "3"),
+    "--save-preset: is missing": ("calibrate", "lut", "{sweep}", "--preset", "holochrome-8"),
+    "has no unit": ("calibrate", "lut", "{sweep}", "--wavelength", "520"),
+    "CAPTURES.h5, or: lut": ("calibrate", "{captures}", "{captures}", "-o", "c.toml"),
+    "checkpoint": ("calibrate", "{captures}", "-o", "c.toml", "--resume", "{sweep}"),
+}
+
+
+@pytest.mark.parametrize("said", BAD)
+def test_bad_input_is_one_clear_line_and_nothing_is_written(
+    said: str, holoview: Callable[..., Any], captures: Path, sweep: Path, tmp_path: Path
+) -> None:
+    done = holoview(*(word.format(captures=captures, sweep=sweep) for word in BAD[said]))
+    assert done.code == 2
+    assert said in done.err
+    assert len(done.err.strip().splitlines()) <= 2  # a note about one plane may come before
+    assert {path.name for path in tmp_path.iterdir()} == {"sweep.csv"}
+
+
+def test_captures_that_are_cut_short_are_named(holoview: Callable[..., Any], captures: Path, tmp_path: Path) -> None:
+    whole = captures.read_bytes()
+    (tmp_path / "cut.h5").write_bytes(whole[: len(whole) // 2])
+    done = holoview("calibrate", "cut.h5", "-o", "c.toml")
+    assert done.code == 2
+    assert "cut.h5" in done.err
+    assert not (tmp_path / "c.toml").exists()
+
+
+def test_a_plan_says_what_to_set(holoview: Callable[..., Any], captures: Path, tmp_path: Path) -> None:
+    done = holoview("captures", "plan", captures, "-o", "plan.csv")
+    assert done.code == 0, done.err
+    assert done.out.startswith("520 nm: power 1, exposure ")
+    lines = (tmp_path / "plan.csv").read_text().splitlines()
+    assert lines[0] == "wavelength_nm,power,exposure_s,reached_counts,note"
+    assert len(lines) == 3

@@ -1,0 +1,177 @@
+"""`holoview captures`: a virtual session is made, checked, shown, and a folder of pictures becomes the same session."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from holoview.captures import Captures, read_captures
+from holoview.captures.folder import BENCH, TABLE
+
+Run = Callable[..., Any]
+SMALL = (
+    "holochrome-8",
+    *("--set", "shape=[20, 28]"),
+    *("--set", 'planes=["3 mm"]'),
+    *("--set", "relay1.iris_na=0.03"),
+    *("--set", "relay2.iris_na=0.03"),
+)
+
+
+def _make(holoview: Run, name: str, *more: str) -> Captures:
+    outcome = holoview("captures", "make", *SMALL, "--each", 1, "-o", name, *more)
+    assert outcome.code == 0, outcome.err
+    return read_captures(name)
+
+
+def test_a_session_is_made_the_same_from_the_same_seed(holoview: Run, tmp_path: Path) -> None:
+    first = _make(holoview, "a.h5", "--effects", "gap.gap_error=0.1mm", "crosstalk.sigma=0.4")
+    again = _make(holoview, "b.h5", "--effects", "gap.gap_error=0.1mm", "crosstalk.sigma=0.4")
+    other = _make(holoview, "c.h5", "--seed", "1")
+    assert np.array_equal(first.images, again.images)
+    assert not np.array_equal(first.images, other.images)
+    assert first.gap_m == 2e-3  # what the laboratory believes
+    assert first.images.dtype == np.uint16 and 2000 < first.images.max() <= 4095
+
+
+def test_noise_is_that_of_the_camera(holoview: Run) -> None:
+    """Without effects the model explains the pictures to their noise."""
+    from holoview.captures.predict import Predictor
+
+    captures = _make(holoview, "a.h5")
+    signal = Predictor(captures)(range(8)).signal.double().numpy()
+    for image, expected in zip(captures.images, signal, strict=True):
+        valid = image < captures.camera.saturation
+        seen = image[valid] - captures.camera.black_level
+        expected = expected[valid] * (expected[valid] @ seen) / (expected[valid] @ expected[valid])
+        chi2 = np.mean((seen - expected) ** 2 / captures.camera.variance(expected))
+        assert chi2 == pytest.approx(1.0, abs=5 * (2 / seen.size) ** 0.5)  # 5 σ of χ²/n
+
+
+def test_a_check_tells_what_is_there_and_what_it_cant_tell(holoview: Run) -> None:
+    _make(holoview, "a.h5")
+    outcome = holoview("captures", "check", "a.h5")
+    assert outcome.code == 0
+    assert "8 captures, near field" in outcome.out and "28 x 20 pixels" in outcome.out
+    found = json.loads(holoview("captures", "check", "a.h5", "--json").out)
+    assert found["wavelengths_m"][0] == pytest.approx(440e-9, abs=40e-9) and len(found["wavelengths_m"]) == 8
+    assert "gap" not in found["cant_tell"]
+    fourier = ("captures", "make", "holochrome-8", "--set", "shape=[20, 28]", "--focal-length", "200mm", "-o", "f.h5")
+    assert "one modulator on a Fourier bench" in holoview(*fourier).err
+    single = (*fourier, "--scheme", "simultaneous+1slm", "--camera-pitch", "10um", "--each", "1")
+    assert holoview(*single).code == 0
+    said = holoview("captures", "check", "f.h5").out
+    assert "Fourier bench" in said and "can't tell   gap" in said
+
+
+def test_a_sheet_shows_patterns_and_pictures(holoview: Run, tmp_path: Path) -> None:
+    _make(holoview, "a.h5")
+    assert holoview("captures", "show", "a.h5", "-o", "a.png", "--most", 3).code == 0
+    with Image.open(tmp_path / "a.png") as sheet:
+        assert sheet.width > 3 * 420 and sheet.height > 3 * 250
+
+
+def _folder(captures: Captures, path: Path) -> Path:
+    path.mkdir()
+    lines = ["image,slm1,slm2,wavelength,distance,power,exposure"]
+    for k in range(len(captures)):
+        tifffile.imwrite(path / f"seen{k}.tif", captures.images[k])
+        for n in (0, 1):
+            Image.fromarray(captures.levels[k, n]).save(path / f"sent{n}-{k}.png")
+        λ, z = captures.wavelength_m[k] * 1e9, captures.distance_m[k] * 1e3
+        said = f"{λ:.9g} nm,{z:.9g} mm,{captures.power[k]!r},{captures.exposure_s[k]!r}".replace("np.float64", "")
+        lines.append(f"seen{k}.tif,sent0-{k}.png,sent1-{k}.png,{said.replace('(', '').replace(')', '')}")
+    (path / TABLE).write_text("\n".join(lines), encoding="utf-8")
+    slm = f'pitch = "8 um"\nnum_levels = {captures.panels[0].num_levels}\nopd_range = "825 nm"\n'
+    camera = captures.camera
+    (path / BENCH).write_text(
+        f'[slm1]\n{slm}[slm2]\n{slm}[camera]\npitch = "4 um"\nbit_depth = 12\nelectrons_per_count = '
+        f"{camera.electrons_per_count!r}\nread_noise = 3.0\nblack_level = 64\n"
+        '[geometry]\ngap = "2 mm"\niris1_na = 0.03\niris2_na = 0.03\n',
+        encoding="utf-8",
+    )
+    return path
+
+
+def test_a_folder_of_pictures_becomes_the_same_session(holoview: Run, tmp_path: Path) -> None:
+    captures = _make(holoview, "a.h5")
+    folder = _folder(captures, tmp_path / "folder")
+    assert holoview("captures", "import", folder, "-o", "b.h5").code == 0
+    found = read_captures("b.h5")
+    assert np.array_equal(found.images, captures.images) and np.array_equal(found.levels, captures.levels)
+    assert found.wavelength_m == pytest.approx(captures.wavelength_m) and found.camera == captures.camera
+    assert (found.gap_m, found.panels) == (captures.gap_m, captures.panels)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "words"),
+    [
+        (TABLE, "520", "x20", "line"),
+        (TABLE, "seen0.tif", "gone.tif", "gone.tif: no such file"),
+        (TABLE, "exposure", "time", "exposure: is missing"),
+        (TABLE, "3 mm", "3", "has no unit"),
+        (BENCH, 'pitch = "4 um"\n', "", "camera.pitch: is missing"),
+        (BENCH, "[geometry]", "[geometri]", "did you mean geometry"),
+        (BENCH, "bit_depth = 12", "bit_depth = ", "can't be read"),
+        (BENCH, "bit_depth = 12", "bit_depth = 8", "expected 0 to 255"),
+    ],
+)
+def test_what_is_wrong_in_a_folder_is_named(
+    holoview: Run, tmp_path: Path, name: str, old: str, new: str, words: str
+) -> None:
+    folder = _folder(_make(holoview, "a.h5"), tmp_path / "folder")
+    text = (folder / name).read_text(encoding="utf-8")
+    if old == "520":  # a wavelength of whichever bench it is
+        old = text.splitlines()[1].split(",")[3].split(" ")[0]
+        new = "green"
+    (folder / name).write_text(text.replace(old, new), encoding="utf-8")
+    outcome = holoview("captures", "import", folder, "-o", "b.h5")
+    assert outcome.code == 2 and words in outcome.err
+    assert not (tmp_path / "b.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--effects", "gapp.gap_error=1mm"), "did you mean gap"),
+        (("--effects", "gap.error=1mm"), "unknown parameter"),
+        (("--effects", "gap.gap_error"), "isn't KEY=VALUE"),
+        (("--effects", "none.py"), "no such file"),
+        (("--effects", "gap.gap_error=-3mm"), "effects.gap"),
+        (("--set", "relay2.dc_block_na=0.01"), "has more than an iris"),
+        (("--each", "0"), "at least 1"),
+        (("--camera-jitter", "5"), "has no unit"),
+    ],
+)
+def test_a_session_that_cant_be_leaves_no_file(
+    holoview: Run, tmp_path: Path, arguments: tuple[str, ...], words: str
+) -> None:
+    outcome = holoview("captures", "make", *SMALL, "-o", "a.h5", *arguments)
+    assert outcome.code == 2 and words in outcome.err
+    assert not (tmp_path / "a.h5").exists()
+
+
+def test_own_effects_are_run_and_it_says_so(holoview: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from holoview.effects import registry
+
+    monkeypatch.setattr(registry, "_own", {})
+    (tmp_path / "haze.py").write_text(
+        "from holoview.effects import Effect, Parameter\n"
+        "class Haze(Effect):\n"
+        '    id, cause, finding, where = "haze", "Haze.", "Haze of {share}.", ("camera",)\n'
+        '    parameters = (Parameter("share", "Of the mean.", prior=0.1),)\n'
+        "    def image(self, image, at, v):\n"
+        '        return image + v["share"] * image.mean()\n',
+        encoding="utf-8",
+    )
+    outcome = holoview("captures", "make", *SMALL, "--each", 1, "-o", "a.h5", "--effects", "haze.py", "haze.share=5")
+    assert outcome.code == 0 and "running haze.py" in outcome.err
+    hazy, clear = (read_captures(n).images for n in ("a.h5", (_make(holoview, "b.h5"), "b.h5")[1]))
+    assert hazy.min() > clear.min() + 100

@@ -1,0 +1,42 @@
+"""Defocus is a wrong gap; every term is its coefficient r.m.s. and may depend on the wavelength."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+import torch
+
+from holoview.captures.session import Captures
+from holoview.effects.places import Aperture
+from holoview.effects.registry import effect
+
+Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
+SINE = torch.linspace(-0.03, 0.03, 401).double()
+
+
+def _opd(wavelength_m: float, **values: float) -> torch.Tensor:
+    """Optical path over the iris, from the pupil's phase (of less than half a wave)."""
+    one, at = effect("aberration1"), Aperture(0, wavelength_m, SINE[:, None], SINE[None], 0.03)
+    pupil = one.pupil(torch.ones(401, 401, dtype=torch.complex128), at, one.values(values))
+    return (pupil.angle() * wavelength_m / (2 * torch.pi))[at.radius <= 1]
+
+
+def test_defocus_is_a_wrong_gap(make_session: Make, predicted: Predicted) -> None:
+    captures, metres = make_session(1), 50e-6
+    # −z·A/2 = c·√3·(2ρ² − 1) + piston with A = NA²·ρ²; the next order is A/4 = 2e-4 of it
+    coefficient = -metres * 0.03**2 / (4 * 3**0.5)
+    same = predicted(captures, {"aberration1": {"z4": coefficient}})
+    torch.testing.assert_close(same, predicted(captures, {"gap": {"gap_error": metres}}), rtol=1e-2, atol=1e-3)
+    assert "gap" in effect("aberration1").equals
+
+
+@pytest.mark.parametrize("noll", range(4, 12))
+def test_a_term_is_its_coefficient_r_m_s(noll: int) -> None:
+    assert float(_opd(550e-9, **{f"z{noll}": 30e-9}).square().mean().sqrt()) == pytest.approx(30e-9, rel=0.01)
+
+
+def test_a_slope_is_per_100_nm_from_550_nm() -> None:
+    red, green = (_opd(λ, z6_slope=20e-9) for λ in (650e-9, 550e-9))
+    torch.testing.assert_close(red, _opd(650e-9, z6=20e-9))
+    assert not bool(green.any())

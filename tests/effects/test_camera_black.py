@@ -1,0 +1,17 @@
+"""The black level moves by counts, the signal stays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+
+from holoview.captures.predict import Predictor
+from holoview.captures.session import Captures
+
+
+def test_it_adds_counts(make_session: Callable[..., Captures]) -> None:
+    predict = Predictor(make_session(1))
+    found = predict([0], {"camera_black": {"black": 12.5}})
+    assert found.offset == 64.0 + 12.5
+    assert torch.equal(found.signal, predict([0]).signal)

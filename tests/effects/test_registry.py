@@ -1,0 +1,80 @@
+"""A user's own effects: loaded, applied, and refused in clear words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from holoview.effects import registry as module
+from holoview.effects.places import Sensor
+from holoview.effects.registry import effect, load_user_effects, registry
+from holoview.errors import UserError
+
+OWN = """
+from holoview.effects import Effect, Parameter
+
+class Haze(Effect):
+    id = "haze"
+    cause = "Haze adds light everywhere."
+    finding = "Haze adds {share} of the mean."
+    parameters = (Parameter("share", "Share of the mean that is added.", low=0.0, high=1.0, prior=0.1),)
+    where = ("camera",)
+
+    def image(self, image, at, v):
+        return image + v["share"] * image.mean()
+"""
+
+
+@pytest.fixture(autouse=True)
+def _forgets_own_effects(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_own", {})
+
+
+def test_a_users_own_effect_is_one_like_any_other(tmp_path: Path) -> None:
+    file = tmp_path / "haze.py"
+    file.write_text(OWN, encoding="utf-8")
+    assert [one.id for one in load_user_effects(file)] == ["haze"]
+    assert "haze" in registry()
+    assert effect("haze").parameters[0].name == "share"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1 / 0", "ZeroDivisionError"),
+        ("def f(:", "SyntaxError"),
+        ("x = 1", "defines no effect"),
+        (OWN.replace('"haze"', '"gap"'), 'the id "gap" is in use'),
+        (OWN.replace("cause =", "because ="), "has no `cause`"),
+        (OWN.replace("prior=0.1", "prior=0.0"), "prior > 0"),
+    ],
+)
+def test_a_file_that_cant_serve_is_refused_and_adds_nothing(tmp_path: Path, text: str, words: str) -> None:
+    file = tmp_path / "own.py"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(UserError, match=words):
+        load_user_effects(file)
+    assert "haze" not in registry()
+
+
+def test_a_missing_file_and_an_unknown_effect_are_named(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no such file"):
+        load_user_effects(tmp_path / "none.py")
+    with pytest.raises(UserError, match="did you mean gap"):
+        effect("gapp")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [("image + nothing", "its image failed: NameError"), ("None", "its image returned nothing")],
+)
+def test_a_hook_that_fails_is_told_by_the_effects_name(tmp_path: Path, wrong: str, words: str) -> None:
+    from holoview.effects.apply import Applied
+
+    file = tmp_path / "haze.py"
+    file.write_text(OWN.replace('image + v["share"] * image.mean()', wrong), encoding="utf-8")
+    load_user_effects(file)
+    with pytest.raises(UserError, match=f"effects.haze: {words}"):
+        Applied({"haze": {"share": 0.1}}).image(torch.ones(2, 2), Sensor(4e-6, (2, 2)))

@@ -1,0 +1,36 @@
+"""In the modulator's own plane, intensity is the square of the Gaussian."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+
+from holoview.captures.session import Captures
+from holoview.effects.registry import effect
+
+Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
+
+
+def test_the_waist_and_centre_are_those_of_a_gaussian(make_session: Make, predicted: Predicted) -> None:
+    captures = make_session(1, modulators=1, distance_m=np.zeros(1), iris2_na=None)
+    half, waist, centre = 14 * 8e-6, 100e-6, 30e-6
+    values = {"fall": (half / waist) ** 2, "slope_x": 2 * half * centre / waist**2}
+    image = predicted(captures, {"source_profile": values})[0]
+    y, x = ((torch.arange(2 * n) // 2 - (n - 1) / 2).double() * 8e-6 for n in (20, 28))  # of pixels, which are squares
+    expected = torch.exp(-2 * (y[:, None] ** 2 + (x[None] - centre) ** 2) / waist**2)
+    torch.testing.assert_close(image / image.max(), expected / expected.max(), rtol=1e-6, atol=1e-9)
+
+
+def test_it_says_waist_and_centre(make_session: Make) -> None:
+    said = effect("source_profile").sentence(make_session().system(), {"fall": 1.0, "slope_x": 0.5})
+    assert "waist 0.112 mm" in said and "x = 28 um" in said
+
+
+def test_only_the_first_modulator_is_illuminated(make_session: Make, predicted: Predicted) -> None:
+    captures = make_session(1)
+    dimmed = predicted(captures, {"source_profile": {"fall": 1.0}}).sum() / predicted(captures).sum()
+    share = torch.exp(-2 * ((torch.arange(20) - 9.5)[:, None] ** 2 + (torch.arange(28) - 13.5) ** 2) / 14**2).mean()
+    assert float(dimmed) == pytest.approx(float(share), abs=0.1)

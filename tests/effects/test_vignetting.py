@@ -1,0 +1,19 @@
+"""Brightness falls by the stated share at the edges' middles, and not in the centre."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from holoview.effects.places import Sensor
+from holoview.effects.registry import effect
+
+
+def test_the_edges_lose_their_share() -> None:
+    one = effect("vignetting")
+    found = one.image(
+        torch.ones(201, 301).double(), Sensor(4e-6, (201, 301)), one.values({"fall_y": 0.2, "fall_x": 0.4})
+    )
+    assert float(found[100, 150]) == 1.0
+    assert float(found[0, 150]) == pytest.approx(0.8, abs=0.003)
+    assert float(found[100, -1]) == pytest.approx(0.6, abs=0.003)

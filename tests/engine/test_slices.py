@@ -1,0 +1,81 @@
+"""Work that is cut into slices gives the same image, and what is dropped between two slices counts for nothing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from holoview.engine.session import FrameSession
+from holoview.gpu.device import Device
+from holoview.gpu.recorder import Score
+from holoview.system import Modulator, System
+from holoview.view import random_drive
+
+pytestmark = pytest.mark.gpu
+
+MODULATOR = Modulator(pitch_m=8e-6, shape=(24, 32), stroke_m=825e-9)
+SYSTEM = System(
+    wavelengths_m=[460e-9, 540e-9, 638e-9],
+    amplitudes=[[1.0, 2.0, 0.5]],
+    modulators=(MODULATOR, MODULATOR),
+    gap_m=1e-3,
+    planes_m=[3e-3],
+)
+SHORT_S = 1e-9  # a dispatch at a time
+LONG_S = 10.0
+
+
+def _open(device: Device, system: System = SYSTEM, **options: Any) -> FrameSession:
+    return FrameSession(system, random_drive(system), device, strategy="passes", **options)
+
+
+@pytest.mark.parametrize("slice_s", [SHORT_S, LONG_S])
+@pytest.mark.parametrize("budget_bytes", [0, 2**30])
+def test_slices_give_what_whole_steps_give(device: Device, slice_s: float, budget_bytes: int) -> None:
+    whole, cut = _open(device, budget_bytes=budget_bytes), _open(device, budget_bytes=budget_bytes)
+    whole.update()
+    steps = list(cut.steps(slice_s=slice_s))
+    assert steps[-1].done == steps[-1].total
+    assert [step.done for step in steps] == sorted(step.done for step in steps)
+    assert np.array_equal(cut.xyz(), whole.xyz())
+    assert np.array_equal(cut.srgb8(), whole.srgb8())
+    assert not list(cut.steps(slice_s=slice_s))
+
+
+def test_a_slice_is_about_as_long_as_asked(device: Device) -> None:
+    short, long = (len(list(_open(device).steps(slice_s=slice_s))) for slice_s in (SHORT_S, LONG_S))
+    assert short > 2 * long
+
+
+@pytest.mark.parametrize("sources", [1, 2])
+@pytest.mark.parametrize("dropped_after", [1, 2, 4, 7, 9, 12, 15])
+def test_work_dropped_between_slices_leaves_nothing_that_counts(
+    device: Device, dropped_after: int, sources: int
+) -> None:
+    """An edit is begun, dropped half way, and taken back: what was half overwritten has to be computed again."""
+    system = SYSTEM.edit({"source": {"grid": [1, sources], "spacing": "1 mrad"}}) if sources > 1 else SYSTEM
+    session = _open(device, system)
+    session.update()
+    expected = session.xyz()
+    for change in ({"gap": "1.5 mm"}, {"wavelengths": ["470 nm", "550 nm", "628 nm"]}, {"gap": "1.2 mm"}):
+        session.edit(system=system.edit(change))
+        steps = session.steps(slice_s=SHORT_S)
+        for _ in range(dropped_after):
+            next(steps, None)
+        session.edit(system=system)
+        session.update()
+        assert np.array_equal(session.xyz(), expected)
+
+
+def test_what_follows_a_score_is_called_at_its_end_only(device: Device) -> None:
+    score, calls = Score(device), []
+    buffers = [device.buffer(16, f"buffer {i}") for i in range(3)]
+    for buffer in buffers:
+        score.clear(buffer)
+    score.then(lambda: calls.append("done"))
+    score.play(2)
+    assert (score.left, calls) == (1, [])
+    score.play(2, wait=True)
+    assert (score.left, calls) == (0, ["done"])

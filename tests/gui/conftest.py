@@ -1,0 +1,142 @@
+"""A viewer without a screen, of a small bench, and a hand that moves in it; pictures compared with kept ones."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+from rendercanvas.offscreen import OffscreenRenderCanvas
+
+from holoview import preset
+from holoview.app.app import App
+from holoview.app.hand import Hand
+from holoview.app.run import SCRIPT_FRAME_S
+from holoview.gpu.device import Device
+from holoview.session.session import Session
+from holoview.system import System
+
+SIZE = (640, 400)
+GOLDEN = Path(__file__).parent / "golden"
+TOLERANCE = 1  # levels of 255: the rounding of another processor's vector units
+_FRAMES = 600  # in which a test of the engine has to end
+
+
+def small_bench(**changes: Any) -> System:
+    """Three lasers, 96 × 64 pixels."""
+    lasers = {"wavelengths": ["460 nm", "530 nm", "620 nm"], "amplitudes": "white"}
+    return preset.load("holochrome-8").edit({"shape": [64, 96], **lasers, **changes})
+
+
+class Gui(Hand):
+    """A hand, and ImGui's test engine for widgets by name."""
+
+    def __init__(self, app: App, engine: dict[str, Any]) -> None:
+        super().__init__(app)
+        self._engine = engine
+
+    @property
+    def session(self) -> Session:
+        """The session that is edited."""
+        return self.app.session
+
+    def last_message(self) -> str:
+        """What the user was told last."""
+        found = self.session.messages.all
+        return found[-1].text if found else ""
+
+    def engine(self, script: Callable[[Any], None]) -> None:
+        """Runs a script of ImGui's test engine, e.g. lambda ctx: ctx.item_click("Lasers/White")."""
+        from imgui_bundle import hello_imgui, imgui
+
+        self.frames(3)  # tests are registered a few frames late
+        self._engine["script"] = script
+        engine, test = hello_imgui.get_imgui_test_engine(), self._engine["test"]
+        imgui.test_engine.queue_test(engine, test)
+        for _ in range(_FRAMES):
+            self.frames()
+            if imgui.test_engine.is_test_queue_empty(engine):
+                break
+        status = test.output.status
+        assert status == imgui.test_engine.TestStatus.success, test.output.log.get_text()
+        self.frames(2)
+
+
+@pytest.fixture
+def make_gui(device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callable[..., Gui]]:
+    """Opens viewers: make_gui(system, size=…, panels=…, engine=True); all are closed after the test."""
+    opened: list[App] = []
+
+    def make(system: System | None = None, size: tuple[int, int] = SIZE, *, engine: bool = False, **more: Any) -> Gui:
+        box: dict[str, Any] = {"script": lambda ctx: None}
+        canvas = OffscreenRenderCanvas(size=size, pixel_ratio=more.pop("pixel_ratio", 1.0))
+        tests = (lambda: _register(box)) if engine else None
+        session = Session(system or small_bench())
+        app = App(session, device, canvas, frame_s=SCRIPT_FRAME_S, tests=tests, **more)
+        app.loader.quick = False  # no optimisation that nobody asked for
+        opened.append(app)
+        gui = Gui(app, box)
+        gui.frames(4)
+        return gui
+
+    yield make
+    for app in opened:
+        failures = [guarded.failure for guarded in app.panels if guarded.failure is not None]
+        app.close()
+        _take_signals_back()
+        assert not failures, failures
+
+
+def _take_signals_back() -> None:
+    """The test engine handles signals for good, and crashes where Python would go on: at a pipe that is broken."""
+    if hasattr(signal, "SIGPIPE"):
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    faulthandler.enable()
+
+
+def _register(box: dict[str, Any]) -> None:
+    from imgui_bundle import hello_imgui, imgui
+
+    engine = hello_imgui.get_imgui_test_engine()
+    imgui.test_engine.get_io(engine).config_run_speed = imgui.test_engine.TestRunSpeed.fast
+    box["test"] = imgui.test_engine.register_test(engine, "holoview", "script")
+    box["test"].test_func = lambda ctx: box["script"](ctx)
+
+
+@pytest.fixture
+def gui(make_gui: Callable[..., Gui]) -> Gui:
+    """A viewer of the small bench whose first image is there."""
+    opened = make_gui()
+    opened.settle()
+    return opened
+
+
+@pytest.fixture
+def golden(device: Device, tmp_path: Path) -> Callable[[str, NDArray[np.uint8]], None]:
+    """Compares pixels (y, x, 3) with a kept picture; HOLOVIEW_GOLDEN=write keeps new ones. On lavapipe only."""
+
+    def check(name: str, pixels: NDArray[np.uint8]) -> None:
+        if "llvmpipe" not in device.info.name:
+            pytest.skip("kept pictures are of lavapipe")
+        path = GOLDEN / f"{name}.png"
+        if os.environ.get("HOLOVIEW_GOLDEN") == "write":
+            path.parent.mkdir(exist_ok=True)
+            Image.fromarray(pixels).save(path, optimize=True)
+        kept = np.asarray(Image.open(path).convert("RGB")).astype(int)
+        assert kept.shape == pixels.shape, f"{name}: {pixels.shape}, kept {kept.shape}"
+        off = np.abs(kept - pixels.astype(int)).max(axis=2)
+        if off.max() > TOLERANCE:
+            where = tmp_path / f"{name}-difference.png"
+            Image.fromarray(np.minimum(off * 32, 255).astype(np.uint8)).save(where)
+            Image.fromarray(pixels).save(tmp_path / f"{name}.png")
+            pytest.fail(f"{name}: {np.mean(off > TOLERANCE):.2%} of the pixels differ, at most by {off.max()}: {where}")
+
+    return check

@@ -1,0 +1,197 @@
+"""Opening, saving, exporting through the app's own dialog; the list of edits; the offer to recover."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from holoview.app import clipboard
+from holoview.app.panels import files
+from holoview.app.panels.files import FilesPanel
+from holoview.app.panels.history import HistoryPanel
+from holoview.app.panels.image import ImagePanel
+from holoview.errors import UserError
+from holoview.hologram import Hologram, load_hologram
+from holoview.session.autosave import Store
+from holoview.session.look import NOW
+from holoview.session.session import Session
+from holoview.session.tone import pixels
+from holoview.view import random_drive
+from tests.gui.conftest import small_bench
+
+pytestmark = pytest.mark.gpu
+
+PANELS = (ImagePanel, FilesPanel, HistoryPanel)
+
+
+@pytest.fixture
+def gui(make_gui: Callable[..., Any], tmp_path: Path) -> Any:
+    opened = make_gui(size=(800, 480), engine=True, panels=PANELS)
+    opened.settle()
+    opened.app.panel(FilesPanel).dialog.folder = tmp_path
+    return opened
+
+
+def _dialog(gui: Any) -> Any:
+    return gui.app.panel(FilesPanel).dialog
+
+
+def _save_as(gui: Any, command: str, name: str) -> None:
+    """Runs a command that asks for a file, types its name and presses Enter."""
+    gui.app.commands.run(command)
+    gui.frames(2)
+    assert _dialog(gui).is_open
+    gui.key("Ctrl+A")
+    gui.type(name)
+    gui.key("Enter")
+    gui.frames(2)
+    assert not _dialog(gui).is_open
+    assert gui.session.wait(60)
+
+
+def test_a_hologram_is_saved_by_keys_and_opened_again(gui: Any, tmp_path: Path) -> None:
+    gui.key("Ctrl+S")
+    gui.frames(2)
+    gui.key("Ctrl+A")
+    gui.type("mine")
+    gui.key("Enter")
+    saved = tmp_path / "mine.safetensors"
+    assert np.array_equal(load_hologram(saved).drive, gui.session.drive)
+    assert "mine.safetensors" in gui.last_message()
+    other = Hologram(random_drive(gui.session.system, 5), gui.session.system)
+    other.save(tmp_path / "other.safetensors")
+
+    def choose(ctx: Any) -> None:
+        ctx.item_click("Files/Open…")
+        ctx.item_click("//Open/**/other.safetensors")
+        ctx.item_click("//Open/Open##file")
+
+    gui.engine(choose)
+    assert gui.session.wait(30)
+    assert np.array_equal(gui.session.drive, other.drive) and gui.session.undo() == "Open other.safetensors"
+
+
+def test_the_view_is_saved_as_it_is_seen(gui: Any, tmp_path: Path) -> None:
+    gui.session.look_at("Exposure", exposure_stops=-1.0)
+    gui.settle()
+    _save_as(gui, "Save view…", "view")
+    with Image.open(tmp_path / "view.png") as picture:
+        assert np.array_equal(np.asarray(picture), pixels(gui.app.sides.xyz(NOW), gui.session.look))
+
+
+@pytest.mark.parametrize(
+    ("command", "name", "written"),
+    [
+        ("Save preset…", "bench.toml", ["bench.toml"]),
+        ("Save figure…", "figure.pdf", ["figure.pdf"]),
+        ("Save focal sweep…", "sweep.gif", ["sweep.gif"]),
+        ("Save all planes…", "all", [f"all-{z}mm.png" for z in ("10.5", "10", "11", "9.5", "9")]),
+    ],
+)
+def test_everything_that_can_be_saved_is_written(
+    gui: Any, tmp_path: Path, command: str, name: str, written: list[str]
+) -> None:
+    gui.app.panel(FilesPanel).frames = 2
+    _save_as(gui, command, name)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(written), gui.last_message()
+
+
+def test_a_name_that_is_not_there_is_told_in_the_dialog_and_escape_closes_it(gui: Any) -> None:
+    gui.key("Ctrl+O")
+    gui.frames(2)
+    gui.type("missing.png")
+    gui.key("Enter")
+    gui.frames(2)
+    assert _dialog(gui).is_open and "isn't there" in _dialog(gui).problem
+    gui.key("Escape")
+    gui.frames(2)
+    assert not _dialog(gui).is_open
+
+
+def test_a_folder_that_is_typed_is_shown(gui: Any, tmp_path: Path) -> None:
+    (tmp_path / "inner").mkdir()
+    gui.key("Ctrl+O")
+    gui.frames(2)
+    gui.type("inner")
+    gui.key("Enter")
+    gui.frames(2)
+    assert _dialog(gui).is_open and _dialog(gui).folder == tmp_path / "inner"
+
+
+def test_a_mistake_in_saving_is_told(gui: Any, tmp_path: Path) -> None:
+    _save_as(gui, "Save preset…", str(tmp_path / "no" / "folder.toml"))
+    message = gui.session.messages.all[-1]
+    assert message.kind == "error" and "doesn't exist" in message.text
+
+
+def test_the_image_is_copied_and_a_picture_pasted(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    copied: list[np.ndarray] = []
+    monkeypatch.setattr(files, "copy_picture", copied.append)
+    gui.key("Ctrl+Shift+C")
+    assert np.array_equal(copied[0], pixels(gui.app.sides.xyz(NOW), gui.session.look))
+    monkeypatch.setattr(files, "paste_picture", lambda: copied[0])
+    gui.key("Ctrl+V")
+    assert gui.session.wanted is not None and gui.session.wanted.title == "pasted picture"
+    monkeypatch.setattr(files, "paste_picture", lambda: None)
+    gui.key("Ctrl+V")
+    assert "holds no picture" in gui.last_message()
+
+
+def test_without_a_clipboard_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(clipboard.sys, "platform", "linux")
+    with pytest.raises(UserError, match="xclip"):
+        clipboard.copy_picture(np.zeros((2, 2, 3), np.uint8))
+
+
+def test_the_list_of_edits_goes_anywhere(gui: Any) -> None:
+    gui.session.change("Gap", {"gap": 3e-3})
+    gui.session.look_at("Exposure", exposure_stops=1.0)
+    gui.app.show("History")
+    gui.frames(3)
+    gui.engine(lambda ctx: ctx.item_click("History/**/Start##0"))
+    assert gui.session.position == 0 and gui.session.can_redo
+    gui.engine(lambda ctx: ctx.item_click("History/Redo"))
+    assert gui.session.system.gap_m == 3e-3
+    gui.engine(lambda ctx: ctx.item_click("History/**/Exposure##2"))
+    assert gui.session.look.exposure_stops == 1.0
+
+
+# --- after a crash --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def crashed(make_gui: Callable[..., Any], tmp_path: Path) -> Any:
+    """A viewer that starts beside a session whose program is gone."""
+    store = Store(tmp_path)
+    lost = Session(small_bench())
+    autosave = store.attach(lost)
+    lost.change("Gap", {"gap": 4e-3})
+    assert autosave.flush()
+    (autosave.folder / "lock.json").write_text('{"pid": 999999999, "since": 0}')
+    opened = make_gui(size=(800, 480), engine=True, panels=PANELS, store=store)
+    opened.settle()
+    yield opened
+    lost.close()
+
+
+def test_work_that_a_crash_left_is_offered_and_recovered(crashed: Any) -> None:
+    offer = crashed.app.panel(FilesPanel).recovery
+    assert offer.is_open
+    crashed.engine(lambda ctx: ctx.item_click("//Recover your work/**/Recover"))
+    assert not offer.is_open and crashed.session.system.gap_m == 4e-3
+    assert crashed.session.undo() == "Gap" and crashed.app.store.crashed() == []
+
+
+def test_what_is_discarded_is_gone_and_later_keeps_it(crashed: Any) -> None:
+    offer = crashed.app.panel(FilesPanel).recovery
+    crashed.engine(lambda ctx: ctx.item_click("//Recover your work/Later"))
+    assert not offer.is_open and len(crashed.app.store.crashed()) == 1
+    offer.discard(crashed.app, crashed.app.store.crashed()[0])
+    assert crashed.app.store.crashed() == []

@@ -1,0 +1,210 @@
+"""The image: what is seen of it, zoom and pan about the pointer, the values under it, two sides of a comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from holoview.app.panels.image import ImagePanel
+from holoview.app.readout import describe_pixel
+from holoview.session.look import NOW, Look, Side
+from holoview.session.palettes import palette
+from holoview.session.tone import pixels
+
+pytestmark = pytest.mark.gpu
+
+ONE_TO_ONE = {"zoom": 1.0, "centre": (0.5, 0.5)}
+LEVEL = 1  # of 255: powers in f32 beside float64
+
+
+def _shown(gui: Any) -> tuple[np.ndarray, tuple[int, int]]:
+    """The panel's pixels of the image, and its corner in them."""
+    frame = gui.app.panel(ImagePanel).frame
+    left, top = (round(value) for value in frame.pixel(0.0, 0.0))
+    rows, columns = gui.session.state.shape
+    return gui.app.seen()[top : top + rows, left : left + columns], (left, top)
+
+
+LOOKS: tuple[dict[str, Any], ...] = (
+    {},
+    {"exposure_stops": -1.5, "gamma": 1.3},
+    {"low": 0.1, "high": 0.7},
+    {"channel": "luminance"},
+    {"channel": "M", "false_colour": "cubehelix"},
+    {"channel": "X", "false_colour": "hue", "exposure_stops": 0.5},
+    {"solo": 1},
+)
+
+
+def test_one_to_one_the_panel_shows_what_the_reference_makes_of_xyz(gui: Any) -> None:
+    plain = gui.session.look
+    for look in LOOKS:
+        gui.session.edit("Look", look=plain.with_(**ONE_TO_ONE, **look))
+        gui.settle()
+        seen, _ = _shown(gui)
+        expected = pixels(gui.app.sides.xyz(NOW), gui.session.look)
+        assert seen.shape == expected.shape
+        table = palette(look.get("false_colour") or "grey").astype(int)
+        step = LEVEL * np.abs(np.diff(table, axis=0)).max()
+        assert np.abs(seen.astype(int) - expected).max() <= step, look
+
+
+def test_smaller_than_one_to_one_a_pixel_is_the_mean_light_of_what_it_covers(gui: Any) -> None:
+    gui.session.look_at("Look", zoom=0.5, centre=(0.5, 0.5))
+    gui.settle()
+    frame = gui.app.panel(ImagePanel).frame
+    left, top = (round(value) for value in frame.pixel(0.0, 0.0))
+    rows, columns = (side // 2 for side in gui.session.state.shape)
+    xyz = gui.app.sides.xyz(NOW)
+    means = xyz.reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3))
+    seen = gui.app.seen()[top : top + rows, left : left + columns]
+    assert np.abs(seen.astype(int) - pixels(means, gui.session.look)).max() <= LEVEL
+
+
+def test_the_wheel_zooms_about_the_pointer(gui: Any) -> None:
+    panel, at = gui.app.panel(ImagePanel), gui.where("image", 0.3, 0.6)
+    corner = gui.where("image", 0, 0)
+    before = panel.frame.place(at[0] - corner[0], at[1] - corner[1])
+    a_pixel = max(panel.frame.step)  # corners of the image are on whole pixels
+    gui.wheel(at, 3)
+    assert gui.session.look.zoom > 1.5
+    after = panel.frame.place(at[0] - corner[0], at[1] - corner[1])
+    assert after == pytest.approx(before, abs=a_pixel)
+    gui.key("F")
+    assert gui.session.look.zoom == 0
+
+
+def test_dragging_pans_and_is_no_step_of_undo(gui: Any) -> None:
+    steps = len(gui.session.history)
+    gui.wheel(gui.where("image"), 4)
+    before, zoom = gui.session.look.centre, gui.session.look.zoom
+    gui.drag(gui.where("image", 0.5, 0.5), gui.where("image", 0.4, 0.5))
+    left, _, right, _ = gui.app.rects["image"]
+    moved = 0.1 * (right - left) / zoom / gui.session.state.shape[1]
+    assert gui.session.look.centre[0] - before[0] == pytest.approx(moved, rel=0.15)  # whole pixels
+    assert len(gui.session.history) == steps
+
+
+def test_ctrl_and_the_wheel_change_the_focal_plane(gui: Any) -> None:
+    before = gui.session.look.plane_m
+    gui.wheel(gui.where("image"), 2, "Control")
+    assert gui.session.look.plane_m > before
+    assert gui.session.look.zoom == 0
+
+
+def test_shift_and_drag_draw_a_region(gui: Any) -> None:
+    gui.hold(("Shift",))
+    gui.drag(gui.where("image", 0.4, 0.4), gui.where("image", 0.6, 0.6))
+    gui.let_go(("Shift",))
+    x, y, width, height = gui.session.look.region
+    rows, columns = gui.session.state.shape
+    assert 0 < x < columns / 2 < x + width < columns
+    assert 0 < y < rows / 2 < y + height < rows
+    assert gui.app.tool == ""
+
+
+def test_the_values_under_the_pointer_are_those_of_the_image(gui: Any) -> None:
+    gui.move(gui.where("image", 0.5, 0.5))
+    gui.frames(2)
+    rows, columns = gui.session.state.shape
+    line = describe_pixel(gui.app, columns // 2, rows // 2)
+    x, y, z = gui.app.sides.xyz(NOW)[rows // 2, columns // 2]
+    assert f"XYZ {x:.3f}  {y:.3f}  {z:.3f}" in line
+    intensity = gui.app.sides.now.intensities()[:, rows // 2, columns // 2]
+    assert intensity.shape == (3,) and np.all(intensity > 0)
+
+
+# --- comparison -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def pinned(gui: Any) -> Any:
+    """A viewer in which A is now and B a snapshot of another plane."""
+    name = gui.session.pin()
+    gui.session.change("Gap", {"gap": "4 mm"})
+    gui.session.look_at("Look", b=Side("snapshot", name), **ONE_TO_ONE)
+    gui.settle()
+    return gui
+
+
+def _both(gui: Any) -> tuple[np.ndarray, np.ndarray]:
+    look: Look = gui.session.look
+    a, b = gui.app.sides.xyz(look.a), gui.app.sides.xyz(look.b)
+    assert np.abs(a - b).mean() > 0.01
+    return pixels(a, look).astype(int), pixels(b, look).astype(int)
+
+
+def test_wipe_shows_a_left_of_the_line_and_b_right_of_it(pinned: Any) -> None:
+    pinned.session.look_at("Wipe", compare="wipe", wipe=0.5)
+    pinned.settle()
+    seen, (left, _) = _shown(pinned)
+    a, b = _both(pinned)
+    middle = round(pinned.app.panel(ImagePanel).frame.size[0] / 2) - left
+    assert np.abs(seen[:, : middle - 2] - a[:, : middle - 2]).max() <= LEVEL
+    assert np.abs(seen[:, middle + 2 :] - b[:, middle + 2 :]).max() <= LEVEL
+
+
+def test_the_wipe_follows_the_hand(pinned: Any) -> None:
+    pinned.session.look_at("Wipe", compare="wipe", wipe=0.5)
+    pinned.settle()
+    pinned.drag(pinned.where("image", 0.5, 0.5), pinned.where("image", 0.25, 0.5))
+    assert pinned.session.look.wipe == pytest.approx(0.25, abs=0.02)
+
+
+def test_b_is_shown_while_its_key_is_held(pinned: Any) -> None:
+    pinned.session.look_at("Hold", compare="hold")
+    pinned.settle()
+    a, b = _both(pinned)
+    assert np.abs(_shown(pinned)[0] - a).max() <= LEVEL
+    pinned.hold(("b",))
+    pinned.frames(2)
+    assert np.abs(_shown(pinned)[0] - b).max() <= LEVEL
+    pinned.let_go(("b",))
+    assert np.abs(_shown(pinned)[0] - a).max() <= LEVEL
+
+
+def test_a_difference_acts_on_exposed_channels(pinned: Any) -> None:
+    pinned.session.look_at("Difference", compare="difference", exposure_stops=-2.0)
+    pinned.settle()
+    look = pinned.session.look
+    a, b = pinned.app.sides.xyz(look.a), pinned.app.sides.xyz(look.b)
+    from holoview.colour import srgb_encode, xyz_to_linear_srgb
+
+    difference = np.abs(xyz_to_linear_srgb(a - b)) * 2.0**look.exposure_stops
+    expected = np.rint(255 * srgb_encode(np.clip(difference, 0, 1)))
+    assert np.abs(_shown(pinned)[0] - expected).max() <= LEVEL
+
+
+def test_side_by_side_shows_the_same_part_of_both(pinned: Any) -> None:
+    pinned.session.look_at("Sides", compare="side-by-side", zoom=0.5)
+    pinned.settle()
+    frame, seen = pinned.app.panel(ImagePanel).frame, pinned.app.seen().astype(int)
+    left, top = (round(value) for value in frame.pixel(0.0, 0.0))
+    rows, columns = (side // 2 for side in pinned.session.state.shape)
+    half = frame.size[0] // 2
+    a, b = (
+        pixels(pinned.app.sides.xyz(side).reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3)), pinned.session.look)
+        for side in (pinned.session.look.a, pinned.session.look.b)
+    )
+    assert np.abs(seen[top : top + rows, left : left + columns] - a).max() <= LEVEL
+    assert np.abs(seen[top : top + rows, half + left + 1 : half + left + columns] - b[:, 1:]).max() <= LEVEL
+
+
+def test_another_preset_can_be_a_side(gui: Any) -> None:
+    gui.session.look_at("Preset", b=Side("preset", "simultaneous"), compare="wipe", **ONE_TO_ONE)
+    gui.settle()
+    a, b = _both(gui)
+    assert a.shape == b.shape
+
+
+@pytest.mark.parametrize("page", ["planes", "phase", "spectrum"])
+def test_other_pages_show_something(gui: Any, page: str, golden: Callable[..., None]) -> None:
+    gui.session.look_at("Page", page=page)
+    gui.settle()
+    x0, y0, x1, y1 = (round(value) for value in gui.app.rects.get("image", (0, 0, 0, 0)))
+    image = gui.frames(2)
+    inside = image[y0:y1, x0:x1] if page != "planes" else image
+    assert inside.std() > 20

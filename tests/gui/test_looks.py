@@ -1,0 +1,164 @@
+"""How the window looks: kept pictures on lavapipe, contrast of texts, high resolution, nothing clipped or missing."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from imgui_bundle import imgui
+from numpy.typing import NDArray
+from PIL import Image
+
+from holoview import cli
+from holoview.app import theme
+
+pytestmark = pytest.mark.gpu
+
+STATUS = 30  # pixels of the status bar, whose times differ from run to run
+READABLE = 4.5  # contrast of texts, WCAG 2.2, 1.4.3
+
+
+DARK = {"exposure_stops": -30.0}  # speckle makes large files
+
+
+def _drawn(gui: Any) -> NDArray[np.uint8]:
+    gui.move((2, 60))
+    gui.settle()
+    return gui.frames(3)[:-STATUS]
+
+
+@pytest.mark.parametrize(
+    ("name", "prepare"),
+    [
+        ("start", lambda gui: None),
+        ("keys", lambda gui: (gui.session.look_at("Dark", **DARK), gui.key("?"))),
+        ("light", lambda gui: (gui.session.look_at("Dark", **DARK), gui.app.set_theme("Light"))),
+        ("gamut", lambda gui: (gui.session.look_at("Look", solo=1), gui.app.show("Gamut"))),
+        (
+            "wipe",
+            lambda gui: gui.session.look_at("Wipe", compare="wipe", b=gui.session.look.a, region=(40, 30, 60, 40)),
+        ),
+        ("zoomed", lambda gui: gui.session.look_at("Zoom", zoom=24.0, channel="luminance", false_colour="cubehelix")),
+    ],
+)
+def test_the_window_looks_as_it_did(
+    gui: Any, golden: Callable[..., None], name: str, prepare: Callable[..., None]
+) -> None:
+    prepare(gui)
+    golden(name, _drawn(gui))
+
+
+def test_frames_of_the_same_state_are_identical(gui: Any) -> None:
+    assert np.array_equal(_drawn(gui), _drawn(gui))
+
+
+@pytest.mark.parametrize("name", theme.THEMES)
+def test_texts_can_be_read_in_every_theme(gui: Any, name: str) -> None:
+    gui.app.set_theme(name)
+    gui.frames(2)
+    colours = imgui.Col_
+    for text in (colours.text, colours.text_disabled):
+        for ground in (
+            colours.window_bg,
+            colours.popup_bg,
+            colours.frame_bg,
+            colours.title_bg_active,
+            colours.tab_selected,
+        ):
+            if text == colours.text_disabled and ground not in (colours.window_bg, colours.popup_bg):
+                continue
+            assert _contrast(_colour(text), _colour(ground)) >= READABLE, (text, ground)
+
+
+def _colour(index: int) -> NDArray[np.float64]:
+    colour, ground = imgui.get_style_color_vec4(index), imgui.get_style_color_vec4(imgui.Col_.window_bg)
+    over = np.array([colour.x, colour.y, colour.z]), np.array([ground.x, ground.y, ground.z])
+    return colour.w * over[0] + (1 - colour.w) * over[1]
+
+
+def _contrast(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Relative luminances' ratio, WCAG 2.2."""
+    linear = [np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) for c in (one, other)]
+    dark, bright = sorted(float(c @ [0.2126, 0.7152, 0.0722]) + 0.05 for c in linear)
+    return bright / dark
+
+
+def test_a_screen_of_high_resolution_is_drawn_in_its_pixels(make_gui: Callable[..., Any]) -> None:
+    gui = make_gui(size=(640, 400), pixel_ratio=2.0)
+    image = gui.settle()
+    assert image.shape == (800, 1280, 3)
+    x0, y0, x1, y1 = (round(2 * value) for value in gui.app.rects["image"])
+    seen = gui.app.seen()
+    assert seen.shape[:2] == (y1 - y0, x1 - x0)
+    assert np.array_equal(image[y0 + 40 : y1 - 40, x0 + 40 : x1 - 40], seen[40:-40, 40:-40])
+
+
+def test_the_manual_names_every_key(gui: Any) -> None:
+    manual = (Path(__file__).parents[2] / "docs" / "viewer.md").read_text(encoding="utf-8")
+    lines = manual.splitlines()
+    for command in gui.app.commands:
+        if command.keys:
+            assert any(f"`{command.keys[0].text}`" in line and command.name in line for line in lines), command.name
+
+
+# --- the command ----------------------------------------------------------------------------------------------------
+
+
+def test_a_script_draws_off_screen_and_writes_what_is_seen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    script, picture = tmp_path / "script.txt", tmp_path / "out.png"
+    script.write_text(
+        '# a comment\nset gap = "2.5 mm"\nlook exposure_stops = -1\nwheel image 0.5 0.5 2\nclick plane 0.7 0.5\n'
+        "drag image 0.5 0.5 0.6 0.5\ncommand Pin a snapshot\nkey W\nshow Gamut\nwait\n"
+    )
+    small = ["--set", "shape=[32, 48]", "--size", "640x400", "--offscreen"]
+    assert cli.main(["view", "holochrome-8", *small, "--script", str(script), "--screenshot", str(picture)]) == 0
+    image = np.asarray(Image.open(picture))
+    assert image.shape == (400, 640, 3)
+    assert image.std() > 20
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ("fly away", "did you mean|known"),
+        ("set gap 3", "KEY = VALUE"),
+        ("set gap = -1", "out of range|3 m|between"),
+        ("click nothing", "no item is called"),
+        ("command Nothing", "known|did you mean"),
+        ("drag image 1 2", "ITEM X0 Y0 X1 Y1"),
+        ("open nowhere.png", "nowhere.png"),
+    ],
+)
+def test_a_wrong_line_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str, complaint: str) -> None:
+    script = tmp_path / "script.txt"
+    script.write_text(f"\n{line}\n")
+    small = ["--set", "shape=[16, 16]", "--size", "640x400", "--offscreen"]
+    assert cli.main(["view", "holochrome-8", *small, "--script", str(script)]) == 2
+    error = capsys.readouterr().err
+    assert f"{script}:2: " in error
+    assert re.search(complaint, error), error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["nonsense"], "nonsense"),
+        (["holochrome-8", "simultaneous"], "second preset"),
+        (["--size", "10x10", "--offscreen"], "--size"),
+        (["--script", "x"], "without --offscreen"),
+        (["--offscreen"], "--screenshot"),
+        (["--offscreen", "--screenshot", "out.jpg"], ".png"),
+        (["--serve", "nowhere"], "HOST:PORT"),
+    ],
+)
+def test_wrong_arguments_are_refused_in_a_line(
+    arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["view", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert complaint in error and error.count("\n") == 1

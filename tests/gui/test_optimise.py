@@ -1,0 +1,88 @@
+"""Optimising from the panel: started, followed, paused, kept, cancelled, undone."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from holoview.app.panels.image import ImagePanel
+from holoview.app.panels.optimise import OptimisePanel
+from holoview.session.opening import pasted
+from holoview.session.optimising import last, running
+
+pytestmark = pytest.mark.gpu
+
+
+@pytest.fixture
+def gui(make_gui: Callable[..., Any]) -> Any:
+    opened = make_gui(size=(800, 480), engine=True, panels=(ImagePanel, OptimisePanel))
+    pixels = np.full((64, 96, 3), 90, np.uint8)
+    pixels[16:48, 24:72] = 230
+    opened.session.edit("Target", wanted=pasted(pixels, "square"))
+    opened.settle()
+    return opened
+
+
+def _until(gui: Any, condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
+    until = time.monotonic() + timeout_s
+    while not condition():
+        gui.frames()
+        gui.app.advance()
+        assert time.monotonic() < until, "waited too long"
+
+
+def test_optimise_is_followed_kept_and_taken_back(gui: Any) -> None:
+    old = gui.session.drive
+    gui.app.panel(OptimisePanel).iterations = 5000
+    gui.engine(lambda ctx: ctx.item_click("Optimise/Optimise##start"))
+    job = running(gui.session)
+    assert job is not None
+    _until(gui, lambda: job.latest is not None and gui.session.shown.drive is not old)
+    assert gui.session.drive is old, "the document changes only at the end"
+    gui.engine(lambda ctx: ctx.item_click("Optimise/Pause"))
+    assert job.status == "paused"
+    gui.engine(lambda ctx: ctx.item_click("Optimise/Keep"))
+    _until(gui, lambda: not job.is_active)
+    assert job.status == "done" and gui.session.drive is not old
+    gui.key("Ctrl+Z")
+    assert gui.session.drive is old
+
+
+def test_cancel_leaves_the_old_patterns(gui: Any) -> None:
+    old = gui.session.drive
+    gui.app.panel(OptimisePanel).iterations = 5000
+    gui.key("Ctrl+Enter")
+    job = running(gui.session)
+    assert job is not None
+    _until(gui, lambda: job.latest is not None)
+    gui.engine(lambda ctx: ctx.item_click("Optimise/Cancel"))
+    _until(gui, lambda: not job.is_active)
+    assert job.status == "cancelled" and gui.session.drive is old
+
+
+def test_what_is_chosen_is_what_is_done(gui: Any) -> None:
+    panel = gui.app.panel(OptimisePanel)
+
+    def choose(ctx: Any) -> None:
+        ctx.set_ref("Optimise")
+        ctx.combo_click("scheme/holochrome-8")
+        ctx.combo_click("begin/smooth")
+        ctx.item_input_value("iterations", 2)
+
+    gui.engine(choose)
+    plan = panel.plan()
+    assert (plan.scheme, plan.begin, plan.settings.iterations) == ("holochrome-8", "smooth", 2)
+    gui.key("Ctrl+Enter")
+    _until(gui, lambda: last(gui.session) is not None and running(gui.session) is None)
+    assert len(gui.session.system.wavelengths_m) == 8 and "2 iterations" in gui.session.state.origin
+
+
+def test_brightness_of_the_target_is_one_step_of_undo(gui: Any) -> None:
+    gui.engine(lambda ctx: ctx.item_input_value("Optimise/brightness", 0.5))
+    assert gui.session.wanted.brightness == pytest.approx(0.5)
+    gui.key("Ctrl+Z")
+    assert gui.session.wanted.brightness == 1.0

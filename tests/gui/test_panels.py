@@ -1,0 +1,270 @@
+"""Panels: parameters, lasers, focal plane, look; commands and keys; a panel that fails."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from imgui_bundle import imgui
+
+from holoview.app.panel import Panel
+from holoview.app.panels import ALL
+from holoview.app.panels.focus import FocusPanel
+from tests.gui.conftest import small_bench
+
+pytestmark = pytest.mark.gpu
+
+
+# --- bench ----------------------------------------------------------------------------------------------------------
+
+
+def test_dragging_a_slider_is_one_step_of_undo_and_can_be_undone(gui: Any) -> None:
+    steps, before = len(gui.session.history), gui.session.system.gap_m
+    gui.drag(gui.where("gap", 0.2), gui.where("gap", 0.5), steps=8)
+    assert gui.session.system.gap_m > before
+    assert len(gui.session.history) == steps + 1
+    gui.key("Ctrl+Z")
+    assert gui.session.system.gap_m == before
+    gui.key("Ctrl+Shift+Z")
+    assert gui.session.system.gap_m > before
+
+
+def test_a_right_click_resets_a_slider(gui: Any) -> None:
+    before = gui.session.system.gap_m
+    gui.drag(gui.where("gap", 0.2), gui.where("gap", 0.5))
+    gui.click(gui.where("gap", 0.3), button=2)
+    assert gui.session.system.gap_m == before
+
+
+def test_ctrl_and_click_take_an_exact_value(make_gui: Callable[..., Any]) -> None:
+    gui = make_gui(engine=True)
+    gui.engine(lambda ctx: ctx.item_input_value("**/gap", 3.21))
+    assert gui.session.system.gap_m == pytest.approx(3.21e-3)
+
+
+def test_what_is_impossible_is_told_and_changes_nothing(make_gui: Callable[..., Any]) -> None:
+    gui = make_gui(engine=True)
+    before = gui.session.system
+    gui.engine(lambda ctx: ctx.item_input_value("**/gap", -5.0))
+    assert gui.session.system == before
+    assert "out of range" in gui.last_message()
+
+
+def test_every_group_of_parameters_opens(make_gui: Callable[..., Any]) -> None:
+    gui = make_gui(engine=True, size=(900, 700))
+    headers = ("Modulators", "Source", "Relay 2 (to the focal plane)", "Simulation")
+
+    def open_all(ctx: Any) -> None:
+        ctx.set_ref("Bench")
+        for header in headers:
+            ctx.item_open(header)
+
+    gui.engine(open_all)
+    assert {"modulators.stroke", "relay2.iris_na", "sampling.upsample"} <= set(gui.app.rects)
+
+
+def test_an_iris_and_an_aberration_are_switched_on_and_off(make_gui: Callable[..., Any]) -> None:
+    gui = make_gui(engine=True, size=(900, 700))
+
+    def script(ctx: Any) -> None:
+        ctx.set_ref("Bench")
+        ctx.item_open("Relay 2 (to the focal plane)")
+        ctx.item_click("**/##iris NA on")
+        ctx.item_click("**/Add a term##aberration")
+
+    gui.engine(script)
+    relay = gui.session.system.relay2
+    assert relay.iris_na is not None and relay.aberration_m[0][0] == 4
+
+
+# --- lasers ---------------------------------------------------------------------------------------------------------
+
+
+def test_dragging_a_peak_changes_wavelength_and_power(gui: Any) -> None:
+    before = gui.session.system
+    x, y = gui.where("laser 1")
+    gui.drag((x, y), (x + 12, y + 15))
+    after = gui.session.system
+    assert after.wavelengths_m[1] > before.wavelengths_m[1]
+    assert after.amplitudes[0, 1] < before.amplitudes[0, 1]
+    assert np.array_equal(after.wavelengths_m[[0, 2]], before.wavelengths_m[[0, 2]])
+
+
+def test_lasers_are_added_balanced_soloed_and_removed(make_gui: Callable[..., Any]) -> None:
+    gui = make_gui(engine=True, size=(900, 700))
+    gui.engine(lambda ctx: ctx.item_click("Lasers/Add"))
+    assert len(gui.session.system.wavelengths_m) == 4
+    gui.key("2")
+    assert gui.session.look.solo == 1
+    assert np.count_nonzero(gui.session.shown.system.amplitudes) == 1
+    gui.key("0")
+    assert gui.session.look.solo is None
+    gui.click(gui.where("remove 3"))
+    assert len(gui.session.system.wavelengths_m) == 3
+
+
+# --- focal plane ----------------------------------------------------------------------------------------------------
+
+
+def test_the_focal_plane_is_scrubbed_by_slider_keys_and_thumbnails(make_gui: Callable[..., Any]) -> None:
+    gui = make_gui(size=(900, 700))
+    gui.settle()
+    gui.drag(gui.where("plane", 0.5), gui.where("plane", 0.8))
+    far = gui.session.look.plane_m
+    assert far > 10e-3
+    gui.key("Left")
+    assert gui.session.look.plane_m < far
+    gui.key("PageUp")
+    assert gui.session.look.plane_m in gui.session.system.planes_m
+    gui.click(gui.where("plane 9 mm"))
+    assert gui.session.look.plane_m == pytest.approx(9e-3)
+
+
+def test_play_goes_through_the_stack_until_it_is_stopped(gui: Any) -> None:
+    gui.key("Space")
+    assert gui.app.panel(FocusPanel).is_playing
+    gui.frames(3)
+    first = gui.session.look.plane_m
+    gui.frames(3)
+    assert gui.session.look.plane_m != first
+    gui.key("Space")
+    assert not gui.app.panel(FocusPanel).is_playing
+
+
+# --- look -----------------------------------------------------------------------------------------------------------
+
+
+def test_keys_change_the_look(gui: Any) -> None:
+    changes = {
+        "E": ("exposure_stops", 0.25),
+        "R": ("exposure_stops", 0.0),
+        "Shift+E": ("exposure_stops", -0.25),
+        "W": ("compare", "wipe"),
+        "D": ("compare", "difference"),
+        "Escape": ("compare", "off"),
+        "C": ("channel", "luminance"),
+        "G": ("page", "planes"),
+        "Z": ("zoom", 1.0),
+        "F": ("zoom", 0.0),
+    }
+    for key, (field, value) in changes.items():
+        gui.key(key)
+        assert getattr(gui.session.look, field) == value, key
+
+
+def test_exposure_has_a_slider(gui: Any) -> None:
+    gui.app.show("View")
+    gui.frames(3)
+    gui.drag(gui.where("exposure", 0.5), gui.where("exposure", 0.7))
+    assert gui.session.look.exposure_stops > 1
+    gui.key("R")
+    assert gui.session.look.exposure_stops == 0
+
+
+def test_pinning_keeps_the_present_state(gui: Any) -> None:
+    gui.key("P")
+    assert list(gui.session.snapshots) == ["Snapshot 1"]
+
+
+# --- the app --------------------------------------------------------------------------------------------------------
+
+
+def test_no_two_commands_share_a_key_and_every_menu_has_some(gui: Any) -> None:
+    codes = [chord.code for command in gui.app.commands for chord in command.keys]
+    assert len(codes) == len(set(codes))
+    assert {"File", "Edit", "Image", "Compare", "Help"} <= {command.group for command in gui.app.commands}
+
+
+def test_the_palette_finds_and_runs_a_command(gui: Any) -> None:
+    gui.key("Ctrl+P")
+    gui.frames(2)
+    gui.type("wipe")
+    assert [command.name for command in gui.app.help.matches()] == ["Compare: wipe"]
+    gui.key("Enter")
+    assert gui.session.look.compare == "wipe"
+    assert gui.app.help.open == ""
+
+
+def test_keys_typed_into_a_field_are_no_commands(gui: Any) -> None:
+    gui.key("Ctrl+P")
+    gui.frames(2)
+    gui.type("w")
+    gui.key("W")
+    assert gui.session.look.compare == "off"
+
+
+class _Broken(Panel):
+    title = "Broken"
+    dock = "Left"
+    fails = False
+
+    def draw(self, app: Any) -> None:
+        imgui.begin_child("inner")
+        imgui.push_id("some")
+        if self.fails:
+            raise ValueError("boom")
+        imgui.pop_id()
+        imgui.end_child()
+
+
+def test_a_failing_panel_shows_its_error_and_the_rest_goes_on(make_gui: Callable[..., Any]) -> None:
+    gui = make_gui(panels=(*ALL, _Broken))
+    broken = next(guarded for guarded in gui.app.panels if isinstance(guarded.panel, _Broken))
+    broken.panel.fails = True
+    gui.app.show("Broken")
+    gui.frames(5)
+    assert isinstance(broken.failure, ValueError)
+    assert "boom" in gui.last_message()
+    before = gui.session.look.plane_m
+    gui.key("Right")
+    assert gui.session.look.plane_m > before
+    broken.failure = None
+    broken.panel.fails = False
+    gui.frames(3)
+    assert broken.failure is None
+
+
+@pytest.mark.parametrize("preset", ["time-sequential", "multisource-3x3", "holochrome-8-1slm"])
+def test_other_benches_are_shown_too(make_gui: Callable[..., Any], preset: str) -> None:
+    from holoview import load
+
+    gui = make_gui(load(preset).edit({"shape": [32, 48]}))
+    gui.settle()
+    assert gui.app.sides.now.is_fresh
+    assert gui.app.sides.xyz(gui.session.look.a).shape == (64, 96, 3)
+
+
+def test_an_edit_while_the_image_is_computed_drops_what_is_stale(make_gui: Callable[..., Any]) -> None:
+    gui = make_gui(small_bench())
+    gui.app.advance()
+    for plane_m in (9.1e-3, 9.2e-3, 9.3e-3):
+        gui.session.look_at("Plane", plane_m=plane_m)
+        gui.app.advance()
+    gui.settle()
+    assert gui.app.sides.now.full_scene.plane_m == 9.3e-3
+    lights = gui.app.sides.now._full.session.kernels["light"]
+    assert lights == 3  # the first rows of each laser, once: planes share them
+
+
+def test_a_key_that_is_held_goes_on_without_further_events(gui: Any) -> None:
+    gui.hold(("ArrowRight",))
+    first = gui.session.look.plane_m
+    gui.frames(40)
+    assert gui.app.commands.is_repeating()
+    assert gui.session.look.plane_m > first
+    gui.let_go(("ArrowRight",))
+    assert not gui.app.commands.is_repeating()
+
+
+def test_a_moment_after_the_last_event_frames_are_due_for_tooltips(gui: Any) -> None:
+    gui.move(gui.where("gap"))
+    time.sleep(0.75)
+    assert gui.app.window.is_due()
+    assert not gui.app.window.is_due()
+    gui.session.messages.post("something happened")
+    assert gui.app.toasts.has_changed()
+    gui.frames(2)
+    assert not gui.app.toasts.has_changed()

@@ -1,0 +1,104 @@
+"""`holoview view --serve` for real: a process, its token, a websocket that plays the browser."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+from holoview.gpu.device import Device
+
+pytestmark = pytest.mark.gpu
+_SECONDS = 60
+_SIZE = {"width": 640, "height": 400, "pwidth": 640, "pheight": 400, "ratio": 1.0}
+
+
+@pytest.fixture
+def address(device: Device, tmp_path: Path) -> Iterator[tuple[str, str]]:
+    """A viewer that is served: its HOST:PORT and its token. It ends in good order when it is interrupted."""
+    command = [sys.executable, "-m", "holoview.cli", "view", "--serve", "127.0.0.1:0", "--set", "shape=[32, 48]"]
+    folders = {key: str(tmp_path) for key in ("XDG_STATE_HOME", "XDG_CACHE_HOME")}
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=os.environ | folders
+    )
+    assert process.stdout is not None
+    try:
+        said = ""
+        for line in process.stdout:
+            said += line
+            if found := re.search(r"http://(\S+)/\?token=(\S+)", line):
+                yield found[1], found[2]
+                break
+        process.send_signal(signal.SIGINT)
+        rest, _ = process.communicate(timeout=_SECONDS)
+        assert process.returncode == 0 and "Traceback" not in rest, said + rest
+        assert not list(tmp_path.rglob("lock.json")), "the session was closed in good order"
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def _cookie(address: str, token: str) -> str:
+    """The cookie that the page sets for whoever has the token."""
+
+    class Stay(urllib.request.HTTPRedirectHandler):
+        def redirect_request(self, *_: Any) -> None:
+            return None
+
+    opener = urllib.request.build_opener(Stay)
+    with pytest.raises(urllib.error.HTTPError) as answer:
+        opener.open(f"http://{address}/?token={token}", timeout=_SECONDS)
+    assert answer.value.code == 303
+    cookie = str(answer.value.headers["set-cookie"]).split(";")[0]
+    answer.value.close()
+    return cookie
+
+
+def _frame(browser: ClientConnection) -> np.ndarray:
+    """The next picture; the browser says that it has shown it."""
+    while True:
+        message = json.loads(browser.recv(timeout=_SECONDS))
+        if message.get("type") != "framebufferdata":
+            continue
+        data = browser.recv(timeout=_SECONDS)
+        assert isinstance(data, bytes)
+        shown = {"index": message["index"], "timestamp": message["timestamp"], "localtime": 0.0}
+        browser.send(json.dumps({"type": "_framefeedback", **shown}))
+        return np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(int)
+
+
+def _key(browser: ClientConnection, kind: str, key: str) -> None:
+    browser.send(json.dumps({"type": kind, "key": key, "modifiers": [], "timestamp": 0.0}))
+
+
+def test_a_browser_with_the_token_sees_the_viewer_and_drives_it(address: tuple[str, str]) -> None:
+    host, token = address
+    with pytest.raises(InvalidStatus, match="403"), connect(f"ws://{host}/", open_timeout=_SECONDS):
+        pass
+    with connect(f"ws://{host}/", additional_headers={"Cookie": _cookie(host, token)}, max_size=None) as browser:
+        browser.send(json.dumps({"type": "resize", "timestamp": 0.0, **_SIZE}))
+        picture = _frame(browser)
+        for _ in range(40):
+            if picture.shape[:2] == (400, 640) and picture.std() > 20:
+                break
+            picture = _frame(browser)
+        assert picture.shape[:2] == (400, 640) and picture.std() > 20, "something is seen"
+        _key(browser, "key_down", "F1")
+        _key(browser, "key_up", "F1")
+        changes = [np.abs(_frame(browser) - picture).mean() for _ in range(6)]
+        assert max(changes) > 5, "the sheet of keys covers the image"

@@ -1,0 +1,87 @@
+"""Speckle: drawn on the image, figures follow it, the comparison of schemes by one key."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from holoview.app.panels.image import ImagePanel
+from holoview.app.panels.speckle import SpecklePanel
+from holoview.session.look import NOW
+from holoview.session.measure import measure_region
+
+pytestmark = pytest.mark.gpu
+
+
+@pytest.fixture
+def gui(make_gui: Callable[..., Any]) -> Any:
+    opened = make_gui(size=(800, 480), engine=True, panels=(ImagePanel, SpecklePanel))
+    opened.settle()
+    return opened
+
+
+def _drag(gui: Any, start: tuple[float, float], end: tuple[float, float]) -> None:
+    gui.drag(gui.where("image", *start), gui.where("image", *end))
+    gui.settle()
+
+
+def test_a_region_is_drawn_on_the_image_and_its_figures_follow(gui: Any) -> None:
+    whole = gui.app.live.figures.region
+    assert whole.contrast == pytest.approx(measure_region(gui.app.sides.xyz(NOW), gui.session.state.region).contrast)
+    gui.engine(lambda ctx: ctx.item_click("Speckle/Draw region"))
+    assert gui.app.tool == "region"
+    _drag(gui, (0.4, 0.4), (0.6, 0.6))
+    region = gui.session.look.region
+    assert region is not None and region != whole and gui.app.tool == ""
+    figures = gui.app.live.figures
+    assert figures.region.pixels == region[2] * region[3]
+    assert figures.region.contrast == measure_region(gui.app.sides.xyz(NOW), region).contrast
+    gui.session.change("Gap", {"gap": 3e-3})
+    gui.settle()
+    assert gui.app.live.figures is not figures, "figures follow the image"
+    gui.engine(lambda ctx: ctx.item_click("Speckle/Forget"))
+    assert gui.session.look.region is None
+    gui.session.undo()
+    assert gui.session.look.region == region
+
+
+def test_the_curve_and_the_histogram_are_of_every_wavelength(gui: Any) -> None:
+    figures = gui.app.live.figures
+    assert len(figures.curve.measured) == 3
+    assert figures.curve.measured[-1] == pytest.approx(figures.region.contrast, rel=1e-3), "all lasers together"
+    assert figures.curve.measured[0] > figures.curve.measured[-1]
+    assert figures.histogram.density.sum() > 0
+
+
+def test_a_line_is_drawn_and_its_profile_plotted(gui: Any) -> None:
+    gui.key("Shift+L")
+    _drag(gui, (0.45, 0.5), (0.55, 0.5))
+    profile, line = gui.app.live.figures.profile, gui.session.look.profile
+    assert line is not None and profile.values.max() > 0
+    pitch_m = gui.session.system.modulators[0].pitch_m / gui.session.system.sampling.upsample
+    assert profile.distance_m[-1] == pytest.approx(np.hypot(line[2] - line[0], line[3] - line[1]) * pitch_m)
+
+
+def test_a_region_is_entered_exactly(gui: Any) -> None:
+    def enter(ctx: Any) -> None:
+        for number, value in enumerate((8, 9, 30, 20)):
+            ctx.item_input_value(f"Speckle/x y w h/$${number}", value)
+
+    gui.engine(enter)
+    gui.settle()
+    assert gui.session.look.region == (8, 9, 30, 20)
+
+
+def test_one_key_shows_simultaneous_beside_holochrome_with_their_contrasts(gui: Any) -> None:
+    gui.key("F5")
+    assert gui.session.wait(60)
+    gui.settle()
+    look = gui.session.look
+    assert look.compare == "side-by-side" and look.a.label.startswith("Simultaneous, 3 wavelengths: contrast 0.")
+    assert look.b.label.startswith("HoloChrome, 8 wavelengths: contrast 0.")
+    result = gui.app.panel(SpecklePanel).result
+    assert result.right.contrast < result.left.contrast
+    assert gui.frames(2).std() > 20

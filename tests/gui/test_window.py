@@ -1,0 +1,193 @@
+"""One real window on a virtual screen, moved by a real pointer: it draws, takes input, idles, and saves its session."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+from PIL import Image, ImageGrab
+
+from holoview import preset
+from holoview.session.autosave import Store
+from tests.gui.conftest import small_bench
+
+SIZE = (900, 700)
+NEEDED = ("Xvfb", "xdotool")
+PATIENCE_S = 120.0
+
+pytestmark = [
+    pytest.mark.gpu,
+    pytest.mark.skipif(
+        not all(shutil.which(name) for name in NEEDED), reason="needs Xvfb and xdotool (apt install xvfb xdotool)"
+    ),
+]
+
+
+class Screen:
+    """A virtual screen with a viewer on it."""
+
+    def __init__(self, display: str, folder: Path, arguments: list[str]) -> None:
+        self._display = display
+        self._log = folder / "log.txt"
+        self._environment = os.environ | {"DISPLAY": display, "XDG_STATE_HOME": str(folder), "OMP_NUM_THREADS": "1"}
+        self._environment.pop("WAYLAND_DISPLAY", None)
+        command = [
+            sys.executable,
+            "-m",
+            "holoview.cli",
+            "view",
+            *arguments,
+            "--size",
+            "x".join(map(str, SIZE)),
+            "--new",
+        ]
+        with self._log.open("w") as log:
+            self.viewer = subprocess.Popen(command, env=self._environment, stdout=log, stderr=log)
+
+    @property
+    def log(self) -> str:
+        """What the viewer wrote."""
+        return self._log.read_text(encoding="utf-8")
+
+    def xdotool(self, *words: object) -> str:
+        """Moves the pointer or presses keys."""
+        done = subprocess.run(
+            ["xdotool", *map(str, words)], env=self._environment, capture_output=True, text=True, timeout=20, check=True
+        )
+        return done.stdout.strip()
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        """A drag in a few steps, as a hand does it."""
+        self.xdotool("mousemove", round(start[0]), round(start[1]))
+        time.sleep(0.3)
+        self.xdotool("mousedown", 1)
+        for step in range(1, 6):
+            place = [start[i] + (end[i] - start[i]) * step / 5 for i in (0, 1)]
+            self.xdotool("mousemove", round(place[0]), round(place[1]))
+            time.sleep(0.1)
+        self.xdotool("mouseup", 1)
+        time.sleep(0.3)
+
+    def picture(self) -> np.ndarray:
+        """What is on the screen (y, x, 3)."""
+        for _ in range(5):
+            try:
+                return np.asarray(ImageGrab.grab(xdisplay=self._display).convert("RGB"))
+            except OSError:  # a busy server refuses now and then
+                time.sleep(0.5)
+        raise AssertionError(f"no picture of {self._display}: {self.log}")
+
+    def wait_for(self, is_so: Callable[[np.ndarray], bool]) -> np.ndarray:
+        """The first picture for which something is so."""
+        until = time.monotonic() + PATIENCE_S
+        while time.monotonic() < until:
+            assert self.viewer.poll() is None, self.log
+            picture = self.picture()
+            if is_so(picture):
+                return picture
+            time.sleep(0.5)
+        raise AssertionError(f"not seen in {PATIENCE_S:g} s: {self.log}")
+
+
+@pytest.fixture
+def display() -> Iterator[str]:
+    """A virtual screen."""
+    read, write = os.pipe()
+    server = subprocess.Popen(
+        ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{SIZE[0]}x{SIZE[1]}x24"],
+        pass_fds=[write],
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(write)
+    with os.fdopen(read) as number:
+        yield f":{number.readline().strip()}"
+    server.terminate()
+    server.wait(10)
+
+
+@pytest.fixture
+def screen(display: str, tmp_path: Path) -> Iterator[Screen]:
+    bench, picture = tmp_path / "bench.toml", tmp_path / "picture.png"
+    preset.save(small_bench(), bench)
+    Image.fromarray(np.full((64, 96, 3), 180, np.uint8)).save(picture)
+    opened = Screen(display, tmp_path, [str(bench), str(picture)])
+    yield opened
+    opened.viewer.kill()
+    opened.viewer.wait(10)
+
+
+def _is_busy_inside(rect: tuple[float, float, float, float]) -> Callable[[np.ndarray], bool]:
+    """Whether an image, rather than an even ground, is seen in a rectangle."""
+    x0, y0, x1, y1 = (round(value) for value in rect)
+    return lambda picture: bool(picture[y0:y1, x0:x1].std() > 15)
+
+
+def test_a_real_window_draws_answers_idles_and_saves(
+    screen: Screen, make_gui: Callable[..., Any], tmp_path: Path
+) -> None:
+    twin = make_gui(small_bench(name="bench"), size=SIZE)  # the same layout off screen tells where things are
+    twin.settle()
+    rects = dict(twin.app.rects)
+    screen.wait_for(_is_busy_inside(rects["image"]))
+    x, y = twin.where("laser 1")
+    screen.drag((x, y), (x + 12, y + 10))
+    screen.drag(twin.where("plane", 0.5), twin.where("plane", 0.8))
+    screen.xdotool("keydown", "shift")
+    screen.drag(twin.where("image", 0.4, 0.4), twin.where("image", 0.6, 0.6))
+    screen.xdotool("keyup", "shift")
+    time.sleep(3)
+    screen.wait_for(_is_busy_inside(rects["image"]))
+    screen.xdotool("key", "ctrl+q")
+    assert screen.viewer.wait(30) == 0, screen.log
+    assert screen.log.strip() == ""
+    saved = Store(tmp_path / "holoview").last()
+    assert saved is not None
+    session = saved.restore()
+    bench = small_bench()
+    assert session.system.wavelengths_m[1] > bench.wavelengths_m[1]
+    assert session.look.plane_m > 10.2e-3
+    assert session.look.region is not None
+    assert session.wanted is not None
+    labels = [step.label for step in session.history]
+    assert any("Optimise" in label or "picture" in label for label in labels), labels
+
+
+def test_a_window_at_rest_costs_next_to_nothing(screen: Screen, make_gui: Callable[..., Any]) -> None:
+    """Whole seconds of the processor, since a loop that never rests takes all of them."""
+    twin = make_gui(small_bench(), size=SIZE)
+    twin.settle()
+    rects = twin.app.rects
+    screen.wait_for(_is_busy_inside(rects["image"]))
+    time.sleep(6)
+    process = psutil.Process(screen.viewer.pid)
+    before = sum(process.cpu_times()[:2])
+    time.sleep(4)
+    assert sum(process.cpu_times()[:2]) - before < 1.0
+
+
+def test_without_an_adapter_a_page_tells_what_to_do(display: str) -> None:
+    """Where OpenGL can't draw either, the command's line on stderr has to do."""
+    page = (
+        "from holoview.errors import UserError; from holoview.app.no_adapter import show_page;"
+        "show_page(UserError('graphics adapter', 'none was found', expected='a driver'))"
+    )
+    with subprocess.Popen([sys.executable, "-c", page], env=os.environ | {"DISPLAY": display}) as viewer:
+        until = time.monotonic() + PATIENCE_S
+        while viewer.poll() is None and time.monotonic() < until:
+            texts = np.asarray(ImageGrab.grab(xdisplay=display).convert("L"))[:250, :640]
+            if (texts > 128).mean() > 0.01:
+                break
+            time.sleep(0.5)
+        if viewer.poll() is not None:
+            pytest.skip("no OpenGL on this screen")
+        assert (texts > 128).mean() > 0.01
+        viewer.kill()

@@ -1,0 +1,91 @@
+"""Small optimisations by a team and by one process, for test_team: `python team_run.py FOLDER` writes FOLDER/RANK.npz.
+
+In double precision, so that no rounding hides a difference; the first case in single precision too.
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from holoview.optimise import problem, traced
+from holoview.optimise.model import Model
+from holoview.optimise.objective import make_objective
+from holoview.optimise.settings import Settings
+from holoview.optimise.solve import iterate
+from holoview.optimise.team import ALONE, Team, joined
+from holoview.plan import make_plan
+from holoview.system import Modulator, System
+
+TWO_FRAMES = [[1.0, 1.0, 0.0], [0.0, 1.0, 1.0]]
+CASES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "one frame": ({}, {}),
+    "two frames, some lasers off": ({"amplitudes": TWO_FRAMES}, {}),
+    "sources": ({"source": {"directions": [[0, 0], [0.01, -0.02]]}}, {}),
+    "one modulator": ({"modulators": [{"pitch": "8 um", "shape": [12, 16], "stroke": "825 nm"}], "gap": None}, {}),
+    "even eyebox": ({}, {"eyebox": 0.1}),
+    "encoded": ({}, {"loss": "srgb"}),
+    "free wavelengths": ({}, {"free": ("patterns", "amplitudes", "wavelengths")}),
+    "a region": ({}, {"region": (4, 4, 20, 10)}),
+    "levels": ({"levels": 16}, {}),
+}
+
+
+def bench(**changes: Any) -> System:
+    """Two modulators of 12 × 16 pixels, three lasers, two planes."""
+    modulator = Modulator(pitch_m=8e-6, shape=(12, 16), stroke_m=825e-9)
+    base = System(
+        wavelengths_m=[460e-9, 532e-9, 638e-9],
+        amplitudes=[[1.0, 1.0, 1.0]],
+        modulators=(modulator, modulator),
+        gap_m=0.4e-3,
+        planes_m=[0.4e-3, 0.5e-3],
+    )
+    return base.edit(changes)
+
+
+def run(case: str, team: Team) -> dict[str, np.ndarray]:
+    """Losses of the iterations, and the best hologram."""
+    changes, settings = CASES[case]
+    system = bench(**changes)
+    rows, columns = make_plan(system).grid.shape
+    y, x = np.mgrid[0:rows, 0:columns] / max(rows, columns)
+    image = 0.3 + 0.2 * np.cos(2 * np.pi * (x + y)[..., None] + np.array([0.0, 1.0, 3.0]))
+    stack = np.repeat(image[None], len(system.planes_m), axis=0)
+    states = list(iterate(system, stack, Settings(iterations=12, amplitudes_every=3, **settings), team=team))
+    best = states[-1].best
+    return {
+        "losses": np.array([state.loss for state in states]),
+        "eyebox": np.array([state.eyebox for state in states]),
+        "drive": best.drive,
+        "amplitudes": best.system.amplitudes,
+        "wavelengths": best.system.wavelengths_m,
+    }
+
+
+def both(name: str, case: str, team: Team) -> dict[str, np.ndarray]:
+    """Of the team; and of one process, if this one leads."""
+    found = {f"{name}/{key}": value for key, value in run(case, team).items()}
+    alone = run(case, ALONE) if team.leads else {}
+    return found | {f"{name}/alone/{key}": value for key, value in alone.items()}
+
+
+def main(folder: Path) -> None:
+    torch.set_num_threads(1)
+    with joined("cpu") as team:
+        found = both("single", next(iter(CASES)), team)
+        torch.set_default_dtype(torch.float64)
+        traced.Model = partial(Model, double=True)  # type: ignore[misc,assignment]
+        problem.make_objective = partial(make_objective, double=True)
+        for case in CASES:
+            found |= both(case, case, team)
+    np.savez(folder / f"{team.rank}.npz", **found)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,120 @@
+"""Optimising on a bench with effects: the same physics as rendering, exact gradients, and a hologram made for it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from holoview.engine.torch import TorchExecutor
+from holoview.errors import UserError
+from holoview.optics.slots import make_slots
+from holoview.optimise.model import Model
+from holoview.optimise.problem import Problem
+from holoview.optimise.settings import Settings
+from holoview.optimise.solve import iterate
+from holoview.optimise.traced import TracedModel
+from holoview.plan import make_plan
+from holoview.system import Modulator, System
+from holoview.view import simulate
+
+EFFECTS: dict[str, dict[str, Any]] = {
+    "lut": {"gamma1": 1.2, "level2_03": 0.05},
+    "dispersion": {"slope": 0.2},
+    "source_profile": {"fall": 0.5},
+    "crosstalk": {"sigma": 0.5},
+    "slm_alignment": {"shift_y": 3e-6, "rotation": 0.02},
+    "slm_flatness": {"z5_1": 1e-7},
+    "undiffracted": {"share": 0.2},
+    "stroke": {"stroke_error": 0.1},
+    "gap": {"gap_error": 1e-4},
+    "aberration2": {"z5": 1e-7},
+    "iris1": {"radius_error": -0.3, "decentre_y": 0.2},
+    "tilt": {"tilt_y": 0.01},
+    "source_extent": {"radius": 2e-3},
+}
+FAST = ("gap", "aberration2", "iris1", "tilt", "source_extent")
+
+
+def _system(effects: dict[str, Any], **changes: Any) -> System:
+    modulator = Modulator(pitch_m=8e-6, shape=(6, 7), stroke_m=825e-9)
+    base = System(
+        wavelengths_m=[460.3e-9, 638.2e-9],
+        amplitudes=[[1.0, 2.0], [3.0, 1.0]],
+        modulators=(modulator, modulator),
+        gap_m=0.5e-3,
+        planes_m=[0.8e-3, 1.3e-3],
+    )
+    return base.edit({"relay1.iris_na": 0.04, "relay2.iris_na": 0.035, "effects": effects, **changes})
+
+
+def _drive(system: System) -> torch.Tensor:
+    return 0.05 + 0.9 * torch.rand(system.drive_shape, generator=torch.Generator().manual_seed(4)).double()
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_intensities_and_gradients_are_those_of_the_reference_executor(name: str) -> None:
+    system = _system({name: EFFECTS[name]})
+    plan = make_plan(system)
+    drive = _drive(system).requires_grad_()
+    shown = TorchExecutor(plan, make_slots(plan, drive), double=True).differentiable()
+    wanted = torch.rand(shown.shape, generator=torch.Generator().manual_seed(5)).double()
+    (expected,) = torch.autograd.grad((shown - wanted).square().sum(), drive)
+
+    model = (Model if name in FAST else TracedModel)(plan, double=True)
+    opd_m = drive.detach() * 825e-9
+    model.forward(opd_m)
+    seen = torch.empty(len(model.lasers), *plan.grid.shape, dtype=torch.float64)
+    found = torch.zeros_like(shown)
+    for plane in range(2):
+        model.see(plane, seen)
+        slopes = torch.empty_like(seen)
+        for i, (frame, λ) in enumerate(model.lasers):
+            found[plane, λ] += 0.5 * float(system.amplitudes[frame, λ]) * seen[i]
+        for i, (frame, λ) in enumerate(model.lasers):
+            slopes[i] = 2 * (found[plane, λ] - wanted[plane, λ]) * 0.5 * float(system.amplitudes[frame, λ])
+        model.answer(plane, slopes)
+    gradient = torch.zeros_like(opd_m)
+    model.finish(gradient)
+    torch.testing.assert_close(found, shown.detach(), rtol=1e-9, atol=1e-12)
+    difference = (gradient * 825e-9 - expected).norm() / expected.norm()
+    assert float(difference) < 1e-9
+
+
+def test_the_fast_model_is_taken_where_it_serves() -> None:
+    stack = np.full((2, 12, 14, 3), 0.2)
+    for name, values in EFFECTS.items():
+        model = Problem(_system({name: values}), stack, Settings()).model
+        assert isinstance(model, TracedModel) == (name not in FAST), name
+
+
+@pytest.mark.parametrize("name", ["crosstalk", "gap"])
+def test_a_hologram_made_for_the_effect_is_better_on_a_bench_that_has_it(name: str) -> None:
+    values = {"crosstalk": {"sigma": 0.7}, "gap": {"gap_error": 0.3e-3}}[name]
+    rng = np.random.default_rng(1)
+    coarse = np.repeat(np.repeat(rng.random((2, 4, 5, 3)), 4, axis=1), 4, axis=2)
+    changes = {"shape": [8, 10], "wavelengths": ["460 nm", "532 nm", "638 nm"], "amplitudes": "white", "frames": 1}
+    with_it, without = _system({name: values}, **changes), _system({}, **changes)
+    settings = Settings(iterations=30)
+    psnr = []
+    for system in (with_it, without):
+        *_, last = iterate(system, coarse, settings)
+        hologram = last.best
+        view = simulate(with_it.edit({"amplitudes": hologram.system.amplitudes}), hologram.drive, backend="torch64")
+        scale = (view.rgb * coarse).sum() / (view.rgb**2).sum()
+        psnr.append(-10 * np.log10(np.mean((scale * view.rgb - coarse) ** 2)))
+    assert psnr[0] > psnr[1] + 0.3
+
+
+@pytest.mark.parametrize("name", ["bandwidth", "flicker", "laser_power"])
+def test_effects_on_the_lasers_themselves_are_refused(name: str) -> None:
+    values = {"bandwidth": {"sigma": 1e-9}, "flicker": {"depth": 0.1}, "laser_power": {"exponent": 0.2}}[name]
+    with pytest.raises(UserError, match=rf"effects\.{name}.*switch it off"):
+        Problem(_system({name: values}), np.full((2, 12, 14, 3), 0.2), Settings())
+
+
+def test_free_wavelengths_and_effects_are_refused() -> None:
+    with pytest.raises(UserError, match="wavelengths on a bench with effects"):
+        Problem(_system({"gap": {"gap_error": 1e-4}}), np.full((2, 12, 14, 3), 0.2), Settings(free=("wavelengths",)))

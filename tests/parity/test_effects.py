@@ -1,0 +1,64 @@
+"""Benches with effects: the shaders show what torch shows in complex128, whichever slot an effect changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from holoview.engine.frame import focal_stack
+
+pytestmark = pytest.mark.gpu
+
+Opened = Callable[..., Any]
+
+TOLERANCE = 2e-6
+"""Relative L2 of the intensities, as for whole frames without effects."""
+
+EFFECTS: dict[str, dict[str, dict[str, float]]] = {
+    "modulators": {"crosstalk": {"sigma": 0.5}, "undiffracted": {"share": 0.2}, "dispersion": {"slope": 0.2}},
+    "modulator 2": {"slm_alignment": {"shift_y": 3e-6, "rotation": 0.01, "magnification": 0.02}},
+    "source": {"source_profile": {"fall": 0.5, "slope_x": 0.2}, "tilt": {"tilt_y": 2e-3}},
+    "look-up table": {"lut": {"gamma1": 1.3, "level2_05": 0.1}, "stroke": {"stroke_error": -0.1}},
+    "distances": {"gap": {"gap_error": 1e-4}, "distance": {"distance_error": -2e-4}},
+    "relays": {"aberration1": {"z5": 1e-7}, "aberration2": {"z7": 1e-7}, "iris1": {"decentre_y": 0.2}},
+    "incoherent": {"bandwidth": {"sigma": 1e-9}, "flicker": {"depth": 0.1}, "crosstalk": {"sigma": 0.3}},
+    "several frames": {"flicker": {"depth": 0.1}, "lut": {"gamma1": 1.2}},
+}
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_frame_with_effects_is_that_of_torch(name: str, both: Opened, bench: Opened) -> None:
+    frames = {"frames": 2} if name == "several frames" else {}
+    system = bench(**{"relay1.iris_na": 0.03, "relay2.iris_na": 0.03}, effects=EFFECTS[name], **frames)
+    pair = both(system)
+    (expected, expected_xyz), (found, xyz) = focal_stack(pair.reference), focal_stack(pair.shaders)
+    assert found.shape == expected.shape
+    for of_torch, of_shaders in ((expected, found), (expected_xyz, xyz)):
+        assert np.linalg.norm(of_shaders - of_torch) <= TOLERANCE * np.linalg.norm(of_torch)
+    plain = focal_stack(both(bench(**{"relay1.iris_na": 0.03, "relay2.iris_na": 0.03}, **frames)).reference)[1]
+    assert np.linalg.norm(expected_xyz - plain) > 0.02 * np.linalg.norm(plain)
+
+
+def test_a_session_goes_on_when_effects_are_edited(bench: Opened, device: Any) -> None:
+    """Switched on, changed and switched off again: always what torch shows, and the nominal bench is what it tells."""
+    from holoview.engine.session import FrameSession
+    from holoview.engine.torch import TorchExecutor
+    from holoview.optics.slots import make_slots
+    from holoview.plan import make_plan
+    from holoview.view import random_drive
+
+    plain = bench(**{"relay1.iris_na": 0.03, "relay2.iris_na": 0.03})
+    drive = random_drive(plain, 1)
+    session = FrameSession(plain, drive, device, plane_m=3e-3, strategy="passes")
+    for effects in ({}, *EFFECTS.values(), EFFECTS["modulators"], {"crosstalk": {"sigma": 0.8}}, {}):
+        system = plain.edit({"effects": effects})
+        session.edit(system=system)
+        assert session.system == system
+        session.update()
+        plan = make_plan(system, [3e-3])
+        expected = focal_stack(TorchExecutor(plan, make_slots(plan, drive), double=True))[1][0]
+        found = session.xyz()
+        assert np.linalg.norm(found - expected) <= TOLERANCE * np.linalg.norm(expected), effects

@@ -1,0 +1,210 @@
+"""A session survives its program: killed at any moment, all of it is offered again at the next start."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tests.session.conftest as bench
+from holoview.errors import UserError
+from holoview.session.autosave import Store
+from holoview.session.folder import Preferences
+from holoview.session.look import TARGET, Look, Side
+from holoview.session.session import Session
+from holoview.session.wanted import Wanted
+
+_PROGRAM = """
+import sys, time
+from pathlib import Path
+from holoview.session.autosave import Store
+from holoview.session.opening import pasted
+from holoview.session.session import Session
+from tests.session.conftest import small_system
+import numpy as np
+session = Session(small_system(), seed=7)
+autosave = Store(Path(sys.argv[1])).attach(session)
+session.edit("Target", wanted=pasted(np.full((4, 4, 3), 90, np.uint8)))
+session.pin("before")
+for n in range(1, 6):
+    session.change("Gap", {"gap": n * 1e-3 + 1e-3})
+session.undo()
+assert autosave.flush()
+print("saved", flush=True)
+n = 0
+while True:  # goes on editing until it is killed, so that the kill falls into a save
+    n += 1
+    session.look_at("Wipe", wipe=(n % 100) / 100, merge="wipe")
+    session.edit("Pattern", drive=np.full(session.drive.shape, (n % 7) / 7, np.float32))
+    time.sleep(0.002)
+"""
+
+
+def test_a_killed_program_loses_nothing(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    program = subprocess.Popen([sys.executable, "-c", _PROGRAM, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    assert program.stdout is not None and program.stdout.readline() == "saved\n"
+    assert store.crashed() == [], "its owner is still alive"
+    _wait_for_a_later_save(tmp_path)
+    os.kill(program.pid, signal.SIGKILL)
+    assert program.wait(10) == -signal.SIGKILL
+    program.stdout.close()
+    (saved,) = store.crashed()
+    session = saved.restore()
+    labels = [step.label for step in session.history]
+    assert labels[:7] == ["Start", "Target", "Gap", "Gap", "Gap", "Gap", "Wipe"]
+    assert session.messages.all == () and list(session.snapshots) == ["before"]
+    session.go_to(5)
+    assert session.system.gap_m == 5e-3 and session.wanted is not None
+    assert np.array_equal(session.drive, Session(bench.small_system(), seed=7).drive)
+    assert session.snapshots["before"].drive is session.drive, "steps share their patterns as before"
+    store.discard(saved)
+    assert store.crashed() == []
+
+
+def _wait_for_a_later_save(folder: Path, timeout_s: float = 60.0) -> None:
+    (path,) = folder.glob("sessions/*/session.json")
+    first, until = path.stat().st_mtime_ns, time.monotonic() + timeout_s
+    while path.stat().st_mtime_ns == first:
+        assert time.monotonic() < until, "edits weren't saved"
+        time.sleep(0.02)
+
+
+def test_closing_in_good_order_leaves_the_last_session_only(tmp_path: Path, wanted: Wanted) -> None:
+    store = Store(tmp_path)
+    for name in ("first", "second"):
+        session = Session(bench.small_system(name=name))
+        autosave = store.attach(session)
+        session.edit("Target", wanted=wanted)
+        autosave.close()
+    last = store.last()
+    assert last is not None and "second" in last.title and store.crashed() == []
+    assert len(list((tmp_path / "sessions").iterdir())) == 1
+    unedited = store.attach(Session(bench.small_system()))
+    unedited.close()
+    assert store.last() == last, "looking without an edit doesn't replace it"
+
+
+def test_the_look_and_its_sides_come_back(tmp_path: Path, session: Session) -> None:
+    look = Look(
+        plane_m=3.3e-3,
+        muted=frozenset({2}),
+        a=Side("preset", "simultaneous"),
+        b=TARGET,
+        region=(1, 2, 3, 4),
+        profile=(0.0, 1.0, 2.5, 3.0),
+        centre=(0.25, 0.75),
+    )
+    session.edit("Look", look=look)
+    store = Store(tmp_path)
+    autosave = store.attach(session)
+    autosave.close()
+    last = store.last()
+    assert last is not None and last.restore().look == look
+
+
+def test_what_is_damaged_is_left_out_and_told(tmp_path: Path, session: Session) -> None:
+    store = Store(tmp_path)
+    autosave = store.attach(session)
+    session.edit("Pattern", drive=np.zeros(session.drive.shape, np.float32))
+    session.change("Gap", {"gap": 2e-3})
+    assert autosave.flush()
+    folder = autosave.folder
+    table = json.loads((folder / "session.json").read_text())
+    (folder / "objects" / f"{table['steps'][0]['drive']}.safetensors").write_bytes(b"damaged")
+    autosave._stop()
+    saved = next(saved for saved in store._all() if saved.folder == folder)
+    restored = saved.restore()
+    assert [step.label for step in restored.history] == ["Pattern", "Gap"] and restored.system.gap_m == 2e-3
+    (message,) = restored.messages.all
+    assert message.kind == "warning" and "Start" in message.text
+    (folder / "session.json").write_text("{")
+    with pytest.raises(UserError):
+        saved.restore()
+    assert store.crashed() == []
+
+
+def test_an_open_session_becomes_the_saved_one_and_its_listeners_stay(tmp_path: Path, session: Session) -> None:
+    store = Store(tmp_path)
+    autosave = store.attach(session)
+    session.change("Gap", {"gap": 2e-3})
+    session.pin("mine")
+    autosave.close()
+    other, heard = Session(bench.small_system(), seed=9), []
+    other.listen(lambda change: heard.append(change.kinds))
+    last = store.last()
+    assert last is not None
+    last.restore_into(other)
+    assert other.system.gap_m == 2e-3 and other.undo() == "Gap" and list(other.snapshots) == ["mine"]
+    assert {"system", "drive", "look", "target", "snapshots", "history"} <= heard[0]
+
+
+def test_what_an_optimisation_had_found_is_pinned_after_a_crash(tmp_path: Path, session: Session) -> None:
+    autosave = Store(tmp_path).attach(session)
+    found = session.state.edited({"drive": np.zeros(session.drive.shape, np.float32), "origin": "half way"})
+    session.preview(session.state, found)
+    assert autosave.flush()
+    autosave._stop()
+    (saved,) = [saved for saved in Store(tmp_path)._all() if saved.folder == autosave.folder]
+    pinned = saved.restore().snapshots["Unfinished optimisation"]
+    assert pinned.origin == "half way" and pinned.drive.max() == 0
+
+
+def test_only_what_is_referred_to_stays_on_the_disk(tmp_path: Path, session: Session) -> None:
+    store = Store(tmp_path)
+    autosave = store.attach(session)
+    session.edit("Pattern", drive=np.zeros(session.drive.shape, np.float32))
+    assert autosave.flush()
+    session.undo()
+    session.change("Gap", {"gap": 2e-3})
+    assert autosave.flush()
+    assert len(list((autosave.folder / "objects").iterdir())) == 1
+    autosave.close()
+
+
+def test_a_full_disk_is_told_once_and_the_session_goes_on(
+    tmp_path: Path, session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    autosave = Store(tmp_path).attach(session)
+    assert autosave.flush()
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(autosave._archive, "write", full)
+    for gap in (2e-3, 3e-3):
+        session.change("Gap", {"gap": gap})
+        assert autosave.flush()
+    session.poll()
+    assert [message.text.split(":")[0] for message in session.messages.all] == ["autosave"]
+    monkeypatch.undo()
+    session.change("Gap", {"gap": 4e-3})
+    autosave.close()
+    last = Store(tmp_path).last()
+    assert last is not None and last.restore().system.gap_m == 4e-3
+
+
+def test_preferences_are_kept_and_damaged_ones_begun_anew(tmp_path: Path) -> None:
+    path = tmp_path / "preferences.json"
+    Preferences(path).set("theme", "light")
+    assert Preferences(path).get("theme") == "light" and Preferences(path).get("layout", "x") == "x"
+    path.write_text("{{{")
+    assert Preferences(path).get("theme") is None
+
+
+def test_recent_files_are_newest_first_and_those_that_are_there(tmp_path: Path) -> None:
+    preferences = Preferences(tmp_path / "preferences.json")
+    files = [tmp_path / name for name in ("a", "b", "c")]
+    for file in files:
+        file.touch()
+        preferences.remember(file)
+    preferences.remember(files[0])
+    files[2].unlink()
+    assert Preferences(tmp_path / "preferences.json").recent == (files[0], files[1])

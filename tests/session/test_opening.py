@@ -1,0 +1,158 @@
+"""What files are is told by their content, what is wrong with them to the user; rewritten ones are read again."""
+
+from __future__ import annotations
+
+import io
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import tests.session.conftest as bench
+from holoview import preset
+from holoview.errors import UserError
+from holoview.hologram import Hologram
+from holoview.pictures import write_pattern
+from holoview.session.loading import Loader
+from holoview.session.opening import open_any, pasted, pasted_file
+from holoview.session.session import Session
+from holoview.session.watching import Watch
+from holoview.view import random_drive
+
+SYSTEM = bench.small_system()
+
+
+def _hologram(path: Path, seed: int) -> Hologram:
+    hologram = Hologram(random_drive(SYSTEM, seed), SYSTEM)
+    hologram.save(path)
+    return hologram
+
+
+def _picture(path: Path, mode: str = "RGB", size: tuple[int, int] = (40, 30)) -> Path:
+    Image.new(mode, size, 128 if mode == "L" else (200, 100, 50)).save(path)
+    return path
+
+
+def _until(condition: object, session: Session, timeout_s: float = 20.0) -> None:
+    until = time.monotonic() + timeout_s
+    while not condition():  # type: ignore[operator]
+        session.poll()
+        assert time.monotonic() < until, "waited too long"
+        time.sleep(0.01)
+
+
+def test_kinds_are_told_by_content_whatever_the_name(tmp_path: Path) -> None:
+    hologram, picture, toml = tmp_path / "a.dat", tmp_path / "b.dat", tmp_path / "c.toml"
+    written = _hologram(tmp_path / "a.safetensors", seed=3)
+    (tmp_path / "a.safetensors").rename(hologram)
+    _picture(tmp_path / "b.png").rename(picture)
+    preset.save(SYSTEM, toml)
+    opened = open_any(hologram, SYSTEM)
+    assert opened.kind == "hologram" and opened.drive is not None and np.array_equal(opened.drive, written.drive)
+    assert open_any(picture, SYSTEM).kind == "picture"
+    bench_file = open_any(toml, SYSTEM)
+    assert bench_file.kind == "preset" and bench_file.system == SYSTEM
+    assert open_any("simultaneous", SYSTEM).system == preset.load("simultaneous")
+
+
+def test_patterns_are_told_apart_from_pictures(tmp_path: Path) -> None:
+    drive = random_drive(SYSTEM, 5)
+    paths = [tmp_path / "slm1.png", tmp_path / "slm2.png"]
+    for path, pattern in zip(paths, drive[0], strict=True):
+        write_pattern(path, pattern, bits=16)
+    assert open_any(paths[::-1], SYSTEM).kind == "patterns", "named patterns in any order"
+    found = open_any(tmp_path, SYSTEM).drive
+    assert found is not None and np.abs(found - drive).max() < 2**-16
+    grey = _picture(tmp_path / "grey.png", "L", (32, 24))
+    with pytest.raises(UserError, match="1 files; expected 2"):
+        open_any(grey, SYSTEM)
+    assert open_any(_picture(tmp_path / "photo.png", "L"), SYSTEM).kind == "picture", "grey, but of another size"
+
+
+def test_a_folder_of_pictures_is_a_focal_stack(tmp_path: Path) -> None:
+    for number in range(2):
+        _picture(tmp_path / f"{number}.png")
+    opened = open_any(tmp_path, SYSTEM)
+    assert opened.kind == "stack" and opened.wanted is not None
+    assert opened.wanted.build(SYSTEM).stack.shape == (2, 48, 64, 3)
+
+
+@pytest.mark.parametrize("content", [b"", b"hello", b"\x89PNG\r\n\x1a\nbroken", b"name = "])
+def test_what_cannot_be_opened_is_a_users_mistake(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(content)
+    with pytest.raises(UserError):
+        open_any(path, SYSTEM)
+    with pytest.raises(UserError):
+        open_any(tmp_path / "missing", SYSTEM)
+
+
+def test_a_pasted_picture_is_linear_light_over_black() -> None:
+    pixels = np.zeros((2, 2, 4), np.uint8)
+    pixels[0, 0] = (255, 188, 0, 255)
+    pixels[0, 1] = (255, 255, 255, 128)
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, format="PNG")
+    for wanted in (pasted(pixels), pasted_file(buffer.getvalue())):
+        rgb = wanted.source.rgb  # type: ignore[union-attr]
+        assert rgb[0, 0] == pytest.approx([1.0, 0.503, 0.0], abs=1e-3), "188 is half of linear light"
+        assert rgb[0, 1] == pytest.approx(128 / 255)
+    with pytest.raises(UserError):
+        pasted_file(b"no picture")
+
+
+def test_opening_is_an_edit_a_message_and_a_recent_file(session: Session, tmp_path: Path) -> None:
+    remembered: list[Path] = []
+    loader = Loader(session, remember=remembered.append, quick=False)
+    written = _hologram(tmp_path / "a.safetensors", seed=4)
+    loader.open(tmp_path / "a.safetensors")
+    loader.open(tmp_path / "missing.png")
+    assert session.wait(20.0)
+    assert np.array_equal(session.drive, written.drive) and session.undo() == "Open a.safetensors"
+    assert remembered == [tmp_path / "a.safetensors"]
+    assert [message.kind for message in session.messages.all] == ["error"]
+    loader.close()
+
+
+def test_a_picture_becomes_the_target_and_is_seen_within_a_quick_look(session: Session, tmp_path: Path) -> None:
+    loader, old = Loader(session), session.drive
+    loader.open(_picture(tmp_path / "photo.png"))
+    assert session.wait(60.0)
+    assert session.wanted is not None and session.wanted.title == "photo.png"
+    assert session.drive is not old and "optimised" in session.state.origin
+    loader.close()
+
+
+def test_a_rewritten_hologram_is_read_again_even_if_it_was_half_there(session: Session, tmp_path: Path) -> None:
+    path = tmp_path / "a.safetensors"
+    _hologram(path, seed=1)
+    loader = Loader(session)
+    loader.open(path)
+    assert session.wait(20.0) and loader.watching == path
+    again = Hologram(random_drive(SYSTEM, 2), SYSTEM)
+    again.save(tmp_path / "b.safetensors")
+    whole = (tmp_path / "b.safetensors").read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    time.sleep(1.0)
+    path.write_bytes(whole)
+    _until(lambda: np.array_equal(session.drive, again.drive), session)
+    assert not [message for message in session.messages.all if message.kind == "error"]
+    loader.watch(False)
+    assert loader.watching is None
+    loader.close()
+
+
+def test_a_watch_waits_until_writing_has_stopped(tmp_path: Path) -> None:
+    path, seen = tmp_path / "file", []
+    path.write_text("0")
+    watch = Watch(path, lambda: seen.append(path.read_text()), interval_s=0.1)
+    for number in range(5):
+        path.write_text(str(number))
+        time.sleep(0.04)
+    until = time.monotonic() + 10
+    while not seen and time.monotonic() < until:
+        time.sleep(0.02)
+    watch.close()
+    assert seen == ["4"]

@@ -1,0 +1,60 @@
+"""A study for tests of the runner: its jobs square numbers, and fail or die when their settings say so."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from holoview.errors import UserError
+from holoview.study.scale import Scale
+from holoview.study.study import Findings, Job, Outcome, Report, Study
+
+_FOREVER_S = 600.0
+
+
+class Probe(Study):
+    name = "probe"
+    title = "Squares"
+    shows = "Nothing."
+    reduced = ""
+
+    def jobs(self, scale: Scale, seed: int) -> list[Job]:
+        return [self.job(f"square {n}", {"n": n + seed, "seconds": 0.2}) for n in range(20)]
+
+    def work(self, settings: Mapping[str, Any], report: Report) -> Outcome:
+        log = Path(settings["log"]) if "log" in settings else None
+        if log is not None:
+            with log.open("a") as file:
+                file.write(f"{settings['n']} {os.getpid()}\n")
+        fate, first = settings.get("fate"), log is not None and _times(log, settings["n"]) == 1
+        if fate == "dies once" and first:
+            os.kill(os.getpid(), signal.SIGKILL)
+        if fate == "dies":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if fate == "fails once" and first:
+            raise RuntimeError("a stumble")
+        if fate == "fails":
+            raise RuntimeError("always")
+        if fate == "waits once" and first:
+            time.sleep(_FOREVER_S)
+        if fate == "refuses":
+            raise UserError("n", str(settings["n"]), expected="another")
+        time.sleep(settings.get("seconds", 0.0))
+        pixels = np.full((2, 3, 3), settings["n"], dtype=np.uint8)
+        return Outcome({"square": settings["n"] ** 2}, {"flat": pixels})
+
+    def findings(self, results: Sequence[tuple[Job, Outcome]]) -> Findings:
+        return Findings([{"n": job.settings["n"], **outcome.numbers} for job, outcome in results])
+
+
+def _times(log: Path, n: int) -> int:
+    return sum(line.split()[0] == str(n) for line in log.read_text().splitlines())
+
+
+STUDY = Probe()

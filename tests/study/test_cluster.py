@@ -1,0 +1,95 @@
+"""A real scheduler with real workers, one of which is killed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from holoview.errors import UserError
+from holoview.study import places
+from holoview.study.runner import Where, run_jobs
+from holoview.study.store import Store
+from holoview.study.study import Job
+from tests.study.probe import STUDY
+
+distributed = pytest.importorskip("distributed", reason="dask.distributed isn't installed")
+pytestmark = pytest.mark.filterwarnings("ignore")  # of dask and its event loops, when a worker goes away
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+_PATIENCE_S = 60.0
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """Address of a scheduler, and its two workers of a thread each."""
+    folder = tmp_path_factory.mktemp("cluster")
+    file = folder / "scheduler.json"
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
+    options = {"env": environment, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
+    scheduler = subprocess.Popen([*dask, "--no-dashboard", "--scheduler-file", str(file)], **options)
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(file), "--nthreads", "1"]
+    workers = [subprocess.Popen([*worker, "--no-nanny", "--no-dashboard"], **options) for _ in range(2)]
+    try:
+        until = time.monotonic() + _PATIENCE_S
+        while not file.exists() and time.monotonic() < until:
+            time.sleep(0.02)
+        with distributed.Client(scheduler_file=str(file), set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=_PATIENCE_S)
+            address = client.scheduler.address
+        yield address, workers
+    finally:
+        for process in (*workers, scheduler):
+            process.kill()
+            process.wait()
+
+
+def test_workers_share_their_machine_and_need_the_same_holoview(
+    cluster: tuple[str, list[subprocess.Popen[bytes]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with places.cluster(cluster[0]) as place:
+        shares = place._shares  # type: ignore[attr-defined]
+        assert sorted(share.number for share in shares.values()) == [0, 1]
+        assert {share.threads for share in shares.values()} == {max(places.cores() // 2, 1)}
+        assert place.submit(_share_there).result() in shares.values()
+    monkeypatch.setattr(places, "__version__", "0.0")
+    said = r"worker tcp://.*: has holoview .*expected holoview 0\.0, as here"
+    with pytest.raises(UserError, match=said), places.cluster(cluster[0]):
+        pass
+
+
+def _share_there(shares: dict[str, places.Share]) -> places.Share:
+    return places.share_of(shares)
+
+
+def test_a_worker_that_is_killed_loses_nothing(
+    cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path
+) -> None:
+    address, workers = cluster
+    store, log = Store(tmp_path / "jobs"), tmp_path / "log"
+    jobs = [Job("probe", f"square {n}", {"n": n, "log": str(log), "seconds": 0.3}) for n in range(8)]
+    killed = False
+
+    def watch(done: int, total: int, note: str) -> None:
+        nonlocal killed
+        if done >= 2 and not killed:
+            workers[0].kill()
+            killed = True
+
+    results = run_jobs(STUDY, jobs, store, Where(scheduler=address), watch)
+    assert killed
+    assert [outcome.numbers["square"] for _, outcome in results] == [n**2 for n in range(8)]
+    pids = {line.split()[1] for line in log.read_text().splitlines()}
+    assert len(pids) == 2
+
+
+def test_a_scheduler_that_doesn_t_answer_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(places, "_PATIENCE_S", 0.5)
+    with pytest.raises(UserError, match=r"--scheduler tcp://127.0.0.1:9: no answer.*a Dask scheduler that runs"):
+        run_jobs(STUDY, [Job("probe", "one", {"n": 1})], Store(tmp_path), Where(scheduler="tcp://127.0.0.1:9"))

@@ -1,0 +1,154 @@
+"""`holoview contrast` on pictures whose contrast is known; `holoview study` as people mistype it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from numpy.typing import NDArray
+from PIL import Image
+
+from holoview import cli
+from holoview.study.registry import registry
+
+SIDE = 256
+SIGMAS = 5.0
+
+
+def _speckle(patterns: int, seed: int = 0) -> NDArray[np.float64]:
+    """The mean of independent, fully developed patterns of mean 1: a gamma law of that shape."""
+    return np.random.default_rng(seed).exponential(size=(patterns, SIDE, SIDE)).mean(axis=0)
+
+
+def _scatter(patterns: int) -> float:
+    """Standard deviation of the contrast measured in n independent samples of a gamma law of shape N.
+
+    Var C ≈ (κ − 1 + 4C² − 4γC)·C²/4n with skewness γ = 2/√N, kurtosis κ = 3 + 6/N and C = 1/√N, which is
+    C²·(2 + 2/N)/4n.
+    """
+    return float(np.sqrt((2 + 2 / patterns) / (4 * patterns * SIDE**2)))
+
+
+def _tiff(path: Path, values: NDArray[np.float64]) -> Path:
+    tifffile.imwrite(path, values.astype(np.float32))
+    return path
+
+
+def _measured(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, object]:
+    assert cli.main(["contrast", *arguments, "--json"]) == 0
+    return dict(json.loads(capsys.readouterr().out))
+
+
+def _whole() -> tuple[str, str]:
+    return "--region", f"0,0,{SIDE},{SIDE}"
+
+
+@pytest.mark.parametrize("patterns", [1, 2, 8])
+def test_n_patterns_have_contrast_one_over_root_n(
+    patterns: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = _measured(capsys, str(_tiff(tmp_path / "a.tiff", _speckle(patterns))), *_whole())
+    assert found["contrast"] == pytest.approx(patterns**-0.5, abs=SIGMAS * _scatter(patterns))
+    assert found["independent_patterns"] == pytest.approx(patterns, rel=2 * SIGMAS * _scatter(patterns) * patterns**0.5)
+    assert found["pixels"] == SIDE**2
+    assert found["mean"] == pytest.approx(1, abs=SIGMAS / SIDE)
+
+
+def test_a_png_holds_a_signal_unless_it_is_said_to_hold_intensity(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """16 bits, the brightest 1e-4 of an exponential law cut off at 9.2 means, which lowers the contrast by 0.2 %."""
+    linear = np.clip(_speckle(1) / -np.log(1e-4), 0, 1)
+    signal = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    for name, values, options in (("linear", linear, ("--linear",)), ("signal", signal, ())):
+        Image.fromarray(np.round(values * 65535).astype(np.uint16)).save(tmp_path / f"{name}.png")
+        found = _measured(capsys, str(tmp_path / f"{name}.png"), *_whole(), *options)
+        assert found["contrast"] == pytest.approx(1, abs=SIGMAS * _scatter(1) + 0.003)
+        assert 0 < float(str(found["clipped"])) < 3e-4
+
+
+def test_saturation_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    values = np.clip(np.round(_speckle(1) * 100), 0, 255).astype(np.uint8)
+    Image.fromarray(values).save(tmp_path / "a.png")
+    assert cli.main(["contrast", str(tmp_path / "a.png"), "--linear"]) == 0
+    share = np.mean(values == 255)
+    assert f"{share:.2%} of the picture is saturated: its contrast comes out too low" in capsys.readouterr().out
+
+
+def test_a_flat_picture_has_no_speckle(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Image.fromarray(np.full((16, 16, 3), 128, np.uint8)).save(tmp_path / "flat.png")
+    plot = tmp_path / "plot.png"
+    assert cli.main(["contrast", str(tmp_path / "flat.png"), "--plot", str(plot)]) == 0
+    assert "speckle contrast 0.0000 (no speckle at all)" in capsys.readouterr().out
+    with Image.open(plot) as drawn:
+        assert drawn.size == (960, 600)
+
+
+def test_a_preset_s_random_speckle(capsys: pytest.CaptureFixture[str]) -> None:
+    changes = ("--set", "shape=[48,64]", "--set", "propagation=periodic", "--set", "wavelengths=550 nm")
+    found = _measured(capsys, "simultaneous", *changes, "--set", "amplitudes=white", "--plane", "10 mm")
+    assert 0.7 < float(str(found["contrast"])) < 1.3
+    assert "random patterns of seed 0" in str(found["what"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["missing.png"], "missing.png"),
+        (["bad.png"], "bad.png"),
+        (["a.tiff", "--region", "0,0,10"], '--region: "0,0,10"; expected x,y,width,height'),
+        (["a.tiff", "--region", "250,0,10,10"], "inside the image of 256 × 256 pixels"),
+        (["a.tiff", "--plane", "1 mm"], "with a picture"),
+        (["a.tiff", "--plot", "a.jpg"], ".png"),
+        (["dark.png"], "larger or brighter region"),
+        (["no-such-preset"], "no-such-preset"),
+    ],
+)
+def test_mistakes_are_named(
+    arguments: list[str],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    _tiff(tmp_path / "a.tiff", _speckle(1))
+    (tmp_path / "bad.png").write_bytes(b"no picture")
+    Image.fromarray(np.zeros((16, 16), np.uint8)).save(tmp_path / "dark.png")
+    assert cli.main(["contrast", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+
+
+def test_the_list_of_studies(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["study", "--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == sorted(registry())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "which one?"),
+        (["shemes"], 'study "shemes": unknown'),
+        (["schemes", "--workers", "x"], '--workers: "x"; expected a number of processes from 1'),
+        (["schemes", "--workers", "0"], '--workers: "0"'),
+        (["schemes", "--workers", "2", "--scheduler", "tcp://a:1"], "contradict each other"),
+        (["schemes", "--quick", "--full"], "not allowed with"),
+    ],
+)
+def test_mistakes_in_study_are_named(
+    arguments: list[str],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["study", *arguments]) == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

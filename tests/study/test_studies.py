@@ -1,0 +1,107 @@
+"""Every study at a tiny size: its jobs run, something is found, and the report holds all of it."""
+
+from __future__ import annotations
+
+import csv
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from holoview.files import data_dir
+from holoview.study import scale, work
+from holoview.study.claims import DIRECTION, FAILS, LARGER, REPRODUCES, SHOWN, verdict_of
+from holoview.study.registry import registry
+from holoview.study.report import claims_table, write_report
+from holoview.study.runner import run_jobs
+from holoview.study.store import Store
+from holoview.study.study import Findings
+
+TINY = scale.Scale("tiny", (16, 16), 2, 1, ("still-life",), 2)
+VERDICTS = {REPRODUCES, LARGER, DIRECTION, FAILS, SHOWN}
+VOID = {"meta", "img", "br", "link", "input", "hr"}
+PICTURED = {"schemes", "wavelength-count", "multisource", "gamut", "defocus", "contrast"}
+
+
+class _Page(HTMLParser):
+    """Tags that are open, what each table holds, and every address that the page names."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.addresses: list[str] = []
+        self.tables: list[list[int]] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.addresses += [value or "" for key, value in attrs if key in ("src", "href", "srcset", "action")]
+        if tag == "img":
+            assert dict(attrs)["alt"]
+        if tag == "table":
+            self.tables.append([])
+        if tag == "tr":
+            self.tables[-1].append(0)
+        if tag in ("td", "th"):
+            self.tables[-1][-1] += 1
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="module")
+def small_assets(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The shipped scene, small: reading it takes most of the time otherwise."""
+    folder = tmp_path_factory.mktemp("assets")
+    for name in ("still-life", "still-life-depth"):
+        with Image.open(data_dir("assets") / f"{name}.png") as picture:
+            picture.resize((64, 48), Image.Resampling.NEAREST).save(folder / f"{name}.png")
+    return folder
+
+
+@pytest.mark.parametrize("name", sorted(registry()))
+def test_a_study_runs_and_reports(
+    name: str, small_assets: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scale, "_SMALLEST", TINY.shape)
+    monkeypatch.setattr(work, "data_dir", lambda kind: small_assets)
+    study = registry()[name]
+    jobs = study.jobs(TINY, 0)
+    assert len({job.label for job in jobs}) == len(jobs)
+    assert all(job.study == name and job.revision == study.revision for job in jobs)
+    findings = study.findings(run_jobs(study, jobs, Store(tmp_path / "jobs")))
+    assert findings.rows and findings.claims and findings.plots
+    assert bool(findings.pictures) == (name in PICTURED)
+    assert {claim.verdict for claim in findings.claims} <= VERDICTS
+    assert all((claim.verdict == SHOWN) == (claim.paper == "") for claim in findings.claims)
+    assert len(claims_table(findings.claims)) == len(findings.claims) + 1
+    _check_report(write_report(tmp_path, study, TINY, 0, findings), findings)
+
+
+def _check_report(path: Path, findings: Findings) -> None:
+    text, page = path.read_text(encoding="utf-8"), _Page()
+    page.feed(text)
+    page.close()
+    assert page.open == []
+    assert len(page.addresses) == len(findings.plots) + len(findings.pictures)
+    assert all(address.startswith("data:image/png;base64,") for address in page.addresses)
+    assert not re.search(r"https?:|url\(|@import|<script", text)
+    columns = len(findings.rows[0])
+    assert page.tables == [[4] * (len(findings.claims) + 1), [columns] * (len(findings.rows) + 1)]
+    with (path.parent / "numbers.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    wanted = [{key: "" if value is None else str(value) for key, value in row.items()} for row in findings.rows]
+    assert rows == wanted
+    figures = {f"{plot.name}.{kind}" for plot in findings.plots for kind in ("png", "pdf")}
+    pictures = {f"{picture.name}.png" for picture in findings.pictures}
+    assert figures | pictures <= {file.name for file in path.parent.iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("found", "verdict"),
+    [(4.0, REPRODUCES), (3.0, REPRODUCES), (7.0, LARGER), (2.9, DIRECTION), (0.3, FAILS), (-1.0, FAILS)],
+)
+def test_a_gain_of_4_db_reproduces_from_three_quarters_to_half_as_much_again(found: float, verdict: str) -> None:
+    assert verdict_of(found, 4.0) == verdict
