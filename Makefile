@@ -23,6 +23,7 @@ demo: .venv/holoview.stamp
 
 test: lint
 	@bash .ci/adapter
+	@bash .ci/window
 	$(BIN)/python -m pytest
 
 lint: .venv/holoview.stamp

@@ -14,6 +14,7 @@ from holoview.system import System
 
 _PRESET = "holochrome-8"
 _SIZES = (320, 16384)
+_REMEDY = "install the library that is missing; on Debian and Ubuntu: apt-get install libx11-6 libxext6"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -46,8 +47,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _open(args: argparse.Namespace, system: System, names: list[str], size: tuple[int, int], script: str) -> None:
-    from holoview.app.no_adapter import show_page
-    from holoview.app.run import in_browser, off_screen, on_screen
+    try:
+        from holoview.app.no_adapter import show_page
+        from holoview.app.run import in_browser, off_screen, on_screen
+    except ImportError as error:  # of a library of the system's: ImGui itself came with holoview
+        raise UserError("view", f"its window can't be drawn: {error}", remedy=_REMEDY) from error
     from holoview.app.serve import Address
     from holoview.gpu.device import open_device
     from holoview.session.autosave import Store
