@@ -12,7 +12,7 @@ from holoview.app.panels.image import ImagePanel
 from holoview.app.readout import describe_pixel
 from holoview.session.look import NOW, Look, Side
 from holoview.session.palettes import palette
-from holoview.session.tone import pixels
+from holoview.session.tone import compared, pixels
 
 pytestmark = pytest.mark.gpu
 
@@ -176,6 +176,7 @@ def test_a_difference_acts_on_exposed_channels(pinned: Any) -> None:
     difference = np.abs(xyz_to_linear_srgb(a - b)) * 2.0**look.exposure_stops
     expected = np.rint(255 * srgb_encode(np.clip(difference, 0, 1)))
     assert np.abs(_shown(pinned)[0] - expected).max() <= LEVEL
+    assert np.abs(compared(a, b, look) - expected).max() <= LEVEL, "and so it is saved"
 
 
 def test_side_by_side_shows_the_same_part_of_both(pinned: Any) -> None:
