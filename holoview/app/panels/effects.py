@@ -68,7 +68,7 @@ class EffectsPanel(Panel):
 
     def _found(self, effects: Iterable[Effect]) -> list[Effect]:
         words = self._words.lower().split()
-        return [one for one in effects if all(word in f"{_name(one)} {one.cause}".lower() for word in words)]
+        return [one for one in effects if all(word in f"{_name(one)} {one.id} {one.cause}".lower() for word in words)]
 
     def _draw_effect(self, app: App, one: Effect) -> None:
         values = app.session.system.effect_values.get(one.id)
