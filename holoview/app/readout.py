@@ -20,11 +20,21 @@ def draw_readout(app: App, place: tuple[float, float] | None) -> None:
     """place: shares (x, y) of the image under the pointer, None elsewhere."""
     look, shape = app.session.look, app.session.state.shape
     if place is None or look.page in DERIVED:
-        imgui.text_disabled(_idle_text(app))
+        imgui.push_style_color(imgui.Col_.text, imgui.get_style_color_vec4(imgui.Col_.text_disabled))
+        imgui.text_wrapped(_idle_text(app))
+        imgui.pop_style_color()
         return
-    imgui.text(describe_pixel(app, int(place[0] * shape[1]), int(place[1] * shape[0])))
+    imgui.text_wrapped(describe_pixel(app, int(place[0] * shape[1]), int(place[1] * shape[0])))
     app.mark("readout")
     tip("Linear sRGB and XYZ at this sample; 1 is white. Intensities are those of the lasers, in the table's order.")
+
+
+def readout_height(app: App, width: float) -> float:
+    """Room for the values in a panel so wide, whether they are shown or not: the image mustn't jump."""
+    rows, columns = app.session.state.shape
+    three, lasers = "0.000  0.000  0.000", " ".join(["0.00"] * len(app.session.system.wavelengths_m))
+    text = f"x {columns}  y {rows}   RGB {three}   XYZ {three}   I {lasers}"
+    return imgui.calc_text_size(text, wrap_width=width).y + imgui.get_style().item_spacing.y
 
 
 def describe_pixel(app: App, x: int, y: int) -> str:

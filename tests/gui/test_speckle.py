@@ -32,7 +32,7 @@ def _drag(gui: Any, start: tuple[float, float], end: tuple[float, float]) -> Non
 def test_a_region_is_drawn_on_the_image_and_its_figures_follow(gui: Any) -> None:
     whole = gui.app.live.figures.region
     assert whole.contrast == pytest.approx(measure_region(gui.app.sides.xyz(NOW), gui.session.state.region).contrast)
-    gui.engine(lambda ctx: ctx.item_click("Speckle/Draw region"))
+    gui.engine(lambda ctx: ctx.item_click("Speckle/Region"))
     assert gui.app.tool == "region"
     _drag(gui, (0.4, 0.4), (0.6, 0.6))
     region = gui.session.look.region

@@ -24,7 +24,7 @@ _PLACES = {
     "modulator 2": "Modulators",
     "relay 1": "Relay 1",
     "relay 2": "Relay 2",
-    "camera": "Camera (measurements only: an eye looks through none)",
+    "camera": "Camera (in captures only)",
 }
 Table = dict[str, dict[str, float]]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from holoview.app.contact import Contact
 from holoview.app.panel import Panel
 from holoview.app.panels.focus import FocusPanel
-from holoview.app.readout import draw_readout
+from holoview.app.readout import draw_readout, readout_height
 from holoview.app.viewport import Frame, Picture, Viewport, fitting_zoom, frame_of
 from holoview.session.look import DERIVED, TARGET, Look, side_of
 
@@ -57,7 +57,7 @@ class ImagePanel(Panel):
     def draw(self, app: App) -> None:
         look = app.session.look
         room = imgui.get_content_region_avail()
-        footer = imgui.get_text_line_height_with_spacing() + 4
+        footer = readout_height(app, room.x) + 4
         size = (max(int(room.x), 16), max(int(room.y - footer), 16))
         corner = imgui.get_cursor_screen_pos()
         corner = imgui.ImVec2(float(round(corner.x)), float(round(corner.y)))
