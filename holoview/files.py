@@ -50,6 +50,20 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def to_disk(path: Path) -> None:
+    """Waits until a file, or the names in a folder, would survive a loss of power; where the platform can't, no."""
+    try:
+        handle = os.open(path, os.O_RDONLY)
+    except OSError:  # folders of Windows
+        return
+    try:
+        os.fsync(handle)
+    except OSError:  # some network file systems
+        pass
+    finally:
+        os.close(handle)
+
+
 def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)

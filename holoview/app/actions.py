@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from holoview.view import random_drive
+
 if TYPE_CHECKING:
     from holoview.app.app import App
 
@@ -19,9 +21,18 @@ def add_actions(app: App) -> None:
         "Ctrl+Shift+Z Ctrl+Y",
         is_possible=lambda: session.can_redo,
     )
+    add(
+        "Random patterns", lambda: _randomise(app), "Edit", help="Others each time: another speckle on every modulator."
+    )
     add("Quit", app.quit, "File", "Ctrl+Q", "All is saved as it is, and offered at the next start.")
     add("Keys", lambda: app.help.toggle("keys"), "Help", "? F1", "Every key and what it does.")
     add("Commands", lambda: app.help.toggle("palette"), "Help", "Ctrl+P Ctrl+Shift+P", "Type what you want to do.")
+
+
+def _randomise(app: App) -> None:
+    session = app.session
+    seed = len(session.history)
+    session.edit("Random patterns", drive=random_drive(session.system, seed), origin="random patterns", path=None)
 
 
 def _say(app: App, done: str, label: str | None) -> None:

@@ -26,10 +26,11 @@ from holoview.app.window import Window
 from holoview.errors import UserError
 from holoview.gpu.device import Device
 from holoview.session.autosave import Store
+from holoview.session.changes import Change
 from holoview.session.live import Live
 from holoview.session.loading import Loader
 from holoview.session.look import NOW
-from holoview.session.session import Change, Session
+from holoview.session.session import Session
 
 Rect = tuple[float, float, float, float]
 P = TypeVar("P", bound=Panel)

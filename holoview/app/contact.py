@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from imgui_bundle import imgui
 
-from holoview.app.tiles import Tiles
+from holoview.app.tiles import NEAR_M, Tiles
 
 if TYPE_CHECKING:
     from holoview.app.app import App
@@ -23,14 +23,14 @@ class Contact:
 
     def draw(self, app: App, room: tuple[int, int]) -> float | None:
         """Draws the sheet; the plane that was clicked."""
-        planes, chosen = app.stack.planes_m, None
+        planes, here, chosen = app.stack.planes_m, app.session.look.plane_m, None
         columns, size = fitting_tiles(len(planes), room, app.session.state.shape)
         corner = imgui.get_cursor_pos()
         for number, plane_m in enumerate(planes):
             row, column = divmod(number, columns)
             place = imgui.ImVec2(corner.x + column * (size[0] + _GAP), corner.y + row * (size[1] + _GAP))
             imgui.set_cursor_pos(place)
-            if self._tiles.draw(plane_m, app.stack.pictures.get(plane_m), size, False):
+            if self._tiles.draw(plane_m, app.stack.pictures.get(plane_m), size, abs(plane_m - here) < NEAR_M):
                 chosen = plane_m
         imgui.set_cursor_pos(imgui.ImVec2(corner.x, corner.y + room[1]))
         imgui.dummy(imgui.ImVec2(0, 0))

@@ -9,10 +9,12 @@ from typing import Any
 from imgui_bundle import imgui
 
 from holoview import units
+from holoview.effects.parameter import Parameter
 from holoview.schema import Choice, Count, Number
 
 _SPAN = 3.0  # a slider reaches to so many times the value that "reset" gives back
 _WIDEST_RATIO = 1000.0
+_PRIORS = 5.0  # times what is common, to which an effect's slider reaches
 
 
 @dataclass(frozen=True)
@@ -30,16 +32,20 @@ def number_field(
 
     The slider covers `span` (SI), or what is near `reset`; exact entry takes all that the kind allows.
     """
-    scale = scale_of(kind)
     low, high = slider_range(kind, reset) if span is None else span
-    text = f"%.4g {kind.unit.replace('um', 'µm')}".strip()
-    changed, shown = imgui.slider_float(
-        name, value * scale, low * scale, high * scale, text, imgui.SliderFlags_.no_round_to_format
-    )
-    is_reset = _extras(f"{doc}\n{kind.range_text()}; right click: back to {kind_text(kind, reset)}")
-    if is_reset:
-        return Edited(reset, False)
-    return Edited(_rounded(shown) / scale, imgui.is_item_active()) if changed else None
+    note = f"{doc}\n{kind.range_text()}; right click: back to {kind_text(kind, reset)}"
+    return _slider(name, _Scale(kind.unit, scale_of(kind)), value, reset, (low, high), note)
+
+
+def parameter_field(parameter: Parameter, value: float) -> Edited | None:
+    """A slider for a parameter of an effect, over what is common; right click to its identity."""
+    p = parameter
+    kind = Number(p.shown if p.is_quantity else "", p.low, p.high)
+    reach = _PRIORS * p.prior
+    first, last, _ = p.scan or (p.identity, p.identity, 0.0)
+    low, high = max(p.low, min(p.identity - reach, first)), min(p.high, max(p.identity + reach, last))
+    note = f"{p.doc}\n{kind.range_text()}; right click: back to {p.text(p.identity)}, where it does nothing"
+    return _slider(p.name.replace("_", " "), _Scale(p.shown, scale_of(kind)), value, p.identity, (low, high), note)
 
 
 def count_field(name: str, kind: Count, value: int, reset: int, doc: str) -> Edited | None:
@@ -80,6 +86,27 @@ def slider_range(kind: Number, reset: float) -> tuple[float, float]:
     reach = _SPAN * abs(reset) or 10.0 / scale_of(kind)
     low = -reach if kind.low < 0 else 0.0
     return max(low, kind.low), min(reach, kind.high)
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """A unit, and what SI values are multiplied by to be shown in it."""
+
+    unit: str
+    factor: float
+
+
+def _slider(
+    name: str, scale: _Scale, value: float, reset: float, span: tuple[float, float], note: str
+) -> Edited | None:
+    low, high = (limit * scale.factor for limit in span)
+    text = f"%.4g {scale.unit.replace('um', 'µm')}".strip()
+    changed, shown = imgui.slider_float(
+        name, value * scale.factor, low, high, text, imgui.SliderFlags_.no_round_to_format
+    )
+    if _extras(note):
+        return Edited(reset, False)
+    return Edited(_rounded(shown) / scale.factor, imgui.is_item_active()) if changed else None
 
 
 def _rounded(shown: float) -> float:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from imgui_bundle import hello_imgui, imgui
 
 from holoview import preset
+from holoview.app.fields import tip
 from holoview.app.theme import THEMES
 
 if TYPE_CHECKING:
@@ -27,8 +28,7 @@ def draw_menus(app: App) -> None:
             keys = command.keys[0].text if command.keys else ""
             if imgui.menu_item(command.name, keys, False, command.is_possible())[0]:
                 app.attempt(command.action)
-            if command.help and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-                imgui.set_tooltip(command.help)
+            tip(command.help)
         imgui.end_menu()
     if imgui.begin_menu("Window"):
         _draw_windows(app)
@@ -43,9 +43,10 @@ def _draw_open(app: App) -> None:
         imgui.end_menu()
     recent = app.store.preferences.recent if app.store is not None else ()
     if imgui.begin_menu("Recent", bool(recent)):
-        for path in recent:
-            if imgui.menu_item(str(path), "", False)[0]:
+        for number, path in enumerate(recent, start=1):
+            if imgui.menu_item(f"{number} {path.name}", "", False)[0]:
                 app.attempt(app.loader.open, path)
+            tip(str(path))
         imgui.end_menu()
     imgui.separator()
 

@@ -9,7 +9,7 @@ from imgui_bundle import imgui
 from numpy.typing import NDArray
 
 from holoview.app.fields import tip
-from holoview.session.look import NOW
+from holoview.session.look import DERIVED, NOW, side_of
 from holoview.session.measure import pixel_at
 
 if TYPE_CHECKING:
@@ -19,18 +19,27 @@ if TYPE_CHECKING:
 def draw_readout(app: App, place: tuple[float, float] | None) -> None:
     """place: shares (x, y) of the image under the pointer, None elsewhere."""
     look, shape = app.session.look, app.session.state.shape
-    if place is None or look.page != "image":
-        imgui.text_disabled(_idle_text(app))
+    if place is None or look.page in DERIVED:
+        imgui.push_style_color(imgui.Col_.text, imgui.get_style_color_vec4(imgui.Col_.text_disabled))
+        imgui.text_wrapped(_idle_text(app))
+        imgui.pop_style_color()
         return
-    imgui.text(describe_pixel(app, int(place[0] * shape[1]), int(place[1] * shape[0])))
+    imgui.text_wrapped(describe_pixel(app, int(place[0] * shape[1]), int(place[1] * shape[0])))
     app.mark("readout")
     tip("Linear sRGB and XYZ at this sample; 1 is white. Intensities are those of the lasers, in the table's order.")
 
 
+def readout_height(app: App, width: float) -> float:
+    """Room for the values in a panel so wide, whether they are shown or not: the image mustn't jump."""
+    rows, columns = app.session.state.shape
+    three, lasers = "0.000  0.000  0.000", " ".join(["0.00"] * len(app.session.system.wavelengths_m))
+    text = f"x {columns}  y {rows}   RGB {three}   XYZ {three}   I {lasers}"
+    return imgui.calc_text_size(text, wrap_width=width).y + imgui.get_style().item_spacing.y
+
+
 def describe_pixel(app: App, x: int, y: int) -> str:
     """The values at a sample, in a line."""
-    look = app.session.look
-    side = look.a if look.compare != "off" else NOW
+    side = side_of(app.session.look)
     xyz = app.sides.xyz(side)
     values = None if xyz is None else pixel_at(x, y, xyz, app.sides.now.intensities() if side == NOW else None)
     if values is None:
@@ -49,6 +58,8 @@ def _idle_text(app: App) -> str:
     rows, columns = app.session.state.shape
     if app.session.look.page == "spectrum":
         return "the eyebox: light by direction, up to ±λ/(2·pitch)"
+    if app.session.look.page == "target":
+        return "what the hologram should show here" + (f": {app.session.wanted.title}" if app.session.wanted else "")
     if app.session.look.page == "phase":
         return "phase at the laser in the middle of the spectrum; a turn of hue is a wave"
     return f"{columns} × {rows} samples   {app.session.state.origin}"

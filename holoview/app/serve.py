@@ -24,6 +24,7 @@ Receive = Callable[[], Awaitable[Any]]
 Send = Callable[[Any], Awaitable[None]]
 Application = Callable[[Scope, Receive, Send], Awaitable[None]]
 
+_EVERYWHERE = ("0.0.0.0", "::")  # addresses to listen at, which nobody can open
 _POLICY_VIOLATION = 1008  # RFC 6455, 7.4.1
 _PAGE = b"""<!DOCTYPE html>
 <html lang="en">
@@ -68,6 +69,22 @@ class Address:
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:
             return self.host == "localhost"
+
+    @property
+    def warning(self) -> str:
+        """What whoever serves to other machines has to know; empty for this machine alone."""
+        if self.is_loopback:
+            return ""
+        return (
+            f"warning: {self.host} can be reached from other machines, and the connection is not encrypted. Whoever "
+            "listens on the network can read the token and all that is shown, and can then open and write files as "
+            f"you. Safer: --serve 127.0.0.1:{self.port}, and from there ssh -L {self.port}:127.0.0.1:{self.port} HOST"
+        )
+
+    def url(self, port: int, token: str) -> str:
+        """What to open in a browser, once a port is known."""
+        host = socket.gethostname() if self.host in _EVERYWHERE else self.host
+        return f"http://{f'[{host}]' if ':' in host else host}:{port}/?token={token}"
 
 
 class Guard:
@@ -121,7 +138,9 @@ def serve(
     is_over: Callable[[], bool] = lambda: False,
     token: str | None = None,
 ) -> None:
-    """Serves the canvas of `rendercanvas.http` until it is interrupted or `is_over`; `began` is told the address.
+    """Serves the canvas of `rendercanvas.http` until it is interrupted or `is_over`.
+
+    `began` is told the address, and before it, what to beware of where other machines can reach it.
 
     Raises UserError where the libraries for it are missing or the address can't be had.
     """
@@ -138,8 +157,9 @@ def serve(
             server.should_exit = server.should_exit or is_over()
 
         config.callback_notify = look
-        host = f"[{address.host}]" if ":" in address.host else address.host
-        began(f"http://{host}:{port}/?token={token}")
+        if address.warning:
+            began(address.warning)
+        began(address.url(port, token))
         with suppress(KeyboardInterrupt):
             server.run(sockets=[listener])
 

@@ -10,7 +10,7 @@ from holoview.app.viewport import Picture
 from holoview.colour import SRGB_TO_XYZ
 from holoview.gpu.device import Device
 from holoview.session.look import NOW, TARGET, Side
-from holoview.session.session import Scene as SessionScene
+from holoview.session.scene import Scene as SessionScene
 from holoview.session.session import Session
 
 _MOST_OTHERS = 2  # feeds besides "now": the memory of a device isn't endless

@@ -16,8 +16,11 @@ ERROR = imgui.ImVec4(1.0, 0.45, 0.40, 1.0)
 
 
 def load_fonts() -> None:
-    """Roboto, which has the Greek letters and signs that optics needs."""
+    """Roboto, which has the Greek letters and signs that optics needs; another font has its arrows and indices."""
     hello_imgui.load_font("fonts/Roboto/Roboto-Regular.ttf", FONT_PIXELS)
+    rest = hello_imgui.FontLoadingParams()
+    rest.merge_to_last_font = True
+    hello_imgui.load_font("fonts/Inconsolata-Medium.ttf", FONT_PIXELS, rest)
 
 
 def apply(name: str) -> None:

@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING
 
 from imgui_bundle import imgui
 
-from holoview.app.tiles import Tiles, tile_size
+from holoview.app.tiles import NEAR_M, Tiles, tile_size
 
 if TYPE_CHECKING:
     from holoview.app.app import App
-
-_NEAR_M = 1e-9
 
 
 class Thumbnails:
@@ -32,7 +30,7 @@ class Thumbnails:
             size = tile_size(app.session.state.shape, height - imgui.get_style().scrollbar_size)
         imgui.begin_child("strip", imgui.ImVec2(0, 0), 0, imgui.WindowFlags_.horizontal_scrollbar)
         for plane_m in planes:
-            is_here = abs(plane_m - app.session.look.plane_m) < _NEAR_M
+            is_here = abs(plane_m - app.session.look.plane_m) < NEAR_M
             if self._tiles.draw(plane_m, app.stack.pictures.get(plane_m), size, is_here):
                 chosen = plane_m
             imgui.same_line()

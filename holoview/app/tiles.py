@@ -13,6 +13,8 @@ from holoview.session.look import Look
 if TYPE_CHECKING:
     from holoview.app.app import App
 
+NEAR_M = 1e-9
+"""Planes so close are the same."""
 _CHOSEN = imgui.IM_COL32(80, 160, 245, 255)
 _EMPTY = imgui.IM_COL32(20, 20, 22, 255)
 _GROUND, _INK = imgui.IM_COL32(0, 0, 0, 160), imgui.IM_COL32(255, 255, 255, 255)

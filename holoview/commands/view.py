@@ -55,7 +55,8 @@ def _open(args: argparse.Namespace, system: System, names: list[str], size: tupl
     from holoview.app.serve import Address
     from holoview.gpu.device import open_device
     from holoview.session.autosave import Store
-    from holoview.session.session import Session
+    from holoview.session.look import SPECKLE_STOPS, Look
+    from holoview.session.session import Session, middle_plane
 
     address = None if args.serve is None else Address.parse(args.serve)
     try:
@@ -64,13 +65,15 @@ def _open(args: argparse.Namespace, system: System, names: list[str], size: tupl
         if not args.offscreen and address is None and args.adapter is None:
             show_page(error)
         raise
+    look = Look(plane_m=middle_plane(system), exposure_stops=SPECKLE_STOPS)
+    begun = Session(system, look=look)
     if args.offscreen:
-        off_screen(Session(system), device, size, script, str(args.script or "script"), args.screenshot, names)
+        off_screen(begun, device, size, script, str(args.script or "script"), args.screenshot, names)
         return
     store = Store()
     is_fresh = args.new or args.names or args.changes or args.scheme
     last = None if is_fresh else store.last()
-    session = Session(system) if last is None else last.restore()
+    session = begun if last is None else last.restore()
     if address is not None:
         in_browser(session, device, store, address, say, size, names)
     else:

@@ -91,15 +91,19 @@ class Switched:
 
     def _check(self, system: System) -> None:
         """UserError where the bench lacks what an effect changes."""
-        facts = Facts(
-            wavelengths=len(system.wavelengths_m),
-            planes=len(system.planes_m),
-            powers=2,  # whatever is set later
-            modulators=len(system.modulators),
-            irises=(system.relay1.iris_na is not None, system.relay2.iris_na is not None),
-            is_fourier=False,
-        )
         for one, _ in self.on:
-            needs = dataclasses.replace(one.needs, wavelengths=1, planes=1)
-            if missing := needs.missing(facts):
+            if missing := unmet(one, system):
                 raise UserError(f"effects.{one.id}", missing, remedy="switch it off, or describe what it acts on")
+
+
+def unmet(one: Effect, system: System) -> str:
+    """Why an effect can't be switched on for a bench, in words; empty where it can."""
+    facts = Facts(
+        wavelengths=len(system.wavelengths_m),
+        planes=len(system.planes_m),
+        powers=2,  # whatever is set later
+        modulators=len(system.modulators),
+        irises=(system.relay1.iris_na is not None, system.relay2.iris_na is not None),
+        is_fourier=False,
+    )
+    return dataclasses.replace(one.needs, wavelengths=1, planes=1).missing(facts)

@@ -17,25 +17,23 @@ What the memory budget has no room for is computed again when it is needed.
 
 from __future__ import annotations
 
-import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.engine.display import Display
-from holoview.engine.fused import Span, spans_of
+from holoview.engine.fused import Span
 from holoview.engine.inputs import Identity
 from holoview.engine.kernels import Kernels
 from holoview.engine.pace import Pace
 from holoview.engine.results import Results, Settings, is_clear
+from holoview.engine.work import Job, Submitter, exposures, work_left
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.lines import Strategy
-from holoview.gpu.recorder import Recorder, Score
 from holoview.gpu.timer import Timer
 from holoview.plan import Plan, make_plan
 from holoview.system import System
@@ -43,9 +41,6 @@ from holoview.system import System
 if TYPE_CHECKING:
     from holoview.optics.slots import Slots
 
-Job = Callable[[Recorder], None]
-
-_MOST_DISPATCHES = 256.0  # in a slice
 BUDGET_BYTES = 2**30
 """Device memory for results that are kept, unless another budget is given."""
 
@@ -89,8 +84,7 @@ class FrameSession:
         self.device = device
         self._settings, self._half = Settings(budget_bytes, together), half
         self._drive, self._generation = drive, 0
-        self._dispatches = 1.0
-        self.timer: Timer | None = None
+        self._submitter = Submitter(device)
         self.plane_m = float(system.planes_m[0]) if plane_m is None else plane_m
         self.exposure_stops = exposure_stops
         self._plan = make_plan(system, [*system.planes_m, self.plane_m])
@@ -134,6 +128,15 @@ class FrameSession:
     def traffic_bytes(self) -> int:
         """Bytes that the kernels read and write for a wavelength of a frame and a source, up to its intensity."""
         return self._results.frame.traffic_bytes
+
+    @property
+    def timer(self) -> Timer | None:
+        """Takes the time of all dispatches on the device, where one is set."""
+        return self._submitter.timer
+
+    @timer.setter
+    def timer(self, timer: Timer | None) -> None:
+        self._submitter.timer = timer
 
     @property
     def strategy(self) -> Strategy:
@@ -199,12 +202,12 @@ class FrameSession:
         computed: what it has done stays, and the next one goes on from there.
         """
         self._generation += 1
-        generation, work = self._generation, self._work(picture)
+        generation, work = self._generation, self._left(picture)
         for done, job in enumerate(work, start=1):
             if slice_s is None:
-                self._submit(job, wait)
+                self._submitter.submit(job, wait=wait)
             else:
-                for _ in self._cut(job, slice_s):
+                for _ in self._submitter.slices(job, slice_s):
                     yield Step(done - 1, len(work))
                     if generation != self._generation:
                         return
@@ -214,7 +217,7 @@ class FrameSession:
 
     def pending(self, *, picture: bool = True) -> int:
         """How many submissions are left to do."""
-        return len(self._work(picture))
+        return len(self._left(picture))
 
     def stack(self, planes_m: Sequence[float]) -> NDArray[np.float32]:
         """XYZ (plane, y, x, 3) at several planes, sharing all up to the second rows; the session's plane stays."""
@@ -243,12 +246,16 @@ class FrameSession:
             lit = (frame, wavelength)
             if not self._results.is_fresh(lit):
                 self._generation += 1
-                for span in self._sources(Span(frame, 0, wavelength)):
-                    self._submit(partial(self._results.expose, span))
+                for job in exposures(self._results, self._plan, Span(frame, 0, wavelength)):
+                    self._submitter.submit(job)
             total += np.float32(self._plan.weights[lit]) * self._results.intensity(lit)
         return total
 
     # --- what has to be done ----------------------------------------------------------------------------------------
+
+    def _left(self, picture: bool) -> list[Job]:
+        """What has to be submitted, in order."""
+        return work_left(self._results, self._plan, self.exposure_stops, picture=picture)
 
     def _warmed_up(self, plan: Plan) -> Kernels:
         """The shaders for the grid of a plan, which are being compiled."""
@@ -268,50 +275,6 @@ class FrameSession:
             return False
         self._results.use_strategy(strategy)
         return True
-
-    def _work(self, picture: bool) -> list[Job]:
-        """What has to be submitted, in order: intensities that stay, their blend, those that don't, the picture."""
-        results, plan = self._results, self._plan
-        lit = [(int(f), int(w)) for f, w in np.argwhere(plan.weights > 0)]
-        weights = {key: plan.weights[key] * plan.colour_weights[key[1]] for key in lit}
-        seen_of = tuple((results.identity(key), weights[key].tobytes()) for key in lit)
-        work: list[Job] = []
-        together = results.frame.together
-        for run in spans_of([key for key in lit if results.is_housed(key) and not results.is_fresh(key)], together):
-            work += [partial(results.expose, span) for span in self._sources(run)]
-        if results.seen_of != seen_of:
-            homeless = spans_of([key for key in lit if not results.is_housed(key)], together)
-            work.append(partial(results.blend, weights, None if homeless else seen_of))
-            for run in homeless:
-                work += [partial(results.expose, span) for span in self._sources(run)]
-                work.append(partial(results.add, run, weights, seen_of if run is homeless[-1] else None))
-        picture_of = (seen_of, self.exposure_stops)
-        if picture and results.picture_of != picture_of:
-            work.append(partial(results.show, self.exposure_stops, picture_of))
-        return work
-
-    def _sources(self, run: Span) -> list[Span]:
-        return [replace(run, source=source) for source in range(len(self._plan.slopes))]
-
-    def _cut(self, job: Job, slice_s: float) -> Iterator[None]:
-        """Submits a job in slices, as many dispatches at a time as took about `slice_s` so far; yields between them."""
-        score = Score(self.device, "frame", self.timer)
-        job(score)
-        while True:
-            count, begun = max(min(round(self._dispatches), score.left), 1), time.perf_counter()
-            score.play(count, wait=True)
-            spent = max(time.perf_counter() - begun, 1e-6)
-            self._dispatches = min(
-                max(count * slice_s / spent, self._dispatches / 2), 2 * self._dispatches, _MOST_DISPATCHES
-            )
-            if score.left == 0:
-                return
-            yield
-
-    def _submit(self, job: Job, wait: bool = False) -> None:
-        recorder = Recorder(self.device, "frame", self.timer)
-        job(recorder)
-        recorder.submit(wait=wait)
 
 
 def _make_slots(plan: Plan, drive: Any) -> Slots:

@@ -1,6 +1,7 @@
 """A session as a folder: session.json names objects/*.safetensors by their content, so that steps share patterns.
 
-Objects are written first, then session.json in one rename: whenever the program dies, the folder holds a whole session.
+Objects are written first, then session.json in one rename, each to the disk: whenever the program dies, or a driver
+takes the machine with it, the folder holds a whole session.
 Nothing is pickled; what can't be read back is left out and told.
 """
 
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from holoview import preset
 from holoview.errors import UserError
-from holoview.files import replacing
+from holoview.files import replacing, to_disk
 from holoview.session.history import Step
 from holoview.session.look import Look, Side
 from holoview.session.state import State, frozen
@@ -82,12 +83,16 @@ class Archive:
         text = json.dumps(table)
         with replacing(self.folder / _FILE) as temporary:
             temporary.write_text(text, encoding="utf-8")
+            to_disk(temporary)
+        to_disk(self.folder)
         for path in self._objects.glob("*.safetensors"):
             if path.stem not in text:
                 path.unlink(missing_ok=True)
 
     def _written(self, state: State, systems: dict[str, str], targets: dict[str, Any]) -> dict[str, Any]:
-        toml = self._systems.setdefault(state.system, preset.dumps(state.system))
+        if state.system not in self._systems:
+            self._systems[state.system] = preset.dumps(state.system)
+        toml = self._systems[state.system]
         key = hashlib.sha256(toml.encode()).hexdigest()[:16]
         systems[key] = toml
         wanted = None
@@ -121,6 +126,8 @@ class Archive:
         path = self._objects / f"{known[1]}.safetensors"
         if not path.is_file():
             _ARRAY.write(path, {"array": array}, {})
+            to_disk(path)
+            to_disk(self._objects)
         return known[1]
 
 

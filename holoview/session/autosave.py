@@ -20,9 +20,10 @@ import psutil
 
 from holoview.errors import UserError
 from holoview.session.archive import Archive, Document, read_document, read_facts
+from holoview.session.changes import Change
 from holoview.session.folder import Preferences, state_folder
 from holoview.session.history import History
-from holoview.session.session import Change, Session
+from holoview.session.session import Session
 from holoview.session.state import State
 
 DELAY_S = 0.4

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from holoview.errors import UserError
 from holoview.session.jobs import Control, Job
-from holoview.session.look import Look
+from holoview.session.look import SPECKLE_STOPS, Look
 from holoview.session.opening import Opened, open_any, pasted, pasted_file
 from holoview.session.optimising import quick_look, running
 from holoview.session.session import Session, middle_plane
@@ -73,7 +73,7 @@ class Loader:
             f"Open {opened.title}",
             system=system,
             drive=opened.drive,
-            look=_look_for(session.look, system),
+            look=_look_for(self._toned(opened), system),
             origin=f"{opened.kind} {opened.title}{random}",
             path=path,
         )
@@ -81,9 +81,16 @@ class Loader:
     def _aim(self, wanted: Wanted) -> None:
         """A new target; patterns stay unless a quick look may replace them."""
         session = self._session
-        session.edit(f"Target {wanted.title}", wanted=wanted)
+        session.edit(f"Target {wanted.title}", wanted=wanted, look=self._toned())
         if self.quick and running(session) is None:
             quick_look(session)
+
+    def _toned(self, opened: Opened | None = None) -> Look:
+        """The look, no longer as dark as random patterns need it once something else is shown."""
+        state = self._session.state
+        was_random = "random patterns" in state.origin and state.look.exposure_stops == SPECKLE_STOPS
+        stays = opened is not None and opened.kind == "preset"
+        return state.look.with_(exposure_stops=0.0) if was_random and not stays else state.look
 
     # --- a file that another program rewrites -----------------------------------------------------------------------
 

@@ -17,7 +17,11 @@ Line = tuple[float, float, float, float]
 CHANNELS = ("colour", "luminance", "R", "G", "B", "X", "Y", "Z", "L", "M", "S")
 FALSE_COLOURS = ("", "cubehelix", "hue")
 COMPARES = ("off", "hold", "wipe", "side-by-side", "difference")
-PAGES = ("image", "planes", "phase", "spectrum")
+PAGES = ("image", "planes", "phase", "spectrum", "target")
+DERIVED = ("phase", "spectrum")
+"""Pages of pictures that aren't the image of a side."""
+SPECKLE_STOPS = -1.5
+"""An exposure at which random patterns, which are as bright as white in the mean, show their speckle unclipped."""
 MOST_STOPS = 60.0  # 2^60 is past anything to see, and its square still far inside a float64
 _KINDS = ("now", "target", "snapshot", "preset")
 
@@ -127,6 +131,13 @@ class Look:
             frame=min(self.frame, frames - 1),
             modulator=min(self.modulator, modulators - 1),
         )
+
+
+def side_of(look: Look) -> Side:
+    """The side that is shown where a single one is: A of a comparison, else the hologram, or its target."""
+    if look.page == "target":
+        return TARGET
+    return NOW if look.compare == "off" or look.page != "image" else look.a
 
 
 def _clipped(region: Region | None, shape: tuple[int, int]) -> Region | None:

@@ -8,43 +8,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from queue import Empty, SimpleQueue
+from dataclasses import replace
 from time import monotonic, sleep, time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview import preset
 from holoview.errors import UserError
+from holoview.session.changes import KINDS, Change, Listeners, kinds_between
 from holoview.session.history import History, Step
+from holoview.session.inbox import Inbox
 from holoview.session.jobs import Jobs
 from holoview.session.look import Look, Side
 from holoview.session.messages import Messages
+from holoview.session.scene import Scene, scene_of
 from holoview.session.state import Drive, State, is_same
 from holoview.session.wanted import Targets, Wanted
 from holoview.system import System
 from holoview.view import random_drive
 
-KINDS = ("system", "drive", "look", "target", "jobs", "messages", "snapshots", "history")
 _STAYS = ("zoom", "centre")
 """Fields of the look that undo leaves alone."""
-
-
-@dataclass(frozen=True)
-class Change:
-    """What listeners are told: which of KINDS may have changed."""
-
-    kinds: frozenset[str]
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """What has to be rendered for a side of a comparison."""
-
-    system: System
-    drive: Drive
 
 
 class Session:
@@ -83,8 +68,7 @@ class Session:
     def _begin(self, history: History, snapshots: Mapping[str, State], wake: Callable[[], None]) -> None:
         self.wake, self.version = wake, 0
         self._history, self._snapshots = history, dict(snapshots)
-        self._delivered: SimpleQueue[Callable[[], None]] = SimpleQueue()
-        self._listeners: list[Callable[[Change], None]] = []
+        self._inbox, self._listeners = Inbox(), Listeners()
         self._preview: tuple[State, State] | None = None
         self.messages = Messages(lambda: self._tell("messages"))
         self.jobs = Jobs(self.deliver, self._wake, self.messages.post_error)
@@ -152,7 +136,7 @@ class Session:
             self._history.add(label, after, merge)
         else:
             self._history.amend(after)
-        self._tell(*_changed(before, after), "history")
+        self._tell(*kinds_between(before, after), "history")
 
     def change(self, label: str, changes: Mapping[str, Any], merge: Hashable = None) -> None:
         """Edits keys of the bench as `System.edit` does, e.g. {"gap": 3e-3, "relay2.iris_na": 0.02}."""
@@ -209,7 +193,7 @@ class Session:
         self._history.go_to(position)
         stays = {key: getattr(before.look, key) for key in _STAYS}
         self._history.amend(replace(self.state, look=self.look.with_(**stays)))
-        self._tell(*_changed(before, self.state), "history")
+        self._tell(*kinds_between(before, self.state), "history")
 
     def adopt(self, history: History, snapshots: Mapping[str, State]) -> None:
         """Becomes a session that was saved; listeners stay, jobs are cancelled."""
@@ -250,20 +234,8 @@ class Session:
         self._tell("snapshots")
 
     def scene(self, side: Side) -> Scene | None:
-        """What to render for a side; None for the target, which isn't rendered, and for a snapshot that is gone.
-
-        Another preset is taken at this bench's pixel count, with random patterns, so that images lie over each other.
-        """
-        if side.kind == "now":
-            return Scene(self.shown.system, self.shown.drive)
-        if side.kind == "snapshot":
-            pinned = self._snapshots.get(side.name)
-            return None if pinned is None else Scene(pinned.lit_system, pinned.drive)
-        if side.kind == "preset":
-            sampling = {"shape": self.system.modulators[0].shape, "upsample": self.system.sampling.upsample}
-            system = preset.load(side.name).edit(sampling)
-            return Scene(system, random_drive(system))
-        return None
+        """What to render for a side: see `scene_of`."""
+        return scene_of(side, self.shown, self._snapshots)
 
     def target_at(self, plane_m: float | None = None) -> NDArray[np.float32] | None:
         """The target (y, x, 3) at a plane (that of the look), linear sRGB; None: none, or it is being built."""
@@ -273,16 +245,12 @@ class Session:
 
     def deliver(self, call: Callable[[], None]) -> None:
         """From any thread: has the owner make a call at its next poll."""
-        self._delivered.put(call)
+        self._inbox.put(call)
         self._wake()
 
     def poll(self) -> None:
         """Makes the calls that workers delivered. One that fails becomes a message; the rest are still made."""
-        while True:
-            try:
-                call = self._delivered.get_nowait()
-            except Empty:
-                return
+        for call in self._inbox.taken():
             with self.guard():
                 call()
             self._tell("jobs")
@@ -293,7 +261,7 @@ class Session:
         while monotonic() < until:
             self.poll()
             busy = [job for job in self.jobs.active if job.status == "running"]
-            if not busy and not self.targets.is_building and self._delivered.empty():
+            if not busy and not self.targets.is_building and self._inbox.is_empty:
                 return True
             sleep(0.01)
         return False
@@ -308,8 +276,7 @@ class Session:
 
     def listen(self, listener: Callable[[Change], None]) -> Callable[[], None]:
         """Calls `listener` on the owner's thread after every change; the returned function ends it."""
-        self._listeners.append(listener)
-        return lambda: self._listeners.remove(listener)
+        return self._listeners.add(listener)
 
     def close(self) -> None:
         """Ends jobs and threads."""
@@ -322,23 +289,9 @@ class Session:
     def _tell(self, *kinds: str) -> None:
         if kinds:
             self.version += 1
-        for listener in list(self._listeners):
-            listener(Change(frozenset(kinds)))
+        self._listeners.tell(*kinds)
 
 
 def middle_plane(system: System) -> float:
     """The focal plane that is looked at first."""
     return float(np.sort(system.planes_m)[len(system.planes_m) // 2])
-
-
-def _changed(before: State, after: State) -> list[str]:
-    kinds = []
-    if before.system != after.system:
-        kinds += ["system", "target"]
-    if before.drive is not after.drive or before.origin != after.origin or before.path != after.path:
-        kinds.append("drive")
-    if before.wanted is not after.wanted:
-        kinds.append("target")
-    if before.look != after.look:
-        kinds.append("look")
-    return kinds

@@ -31,8 +31,7 @@ def pixels(xyz: NDArray[np.floating], look: Look) -> NDArray[np.uint8]:
     """8-bit sRGB (y, x, 3) of XYZ (y, x, 3) as the look says."""
     matrix = channel_matrix(look.channel) * 2.0**look.exposure_stops
     values = (np.asarray(xyz, dtype=np.float32) @ matrix.T.astype(np.float32) - look.low) / (look.high - look.low)
-    codes = srgb_encode(np.clip(values, 0, 1)) ** (1 / look.gamma)
-    levels = np.rint(255 * codes).astype(np.uint8)
+    levels = _levels(values, look)
     if look.channel == "colour":
         return levels
     return palette(look.false_colour or "grey")[levels[..., 0]]
@@ -41,7 +40,7 @@ def pixels(xyz: NDArray[np.floating], look: Look) -> NDArray[np.uint8]:
 def compared(a: NDArray[np.floating], b: NDArray[np.floating] | None, look: Look) -> NDArray[np.uint8]:
     """8-bit sRGB of two sides, XYZ (y, x, 3) of equal shape, as the look compares them; of `a` alone without `b`.
 
-    A wipe shows `a` left of its line. A difference shows a − b around mid-grey, for a single channel from blue to red.
+    A wipe shows `a` left of its line. A difference shows |a − b|; for a single channel a − b from blue to red.
     """
     if look.compare == "off" or b is None or a.shape != b.shape:
         return pixels(a, look)
@@ -57,7 +56,14 @@ def compared(a: NDArray[np.floating], b: NDArray[np.floating] | None, look: Look
 
 
 def _difference(a: NDArray[np.floating], b: NDArray[np.floating], look: Look) -> NDArray[np.uint8]:
-    matrix = channel_matrix(look.channel) * 2.0**look.exposure_stops
-    shares = np.clip(0.5 + 0.5 * ((np.asarray(a, dtype=np.float64) - b) @ matrix.T), 0, 1)
-    levels = np.rint(255 * shares).astype(np.uint8)
-    return levels if look.channel == "colour" else palette("signed")[levels[..., 0]]
+    """Blacks cancel, so that only the distance from black to white counts."""
+    matrix = channel_matrix(look.channel) * 2.0**look.exposure_stops / (look.high - look.low)
+    difference = (np.asarray(a, dtype=np.float64) - b) @ matrix.T
+    if look.channel == "colour":
+        return _levels(np.abs(difference), look)
+    return palette("signed")[np.rint(255 * np.clip(0.5 + 0.5 * difference[..., 0], 0, 1)).astype(np.uint8)]
+
+
+def _levels(values: NDArray[np.floating], look: Look) -> NDArray[np.uint8]:
+    codes = srgb_encode(np.clip(values, 0, 1)) ** (1 / look.gamma)
+    return np.rint(255 * codes).astype(np.uint8)

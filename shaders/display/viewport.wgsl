@@ -13,6 +13,7 @@ const ONE = 0u;
 const WIPE = 1u;
 const SIDES = 2u;
 const DIFFERENCE = 3u;
+const SLACK = 1e-4;  // of a sample: rounding
 const MOST_TAPS = 8;  // along an axis; wider footprints are sampled sparsely
 
 fn srgb_encoded(linear: vec3f) -> vec3f {
@@ -29,10 +30,16 @@ fn sample_at(is_b: bool, place: vec2i, size: vec2i) -> vec3f {
     return image_a[index].xyz;
 }
 
-/// Mean XYZ over the footprint of a pixel; `from` and `to` are its corners in samples.
+/// Mean XYZ over the footprint of a pixel, whose corners are `low` and `high` in samples.
 fn light(is_b: bool, low: vec2f, high: vec2f, size: vec2i) -> vec3f {
     let extent = high - low;
-    let taps = clamp(vec2i(ceil(extent - 1e-4)), vec2i(1), vec2i(MOST_TAPS));
+    if (all(extent < vec2f(1.0 + SLACK))) {
+        return sample_at(is_b, vec2i(floor(0.5 * (low + high))), size);
+    }
+    if (all(extent < vec2f(f32(MOST_TAPS) + SLACK))) {
+        return covered(is_b, low, high, size);
+    }
+    let taps = vec2i(MOST_TAPS);
     var sum = vec3f(0.0);
     for (var y = 0; y < taps.y; y++) {
         for (var x = 0; x < taps.x; x++) {
@@ -41,6 +48,21 @@ fn light(is_b: bool, low: vec2f, high: vec2f, size: vec2i) -> vec3f {
         }
     }
     return sum / f32(taps.x * taps.y);
+}
+
+/// The same, each sample by the share of its area that is covered: else their own pattern would beat with the pixels'.
+fn covered(is_b: bool, low: vec2f, high: vec2f, size: vec2i) -> vec3f {
+    let first = vec2i(floor(low + SLACK));
+    let end = vec2i(ceil(high - SLACK));
+    var sum = vec3f(0.0);
+    for (var y = first.y; y < end.y; y++) {
+        let height = min(high.y, f32(y + 1)) - max(low.y, f32(y));
+        for (var x = first.x; x < end.x; x++) {
+            let width = min(high.x, f32(x + 1)) - max(low.x, f32(x));
+            sum += width * height * sample_at(is_b, vec2i(x, y), size);
+        }
+    }
+    return sum / ((high.x - low.x) * (high.y - low.y));
 }
 
 /// Exposed channels of a side at a place of the image, 0 black to 1 white.

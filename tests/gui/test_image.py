@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,9 @@ import pytest
 from holoview.app.panels.image import ImagePanel
 from holoview.app.readout import describe_pixel
 from holoview.session.look import NOW, Look, Side
+from holoview.session.opening import pasted
 from holoview.session.palettes import palette
-from holoview.session.tone import pixels
+from holoview.session.tone import compared, pixels
 
 pytestmark = pytest.mark.gpu
 
@@ -176,6 +176,7 @@ def test_a_difference_acts_on_exposed_channels(pinned: Any) -> None:
     difference = np.abs(xyz_to_linear_srgb(a - b)) * 2.0**look.exposure_stops
     expected = np.rint(255 * srgb_encode(np.clip(difference, 0, 1)))
     assert np.abs(_shown(pinned)[0] - expected).max() <= LEVEL
+    assert np.abs(compared(a, b, look) - expected).max() <= LEVEL, "and so it is saved"
 
 
 def test_side_by_side_shows_the_same_part_of_both(pinned: Any) -> None:
@@ -200,11 +201,56 @@ def test_another_preset_can_be_a_side(gui: Any) -> None:
     assert a.shape == b.shape
 
 
-@pytest.mark.parametrize("page", ["planes", "phase", "spectrum"])
-def test_other_pages_show_something(gui: Any, page: str, golden: Callable[..., None]) -> None:
-    gui.session.look_at("Page", page=page)
+# --- other pages ----------------------------------------------------------------------------------------------------
+
+
+def _paged(gui: Any, page: str) -> np.ndarray:
+    gui.session.look_at("Page", page=page, **ONE_TO_ONE)
     gui.settle()
-    x0, y0, x1, y1 = (round(value) for value in gui.app.rects.get("image", (0, 0, 0, 0)))
-    image = gui.frames(2)
-    inside = image[y0:y1, x0:x1] if page != "planes" else image
-    assert inside.std() > 20
+    return _shown(gui)[0]
+
+
+def test_the_phase_page_shows_a_pattern_as_turns_of_hue(gui: Any) -> None:
+    seen = _paged(gui, "phase")[:64, :96]
+    system, drive = gui.session.system, gui.session.drive
+    waves = system.modulators[0].stroke_m / np.sort(system.wavelengths_m)[1]
+    gui.session.look_at("Look", zoom=1.0)
+    turns = (drive[0, 0] * waves) % 1.0
+    expected = palette("hue")[np.rint(255 * turns).astype(int)].astype(int)
+    frame = gui.app.panel(ImagePanel).frame
+    left, top = (round(value) for value in frame.pixel(0.0, 0.0))
+    seen = gui.app.seen()[top : top + 64, left : left + 96].astype(int)
+    assert np.median(np.abs(seen - expected)) <= LEVEL
+
+
+def test_the_spectrum_page_shows_where_light_leaves_to(gui: Any) -> None:
+    gui.session.change("Iris", {"relay2.iris_na": 0.01})
+    gui.session.look_at("Page", page="spectrum")
+    gui.settle()
+    seen = gui.app.seen()
+    rows, columns = seen.shape[:2]
+    centre = seen[rows // 2 - 5 : rows // 2 + 5, columns // 2 - 5 : columns // 2 + 5]
+    left, top = (round(value) for value in gui.app.panel(ImagePanel).frame.pixel(0.0, 0.0))
+    corner = seen[top + 2 : top + 12, left + 2 : left + 12]
+    assert centre.mean() > 60 and corner.mean() < 5, "the iris is open in the middle"
+
+
+def test_the_target_page_shows_what_is_wanted(gui: Any) -> None:
+    red = np.zeros((64, 96, 3), np.uint8)
+    red[..., 0] = 200
+    gui.session.edit("Target", wanted=pasted(red))
+    assert gui.session.wait(30)
+    seen = _paged(gui, "target")
+    assert np.median(seen.reshape(-1, 3), axis=0) == pytest.approx([200, 0, 0], abs=LEVEL)
+    line = describe_pixel(gui.app, 96, 64)
+    assert line.startswith("x 96  y 64   RGB 0.5") and " I " not in line, line
+
+
+def test_the_contact_sheet_has_every_plane_and_a_click_goes_to_one(gui: Any) -> None:
+    gui.key("G")
+    gui.settle()
+    x0, y0, x1, y1 = (round(value) for value in gui.app.rects["sheet 9 mm"])
+    assert gui.frames(2)[y0 + 20 : y1, x0:x1].std() > 20
+    assert {f"sheet {z} mm" for z in ("9", "9.5", "10", "10.5", "11")} <= set(gui.app.rects)
+    gui.click(gui.where("sheet 10.5 mm"))
+    assert gui.session.look.plane_m == pytest.approx(10.5e-3) and gui.session.look.page == "image"

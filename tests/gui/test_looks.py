@@ -52,6 +52,16 @@ def test_the_window_looks_as_it_did(
     golden(name, _drawn(gui))
 
 
+def test_every_sign_that_is_written_has_a_glyph(gui: Any) -> None:
+    """Of the texts in panels, and of docstrings and sentences that panels show."""
+    package = Path(theme.__file__).parents[1]
+    files = [*package.glob("app/**/*.py"), *package.glob("session/**/*.py"), *package.glob("effects/*.py")]
+    signs = {sign for file in files for sign in file.read_text(encoding="utf-8") if ord(sign) > 127}
+    font = imgui.get_io().fonts.fonts[0]
+    missing = {sign for sign in signs if not font.is_glyph_in_font(ord(sign))}
+    assert {"λ", "Δ", "→"} <= signs and missing <= set("─▶"), missing
+
+
 def test_frames_of_the_same_state_are_identical(gui: Any) -> None:
     assert np.array_equal(_drawn(gui), _drawn(gui))
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from imgui_bundle import imgui
 
+from holoview import load
 from holoview.app.panel import Panel
 from holoview.app.panels import ALL
 from holoview.app.panels.focus import FocusPanel
@@ -104,6 +105,35 @@ def test_lasers_are_added_balanced_soloed_and_removed(make_gui: Callable[..., An
     assert gui.session.look.solo is None
     gui.click(gui.where("remove 3"))
     assert len(gui.session.system.wavelengths_m) == 3
+
+
+def test_lasers_are_entered_exactly_muted_and_taken_from_a_preset(make_gui: Callable[..., Any]) -> None:
+    gui = make_gui(engine=True, size=(900, 700))
+    gui.engine(lambda ctx: ctx.item_input_value("Lasers/**/$$0/##nm", 471.5))
+    assert gui.session.system.wavelengths_m[0] == pytest.approx(471.5e-9)
+    gui.engine(lambda ctx: ctx.item_click("Lasers/**/$$1/M"))
+    assert gui.session.look.muted == {1}
+    assert np.count_nonzero(gui.session.shown.system.amplitudes) == 2
+
+    def take(ctx: Any) -> None:
+        ctx.set_ref("Lasers")
+        ctx.combo_click("##set/holochrome-8")
+
+    gui.engine(take)
+    assert np.array_equal(gui.session.system.wavelengths_m, load("holochrome-8").wavelengths_m)
+
+
+def test_frames_have_patterns_of_their_own(make_gui: Callable[..., Any]) -> None:
+    gui = make_gui(engine=True, size=(900, 700))
+    gui.engine(lambda ctx: ctx.item_input_value("Bench/**/frames", 3))
+    assert gui.session.system.frames == 3 and len(gui.session.drive) == 3
+    gui.app.commands.run("Random patterns")
+    drive = gui.session.drive
+    assert not np.array_equal(drive[0], drive[1])
+    gui.app.commands.run("Random patterns")
+    assert not np.array_equal(gui.session.drive, drive)
+    gui.key("Ctrl+Z")
+    assert gui.session.drive is drive
 
 
 # --- focal plane ----------------------------------------------------------------------------------------------------
@@ -229,8 +259,6 @@ def test_a_failing_panel_shows_its_error_and_the_rest_goes_on(make_gui: Callable
 
 @pytest.mark.parametrize("preset", ["time-sequential", "multisource-3x3", "holochrome-8-1slm"])
 def test_other_benches_are_shown_too(make_gui: Callable[..., Any], preset: str) -> None:
-    from holoview import load
-
     gui = make_gui(load(preset).edit({"shape": [32, 48]}))
     gui.settle()
     assert gui.app.sides.now.is_fresh

@@ -85,6 +85,14 @@ def test_addresses_are_this_machine_unless_told(text: str, address: Address, is_
     assert Address.parse(text) == address and address.is_loopback == is_loopback
 
 
+def test_whoever_serves_openly_is_told_that_the_token_can_be_read() -> None:
+    said: list[str] = []
+    serve(Address("0.0.0.0", 0), began=said.append, is_over=lambda: True)
+    assert "not encrypted" in said[0] and "ssh -L" in said[0]
+    assert said[1].startswith(f"http://{socket.gethostname()}:") and "?token=" in said[1]
+    assert Address.parse("127.0.0.1:80").warning == ""
+
+
 @pytest.mark.parametrize("text", ["", "host", "host:", "host:99999", "host:-1"])
 def test_what_is_no_address_is_refused(text: str) -> None:
     with pytest.raises(UserError, match="HOST:PORT"):

@@ -12,6 +12,7 @@ from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.speckle import SpecklePanel
 from holoview.session.look import NOW
 from holoview.session.measure import measure_region
+from holoview.session.opening import pasted
 
 pytestmark = pytest.mark.gpu
 
@@ -31,7 +32,7 @@ def _drag(gui: Any, start: tuple[float, float], end: tuple[float, float]) -> Non
 def test_a_region_is_drawn_on_the_image_and_its_figures_follow(gui: Any) -> None:
     whole = gui.app.live.figures.region
     assert whole.contrast == pytest.approx(measure_region(gui.app.sides.xyz(NOW), gui.session.state.region).contrast)
-    gui.engine(lambda ctx: ctx.item_click("Speckle/Draw region"))
+    gui.engine(lambda ctx: ctx.item_click("Speckle/Region"))
     assert gui.app.tool == "region"
     _drag(gui, (0.4, 0.4), (0.6, 0.6))
     region = gui.session.look.region
@@ -46,6 +47,17 @@ def test_a_region_is_drawn_on_the_image_and_its_figures_follow(gui: Any) -> None
     assert gui.session.look.region is None
     gui.session.undo()
     assert gui.session.look.region == region
+
+
+def test_with_a_target_its_structure_is_divided_out_and_fidelity_is_told(gui: Any) -> None:
+    assert gui.app.live.figures.region.psnr_db is None
+    gui.session.edit("Target", wanted=pasted(np.full((64, 96, 3), 128, np.uint8)))
+    assert gui.session.wait(30)
+    gui.settle()
+    region = gui.app.live.figures.region
+    expected = measure_region(gui.app.sides.xyz(NOW), gui.session.state.region, gui.session.target_at())
+    assert (region.psnr_db, region.delta_e) == (expected.psnr_db, expected.delta_e)
+    assert region.psnr_db is not None and region.delta_e > 0
 
 
 def test_the_curve_and_the_histogram_are_of_every_wavelength(gui: Any) -> None:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from holoview.errors import UserError
+from holoview.session.changes import Change
 from holoview.session.history import MERGE_WITHIN_S, MOST_STEPS, History, Step
 from holoview.session.look import TARGET, Look, Side
-from holoview.session.session import Change, Session
+from holoview.session.session import Session
 from holoview.session.state import State, fitted
 from holoview.session.wanted import Wanted
 from tests.session.conftest import small_system

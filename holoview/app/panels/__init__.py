@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from holoview.app.panel import Panel
 from holoview.app.panels.bench import BenchPanel
+from holoview.app.panels.effects import EffectsPanel
 from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.focus import FocusPanel
 from holoview.app.panels.gamut import GamutPanel
@@ -17,6 +18,7 @@ from holoview.app.panels.speckle import SpecklePanel
 ALL: tuple[type[Panel], ...] = (
     ImagePanel,
     BenchPanel,
+    EffectsPanel,
     LasersPanel,
     GamutPanel,
     LookPanel,

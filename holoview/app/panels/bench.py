@@ -48,6 +48,7 @@ class BenchPanel(Panel):
         imgui.push_item_width(imgui.get_content_region_avail().x * 0.56)
         imgui.text_wrapped(system.description or system.name or "a bench of your own")
         self._draw_fields(app, system, self._reset, "")
+        _draw_frames(app, system, self._reset)
         self._draw_modulators(app, system)
         self._draw_source(app, system)
         for key, field in describe.fields_by_key(type(system)).items():
@@ -142,6 +143,20 @@ class BenchPanel(Panel):
     def _apply_grid(self, app: App) -> None:
         source = {"grid": list(self._grid), "spacing": units.text(self._spacing_rad, "mrad")}
         app.attempt(app.session.change, "Source grid", {"source": source}, merge="source grid")
+
+
+def _draw_frames(app: App, system: System, reset: System) -> None:
+    """How many patterns are shown in turn; frames of different lasers have their own table."""
+    is_even = bool((system.amplitudes == system.amplitudes[0]).all())
+    doc = "Patterns that are shown in turn and averaged by the eye, each with patterns of its own."
+    imgui.begin_disabled(not is_even)
+    edited = count_field("frames", Count(1, 64), system.frames, reset.frames, doc)
+    app.mark("frames")
+    imgui.end_disabled()
+    if not is_even:
+        tip("These frames are lit by different lasers: their powers are in the table of lasers.")
+    if edited is not None:
+        app.change("Frames", "frames", edited.value, is_held=edited.is_held)
 
 
 def _header(app: App, title: str) -> bool:

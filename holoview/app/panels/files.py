@@ -23,7 +23,7 @@ from holoview.session.export.figure import save_figure
 from holoview.session.export.pictures import save_planes, save_view
 from holoview.session.export.sweep import save_sweep
 from holoview.session.jobs import describe_job
-from holoview.session.look import NOW
+from holoview.session.look import DERIVED, side_of
 from holoview.session.tone import compared
 
 if TYPE_CHECKING:
@@ -147,10 +147,16 @@ def _draw_jobs(app: App) -> None:
 
 
 def _seen(app: App) -> NDArray[np.uint8]:
-    """The image at its own resolution, compared as it is on the screen."""
+    """The image at its own resolution, compared as it is on the screen; other pages as large as they are shown."""
     look = app.session.look
-    a, b = (NOW, None) if look.compare == "off" else (look.a, look.b)
-    xyz, other = app.sides.xyz(a), None if b is None else app.sides.xyz(b)
+    if look.page == "planes":
+        raise UserError("view", "shows all planes", remedy="save all planes, or go to one of them first")
+    if look.page in DERIVED:
+        seen = app.seen()
+        assert seen is not None
+        return seen
+    b = look.b if look.compare != "off" and look.page == "image" else None
+    xyz, other = app.sides.xyz(side_of(look)), None if b is None else app.sides.xyz(b)
     if xyz is None or (b is not None and other is None):
         raise UserError("image", "is still being computed", remedy="try again in a moment")
     return compared(xyz, other, look)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from holoview.app.contact import Contact
 from holoview.app.panel import Panel
 from holoview.app.panels.focus import FocusPanel
-from holoview.app.readout import draw_readout
+from holoview.app.readout import draw_readout, readout_height
 from holoview.app.viewport import Frame, Picture, Viewport, fitting_zoom, frame_of
-from holoview.session.look import NOW, TARGET, Look
+from holoview.session.look import DERIVED, TARGET, Look, side_of
 
 if TYPE_CHECKING:
     from holoview.app.app import App
@@ -57,17 +57,18 @@ class ImagePanel(Panel):
     def draw(self, app: App) -> None:
         look = app.session.look
         room = imgui.get_content_region_avail()
-        footer = imgui.get_text_line_height_with_spacing() + 4
+        footer = readout_height(app, room.x) + 4
         size = (max(int(room.x), 16), max(int(room.y - footer), 16))
         corner = imgui.get_cursor_screen_pos()
         corner = imgui.ImVec2(float(round(corner.x)), float(round(corner.y)))
         if look.page == "planes":
             self._draw_sheet(app, size)
             return
-        a = app.pages.picture() if look.page != "image" else app.sides.picture(look.a if look.compare != "off" else NOW)
-        b = app.sides.picture(look.b) if look.compare != "off" and look.page == "image" else None
+        is_compared = look.compare != "off" and look.page == "image"
+        a = app.pages.picture() if look.page in DERIVED else app.sides.picture(side_of(look))
+        b = app.sides.picture(look.b) if is_compared else None
         if a is None:
-            _draw_waiting(app, size)
+            _draw_text(_waiting_text(app, look), size)
         else:
             self._draw_picture(app, a, b, look, size, corner)
         draw_readout(app, self._under_pointer(a, corner))
@@ -255,9 +256,15 @@ def _label(drawn: imgui.ImDrawList, text: str, at: imgui.ImVec2) -> None:
     drawn.add_text(at, imgui.IM_COL32(255, 255, 255, 255), text)
 
 
-def _draw_waiting(app: App, size: tuple[int, int]) -> None:
+def _waiting_text(app: App, look: Look) -> str:
+    if look.page == "target" and app.session.wanted is None:
+        return "no target yet: open a picture"
+    return "computing the first image" if app.is_busy else "nothing to show"
+
+
+def _draw_text(text: str, size: tuple[int, int]) -> None:
+    """A text in the middle of what is else the image."""
     imgui.dummy(imgui.ImVec2(*size))
     place = imgui.get_item_rect_min()
-    text = "computing the first image" if app.sides.is_busy else "nothing to show"
     where = imgui.ImVec2(place.x + size[0] / 2 - imgui.calc_text_size(text).x / 2, place.y + size[1] / 2)
     imgui.get_window_draw_list().add_text(where, imgui.get_color_u32(imgui.Col_.text_disabled), text)

@@ -124,11 +124,12 @@ class LasersPanel(Panel):
         tip("Ends solo and mute.")
         imgui.same_line()
         imgui.set_next_item_width(-1)
-        if imgui.begin_combo("##set", "Take lasers of"):
+        if imgui.begin_combo("##set", "Lasers of…"):
             for name in preset.names():
                 if imgui.selectable(name, False)[0]:
                     _take_lasers(app, name)
             imgui.end_combo()
+        tip("Takes the wavelengths and powers of a preset.")
         if system.frames > 1:
             imgui.set_next_item_width(-60)
             _, frame = imgui.slider_int("frame", self._frame + 1, 1, system.frames)

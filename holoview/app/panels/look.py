@@ -11,7 +11,7 @@ from imgui_bundle import imgui
 from holoview import preset
 from holoview.app.fields import tip
 from holoview.app.panel import Panel
-from holoview.session.look import CHANNELS, COMPARES, FALSE_COLOURS, NOW, PAGES, TARGET, Look, Side
+from holoview.session.look import CHANNELS, COMPARES, FALSE_COLOURS, NOW, PAGES, TARGET, Look, Side, side_of
 
 if TYPE_CHECKING:
     from holoview.app.app import App
@@ -23,6 +23,7 @@ _PAGE_DOCS = {
     "planes": "All focal planes of the bench beside each other.",
     "phase": "The pattern on a modulator, as phase at the laser in the middle; a turn of hue is a wave.",
     "spectrum": "Where the light leaves to: the eyebox, around the modulator's first order.",
+    "target": "What the hologram should show at the focal plane.",
 }
 _COMPARE_DOCS = {
     "off": "One image.",
@@ -46,7 +47,7 @@ class LookPanel(Panel):
         add("Reset tone", lambda: _reset(app), "Image", "R", "Exposure, gamma, black and white as at first.")
         add("Next channel", lambda: _turn(app, "channel", CHANNELS), "Image", "C")
         add("False colour", lambda: _turn(app, "false_colour", FALSE_COLOURS), "Image", "K", "For single channels.")
-        add("Next page", lambda: _turn(app, "page", PAGES), "Image", "G", "Image, planes, phase, spectrum.")
+        add("Next page", lambda: _turn(app, "page", PAGES), "Image", "G", "Image, planes, phase, spectrum, target.")
         for name, keys in (("off", "Escape"), ("wipe", "W"), ("side-by-side", "S"), ("difference", "D"), ("hold", "H")):
             title = "No comparison" if name == "off" else f"Compare: {name}"
             action = partial(_compare, app, name)
@@ -157,7 +158,7 @@ def _reset(app: App) -> None:
 
 
 def _fit_brightness(app: App) -> None:
-    xyz = app.sides.xyz(app.session.look.a if app.session.look.compare != "off" else NOW)
+    xyz = app.sides.xyz(side_of(app.session.look))
     if xyz is None:
         app.session.messages.post("the full image isn't there yet: try again in a moment")
         return

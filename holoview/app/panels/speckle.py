@@ -106,7 +106,7 @@ def _forget(app: App) -> None:
 
 def _draw_tools(app: App) -> None:
     width = (imgui.get_content_region_avail().x - 2 * imgui.get_style().item_spacing.x) / 3
-    for tool, name in (("region", "Draw region"), ("line", "Draw line")):
+    for tool, name in (("region", "Region"), ("line", "Line")):
         is_taken = app.tool == tool
         if is_taken:
             imgui.push_style_color(imgui.Col_.button, theme.ACCENT)
@@ -114,6 +114,7 @@ def _draw_tools(app: App) -> None:
             _take(app, tool)
         if is_taken:
             imgui.pop_style_color()
+        tip(f"Draw a {tool} on the image by a drag; its figures are below.")
         imgui.same_line()
     if imgui.button("Forget", imgui.ImVec2(width, 0)):
         _forget(app)

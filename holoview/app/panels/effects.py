@@ -1,0 +1,134 @@
+"""What real benches do beyond the plain model: a switch an effect, and its sliders, made from the effects' library."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from imgui_bundle import imgui
+
+from holoview.app.fields import parameter_field, tip
+from holoview.app.panel import Panel
+from holoview.effects.effect import Effect
+from holoview.effects.parameter import Parameter
+from holoview.effects.registry import registry
+from holoview.effects.switched import unmet
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+_PLACES = {
+    "source": "Source",
+    "modulator 1": "Modulators",
+    "modulator 2": "Modulators",
+    "relay 1": "Relay 1",
+    "relay 2": "Relay 2",
+    "camera": "Camera (in captures only)",
+}
+Table = dict[str, dict[str, float]]
+
+
+class EffectsPanel(Panel):
+    """All effects by the place that they act on; what was set of one that is switched off is kept."""
+
+    title = "Effects"
+    dock = "Left"
+
+    def __init__(self) -> None:
+        self._words = ""
+        self._kept: Table = {}
+
+    def begin(self, app: App) -> None:
+        """Adds the command."""
+        add = app.commands.add
+        add("Switch off all effects", lambda: self._switch_off(app), "Edit", help="The plain model of the bench.")
+
+    def draw(self, app: App) -> None:
+        """A line an effect, its sliders where it is on."""
+        system, effects = app.session.system, registry()
+        imgui.set_next_item_width(imgui.get_content_region_avail().x * 0.56)
+        _, self._words = imgui.input_text_with_hint("##words", "find an effect", self._words)
+        imgui.same_line()
+        imgui.begin_disabled(not system.effects)
+        if imgui.button("All off", imgui.ImVec2(-1, 0)):
+            self._switch_off(app)
+        imgui.end_disabled()
+        tip(f"{len(system.effects)} of {len(effects)} are switched on.")
+        imgui.begin_child("effects")
+        imgui.push_item_width(imgui.get_content_region_avail().x * 0.5)
+        for place, some in _by_place(self._found(effects.values())).items():
+            imgui.separator_text(place)
+            for one in some:
+                imgui.push_id(one.id)
+                self._draw_effect(app, one)
+                imgui.pop_id()
+        imgui.pop_item_width()
+        imgui.end_child()
+
+    def _found(self, effects: Iterable[Effect]) -> list[Effect]:
+        words = self._words.lower().split()
+        return [one for one in effects if all(word in f"{_name(one)} {one.id} {one.cause}".lower() for word in words)]
+
+    def _draw_effect(self, app: App, one: Effect) -> None:
+        values = app.session.system.effect_values.get(one.id)
+        lacking = unmet(one, app.session.system)
+        imgui.begin_disabled(bool(lacking) and values is None)
+        switched, is_on = imgui.checkbox(_name(one), values is not None)
+        app.mark(f"effect {one.id}")
+        imgui.end_disabled()
+        tip(f"{one.cause}\n{_equation(one)}" + (f"\n\nIt can't be switched on: {lacking}." if lacking else ""))
+        if switched:
+            self._switch(app, one, is_on)
+        elif values is not None:
+            imgui.indent()
+            self._draw_sliders(app, one, [p for p in one.parameters if not p.fine], values)
+            self._draw_fine(app, one, [p for p in one.parameters if p.fine], values)
+            imgui.unindent()
+
+    def _draw_fine(self, app: App, one: Effect, fine: list[Parameter], values: dict[str, float]) -> None:
+        if fine and imgui.tree_node(f"{len(fine)} finer ones"):
+            self._draw_sliders(app, one, fine, values)
+            imgui.tree_pop()
+
+    def _draw_sliders(self, app: App, one: Effect, some: list[Parameter], values: dict[str, float]) -> None:
+        for parameter in some:
+            edited = parameter_field(parameter, values.get(parameter.name, parameter.identity))
+            key = f"effects.{one.id}.{parameter.name}"
+            app.mark(key)
+            if edited is not None:
+                app.change(f"Effect {_name(one)}", key, edited.value, is_held=edited.is_held)
+
+    def _switch(self, app: App, one: Effect, is_on: bool) -> None:
+        table = app.session.system.effect_values
+        if is_on:
+            table[one.id] = self._kept.get(one.id) or _common(one)
+        else:
+            self._kept[one.id] = table.pop(one.id)
+        app.change(f"Effect {_name(one)} {'on' if is_on else 'off'}", "effects", table)
+
+    def _switch_off(self, app: App) -> None:
+        self._kept |= app.session.system.effect_values
+        app.change("All effects off", "effects", {})
+
+
+def _by_place(effects: list[Effect]) -> dict[str, list[Effect]]:
+    places: dict[str, list[Effect]] = {place: [] for place in _PLACES.values()}
+    for one in effects:
+        places[_PLACES[one.where[0]]].append(one)
+    return {place: some for place, some in places.items() if some}
+
+
+def _common(one: Effect) -> dict[str, float]:
+    """Its first parameter as large as it commonly is, so that something is seen when it is switched on."""
+    first = one.parameters[0]
+    return {first.name: min(max(first.identity + first.prior, first.low), first.high)}
+
+
+def _name(one: Effect) -> str:
+    return one.id.replace("_", " ")
+
+
+def _equation(one: Effect) -> str:
+    """The first paragraph of its documentation, which says what it does to the light."""
+    return (inspect.getdoc(type(one)) or "").partition("\n\n")[0]

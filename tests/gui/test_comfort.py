@@ -1,0 +1,107 @@
+"""What makes the viewer comfortable: theme, layout and recent files come back, hints come once, files are dropped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from imgui_bundle import hello_imgui
+from PIL import Image
+from rendercanvas.offscreen import OffscreenRenderCanvas
+
+from holoview.app import run
+from holoview.app.app import App
+from holoview.app.desktop import join_desktop
+from holoview.app.hand import Hand
+from holoview.app.panels.files import FilesPanel
+from holoview.app.panels.image import ImagePanel
+from holoview.gpu.device import Device
+from holoview.session.autosave import Store
+from holoview.session.session import Session
+from tests.gui.conftest import SIZE, small_bench
+
+pytestmark = pytest.mark.gpu
+
+
+@pytest.fixture
+def start(device: Device, tmp_path: Path) -> Iterator[Callable[[], Hand]]:
+    """Starts the viewer as `holoview view` does, with a folder of its own; the one before is closed."""
+    opened: list[App] = []
+
+    def started() -> Hand:
+        for app in opened:
+            app.close()
+        opened.clear()
+        canvas = OffscreenRenderCanvas(size=SIZE)
+        app = run._begin(Session(small_bench()), device, canvas, Store(tmp_path), [])
+        app.loader.quick = False
+        opened.append(app)
+        hand = Hand(app)
+        hand.frames(4)
+        return hand
+
+    yield started
+    for app in opened:
+        app.close()
+
+
+def _is_visible(title: str) -> bool:
+    return bool(hello_imgui.get_runner_params().docking_params.dockable_window_of_name(title).is_visible)
+
+
+def test_theme_and_layout_come_back_and_hints_come_once(start: Callable[[], Hand]) -> None:
+    hand = start()
+    first = hand.app
+    assert "? shows all keys" in first.session.messages.all[0].text
+    first.set_theme("Light")
+    hello_imgui.get_runner_params().docking_params.dockable_window_of_name("Gamut").is_visible = False
+    hand.frames(3)
+    again = start().app
+    assert again.theme == "Light" and not _is_visible("Gamut") and _is_visible("Lasers")
+    assert list(again.session.messages.all) == []
+
+
+def test_recent_files_are_in_the_menu(make_gui: Callable[..., Any], tmp_path: Path) -> None:
+    picture = tmp_path / "red.png"
+    Image.fromarray(np.full((8, 8, 3), (200, 10, 10), np.uint8)).save(picture)
+    store = Store(tmp_path / "store")
+    store.preferences.remember(picture)
+    gui = make_gui(engine=True, panels=(ImagePanel, FilesPanel), store=store)
+    gui.engine(lambda ctx: ctx.menu_click(f"//##MainMenuBar/File/Recent/1 {picture.name}"))
+    assert gui.session.wait(30)
+    assert gui.session.wanted is not None and gui.session.wanted.title == "red.png"
+
+
+def test_files_dropped_on_the_window_are_opened_and_text_goes_to_the_clipboard(gui: Any, tmp_path: Path) -> None:
+    picture = tmp_path / "red.png"
+    Image.fromarray(np.full((8, 8, 3), (200, 10, 10), np.uint8)).save(picture)
+    dropped: list[Callable[[Any, Sequence[str]], None]] = []
+    held: list[str] = []
+    glfw = SimpleNamespace(
+        set_drop_callback=lambda window, call: dropped.append(call),
+        set_clipboard_string=lambda window, text: held.append(text),
+        get_clipboard_string=lambda window: held[-1].encode(),
+    )
+    join_desktop(gui.app, glfw, window=None)
+    dropped[0](None, [str(picture)])
+    assert gui.session.wait(30)
+    assert gui.session.wanted is not None and gui.session.wanted.title == "red.png"
+    from imgui_bundle import imgui
+
+    imgui.set_clipboard_text("λ")
+    assert held == ["λ"] and imgui.get_clipboard_text() == "λ"
+
+
+def test_the_window_redraws_only_when_something_happened(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    gui.settle()
+    gui.frames(6)
+    asked: list[bool] = []
+    monkeypatch.setattr(gui.canvas, "request_draw", lambda *_: asked.append(True))
+    gui.frames()
+    assert not asked, "at rest"
+    gui.session.change("Gap", {"gap": "3 mm"})
+    assert asked, "an edit"

@@ -1,0 +1,94 @@
+"""Effects: every one of the library is switched by name, its sliders come from its parameters, undo takes it back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from holoview.app.panels.effects import EffectsPanel
+from holoview.app.panels.image import ImagePanel
+from holoview.effects.registry import registry
+from holoview.session.look import NOW
+from tests.gui.conftest import small_bench
+
+pytestmark = pytest.mark.gpu
+
+IRISES = {"relay1.iris_na": 0.02, "relay2.iris_na": 0.02}
+
+
+@pytest.fixture
+def make(make_gui: Callable[..., Any]) -> Callable[..., Any]:
+    def opened(**changes: Any) -> Any:
+        return make_gui(small_bench(**changes), (800, 480), engine=True, panels=(ImagePanel, EffectsPanel))
+
+    return opened
+
+
+def _switch(name: str) -> Callable[[Any], None]:
+    return lambda ctx: ctx.item_click(f"Effects/**/{name}")
+
+
+def test_every_effect_of_the_library_has_a_switch(make_gui: Callable[..., Any]) -> None:
+    gui = make_gui(small_bench(**IRISES), (640, 1000), panels=(EffectsPanel,))
+    lines = [name for name in gui.app.rects if name.startswith("effect ")]
+    for line in lines[::-1]:  # from below, so that sliders that open don't move what is next
+        gui.click(gui.where(line, 0.1))
+    assert set(gui.session.system.effect_values) == set(registry())
+    gui.app.commands.run("Switch off all effects")
+    assert gui.session.system == small_bench(**IRISES)
+
+
+def test_an_effect_changes_the_image_and_undo_brings_it_back(make: Callable[..., Any]) -> None:
+    gui = make()
+    gui.settle()
+    plain = gui.app.sides.xyz(NOW).copy()
+    gui.engine(_switch("gap"))
+    gui.settle()
+    common = registry()["gap"].parameters[0].prior
+    assert gui.session.system.effect_values == {"gap": {"gap_error": common}}
+    assert np.abs(gui.app.sides.xyz(NOW) - plain).mean() > 0.01
+    steps = len(gui.session.history)
+    gui.drag(gui.where("effects.gap.gap_error", 0.55), gui.where("effects.gap.gap_error", 0.8), steps=6)
+    assert gui.session.system.effect_values["gap"]["gap_error"] > 2 * common
+    assert len(gui.session.history) == steps + 1, "a drag is one step"
+    gui.click(gui.where("effects.gap.gap_error"), button=2)
+    assert gui.session.system.effect_values["gap"]["gap_error"] == 0.0
+    for _ in range(3):
+        gui.key("Ctrl+Z")
+    assert gui.session.system == small_bench()
+    gui.settle()
+    assert np.array_equal(gui.app.sides.xyz(NOW), plain)
+
+
+def test_an_effect_that_is_switched_off_and_on_has_its_values_again(make: Callable[..., Any]) -> None:
+    gui = make()
+    gui.engine(_switch("tilt"))
+    gui.engine(lambda ctx: ctx.item_input_value("Effects/**/tilt x", 3.0))
+    values = gui.session.system.effect_values
+    assert values["tilt"]["tilt_x"] == pytest.approx(3e-3)
+    gui.engine(_switch("tilt"))
+    assert not gui.session.system.effects
+    gui.engine(_switch("tilt"))
+    assert gui.session.system.effect_values == values
+
+
+def test_what_the_bench_lacks_cannot_be_switched_on(make: Callable[..., Any]) -> None:
+    gui = make()
+    gui.engine(lambda ctx: ctx.item_input_value("Effects/##words", "aberration1"))
+    gui.click(gui.where("effect aberration1", 0.1))
+    assert not gui.session.system.effects
+    gui.session.change("Iris", {"relay1.iris_na": 0.02})
+    gui.frames(2)
+    gui.click(gui.where("effect aberration1", 0.1))
+    assert set(gui.session.system.effect_values) == {"aberration1"}
+
+
+def test_effects_are_found_by_words_of_their_cause(make: Callable[..., Any]) -> None:
+    gui = make()
+    gui.engine(lambda ctx: ctx.item_input_value("Effects/##words", "falls in at an angle"))
+    gui.app.rects.clear()
+    gui.frames(2)
+    assert [name for name in gui.app.rects if name.startswith("effect ")] == ["effect tilt"]
