@@ -55,7 +55,7 @@ def speckle_density(relative: ArrayLike, patterns: float = 1.0) -> Floats:
 def speckle_histogram(
     luminance: NDArray[np.floating], region: Region, patterns: float = 1.0, bins: int = 60, most: float = 4.0
 ) -> SpeckleHistogram:
-    """The histogram of a region of (y, x) over its mean, up to `most` times the mean. Raises UserError if it is dark."""
+    """The histogram of a region of (y, x) over its mean, up to `most` times that. Raises UserError if it is dark."""
     x, y, width, height = region
     values = np.asarray(luminance[y : y + height, x : x + width], dtype=np.float64).ravel()
     mean = float(values.mean()) if values.size else 0.0
