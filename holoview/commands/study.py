@@ -12,7 +12,7 @@ from holoview.errors import UserError
 from holoview.study.registry import find_study, registry
 from holoview.study.report import claims_table, write_report
 from holoview.study.runner import Where, run_jobs
-from holoview.study.scale import SCALES
+from holoview.study.scale import QUICK, SCALES
 from holoview.study.store import Store
 
 _MOST_WORKERS = 1024
@@ -55,9 +55,9 @@ def run(args: argparse.Namespace) -> int:
         return INTERRUPTED
     findings = study.findings(results)
     path = write_report(folder, study, scale, args.seed, findings)
-    print(f"{study.title}\n{scale.name}: {scale.words}; {len(jobs)} jobs in {time.monotonic() - started:.0f} s")
+    print(f"{study.title}\n{scale.name}: {study.size(scale)}; {len(jobs)} jobs in {time.monotonic() - started:.0f} s")
     print("\n".join(["", *claims_table(findings.claims), ""]) if findings.claims else "")
-    for note in findings.notes:
+    for note in (*findings.notes, *([study.reduced] if scale is QUICK else [])):
         print(note)
     print(f"report: {path}")
     return 0

@@ -9,16 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.errors import UserError
+from holoview.metrics.histogram import SpeckleHistogram, speckle_histogram
 from holoview.session.measure import (
     ContrastCurve,
     Profile,
     RegionFigures,
-    SpeckleHistogram,
     contrast_by_wavelength,
     line_profile,
     measure_region,
     patterns_expected,
-    speckle_histogram,
 )
 from holoview.session.newest import Newest
 from holoview.session.session import Session

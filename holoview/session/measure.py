@@ -1,9 +1,7 @@
-"""Figures of what is seen: speckle and fidelity of a region, its histogram, a line, a pixel. Arrays in, results out.
+"""Figures of what is seen: speckle and fidelity of a region, a line, a pixel. Arrays in, results out.
 
-Speckle of one laser is exponentially distributed, p(I) = exp(−I/Ī)/Ī. The sum of N independent patterns of equal mean
-follows a gamma distribution of shape N, and so nearly does one of unequal means m with N = (Σm)²/Σm² (Goodman, *Speckle
-Phenomena in Optics*, 2007, sections 3.2 and 3.3). Lasers of one hologram need not be independent: the curve is what
-independence would give, to compare with.
+What lasers would give if each had its own speckle is told beside what they give: those of one hologram need not be
+independent (see `holoview.metrics.histogram` for the law).
 """
 
 from __future__ import annotations
@@ -13,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, stats
+from scipy import ndimage
 
 from holoview.colour import SRGB_TO_XYZ, gamut_map, observer_weights, xyz_to_linear_srgb
 from holoview.errors import UserError
@@ -82,37 +80,7 @@ def cut(image: NDArray[np.floating], region: Region) -> NDArray[np.floating]:
     return image[y : y + height, x : x + width]
 
 
-# --- histogram ------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class SpeckleHistogram:
-    """Density of I/Ī in bins between `edges` (n + 1,); at their `centres` (n,) also the curves to compare with.
-
-    developed: fully developed speckle of one laser. expected: as many independent patterns as `patterns` says.
-    """
-
-    edges: Floats
-    density: Floats
-    centres: Floats
-    developed: Floats
-    expected: Floats
-    patterns: float
-
-
-def speckle_histogram(
-    luminance: NDArray[np.floating], region: Region, patterns: float = 1.0, bins: int = 60, most: float = 4.0
-) -> SpeckleHistogram:
-    """The histogram of a region's luminance over its mean, up to `most` times the mean. Raises UserError if dark."""
-    values = np.asarray(cut(luminance, region), dtype=np.float64).ravel()
-    mean = float(values.mean()) if values.size else 0.0
-    if not mean > 0:
-        raise UserError("region", "no light in it", remedy="choose a brighter region")
-    counts, edges = np.histogram(values / mean, bins=bins, range=(0.0, most))
-    centres = (edges[1:] + edges[:-1]) / 2
-    density = counts / (values.size * (edges[1] - edges[0]))
-    expected = stats.gamma.pdf(centres, patterns, scale=1 / patterns)
-    return SpeckleHistogram(edges, density, centres, np.exp(-centres), expected, patterns)
+# --- lasers ---------------------------------------------------------------------------------------------------------
 
 
 def luminances(system: System) -> Floats:

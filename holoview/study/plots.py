@@ -20,6 +20,8 @@ _DPI = 150
 _SMALL = 8
 _LEVEL_LABELS = 5
 """As many labels stand side by side without being turned."""
+_ROOMY_BARS = 10
+"""As many bars are wide enough for two decimals over each."""
 
 
 def figure_of(plot: Plot) -> Figure:
@@ -49,9 +51,10 @@ def bars(labels: Sequence[str], values: Mapping[str, Sequence[float]], axis: str
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         places, width = np.arange(len(labels)), 0.8 / len(values)
+        digits = "%.2f" if len(labels) * len(values) <= _ROOMY_BARS else "%.1f"
         for i, (name, heights) in enumerate(values.items()):
             group = axes.bar(places + (i - (len(values) - 1) / 2) * width, heights, width, label=name)
-            axes.bar_label(group, fmt="%.2f", fontsize=_SMALL)
+            axes.bar_label(group, fmt=digits, fontsize=_SMALL)
         _name_bars(axes, labels, places)
         axes.set_ylabel(axis)
         if len(values) > 1:

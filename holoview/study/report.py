@@ -19,7 +19,7 @@ from holoview import __version__
 from holoview.files import replacing
 from holoview.pictures import write_png
 from holoview.study.plots import data_uri, drawn
-from holoview.study.scale import Scale
+from holoview.study.scale import QUICK, Scale
 from holoview.study.study import Claim, Findings, Picture, Study
 
 _LIBRARIES = ("numpy", "torch", "colour-science")
@@ -66,8 +66,8 @@ def _page(study: Study, scale: Scale, seed: int, findings: Findings, figures: Ma
     return template.render(
         title=study.title,
         shows=study.shows,
-        scale=f"Scale {scale.name}: {scale.words}; seed {seed}.",
-        reduced=study.reduced if scale.name == "quick" else "",
+        scale=f"Scale {scale.name}: {study.size(scale)}; seed {seed}.",
+        reduced=study.reduced if scale is QUICK else "",
         claims=findings.claims,
         plots=[{"uri": data_uri(figures[plot.name]["png"]), "caption": plot.caption} for plot in findings.plots],
         pictures=[{"uri": data_uri(_png(picture)), "caption": picture.caption} for picture in findings.pictures],

@@ -24,10 +24,14 @@ class Scale:
 
     @property
     def words(self) -> str:
-        """The scale as a sentence."""
-        samples = " x ".join(str(2 * n) for n in reversed(self.shape))
-        seeds = f"{self.seeds} seeds" if self.seeds > 1 else "one seed"
-        return f"{samples} samples, {self.iterations} iterations, {seeds}, {self.planes} focal planes"
+        """The scale of an optimisation as a sentence."""
+        samples, seeds = words_of(self.shape, self.seeds)
+        return f"{samples}, {self.iterations} iterations, {seeds}, {self.planes} focal planes"
+
+
+def words_of(shape: tuple[int, int], seeds: int) -> tuple[str, str]:
+    """How many samples as many pixels (y, x) have, and how many seeds, in words."""
+    return " x ".join(str(2 * n) for n in reversed(shape)) + " samples", f"{seeds} seeds" if seeds > 1 else "one seed"
 
 
 QUICK = Scale("quick", (48, 64), 40, 1, ("still-life",), 3)

@@ -107,6 +107,10 @@ class Study(ABC):
         """A job of this study."""
         return Job(self.name, label, settings, self.revision)
 
+    def size(self, scale: Scale) -> str:
+        """How large its jobs are at a scale, in words; overridden where nothing is optimised."""
+        return scale.words
+
     @abstractmethod
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
         """The jobs at a scale."""

@@ -117,6 +117,11 @@ def mean_of(results: Sequence[tuple[Job, Outcome]], key: str, **settings: Any) -
     return float(np.mean(values)) if values else float("nan")
 
 
+def mean_curve(results: Sequence[tuple[Job, Outcome]], key: str, **settings: Any) -> NDArray[np.float64]:
+    """The mean of lists of numbers, point by point, over all jobs with these settings."""
+    return np.asarray(np.mean([o.numbers[key] for j, o in results if has(j, **settings)], axis=0), dtype=np.float64)
+
+
 def has(job: Job, **settings: Any) -> bool:
     """Whether a job has these settings."""
     return all(job.settings.get(key) == value for key, value in settings.items())

@@ -15,7 +15,6 @@ from holoview.session.measure import (
     measure_region,
     patterns_expected,
     pixel_at,
-    speckle_histogram,
 )
 from tests.session.conftest import small_system
 
@@ -54,19 +53,6 @@ def test_a_black_target_falls_back_on_the_plain_contrast_and_a_wrong_shape_is_re
         measure_region(xyz, WHOLE, np.zeros((4, 4, 3)))
     with pytest.raises(UserError, match="region"):
         measure_region(xyz, (250, 250, 20, 20))
-
-
-@pytest.mark.parametrize("patterns", [1, 4])
-def test_the_histogram_follows_the_curve_of_as_many_patterns(patterns: int) -> None:
-    histogram = speckle_histogram(_speckle(2, patterns), WHOLE, patterns, bins=20)
-    assert np.sum(histogram.density) * (histogram.edges[1] - histogram.edges[0]) == pytest.approx(1.0, abs=0.03)
-    expected = histogram.expected if patterns > 1 else histogram.developed
-    assert np.abs(histogram.density - expected).max() < 0.03
-    assert np.allclose(histogram.developed, np.exp(-histogram.centres))
-    if patterns == 1:
-        assert np.allclose(histogram.expected, histogram.developed), "one pattern is exponential"
-    with pytest.raises(UserError, match="no light"):
-        speckle_histogram(np.zeros((4, 4)), (0, 0, 4, 4))
 
 
 def test_independent_lasers_lower_the_contrast_as_theory_says() -> None:

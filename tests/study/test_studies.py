@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import csv
 import re
+from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
+from holoview.diagnose.diagnose import diagnose
+from holoview.effects import registry as effects
 from holoview.files import data_dir
 from holoview.study import scale, work
 from holoview.study.claims import DIRECTION, FAILS, LARGER, REPRODUCES, SHOWN, verdict_of
@@ -17,12 +20,13 @@ from holoview.study.registry import registry
 from holoview.study.report import claims_table, write_report
 from holoview.study.runner import run_jobs
 from holoview.study.store import Store
+from holoview.study.studies import model_vs_capture
 from holoview.study.study import Findings
 
 TINY = scale.Scale("tiny", (16, 16), 2, 1, ("still-life",), 2)
 VERDICTS = {REPRODUCES, LARGER, DIRECTION, FAILS, SHOWN}
 VOID = {"meta", "img", "br", "link", "input", "hr"}
-PICTURED = {"schemes", "wavelength-count", "multisource", "gamut", "defocus", "contrast"}
+PICTURED = {"schemes", "wavelength-count", "multisource", "gamut", "defocus", "contrast", "model-vs-capture"}
 
 
 class _Page(HTMLParser):
@@ -67,6 +71,7 @@ def test_a_study_runs_and_reports(
 ) -> None:
     monkeypatch.setattr(scale, "_SMALLEST", TINY.shape)
     monkeypatch.setattr(work, "data_dir", lambda kind: small_assets)
+    monkeypatch.setattr(model_vs_capture, "diagnose", partial(diagnose, effects=[effects.registry()["gap"]]))
     study = registry()[name]
     jobs = study.jobs(TINY, 0)
     assert len({job.label for job in jobs}) == len(jobs)

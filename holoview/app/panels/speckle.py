@@ -10,8 +10,9 @@ from imgui_bundle import imgui
 from holoview.app import plots, theme
 from holoview.app.fields import tip
 from holoview.app.panel import Panel
+from holoview.metrics.histogram import SpeckleHistogram
 from holoview.session.live import Figures
-from holoview.session.measure import ContrastCurve, Profile, SpeckleHistogram
+from holoview.session.measure import ContrastCurve, Profile
 from holoview.session.showcase import Showcase, ShowcaseJob, showcase
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from holoview.study.claims import DIRECTION, FAILS, REPRODUCES
-from holoview.study.holograms import HologramStudy, Results, table_of
+from holoview.study.holograms import HologramStudy, Results, table_of, targets_and_seeds
 from holoview.study.plots import heat_map
 from holoview.study.scale import Scale
 from holoview.study.study import Claim, Findings, Job, Plot
@@ -30,12 +30,10 @@ class _Bandwidth(HologramStudy):
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
         return [
             self.job(
-                f"{count} wavelengths {spacing} nm apart, {target}, seed {number}",
+                f"{count} wavelengths {spacing} nm apart, {case['target']}, seed {case['seed']}",
                 {
-                    **scale.settings,
+                    **case,
                     "scheme": "simultaneous",
-                    "target": target,
-                    "seed": number,
                     "set": _lasers(count, spacing),
                     "count": count,
                     "spacing_nm": spacing,
@@ -43,8 +41,7 @@ class _Bandwidth(HologramStudy):
             )
             for count in _COUNTS
             for spacing in _SPACINGS_NM
-            for target in scale.targets
-            for number in range(seed, seed + scale.seeds)
+            for case in targets_and_seeds(scale, seed)
         ]
 
     def findings(self, results: Results) -> Findings:

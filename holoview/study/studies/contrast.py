@@ -13,9 +13,9 @@ from holoview.metrics.speckle import independent_patterns, speckle_contrast
 from holoview.study.claims import DIRECTION, REPRODUCES, SHOWN
 from holoview.study.holograms import Results
 from holoview.study.plots import lines
-from holoview.study.scale import Scale, at_least
+from holoview.study.scale import Scale, at_least, words_of
 from holoview.study.study import Claim, Findings, Job, Outcome, Picture, Plot, Report, Study
-from holoview.study.work import bench_of
+from holoview.study.work import bench_of, mean_of
 
 _COUNTS = (1, 2, 4, 8, 16, 32)
 _SEEDS = 4
@@ -34,6 +34,10 @@ class _Contrast(Study):
         "are independent; wavelengths through the same pattern only where they are far apart (see memory-effect)."
     )
     reduced = "Contrast is taken of intensity (all lasers alike) over the whole field."
+
+    def size(self, scale: Scale) -> str:
+        """Random patterns; nothing is optimised."""
+        return ", ".join(words_of(at_least(scale), _SEEDS))
 
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
         return [
@@ -57,7 +61,7 @@ class _Contrast(Study):
         return Outcome({"contrast": contrast, "patterns": independent_patterns(contrast)}, {"speckle": picture})
 
     def findings(self, results: Results) -> Findings:
-        curves = {way: [_mean(results, way, count) for count in _COUNTS] for way in _WAYS}
+        curves = {way: [mean_of(results, "contrast", way=way, count=count) for count in _COUNTS] for way in _WAYS}
         law = 1 / np.sqrt(_COUNTS)
         departure = float(np.max(np.abs(np.array(curves["frames"]) / law - 1)))
         eight = {way: curve[_COUNTS.index(8)] for way, curve in curves.items()}
@@ -103,11 +107,6 @@ def _changes(settings: Mapping[str, Any]) -> dict[str, Any]:
         return {"wavelengths": [550e-9], "amplitudes": [[1.0]] * count, "observer": "mono"}
     wavelengths = np.linspace(440e-9, 660e-9, count) if count > 1 else np.array([550e-9])
     return {"wavelengths": wavelengths.tolist(), "amplitudes": [[1.0] * count], "observer": "mono"}
-
-
-def _mean(results: Results, way: str, count: int) -> float:
-    found = [o.numbers["contrast"] for j, o in results if (j.settings["way"], j.settings["count"]) == (way, count)]
-    return float(np.mean(found))
 
 
 STUDY = _Contrast()

@@ -14,7 +14,7 @@ from holoview.study.holograms import Results, scheme_jobs
 from holoview.study.plots import lines
 from holoview.study.scale import Scale
 from holoview.study.study import Claim, Findings, Job, Outcome, Picture, Plot, Report, Study
-from holoview.study.work import bench_of, optimised, target_of
+from holoview.study.work import bench_of, mean_curve, optimised, target_of
 
 _SCHEMES = ("simultaneous", "holochrome-8", "holochrome-8x3")
 _SWEEP = 9
@@ -50,13 +50,7 @@ class _Defocus(Study):
         return Outcome(numbers, {"near": view.srgb8[0], "far": view.srgb8[-1]})
 
     def findings(self, results: Results) -> Findings:
-        curves = {
-            scheme: {
-                key: np.mean([o.numbers[key] for j, o in results if j.settings["scheme"] == scheme], axis=0)
-                for key in _KEYS
-            }
-            for scheme in _SCHEMES
-        }
+        curves = {scheme: {key: mean_curve(results, key, scheme=scheme) for key in _KEYS} for scheme in _SCHEMES}
         plots = [
             Plot(
                 key, caption, lines({s: (c["planes_mm"], c[key]) for s, c in curves.items()}, "focal plane (mm)", axis)

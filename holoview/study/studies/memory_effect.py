@@ -13,9 +13,9 @@ import holoview as hv
 from holoview.study.claims import FAILS, REPRODUCES, SHOWN
 from holoview.study.holograms import Results
 from holoview.study.plots import lines
-from holoview.study.scale import Scale, at_least
+from holoview.study.scale import Scale, at_least, words_of
 from holoview.study.study import Claim, Findings, Job, Outcome, Plot, Report, Study
-from holoview.study.work import bench_of
+from holoview.study.work import bench_of, mean_curve
 from holoview.system import System
 
 _MIDDLE_M, _PLANE_M = 550e-9, 10e-3
@@ -38,13 +38,17 @@ class _MemoryEffect(Study):
     reduced = "Quick: 256 x 192 samples; correlations scatter by about 0.02."
     revision = 2
 
+    def size(self, scale: Scale) -> str:
+        """Random patterns; nothing is optimised."""
+        return ", ".join(words_of(at_least(scale), _seeds(scale)))
+
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
         shared = {"grid": "periodic", "shape": list(at_least(scale)), "planes": 1, "scheme": "simultaneous"}
         return [
             self.job(f"{way}, {_gap_words(gap)}, seed {n}", {**shared, "way": way, "gap_mm": gap, "seed": n})
             for way in _WAYS
             for gap in _GAPS_MM
-            for n in range(seed, seed + max(scale.seeds, 2))
+            for n in range(seed, seed + _seeds(scale))
         ]
 
     def work(self, settings: Mapping[str, Any], report: Report) -> Outcome:
@@ -58,7 +62,8 @@ class _MemoryEffect(Study):
         return Outcome({"steps": steps, "correlation": found})
 
     def findings(self, results: Results) -> Findings:
-        curves = {(way, gap): _mean(results, way, gap) for way in _WAYS for gap in _GAPS_MM}
+        cases = [(way, gap) for way in _WAYS for gap in _GAPS_MM]
+        curves = {(way, gap): mean_curve(results, "correlation", way=way, gap_mm=gap) for way, gap in cases}
         widths = [_half_width(_STEPS_NM, curves["wavelength", gap]) for gap in _GAPS_MM]
         here = ", ".join(f"{_gap_words(gap)}: {width:.1f} nm" for gap, width in zip(_GAPS_MM, widths, strict=True))
         falls = all(later < earlier for earlier, later in pairwise(widths))
@@ -155,9 +160,8 @@ def _correlation(first: NDArray[np.float64], second: NDArray[np.float64], reach:
     return max(at(best + part) for part in (_PARTS if reach else (0.0,)))
 
 
-def _mean(results: Results, way: str, gap: float | None) -> NDArray[np.float64]:
-    found = [o.numbers["correlation"] for j, o in results if (j.settings["way"], j.settings["gap_mm"]) == (way, gap)]
-    return np.asarray(np.mean(found, axis=0))
+def _seeds(scale: Scale) -> int:
+    return max(scale.seeds, 2)
 
 
 def _half_width(steps: tuple[float, ...], curve: NDArray[np.float64]) -> float:

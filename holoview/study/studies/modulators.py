@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from holoview.study.claims import gain_claim
-from holoview.study.holograms import HologramStudy, Results, scheme_jobs, table_of
-from holoview.study.plots import bars, panels
+from holoview.study.holograms import HologramStudy, Results, psnr_plot, scheme_jobs, table_of
+from holoview.study.plots import panels
 from holoview.study.scale import Scale
 from holoview.study.study import Findings, Job, Plot
 from holoview.study.work import means
@@ -54,11 +54,7 @@ class _Modulators(HologramStudy):
                 for what, paper_db, schemes, options in pairs
             ],
             plots=[
-                Plot(
-                    "psnr",
-                    "PSNR of linear sRGB",
-                    bars(labels, means(results, ("psnr_db", "between_db"), cases), "PSNR (dB)"),
-                ),
+                psnr_plot(results, labels, cases),
                 Plot(
                     "eyebox",
                     "Variation of the eyebox's filling (0 is even); light in its centre over the mean (1 is even)",

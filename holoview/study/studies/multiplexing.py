@@ -11,11 +11,11 @@ import holoview as hv
 from holoview.colour import SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights
 from holoview.metrics.psnr import psnr_xyz
 from holoview.study.claims import FAILS, REPRODUCES
-from holoview.study.holograms import Results
+from holoview.study.holograms import Results, targets_and_seeds
 from holoview.study.plots import lines
 from holoview.study.scale import Scale
 from holoview.study.study import Claim, Findings, Job, Outcome, Plot, Report, Study
-from holoview.study.work import bench_of, optimised, row, scores, target_of
+from holoview.study.work import bench_of, mean_of, optimised, row, scores, target_of
 
 _LASERS_M = (532e-9, 638e-9)
 _MIXES = (0.0, 0.17, 0.33, 0.5, 0.67, 0.83, 1.0)
@@ -34,22 +34,19 @@ class _Multiplexing(Study):
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
         return [
             self.job(
-                f"{drive}, {mix:.0%} of the longer wavelength, {target}, seed {number}",
+                f"{drive}, {mix:.0%} of the longer wavelength, {case['target']}, seed {case['seed']}",
                 {
-                    **scale.settings,
+                    **case,
                     "scheme": "simultaneous",
                     "drive": drive,
                     "mix": mix,
-                    "target": target,
-                    "seed": number,
                     "set": {"wavelengths": list(_LASERS_M), "amplitudes": _DRIVES[drive]},
                     "options": {"loss": "xyz"},
                 },
             )
             for mix in _MIXES
             for drive in _DRIVES
-            for target in scale.targets
-            for number in range(seed, seed + scale.seeds)
+            for case in targets_and_seeds(scale, seed)
         ]
 
     def work(self, settings: Mapping[str, Any], report: Report) -> Outcome:
@@ -61,21 +58,7 @@ class _Multiplexing(Study):
         return Outcome(numbers)
 
     def findings(self, results: Results) -> Findings:
-        curves = {
-            drive: [
-                float(
-                    np.mean(
-                        [
-                            o.numbers["psnr_xyz_db"]
-                            for j, o in results
-                            if (j.settings["drive"], j.settings["mix"]) == (drive, mix)
-                        ]
-                    )
-                )
-                for mix in _MIXES
-            ]
-            for drive in _DRIVES
-        }
+        curves = {drive: [mean_of(results, "psnr_xyz_db", drive=drive, mix=mix) for mix in _MIXES] for drive in _DRIVES}
         gains = np.array(curves["multiplexed"]) - np.array(curves["sequential"])
         here = f"{gains.min():+.1f} to {gains.max():+.1f} dB"
         return Findings(

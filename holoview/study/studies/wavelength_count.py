@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 from holoview.study.claims import gain_claim
-from holoview.study.holograms import HologramStudy, Results, pictures_of, scheme_jobs, table_of
-from holoview.study.plots import bars, panels
-from holoview.study.scale import Scale
-from holoview.study.study import Findings, Job, Plot
-from holoview.study.work import means
-
-_SCHEMES = ("simultaneous", "holochrome-8", "holochrome-16")
-_LABELS = ("3 wavelengths", "8 wavelengths", "16 wavelengths")
+from holoview.study.holograms import Results, SchemeStudy
+from holoview.study.study import Claim
 
 
-class _WavelengthCount(HologramStudy):
+class _WavelengthCount(SchemeStudy):
     name = "wavelength-count"
     title = "The number of wavelengths in one frame"
     shows = (
@@ -21,31 +15,14 @@ class _WavelengthCount(HologramStudy):
         "each adds a degree of freedom in colour."
     )
     reduced = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    schemes = ("simultaneous", "holochrome-8", "holochrome-16")
+    labels = ("3 wavelengths", "8 wavelengths", "16 wavelengths")
 
-    def jobs(self, scale: Scale, seed: int) -> list[Job]:
-        return scheme_jobs(self, _SCHEMES, scale, seed)
-
-    def findings(self, results: Results) -> Findings:
-        cases = [{"scheme": scheme} for scheme in _SCHEMES]
-        keys = ("speckle_contrast", "eyebox_variation", "delta_e")
-        return Findings(
-            rows=table_of(results),
-            claims=[
-                gain_claim(results, "8 wavelengths against 3", 3.6, "holochrome-8", "simultaneous"),
-                gain_claim(results, "16 wavelengths against 3", 4.3, "holochrome-16", "simultaneous"),
-            ],
-            plots=[
-                Plot(
-                    "psnr",
-                    "PSNR of linear sRGB",
-                    bars(_LABELS, means(results, ("psnr_db", "between_db"), cases), "PSNR (dB)"),
-                ),
-                Plot(
-                    "others", "Speckle, eyebox and colour; small is good", panels(_LABELS, means(results, keys, cases))
-                ),
-            ],
-            pictures=pictures_of(results),
-        )
+    def claims(self, results: Results) -> list[Claim]:
+        return [
+            gain_claim(results, "8 wavelengths against 3", 3.6, "holochrome-8", "simultaneous"),
+            gain_claim(results, "16 wavelengths against 3", 4.3, "holochrome-16", "simultaneous"),
+        ]
 
 
 STUDY = _WavelengthCount()

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from holoview.study.claims import FAILS, LARGER, REPRODUCES
-from holoview.study.holograms import HologramStudy, Results, scheme_jobs, table_of
-from holoview.study.plots import bars
+from holoview.study.holograms import HologramStudy, Results, psnr_plot, scheme_jobs, table_of
 from holoview.study.scale import Scale
-from holoview.study.study import Claim, Findings, Job, Plot
-from holoview.study.work import gains, means
+from holoview.study.study import Claim, Findings, Job
+from holoview.study.work import gains
 
 _SCHEMES = ("holochrome-4", "holochrome-8")
 _FIXED: dict[str, Any] = {}
@@ -39,9 +38,7 @@ class _Wavelengths(HologramStudy):
             for job, outcome in results
             if job.settings["options"] == _FREE
         ]
-        plot = Plot(
-            "psnr", "PSNR of linear sRGB", bars(labels, means(results, ("psnr_db", "between_db"), cases), "PSNR (dB)")
-        )
+        plot = psnr_plot(results, labels, cases)
         return Findings(rows=table_of(results, "options"), claims=claims, plots=[plot], notes=found)
 
 
