@@ -1,0 +1,88 @@
+"""Captures for tests of the parts (pictures of noise, no optics) and benches for those of the whole."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from holoview.captures.make import Session
+from holoview.captures.make import make_captures as measure
+from holoview.captures.session import Camera, Captures, Panel
+from holoview.diagnose.bench import Bench, same_physics
+from holoview.diagnose.extend import Known
+from holoview.diagnose.measured import measured
+from holoview.diagnose.split import roughness, split
+from holoview.effects.registry import registry
+from holoview.system import Modulator, Relay, System
+
+SHAPE = (32, 40)
+
+
+def small_system(modulators: int = 2, **changes: Any) -> System:
+    """Modulators of 32 × 40 pixels and 16 levels, two wavelengths, one plane."""
+    panel = Modulator(pitch_m=8e-6, shape=SHAPE, stroke_m=825e-9, levels=16)
+    two = modulators == 2
+    plain = System(
+        wavelengths_m=np.array([450e-9, 600e-9]),
+        amplitudes=np.ones((1, 2)),
+        modulators=(panel,) * modulators,
+        gap_m=1e-3 if two else None,
+        planes_m=np.array([4e-3]),
+        relay1=Relay(iris_na=0.03 if two else None),
+        relay2=Relay(iris_na=0.03),
+        observer="mono",
+    )
+    return plain.edit(changes) if changes else plain
+
+
+def pictures(count: int = 4, seed: int = 0, **changes: Any) -> Captures:
+    """Captures whose pictures are independent random numbers; wavelengths take turns."""
+    rng = np.random.default_rng(seed)
+    plain = Captures(
+        levels=rng.integers(0, 16, (count, 2, *SHAPE), dtype=np.uint8),
+        images=rng.integers(200, 1500, (count, 2 * SHAPE[0], 2 * SHAPE[1])).astype(np.uint16),
+        wavelength_m=np.resize([450e-9, 600e-9], count),
+        distance_m=np.full(count, 4e-3),
+        power=np.ones(count),
+        exposure_s=np.ones(count),
+        panels=(Panel(8e-6, 16, 825e-9),) * 2,
+        camera=Camera(4e-6, 12, 4.0, 3.0, 64.0),
+        gap_m=1e-3,
+        iris1_na=0.03,
+        iris2_na=0.03,
+    )
+    return dataclasses.replace(plain, **changes)
+
+
+@pytest.fixture
+def make_captures() -> Callable[..., Captures]:
+    """Pictures of random numbers."""
+    return pictures
+
+
+@pytest.fixture(scope="session")
+def nominal() -> Captures:
+    """A small session of a bench without faults."""
+    return measure(small_system(), {}, Session(each=6, seed=5))
+
+
+@pytest.fixture(scope="session")
+def bench(nominal: Captures) -> Iterator[Bench]:
+    """What a search would work with on these captures."""
+    effects, facts = dict(registry()), nominal.facts()
+    with ThreadPoolExecutor(1) as pool:
+        yield Bench(
+            measured=measured(nominal),
+            system=nominal.system(),
+            effects=effects,
+            split=split(nominal, roughness(nominal)),
+            make_predictor=partial(Known, nominal, {}),
+            pool=pool,
+            equals=same_physics(effects, facts),
+        )

@@ -1,0 +1,157 @@
+"""Capture files of a virtual bench by plain numpy: nothing here knows holoview, its sampling or its padding.
+
+Every modulator pixel is `fine` × `fine` samples of one phase, fields lie in a window three times as large as the
+modulators, everything is complex128, and a camera pixel integrates the samples that it covers. The file is written with
+h5py, attribute by attribute, as a laboratory would from the format's description.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_WINDOW = 3  # of the modulators' size: another padding than the model's
+_FULL_WELL = 16000.0  # electrons
+_READ_NOISE, _BLACK, _BITS = 3.0, 64.0, 12
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What is wrong with the bench; SI units, modulator pixels for shifts. Everything zero: as the file says."""
+
+    gap_m: float = 0.0
+    distance_m: float = 0.0
+    stroke: float = 0.0  # relative, both modulators
+    shift_px: tuple[float, float] = (0.0, 0.0)  # modulator 2, (y, x); multiples of 1/fine
+    crosstalk_px: float = 0.0  # Gaussian σ of the optical paths
+    tilt_rad: tuple[float, float] = (0.0, 0.0)
+    black: float = 0.0  # counts
+    vortex: float = 0.0  # a spiral phase on modulator 1, turns: no effect of the library
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """The bench as the file describes it. camera: pixels of the camera a modulator pixel and axis."""
+
+    shape: tuple[int, int] = (32, 40)
+    pitch_m: float = 8e-6
+    levels: int = 16
+    opd_m: float = 825e-9
+    gap_m: float = 1e-3
+    distance_m: float = 4e-3
+    na: float = 0.03
+    wavelengths_m: tuple[float, ...] = (450e-9, 600e-9)
+    each: int = 6
+    smoothness_px: tuple[float, ...] = (4.0, 2.5, 1.5, 0.8)
+    fine: int = 4
+    camera: int = 2
+    seed: int = 0
+    faults: Faults = field(default_factory=Faults)
+
+
+def write_session(path: Path, lab: Laboratory) -> Path:
+    """Measures the bench and writes the capture file."""
+    rng = np.random.default_rng(lab.seed)
+    wavelength = np.repeat(lab.wavelengths_m, lab.each)
+    count = len(wavelength)
+    levels = np.stack([[_pattern(rng, lab, k) for _ in range(2)] for k in range(count)]).astype(np.uint8)
+    power = rng.choice([0.5, 0.7, 1.0], count)
+    scale = {λ: rng.uniform(0.6, 1.4) for λ in lab.wavelengths_m}
+    images, exposure = [], []
+    for k, λ in enumerate(wavelength):
+        signal = scale[λ] * power[k] * intensity(lab, levels[k], float(λ))
+        exposure.append(float(f"{0.8 / np.quantile(signal, 0.999):.3g}"))
+        images.append(_counts(rng, signal * exposure[-1], lab.faults.black))
+    _write(path, lab, levels, np.stack(images), wavelength, power, np.array(exposure))
+    return path
+
+
+def intensity(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float) -> Floats:
+    """Mean light of each camera pixel for levels (modulator, y, x)."""
+    rows, columns = (n * lab.fine for n in lab.shape)
+    y, x = ((np.arange(n) - (n - 1) / 2) * lab.pitch_m / lab.fine for n in (rows, columns))
+    sine_y, sine_x = (np.sin(a) for a in lab.faults.tilt_rad)
+    wave = np.exp(2j * np.pi / wavelength_m * (sine_y * y[:, None] + sine_x * x[None, :]))
+    spiral = np.exp(1j * lab.faults.vortex * np.arctan2(y[:, None], x[None, :]))
+    first = _framed(wave * spiral * _modulated(lab, levels[0], wavelength_m))
+    field = _travelled(first, lab, wavelength_m, lab.gap_m + lab.faults.gap_m)
+    second = _framed(_modulated(lab, levels[1], wavelength_m))
+    by = tuple(round(s * lab.fine) for s in lab.faults.shift_px)
+    field = _travelled(field * np.roll(second, by, (0, 1)), lab, wavelength_m, lab.distance_m + lab.faults.distance_m)
+    seen = np.abs(field[rows : 2 * rows, columns : 2 * columns]) ** 2
+    side = lab.fine // lab.camera
+    return seen.reshape(rows // side, side, columns // side, side).mean(axis=(1, 3))
+
+
+def _modulated(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float) -> Complex:
+    path = levels / (lab.levels - 1) * lab.opd_m * (1 + lab.faults.stroke)
+    if lab.faults.crosstalk_px:
+        path = gaussian_filter(path, lab.faults.crosstalk_px, mode="nearest", truncate=6.0)
+    return np.kron(np.exp(2j * np.pi * path / wavelength_m), np.ones((lab.fine, lab.fine)))
+
+
+def _framed(inner: Complex) -> Complex:
+    """In the middle of a dark window."""
+    rows, columns = inner.shape
+    field = np.zeros((_WINDOW * rows, _WINDOW * columns), complex)
+    field[rows : 2 * rows, columns : 2 * columns] = inner
+    return field
+
+
+def _travelled(field: Complex, lab: Laboratory, wavelength_m: float, distance_m: float) -> Complex:
+    """Through a relay with an iris, then over a distance: the angular spectrum."""
+    fy, fx = (np.fft.fftfreq(n, lab.pitch_m / lab.fine) for n in field.shape)
+    sine2 = wavelength_m**2 * (fy[:, None] ** 2 + fx[None, :] ** 2)
+    cosine = np.sqrt(np.maximum(1 - sine2, 0))
+    transfer = np.where(sine2 <= lab.na**2, np.exp(2j * np.pi * distance_m / wavelength_m * cosine), 0)
+    return np.fft.ifft2(np.fft.fft2(field) * transfer)
+
+
+def _pattern(rng: np.random.Generator, lab: Laboratory, k: int) -> Floats:
+    """Random levels of equal frequency, smooth over some pixels."""
+    smooth = gaussian_filter(rng.standard_normal(lab.shape), lab.smoothness_px[k % len(lab.smoothness_px)])
+    rank = smooth.ravel().argsort().argsort().reshape(lab.shape)
+    return rank * lab.levels // rank.size
+
+
+def _counts(rng: np.random.Generator, signal: Floats, black: float) -> NDArray[np.uint16]:
+    """signal: 1 fills the well."""
+    a_count = _FULL_WELL / (2**_BITS - 1 - _BLACK)
+    electrons = rng.poisson(_FULL_WELL * signal) + _READ_NOISE * rng.standard_normal(signal.shape)
+    return np.clip(np.rint(electrons / a_count + _BLACK + black), 0, 2**_BITS - 1).astype(np.uint16)
+
+
+def _write(
+    path: Path,
+    lab: Laboratory,
+    levels: NDArray[np.uint8],
+    images: NDArray[np.uint16],
+    wavelength: Floats,
+    power: Floats,
+    exposure: Floats,
+) -> None:
+    with h5py.File(path, "w") as h5:
+        h5.attrs.update(format="holoview-captures", version=1)
+        for number in (0, 1):
+            slm = h5.create_group(f"slm{number + 1}")
+            slm["levels"] = levels[:, number]
+            slm.attrs.update(pitch=lab.pitch_m, num_levels=lab.levels, opd_range=lab.opd_m)
+        h5["camera/images"] = images
+        h5["camera"].attrs.update(
+            pitch=lab.pitch_m / lab.camera,
+            bit_depth=_BITS,
+            electrons_per_count=_FULL_WELL / (2**_BITS - 1 - _BLACK),
+            read_noise=_READ_NOISE,
+            black_level=_BLACK,
+        )
+        h5["wavelength"], h5["distance"] = wavelength, np.full(len(wavelength), lab.distance_m)
+        h5["power"], h5["exposure"] = power, exposure
+        h5.create_group("geometry").attrs.update(gap=lab.gap_m, iris1_na=lab.na, iris2_na=lab.na)

@@ -1,0 +1,58 @@
+"""Hidden faults: drawn from a seed, measured, and told only to who shows a verdict."""
+
+from __future__ import annotations
+
+import datetime
+import os
+from collections.abc import Sequence
+
+import numpy as np
+
+from holoview.captures.make import Nuisances, Session, make_captures
+from holoview.captures.session import Captures
+from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.draw import draw_effect
+from holoview.effects.registry import registry
+from holoview.system import System
+
+Truth = dict[str, dict[str, float]]
+
+TURN = int(os.environ.get("HOLOVIEW_TURN", datetime.date.today().toordinal()))
+"""Which of the verified cases this run takes: another one each day, or as the environment says."""
+
+
+def taken(seeds: Sequence[int], count: int) -> list[int]:
+    """The seeds of this turn; test ids show them, `HOLOVIEW_TURN` repeats them."""
+    first = TURN * count
+    return [seeds[(first + k) % len(seeds)] for k in range(min(count, len(seeds)))]
+
+
+class Sealed:
+    """Faults of `count` effects out of `among`, of sizes between those given (1: the edge of the scan)."""
+
+    def __init__(
+        self,
+        seed: int,
+        system: System,
+        among: Sequence[str] = (),
+        count: int = 1,
+        sizes: tuple[float, float] = (0.2, 0.9),
+        nuisances: Nuisances | None = None,
+    ) -> None:
+        rng = np.random.default_rng(seed)
+        library = registry()
+        chosen = [str(n) for n in rng.choice(sorted(among), count, replace=False)] if among else []
+        self.__truth = {name: draw_effect(library[name], system, rng.uniform(*sizes), rng) for name in chosen}
+        session = Session(each=6, seed=seed, nuisances=nuisances or Nuisances())
+        self.captures: Captures = make_captures(system, self.__truth, session)
+
+    def without_the_cause(self, among: Sequence[str]) -> list[str]:
+        """Effects of which none is the hidden one, nor the same physics."""
+        library, facts = registry(), self.captures.facts()
+        hidden = {other for name in self.__truth for other in (name, *library[name].equal_to(facts))}
+        return [name for name in among if name not in hidden and not hidden & set(library[name].equal_to(facts))]
+
+    def opened(self, verdict: Diagnosis) -> Truth:
+        """The truth, once there is a verdict."""
+        assert isinstance(verdict, Diagnosis)
+        return self.__truth

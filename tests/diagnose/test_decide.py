@@ -1,0 +1,55 @@
+"""What a search's figures allow one to say."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from holoview.diagnose.decide import Decision, Verdict, decide
+from holoview.diagnose.search import Trial
+from holoview.diagnose.select import Judged, Selection
+
+PIXELS = 100_000.0
+EQUALS = {"distance": frozenset({"aberration2"}), "aberration2": frozenset({"distance"})}
+
+
+def _judged(causes: str, chi2: float) -> Judged:
+    names = tuple(causes.split())
+    return Judged(Trial(names, {n: {"x": 1.0} for n in names}, chi2 * PIXELS), chi2, (chi2,), chi2)
+
+
+def _decided(nominal: float, *tried: tuple[str, float]) -> Decision:
+    comparison: Any = SimpleNamespace(count=PIXELS)
+    selection = Selection(_judged("", nominal), tuple(_judged(*t) for t in tried), comparison, comparison)
+    return decide(selection, EQUALS)
+
+
+@pytest.mark.parametrize(
+    ("nominal", "tried", "verdict", "rivals"),
+    [
+        (1.0002, [("ghost", 1.0)], Verdict.CONSISTENT, []),
+        (1.004, [("gap", 1.0), ("tilt", 1.004)], Verdict.EXPLAINED, []),  # small, yet Δχ² = 400
+        (5.0, [("gap", 1.01), ("tilt", 3.0)], Verdict.EXPLAINED, []),
+        (5.0, [("gap tilt", 1.01), ("gap", 2.0)], Verdict.EXPLAINED, []),
+        (5.0, [("gap", 1.5), ("tilt", 3.0)], Verdict.PARTLY, []),
+        (5.0, [("gap", 4.5)], Verdict.UNEXPLAINED, []),
+        (5.0, [], Verdict.UNEXPLAINED, []),
+        (5.0, [("gap", 1.010), ("tilt", 1.012)], Verdict.AMBIGUOUS, [("tilt",)]),
+        (5.0, [("distance", 1.010), ("aberration2", 1.010)], Verdict.EXPLAINED, []),  # the same physics
+        (5.0, [("gap", 1.010), ("gap tilt", 1.009)], Verdict.EXPLAINED, []),  # more causes are no rival
+    ],
+)
+def test_the_verdict(
+    nominal: float, tried: list[tuple[str, float]], verdict: Verdict, rivals: list[tuple[str, ...]]
+) -> None:
+    found = _decided(nominal, *tried)
+    assert found.verdict is verdict
+    assert [r.causes for r in found.rivals] == rivals
+    assert (found.best is not None) == (verdict in (Verdict.EXPLAINED, Verdict.PARTLY, Verdict.AMBIGUOUS))
+
+
+def test_of_a_large_error_nine_tenths_arent_enough_to_name_with_confidence() -> None:
+    """χ²/n 1000 → 50 explains 95 %, as a blur would; it stays far from the floor."""
+    assert _decided(1000.0, ("camera_blur", 50.0)).verdict is Verdict.PARTLY

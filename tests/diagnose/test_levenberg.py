@@ -1,0 +1,107 @@
+"""Local fits reach analytic minima, stay inside their bounds, and measure how sharp a minimum is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from holoview.diagnose.levenberg import (
+    Bounds,
+    Minimum,
+    golden_section,
+    jacobian,
+    levenberg_marquardt,
+    profile_width,
+    simplex,
+)
+from holoview.diagnose.levenberg import Residuals as Residual
+from holoview.diagnose.levenberg import Vector
+
+
+def _bounds(count: int, reach: float = 10.0, step: float = 1e-3) -> Bounds:
+    return Bounds(np.full(count, -reach), np.full(count, reach), np.full(count, step))
+
+
+def _line(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    return rng.standard_normal((200, 3)), rng.standard_normal(200)
+
+
+def test_a_linear_problem_ends_where_the_normal_equations_do() -> None:
+    a, b = _line(np.random.default_rng(0))
+    found = levenberg_marquardt(
+        lambda x: (a @ x - b).astype(np.float32), np.zeros(3), _bounds(3), iterations=12, tolerance=1e-9
+    )
+    exact = np.linalg.lstsq(a, b, rcond=None)[0]
+    assert found.x == pytest.approx(exact, abs=1e-4)  # forward differences of float32 residuals
+    assert found.cost == pytest.approx(float(np.square(a @ exact - b).sum()), rel=1e-6)
+
+
+def test_a_bound_holds_one_parameter_and_the_others_are_solved_without_it() -> None:
+    a, b = _line(np.random.default_rng(1))
+    exact = np.linalg.lstsq(a, b, rcond=None)[0]
+    held = exact[0] + 0.5
+    bounds = Bounds(np.array([held, -10.0, -10.0]), np.full(3, 10.0), np.full(3, 1e-3))
+    found = levenberg_marquardt(
+        lambda x: (a @ x - b).astype(np.float32), np.array([2.0, 0, 0]), bounds, iterations=20, tolerance=1e-9
+    )
+    rest = np.linalg.lstsq(a[:, 1:], b - a[:, 0] * held, rcond=None)[0]
+    assert found.x == pytest.approx([held, *rest], abs=1e-4)
+
+
+def test_rosenbrocks_valley_is_followed_to_its_end() -> None:
+    """(1 − x)² + 100 (y − x²)², from the usual start; its minimum is 0 at (1, 1)."""
+    found = levenberg_marquardt(
+        lambda x: np.array([1 - x[0], 10 * (x[1] - x[0] ** 2)], np.float32),
+        np.array([-1.2, 1.0]),
+        _bounds(2),
+        iterations=60,
+        tolerance=0.0,
+    )
+    assert found.x == pytest.approx([1.0, 1.0], abs=2e-3)
+
+
+def test_slopes_are_taken_away_from_a_bound() -> None:
+    """Beyond the bound the function says something else, which must not be looked at."""
+
+    def function(x: Vector) -> Residual:
+        return np.array([3 * x[0] if x[0] <= 1 else np.nan], np.float32)
+
+    bounds = Bounds(np.zeros(1), np.ones(1), np.full(1, 0.25))
+    slopes = jacobian(function, np.ones(1), function(np.ones(1)), bounds)
+    assert slopes == pytest.approx(np.array([[3.0]]))
+
+
+def test_a_jump_is_found_without_slopes() -> None:
+    """|x − 0.3| in steps of 1/16: flat between, so no slope points anywhere. 14 evaluations narrow 2 to 2·0.618¹¹."""
+
+    def function(x: Vector) -> Residual:
+        return np.array([np.floor(abs(x[0] - 0.3) * 16) / 16], np.float32)
+
+    found = golden_section(function, np.zeros(1), _bounds(1), 0, 1.0)
+    assert abs(found.x[0] - 0.3) < 1 / 16 + 2 * 0.618**11
+
+
+def test_coupled_jumps_are_found_together() -> None:
+    """A plateau of width 0.02 about (0.4, −0.2), across a valley that runs along the diagonal."""
+
+    def function(x: Vector) -> Residual:
+        u, v = x[0] - 0.4, x[1] + 0.2
+        return np.round(np.array([10 * (u + v), u - v], np.float32), 2)
+
+    start = Minimum(np.zeros(2), float(np.square(function(np.zeros(2))).sum()), function(np.zeros(2)), 0)
+    found = simplex(function, start, [0, 1], np.array([0.3, 0.3]), _bounds(2))
+    assert found.x == pytest.approx([0.4, -0.2], abs=0.02)
+    assert found.cost <= start.cost
+
+
+@pytest.mark.parametrize("rise", [1.0, 25.0])
+def test_the_width_of_a_parabola_is_the_root_of_its_rise(rise: float) -> None:
+    """cost = (x/σ)²: it has risen by r at σ·√r. Six bisections leave 1/64 of a step's doubling."""
+    sigma = 0.05
+
+    def function(x: Vector) -> Residual:
+        return np.array([x[0] / sigma], np.float32)
+
+    at = Minimum(np.zeros(1), 0.0, function(np.zeros(1)), 1)
+    bounds = Bounds(np.full(1, -5.0), np.full(1, 5.0), np.full(1, 0.2))
+    assert profile_width(function, at, 0, bounds, rise) == pytest.approx(sigma * rise**0.5, rel=1 / 32)

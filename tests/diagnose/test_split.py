@@ -1,0 +1,53 @@
+"""Captures are fitted or judged, never both; searches begin with the smoothest of each wavelength."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from holoview.captures.session import Captures
+from holoview.diagnose.split import roughness, split
+
+Make = Callable[..., Captures]
+
+
+def test_roughness_is_the_mean_squared_step() -> None:
+    """A ramp of one level a column: (1/15)² along rows, 0 along columns; a chequerboard: 1 and 1."""
+    from tests.diagnose.conftest import SHAPE, pictures
+
+    ramp = np.broadcast_to(np.arange(SHAPE[1]) % 16, SHAPE)
+    chequers = 15 * (np.indices(SHAPE).sum(axis=0) % 2)
+    flat = np.zeros(SHAPE)
+    levels = np.stack([np.stack([p, p]) for p in (np.minimum(ramp, 15), chequers, flat)]).astype(np.uint8)
+    rough = roughness(pictures(3, levels=levels))
+    steps = np.diff(ramp.astype(float), axis=1) / 15
+    assert rough == pytest.approx([np.mean(steps**2), 2.0, 0.0])
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 6, 12, 32, 100])
+@pytest.mark.parametrize("wavelengths", [1, 2, 4, 10])
+def test_no_capture_is_fitted_and_judged(make_captures: Make, count: int, wavelengths: int) -> None:
+    captures = make_captures(count, wavelength_m=np.resize(np.linspace(450e-9, 640e-9, wavelengths), count))
+    found = split(captures, np.random.default_rng(count).uniform(size=count))
+    assert len(found.coarse) and len(found.fine) and len(found.held_out)
+    assert not set(found.held_out) & (set(found.fine) | set(found.coarse))
+    assert len(found.coarse) <= 6 and len(found.fine) <= 12 and len(found.held_out) <= 16
+
+
+def test_the_smoothest_of_each_wavelength_come_first(make_captures: Make) -> None:
+    captures = make_captures(16)
+    rough = np.random.default_rng(1).permutation(16).astype(float)
+    found = split(captures, rough)
+    for wavelength in captures.wavelengths_m:
+        own = np.flatnonzero(captures.wavelength_m == wavelength)
+        assert own[rough[own].argmin()] in found.coarse
+        assert np.count_nonzero(captures.wavelength_m[found.held_out] == wavelength) == 2
+
+
+def test_every_plane_is_fitted_and_judged(make_captures: Make) -> None:
+    captures = make_captures(32, distance_m=np.resize(np.repeat([3e-3, 5e-3], 2), 32))
+    found = split(captures, np.random.default_rng(2).uniform(size=32))
+    for indices in (found.fine, found.held_out):
+        assert set(captures.distance_m[indices]) == {3e-3, 5e-3}
