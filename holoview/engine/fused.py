@@ -36,7 +36,7 @@ from holoview.gpu.recorder import Pass, Recorder
 from holoview.plan import Plan
 
 if TYPE_CHECKING:
-    from holoview.optics.slots import Slots
+    from holoview.optics.slots import FrameSlots
 
 _COMPLEX64, _COMPLEX32, _F32 = 8, 4, 4
 
@@ -70,7 +70,7 @@ class FusedFrame:
     def __init__(
         self,
         plan: Plan,
-        slots: Slots,
+        slots: FrameSlots,
         device: Device,
         *,
         half: bool = False,

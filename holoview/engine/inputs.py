@@ -19,7 +19,7 @@ from holoview.gpu.device import Buffer, Device
 from holoview.plan import Plan
 
 if TYPE_CHECKING:
-    from holoview.optics.slots import Slots
+    from holoview.optics.slots import FrameSlots
 
 _STOPS_BYTES = 8
 
@@ -31,7 +31,7 @@ Identity = Hashable
 class FrameInputs:
     """Tables of a plan and its slots: waves; lights, paths, samples of modulators; paths, stops, pupils of relays."""
 
-    def __init__(self, device: Device, plan: Plan, slots: Slots) -> None:
+    def __init__(self, device: Device, plan: Plan, slots: FrameSlots) -> None:
         self.plan, self.slots = plan, slots
         self._device = device
         self._tables: dict[Key, Buffer] = {}
@@ -41,7 +41,7 @@ class FrameInputs:
         self._fill_slots()
         self.use(plan, slots)
 
-    def use(self, plan: Plan, slots: Slots) -> None:
+    def use(self, plan: Plan, slots: FrameSlots) -> None:
         """Go on with another plan of the same grid and the same numbers of wavelengths, frames and sources."""
         changed = slots is not self.slots
         self.plan, self.slots = plan, slots

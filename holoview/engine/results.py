@@ -26,7 +26,7 @@ from holoview.gpu.recorder import Recorder
 from holoview.plan import Plan
 
 if TYPE_CHECKING:
-    from holoview.optics.slots import Slots
+    from holoview.optics.slots import FrameSlots
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Results:
     Raises UserError when the grid exceeds the device's limits.
     """
 
-    def __init__(self, plan: Plan, slots: Slots, shaders: Kernels, settings: Settings, strategy: Strategy) -> None:
+    def __init__(self, plan: Plan, slots: FrameSlots, shaders: Kernels, settings: Settings, strategy: Strategy) -> None:
         together, device = settings.together if is_clear(slots) else 1, shaders.device
         self.frame = FusedFrame(plan, slots, device, together=together, strategy=strategy, shaders=shaders)
         self.display = Display(device, plan.grid.shape)
@@ -65,7 +65,7 @@ class Results:
         """Memory on the device that fields and intensities take."""
         return self.frame.memory_bytes + self._shelf.memory_bytes + self._slices.memory_bytes
 
-    def use(self, plan: Plan, slots: Slots, plane_m: float) -> None:
+    def use(self, plan: Plan, slots: FrameSlots, plane_m: float) -> None:
         """Go on with a plan of the same structure."""
         before = self._rows_identities()
         self.frame.inputs.use(plan, slots)
@@ -205,6 +205,6 @@ class Results:
         self.frame.kernels["composite"] += 1
 
 
-def is_clear(slots: Slots) -> bool:
+def is_clear(slots: FrameSlots) -> bool:
     """Whether no relay has a pupil, and no modulator a transmission of its samples."""
     return slots.light is None and all(pupil is None for pupils in slots.pupils for pupil in pupils)

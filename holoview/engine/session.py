@@ -35,11 +35,12 @@ from holoview.engine.work import Job, Submitter, exposures, work_left
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.lines import Strategy
 from holoview.gpu.timer import Timer
+from holoview.optics.plain import plain_slots
 from holoview.plan import Plan, make_plan
 from holoview.system import System
 
 if TYPE_CHECKING:
-    from holoview.optics.slots import Slots
+    from holoview.optics.slots import FrameSlots
 
 BUDGET_BYTES = 2**30
 """Device memory for results that are kept, unless another budget is given."""
@@ -89,7 +90,7 @@ class FrameSession:
         self.exposure_stops = exposure_stops
         self._plan = make_plan(system, [*system.planes_m, self.plane_m])
         self._pace = Pace(device, strategy)
-        shaders = self._warmed_up(self._plan)  # first, as making slots may have to wait for torch to be imported
+        shaders = self._warmed_up(self._plan)  # first, as making slots may have to import torch
         self._slots = _make_slots(self._plan, drive)
         self._results = self._opened(self._plan, self._slots, shaders)
         self._take(self._pace.strategy_for(self._results.frame.variants()))
@@ -263,7 +264,7 @@ class FrameSession:
         shaders.warm_up(self._pace.start(plan.grid.padded), plan)
         return shaders
 
-    def _opened(self, plan: Plan, slots: Slots, shaders: Kernels) -> Results:
+    def _opened(self, plan: Plan, slots: FrameSlots, shaders: Kernels) -> Results:
         """Memory on the device for the results of a plan, none of which is known yet."""
         results = Results(plan, slots, shaders, self._settings, self._pace.start(plan.grid.padded))
         results.frame.inputs.set_distance(1, float(plan.planes_m[-1]))
@@ -277,13 +278,16 @@ class FrameSession:
         return True
 
 
-def _make_slots(plan: Plan, drive: Any) -> Slots:
+def _make_slots(plan: Plan, drive: Any) -> FrameSlots:
+    plain = plain_slots(plan, drive) if isinstance(drive, np.ndarray) else None
+    if plain is not None:
+        return plain
     from holoview.optics.slots import make_slots  # here, as it imports torch, which takes a second
 
     return make_slots(plan, drive)
 
 
-def _structure(plan: Plan, slots: Slots) -> Identity:
+def _structure(plan: Plan, slots: FrameSlots) -> Identity:
     """What decides how much memory is taken, and what the kernels are compiled for."""
     return plan.grid, plan.weights.shape, len(plan.slopes), len(plan.system.modulators), is_clear(slots)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from holoview.plan import Grid, Plan, Transfer, fixed_turns
 
 if TYPE_CHECKING:
-    from holoview.optics.slots import Slots
+    from holoview.optics.slots import FrameSlots
 
 Values = dict[str, object]
 
@@ -48,13 +48,12 @@ def column_stops(step: Transfer, grid: Grid) -> NDArray[np.int32]:
     return np.stack([first, end - 1], axis=1).astype(np.int32)
 
 
-def strokes(plan: Plan, slots: Slots, frame: int, modulator: int) -> NDArray[np.float32]:
-    """Optical paths in strokes of the modulator (y, x), so that a float32 drive stays exact."""
-    fraction = slots.opd_m[frame, modulator] / plan.system.modulators[modulator].stroke_m
-    return np.ascontiguousarray(fraction.float().cpu().numpy())
+def strokes(plan: Plan, slots: FrameSlots, frame: int, modulator: int) -> NDArray[np.float32]:
+    """Optical paths in strokes of the modulator (y, x)."""
+    return slots.strokes(frame, modulator, plan.system.modulators[modulator].stroke_m)
 
 
-def dense_values(slots: Slots, frame: int, modulator: int, wavelength: int) -> NDArray[np.complex64]:
+def dense_values(slots: FrameSlots, frame: int, modulator: int, wavelength: int) -> NDArray[np.complex64]:
     """Transmission of a modulator's samples (y, x), where effects give it one."""
     samples = slots.transmission(frame, modulator, wavelength)
     assert samples is not None

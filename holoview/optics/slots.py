@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.errors import UserError
+from holoview.optics.plain import PlainSlots, check_numbers, check_values
 from holoview.optics.pupil import pupil
 from holoview.optics.slm import optical_path
 from holoview.plan import Plan
@@ -30,6 +31,10 @@ class Slots:
     pupils: tuple[tuple[torch.Tensor | None, ...], ...]
     light: Lights | None = None
 
+    def strokes(self, frame: int, modulator: int, stroke_m: float) -> NDArray[np.float32]:
+        """Optical paths of a modulator's pixels (y, x) in strokes, so that a float32 drive stays exact."""
+        return np.ascontiguousarray((self.opd_m[frame, modulator] / stroke_m).float().cpu().numpy())
+
     def is_dense(self, modulator: int) -> bool:
         """Whether a modulator's transmission isn't exp(2πi·opd/λ) of its pixels."""
         return self.light is not None and self.light.is_dense(modulator)
@@ -37,6 +42,10 @@ class Slots:
     def transmission(self, frame: int, modulator: int, wavelength: int) -> torch.Tensor | None:
         """Complex128 transmission of a modulator's samples (y, x), or None: exp(2πi·opd/λ) of its pixels."""
         return None if self.light is None else self.light.samples(frame, modulator, wavelength)
+
+
+FrameSlots = Slots | PlainSlots
+"""What the shaders take."""
 
 
 class Lights(Protocol):
@@ -95,8 +104,7 @@ def optical_paths(plan: Plan, drive: torch.Tensor) -> torch.Tensor:
 
 def _as_tensor(drive: NDArray[np.floating]) -> torch.Tensor:
     values = np.asarray(drive)
-    if values.dtype.kind not in "fiub":
-        raise UserError("drive", f"values of type {values.dtype}", expected="real numbers, 0 to 1 of the stroke")
+    check_numbers(values)
     return torch.from_numpy(np.array(values, order="C"))
 
 
@@ -104,13 +112,5 @@ def check_drive(plan: Plan, drive: torch.Tensor) -> None:
     """UserError unless the drive has the system's shape and lies in 0…1."""
     if drive.is_complex():
         raise UserError("drive", "complex numbers", expected="real numbers, 0 to 1 of the modulator's stroke")
-    expected = plan.nominal.drive_shape
-    if tuple(drive.shape) != expected:
-        raise UserError(
-            "drive", f"an array of shape {tuple(drive.shape)}", expected=f"(frame, modulator, y, x) = {expected}"
-        )
-    low, high = (float(x) for x in torch.aminmax(drive.detach()))
-    if not (low >= 0.0 and high <= 1.0):
-        raise UserError(
-            "drive", f"values from {low:g} to {high:g}", expected="0 to 1, a fraction of the modulator's stroke"
-        )
+    low, high = (float(x) for x in torch.aminmax(drive.detach())) if drive.numel() else (0.0, 0.0)
+    check_values(plan, tuple(drive.shape), low, high)
