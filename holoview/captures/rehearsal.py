@@ -1,4 +1,4 @@
-"""Effects of one's own are tried once before a long search: a search takes a hook that fails for a bench that can't be."""
+"""Effects of one's own are tried once before a search, which would take a hook that fails for a bench that can't be."""
 
 from __future__ import annotations
 

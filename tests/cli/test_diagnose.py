@@ -162,9 +162,7 @@ def test_its_report_needs_no_other_file(diagnosed: Diagnosed) -> None:
 
 
 def test_a_preset_with_the_fault_leaves_nothing_to_explain(diagnosed: Diagnosed, holoview: Run) -> None:
-    outcome = holoview(
-        "diagnose", diagnosed.folder / "c.h5", "--preset", diagnosed.folder / "p.toml", "--workers", 1
-    )
+    outcome = holoview("diagnose", diagnosed.folder / "c.h5", "--preset", diagnosed.folder / "p.toml", "--workers", 1)
     assert outcome.code == 0 and ": consistent" in outcome.out
 
 
