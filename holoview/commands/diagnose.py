@@ -14,6 +14,7 @@ from holoview.diagnose.comparison import Values
 from holoview.diagnose.diagnose import diagnose
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.extend import extended, nominal_of
+from holoview.diagnose.words import in_words
 from holoview.effects.effect import Effect
 from holoview.effects.registry import load_user_effects
 from holoview.errors import UserError
@@ -109,8 +110,7 @@ def _tell(found: Diagnosis, args: argparse.Namespace) -> None:
     for cause in found.causes:
         print(f"  {cause.effect}: {cause.sentence}")
         for name, interval in cause.intervals.items():
-            unit = cause.units[name].replace("1", "")
-            print(f"      {name} = {interval.value:.6g} ± {interval.half_width:.2g} {unit}".rstrip())
+            print(f"      {name} = {in_words(cause.effect, name, interval)}")
         if cause.confounded_with:
             print(f"      looks much like: {', '.join(f'{n} ({c:.2f})' for n, c in cause.confounded_with.items())}")
         if cause.separate_by:

@@ -15,7 +15,7 @@ from tests.diagnose.independent import Faults, Laboratory, write_session
 from tests.diagnose.sealed import taken
 
 SAMPLES = Path(__file__).resolve().parents[3] / "shared" / "data"
-FEW = ("camera_blur", "crosstalk", "distance", "gap", "stroke", "tilt")
+FEW = ("camera_blur", "distance", "gap", "stroke", "tilt")
 VALUE_TOLERANCE = 0.05
 """Of a value, where model and bench differ by their sampling: 2 samples a pixel and points on the camera, against 4 and
 whole camera pixels. Seen: 1.6 % of a gap."""
@@ -28,7 +28,7 @@ FAULTS: list[tuple[Faults, str, dict[str, float]]] = [
 
 
 def _diagnosed(path: Path, faults: Faults, seed: int) -> Diagnosis:
-    file = write_session(path / "c.h5", Laboratory(faults=faults, seed=seed))
+    file = write_session(path / "c.h5", Laboratory(faults=faults, seed=seed, each=4))
     return diagnose(read_captures(file), [registry()[n] for n in FEW], workers=1, free_maps=False)
 
 
@@ -51,6 +51,7 @@ def test_sampling_and_padding_alone_are_never_a_confident_cause(tmp_path: Path, 
     assert found.after.chi2 > 1.1
 
 
+@pytest.mark.slow
 def test_what_no_effect_describes_is_not_explained(tmp_path: Path) -> None:
     """A spiral phase plate on the source."""
     found = _diagnosed(tmp_path, Faults(vortex=1.0), 3)
