@@ -6,6 +6,7 @@ check       what can't be, and what looks like a mistake
 patterns    what to send: random, from smooth to rough
 make        a virtual measurement session
 predict     expected camera signals for any effects, fast
+rehearsal   effects of one's own, tried once
 """
 
 from holoview.captures.file import read_captures, write_captures

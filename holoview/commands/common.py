@@ -111,12 +111,17 @@ def check_output(path: Path, suffix: str) -> None:
         raise UserError(str(path), f"can't be written: {error.strerror}", remedy="choose another folder") from error
 
 
-def make_folder(path: Path) -> None:
-    """Makes a folder to write to, if it is missing."""
+def check_folder(path: Path) -> None:
+    """Refuses a file where a folder is to be, before any time is spent on what goes into it."""
     if path.exists() and not path.is_dir():
         raise UserError(
             str(path), "can't be made: it is a file", expected="a folder to write to", remedy="choose another folder"
         )
+
+
+def make_folder(path: Path) -> None:
+    """Makes a folder to write to, if it is missing."""
+    check_folder(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -8,11 +8,14 @@ from pathlib import Path
 
 from holoview import preset
 from holoview.captures import read_captures
-from holoview.commands.common import check_output, make_folder, progress_bar, say
+from holoview.captures.rehearsal import rehearse
+from holoview.commands.common import check_folder, check_output, make_folder, progress_bar, say
 from holoview.diagnose.comparison import Values
 from holoview.diagnose.diagnose import diagnose
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.extend import extended, nominal_of
+from holoview.diagnose.words import in_words
+from holoview.effects.effect import Effect
 from holoview.effects.registry import load_user_effects
 from holoview.errors import UserError
 from holoview.files import replacing
@@ -55,10 +58,11 @@ def run(args: argparse.Namespace) -> int:
     for path, suffix in ((args.json, ".json"), (args.save_preset, ".toml")):
         if path is not None:
             check_output(path, suffix)
-    for file in args.effects:
-        say(f"running {file} for its effects")
-        load_user_effects(file)
+    if args.report is not None:
+        check_folder(args.report)
+    own = [one for file in args.effects for one in _loaded(file)]
     captures = read_captures(args.captures)
+    rehearse(captures, own)
     known: dict[str, dict[str, float]] = {}
     bench = captures.system()
     if args.preset is not None:
@@ -74,6 +78,12 @@ def run(args: argparse.Namespace) -> int:
         preset.save(extended(bench, found.values), args.save_preset)
     _tell(found, args)
     return 0
+
+
+def _loaded(file: str) -> list[Effect]:
+    """The effects of a file of the user's own, which is run."""
+    say(f"running {file} for its effects")
+    return load_user_effects(file)
 
 
 def _write_report(args: argparse.Namespace, bench: System, fourier: bool, known: Values, found: Diagnosis) -> None:
@@ -100,8 +110,7 @@ def _tell(found: Diagnosis, args: argparse.Namespace) -> None:
     for cause in found.causes:
         print(f"  {cause.effect}: {cause.sentence}")
         for name, interval in cause.intervals.items():
-            unit = cause.units[name].replace("1", "")
-            print(f"      {name} = {interval.value:.6g} ± {interval.half_width:.2g} {unit}".rstrip())
+            print(f"      {name} = {in_words(cause.effect, name, interval)}")
         if cause.confounded_with:
             print(f"      looks much like: {', '.join(f'{n} ({c:.2f})' for n, c in cause.confounded_with.items())}")
         if cause.separate_by:

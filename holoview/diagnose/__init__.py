@@ -10,6 +10,6 @@ confounds power drift       look-alikes and what separates them; what the gains 
 excess freeform             where an error lives: by property, and by free maps at each place
 diagnose diagnosis          all of it in order; the result and its JSON
 extend display              a bench with the causes switched on, and what it buys on the display
-plots report                pictures and the HTML report
+plots report words          pictures and the HTML report; values in people's units
 draw                        random values of an effect, for tests that hide one
 """

@@ -32,7 +32,7 @@ def residual_maps(samples: Sequence[Sample]) -> Figure:
     """A row a capture: seen, predicted by the nominal and the extended model, and both residuals in σ."""
     heads = ("captured", "nominal model", "residual, nominal (σ)", "extended model", "residual, extended (σ)")
     rows, columns = samples[0].light.shape
-    figure = Figure(figsize=(13.5, 0.35 + (2.7 * rows / columns + 0.3) * len(samples)), dpi=_DPI, layout="constrained")
+    figure = Figure(figsize=(13.5, 0.35 + (2.4 * rows / columns + 0.15) * len(samples)), dpi=_DPI, layout="constrained")
     axes = figure.subplots(len(samples), len(heads), squeeze=False)
     for axis, head in zip(axes[0], heads, strict=True):
         axis.set_title(head, fontsize=9)
@@ -58,6 +58,7 @@ def where_the_excess_lives(found: Diagnosis) -> Figure:
     for axis, name in zip(figure.subplots(2, 3).ravel(), names, strict=True):
         _paired_bars(axis, getattr(found.where_before, name), getattr(found.where_after, name))
         axis.set_title(f"by {name}" if name != "frequency" else "by spatial frequency", fontsize=10)
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     return figure
 
 
@@ -66,13 +67,13 @@ def held_out(found: Diagnosis) -> Figure:
     figure = Figure(figsize=(max(4.0, 1.3 * len(found.groups) + 1.5), 3.2), dpi=_DPI, layout="constrained")
     axis = figure.subplots()
     at = np.arange(len(found.groups))
-    for shift, colour, label in ((-0.2, _BEFORE, "before"), (0.2, _AFTER, "after")):
-        heights = [getattr(group, label).psnr_db for group in found.groups]
-        axis.bar(at + shift, heights, 0.4, color=colour, label=label)
+    before, after = ([getattr(g, side).psnr_db for g in found.groups] for side in ("before", "after"))
+    axis.bar(at - 0.2, before, 0.4, color=_BEFORE, label="nominal model")
+    axis.bar(at + 0.2, after, 0.4, color=_AFTER, label="extended model")
     labels = [f"{short(g.wavelength_m, 'nm')}\n{short(g.distance_m, 'mm')}" for g in found.groups]
     axis.set_xticks(at, labels, fontsize=8)
     axis.set_ylabel("PSNR, dB")
-    axis.legend(frameon=False, fontsize=8)
+    figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=8)
     return figure
 
 
@@ -85,9 +86,14 @@ def candidates(found: Diagnosis, most: int = 12) -> Figure:
     axis = figure.subplots()
     floor = 1e-3
     axis.barh(
-        np.arange(len(names)), np.maximum(excess, floor) / floor, left=floor, color=[_BEFORE] + [_AFTER] * len(shown)
+        np.arange(len(names)), np.maximum(excess, floor) - floor, left=floor, color=[_BEFORE] + [_AFTER] * len(shown)
     )
+    for place, value in enumerate(excess):
+        axis.annotate(
+            f"{value:.2g}", (max(value, floor), place), (3, 0), textcoords="offset points", va="center", size=7
+        )
     axis.set_xscale("log")
+    axis.set_xlim(floor, 3 * max(*excess, 10 * floor))
     axis.set_yticks(np.arange(len(names)), names, fontsize=8)
     axis.invert_yaxis()
     axis.set_xlabel("χ²/n − 1 on held-out captures")
@@ -96,9 +102,9 @@ def candidates(found: Diagnosis, most: int = 12) -> Figure:
 
 def _paired_bars(axis: Axes, before: Sequence[Bin], after: Sequence[Bin]) -> None:
     at = np.arange(len(before))
-    axis.bar(at - 0.2, [b.chi2 for b in before], 0.4, color=_BEFORE, label="nominal")
-    axis.bar(at + 0.2, [b.chi2 for b in after], 0.4, color=_AFTER, label="extended")
-    axis.axhline(1.0, color=_NOISE, linewidth=1, linestyle="--")
+    axis.bar(at - 0.2, [b.chi2 for b in before], 0.4, color=_BEFORE, label="nominal model")
+    axis.bar(at + 0.2, [b.chi2 for b in after], 0.4, color=_AFTER, label="extended model")
+    axis.axhline(1.0, color=_NOISE, linewidth=1, linestyle="--", label="noise alone")
     axis.set_xticks(at, [_wrapped(b.name) for b in before], fontsize=7)
     if max(b.chi2 for b in before) > 10:
         axis.set_yscale("log")

@@ -10,6 +10,7 @@ from pathlib import Path
 from holoview.diagnose import plots
 from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.display import DisplayGain
+from holoview.diagnose.words import in_words
 from holoview.files import replacing
 
 Progress = Callable[[int, int, str], None]
@@ -71,7 +72,8 @@ def _page(title: str, found: Diagnosis, pictures: dict[str, bytes], gain: Displa
         _rivals(found),
         _lives_in(found),
         f"<h2>Held-out captures</h2>{_image(pictures['held-out'], 'PSNR by wavelength and plane')}",
-        f"<h2>Residuals</h2>{_image(pictures['residuals'], 'captures, predictions and residuals')}",
+        "<h2>Residuals</h2><p>Held-out captures. The border, saturated and dead pixels are left out.</p>"
+        f"{_image(pictures['residuals'], 'captures, predictions and residuals')}",
         f"<h2>Where the error lives</h2>{_image(pictures['excess'], 'chi square by property')}",
         f"<h2>What was tried</h2>{_image(pictures['candidates'], 'candidates')}",
         _display(gain, pictures),
@@ -85,15 +87,14 @@ def _page(title: str, found: Diagnosis, pictures: dict[str, bytes], gain: Displa
 
 def _cause(cause: Cause) -> str:
     rows = "".join(
-        f'<tr><td>{escape(name)}</td><td class="n">{i.value:.6g}</td><td class="n">± {i.half_width:.2g}</td>'
-        f"<td>{escape(cause.units[name]) if cause.units[name] != '1' else ''}</td></tr>"
+        f'<tr><td>{escape(name)}</td><td class="n">{escape(in_words(cause.effect, name, i))}</td></tr>'
         for name, i in cause.intervals.items()
     )
     looks = ", ".join(f"{escape(name)} ({value:.2f})" for name, value in cause.confounded_with.items())
     return (
         f'<div class="cause"><h2>{escape(cause.sentence)}</h2><p class="quiet">{escape(cause.effect)}: '
         f"{cause.excess_explained:.1%} of the excess, {cause.gain_db:+.1f} dB</p>"
-        f"<table><tr><th>parameter</th><th class=n>value</th><th class=n>95 %</th><th>unit</th></tr>{rows}</table>"
+        f'<table><tr><th>parameter</th><th class="n">value, 95 % interval</th></tr>{rows}</table>'
         + (f"<p>Looks much like: {looks} (correlation of what they change).</p>" if looks else "")
         + (f"<p>To separate them: {escape(cause.separate_by)}.</p>" if cause.separate_by else "")
         + "</div>"

@@ -8,14 +8,14 @@ import pytest
 from holoview.diagnose.levenberg import (
     Bounds,
     Minimum,
+    Residuals,
+    Vector,
     golden_section,
     jacobian,
     levenberg_marquardt,
     profile_width,
     simplex,
 )
-from holoview.diagnose.levenberg import Residuals as Residual
-from holoview.diagnose.levenberg import Vector
 
 
 def _bounds(count: int, reach: float = 10.0, step: float = 1e-3) -> Bounds:
@@ -63,7 +63,7 @@ def test_rosenbrocks_valley_is_followed_to_its_end() -> None:
 def test_slopes_are_taken_away_from_a_bound() -> None:
     """Beyond the bound the function says something else, which must not be looked at."""
 
-    def function(x: Vector) -> Residual:
+    def function(x: Vector) -> Residuals:
         return np.array([3 * x[0] if x[0] <= 1 else np.nan], np.float32)
 
     bounds = Bounds(np.zeros(1), np.ones(1), np.full(1, 0.25))
@@ -74,7 +74,7 @@ def test_slopes_are_taken_away_from_a_bound() -> None:
 def test_a_jump_is_found_without_slopes() -> None:
     """|x − 0.3| in steps of 1/16: flat between, so no slope points anywhere. 14 evaluations narrow 2 to 2·0.618¹¹."""
 
-    def function(x: Vector) -> Residual:
+    def function(x: Vector) -> Residuals:
         return np.array([np.floor(abs(x[0] - 0.3) * 16) / 16], np.float32)
 
     found = golden_section(function, np.zeros(1), _bounds(1), 0, 1.0)
@@ -84,7 +84,7 @@ def test_a_jump_is_found_without_slopes() -> None:
 def test_coupled_jumps_are_found_together() -> None:
     """A plateau of width 0.02 about (0.4, −0.2), across a valley that runs along the diagonal."""
 
-    def function(x: Vector) -> Residual:
+    def function(x: Vector) -> Residuals:
         u, v = x[0] - 0.4, x[1] + 0.2
         return np.round(np.array([10 * (u + v), u - v], np.float32), 2)
 
@@ -99,7 +99,7 @@ def test_the_width_of_a_parabola_is_the_root_of_its_rise(rise: float) -> None:
     """cost = (x/σ)²: it has risen by r at σ·√r. Six bisections leave 1/64 of a step's doubling."""
     sigma = 0.05
 
-    def function(x: Vector) -> Residual:
+    def function(x: Vector) -> Residuals:
         return np.array([x[0] / sigma], np.float32)
 
     at = Minimum(np.zeros(1), 0.0, function(np.zeros(1)), 1)

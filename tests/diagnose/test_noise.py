@@ -56,9 +56,7 @@ def _fixed(pattern: float, error: float, seed: int = 0) -> float:
         true = expected * (1 + error * rng.standard_normal(expected.shape))
         sets.append((_counts(rng, true * sensitivity) - expected, expected))
     usable = [np.ones((8, 80, 100), bool)] * 2
-    return fixed_pattern(
-        [r.astype(np.float32) for r, _ in sets], [e.astype(np.float32) for _, e in sets], usable
-    )
+    return fixed_pattern([r.astype(np.float32) for r, _ in sets], [e.astype(np.float32) for _, e in sets], usable)
 
 
 def test_pixels_that_differ_are_measured() -> None:

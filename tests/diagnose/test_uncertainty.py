@@ -35,8 +35,8 @@ def _drawn(rng: np.random.Generator, slopes: np.ndarray, error: float) -> tuple[
 
 @pytest.mark.parametrize("error", [0.0, 0.3])
 def test_intervals_hold_the_truth_as_often_as_they_say(error: float) -> None:
-    """400 draws at 95 %: 380 ± 4.4 inside. More is allowed: the larger of two estimates is told. Less than four σ isn't,
-    also where neighbouring pixels err together, which photon noise alone would underestimate."""
+    """400 draws at 95 %: 380 ± 4.4 inside. More is allowed: the larger of two estimates is told. Four σ fewer isn't,
+    nor where neighbouring pixels err together, which photon noise alone would underestimate."""
     rng = np.random.default_rng(0)
     slopes = (rng.standard_normal((2, CAPTURES * PIXELS)) + 0.5).astype(np.float32)
     inside = 0
