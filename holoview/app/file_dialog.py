@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from imgui_bundle import imgui
 
 from holoview.app import theme
+from holoview.app.fields import tip
 from holoview.app.panel import Panel
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ class Request:
     chosen: Callable[[Path], object]
     name: str = ""
     saves: bool = False
+    takes_folders: bool = False
 
 
 class FileDialog(Panel):
@@ -42,6 +44,7 @@ class FileDialog(Panel):
         self.name = ""
         self._entries: list[Path] = []
         self.problem = ""
+        self._replaces: Path | None = None
 
     @property
     def is_open(self) -> bool:
@@ -51,7 +54,7 @@ class FileDialog(Panel):
     def ask(self, request: Request) -> None:
         """Opens it; `request.chosen` is called with the path, unless it is cancelled."""
         self._request, self._is_new = request, True
-        self.name, self.problem = request.name, ""
+        self.name, self.problem, self._replaces = request.name, "", None
         self.show(self.folder)
 
     def show(self, folder: Path) -> None:
@@ -93,12 +96,20 @@ class FileDialog(Panel):
         imgui.end_child()
         imgui.set_next_item_width(-1)
         entered, self.name = imgui.input_text("##name", self.name, imgui.InputTextFlags_.enter_returns_true)
-        if imgui.is_window_appearing():
+        if imgui.is_window_appearing() or entered:
             imgui.set_keyboard_focus_here(-1)
         if self.problem:
             imgui.text_colored(theme.ERROR, self.problem)
         accepted = imgui.button("Save##file" if request.saves else "Open##file", imgui.ImVec2(120, 0)) or entered
         imgui.same_line()
+        if request.takes_folders:
+            if imgui.button("This folder", imgui.ImVec2(120, 0)):
+                self._close()
+                with app.session.guard():
+                    request.chosen(self.folder)
+                return
+            tip("A focal stack, a picture a plane, or the patterns of a bench.")
+            imgui.same_line()
         if imgui.button("Cancel##file", imgui.ImVec2(120, 0)) or imgui.is_key_pressed(imgui.Key.escape):
             self._close()
         elif accepted:
@@ -118,6 +129,9 @@ class FileDialog(Panel):
             path = path.with_name(path.name + request.suffixes[0])
         if not request.saves and not path.exists():
             self.problem = f"{path.name} isn't there"
+            return
+        if request.saves and path.exists() and path != self._replaces:
+            self._replaces, self.problem = path, f"{path.name} is there already: once more replaces it"
             return
         self._close()
         with app.session.guard():

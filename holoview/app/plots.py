@@ -19,16 +19,21 @@ GREY = imgui.ImVec4(0.60, 0.62, 0.66, 1.0)
 
 @contextmanager
 def plot(
-    name: str, x_label: str, y_label: str, x_range: tuple[float, float], y_range: tuple[float, float]
+    name: str,
+    x_label: str,
+    y_label: str,
+    x_range: tuple[float, float],
+    y_range: tuple[float, float],
+    legend: int = implot.Location_.north_east,
 ) -> Iterator[bool]:
-    """A plot over the panel's width with fixed ranges; false where it can't be seen."""
+    """A plot over the panel's width with fixed ranges; false where it can't be seen. legend: where no data are."""
     size = imgui.ImVec2(-1, HEIGHT_EM * imgui.get_font_size())
     is_open = implot.begin_plot(f"##{name}", size, _FLAGS | implot.Flags_.no_inputs)
     try:
         if is_open:
             implot.setup_axes(x_label, y_label, _AXIS, _AXIS)
             implot.setup_axes_limits(*x_range, *y_range, implot.Cond_.always)
-            implot.setup_legend(implot.Location_.north_east, implot.LegendFlags_.no_buttons)
+            implot.setup_legend(legend, implot.LegendFlags_.no_buttons)
         yield is_open
     finally:
         if is_open:

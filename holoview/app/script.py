@@ -68,10 +68,10 @@ def _run(hand: Hand, line: str) -> None:
 
 def wait(hand: Hand) -> None:
     """Draws until everything is computed and all jobs have ended."""
-    hand.settle()
+    hand.settle(_JOBS_S)
     if not hand.app.session.wait(_JOBS_S):
         raise UserError("wait", f"jobs still run after {_JOBS_S:g} s")
-    hand.settle()
+    hand.settle(_JOBS_S)
 
 
 def screenshot(hand: Hand, path: Path) -> None:

@@ -31,7 +31,9 @@ def draw_status(app: App) -> None:
     if feed.is_busy:
         imgui.same_line(spacing=20)
         text = "quick view" if feed.picture is not None and feed.picture.is_quick else "computing"
+        imgui.push_style_var(imgui.StyleVar_.frame_padding, imgui.ImVec2(6, 0))
         imgui.progress_bar(feed.progress, imgui.ImVec2(110, imgui.get_text_line_height()), text)
+        imgui.pop_style_var()
         tip("A cheaper image is shown at once; the full one follows when your hand rests.")
     for job in app.session.jobs.active:
         imgui.same_line(spacing=20)

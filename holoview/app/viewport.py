@@ -19,6 +19,8 @@ from holoview.session.tone import channel_matrix
 
 _TILE = 8
 _GRID_FROM = 10.0  # screen pixels a sample: below, lines would hide what they part
+_TAPS = ((1 + 1e-4, 1), (2.0, 3), (4.0, 5), (8.0, 9))  # samples along an axis that a pixel covers: those it may touch
+_SPARSE_TAPS = 8
 _COMPARISONS = {"off": 0, "hold": 0, "wipe": 1, "side-by-side": 2, "difference": 3}
 BACKGROUND = (0.075, 0.078, 0.086)
 
@@ -93,9 +95,9 @@ class Viewport:
         asked = (a.buffer, a.version, a.gain, b_or_a.buffer, b_or_a.version, b_or_a.gain, look, frame, holds_b)
         if asked == self._drawn and not is_new:
             return False
-        self._device.write(self._uniform, _packed(a, b_or_a, look, frame, holds_b and b is not None))
+        self._device.write(self._uniform, _packed(a, b_or_a, look, frame))
         source = link(Generated("structs", VIEWPORT.wgsl), "display/viewport.wgsl")
-        pipeline = self._device.pipeline(source)
+        pipeline = self._device.pipeline(source, _constants(a, b_or_a, look, frame, holds_b and b is not None))
         groups = [[self._uniform], [a.buffer, b_or_a.buffer, self._palette(look), self.view]]
         tiles = (-(-frame.size[0] // _TILE), -(-frame.size[1] // _TILE), 1)
         recorder = Recorder(self._device, self._label)
@@ -143,7 +145,24 @@ def palette_of(look: Look) -> str:
     return "signed" if look.compare == "difference" else look.false_colour or "grey"
 
 
-def _packed(a: Picture, b: Picture, look: Look, frame: Frame, only_b: bool) -> bytes:
+def _constants(a: Picture, b: Picture, look: Look, frame: Frame, only_b: bool) -> dict[str, int | float | bool]:
+    """What a shader is made for: the comparison, the palette, and how many samples a pixel covers."""
+    shape = max(a.shape, b.shape)
+    covered = max(frame.step[0] * shape[1], frame.step[1] * shape[0])
+    taps = next((taps for most, taps in _TAPS if covered <= most), _SPARSE_TAPS)
+    return {
+        "comparison": _COMPARISONS[look.compare],
+        "only_b": only_b,
+        "has_palette": bool(palette_of(look)),
+        "is_linear": look.page == "phase",
+        "has_gamma": look.gamma != 1.0,
+        "has_grid": covered <= 1 / _GRID_FROM and not a.is_quick,
+        "taps": taps,
+        "is_sparse": covered > _TAPS[-1][0],
+    }
+
+
+def _packed(a: Picture, b: Picture, look: Look, frame: Frame) -> bytes:
     rows = np.zeros((3, 4))
     matrix = np.array([[0.0, 1.0, 0.0]]) if look.page == "phase" else channel_matrix(look.channel)
     scale = 1.0 if look.page == "phase" else 2.0**look.exposure_stops / (look.high - look.low)
@@ -151,7 +170,6 @@ def _packed(a: Picture, b: Picture, look: Look, frame: Frame, only_b: bool) -> b
     is_offset = look.page != "phase" and look.compare != "difference"  # of a difference, blacks cancel
     rows[:, 3] = -look.low / (look.high - look.low) if is_offset else 0.0
     first, second, third = rows
-    zoom = 1 / (frame.step[0] * a.shape[1])
     return VIEWPORT.pack(
         first=first,
         second=second,
@@ -162,13 +180,8 @@ def _packed(a: Picture, b: Picture, look: Look, frame: Frame, only_b: bool) -> b
         size_a=a.shape[::-1],
         size_b=b.shape[::-1],
         size=frame.size,
-        comparison=_COMPARISONS[look.compare],
-        only_b=only_b,
         gain_a=a.gain,
         gain_b=b.gain,
         split=look.wipe * frame.size[0],
         gamma=look.gamma,
-        has_palette=bool(palette_of(look)),
-        is_linear=look.page == "phase",
-        has_grid=zoom >= _GRID_FROM and not a.is_quick,
     )

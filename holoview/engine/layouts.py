@@ -74,14 +74,9 @@ VIEWPORT = Struct(
         ("size_a", "vec2<u32>"),  # (x, y) samples of an image
         ("size_b", "vec2<u32>"),
         ("size", "vec2<u32>"),  # (x, y) pixels that are shown
-        ("comparison", "u32"),  # 0 one side, 1 wipe, 2 side by side, 3 difference
-        ("only_b", "u32"),  # 1: the one side is b
         ("gain_a", "f32"),  # of the light of an image
         ("gain_b", "f32"),
         ("split", "f32"),  # pixels left of the wipe
         ("gamma", "f32"),
-        ("has_palette", "u32"),
-        ("is_linear", "u32"),  # 1: the palette is read by the value itself, not by its code
-        ("has_grid", "u32"),
     ],
 )

@@ -102,6 +102,11 @@ class _Linker:
         self.add_text(name, path.read_text(encoding="utf-8"))
 
     def add_text(self, name: str, text: str) -> None:
+        if "#include" not in text:
+            lines = text.splitlines()
+            self.lines += lines
+            self.origins += [(name, number) for number in range(1, len(lines) + 1)]
+            return
         for number, line in enumerate(text.splitlines(), start=1):
             directive = _INCLUDE.match(line)
             if directive:

@@ -12,6 +12,9 @@ Deliver = Callable[[Callable[[], None]], None]
 """Hands a call to the owner's thread."""
 
 
+_PATIENCE_S = 10.0
+
+
 class Cancelled(Exception):
     """Raised inside a job's work where it should end."""
 
@@ -182,6 +185,13 @@ class Jobs:
         """Asks all to end."""
         for job in self.active:
             job.cancel()
+
+    def close(self) -> None:
+        """Ends all, and waits for a while: a thread that is inside a library when the program ends may abort it."""
+        self.cancel_all()
+        until = time.monotonic() + _PATIENCE_S
+        for job in self.active:
+            job.join(max(until - time.monotonic(), 0.0))
 
 
 def describe_job(job: Job) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import qr
 from scipy.optimize import nnls
 
 from holoview.colour import observer_weights
@@ -16,26 +17,30 @@ from holoview.system import System
 
 
 def quick_version(system: System, most_lasers: int | None = None) -> System:
-    """The cheaper bench; with `most_lasers`, at most so many of its (frame, laser) pairs are lit, spread evenly."""
+    """The cheaper bench; where more than `most_lasers` of its (frame, laser) pairs are lit, only three are."""
     amplitudes = system.amplitudes if most_lasers is None else fewer_lasers(system, most_lasers)
     return system.edit({"upsample": 1, "propagation": "periodic", "amplitudes": amplitudes})
 
 
 def fewer_lasers(system: System, most: int) -> NDArray[np.float64]:
-    """Amplitudes (frame, wavelength) with at most `most` entries above zero and nearly the XYZ of all of them.
+    """Amplitudes (frame, wavelength) with three entries above zero where more than `most` are; nearly the same XYZ.
 
-    The XYZ of an evenly lit image is matched as well as non-negative power can: exactly with three or more lasers that
-    surround its colour.
+    Those that span the most colours are kept, so that the image has all of its hues, and the XYZ of an evenly lit one
+    is matched as well as non-negative power can: exactly where the three surround its colour.
     """
     lit = np.argwhere(system.amplitudes > 0)
     if len(lit) <= most:
         return system.amplitudes
-    lit = lit[np.argsort(system.wavelengths_m[lit[:, 1]], kind="stable")]
-    middles = (np.arange(most) + 0.5) * len(lit) / most
-    chosen = lit[middles.astype(int)]
     weights = observer_weights(system.observer, system.wavelengths_m)
+    chosen = lit[_primaries(weights[lit[:, 1]])]
     wanted = (system.amplitudes @ weights).sum(axis=0)
     power, _ = nnls(weights[chosen[:, 1]].T, wanted)
     amplitudes = np.zeros_like(system.amplitudes)
     amplitudes[chosen[:, 0], chosen[:, 1]] = power
     return amplitudes if np.any(power > 0) else system.amplitudes
+
+
+def _primaries(weights: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Three rows (XYZ of lasers at unit power), each the most different from those before it."""
+    _, _, order = qr(weights.T, pivoting=True)
+    return np.asarray(order[: weights.shape[1]], dtype=np.intp)

@@ -280,7 +280,7 @@ class Session:
 
     def close(self) -> None:
         """Ends jobs and threads."""
-        self.jobs.cancel_all()
+        self.jobs.close()
         self.targets.close()
 
     def _wake(self) -> None:

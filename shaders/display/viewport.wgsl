@@ -9,12 +9,21 @@
 @group(1) @binding(2) var<storage, read> palette: array<u32>;  // 256 colours
 @group(1) @binding(3) var target_texture: texture_storage_2d<rgba8unorm, write>;
 
+// What decides between ways to go is constant: lavapipe compiles a shader anew for every submission whose branches
+// depend on a uniform.
+override comparison: u32 = 0u;  // ONE, WIPE, SIDES or DIFFERENCE
+override only_b: bool = false;  // the one side is b
+override has_palette: bool = false;
+override is_linear: bool = false;  // the palette is read by the value itself, not by its code
+override has_gamma: bool = false;
+override has_grid: bool = false;
+override taps: i32 = 1;  // samples along an axis that a pixel may cover
+override is_sparse: bool = false;  // it covers more, of which so many are taken
+
 const ONE = 0u;
 const WIPE = 1u;
 const SIDES = 2u;
 const DIFFERENCE = 3u;
-const SLACK = 1e-4;  // of a sample: rounding
-const MOST_TAPS = 8;  // along an axis; wider footprints are sampled sparsely
 
 fn srgb_encoded(linear: vec3f) -> vec3f {
     let curve = 1.055 * pow(max(linear, vec3f(0.0031308)), vec3f(1.0 / 2.4)) - 0.055;
@@ -30,35 +39,27 @@ fn sample_at(is_b: bool, place: vec2i, size: vec2i) -> vec3f {
     return image_a[index].xyz;
 }
 
-/// Mean XYZ over the footprint of a pixel, whose corners are `low` and `high` in samples.
+/// Mean XYZ over the footprint of a pixel, whose corners are `low` and `high` in samples: each sample by the share of
+/// its area that is covered, else the samples' own pattern would beat with the pixels'.
 fn light(is_b: bool, low: vec2f, high: vec2f, size: vec2i) -> vec3f {
-    let extent = high - low;
-    if (all(extent < vec2f(1.0 + SLACK))) {
+    if (taps == 1) {
         return sample_at(is_b, vec2i(floor(0.5 * (low + high))), size);
     }
-    if (all(extent < vec2f(f32(MOST_TAPS) + SLACK))) {
-        return covered(is_b, low, high, size);
-    }
-    let taps = vec2i(MOST_TAPS);
     var sum = vec3f(0.0);
-    for (var y = 0; y < taps.y; y++) {
-        for (var x = 0; x < taps.x; x++) {
-            let share = (vec2f(f32(x), f32(y)) + 0.5) / vec2f(taps);
-            sum += sample_at(is_b, vec2i(floor(low + share * extent)), size);
+    if (is_sparse) {
+        for (var y = 0; y < taps; y++) {
+            for (var x = 0; x < taps; x++) {
+                let share = (vec2f(f32(x), f32(y)) + 0.5) / f32(taps);
+                sum += sample_at(is_b, vec2i(floor(mix(low, high, share))), size);
+            }
         }
+        return sum / f32(taps * taps);
     }
-    return sum / f32(taps.x * taps.y);
-}
-
-/// The same, each sample by the share of its area that is covered: else their own pattern would beat with the pixels'.
-fn covered(is_b: bool, low: vec2f, high: vec2f, size: vec2i) -> vec3f {
-    let first = vec2i(floor(low + SLACK));
-    let end = vec2i(ceil(high - SLACK));
-    var sum = vec3f(0.0);
-    for (var y = first.y; y < end.y; y++) {
-        let height = min(high.y, f32(y + 1)) - max(low.y, f32(y));
-        for (var x = first.x; x < end.x; x++) {
-            let width = min(high.x, f32(x + 1)) - max(low.x, f32(x));
+    let first = vec2i(floor(low));
+    for (var y = first.y; y < first.y + taps; y++) {
+        let height = max(min(high.y, f32(y + 1)) - max(low.y, f32(y)), 0.0);
+        for (var x = first.x; x < first.x + taps; x++) {
+            let width = max(min(high.x, f32(x + 1)) - max(low.x, f32(x)), 0.0);
             sum += width * height * sample_at(is_b, vec2i(x, y), size);
         }
     }
@@ -79,7 +80,11 @@ fn channels(is_b: bool, place: vec2f) -> vec3f {
 }
 
 fn coded(value: vec3f) -> vec3f {
-    return pow(srgb_encoded(clamp(value, vec3f(0.0), vec3f(1.0))), vec3f(1.0 / show.gamma));
+    let code = srgb_encoded(clamp(value, vec3f(0.0), vec3f(1.0)));
+    if (has_gamma) {
+        return pow(code, vec3f(1.0 / show.gamma));
+    }
+    return code;
 }
 
 fn through_palette(code: f32) -> vec3f {
@@ -87,18 +92,18 @@ fn through_palette(code: f32) -> vec3f {
 }
 
 fn colour(is_b: bool, place: vec2f) -> vec3f {
-    if (show.comparison == DIFFERENCE) {
+    if (comparison == DIFFERENCE) {
         let difference = channels(false, place) - channels(true, place);
-        if (show.has_palette != 0u) {
+        if (has_palette) {
             return through_palette(0.5 + 0.5 * difference.x);
         }
         return coded(abs(difference));
     }
     let value = channels(is_b, place);
-    if (show.has_palette == 0u) {
+    if (!has_palette) {
         return coded(value);
     }
-    if (show.is_linear != 0u) {
+    if (is_linear) {
         return through_palette(value.x);
     }
     return through_palette(coded(value).x);
@@ -116,18 +121,18 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let half_width = show.size.x / 2u;
-    let is_right = show.comparison == SIDES && id.x >= half_width;
+    let is_right = comparison == SIDES && id.x >= half_width;
     let pixel = vec2f(f32(select(id.x, id.x - half_width, is_right)), f32(id.y)) + 0.5;
     let place = show.origin + pixel * show.step;
-    let is_b = is_right || (show.comparison == WIPE && f32(id.x) >= show.split) || (show.comparison == ONE && show.only_b != 0u);
+    let is_b = is_right || (comparison == WIPE && f32(id.x) >= show.split) || (comparison == ONE && only_b);
     var shown = show.background.rgb;
     if (all(place >= vec2f(0.0)) && all(place < vec2f(1.0))) {
         shown = colour(is_b, place);
-        if (show.has_grid != 0u && on_grid(place)) {
+        if (has_grid && on_grid(place)) {
             shown = mix(shown, vec3f(0.5), 0.35);
         }
     }
-    let is_seam = (show.comparison == SIDES && id.x == half_width) || (show.comparison == WIPE && abs(f32(id.x) + 0.5 - show.split) < 1.0);
+    let is_seam = (comparison == SIDES && id.x == half_width) || (comparison == WIPE && abs(f32(id.x) + 0.5 - show.split) < 1.0);
     if (is_seam) {
         shown = vec3f(0.95);
     }

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from holoview import load
 from holoview.app import clipboard
 from holoview.app.panels import files
 from holoview.app.panels.files import FilesPanel
@@ -111,6 +112,34 @@ def test_a_name_that_is_not_there_is_told_in_the_dialog_and_escape_closes_it(gui
     gui.key("Escape")
     gui.frames(2)
     assert not _dialog(gui).is_open
+
+
+def test_a_file_that_is_there_is_replaced_only_when_asked_twice(gui: Any, tmp_path: Path) -> None:
+    there = tmp_path / "mine.toml"
+    there.write_text("precious")
+    gui.app.commands.run("Save preset…")
+    gui.frames(2)
+    gui.key("Ctrl+A")
+    gui.type("mine.toml")
+    gui.key("Enter")
+    gui.frames(2)
+    assert _dialog(gui).is_open and "once more" in _dialog(gui).problem
+    assert there.read_text() == "precious"
+    gui.key("Enter")
+    gui.frames(2)
+    assert not _dialog(gui).is_open and load(there) == gui.session.system
+
+
+def test_a_folder_of_patterns_is_opened(gui: Any, tmp_path: Path) -> None:
+    drive = random_drive(gui.session.system, 7)
+    for number in (1, 2):
+        levels = np.rint(255 * drive[0, number - 1]).astype(np.uint8)
+        Image.fromarray(levels).save(tmp_path / f"slm{number}.png")
+    gui.key("Ctrl+O")
+    gui.frames(2)
+    gui.engine(lambda ctx: ctx.item_click("//Open/This folder"))
+    assert gui.session.wait(30)
+    assert np.abs(gui.session.drive - drive).max() < 0.003
 
 
 def test_a_folder_that_is_typed_is_shown(gui: Any, tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from PIL import Image, ImageGrab
 from holoview import preset
 from holoview.hologram import load_hologram
 from holoview.session.autosave import Store
+from holoview.system import System
 from tests.gui.conftest import small_bench
 
 SIZE = (900, 700)
@@ -128,7 +129,7 @@ def display() -> Iterator[str]:
 @pytest.fixture
 def screen(display: str, tmp_path: Path) -> Iterator[Screen]:
     bench, picture = tmp_path / "bench.toml", tmp_path / "picture.png"
-    preset.save(small_bench(), bench)
+    preset.save(_tiny_bench(), bench)
     Image.fromarray(np.full((64, 96, 3), 180, np.uint8)).save(picture)
     opened = Screen(display, tmp_path, [str(bench), str(picture)])
     yield opened
@@ -152,7 +153,7 @@ def _is_busy_inside(rect: tuple[float, float, float, float]) -> Callable[[np.nda
 def test_a_real_window_draws_answers_rests_and_saves(
     screen: Screen, make_gui: Callable[..., Any], tmp_path: Path
 ) -> None:
-    twin = make_gui(small_bench(name="bench"), size=SIZE)  # the same layout off screen tells where things are
+    twin = make_gui(_tiny_bench(name="bench"), size=SIZE)  # the same layout off screen tells where things are
     twin.settle()
     screen.wait_for(_is_busy_inside(twin.app.rects["image"]))
     x, y = twin.where("laser 1")
@@ -179,11 +180,15 @@ def test_a_real_window_draws_answers_rests_and_saves(
     assert screen.log.strip() == ""
     last = saved.last()
     assert last is not None
-    session, bench = last.restore(), small_bench()
+    session, bench = last.restore(), _tiny_bench()
     assert session.system.wavelengths_m[1] > bench.wavelengths_m[1]
     assert session.look.plane_m > 10.2e-3
     assert session.look.region is not None
     assert np.array_equal(load_hologram(written).drive, session.drive)
+
+
+def _tiny_bench(**changes: Any) -> System:
+    return small_bench(shape=[32, 48], **changes)
 
 
 def _labels(store: Store) -> str:

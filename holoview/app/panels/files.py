@@ -119,7 +119,7 @@ class FilesPanel(Panel):
         _draw_jobs(app)
 
     def _open(self, app: App) -> None:
-        self.dialog.ask(Request("Open", _OPENS, lambda path: app.loader.open(path)))
+        self.dialog.ask(Request("Open", _OPENS, lambda path: app.loader.open(path), takes_folders=True))
 
     def _save(self, app: App, save: _Save) -> None:
         name = f"{app.session.system.name or 'hologram'}{save.suffixes[0]}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from imgui_bundle import imgui
+from imgui_bundle import imgui, implot
 
 from holoview.app import plots, theme
 from holoview.app.fields import tip
@@ -182,7 +182,10 @@ def _draw_histogram(histogram: SpeckleHistogram) -> None:
 def _draw_curve(curve: ContrastCurve) -> None:
     count = np.arange(1, len(curve.measured) + 1)
     top = 1.1 * max(float(curve.measured.max()), 1.0)
-    with plots.plot("curve", "wavelengths, brightest first", "contrast", (0.5, count[-1] + 0.5), (0, top)) as is_open:
+    low_left = implot.Location_.south_west  # contrast falls, and not to zero
+    with plots.plot(
+        "curve", "wavelengths, brightest first", "contrast", (0.5, count[-1] + 0.5), (0, top), low_left
+    ) as is_open:
         if is_open:
             plots.line("image", count, curve.measured, theme.ACCENT, marked=True)
             plots.line("independent", count, curve.independent, plots.GREY, marked=True)
