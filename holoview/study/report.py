@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import platform
-import re
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from importlib.resources import files
@@ -14,7 +13,6 @@ from typing import Any
 
 import jinja2
 import numpy as np
-from markupsafe import Markup, escape
 from PIL import Image
 
 from holoview import __version__
@@ -73,17 +71,12 @@ def _page(study: Study, scale: Scale, seed: int, findings: Findings, figures: Ma
         claims=findings.claims,
         plots=[{"uri": data_uri(figures[plot.name]["png"]), "caption": plot.caption} for plot in findings.plots],
         pictures=[{"uri": data_uri(_png(picture)), "caption": picture.caption} for picture in findings.pictures],
-        notes=[_marked(note) for note in findings.notes],
+        notes=findings.notes,
         columns=columns,
         rows=[[_cell(row.get(name)) for name in columns] for row in findings.rows],
         command=f"holoview study {study.name} --scale {scale.name} --seed {seed}",
         versions=versions(),
     )
-
-
-def _marked(text: str) -> Markup:
-    """HTML of a text; what stands between backticks is code."""
-    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 
 def _png(picture: Picture) -> bytes:
