@@ -10,19 +10,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
 import sys
 import time
 from collections.abc import Callable
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview import __version__
+from benchmarks.common import count_of, machine_facts, shape_of
 from holoview.bench.timing import Sample, interleaved
 from holoview.errors import UserError
 from holoview.gpu.device import Device, open_device
@@ -49,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
     except UserError as error:
         print(f"fft_time: {error}", file=sys.stderr)
         return 2
-    result = {"machine": _machine_facts(device), "repeats": args.repeats, "sizes": sizes}
+    result = {"machine": machine_facts(device.info.label), "repeats": args.repeats, "sizes": sizes}
     print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else table(result))
     return 0
 
@@ -123,20 +120,6 @@ def _error(found: NDArray[np.complexfloating], expected: NDArray[np.complexfloat
     return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
 
 
-def _machine_facts(device: Device) -> dict[str, Any]:
-    return {
-        "adapter": device.info.label,
-        "torch_threads": torch.get_num_threads(),
-        "cores": os.cpu_count(),
-        "platform": platform.platform(),
-        "versions": {
-            "holoview": __version__,
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("numpy", "torch", "wgpu")},
-        },
-    }
-
-
 def table(result: dict[str, Any]) -> str:
     """The result for people."""
     machine = result["machine"]
@@ -166,7 +149,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--sizes", type=_sizes, default=_sizes(SIZES), metavar=SIZES, help="x by y, with commas between"
     )
-    parser.add_argument("--repeats", type=_repeats, default=25, help="how often each job is timed")
+    parser.add_argument("--repeats", type=count_of, default=25, help="how often each job is timed")
     parser.add_argument("--adapter", metavar="NAME", help="part of the name of the WebGPU adapter to use")
     parser.add_argument("--json", action="store_true", help="machine-readable output")
     return parser
@@ -174,19 +157,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _sizes(text: str) -> list[Shape]:
     """(y, x) of each size in '1024x768,512x512'."""
-    shapes = []
-    for size in text.split(","):
-        columns, _, rows = size.partition("x")
-        if not (rows.isdecimal() and columns.isdecimal() and int(rows) and int(columns)):
-            raise argparse.ArgumentTypeError(f'"{text}": expected sizes such as 1024x768,512x512')
-        shapes.append((int(rows), int(columns)))
-    return shapes
-
-
-def _repeats(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f'"{text}": expected a whole number from 1')
-    return int(text)
+    return [shape_of(part) for part in text.split(",")]
 
 
 if __name__ == "__main__":

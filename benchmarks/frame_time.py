@@ -9,20 +9,17 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
 import statistics
 import sys
 import time
 from collections.abc import Callable, Iterator
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from holoview import __version__, preset
+from benchmarks.common import count_of, machine_facts, shape_of
+from holoview import preset
 from holoview.engine.frame import Executor, last_spectrum
 from holoview.engine.torch import TorchExecutor
 from holoview.engine.wgpu import WgpuExecutor
@@ -86,7 +83,7 @@ def measure(system: System, repeats: int, adapter: str | None = None) -> dict[st
     reference = TorchExecutor(plan, make_slots(plan, drive), double=True)
     return {
         "bench": _bench_facts(plan),
-        "machine": _machine_facts(device.info.label),
+        "machine": machine_facts(device.info.label),
         "repeats": repeats,
         "rows": {row: _summary(samples) for row, samples in seconds.items()},
         "relative_l2_error": _errors(reference, {name: run[0] for name, run in runs.items()}),
@@ -198,20 +195,6 @@ def _bench_facts(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _machine_facts(adapter: str) -> dict[str, Any]:
-    return {
-        "adapter": adapter,
-        "torch_threads": torch.get_num_threads(),
-        "cores": os.cpu_count(),
-        "platform": platform.platform(),
-        "versions": {
-            "holoview": __version__,
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("numpy", "torch", "wgpu")},
-        },
-    }
-
-
 def table(result: dict[str, Any]) -> str:
     """The result for people."""
     bench, machine = result["bench"], result["machine"]
@@ -247,10 +230,12 @@ def _cells(row: dict[str, Any]) -> list[str]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.frame_time", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--preset", default="holochrome-8", help="a preset's name or a TOML file")
-    parser.add_argument("--size", type=_size, default=(768, 1024), metavar="1024x768", help="simulated samples, x by y")
+    parser.add_argument(
+        "--size", type=shape_of, default=(768, 1024), metavar="1024x768", help="simulated samples, x by y"
+    )
     parser.add_argument("--propagation", choices=("periodic", "compact", "linear"), default="periodic")
     parser.add_argument(
-        "--repeats", type=_repeats, default=15, help="frames to time; the median and the least are shown"
+        "--repeats", type=count_of, default=15, help="frames to time; the median and the least are shown"
     )
     parser.add_argument("--adapter", metavar="NAME", help="part of the name of the WebGPU adapter to use")
     parser.add_argument("--json", action="store_true", help="machine-readable output")
@@ -264,20 +249,6 @@ def _system(args: argparse.Namespace) -> System:
     if rows % upsample or columns % upsample:
         raise UserError("--size", f"{columns}x{rows}", expected=f"multiples of the preset's upsampling, {upsample}")
     return system.edit({"shape": [rows // upsample, columns // upsample], "propagation": args.propagation})
-
-
-def _size(text: str) -> tuple[int, int]:
-    """(y, x) of '1024x768'."""
-    columns, _, rows = text.partition("x")
-    if not (rows.isdecimal() and columns.isdecimal() and int(rows) > 1 and int(columns) > 1):
-        raise argparse.ArgumentTypeError(f'"{text}": expected two sizes, such as 1024x768')
-    return int(rows), int(columns)
-
-
-def _repeats(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f'"{text}": expected a whole number from 1')
-    return int(text)
 
 
 if __name__ == "__main__":

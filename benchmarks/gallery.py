@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -25,17 +26,19 @@ from holoview.study.study import Claim, Findings, Picture, Plot, Study
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 FIGURE_WIDTH, PICTURE_WIDTH = 560, 256
 _MOST_PICTURES = 3
+_CHOSEN = {"model-vs-capture": ("light-2", "left-before-2", "left-after-2")}
+"""Pictures of a study by name, where the first two and the last don't belong together."""
+_LINE = 120
 _QUALITY = 88
-_COLOURS = 64
+_COLOURS = 256
 
 HEAD = """# Gallery
 
-Every study at its quick scale ({scale}), made by `python -m benchmarks.gallery`. At this size the pictures are small,
+Every study at its quick scale, made by `python -m benchmarks.gallery`. At this size the pictures are small,
 gains scatter, and nothing here is a figure to quote: run a study at `--scale middle` or `--full` for that, and see
 [studies](studies.md) for what each scale means. How to read the contrasts: [speckle contrast](speckle-contrast.md).
 
-Computed with {versions}.
-"""
+{versions}"""
 
 
 def found_by(study: Study, folder: Path) -> Findings:
@@ -49,15 +52,26 @@ def found_by(study: Study, folder: Path) -> Findings:
 
 def section(study: Study, findings: Findings, images: Path) -> str:
     """Markdown of a study; its images are written."""
-    shown = [_figure(study, plot, images) for plot in findings.plots[:1]]
-    shown += [_picture(study, picture, images) for picture in _chosen(findings.pictures)]
-    parts = [f"## {study.title}", f"`holoview study {study.name}` · {study.shows}", "\n".join(shown)]
-    return "\n\n".join([*parts, _table(findings.claims)])
+    chosen = _chosen(study, findings.pictures)
+    parts = [
+        f"## {study.title}",
+        _wrapped(f"`holoview study {study.name}` · {study.shows} ({study.size(QUICK)}.)"),
+        *(_figure(study, plot, images) for plot in findings.plots[:1]),
+        *([_table([p.caption for p in chosen], [[_picture(study, p, images) for p in chosen]])] if chosen else []),
+        _table(("claim", "paper", "here", "verdict"), [_cells(claim) for claim in findings.claims]),
+    ]
+    return "\n\n".join(parts)
 
 
-def _chosen(pictures: Sequence[Picture]) -> Sequence[Picture]:
-    """The first, the second and the last: what is wanted, the simplest display and the best."""
+def _chosen(study: Study, pictures: Sequence[Picture]) -> Sequence[Picture]:
+    """Those that are named for it; else the first two and the last: what is wanted, the simplest display, the best."""
+    if study.name in _CHOSEN:
+        return [picture for picture in pictures if picture.name in _CHOSEN[study.name]]
     return pictures if len(pictures) <= _MOST_PICTURES else (*pictures[: _MOST_PICTURES - 1], pictures[-1])
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, _LINE, break_long_words=False, break_on_hyphens=False)
 
 
 def _figure(study: Study, plot: Plot, images: Path) -> str:
@@ -67,7 +81,7 @@ def _figure(study: Study, plot: Plot, images: Path) -> str:
     name = f"{study.name}-{plot.name}.png"
     with replacing(images / name) as temporary:
         small.save(temporary, format="PNG", optimize=True)
-    return f"![{plot.caption}](images/gallery/{name})"
+    return f"![{study.title}](images/gallery/{name})\n\n{_wrapped(f'*{plot.caption}.*')}"
 
 
 def _picture(study: Study, picture: Picture, images: Path) -> str:
@@ -78,17 +92,15 @@ def _picture(study: Study, picture: Picture, images: Path) -> str:
     with replacing(images / name) as temporary:
         large = pixels.resize((scale * pixels.width, scale * pixels.height), Image.Resampling.NEAREST)
         large.save(temporary, format="JPEG", quality=_QUALITY)
-    return (
-        f'<img src="images/gallery/{name}" alt="{picture.caption}" title="{picture.caption}" width="{PICTURE_WIDTH}">'
-    )
+    return f"![{picture.caption}](images/gallery/{name})"
 
 
-def _table(claims: Sequence[Claim]) -> str:
-    rows = [
-        f"| {claim.claim} | {claim.paper} | {claim.here} | {claim.verdict}{claim.reason and f': {claim.reason}'} |"
-        for claim in claims
-    ]
-    return "\n".join(["| claim | paper | here | verdict |", "| --- | --- | --- | --- |", *rows])
+def _cells(claim: Claim) -> list[str]:
+    return [claim.claim, claim.paper, claim.here, f"{claim.verdict}{claim.reason and f': {claim.reason}'}"]
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    return "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows))
 
 
 def main() -> None:
@@ -98,10 +110,10 @@ def main() -> None:
     )
     folder, images = parser.parse_args().output, DOCS / "images" / "gallery"
     images.mkdir(parents=True, exist_ok=True)
-    parts = [HEAD.format(scale=QUICK.words, versions=versions())]
+    parts = [HEAD.format(versions=_wrapped(f"Computed with {versions()}."))]
     parts += [section(study, found_by(study, folder / study.name), images) for study in registry().values()]
     with replacing(DOCS / "gallery.md") as temporary:
-        temporary.write_text("\n".join(parts) + "\n", encoding="utf-8")
+        temporary.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     print(f"{DOCS / 'gallery.md'}: {sum(file.stat().st_size for file in images.iterdir()) / 1e6:.2f} MB of images")
 
 

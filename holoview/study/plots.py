@@ -70,7 +70,7 @@ def panels(labels: Sequence[str], values: Mapping[str, Sequence[float]]) -> Call
         panes = figure.subplots(1, len(values), squeeze=False)[0]
         for axes, (name, heights) in zip(panes, values.items(), strict=True):
             places = np.arange(len(labels))
-            axes.bar_label(axes.bar(places, heights), fmt="%.2f", fontsize=_SMALL)
+            axes.bar_label(axes.bar(places, heights), fmt="%.2g", fontsize=_SMALL)
             _name_bars(axes, labels, places)
             axes.set_title(name, fontsize=10)
 

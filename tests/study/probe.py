@@ -22,7 +22,7 @@ class Probe(Study):
     name = "probe"
     title = "Squares"
     shows = "Nothing."
-    reduced = ""
+    reduced = "Quick: the same."
 
     def jobs(self, scale: Scale, seed: int) -> list[Job]:
         return [self.job(f"square {n}", {"n": n + seed, "seconds": 0.2}) for n in range(20)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,21 @@ def _measured(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, 
 
 def _whole() -> tuple[str, str]:
     return "--region", f"0,0,{SIDE},{SIDE}"
+
+
+Refused = Callable[..., str]
+
+
+@pytest.fixture
+def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Refused:
+    """Gives the program arguments that it refuses, in a folder of the test, and returns what it says."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: str) -> str:
+        assert cli.main(list(arguments)) == 2
+        return capsys.readouterr().err
+
+    return run
 
 
 @pytest.mark.parametrize("patterns", [1, 2, 8])
@@ -107,19 +123,11 @@ def test_a_preset_s_random_speckle(capsys: pytest.CaptureFixture[str]) -> None:
         (["no-such-preset"], "no-such-preset"),
     ],
 )
-def test_mistakes_are_named(
-    arguments: list[str],
-    said: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_mistakes_are_named(arguments: list[str], said: str, tmp_path: Path, refused: Refused) -> None:
     _tiff(tmp_path / "a.tiff", _speckle(1))
     (tmp_path / "bad.png").write_bytes(b"no picture")
     Image.fromarray(np.zeros((16, 16), np.uint8)).save(tmp_path / "dark.png")
-    assert cli.main(["contrast", *arguments]) == 2
-    err = capsys.readouterr().err
+    err = refused("contrast", *arguments)
     assert said in err
     assert err.count("\n") == 1
 
@@ -141,14 +149,6 @@ def test_the_list_of_studies(capsys: pytest.CaptureFixture[str]) -> None:
         (["schemes", "--quick", "--full"], "not allowed with"),
     ],
 )
-def test_mistakes_in_study_are_named(
-    arguments: list[str],
-    said: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(["study", *arguments]) == 2
-    assert said in capsys.readouterr().err
+def test_mistakes_in_study_are_named(arguments: list[str], said: str, tmp_path: Path, refused: Refused) -> None:
+    assert said in refused("study", *arguments)
     assert not list(tmp_path.iterdir())

@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from holoview import cli
 from holoview.errors import UserError
+from holoview.study import registry
 from holoview.study.places import Processes, Share, cores
 from holoview.study.runner import Where, do_job, run_jobs
+from holoview.study.scale import SCALES
 from holoview.study.store import Store
 from holoview.study.study import Job
 from tests.study.probe import STUDY
@@ -115,6 +118,19 @@ def test_a_refusal_is_passed_on_and_not_tried_again(workers: int, store: Store, 
     with pytest.raises(UserError, match="n: 1; expected another"):
         run_jobs(STUDY, [_job(1, log=str(tmp_path / "log"), fate="refuses")], store, Where(workers))
     assert _log(tmp_path / "log") == [1]
+
+
+@pytest.mark.parametrize("size", ["--quick", "--full"])
+def test_a_run_says_how_large_it_was_and_a_quick_one_what_that_changes(
+    size: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(registry, "registry", lambda: {"probe": STUDY})
+    monkeypatch.setattr(time, "sleep", lambda seconds: None)
+    assert cli.main(["study", "probe", size, "-o", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert f"{size[2:]}: {STUDY.size(SCALES[size[2:]])}; 20 jobs in " in out
+    assert (STUDY.reduced in out) == (size == "--quick")
+    assert (STUDY.reduced in (tmp_path / "report.html").read_text(encoding="utf-8")) == (size == "--quick")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")

@@ -25,6 +25,9 @@ from holoview.study.study import Findings
 
 TINY = scale.Scale("tiny", (16, 16), 2, 1, ("still-life",), 2)
 VERDICTS = {REPRODUCES, LARGER, DIRECTION, FAILS, SHOWN}
+CHI2_TOLERANCE = 0.18
+"""5 σ of χ²/n, σ = √(2/n): 6 pairs of wavelength and plane, at least a capture of 16 x 16 pixels of each held out."""
+LONG_GAP = "gap 0.1 mm long"
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 PICTURED = {"schemes", "wavelength-count", "multisource", "gamut", "defocus", "contrast", "model-vs-capture"}
 
@@ -65,13 +68,19 @@ def small_assets(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", sorted(registry()))
-def test_a_study_runs_and_reports(
-    name: str, small_assets: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def tiny(small_assets: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing that takes long: small fields, a small scene, two benches whose only suspect is the gap."""
     monkeypatch.setattr(scale, "_SMALLEST", TINY.shape)
     monkeypatch.setattr(work, "data_dir", lambda kind: small_assets)
+    benches = {name: model_vs_capture._BENCHES[name] for name in ("as designed", LONG_GAP)}
+    monkeypatch.setattr(model_vs_capture, "_BENCHES", benches)
     monkeypatch.setattr(model_vs_capture, "diagnose", partial(diagnose, effects=[effects.registry()["gap"]]))
+
+
+@pytest.mark.usefixtures("tiny")
+@pytest.mark.parametrize("name", sorted(registry()))
+def test_a_study_runs_and_reports(name: str, tmp_path: Path) -> None:
     study = registry()[name]
     jobs = study.jobs(TINY, 0)
     assert len({job.label for job in jobs}) == len(jobs)
@@ -102,6 +111,17 @@ def _check_report(path: Path, findings: Findings) -> None:
     figures = {f"{plot.name}.{kind}" for plot in findings.plots for kind in ("png", "pdf")}
     pictures = {f"{picture.name}.png" for picture in findings.pictures}
     assert figures | pictures <= {file.name for file in path.parent.iterdir()}
+
+
+@pytest.mark.usefixtures("tiny")
+def test_a_gap_that_is_diagnosed_predicts_captures_down_to_their_noise() -> None:
+    study = registry()["model-vs-capture"]
+    job = next(job for job in study.jobs(TINY, 0) if job.settings["bench"] == LONG_GAP)
+    numbers = study.work(job.settings, lambda note: None).numbers
+    assert numbers["chi2_before"] > 2.0
+    assert numbers["chi2_after"] == pytest.approx(1.0, abs=CHI2_TOLERANCE)
+    assert numbers["psnr_db_after"] > numbers["psnr_db_before"]
+    assert numbers["named"] == "The gap is 2.1 mm, not 2 mm."
 
 
 @pytest.mark.parametrize(

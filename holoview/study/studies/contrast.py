@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import holoview as hv
-from holoview.colour import to_srgb8, xyz_to_linear_srgb
+from holoview.colour import to_srgb8
 from holoview.metrics.speckle import independent_patterns, speckle_contrast
 from holoview.study.claims import DIRECTION, REPRODUCES, SHOWN
 from holoview.study.holograms import Results
@@ -19,10 +19,11 @@ from holoview.study.work import bench_of, mean_of
 
 _COUNTS = (1, 2, 4, 8, 16, 32)
 _SEEDS = 4
+_MEAN_SHOWN = 0.3
 _WAYS = {
     "frames": "frames of independent patterns, one laser",
-    "wavelengths": "wavelengths 440 to 660 nm, one pattern, two modulators",
-    "wavelengths, 1 modulator": "the same with one modulator",
+    "wavelengths": "wavelengths 440 to 660 nm, two modulators",
+    "wavelengths, 1 modulator": "wavelengths 440 to 660 nm, one modulator",
 }
 
 
@@ -33,6 +34,7 @@ class _Contrast(Study):
         "Random patterns make fully developed speckle of contrast 1, and N independent ones average to 1/√N. Frames "
         "are independent; wavelengths through the same pattern only where they are far apart (see memory-effect)."
     )
+    revision = 2
     reduced = "Contrast is taken of intensity (all lasers alike) over the whole field."
 
     def size(self, scale: Scale) -> str:
@@ -57,7 +59,7 @@ class _Contrast(Study):
         view = hv.simulate(system, hv.random_drive(system, settings["seed"]), backend="torch")
         image = view.intensity[0].mean(axis=0)
         contrast = speckle_contrast(image).contrast
-        picture = to_srgb8(xyz_to_linear_srgb(np.repeat((0.3 * image / image.mean())[..., None], 3, axis=-1)))
+        picture = to_srgb8(np.repeat((_MEAN_SHOWN * image / image.mean())[..., None], 3, axis=-1))
         return Outcome({"contrast": contrast, "patterns": independent_patterns(contrast)}, {"speckle": picture})
 
     def findings(self, results: Results) -> Findings:
