@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 Vector = NDArray[np.float64]
 Residuals = NDArray[np.float32]
@@ -18,7 +17,7 @@ Function = Callable[[Vector], Residuals]
 
 _GOLDEN = (5**0.5 - 1) / 2
 _FIRST_DAMPING, _MOST_TRIES = 1e-3, 5
-_SIMPLEX_EVALUATIONS, _BISECTIONS = 30, 6
+_BISECTIONS = 6
 
 
 @dataclass(frozen=True)
@@ -120,29 +119,6 @@ def golden_section(
             at_right = at(right)
     best = min(best, at_left, at_right, key=lambda m: m.cost)
     return Minimum(best.x, best.cost, best.residual, evaluations)
-
-
-def simplex(function: Function, start: Minimum, axes: list[int], reach: Vector, bounds: Bounds) -> Minimum:
-    """Nelder and Mead's search along some axes from a simplex of size `reach`, for coupled parameters with jumps."""
-
-    def point(part: Vector) -> Vector:
-        x = start.x.copy()
-        x[axes] = part
-        return bounds.clip(x)
-
-    first = start.x[axes]
-    corners = np.vstack([first, *(first + np.eye(len(axes))[k] * reach[k] for k in range(len(axes)))])
-    options = {
-        "initial_simplex": corners,
-        "maxfev": _SIMPLEX_EVALUATIONS * len(axes),
-        "xatol": 1e-4,
-        "fatol": 1e-6 * start.cost,
-    }
-    found = minimize(lambda part: _cost(function(point(part))), first, method="Nelder-Mead", options=options)
-    if not found.fun < start.cost:
-        return start
-    x = point(found.x)
-    return Minimum(x, float(found.fun), function(x), int(found.nfev))
 
 
 def profile_width(function: Function, at: Minimum, axis: int, bounds: Bounds, rise: float) -> float:

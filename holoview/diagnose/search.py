@@ -7,7 +7,7 @@ is then found only by looking along the effect's range: `scan`. Hard edges have 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,13 +20,14 @@ from holoview.diagnose.levenberg import (
     golden_section,
     jacobian,
     levenberg_marquardt,
-    simplex,
 )
 from holoview.diagnose.unknowns import Found, Unknowns, unknowns
 from holoview.effects.effect import Effect
 from holoview.errors import UserError
 
 _LOCAL_STARTS, _MANY = 2, 4
+_SHRINKING, _SHARP_ITERATIONS = (0.4, 0.1, 0.025), 3  # of a hard edge's first step
+_LAST_WIDTH, _LAST_EVALUATIONS = 0.05, 9
 _GAIN_OF_A_CYCLE = 0.99  # a second round over the parameters is worth it when the first lowered the cost below this
 
 
@@ -159,20 +160,23 @@ def _distance(a: Trial, b: Trial, effect: Effect) -> float:
 
 
 def sharpened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
-    """The last digits of parameters with hard edges, which a local fit takes long steps over.
+    """The last digits of parameters with hard edges, whose pictures jump from sample to sample.
 
-    One: golden section. Several: a simplex search, twice, since they make up for each other.
+    A difference over a step during which many samples are passed is a slope; as the fit closes in, steps shrink. In the
+    end each of these parameters is moved along its own axis.
     """
     free = unknowns(effects)
-    sharp = [axis for axis, (_, p) in enumerate(free.entries) if p.sharp]
-    if not sharp:
+    sharp = np.array([p.sharp for _, p in free.entries], dtype=bool)
+    if not sharp.any():
         return trial
     function, bounds = residual_of(free, trial.values, comparison), free.bounds()
     best = Minimum(free.pack(trial.values), trial.cost, comparison.residual(trial.values), 0)
-    if len(sharp) == 1:
-        found = golden_section(function, best.x, bounds, sharp[0], float(bounds.step[sharp[0]]))
-        best = found if found.cost < best.cost else best
-    else:
-        for share in (1.0, 0.25):
-            best = simplex(function, best, sharp, share * bounds.step[sharp], bounds)
+    for share in _SHRINKING:
+        near = replace(bounds, step=np.where(sharp, share * bounds.step, bounds.step))
+        found = levenberg_marquardt(function, best.x, near, iterations=_SHARP_ITERATIONS, tolerance=1e-3)
+        best = min(best, found, key=lambda m: m.cost)
+    for axis in np.flatnonzero(sharp):
+        width = _LAST_WIDTH * float(bounds.step[axis])
+        found = golden_section(function, best.x, bounds, int(axis), width, evaluations=_LAST_EVALUATIONS)
+        best = min(best, found, key=lambda m: m.cost)
     return Trial(trial.causes, free.unpack(best.x, trial.values), best.cost)

@@ -25,6 +25,8 @@ _BASES, _SECONDS, _MOST_CAUSES = 3, 3, 3
 FLOOR = 1.05  # χ²/n at which nothing worth a further cause is left
 _NEARLY = 1.3  # χ²/n on coarse captures from which a cause is worth judging at once
 _REFINED = 2
+_AS_GOOD = 1.05  # cost that is as good as another on coarse captures
+_WORTHWHILE = 0.7  # of a base's cost: with less left, base and addition are fitted together at once
 _FAR = 0.15  # r.m.s. residual over mean light; beyond, weights of the noise alone lead nowhere
 _EARLY = 1.02  # a single cause that reaches this on held-out captures ends the search
 _ALARM = 25.0  # Δχ² of held-out captures below which nothing has been found (5 σ)
@@ -133,7 +135,8 @@ def _first_round(bench: Bench, effects: Sequence[Effect], report: Progress) -> S
             if known is None or trial.cost < known.cost:
                 trials[trial.causes[0]] = trial
         if batch and cost_of(blind, batch[0].values) < _NEARLY * blind.count:
-            selection = judge(bench, [refined(bench, batch[0])])
+            close = [t for t in batch if t.cost < _AS_GOOD * batch[0].cost][:_SHORT_LIST]
+            selection = judge(bench, bench.side_by_side([partial(refined, bench, t) for t in close]))
             if selection.best.chi2 < _EARLY:
                 return selection
     short = _short_list(sorted(trials.values(), key=lambda t: t.cost))
@@ -147,14 +150,26 @@ def _next_round(
     known = [c.trial for c in selection.candidates]
     for base in _bases(selection, number - 1):
         rest = [e for e in effects if e.id not in base.causes and not _equals_one(e, base.causes, bench)]
-        screened = [t for batch in screen(bench, base.trial.values, rest, report, f"{number} causes") for t in batch]
-        best = _distinct(sorted(screened, key=lambda t: t.cost))[:_SECONDS]
-        joint = _joint(bench, best)[:_REFINED]
-        known += bench.side_by_side([partial(refined, bench, t) for t in joint])
+        wider = _wider(bench, base.trial, rest, report, f"{number} causes")
+        known += bench.side_by_side([partial(refined, bench, t) for t in wider])
         selection = judge(bench, _distinct(sorted(known, key=lambda t: -len(t.causes))))
         if selection.best.chi2 < _EARLY:
             break
     return selection
+
+
+def _wider(bench: Bench, base: Trial, effects: Sequence[Effect], report: Progress, note: str) -> list[Trial]:
+    """The best with one cause more than a base, fitted together; the first that nearly explains all ends the search."""
+    blind = bench.coarse_comparison(bench.split.coarse, 0.0)
+    best, screened = _WORTHWHILE * cost_of(blind, base.values), []
+    for batch in screen(bench, base.values, effects, report, note):
+        screened += batch
+        if batch and (cost := cost_of(blind, batch[0].values)) < best:
+            best = cost
+            joint = _joint(bench, batch[:1])[0]
+            if joint.cost < _NEARLY * blind.count:
+                return [joint]
+    return _joint(bench, _distinct(sorted(screened, key=lambda t: t.cost))[:_SECONDS])[:_REFINED]
 
 
 def _joint(bench: Bench, trials: Sequence[Trial]) -> list[Trial]:
@@ -228,7 +243,8 @@ def _is_done(selection: Selection) -> bool:
 
 def _bases(selection: Selection, causes: int) -> list[Judged]:
     """What to build on: the best candidates with so many causes."""
-    return [c for c in selection.candidates if len(c.causes) == causes][:_BASES] or [selection.best]
+    most = _BASES if causes == 1 else 1
+    return [c for c in selection.candidates if len(c.causes) == causes][:most] or [selection.best]
 
 
 def _is_better(new: Selection, old: Selection) -> bool:
