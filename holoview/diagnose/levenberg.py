@@ -6,7 +6,7 @@ Marquardt, J. SIAM 11, 431 (1963); More's scaling by the diagonal.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,10 @@ class Bounds:
         if self.grows is not None and self.grows[axis]:
             step *= max(1.0, abs(float(x[axis])))
         return step if x[axis] + step <= self.upper[axis] else -step
+
+    def stretched(self, factor: float) -> Bounds:
+        """The same with steps longer by a factor."""
+        return replace(self, step=factor * self.step)
 
     def clip(self, x: Vector) -> Vector:
         """The nearest point inside."""

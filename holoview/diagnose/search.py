@@ -25,7 +25,12 @@ from holoview.diagnose.unknowns import Found, Unknowns, unknowns
 from holoview.effects.effect import Effect
 from holoview.errors import UserError
 
+Held = frozenset[tuple[str, str]]
+
 _LOCAL_STARTS, _MANY = 2, 4
+_NEGLIGIBLE = 0.02  # of the prior; so small a value stays at its identity unless the captures insist
+_INSISTS = 9.0  # Δχ² of a parameter: 3 σ
+_STRETCH, _FEW = 5.0, 2
 _SHRINKING, _SHARP_ITERATIONS = (0.4, 0.1, 0.025), 3  # of a hard edge's first step
 _LAST_WIDTH, _LAST_EVALUATIONS = 0.05, 9
 _GAIN_OF_A_CYCLE = 0.99  # a second round over the parameters is worth it when the first lowered the cost below this
@@ -85,15 +90,21 @@ def local_fit(
     iterations: int = 6,
     tolerance: float = 2e-3,
     fine: bool = False,
+    stretch: float = 1.0,
+    held: Held = frozenset(),
 ) -> Trial:
-    """Levenberg–Marquardt on all parameters of the effects from `start`."""
-    smooth = unknowns(effects, fine=fine)
+    """Levenberg–Marquardt on all parameters of the effects from `start`.
+
+    fine: the fine ones too. stretch: of the steps of its differences. held: (effect, parameter) that stay as they are.
+    """
+    free = unknowns(effects, fine=fine)
+    smooth = Unknowns(tuple((e, p) for e, p in free.entries if (e, p.name) not in held))
     values, cost = start, cost_of(comparison, start)
     if len(smooth):
         minimum = levenberg_marquardt(
             residual_of(smooth, start, comparison),
             smooth.pack(start),
-            smooth.bounds(),
+            smooth.bounds().stretched(stretch),
             iterations=iterations,
             tolerance=tolerance,
         )
@@ -180,3 +191,31 @@ def sharpened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -
         found = golden_section(function, best.x, bounds, int(axis), width, evaluations=_LAST_EVALUATIONS)
         best = min(best, found, key=lambda m: m.cost)
     return Trial(trial.causes, free.unpack(best.x, trial.values), best.cost)
+
+
+def polished(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
+    """Few parameters once more with longer steps: where edges of irises jump, short differences find no slope."""
+    if len(unknowns(effects)) > _FEW:
+        return trial
+    longer = local_fit(effects, trial.values, comparison, iterations=3, tolerance=1e-4, stretch=_STRETCH)
+    return longer if longer.cost < trial.cost else trial
+
+
+def simplified(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
+    """Without negligible values that the captures don't insist on, the others fitted again.
+
+    Fewer numbers say the same; and a picture that isn't turned at all needs no interpolation.
+    """
+    values, cost, held = trial.values, trial.cost, set()
+    for e, p in unknowns(effects, fine=True).entries:
+        away = abs(values.get(e, {}).get(p.name, p.identity) - p.identity)
+        if not 0.0 < away < _NEGLIGIBLE * p.prior:
+            continue
+        without = {**values, e: {**values[e], p.name: p.identity}}
+        if (less := cost_of(comparison, without)) < cost + _INSISTS * max(1.0, cost / comparison.count):
+            values, cost = without, less
+            held.add((e, p.name))
+    if not held:
+        return trial
+    fitted = local_fit(effects, values, comparison, iterations=3, tolerance=1e-4, held=frozenset(held))
+    return Trial(trial.causes, fitted.values, fitted.cost)

@@ -14,9 +14,7 @@ from holoview.effects.parameter import Parameter
 Found = dict[str, dict[str, float]]
 
 _STEP = 0.02  # of the prior: small enough for a slope, large enough for float32 pictures
-_EVEN_STEP = (
-    0.1  # of the prior's square: pictures are nearly linear in it, smaller steps drown in irises' jumps
-)
+_EVEN_STEP = 0.1  # of the prior's square: pictures are nearly linear in it, smaller steps drown in irises' jumps
 _SHARP_STEP = 0.4  # of the prior: far enough that a hard edge passes over many samples
 
 
