@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from holoview.captures.session import Captures
 from holoview.diagnose.bench import Bench, Progress, same_physics
@@ -106,21 +107,27 @@ def _diagnosed(bench: Bench, notes: list[str], report: Progress, free_maps: bool
     settled = with_nuisances(bench, selection.best.trial.values)
     if settled is not bench:
         bench = settled
-        selection = judge(bench, [refined(bench, c.trial) for c in selection.candidates[:_REJUDGED]])
+        selection = judge(
+            bench, bench.side_by_side([partial(refined, bench, c.trial) for c in selection.candidates[:_REJUDGED]])
+        )
     decision = decide(selection, bench.equals)
     decision, forgiven = forgiving(bench, selection, decision)
     notes = [*notes, *forgiven]
-    law = _power_law(bench, decision)
+    gain = _gains(bench, decision)
+    law = _power_law(bench, gain)
     report(1, 1, "intervals, look-alikes")
     causes = _causes(bench, selection, decision)
-    return _told(bench, selection, decision, law, causes, notes, report, free_maps, began)
+    return _told(bench, selection, decision, gain, law, causes, notes, report, free_maps, began)
 
 
-def _power_law(bench: Bench, decision: Decision) -> PowerLaw | None:
-    """What the gains of all captures tell of the lasers' power, under the best model."""
+def _gains(bench: Bench, decision: Decision) -> NDArray[np.float64]:
+    """The gain of every capture under the best model."""
     values = decision.best.trial.values if decision.best else {}
-    everything = np.arange(len(bench.measured.captures))
-    gain = bench.coarse_comparison(everything, 0.0).fit(values).gain
+    return bench.coarse_comparison(np.arange(len(bench.measured.captures)), 0.0).fit(values).gain
+
+
+def _power_law(bench: Bench, gain: NDArray[np.float64]) -> PowerLaw | None:
+    """What the gains of all captures tell of the lasers' power."""
     found = [power_law(e, bench.measured.captures, gain) for e in bench.effects.values() if only_power(e)]
     return min((law for law in found if law is not None), key=lambda law: law.after, default=None)
 
@@ -128,7 +135,8 @@ def _power_law(bench: Bench, decision: Decision) -> PowerLaw | None:
 def _causes(bench: Bench, selection: Selection, decision: Decision) -> list[Cause]:
     if decision.best is None:
         return []
-    trial = decision.best.trial
+    trial, judged_by = decision.best.trial, selection.comparison
+    after = quality(judged_by, judged_by.fit(trial.values))
     effects = [bench.effects[name] for name in trial.causes]
     fitted = bench.judged_by(bench.split.fine, trial.values)
     at = tangent(trial, effects, fitted)
@@ -140,7 +148,7 @@ def _causes(bench: Bench, selection: Selection, decision: Decision) -> list[Caus
     causes = []
     for effect in effects:
         without = {name: values for name, values in trial.values.items() if name != effect.id}
-        before, after = (quality(selection.comparison, values) for values in (without, trial.values))
+        before = quality(judged_by, judged_by.fit(without))
         share = (before.chi2 - after.chi2) / max(before.chi2 - 1.0, 1e-9)
         shown = {name: interval for (e, name), interval in found.items() if e == effect.id}
         causes.append(
@@ -164,6 +172,7 @@ def _told(
     bench: Bench,
     selection: Selection,
     decision: Decision,
+    gain: NDArray[np.float64],
     law: PowerLaw | None,
     causes: list[Cause],
     notes: list[str],
@@ -174,38 +183,36 @@ def _told(
     captures, comparison = bench.measured.captures, selection.comparison
     values = decision.best.trial.values if decision.best else {}
     verdict = decision.verdict
-    after = quality(comparison, values)
+    nominal, best = comparison.fit({}), comparison.fit(values)
+    after = quality(comparison, best)
     left = max(after.chi2 - 1.0, 0.0) / max(selection.nominal.excess, 1e-9)
     freed = []
     if free_maps and verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY) and after.chi2 > _UNEXPLAINED:
         report(0, 1, "free maps at every place")
         freed = places(bench, values, comparison)
-    everything = bench.judged_by(np.arange(len(captures)), values)
-    spread = gain_spread(captures, everything.fit(values).gain)
     if law is not None:
         values = values | law.values
         causes = [*causes, _power_cause(bench, law)]
         verdict = Verdict.EXPLAINED if verdict is Verdict.CONSISTENT else verdict
         verdict = Verdict.PARTLY if verdict is Verdict.UNEXPLAINED else verdict
     rough = roughness(captures)
-    fitted = [comparison.fit(v) for v in ({}, values)]
     return Diagnosis(
         verdict=verdict,
-        before=quality(comparison, {}),
+        before=quality(comparison, nominal),
         after=after,
         causes=tuple(causes),
         values=values,
         rivals=tuple(r.causes for r in decision.rivals),
         unexplained=float(min(left, 1.0)) if selection.nominal.excess > 0.02 else 0.0,
         lives_in=lives_in(freed),
-        groups=groups(captures, comparison, values),
+        groups=groups(captures, comparison, nominal, best),
         candidates=tuple(Candidate(c.causes, c.chi2) for c in selection.candidates),
-        samples=samples(captures, comparison, fitted[0], fitted[1]),
-        where_before=excess(captures, comparison, fitted[0], rough),
-        where_after=excess(captures, comparison, fitted[1], rough),
-        signal_explained=(signal_explained(comparison, {}), signal_explained(comparison, values)),
+        samples=samples(captures, comparison, nominal, best),
+        where_before=excess(captures, comparison, nominal, rough),
+        where_after=excess(captures, comparison, best, rough),
+        signal_explained=(signal_explained(comparison, nominal), signal_explained(comparison, best)),
         fixed_pattern=bench.fixed_pattern,
-        gain_spread=spread,
+        gain_spread=gain_spread(captures, gain),
         notes=tuple(notes),
         seconds=time.monotonic() - began,
     )

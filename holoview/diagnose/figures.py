@@ -9,14 +9,12 @@ from holoview.captures.session import Captures
 from holoview.diagnose.comparison import Comparison, Fitted
 from holoview.diagnose.diagnosis import Group, Quality, Sample
 from holoview.diagnose.measured import Images
-from holoview.diagnose.unknowns import Found
 
 _SAMPLES = 4
 
 
-def quality(comparison: Comparison, values: Found, only: NDArray[np.bool_] | None = None) -> Quality:
+def quality(comparison: Comparison, fitted: Fitted, only: NDArray[np.bool_] | None = None) -> Quality:
     """χ²/n and mean PSNR of captures (all, or those of a mask)."""
-    fitted = comparison.fit(values)
     chosen = np.ones(len(comparison.indices), dtype=bool) if only is None else only
     chi2 = fitted.squares[chosen].sum() / max(comparison.pixels[chosen].sum(), 1.0)
     return Quality(float(chi2), float(_psnr(comparison, fitted.residual)[chosen].mean()))
@@ -31,23 +29,23 @@ def _psnr(comparison: Comparison, residual: Images) -> NDArray[np.float64]:
     return 10 * np.log10(np.maximum(peak, 1e-9) ** 2 / np.maximum(mean_square, 1e-12))
 
 
-def signal_explained(comparison: Comparison, values: Found) -> float:
-    """Share of the pictures' variance that a model explains."""
-    fitted = comparison.fit(values)
+def signal_explained(comparison: Comparison, fitted: Fitted) -> float:
+    """Share of the pictures' variance that a prediction explains."""
     usable = comparison.weight > 0
     errors = np.where(usable, fitted.residual / np.where(usable, comparison.weight, 1.0), 0.0)
     spread = [float(light[seen].var() * seen.sum()) for light, seen in zip(comparison.light, usable, strict=True)]
     return 1.0 - float(np.square(errors, dtype=np.float64).sum() / max(sum(spread), 1e-9))
 
 
-def groups(captures: Captures, comparison: Comparison, values: Found) -> tuple[Group, ...]:
+def groups(captures: Captures, comparison: Comparison, before: Fitted, after: Fitted) -> tuple[Group, ...]:
+    """Held-out captures by wavelength and plane."""
     indices = comparison.indices
     wavelengths, planes = captures.wavelength_m[indices], captures.distance_m[indices]
     found = []
     for wavelength, plane in sorted(set(zip(wavelengths, planes, strict=True))):
         same = (wavelengths == wavelength) & (planes == plane)
-        before, after = (quality(comparison, v, same) for v in ({}, values))
-        found.append(Group(float(wavelength), float(plane), before, after))
+        first, second = (quality(comparison, fitted, same) for fitted in (before, after))
+        found.append(Group(float(wavelength), float(plane), first, second))
     return tuple(found)
 
 
