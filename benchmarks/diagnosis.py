@@ -189,7 +189,7 @@ def summary(lines: list[Case]) -> str:
     inside = [flag for c in lines if c.family in ("singles", "pairs") and is_right(c) for flag in is_covered(c)]
     if inside:
         out.append(f"true value inside its 95 % interval: {sum(inside)}/{len(inside)}")
-    out.append("")
+    out += ["", *confusion(lines), ""]
     for case in lines:
         if case.family in ("singles", "deleted", "pairs") and (
             not is_right(case) or (case.family != "deleted" and case.verdict != "explained")
@@ -200,6 +200,15 @@ def summary(lines: list[Case]) -> str:
                 f"χ² {case.chi2[0]:.4g} → {case.chi2[1]:.4g}"
             )
     return "\n".join(out)
+
+
+def confusion(lines: list[Case]) -> list[str]:
+    """A row of the confusion matrix for each hidden single effect: how often each cause was named first; no zeros."""
+    rows: dict[str, Counter[str]] = defaultdict(Counter)
+    for case in lines:
+        if case.family == "singles":
+            rows[" + ".join(case.truth)][case.named[0] if case.named else "–"] += 1
+    return [f"{true:18s} {', '.join(f'{k} {v}' for k, v in row.most_common())}" for true, row in sorted(rows.items())]
 
 
 def main() -> None:
