@@ -40,7 +40,8 @@ class Bench:
     """measured: the captures. effects: the candidates by id. split: which captures are for what.
 
     make_predictor: a new predictor of the captures; `extra` effects may be given. workers: threads; each has a
-    predictor of its own. fixed_pattern: 1 σ of the pixels' relative sensitivity. equals: for each effect the others
+    predictor of its own. fixed_pattern: 1 σ of the pixels' relative sensitivity. shaking: whether the camera moves from
+    capture to capture, so that comparisons take its movements out. equals: for each effect the others
     that are the same physics on this bench (`same_physics`).
     """
 
@@ -52,6 +53,7 @@ class Bench:
     pool: ThreadPoolExecutor
     workers: int = 1
     fixed_pattern: float = 0.0
+    shaking: bool = False
     equals: Mapping[str, frozenset[str]] = field(default_factory=dict)
     predict: Predicts = field(init=False, repr=False)
     _blind: dict[tuple[int, ...], Images] = field(default_factory=dict, repr=False)
@@ -68,12 +70,12 @@ class Bench:
         return Comparison(self.predict, self.measured, indices, variance)
 
     def judged_by(self, indices: NDArray[np.intp], values: Values) -> Comparison:
-        """Weights from a model's prediction, then frozen; movements of the camera are taken out."""
+        """Weights from a model's prediction, then frozen; movements of a shaking camera are taken out."""
         expected = self.coarse_comparison(indices, 0.0).fit(values).expected
         variance = model_variance(self.measured.camera, expected)
         if self.fixed_pattern:
             variance = variance + np.square(np.float32(self.fixed_pattern) * expected)
-        return Comparison(self.predict, self.measured, indices, variance, shifts=len(indices) > 1)
+        return Comparison(self.predict, self.measured, indices, variance, shifts=self.shaking and len(indices) > 1)
 
     def map(self, work: Callable[[Effect], T], effects: Sequence[Effect], report: Progress, note: str) -> list[T]:
         """`work` on every effect, side by side; results in the order of `effects`. Ctrl-C ends it between two."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,30 +13,26 @@ from numpy.typing import NDArray
 
 from holoview.captures.session import Captures
 from holoview.diagnose.bench import Bench, Progress, same_physics
-from holoview.diagnose.comparison import Comparison, Fitted, Values
+from holoview.diagnose.comparison import Values
 from holoview.diagnose.confounds import correlations, separating
-from holoview.diagnose.decide import QUIET, Decision, Verdict, decide
-from holoview.diagnose.diagnosis import Candidate, Cause, Diagnosis, Group, Quality, Sample
-from holoview.diagnose.drift import DRIFTING, drift
+from holoview.diagnose.decide import Decision, Verdict, decide
+from holoview.diagnose.diagnosis import Candidate, Cause, Diagnosis, Quality
 from holoview.diagnose.excess import excess
 from holoview.diagnose.extend import Known
+from holoview.diagnose.figures import groups, quality, samples, signal_explained
 from holoview.diagnose.freeform import lives_in, places
-from holoview.diagnose.measured import Images, measured
-from holoview.diagnose.noise import fixed_pattern
+from holoview.diagnose.measured import measured
+from holoview.diagnose.nuisances import forgiving, with_nuisances
 from holoview.diagnose.power import PowerLaw, gain_spread, only_power, power_law
-from holoview.diagnose.select import Selection, judge, select
+from holoview.diagnose.select import Selection, judge, refined, select
 from holoview.diagnose.split import roughness, split
 from holoview.diagnose.uncertainty import intervals, tangent
-from holoview.diagnose.unknowns import Found
 from holoview.effects.effect import Effect
 from holoview.effects.registry import registry
 from holoview.errors import UserError
 
 _LEAST_CAPTURES = 2
-_PATTERN_BELOW = 3.0  # χ²/n up to which residuals tell the pixels' own sensitivity from errors of the model
-_MOST_PATTERN = 0.1
-_SAMPLES = 4
-_NUISANCE_LEFT, _MOST_NUISANCE = 0.02, 0.06  # χ²/n that movements of the camera leave, of what they caused; at most
+_REJUDGED = 3  # candidates, once nuisances are known
 _UNEXPLAINED = 1.1  # χ²/n above which it is worth asking where the rest lives
 
 
@@ -106,65 +101,33 @@ def _prepare(
 
 
 def _diagnosed(bench: Bench, notes: list[str], report: Progress, free_maps: bool, began: float) -> Diagnosis:
-    bench = _with_pattern(bench, {})
+    bench = with_nuisances(bench, {})
     searched = [e for e in bench.effects.values() if not only_power(e)]
     selection = select(bench, searched, report)
-    if bench.fixed_pattern == 0.0:
-        bench = _with_pattern(bench, selection.best.trial.values)
-        if bench.fixed_pattern:
-            selection = judge(bench, [c.trial for c in selection.candidates])
+    settled = with_nuisances(bench, selection.best.trial.values)
+    if settled is not bench:
+        bench = settled
+        selection = judge(
+            bench, bench.side_by_side([partial(refined, bench, c.trial) for c in selection.candidates[:_REJUDGED]])
+        )
     decision = decide(selection, bench.equals)
-    decision, notes = _forgiving_nuisances(bench, selection, decision, notes)
-    law = _power_law(bench, decision)
+    decision, forgiven = forgiving(bench, selection, decision)
+    notes = [*notes, *forgiven]
+    gain = _gains(bench, decision)
+    law = _power_law(bench, gain)
     report(1, 1, "intervals, look-alikes")
     causes = _causes(bench, selection, decision)
-    return _told(bench, selection, decision, law, causes, notes, report, free_maps, began)
+    return _told(bench, selection, decision, gain, law, causes, notes, report, free_maps, began)
 
 
-def _with_pattern(bench: Bench, values: Found) -> Bench:
-    """The bench with the camera's fixed pattern, where the residuals of two disjoint sets of captures show one."""
-    sets = [bench.split.fine, bench.split.held_out]
-    comparisons = [bench.judged_by(indices, values) for indices in sets]
-    if max(c.chi2(values) for c in comparisons) > _PATTERN_BELOW:
-        return bench
-    residuals, expected, usable = [], [], []
-    for comparison in comparisons:
-        fitted = comparison.fit(values)
-        seen = comparison.weight > 0
-        residuals.append(np.where(seen, fitted.residual / np.where(seen, comparison.weight, 1.0), 0.0))
-        expected.append(fitted.expected)
-        usable.append(seen)
-    return replace(bench, fixed_pattern=min(fixed_pattern(residuals, expected, usable), _MOST_PATTERN))
-
-
-def _forgiving_nuisances(
-    bench: Bench, selection: Selection, decision: Decision, notes: list[str]
-) -> tuple[Decision, list[str]]:
-    """Consistent after all, where what drifts and shakes without direction accounts for what is left; with a note."""
-    if decision.verdict is not Verdict.UNEXPLAINED:
-        return decision, notes
-    comparison = selection.comparison
-    still = bench.coarse_comparison(comparison.indices, 0.0).fit({}).squares.sum() / comparison.count
-    allowed = QUIET + min(_NUISANCE_LEFT * max(still - selection.nominal.chi2, 0.0), _MOST_NUISANCE)
-    if selection.nominal.excess <= allowed:
-        return Decision(Verdict.CONSISTENT, None), [
-            *notes,
-            "The camera moves between captures; that explains the rest.",
-        ]
-    if DRIFTING not in bench.effects:
-        return decision, notes
-    found = drift(comparison, {})
-    if found.has_direction or found.chi2 - 1.0 > allowed:
-        return decision, notes
-    note = f"The wavelengths drift by {found.rms_m * 1e9:.2g} nm (r.m.s.) between captures; that explains what is left."
-    return Decision(Verdict.CONSISTENT, None), [*notes, note]
-
-
-def _power_law(bench: Bench, decision: Decision) -> PowerLaw | None:
-    """What the gains of all captures tell of the lasers' power, under the best model."""
+def _gains(bench: Bench, decision: Decision) -> NDArray[np.float64]:
+    """The gain of every capture under the best model."""
     values = decision.best.trial.values if decision.best else {}
-    everything = np.arange(len(bench.measured.captures))
-    gain = bench.coarse_comparison(everything, 0.0).fit(values).gain
+    return bench.coarse_comparison(np.arange(len(bench.measured.captures)), 0.0).fit(values).gain
+
+
+def _power_law(bench: Bench, gain: NDArray[np.float64]) -> PowerLaw | None:
+    """What the gains of all captures tell of the lasers' power."""
     found = [power_law(e, bench.measured.captures, gain) for e in bench.effects.values() if only_power(e)]
     return min((law for law in found if law is not None), key=lambda law: law.after, default=None)
 
@@ -172,23 +135,20 @@ def _power_law(bench: Bench, decision: Decision) -> PowerLaw | None:
 def _causes(bench: Bench, selection: Selection, decision: Decision) -> list[Cause]:
     if decision.best is None:
         return []
-    trial = decision.best.trial
+    trial, judged_by = decision.best.trial, selection.comparison
+    after = quality(judged_by, judged_by.fit(trial.values))
     effects = [bench.effects[name] for name in trial.causes]
     fitted = bench.judged_by(bench.split.fine, trial.values)
     at = tangent(trial, effects, fitted)
     found = intervals(trial, at, fitted)
-    alike = correlations(
-        bench,
-        trial,
-        tangent(trial, effects, bench.judged_by(bench.split.coarse, trial.values)),
-        bench.judged_by(bench.split.coarse, trial.values),
-    )
+    few = bench.judged_by(bench.split.coarse[[0, -1]], trial.values)
+    alike = correlations(bench, trial, tangent(trial, effects, few), few)
     separate = separating(bench, decision.best, decision.rivals[0]) if decision.rivals else None
     rivals = {name: 1.0 for rival in decision.rivals for name in rival.causes if name not in trial.causes}
     causes = []
     for effect in effects:
         without = {name: values for name, values in trial.values.items() if name != effect.id}
-        before, after = (_quality(selection.comparison, values) for values in (without, trial.values))
+        before = quality(judged_by, judged_by.fit(without))
         share = (before.chi2 - after.chi2) / max(before.chi2 - 1.0, 1e-9)
         shown = {name: interval for (e, name), interval in found.items() if e == effect.id}
         causes.append(
@@ -212,6 +172,7 @@ def _told(
     bench: Bench,
     selection: Selection,
     decision: Decision,
+    gain: NDArray[np.float64],
     law: PowerLaw | None,
     causes: list[Cause],
     notes: list[str],
@@ -222,38 +183,36 @@ def _told(
     captures, comparison = bench.measured.captures, selection.comparison
     values = decision.best.trial.values if decision.best else {}
     verdict = decision.verdict
-    after = _quality(comparison, values)
+    nominal, best = comparison.fit({}), comparison.fit(values)
+    after = quality(comparison, best)
     left = max(after.chi2 - 1.0, 0.0) / max(selection.nominal.excess, 1e-9)
     freed = []
     if free_maps and verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY) and after.chi2 > _UNEXPLAINED:
         report(0, 1, "free maps at every place")
         freed = places(bench, values, comparison)
-    everything = bench.judged_by(np.arange(len(captures)), values)
-    spread = gain_spread(captures, everything.fit(values).gain)
     if law is not None:
         values = values | law.values
         causes = [*causes, _power_cause(bench, law)]
         verdict = Verdict.EXPLAINED if verdict is Verdict.CONSISTENT else verdict
         verdict = Verdict.PARTLY if verdict is Verdict.UNEXPLAINED else verdict
     rough = roughness(captures)
-    fitted = [comparison.fit(v) for v in ({}, values)]
     return Diagnosis(
         verdict=verdict,
-        before=_quality(comparison, {}),
+        before=quality(comparison, nominal),
         after=after,
         causes=tuple(causes),
         values=values,
         rivals=tuple(r.causes for r in decision.rivals),
         unexplained=float(min(left, 1.0)) if selection.nominal.excess > 0.02 else 0.0,
         lives_in=lives_in(freed),
-        groups=_groups(captures, comparison, values),
+        groups=groups(captures, comparison, nominal, best),
         candidates=tuple(Candidate(c.causes, c.chi2) for c in selection.candidates),
-        samples=_samples(captures, comparison, fitted[0], fitted[1]),
-        where_before=excess(captures, comparison, fitted[0], rough),
-        where_after=excess(captures, comparison, fitted[1], rough),
-        signal_explained=(_explained(comparison, {}), _explained(comparison, values)),
+        samples=samples(captures, comparison, nominal, best),
+        where_before=excess(captures, comparison, nominal, rough),
+        where_after=excess(captures, comparison, best, rough),
+        signal_explained=(signal_explained(comparison, nominal), signal_explained(comparison, best)),
         fixed_pattern=bench.fixed_pattern,
-        gain_spread=spread,
+        gain_spread=gain_spread(captures, gain),
         notes=tuple(notes),
         seconds=time.monotonic() - began,
     )
@@ -274,61 +233,3 @@ def _power_cause(bench: Bench, law: PowerLaw) -> Cause:
         before=nothing,
         after=nothing,
     )
-
-
-def _quality(comparison: Comparison, values: Found, only: NDArray[np.bool_] | None = None) -> Quality:
-    """χ²/n and mean PSNR of captures (all, or those of a mask)."""
-    fitted = comparison.fit(values)
-    chosen = np.ones(len(comparison.indices), dtype=bool) if only is None else only
-    chi2 = fitted.squares[chosen].sum() / max(comparison.pixels[chosen].sum(), 1.0)
-    return Quality(float(chi2), float(_psnr(comparison, fitted.residual)[chosen].mean()))
-
-
-def _psnr(comparison: Comparison, residual: Images) -> NDArray[np.float64]:
-    """PSNR of each capture against its brightest 0.1 %."""
-    usable = comparison.weight > 0
-    errors = np.where(usable, residual / np.where(usable, comparison.weight, 1.0), 0.0)
-    mean_square = np.square(errors, dtype=np.float64).sum((1, 2)) / np.maximum(comparison.pixels, 1.0)
-    peak = np.array([np.quantile(light[seen], 0.999) for light, seen in zip(comparison.light, usable, strict=True)])
-    return 10 * np.log10(np.maximum(peak, 1e-9) ** 2 / np.maximum(mean_square, 1e-12))
-
-
-def _explained(comparison: Comparison, values: Found) -> float:
-    """Share of the pictures' variance that a model explains."""
-    fitted = comparison.fit(values)
-    usable = comparison.weight > 0
-    errors = np.where(usable, fitted.residual / np.where(usable, comparison.weight, 1.0), 0.0)
-    spread = [float(light[seen].var() * seen.sum()) for light, seen in zip(comparison.light, usable, strict=True)]
-    return 1.0 - float(np.square(errors, dtype=np.float64).sum() / max(sum(spread), 1e-9))
-
-
-def _groups(captures: Captures, comparison: Comparison, values: Found) -> tuple[Group, ...]:
-    indices = comparison.indices
-    wavelengths, planes = captures.wavelength_m[indices], captures.distance_m[indices]
-    groups = []
-    for wavelength, plane in sorted(set(zip(wavelengths, planes, strict=True))):
-        same = (wavelengths == wavelength) & (planes == plane)
-        before, after = (_quality(comparison, v, same) for v in ({}, values))
-        groups.append(Group(float(wavelength), float(plane), before, after))
-    return tuple(groups)
-
-
-def _samples(captures: Captures, comparison: Comparison, before: Fitted, after: Fitted) -> tuple[Sample, ...]:
-    """Held-out captures of different wavelengths, as far as there are."""
-    wavelengths = captures.wavelength_m[comparison.indices]
-    first_of_each = [int(np.flatnonzero(wavelengths == w)[0]) for w in np.unique(wavelengths)]
-    chosen = first_of_each if len(first_of_each) > 1 else list(range(len(wavelengths)))
-    samples = []
-    for k in chosen[:_SAMPLES]:
-        index = int(comparison.indices[k])
-        samples.append(
-            Sample(
-                capture=index,
-                wavelength_m=float(captures.wavelength_m[index]),
-                distance_m=float(captures.distance_m[index]),
-                light=comparison.light[k],
-                predicted=(before.expected[k], after.expected[k]),
-                residual=(before.residual[k], after.residual[k]),
-            )
-        )
-    return tuple(samples)

@@ -6,11 +6,10 @@ Marquardt, J. SIAM 11, 431 (1963); More's scaling by the diagonal.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 Vector = NDArray[np.float64]
 Residuals = NDArray[np.float32]
@@ -18,7 +17,7 @@ Function = Callable[[Vector], Residuals]
 
 _GOLDEN = (5**0.5 - 1) / 2
 _FIRST_DAMPING, _MOST_TRIES = 1e-3, 5
-_SIMPLEX_EVALUATIONS, _BISECTIONS = 30, 6
+_BISECTIONS = 6
 
 
 @dataclass(frozen=True)
@@ -36,6 +35,10 @@ class Bounds:
         if self.grows is not None and self.grows[axis]:
             step *= max(1.0, abs(float(x[axis])))
         return step if x[axis] + step <= self.upper[axis] else -step
+
+    def stretched(self, factor: float) -> Bounds:
+        """The same with steps longer by a factor."""
+        return replace(self, step=factor * self.step)
 
     def clip(self, x: Vector) -> Vector:
         """The nearest point inside."""
@@ -120,29 +123,6 @@ def golden_section(
             at_right = at(right)
     best = min(best, at_left, at_right, key=lambda m: m.cost)
     return Minimum(best.x, best.cost, best.residual, evaluations)
-
-
-def simplex(function: Function, start: Minimum, axes: list[int], reach: Vector, bounds: Bounds) -> Minimum:
-    """Nelder and Mead's search along some axes from a simplex of size `reach`, for coupled parameters with jumps."""
-
-    def point(part: Vector) -> Vector:
-        x = start.x.copy()
-        x[axes] = part
-        return bounds.clip(x)
-
-    first = start.x[axes]
-    corners = np.vstack([first, *(first + np.eye(len(axes))[k] * reach[k] for k in range(len(axes)))])
-    options = {
-        "initial_simplex": corners,
-        "maxfev": _SIMPLEX_EVALUATIONS * len(axes),
-        "xatol": 1e-4,
-        "fatol": 1e-6 * start.cost,
-    }
-    found = minimize(lambda part: _cost(function(point(part))), first, method="Nelder-Mead", options=options)
-    if not found.fun < start.cost:
-        return start
-    x = point(found.x)
-    return Minimum(x, float(found.fun), function(x), int(found.nfev))
 
 
 def profile_width(function: Function, at: Minimum, axis: int, bounds: Bounds, rise: float) -> float:

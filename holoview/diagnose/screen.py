@@ -17,18 +17,20 @@ from holoview.diagnose.bench import Bench, Progress
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.displacement import Hints, hints
 from holoview.diagnose.ghosts import copies
-from holoview.diagnose.search import Trial, cost_of, local_fit, scan, search, slopes_of
+from holoview.diagnose.search import Trial, cost_of, local_fit, scan, search, slopes_of, trials_at_identity
 from holoview.diagnose.unknowns import Found
 from holoview.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
 from holoview.errors import UserError
 
 Look = Callable[[Effect], Trial]
+Stage = Iterator[list[Trial]]
 
 _TANGENT_BELOW, _LOCAL_BELOW = 0.05, 0.35  # r.m.s. residual over mean light
 _TANGENT_FITS = 8
 _BATCH = 8
 _SCAN_CAPTURES = 2
-_MANY_BEAMS = 8  # a local fit of so many fields isn't begun where the scan found nothing
+_MANY_BEAMS = 8  # a local fit of so many fields is begun only where the scan found something:
+_WORTH_FITTING = 0.9  # of the cost without the effect
 _BEAMS = 60  # field computations of a scan that are worth it for one effect and capture
 
 
@@ -44,29 +46,35 @@ def mismatch(bench: Bench, values: Found, indices: NDArray[np.intp] | None = Non
     return float(np.sqrt(ratio.mean()))
 
 
-def screen(bench: Bench, base: Found, effects: Sequence[Effect], report: Progress, note: str) -> Iterator[list[Trial]]:
-    """Batches of trials, each one effect on top of `base` with costs of one comparison; the cheapest effects first.
+def screen(bench: Bench, base: Found, effects: Sequence[Effect], report: Progress, note: str) -> Iterator[Stage]:
+    """Stages of batches of trials, each one effect on top of `base` with costs of one comparison; cheap effects first.
 
-    An effect comes twice where a local fit from its identity may have missed what a scan finds.
+    One stage near the floor: the most promising tangents. Further off two: local fits, then scans over ranges. Far off
+    scans alone.
     """
     off_by = mismatch(bench, base)
     comparison = bench.coarse_comparison(bench.split.coarse, min(off_by, 1.0))
     nothing = cost_of(comparison, base)
     ordered = sorted(effects, key=lambda e: (effort(bench, e), e.id))
-    if off_by < _TANGENT_BELOW:
+
+    def batches(look: Look, note: str) -> Stage:
+        for batch in _batches(ordered):
+            yield _better(bench.map(look, batch, report, note), nothing)
+
+    def nearly() -> Stage:
         doubled = copies(base, comparison)
         look = _scanned(bench, base, comparison, doubled)
         yield _better(bench.map(look, [e for e in ordered if doubled(e)], report, note), nothing)
-        ordered = _promising(bench, base, [e for e in ordered if not doubled(e)], comparison, report, note)
-        yield _better(bench.map(_local(comparison, base, 4), ordered, report, note), nothing)
+        best = _promising(bench, base, [e for e in ordered if not doubled(e)], comparison, report, note)
+        yield _better(bench.map(_local(comparison, base, 4), best, report, note), nothing)
+
+    if off_by < _TANGENT_BELOW:
+        yield nearly()
         return
     if off_by < _LOCAL_BELOW:
-        for batch in _batches(ordered):
-            yield _better(bench.map(_local(comparison, base, 4), batch, report, note), nothing)
-    start = _starts(bench, base, comparison)
-    look = _scanned(bench, base, comparison, start)
-    for batch in _batches(ordered):
-        yield _better(bench.map(look, batch, report, f"{note}, over its range"), nothing)
+        yield batches(_local(comparison, base, 4), note)
+    look = _scanned(bench, base, comparison, _starts(bench, base, comparison))
+    yield batches(look, f"{note}, over its range")
 
 
 def effort(bench: Bench, effect: Effect) -> float:
@@ -129,7 +137,8 @@ def _scanned(bench: Bench, base: Found, comparison: Comparison, starts: Hints) -
         most = max(3, _BEAMS // beams)
         thinned = points[:: -(-len(points) // most)] if len(points) > most else points
         trials = scan(effect, few, base, [*starts(effect), *thinned])
-        if beams >= _MANY_BEAMS and trials[0].values[effect.id] == _identity(effect):
+        nothing = trials_at_identity(trials, effect)
+        if beams >= _MANY_BEAMS and trials[0].cost > _WORTH_FITTING * nothing:
             return Trial((*base, effect.id), trials[0].values, float("inf"))
         return search(effect, comparison, base, trials)
 

@@ -7,7 +7,7 @@ is then found only by looking along the effect's range: `scan`. Hard edges have 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,13 +20,19 @@ from holoview.diagnose.levenberg import (
     golden_section,
     jacobian,
     levenberg_marquardt,
-    simplex,
 )
 from holoview.diagnose.unknowns import Found, Unknowns, unknowns
 from holoview.effects.effect import Effect
 from holoview.errors import UserError
 
+Held = frozenset[tuple[str, str]]
+
 _LOCAL_STARTS, _MANY = 2, 4
+_NEGLIGIBLE = 0.02  # of the prior; so small a value stays at its identity unless the captures insist
+_INSISTS = 9.0  # Δχ² of a parameter: 3 σ
+_STRETCH, _FEW = 5.0, 2
+_SHRINKING, _SHARP_ITERATIONS = (0.4, 0.1, 0.025), 3  # of a hard edge's first step
+_LAST_WIDTH, _LAST_EVALUATIONS = 0.05, 9
 _GAIN_OF_A_CYCLE = 0.99  # a second round over the parameters is worth it when the first lowered the cost below this
 
 
@@ -84,15 +90,21 @@ def local_fit(
     iterations: int = 6,
     tolerance: float = 2e-3,
     fine: bool = False,
+    stretch: float = 1.0,
+    held: Held = frozenset(),
 ) -> Trial:
-    """Levenberg–Marquardt on all parameters of the effects from `start`."""
-    smooth = unknowns(effects, fine=fine)
+    """Levenberg–Marquardt on all parameters of the effects from `start`.
+
+    fine: the fine ones too. stretch: of the steps of its differences. held: (effect, parameter) that stay as they are.
+    """
+    free = unknowns(effects, fine=fine)
+    smooth = Unknowns(tuple((e, p) for e, p in free.entries if (e, p.name) not in held))
     values, cost = start, cost_of(comparison, start)
     if len(smooth):
         minimum = levenberg_marquardt(
             residual_of(smooth, start, comparison),
             smooth.pack(start),
-            smooth.bounds(),
+            smooth.bounds().stretched(stretch),
             iterations=iterations,
             tolerance=tolerance,
         )
@@ -159,20 +171,51 @@ def _distance(a: Trial, b: Trial, effect: Effect) -> float:
 
 
 def sharpened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
-    """The last digits of parameters with hard edges, which a local fit takes long steps over.
+    """The last digits of parameters with hard edges, whose pictures jump from sample to sample.
 
-    One: golden section. Several: a simplex search, twice, since they make up for each other.
+    A difference over a step during which many samples are passed is a slope; as the fit closes in, steps shrink. In the
+    end each of these parameters is moved along its own axis.
     """
     free = unknowns(effects)
-    sharp = [axis for axis, (_, p) in enumerate(free.entries) if p.sharp]
-    if not sharp:
+    sharp = np.array([p.sharp for _, p in free.entries], dtype=bool)
+    if not sharp.any():
         return trial
     function, bounds = residual_of(free, trial.values, comparison), free.bounds()
     best = Minimum(free.pack(trial.values), trial.cost, comparison.residual(trial.values), 0)
-    if len(sharp) == 1:
-        found = golden_section(function, best.x, bounds, sharp[0], float(bounds.step[sharp[0]]))
-        best = found if found.cost < best.cost else best
-    else:
-        for share in (1.0, 0.25):
-            best = simplex(function, best, sharp, share * bounds.step[sharp], bounds)
+    for share in _SHRINKING:
+        near = replace(bounds, step=np.where(sharp, share * bounds.step, bounds.step))
+        found = levenberg_marquardt(function, best.x, near, iterations=_SHARP_ITERATIONS, tolerance=1e-3)
+        best = min(best, found, key=lambda m: m.cost)
+    for axis in np.flatnonzero(sharp):
+        width = _LAST_WIDTH * float(bounds.step[axis])
+        found = golden_section(function, best.x, bounds, int(axis), width, evaluations=_LAST_EVALUATIONS)
+        best = min(best, found, key=lambda m: m.cost)
     return Trial(trial.causes, free.unpack(best.x, trial.values), best.cost)
+
+
+def polished(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
+    """Few parameters once more with longer steps: where edges of irises jump, short differences find no slope."""
+    if len(unknowns(effects)) > _FEW:
+        return trial
+    longer = local_fit(effects, trial.values, comparison, iterations=3, tolerance=1e-4, stretch=_STRETCH)
+    return longer if longer.cost < trial.cost else trial
+
+
+def simplified(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
+    """Without negligible values that the captures don't insist on, the others fitted again.
+
+    Fewer numbers say the same; and a picture that isn't turned at all needs no interpolation.
+    """
+    values, cost, held = trial.values, trial.cost, set()
+    for e, p in unknowns(effects, fine=True).entries:
+        away = abs(values.get(e, {}).get(p.name, p.identity) - p.identity)
+        if not 0.0 < away < _NEGLIGIBLE * p.prior:
+            continue
+        without = {**values, e: {**values[e], p.name: p.identity}}
+        if (less := cost_of(comparison, without)) < cost + _INSISTS * max(1.0, cost / comparison.count):
+            values, cost = without, less
+            held.add((e, p.name))
+    if not held:
+        return trial
+    fitted = local_fit(effects, values, comparison, iterations=3, tolerance=1e-4, held=frozenset(held))
+    return Trial(trial.causes, fitted.values, fitted.cost)

@@ -17,7 +17,7 @@ import numpy as np
 from holoview.diagnose.bench import Bench, Progress
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.screen import mismatch, screen
-from holoview.diagnose.search import Trial, cost_of, local_fit, sharpened
+from holoview.diagnose.search import Trial, cost_of, local_fit, polished, sharpened, simplified
 from holoview.effects.effect import Effect
 
 _SHORT_LIST, _CLOSE_SECONDS, _CLOSE = 3, 2, 1.3
@@ -25,6 +25,11 @@ _BASES, _SECONDS, _MOST_CAUSES = 3, 3, 3
 FLOOR = 1.05  # χ²/n at which nothing worth a further cause is left
 _NEARLY = 1.3  # χ²/n on coarse captures from which a cause is worth judging at once
 _REFINED = 2
+_AS_GOOD = 1.05  # cost that is as good as another on coarse captures
+_BETTER = 0.95  # cost that is worth refining the same causes again
+_SETTLED, _SETTLED_SHARE = 0.1, 0.05  # χ²/n − 1, and of the nominal one: so close, scans over ranges bring nothing
+_NO_SCAN = 2.0  # χ²/n of two causes on coarse captures, likewise
+_WORTHWHILE = 0.7  # of a base's cost: with less left, base and addition are fitted together at once
 _FAR = 0.15  # r.m.s. residual over mean light; beyond, weights of the noise alone lead nowhere
 _EARLY = 1.02  # a single cause that reaches this on held-out captures ends the search
 _ALARM = 25.0  # Δχ² of held-out captures below which nothing has been found (5 σ)
@@ -118,26 +123,46 @@ def refined(bench: Bench, trial: Trial, *, fine: bool = False) -> Trial:
         if mismatch(bench, values) > _FAR:
             return found
     comparison = bench.judged_by(indices, values)
-    return sharpened(
-        effects, local_fit(effects, values, comparison, iterations=5, tolerance=1e-4, fine=fine), comparison
-    )
+    found = local_fit(effects, values, comparison, iterations=5, tolerance=1e-4, fine=fine)
+    for improved in (polished, sharpened, simplified):
+        found = improved(effects, found, comparison)
+    return found
+
+
+class _Refined:
+    """What was refined so far. Nothing is refined twice unless a later stage of the screen found better values."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.trials: list[Trial] = []
+        self._bench, self._begun = bench, dict[tuple[str, ...], float]()
+
+    def add(self, trials: Sequence[Trial]) -> bool:
+        """Refines what is new of these; whether there was something."""
+        fresh = [t for t in trials if t.cost < _BETTER * self._begun.get(t.causes, np.inf)]
+        self._begun |= {t.causes: t.cost for t in fresh}
+        self.trials += self._bench.side_by_side([partial(refined, self._bench, t) for t in fresh])
+        return bool(fresh)
 
 
 def _first_round(bench: Bench, effects: Sequence[Effect], report: Progress) -> Selection:
     """Single causes; ends early when one explains everything."""
     blind = bench.coarse_comparison(bench.split.coarse, 0.0)
-    trials: dict[str, Trial] = {}
-    for batch in screen(bench, {}, effects, report, "one cause"):
-        for trial in batch:
-            known = trials.get(trial.causes[0])
-            if known is None or trial.cost < known.cost:
-                trials[trial.causes[0]] = trial
-        if batch and cost_of(blind, batch[0].values) < _NEARLY * blind.count:
-            selection = judge(bench, [refined(bench, batch[0])])
+    trials: list[Trial] = []
+    found, selection = _Refined(bench), judge(bench, [])
+    for stage in screen(bench, {}, effects, report, "one cause"):
+        for batch in stage:
+            trials = _distinct(sorted([*trials, *batch], key=lambda t: t.cost))
+            if not batch or cost_of(blind, batch[0].values) > _NEARLY * blind.count:
+                continue
+            if found.add([t for t in batch[:_SHORT_LIST] if t.cost < _AS_GOOD * batch[0].cost]):
+                selection = judge(bench, found.trials)
             if selection.best.chi2 < _EARLY:
                 return selection
-    short = _short_list(sorted(trials.values(), key=lambda t: t.cost))
-    return judge(bench, bench.side_by_side([partial(refined, bench, t) for t in short]))
+        found.add(_short_list(trials))
+        selection = judge(bench, found.trials)
+        if selection.best.excess < min(_SETTLED, _SETTLED_SHARE * selection.nominal.excess):
+            break
+    return selection
 
 
 def _next_round(
@@ -147,14 +172,30 @@ def _next_round(
     known = [c.trial for c in selection.candidates]
     for base in _bases(selection, number - 1):
         rest = [e for e in effects if e.id not in base.causes and not _equals_one(e, base.causes, bench)]
-        screened = [t for batch in screen(bench, base.trial.values, rest, report, f"{number} causes") for t in batch]
-        best = _distinct(sorted(screened, key=lambda t: t.cost))[:_SECONDS]
-        joint = _joint(bench, best)[:_REFINED]
-        known += bench.side_by_side([partial(refined, bench, t) for t in joint])
+        wider = _wider(bench, base.trial, rest, report, f"{number} causes")
+        known += bench.side_by_side([partial(refined, bench, t) for t in wider])
         selection = judge(bench, _distinct(sorted(known, key=lambda t: -len(t.causes))))
         if selection.best.chi2 < _EARLY:
             break
     return selection
+
+
+def _wider(bench: Bench, base: Trial, effects: Sequence[Effect], report: Progress, note: str) -> list[Trial]:
+    """The best with one cause more than a base, fitted together; the first that nearly explains all ends the search."""
+    blind = bench.coarse_comparison(bench.split.coarse, 0.0)
+    best, screened, joint = _WORTHWHILE * cost_of(blind, base.values), list[Trial](), list[Trial]()
+    for stage in screen(bench, base.values, effects, report, note):
+        for batch in stage:
+            screened += batch
+            if batch and (cost := cost_of(blind, batch[0].values)) < best:
+                best = cost
+                joint = _joint(bench, batch[:1])
+                if joint[0].cost < _NEARLY * blind.count:
+                    return joint
+        joint = _joint(bench, _distinct(sorted(screened, key=lambda t: t.cost))[:_SECONDS])[:_REFINED]
+        if joint and joint[0].cost < _NO_SCAN * blind.count:
+            break
+    return joint
 
 
 def _joint(bench: Bench, trials: Sequence[Trial]) -> list[Trial]:
@@ -228,7 +269,8 @@ def _is_done(selection: Selection) -> bool:
 
 def _bases(selection: Selection, causes: int) -> list[Judged]:
     """What to build on: the best candidates with so many causes."""
-    return [c for c in selection.candidates if len(c.causes) == causes][:_BASES] or [selection.best]
+    most = _BASES if causes == 1 else 1
+    return [c for c in selection.candidates if len(c.causes) == causes][:most] or [selection.best]
 
 
 def _is_better(new: Selection, old: Selection) -> bool:

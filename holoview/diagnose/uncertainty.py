@@ -22,7 +22,7 @@ from holoview.diagnose.unknowns import Unknowns, unknowns
 from holoview.effects.effect import Effect
 
 _LEVEL = 0.95
-_MODEL_ACCURACY = 5e-4  # of a value: two programs for the same physics hardly agree better on grids of this size
+_MODEL_ACCURACY = 1e-3  # of a value: two programs for the same physics hardly agree better on grids of this size
 _EDGE_RISE = 25.0  # χ² by which an edge is surely on the wrong side of a sample
 Slopes = NDArray[np.float32]
 

@@ -14,6 +14,7 @@ from holoview.effects.parameter import Parameter
 Found = dict[str, dict[str, float]]
 
 _STEP = 0.02  # of the prior: small enough for a slope, large enough for float32 pictures
+_EVEN_STEP = 0.1  # of the prior's square: pictures are nearly linear in it, smaller steps drown in irises' jumps
 _SHARP_STEP = 0.4  # of the prior: far enough that a hard edge passes over many samples
 
 
@@ -41,7 +42,7 @@ class Unknowns:
         """The bounds of the vector, and steps for its slopes."""
         lower = [(0.0 if p.even else p.to_fit(p.low)) / _scale(p) for _, p in self.entries]
         upper = [p.to_fit(p.high) / _scale(p) for _, p in self.entries]
-        steps = [_SHARP_STEP if p.sharp else _STEP for _, p in self.entries]
+        steps = [_SHARP_STEP if p.sharp else _EVEN_STEP if p.even else _STEP for _, p in self.entries]
         return Bounds(np.array(lower), np.array(upper), np.array(steps), np.array([p.even for _, p in self.entries]))
 
     def values_per_unit(self, x: Vector) -> Vector:

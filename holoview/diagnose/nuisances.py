@@ -1,0 +1,72 @@
+"""What isn't perfect on any bench and nobody's fault: pixels of unequal sensitivity, a camera that shakes, drift.
+
+Pixels and shaking are looked for where a model is good enough to show them: under the nominal one, and again under the
+best. What they explain is no cause's to explain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from holoview.diagnose.bench import Bench
+from holoview.diagnose.decide import QUIET, Decision, Verdict
+from holoview.diagnose.drift import DRIFTING, drift
+from holoview.diagnose.noise import fixed_pattern
+from holoview.diagnose.select import Selection
+from holoview.diagnose.unknowns import Found
+
+_PATTERN_BELOW = 3.0  # χ²/n up to which residuals tell the pixels' own sensitivity from errors of the model
+_MOST_PATTERN = 0.1
+_SHAKEN = 0.5  # of the excess: movements that explain so much are real, those that a wrong model feigns explain little
+_LEFT, _MOST_LEFT = 0.02, 0.06  # χ²/n that movements of the camera leave, of what they caused; at most
+
+
+def with_nuisances(bench: Bench, values: Found) -> Bench:
+    """The bench with a shaking camera and unequal pixels, where a model with these values shows them."""
+    return _with_pattern(_with_shaking(bench, values), values)
+
+
+def forgiving(bench: Bench, selection: Selection, decision: Decision) -> tuple[Decision, list[str]]:
+    """Consistent after all, where what drifts and shakes without direction accounts for what is left; with a note."""
+    if decision.verdict is not Verdict.UNEXPLAINED:
+        return decision, []
+    comparison = selection.comparison
+    still = bench.coarse_comparison(comparison.indices, 0.0).chi2({})
+    allowed = QUIET + min(_LEFT * max(still - selection.nominal.chi2, 0.0), _MOST_LEFT)
+    if selection.nominal.excess <= allowed:
+        return Decision(Verdict.CONSISTENT, None), ["The camera moves between captures; that explains the rest."]
+    if DRIFTING not in bench.effects:
+        return decision, []
+    found = drift(comparison, {})
+    if found.has_direction or found.chi2 - 1.0 > allowed:
+        return decision, []
+    note = f"The wavelengths drift by {found.rms_m * 1e9:.2g} nm (r.m.s.) between captures; that explains what is left."
+    return Decision(Verdict.CONSISTENT, None), [note]
+
+
+def _with_shaking(bench: Bench, values: Found) -> Bench:
+    """The bench with a camera that moves from capture to capture, where that explains most of what is left."""
+    still = bench.judged_by(bench.split.held_out, values).chi2(values) - 1.0
+    if bench.shaking or still < QUIET or len(bench.split.held_out) < 2:
+        return bench
+    shaking = replace(bench, shaking=True)
+    left = shaking.judged_by(bench.split.held_out, values).chi2(values) - 1.0
+    return shaking if left < _SHAKEN * still else bench
+
+
+def _with_pattern(bench: Bench, values: Found) -> Bench:
+    """The bench with the camera's fixed pattern, where the residuals of two disjoint sets of captures show one."""
+    sets = [bench.split.fine, bench.split.held_out]
+    comparisons = [bench.judged_by(indices, values) for indices in sets]
+    if bench.fixed_pattern or max(c.chi2(values) for c in comparisons) > _PATTERN_BELOW:
+        return bench
+    residuals, expected, usable = [], [], []
+    for comparison in comparisons:
+        fitted = comparison.fit(values)
+        seen = comparison.weight > 0
+        residuals.append(np.where(seen, fitted.residual / np.where(seen, comparison.weight, 1.0), 0.0))
+        expected.append(fitted.expected)
+        usable.append(seen)
+    return replace(bench, fixed_pattern=min(fixed_pattern(residuals, expected, usable), _MOST_PATTERN))
