@@ -14,7 +14,6 @@ from holoview.diagnose.levenberg import (
     jacobian,
     levenberg_marquardt,
     profile_width,
-    simplex,
 )
 
 
@@ -79,19 +78,6 @@ def test_a_jump_is_found_without_slopes() -> None:
 
     found = golden_section(function, np.zeros(1), _bounds(1), 0, 1.0)
     assert abs(found.x[0] - 0.3) < 1 / 16 + 2 * 0.618**11
-
-
-def test_coupled_jumps_are_found_together() -> None:
-    """A plateau of width 0.02 about (0.4, −0.2), across a valley that runs along the diagonal."""
-
-    def function(x: Vector) -> Residuals:
-        u, v = x[0] - 0.4, x[1] + 0.2
-        return np.round(np.array([10 * (u + v), u - v], np.float32), 2)
-
-    start = Minimum(np.zeros(2), float(np.square(function(np.zeros(2))).sum()), function(np.zeros(2)), 0)
-    found = simplex(function, start, [0, 1], np.array([0.3, 0.3]), _bounds(2))
-    assert found.x == pytest.approx([0.4, -0.2], abs=0.02)
-    assert found.cost <= start.cost
 
 
 @pytest.mark.parametrize("rise", [1.0, 25.0])
