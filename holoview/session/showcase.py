@@ -13,7 +13,7 @@ from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.scheme import with_scheme
 from holoview.session.jobs import Control, Job
-from holoview.session.look import Side
+from holoview.session.look import SPECKLE_STOPS, Side
 from holoview.session.measure import measure_region
 from holoview.session.rendering import planes_seen
 from holoview.session.session import Session
@@ -86,7 +86,8 @@ def showcase(session: Session, iterations: int = 0) -> ShowcaseJob:
             Side("snapshot", session.pin(name, shown.state))
             for name, shown in zip(names, (result.left, result.right), strict=True)
         )
-        session.look_at("Compare schemes", a=a, b=b, compare="side-by-side", page="image")
+        stops = session.look.exposure_stops if iterations else min(session.look.exposure_stops, SPECKLE_STOPS)
+        session.look_at("Compare schemes", a=a, b=b, compare="side-by-side", page="image", exposure_stops=stops)
         session.messages.post(result.words)
 
     session.jobs.start(job.title, work, done, job=job)
