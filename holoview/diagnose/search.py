@@ -46,7 +46,7 @@ class Trial:
 
     @property
     def free(self) -> int:
-        """How many numbers are off their identity."""
+        """How many numbers it takes."""
         return sum(len(values) for values in self.values.values())
 
 

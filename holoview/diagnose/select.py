@@ -106,7 +106,7 @@ def judge(bench: Bench, trials: Sequence[Trial]) -> Selection:
     judged = [_judged(t, comparison, forgiving) for t in trials]
     near = min((j.chi2 for j in judged), default=np.inf) < _NEARLY
     ordered = sorted(judged, key=lambda j: j.chi2 if near else j.rank)
-    candidates = _distinct_judged(_simpler_first(ordered) if near else ordered)
+    candidates = _distinct_judged(_simpler_first(ordered, comparison.count) if near else ordered)
     return Selection(_judged(NOTHING, comparison, forgiving), tuple(candidates), comparison, forgiving)
 
 
@@ -240,11 +240,13 @@ def _distinct_judged(judged: Sequence[Judged]) -> list[Judged]:
     return list(seen.values())
 
 
-def _simpler_first(judged: Sequence[Judged]) -> list[Judged]:
-    """Sorted by χ²; of the leaders, those within 0.02 + 0.02·excess of the best, fewer numbers come first."""
+def _simpler_first(judged: Sequence[Judged], pixels: float) -> list[Judged]:
+    """Sorted by χ²; of the leaders, those within 0.02 + 0.02·excess and noise of the best, fewer numbers come first."""
     if not judged:
         return []
-    limit = judged[0].chi2 + 0.02 * max(judged[0].excess, 0.0) + min(0.02, 0.1 * max(judged[0].excess, 0.0))
+    best = judged[0]
+    excess = max(best.excess, 0.0)
+    limit = best.chi2 + 0.02 * excess + min(0.02, 0.1 * excess) + _ALARM / pixels
     leaders = [j for j in judged if j.chi2 <= limit]
     rest = [j for j in judged if j.chi2 > limit]
     return sorted(leaders, key=lambda j: (len(j.causes), j.trial.free, j.chi2)) + rest
