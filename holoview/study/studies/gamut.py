@@ -9,7 +9,7 @@ import numpy as np
 from holoview.colour import observer_weights
 from holoview.metrics.gamut import SRGB_AREA, chromaticity, gamut_area
 from holoview.scheme import with_scheme
-from holoview.study.claims import FAILS, REPRODUCES, SHOWN, gain_claim
+from holoview.study.claims import DIRECTION, FAILS, REPRODUCES, SHOWN, gain_claim, verdict_of
 from holoview.study.holograms import HologramStudy, Results, pictures_of, scheme_jobs, table_of
 from holoview.study.plots import lines
 from holoview.study.scale import Scale
@@ -19,7 +19,6 @@ from holoview.study.work import bench_of, gains, mean_of
 _SATURATIONS = (0.0, 0.5, 1.0, 2.0)
 _FEW, _MANY = "simultaneous", "holochrome-16"
 _PAPER_DB = {0.0: 4.1, 1.0: 2.1}
-_EQUAL_DB = 0.1
 
 
 class _Gamut(HologramStudy):
@@ -85,12 +84,17 @@ def _curve(results: Results, key: str, scheme: str) -> list[float]:
 
 def _falls(results: Results) -> Claim:
     found = {s: float(gains(results, *_pair(s), "luminance_psnr_db").mean()) for s in _SATURATIONS}
-    (grey, full), most = (found[s] for s in sorted(_PAPER_DB)), max(_SATURATIONS)
-    here, paper = f"{grey:+.2f} → {full:+.2f} dB", " → ".join(f"{gain:+.1f}" for gain in _PAPER_DB.values()) + " dB"
-    falls, later = full < grey - _EQUAL_DB, found[most] < grey - _EQUAL_DB
-    reason = f"it falls only beyond the colours of this scene: {found[most]:+.2f} dB at saturation {most:g}"
-    verdict = REPRODUCES if falls else FAILS
-    return Claim("that gain falls with saturation", paper, here, verdict, reason if later and not falls else "")
+    (grey, full), (paper_grey, paper_full), most = (found[s] for s in _PAPER_DB), _PAPER_DB.values(), max(_SATURATIONS)
+    verdict = verdict_of(grey - full, paper_grey - paper_full)
+    later = verdict in (DIRECTION, FAILS) and found[most] < min(grey, full)
+    reason = f"it falls mostly beyond the colours of this scene: {found[most]:+.2f} dB at saturation {most:g}"
+    return Claim(
+        "that gain falls with saturation",
+        f"{paper_grey:+.1f} → {paper_full:+.1f} dB",
+        f"{grey:+.2f} → {full:+.2f} dB",
+        verdict,
+        reason if later else "",
+    )
 
 
 def _pair(saturation: float) -> tuple[dict[str, Any], dict[str, Any]]:
