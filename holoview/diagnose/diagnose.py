@@ -102,22 +102,27 @@ def _prepare(
 
 def _diagnosed(bench: Bench, notes: list[str], report: Progress, free_maps: bool, began: float) -> Diagnosis:
     bench = with_nuisances(bench, {})
-    searched = [e for e in bench.effects.values() if not only_power(e)]
-    selection = select(bench, searched, report)
-    settled = with_nuisances(bench, selection.best.trial.values)
-    if settled is not bench:
-        bench = settled
-        selection = judge(
-            bench, bench.side_by_side([partial(refined, bench, c.trial) for c in selection.candidates[:_REJUDGED]])
-        )
-    decision = decide(selection, bench.equals)
-    decision, forgiven = forgiving(bench, selection, decision)
+    bench, selection = _searched(bench, report)
+    decision, forgiven = forgiving(bench, selection, decide(selection, bench.equals))
     notes = [*notes, *forgiven]
     gain = _gains(bench, decision)
     law = _power_law(bench, gain)
     report(1, 1, "intervals, look-alikes")
     causes = _causes(bench, selection, decision)
     return _told(bench, selection, decision, gain, law, causes, notes, report, free_maps, began)
+
+
+def _searched(bench: Bench, report: Progress) -> tuple[Bench, Selection]:
+    """What a search finds; none is begun where a shaking camera alone explains the captures."""
+    nothing = judge(bench, [])
+    if bench.shaking and forgiving(bench, nothing, decide(nothing, bench.equals))[0].verdict is Verdict.CONSISTENT:
+        return bench, nothing
+    selection = select(bench, [e for e in bench.effects.values() if not only_power(e)], report)
+    settled = with_nuisances(bench, selection.best.trial.values)
+    if settled is bench:
+        return bench, selection
+    best = [partial(refined, settled, c.trial) for c in selection.candidates[:_REJUDGED]]
+    return settled, judge(settled, settled.side_by_side(best))
 
 
 def _gains(bench: Bench, decision: Decision) -> NDArray[np.float64]:
