@@ -13,11 +13,10 @@ from typing import Any
 from imgui_bundle import hello_imgui, imgui, immapp
 from wgpu.utils.imgui import ImguiWgpuBackend
 
-from holoview.app.keys import key_named, modifier_named
+from holoview.app.input import KINDS, Input
 from holoview.gpu.device import Device, DeviceLost
 
 _LONGEST_FRAME_S, _SHORTEST_FRAME_S = 0.25, 1e-4
-_NOTCH = 100  # of the wheel, in rendercanvas's units
 _TOOLTIP_MOMENTS_S = (0.2, 0.45, 0.7)  # after the last event: ImGui counts the time that frames tell it
 _BLINK_S = 0.4
 _CURSORS = {
@@ -49,23 +48,13 @@ class Window:
         self.failed: BaseException | None = None
         self._frame_s, self._last = frame_s, time.perf_counter()
         self._settling, self._event_at, self._rested = _SETTLING_FRAMES, self._last, 0
-        self._cursor = ""
+        self._cursor, self._input = "", Input()
         self._context = canvas.get_wgpu_context()
         self._format = self._context.get_preferred_format(device.raw.adapter).removesuffix("-srgb")
         self._context.configure(device=device.raw, format=self._format)
         self._backend: ImguiWgpuBackend | None = None
         self._set_up(params)
-        canvas.add_event_handler(
-            self._on_event,
-            "pointer_move",
-            "pointer_down",
-            "pointer_up",
-            "wheel",
-            "key_down",
-            "key_up",
-            "char",
-            "resize",
-        )
+        canvas.add_event_handler(self._on_event, *KINDS, "resize")
         canvas.request_draw(self.draw)
 
     def texture(self, view: Any) -> imgui.ImTextureRef:
@@ -108,9 +97,10 @@ class Window:
             self.failed = error
             raise
         self.draw_s = time.perf_counter() - begun
+        self._input.after_frame()
         if self.params.app_shall_exit:
             self.canvas.close()
-        elif self._settling > 0 or _has_input():
+        elif self._settling > 0 or self._input.waits:
             self._settling = max(self._settling - 1, 0)
             self.canvas.request_draw()
 
@@ -172,33 +162,9 @@ class Window:
     def _on_event(self, event: dict[str, Any]) -> None:
         if self.closed:
             return
-        io, kind = imgui.get_io(), event["event_type"]
-        if kind == "pointer_move":
-            io.add_mouse_pos_event(event["x"], event["y"])
-        elif kind in ("pointer_down", "pointer_up"):
-            io.add_mouse_pos_event(event["x"], event["y"])
-            if event["button"] > 0:
-                io.add_mouse_button_event(event["button"] - 1, kind == "pointer_down")
-        elif kind == "wheel":
-            io.add_mouse_wheel_event(event["dx"] / _NOTCH, -event["dy"] / _NOTCH)
-        elif kind in ("key_down", "key_up"):
-            self._on_key(event["key"], kind == "key_down")
-        elif kind == "char":
-            io.add_input_characters_utf8(event.get("data") or "")
+        self._input.take(event)
         self._settling, self._event_at, self._rested = _SETTLING_FRAMES, time.perf_counter(), 0
         self.canvas.request_draw()
-
-    def _on_key(self, name: str, is_down: bool) -> None:
-        io, key, modifier = imgui.get_io(), key_named(name), modifier_named(name)
-        if modifier is not None:
-            io.add_key_event(modifier, is_down)
-        if key is not None:
-            io.add_key_event(key, is_down)
-
-
-def _has_input() -> bool:
-    """Whether events wait for their turn: ImGui takes a press or a letter a frame, however fast they come."""
-    return len(imgui.get_current_context().input_events_queue) > 0
 
 
 def _after(first: Callable[[], None], then: Callable[[], None] | None) -> Callable[[], None]:

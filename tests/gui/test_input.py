@@ -18,11 +18,30 @@ def test_fast_typing_is_taken_to_its_end_though_nothing_else_happens(gui: Any, m
         gui._submit("key_down", key=letter, modifiers=())
         gui._submit("char", data=letter, is_composing=False, input_type="insertText")
         gui._submit("key_up", key=letter, modifiers=())
+    _draw_on_demand(gui, monkeypatch)
+    assert gui.app.help.query == TEXT
+
+
+def test_a_drag_within_one_frame_is_the_whole_drag(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where frames take longer than a hand."""
+    (x, y), (x1, y1) = gui.where("image", 0.3, 0.3), gui.where("image", 0.7, 0.7)
+    gui.move((x, y))
+    gui._submit("key_down", key="Shift", modifiers=())
+    gui._submit("pointer_down", x=x, y=y, button=1, buttons=(1,), modifiers=(), ntouches=0, touches={})
+    gui._submit("pointer_move", x=x1, y=y1, button=0, buttons=(1,), modifiers=(), ntouches=0, touches={})
+    gui._submit("pointer_up", x=x1, y=y1, button=1, buttons=(), modifiers=(), ntouches=0, touches={})
+    gui._submit("key_up", key="Shift", modifiers=())
+    _draw_on_demand(gui, monkeypatch)
+    assert gui.session.look.region is not None
+    assert min(gui.session.look.region[2:]) > 10
+
+
+def _draw_on_demand(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a loop on demand does it: a frame only where one was asked for."""
     asked = [True]
     monkeypatch.setattr(gui.canvas, "request_draw", lambda *_: asked.append(True))
     frames = 0
-    while asked and frames < 500:  # as a loop on demand does it: a frame only where one was asked for
+    while asked and frames < 500:
         asked.clear()
         gui.frames()
         frames += 1
-    assert gui.app.help.query == TEXT
