@@ -25,6 +25,7 @@ from tests.gui.conftest import small_bench
 SIZE = (900, 700)
 NEEDED = ("Xvfb", "xdotool")
 PATIENCE_S = 120.0
+_PRESSES_S = 10.0
 ITERATIONS = 60  # as the panel has it at first
 
 pytestmark = [
@@ -96,12 +97,15 @@ class Screen:
         time.sleep(2)
         return bool(sum(process.cpu_times()[:2]) - before < 0.3)
 
-    def wait_until(self, is_so: Callable[[], bool]) -> None:
-        """Waits for something, while the viewer lives."""
-        until = time.monotonic() + PATIENCE_S
+    def wait_until(self, is_so: Callable[[], bool], key: str = "") -> None:
+        """Waits for something, while the viewer lives; a key is pressed now and then, as it is dead at times."""
+        until, next_press = time.monotonic() + PATIENCE_S, 0.0
         while not is_so():
             assert self.viewer.poll() is None, self.log
             assert time.monotonic() < until, f"not so in {PATIENCE_S:g} s: {self.log}"
+            if key and time.monotonic() > next_press:
+                self.xdotool("key", key)
+                next_press = time.monotonic() + _PRESSES_S
             time.sleep(0.25)
 
     def wait_for(self, is_so: Callable[[np.ndarray], bool]) -> np.ndarray:
@@ -165,8 +169,7 @@ def test_a_real_window_draws_answers_rests_and_saves(
     screen.wait_for(_shows_a_frame_inside(twin.app.rects["image"]))
     saved = Store(tmp_path / "holoview")
     screen.wait_until(lambda: "Optimise" in _labels(saved))  # the quick look at the picture
-    screen.xdotool("key", "ctrl+Return")
-    screen.wait_until(lambda: f"Optimise, {ITERATIONS} iterations" in _labels(saved))
+    screen.wait_until(lambda: f"Optimise, {ITERATIONS} iterations" in _labels(saved), key="ctrl+Return")
     screen.xdotool("key", "ctrl+s")
     time.sleep(1)  # until the dialog has the keyboard
     screen.xdotool("key", "ctrl+a")
