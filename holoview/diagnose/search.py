@@ -13,6 +13,7 @@ import numpy as np
 
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.levenberg import (
+    Bounds,
     Function,
     Minimum,
     Residuals,
@@ -31,6 +32,7 @@ _LOCAL_STARTS, _MANY = 2, 4
 _NEGLIGIBLE = 0.02  # of the prior; so small a value stays at its identity unless the captures insist
 _INSISTS = 9.0  # Δχ² of a parameter: 3 σ
 _STRETCH, _FEW = 5.0, 2
+_AT_FLOOR, _REACH, _POINTS, _ALONG = 1.05, 10.0, 17, 10  # χ²/n; steps of a difference; evaluations
 _SHRINKING, _SHARP_ITERATIONS = (0.4, 0.1, 0.025), 3  # of a hard edge's first step
 _LAST_WIDTH, _LAST_EVALUATIONS = 0.05, 9
 _GAIN_OF_A_CYCLE = 0.99  # a second round over the parameters is worth it when the first lowered the cost below this
@@ -194,11 +196,41 @@ def sharpened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -
 
 
 def polished(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
-    """Few parameters once more with longer steps: where edges of irises jump, short differences find no slope."""
-    if len(unknowns(effects)) > _FEW:
+    """Few parameters once more with longer steps: where edges of irises jump, short differences find no slope.
+
+    What still isn't at the floor is looked for along each axis, and fitted again from there.
+    """
+    free = unknowns(effects)
+    if len(free) > _FEW:
         return trial
     longer = local_fit(effects, trial.values, comparison, iterations=3, tolerance=1e-4, stretch=_STRETCH)
-    return longer if longer.cost < trial.cost else trial
+    best = min(trial, longer, key=lambda t: t.cost)
+    if best.cost < _AT_FLOOR * comparison.count:
+        return best
+    function, bounds = residual_of(free, best.values, comparison), free.bounds()
+    found = Minimum(free.pack(best.values), best.cost, comparison.residual(best.values), 0)
+    for axis in range(len(free)):
+        step = float(bounds.step[axis])
+        found = _looked_along(function, found, bounds, axis, step * np.linspace(-_REACH, _REACH, _POINTS))
+        moved = golden_section(function, found.x, bounds, axis, 2 * step * _REACH / (_POINTS - 1), evaluations=_ALONG)
+        found = min(found, moved, key=lambda m: m.cost)
+    if found.cost >= best.cost:
+        return best
+    again = local_fit(effects, free.unpack(found.x, best.values), comparison, iterations=3, tolerance=1e-4)
+    return min(Trial(trial.causes, free.unpack(found.x, best.values), found.cost), again, key=lambda t: t.cost)
+
+
+def _looked_along(function: Function, best: Minimum, bounds: Bounds, axis: int, distances: Vector) -> Minimum:
+    """The best of points along an axis at these distances from a minimum."""
+    start = best.x
+    for distance in distances:
+        x = start.copy()
+        x[axis] += distance
+        residual = function(bounds.clip(x))
+        cost = float(np.square(residual, dtype=np.float64).sum())
+        if cost < best.cost:
+            best = Minimum(bounds.clip(x), cost, residual, best.evaluations)
+    return best
 
 
 def simplified(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
