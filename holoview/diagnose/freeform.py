@@ -202,7 +202,7 @@ def _freed(bench: Bench, base: Found, held_out: Comparison, effect: FreeMaps, be
             (torch.zeros_like(leaf) if g is None else g).double().ravel().numpy()
             for leaf, g in zip(leaves, gradients, strict=True)
         ]
-        return float(total), np.concatenate(flat)
+        return float(total.detach()), np.concatenate(flat)
 
     found = minimize(loss, np.zeros(effect.count), jac=True, method="L-BFGS-B", options={"maxiter": _ITERATIONS})
     effect.load(found.x)
