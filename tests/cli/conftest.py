@@ -1,7 +1,10 @@
-"""The command line in this process: what it returned, what it printed, and an empty folder to work in."""
+"""The command line: what it returned, what it printed, an empty folder to work in; run here, or interrupted."""
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +16,10 @@ from PIL import Image
 from holoview.cli import main
 
 SHAPE = (24, 32)
+
+# The real program, with a progress line at every step to wait for rather than one every ten seconds.
+PROGRAM = "import sys; from holoview.commands import common; common._SECONDS_A_LINE = 0.0; from holoview import cli; "
+PROGRAM += "sys.exit(cli.main())"
 
 
 @dataclass(frozen=True)
@@ -36,6 +43,26 @@ def holoview(
         code = main([str(argument) for argument in arguments])
         captured = capsys.readouterr()
         return Outcome(code, captured.out, captured.err)
+
+    return run
+
+
+@pytest.fixture
+def interrupted(tmp_path: Path) -> Callable[..., Outcome]:
+    """`interrupted("rendering: 1/", "render", …)` runs the program in tmp_path until a line starts so; then SIGINT."""
+
+    def run(line: str, *arguments: object) -> Outcome:
+        command = [sys.executable, "-c", PROGRAM, *(str(argument) for argument in arguments)]
+        pipe = subprocess.PIPE
+        with subprocess.Popen(command, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True) as process:
+            assert process.stderr is not None
+            seen = ""
+            while not seen.startswith(line):
+                seen = process.stderr.readline()
+                assert seen, f"ended without the line {line!r}"
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=60)
+        return Outcome(process.returncode, out, err)
 
     return run
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import io
 import json
 import re
-import signal
-import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
@@ -333,22 +331,10 @@ def test_one_wavelength_says_what_cant_be_known(holoview: Run, tmp_path: Path, m
     assert "dispersion can't be seen in these captures: it needs 2 wavelengths, there are 1." in outcome.out
 
 
-PROGRAM = "import sys; from holoview.commands import common; common._SECONDS_A_LINE = 0.0; from holoview import cli; "
-PROGRAM += "sys.exit(cli.main())"
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
-def test_an_interrupt_leaves_nothing_behind(file: Path, tmp_path: Path) -> None:
+def test_an_interrupt_leaves_nothing_behind(interrupted: Run, file: Path, tmp_path: Path) -> None:
     outputs = ("--json", "d.json", "--save-preset", "p.toml", "--report", "report")
-    command = [sys.executable, "-c", PROGRAM, "diagnose", str(file), "--workers", "1", *outputs]
-    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
-        seen = ""
-        while not seen.startswith("diagnosing: "):
-            seen = process.stderr.readline()
-            assert seen, "ended without a line of progress"
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
-    assert (process.returncode, out) == (130, "") and err.splitlines()[-1] == "holoview: interrupted"
-    assert "Traceback" not in err
+    done = interrupted("diagnosing: ", "diagnose", file, "--workers", 1, *outputs)
+    assert (done.code, done.out) == (130, "") and done.err.splitlines()[-1] == "holoview: interrupted"
+    assert "Traceback" not in done.err
     assert [path.name for path in tmp_path.iterdir()] == ["c.h5"]
