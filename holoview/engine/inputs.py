@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from holoview.engine.layouts import LIGHT, PATH, WAVE
-from holoview.engine.values import column_stops, dense_values, light_values, path_values, strokes, wave_values
+from holoview.engine.values import column_stops, dense_values, light_values, path_values, wave_values
 from holoview.gpu.device import Buffer, Device
 from holoview.plan import Plan
 
@@ -111,8 +111,8 @@ class FrameInputs:
     def _fill_slots(self) -> None:
         """Optical paths and pupils."""
         for frame in range(self.plan.system.frames):
-            for modulator in range(len(self.plan.system.modulators)):
-                maps = strokes(self.plan, self.slots, frame, modulator)
+            for modulator, panel in enumerate(self.plan.system.modulators):
+                maps = self.slots.strokes(frame, modulator, panel.stroke_m)
                 self._fill(("opd", frame, modulator), [maps.tobytes()])
                 self._fill_dense(frame, modulator)
         for relay, pupils in enumerate(self.slots.pupils):

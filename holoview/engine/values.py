@@ -48,11 +48,6 @@ def column_stops(step: Transfer, grid: Grid) -> NDArray[np.int32]:
     return np.stack([first, end - 1], axis=1).astype(np.int32)
 
 
-def strokes(plan: Plan, slots: FrameSlots, frame: int, modulator: int) -> NDArray[np.float32]:
-    """Optical paths in strokes of the modulator (y, x)."""
-    return slots.strokes(frame, modulator, plan.system.modulators[modulator].stroke_m)
-
-
 def dense_values(slots: FrameSlots, frame: int, modulator: int, wavelength: int) -> NDArray[np.complex64]:
     """Transmission of a modulator's samples (y, x), where effects give it one."""
     samples = slots.transmission(frame, modulator, wavelength)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from holoview.engine.display import Display
 from holoview.engine.fused import FusedFrame, Rows, Span
 from holoview.engine.layouts import GRID, LIGHT, PATH, WAVE, WEIGHT
-from holoview.engine.values import Values, column_stops, dense_values, light_values, path_values, strokes, wave_values
+from holoview.engine.values import Values, column_stops, dense_values, light_values, path_values, wave_values
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.fft import FftPlan
 from holoview.gpu.layout import Struct
@@ -80,7 +80,8 @@ class WgpuExecutor:
         """field × exp(2πi·opd/λ), or × the transmission that effects give the modulator; zero outside it."""
         values = lambda: light_values(self.plan, modulator, wavelength)  # noqa: E731
         light = self._uniform(("light", modulator, wavelength), LIGHT, values)
-        opd = self._stored(("opd", frame, modulator), lambda: strokes(self.plan, self.slots, frame, modulator))
+        stroke_m = self.plan.system.modulators[modulator].stroke_m
+        opd = self._stored(("opd", frame, modulator), lambda: self.slots.strokes(frame, modulator, stroke_m))
         is_dense, table = self.slots.is_dense(modulator), self._no_table
         if is_dense:
             samples = partial(dense_values, self.slots, frame, modulator, wavelength)
