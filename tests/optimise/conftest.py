@@ -39,6 +39,19 @@ CASES: dict[str, dict[str, Any]] = {
 }
 
 
+def small_bench(**changes: Any) -> System:
+    """A bench of two modulators of 12 × 16 pixels, three lasers and two planes, with some of its keys changed."""
+    modulator = Modulator(pitch_m=8e-6, shape=(12, 16), stroke_m=STROKE_M)
+    base = System(
+        wavelengths_m=[460e-9, 532e-9, 638e-9],
+        amplitudes=[[1.0, 1.0, 1.0]],
+        modulators=(modulator, modulator),
+        gap_m=0.4e-3,
+        planes_m=[0.4e-3, 0.5e-3],
+    )
+    return base.edit(changes)
+
+
 def _plan_of(case: str) -> Plan:
     """A plan of two frames, two lasers and three planes; both modulators 6 × 7 pixels."""
     modulator = Modulator(pitch_m=8e-6, shape=(6, 7), stroke_m=STROKE_M)
@@ -128,20 +141,8 @@ def noise() -> Callable[..., torch.Tensor]:
 
 @pytest.fixture(scope="session")
 def bench() -> Callable[..., System]:
-    """A bench of two modulators of 12 × 16 pixels and three lasers, with some of its keys changed."""
-
-    def changed(**changes: Any) -> System:
-        modulator = Modulator(pitch_m=8e-6, shape=(12, 16), stroke_m=STROKE_M)
-        base = System(
-            wavelengths_m=[460e-9, 532e-9, 638e-9],
-            amplitudes=[[1.0, 1.0, 1.0]],
-            modulators=(modulator, modulator),
-            gap_m=0.4e-3,
-            planes_m=[0.4e-3, 0.5e-3],
-        )
-        return base.edit(changes)
-
-    return changed
+    """`bench(upsample=3)`: see `small_bench`."""
+    return small_bench
 
 
 @pytest.fixture(scope="session")

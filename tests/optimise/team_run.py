@@ -20,7 +20,7 @@ from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.optimise.team import ALONE, Team, joined
 from holoview.plan import make_plan
-from holoview.system import Modulator, System
+from tests.optimise.conftest import small_bench
 
 TWO_FRAMES = [[1.0, 1.0, 0.0], [0.0, 1.0, 1.0]]
 CASES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
@@ -36,23 +36,10 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 }
 
 
-def bench(**changes: Any) -> System:
-    """Two modulators of 12 × 16 pixels, three lasers, two planes."""
-    modulator = Modulator(pitch_m=8e-6, shape=(12, 16), stroke_m=825e-9)
-    base = System(
-        wavelengths_m=[460e-9, 532e-9, 638e-9],
-        amplitudes=[[1.0, 1.0, 1.0]],
-        modulators=(modulator, modulator),
-        gap_m=0.4e-3,
-        planes_m=[0.4e-3, 0.5e-3],
-    )
-    return base.edit(changes)
-
-
 def run(case: str, team: Team) -> dict[str, np.ndarray]:
     """Losses of the iterations, and the best hologram."""
     changes, settings = CASES[case]
-    system = bench(**changes)
+    system = small_bench(**changes)
     rows, columns = make_plan(system).grid.shape
     y, x = np.mgrid[0:rows, 0:columns] / max(rows, columns)
     image = 0.3 + 0.2 * np.cos(2 * np.pi * (x + y)[..., None] + np.array([0.0, 1.0, 3.0]))
