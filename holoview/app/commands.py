@@ -68,11 +68,6 @@ class Commands:
         if command.is_possible():
             command.action()
 
-    def keys_of(self, name: str) -> str:
-        """The first of a command's keys, as people write it."""
-        command = self._by_name[name]
-        return command.keys[0].text if command.keys else ""
-
     def is_repeating(self) -> bool:
         """Whether a key is held down whose command is called again and again."""
         return any(chord.is_down() for command in self if command.is_held for chord in command.keys)
