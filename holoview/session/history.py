@@ -61,6 +61,10 @@ class History:
         """Replaces the present without a step, for what isn't worth undoing."""
         self.steps[self.position] = replace(self.steps[self.position], state=state)
 
+    def amend_all(self, change: Callable[[State], State]) -> None:
+        """Replaces every state, those undone too, without a step."""
+        self.steps = [replace(step, state=change(step.state)) for step in self.steps]
+
     def settle(self) -> None:
         """Ends a drag: the next edit is a step of its own."""
         self.steps[self.position] = replace(self.steps[self.position], merge=None)

@@ -117,6 +117,10 @@ class Look:
                 raise UserError(key, "unknown field of the look", remedy=near_matches(key, known))
         return dataclasses.replace(self, **changes)
 
+    def with_side(self, old: Side, new: Side) -> Look:
+        """A copy that compares with `new` wherever this one does with `old`."""
+        return self.with_(**{key: new for key in ("a", "b") if getattr(self, key) == old})
+
     def inside(self, lasers: int, shape: tuple[int, int], frames: int, modulators: int) -> Look:
         """The look with whatever pointed outside a changed bench brought back inside or dropped."""
         muted = frozenset(laser for laser in self.muted if laser < lasers)

@@ -20,7 +20,7 @@ from holoview.session.changes import KINDS, Change, Listeners, kinds_between
 from holoview.session.history import History, Step
 from holoview.session.inbox import Inbox
 from holoview.session.jobs import Jobs
-from holoview.session.look import Look, Side
+from holoview.session.look import NOW, Look, Side
 from holoview.session.messages import Messages
 from holoview.session.scene import Scene, scene_of
 from holoview.session.state import Drive, State, is_same
@@ -218,20 +218,19 @@ class Session:
     def unpin(self, name: str) -> None:
         """Forgets a snapshot; a comparison with it becomes one with the present."""
         if self._snapshots.pop(name, None) is not None:
-            gone = {key: Side() for key in ("a", "b") if getattr(self.look, key) == Side("snapshot", name)}
-            if gone:
-                self.look_at("Snapshot gone", undoable=False, **gone)
-            self._tell("snapshots")
+            self._replace_side(Side("snapshot", name), NOW)
 
     def rename(self, name: str, to: str) -> None:
-        """Gives a snapshot another name. Raises UserError when that is taken or empty."""
+        """Gives a snapshot another name, by which every step knows it. Raises UserError when that is taken or empty."""
         if not to or to in self._snapshots:
             raise UserError("snapshot", f'"{to}"', expected="a name that isn't taken")
         self._snapshots = {to if key == name else key: state for key, state in self._snapshots.items()}
-        moved = {key: Side("snapshot", to) for key in ("a", "b") if getattr(self.look, key) == Side("snapshot", name)}
-        if moved:
-            self.look_at("Rename snapshot", undoable=False, **moved)
-        self._tell("snapshots")
+        self._replace_side(Side("snapshot", name), Side("snapshot", to))
+
+    def _replace_side(self, old: Side, new: Side) -> None:
+        """Looks at another side in the place of one in all steps, as snapshots come and go without undo."""
+        self._history.amend_all(lambda state: replace(state, look=state.look.with_side(old, new)))
+        self._tell("look", "history", "snapshots")
 
     def scene(self, side: Side) -> Scene | None:
         """What to render for a side: see `scene_of`."""

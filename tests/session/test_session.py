@@ -171,6 +171,21 @@ def test_snapshots_are_pinned_renamed_and_forgotten(session: Session) -> None:
     assert session.look.a.kind == "now" and list(session.snapshots) == ["Snapshot 1"]
 
 
+def test_steps_before_and_after_know_a_snapshot_by_its_new_name(session: Session) -> None:
+    session.look_at("Compare", b=Side("snapshot", session.pin("mine")))
+    session.look_at("Compare", b=TARGET)
+    session.look_at("Swap", a=Side("snapshot", "mine"))
+    session.go_to(2)
+    steps = len(session.history)
+    session.rename("mine", "yours")
+    assert session.undo() == "Compare" and session.look.b.name == "yours"
+    session.go_to(3)
+    assert session.look.a.name == "yours" and session.scene(session.look.a) is not None
+    session.unpin("yours")
+    assert all(side.kind != "snapshot" for step in session.history for side in (step.state.look.a, step.state.look.b))
+    assert len(session.history) == steps
+
+
 def test_another_preset_is_a_side_at_this_benchs_pixel_count(session: Session) -> None:
     scene = session.scene(Side("preset", "simultaneous"))
     assert scene is not None and scene.drive.shape[2:] == (24, 32)
