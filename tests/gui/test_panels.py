@@ -14,6 +14,7 @@ from holoview import load
 from holoview.app.panel import Panel
 from holoview.app.panels import ALL
 from holoview.app.panels.focus import FocusPanel
+from holoview.session.look import Side
 from tests.gui.conftest import small_bench
 
 pytestmark = pytest.mark.gpu
@@ -197,6 +198,29 @@ def test_exposure_has_a_slider(gui: Any) -> None:
 def test_pinning_keeps_the_present_state(gui: Any) -> None:
     gui.key("P")
     assert list(gui.session.snapshots) == ["Snapshot 1"]
+
+
+def test_a_snapshot_is_renamed_in_its_field_and_still_compared_with(make_gui: Callable[..., Any]) -> None:
+    gui = make_gui(size=(900, 900))
+    first, second = gui.session.pin(), gui.session.pin()
+    gui.session.look_at("Compare", b=Side("snapshot", first))
+    gui.app.show("View")
+    gui.frames(3)
+
+    def enter(name: str, typed: str, last_key: str) -> list[str]:
+        gui.click(gui.where(f"snapshot {name}"))
+        gui.key("Ctrl+A")
+        gui.type(typed)
+        gui.key(last_key)
+        return list(gui.session.snapshots)
+
+    assert enter(first, "before", "Enter") == ["before", second]
+    assert gui.session.look.b == Side("snapshot", "before")
+    assert enter(second, "nothing", "Escape") == ["before", second]
+    assert enter(second, " Target ", "Tab") == ["before", "Target"]
+    assert gui.last_message() == ""
+    assert enter("Target", "before", "Enter") == ["before", "Target"]
+    assert "isn't taken" in gui.last_message()
 
 
 # --- the app --------------------------------------------------------------------------------------------------------

@@ -110,6 +110,8 @@ class LookPanel(Panel):
         if imgui.button("Swap"):
             app.look("Swap", a=look.b, b=look.a)
         tip("A becomes B and B becomes A.")
+        for name in app.session.snapshots:
+            _draw_snapshot(app, name)
 
     def _draw_side(self, app: App, key: str, chosen: Side) -> None:
         if not imgui.begin_combo(key.upper(), chosen.label):
@@ -117,9 +119,22 @@ class LookPanel(Panel):
         sides = [NOW, TARGET, *(Side("snapshot", name) for name in app.session.snapshots)]
         for side in [*sides, *(Side("preset", name) for name in preset.names())]:
             text = f"preset {side.label}" if side.kind == "preset" else side.label
+            imgui.push_id(side.kind)  # a snapshot may be called "Target"
             if imgui.selectable(text, side == chosen)[0]:
                 app.look("Compare", **{key: side})
+            imgui.pop_id()
         imgui.end_combo()
+
+
+def _draw_snapshot(app: App, name: str) -> None:
+    imgui.push_id(name)
+    _, text = imgui.input_text("snapshot", name)
+    imgui.pop_id()
+    app.mark(f"snapshot {name}")
+    is_done = imgui.is_item_deactivated_after_edit()
+    tip("The name of a snapshot: type another; Enter takes it over, Escape leaves it.")
+    if is_done and text.strip() != name:
+        app.attempt(app.session.rename, name, text.strip())
 
 
 def _slider(app: App, key: str, value: float, low: float, high: float, text: str, reset: float, doc: str) -> bool:
