@@ -71,11 +71,13 @@ class Bench:
 
     def judged_by(self, indices: NDArray[np.intp], values: Values) -> Comparison:
         """Weights from a model's prediction, then frozen; movements of a shaking camera are taken out."""
-        expected = self.coarse_comparison(indices, 0.0).fit(values).expected
+        shifts = self.shaking and len(indices) > 1
+        blind = self.coarse_comparison(indices, 0.0)
+        expected = (blind.with_shifts() if shifts else blind).fit(values).expected
         variance = model_variance(self.measured.camera, expected)
         if self.fixed_pattern:
             variance = variance + np.square(np.float32(self.fixed_pattern) * expected)
-        return Comparison(self.predict, self.measured, indices, variance, shifts=self.shaking and len(indices) > 1)
+        return Comparison(self.predict, self.measured, indices, variance, shifts=shifts)
 
     def map(self, work: Callable[[Effect], T], effects: Sequence[Effect], report: Progress, note: str) -> list[T]:
         """`work` on every effect, side by side; results in the order of `effects`. Ctrl-C ends it between two."""

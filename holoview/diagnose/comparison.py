@@ -12,12 +12,14 @@ an effect (`camera_alignment`) and stays in.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.diagnose.direction import stands_out
 from holoview.diagnose.measured import Images, Measured
 from holoview.diagnose.resample import gradient, moved
 from holoview.errors import UserError
@@ -28,7 +30,7 @@ Floats = NDArray[np.float64]
 _MOST_SHIFT = 0.5  # pixels; beyond, the first order says nothing
 _AIM = "camera_alignment"
 _FIRST_ORDER = 0.02  # pixels; beyond, the movement is found in two steps
-_STANDS_OUT = 5.0  # σ of the mean
+_CHANCE = 1e-4  # that the movements of a shaking camera have such a mean
 _TYPICAL_SHIFT = 0.2  # pixels, prior of the shift's size
 
 
@@ -78,6 +80,12 @@ class Comparison:
         self.weight = np.where(usable, 1.0 / np.sqrt(variance), 0.0).astype(np.float32)
         self.pixels = usable.sum(axis=(1, 2)).astype(np.float64)
         self._weighted = self.weight * self.light
+
+    def with_shifts(self) -> Comparison:
+        """The same, with the movements of the camera in each capture taken out."""
+        shaking = copy(self)
+        shaking.shifts = True
+        return shaking
 
     @property
     def count(self) -> float:
@@ -167,9 +175,7 @@ def _fitted(data: Images, weight: Images, signal: Images) -> Fitted:
 
 def _shared(shift: Floats) -> Floats:
     """The movement that all captures share: their mean, where it stands out from their scatter, else none."""
-    mean = shift.mean(axis=0)
-    doubt = shift.std(axis=0, ddof=1) / np.sqrt(len(shift)) if len(shift) > 1 else np.zeros(2)
-    return np.where(np.abs(mean) > _STANDS_OUT * doubt, mean, 0.0)
+    return np.where(stands_out(shift, _CHANCE), shift.mean(axis=0), 0.0)
 
 
 def _each(values: Floats) -> NDArray[np.float32]:

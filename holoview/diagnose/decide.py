@@ -13,7 +13,7 @@ from enum import StrEnum
 from holoview.diagnose.select import Judged, Selection
 
 ALARM = 25.0  # Δχ² on held-out captures: 5 σ
-QUIET = 0.02  # χ²/n − 1 that exposure jitter, λ jitter and the like may leave
+_QUIET = 0.02  # χ²/n − 1 that exposure jitter, λ jitter and the like may leave
 _NEAR_FLOOR = 0.10  # χ²/n − 1 up to which a cause may be said to explain the captures
 _MOST_LEFT = 0.2  # of the excess, after an explanation
 _HALF = 0.5
@@ -47,14 +47,23 @@ def decide(selection: Selection, equals: Mapping[str, frozenset[str]]) -> Decisi
     share = share_explained(nominal, best)
     found = bool(selection.candidates) and gain > ALARM and share >= _HALF
     if not found:
-        verdict = Verdict.CONSISTENT if excess < QUIET else Verdict.UNEXPLAINED
+        verdict = Verdict.CONSISTENT if excess < quiet(n) else Verdict.UNEXPLAINED
         return Decision(verdict, None)
-    noise = 2.5 * (2.0 / n) ** 0.5
-    is_explained = best.excess <= max(noise, min(_NEAR_FLOOR, _MOST_LEFT * excess))
+    is_explained = best.excess <= max(scatter(n), min(_NEAR_FLOOR, _MOST_LEFT * excess))
     if not is_explained:
         return Decision(Verdict.PARTLY, best)
     rivals = rivals_of(best, selection.candidates, excess, n, equals)
     return Decision(Verdict.AMBIGUOUS if rivals else Verdict.EXPLAINED, best, rivals)
+
+
+def scatter(pixels: float) -> float:
+    """χ²/n − 1 that so many pixels reach by chance: 2.5 σ."""
+    return float(2.5 * (2.0 / pixels) ** 0.5)
+
+
+def quiet(pixels: float) -> float:
+    """χ²/n − 1 that jitter of an ordinary laboratory and chance may leave."""
+    return max(_QUIET, scatter(pixels))
 
 
 def share_explained(nominal: Judged, judged: Judged) -> float:

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from holoview.diagnose.comparison import Comparison
+from holoview.diagnose.direction import stands_out
 from holoview.diagnose.unknowns import Found
 
 DRIFTING, _PARAMETER = "wavelength_offset", "offset"
-_STEPS_M = (-0.12e-9, -0.06e-9, -0.02e-9, 0.0, 0.02e-9, 0.06e-9, 0.12e-9)
-_STANDS_OUT = 3.0  # σ of the mean
+_STEPS_M = 0.02e-9 * np.arange(-10, 11)  # beyond, it is no drift
+_CHANCE = 1e-3  # that drift without a direction has such a mean
 
 
 @dataclass(frozen=True)
@@ -33,14 +34,13 @@ def drift(comparison: Comparison, values: Found) -> Drift:
     """What is left when each capture has the wavelength that suits it best."""
     known = values.get(DRIFTING, {})
     at = [
-        comparison.fit({**values, DRIFTING: {**known, _PARAMETER: known.get(_PARAMETER, 0.0) + step}}).squares
+        comparison.fit({**values, DRIFTING: {**known, _PARAMETER: known.get(_PARAMETER, 0.0) + float(step)}}).squares
         for step in _STEPS_M
     ]
     chosen = np.argmin(at, axis=0)
-    drifts = np.asarray(_STEPS_M)[chosen]
-    doubt = float(drifts.std(ddof=1) / np.sqrt(len(drifts))) if len(drifts) > 1 else 0.0
+    drifts = _STEPS_M[chosen]
     return Drift(
         rms_m=float(np.sqrt(np.mean(np.square(drifts)))),
         chi2=float(np.min(at, axis=0).sum() / comparison.count),
-        has_direction=abs(float(drifts.mean())) > _STANDS_OUT * doubt,
+        has_direction=bool(stands_out(drifts, _CHANCE)),
     )

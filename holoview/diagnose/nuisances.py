@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from holoview.diagnose.bench import Bench
-from holoview.diagnose.decide import QUIET, Decision, Verdict
+from holoview.diagnose.decide import Decision, Verdict, quiet
 from holoview.diagnose.drift import DRIFTING, drift
 from holoview.diagnose.noise import fixed_pattern
 from holoview.diagnose.select import Selection
@@ -20,7 +20,6 @@ from holoview.diagnose.unknowns import Found
 _PATTERN_BELOW = 3.0  # χ²/n up to which residuals tell the pixels' own sensitivity from errors of the model
 _MOST_PATTERN = 0.1
 _SHAKEN = 0.5  # of the excess: movements that explain so much are real, those that a wrong model feigns explain little
-_LEFT, _MOST_LEFT = 0.02, 0.06  # χ²/n that movements of the camera leave, of what they caused; at most
 
 
 def with_nuisances(bench: Bench, values: Found) -> Bench:
@@ -32,15 +31,10 @@ def forgiving(bench: Bench, selection: Selection, decision: Decision) -> tuple[D
     """Consistent after all, where what drifts and shakes without direction accounts for what is left; with a note."""
     if decision.verdict is not Verdict.UNEXPLAINED:
         return decision, []
-    comparison = selection.comparison
-    still = bench.coarse_comparison(comparison.indices, 0.0).chi2({})
-    allowed = QUIET + min(_LEFT * max(still - selection.nominal.chi2, 0.0), _MOST_LEFT)
-    if selection.nominal.excess <= allowed:
-        return Decision(Verdict.CONSISTENT, None), ["The camera moves between captures; that explains the rest."]
     if DRIFTING not in bench.effects:
         return decision, []
-    found = drift(comparison, {})
-    if found.has_direction or found.chi2 - 1.0 > allowed:
+    found = drift(selection.comparison, {})
+    if found.has_direction or found.chi2 - 1.0 > quiet(selection.pixels):
         return decision, []
     note = f"The wavelengths drift by {found.rms_m * 1e9:.2g} nm (r.m.s.) between captures; that explains what is left."
     return Decision(Verdict.CONSISTENT, None), [note]
@@ -48,8 +42,9 @@ def forgiving(bench: Bench, selection: Selection, decision: Decision) -> tuple[D
 
 def _with_shaking(bench: Bench, values: Found) -> Bench:
     """The bench with a camera that moves from capture to capture, where that explains most of what is left."""
-    still = bench.judged_by(bench.split.held_out, values).chi2(values) - 1.0
-    if bench.shaking or still < QUIET or len(bench.split.held_out) < 2:
+    comparison = bench.judged_by(bench.split.held_out, values)
+    still = comparison.chi2(values) - 1.0
+    if bench.shaking or still < quiet(comparison.count) or len(bench.split.held_out) < 2:
         return bench
     shaking = replace(bench, shaking=True)
     left = shaking.judged_by(bench.split.held_out, values).chi2(values) - 1.0

@@ -12,6 +12,9 @@ from holoview.diagnose.resample import gradient, moved
 SINC_ERROR = 0.005
 """Of a windowed sinc of 13 taps, at frequencies up to 0.6 of Nyquist; worst seen 0.003."""
 
+SLOPE_ERROR = 0.006
+"""Of the fitted kernel of 17 taps, up to 0.75 of Nyquist; worst seen 0.4 %. Two per cent at 0.8."""
+
 
 def _wave(y: np.ndarray, x: np.ndarray) -> np.ndarray:
     """A sum of waves up to 0.6 of Nyquist, at any position."""
@@ -34,8 +37,15 @@ def test_slopes_are_the_derivatives() -> None:
         (slope_y[0], (_wave(y + h, x) - _wave(y - h, x)) / (2 * h)),
         (slope_x[0], (_wave(y, x + h) - _wave(y, x - h)) / (2 * h)),
     ):
-        # movements are found in two steps, so a tenth is enough; seen 9 %
-        assert found[8:-8, 8:-8] == pytest.approx(expected[8:-8, 8:-8], abs=0.1 * np.abs(expected).max())
+        assert found[8:-8, 8:-8] == pytest.approx(expected[8:-8, 8:-8], abs=SLOPE_ERROR * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("of_nyquist", [0.05, 0.2, 0.4, 0.6, 0.75])
+def test_slopes_of_one_wave(of_nyquist: float) -> None:
+    x = np.indices((20, 60))[1].astype(float)
+    slope = gradient(np.sin(np.pi * of_nyquist * x)[None].astype(np.float32))[1][0]
+    expected = np.pi * of_nyquist * np.cos(np.pi * of_nyquist * x)
+    assert slope[:, 8:-8] == pytest.approx(expected[:, 8:-8], abs=SLOPE_ERROR * np.pi * of_nyquist)
 
 
 @pytest.mark.parametrize("shift", [(3.0, -7.0), (0.0, 0.0), (-11.0, 15.0)])
