@@ -110,12 +110,13 @@ def measure(case: Case, each: int, shape: list[int]) -> Captures:
     return make_captures(bench(*shape), case.truth, Session(each=each, seed=case.seed, nuisances=jitter, finer=finer))
 
 
-def solve(case: Case, each: int, shape: list[int], workers: int) -> Case:
+def solve(case: Case, args: argparse.Namespace) -> Case:
     """Diagnoses a case and fills in what was said."""
-    captures = measure(case, each, shape)
+    captures = measure(case, args.each, args.shape)
     library = [e for e in registry().values() if case.family != "deleted" or e.id not in _with_equals(case)]
     began, cpu = time.monotonic(), time.process_time()
-    found = diagnose(captures, library, workers=workers, free_maps=case.family == "deleted")
+    free_maps = case.family == "deleted"
+    found = diagnose(captures, library, workers=args.workers, free_maps=free_maps, thorough=args.thorough)
     case.seconds, case.cpu_seconds = time.monotonic() - began, time.process_time() - cpu
     case.verdict, case.named = str(found.verdict), [c.effect for c in found.causes]
     case.values = {
@@ -221,6 +222,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--each", type=int, default=8, help="captures a wavelength")
     parser.add_argument("--shape", type=int, nargs=2, default=[96, 128], help="rows and columns of the modulators")
+    parser.add_argument("--thorough", action="store_true", help="without a limit of fields")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("-o", "--output", type=Path)
     parser.add_argument("--summary", type=Path, nargs="+")
@@ -231,7 +233,7 @@ def main() -> None:
     done = []
     for case in cases(args.families, args.sizes, args.only, args.repeats, args.seed):
         try:
-            done.append(solve(case, args.each, args.shape, args.workers))
+            done.append(solve(case, args))
         except UserError as error:
             print(f"{case.family} {case.size} {case.truth}: can't be measured: {error}", flush=True)
             continue

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -59,11 +60,17 @@ class Levels:
 class _Description:
     """Equality and hash of a description by value, arrays included."""
 
+    @cached_property
+    def _identity(self) -> Any:
+        return describe.identity(self)
+
     def __eq__(self, other: object) -> bool:
-        return type(other) is type(self) and describe.identity(other) == describe.identity(self)
+        if self is other:
+            return True
+        return type(other) is type(self) and self._identity == other._identity
 
     def __hash__(self) -> int:
-        return hash(describe.identity(self))
+        return hash(self._identity)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ counts as the first samples of the padded grid; free space doesn't mind where in
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -33,14 +33,10 @@ class Band:
         widest = int(transfer.support[:, 1].max(initial=0))
         return Band(grid.padded, (highest, widest))
 
-    @cached_property
+    @property
     def indices(self) -> tuple[Tensor, Tensor]:
         """Signed frequency indices of rows and of columns."""
-        sides = []
-        for p, reach in zip(self.padded, self.reach, strict=True):
-            k = torch.from_numpy(frequency_indices(p))
-            sides.append(k if 2 * reach + 1 >= p else k[k.abs() <= reach])
-        return sides[0], sides[1]
+        return _inside(self.padded[0], self.reach[0]), _inside(self.padded[1], self.reach[1])
 
     def forward(self, field: Tensor) -> Tensor:
         """Spectrum (rows, columns) of a field (y, x), zero outside it."""
@@ -51,6 +47,12 @@ class Band:
         """The first `shape` samples (y, x) of the field of a spectrum."""
         lines = torch.fft.ifft(_spread(spectrum, self.padded[0], self.reach[0], 0), dim=0)[: shape[0]]
         return torch.fft.ifft(_spread(lines, self.padded[1], self.reach[1], 1), dim=1)[:, : shape[1]]
+
+
+@lru_cache(maxsize=256)
+def _inside(padded: int, reach: int) -> Tensor:
+    k = torch.from_numpy(frequency_indices(padded))
+    return k if 2 * reach + 1 >= padded else k[k.abs() <= reach]
 
 
 def _cut(spectrum: Tensor, padded: int, reach: int, dim: int) -> Tensor:

@@ -45,6 +45,7 @@ class Predictor:
 
     extra: effects that aren't in the registry. double: complex128. cache_mb: room for what is kept between calls.
     finer: samples each way for every one that the captures ask for; a camera pixel sees the mean of those on it.
+    fields: how many fields calls have asked for so far, those that were kept included.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class Predictor:
         self.real = torch.float64 if double else torch.float32
         self.pixels = Pixels(captures.camera.pitch_m, captures.shape)
         self.sensor = Sensor(captures.camera.pitch_m, captures.shape)
+        self.fields = 0
         self._cache = Cache(cache_mb * _MB)
         self._plans: dict[object, Plan] = {}
         self._shares: dict[int, Tensor] = {}
@@ -86,6 +88,7 @@ class Predictor:
         bench = self._bench(plan, applied, cache)
         total: Tensor | None = None
         moments = applied.moments()
+        self.fields += len(plan.system.wavelengths_m) * len(plan.slopes) * len(moments)
         for wavelength in range(len(plan.system.wavelengths_m)):
             for source in range(len(plan.slopes)):
                 for weight, factor in moments:

@@ -48,6 +48,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="leave out of the report what the extended model buys on the display, which takes half a minute",
     )
+    parser.add_argument(
+        "--thorough", action="store_true", help="go on searching after the first minute or so, to the end"
+    )
     parser.add_argument("--workers", metavar="N", type=int, default=2, help="threads (default 2)")
 
 
@@ -68,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     if args.preset is not None:
         captures, known, bench = nominal_of(captures, preset.load(args.preset), args.preset)
     with progress_bar("diagnosing") as report:
-        found = diagnose(captures, known=known, workers=args.workers, report=report)
+        found = diagnose(captures, known=known, workers=args.workers, report=report, thorough=args.thorough)
     if args.report is not None:
         _write_report(args, bench, captures.is_fourier, known, found)
     if args.json is not None:

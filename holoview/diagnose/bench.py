@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,15 +23,32 @@ T = TypeVar("T")
 Progress = Callable[[int, int, str], None]
 
 
-class PerThread:
-    """A predictor for each thread that asks for one: predictors remember what they computed and can't be shared."""
+class Counts(Predicts, Protocol):
+    """A predictor that counts the fields that it was asked for."""
 
-    def __init__(self, make: Callable[[], Predicts]) -> None:
-        self._make, self._own = make, threading.local()
+    @property
+    def fields(self) -> int: ...
+
+
+class PerThread:
+    """A predictor for each thread that asks for one: predictors remember what they computed and can't be shared.
+
+    make: a new one; `extra` effects may be given.
+    """
+
+    def __init__(self, make: Callable[..., Counts]) -> None:
+        self.make, self._own = make, threading.local()
+        self._all: list[Counts] = []
+
+    @property
+    def fields(self) -> int:
+        """How many fields all of them were asked for: the same for any number of threads once all wait."""
+        return sum(one.fields for one in self._all)
 
     def __call__(self, indices: NDArray[np.intp], values: Values, *, grad: bool = False) -> Prediction:
         if not hasattr(self._own, "predict"):
-            self._own.predict = self._make()
+            self._own.predict = self.make()
+            self._all.append(self._own.predict)
         predicted: Prediction = self._own.predict(indices, values, grad=grad)
         return predicted
 
@@ -39,8 +57,8 @@ class PerThread:
 class Bench:
     """measured: the captures. effects: the candidates by id. split: which captures are for what.
 
-    make_predictor: a new predictor of the captures; `extra` effects may be given. workers: threads; each has a
-    predictor of its own. fixed_pattern: 1 σ of the pixels' relative sensitivity. shaking: whether the camera moves from
+    predict: predicts the captures. workers: threads. most_fields: after so many fields a search begins nothing new that
+    is long. fixed_pattern: 1 σ of the pixels' relative sensitivity. shaking: whether the camera moves from
     capture to capture, so that comparisons take its movements out. equals: for each effect the others
     that are the same physics on this bench (`same_physics`).
     """
@@ -49,17 +67,19 @@ class Bench:
     system: System
     effects: Mapping[str, Effect]
     split: Split
-    make_predictor: Callable[..., Predicts]
+    predict: PerThread
     pool: ThreadPoolExecutor
     workers: int = 1
+    most_fields: float = math.inf
     fixed_pattern: float = 0.0
     shaking: bool = False
     equals: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    predict: Predicts = field(init=False, repr=False)
     _blind: dict[tuple[int, ...], Images] = field(default_factory=dict, repr=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "predict", PerThread(self.make_predictor))
+    @property
+    def is_spent(self) -> bool:
+        """Whether a search has to come to its end. Asked only while no thread works, so that threads change nothing."""
+        return self.predict.fields > self.most_fields
 
     def coarse_comparison(self, indices: NDArray[np.intp], mismatch: float) -> Comparison:
         """Weights from the pictures, for a model that is off by `mismatch` of the mean light."""

@@ -13,8 +13,8 @@ from holoview.captures.predict import Predictor
 from holoview.captures.session import Captures
 from holoview.diagnose.bench import Bench
 from holoview.diagnose.comparison import Comparison
+from holoview.diagnose.judge import Judged
 from holoview.diagnose.search import Trial, slopes_of
-from holoview.diagnose.select import Judged
 from holoview.diagnose.uncertainty import Tangent, canonical_correlation
 from holoview.diagnose.unknowns import Found
 from holoview.effects.effect import Effect

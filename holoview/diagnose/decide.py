@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from holoview.diagnose.select import Judged, Selection
+from holoview.diagnose.judge import Judged, Selection
 
 ALARM = 25.0  # Δχ² on held-out captures: 5 σ
 _QUIET = 0.02  # χ²/n − 1 that exposure jitter, λ jitter and the like may leave

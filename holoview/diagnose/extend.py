@@ -74,6 +74,11 @@ class Known:
     def __init__(self, captures: Captures, known: Values, **options: Any) -> None:
         self._predict, self._known = Predictor(captures, **options), known
 
+    @property
+    def fields(self) -> int:
+        """How many fields calls have asked for so far."""
+        return self._predict.fields
+
     def __call__(self, indices: Any, values: Values, *, grad: bool = False) -> Prediction:
         """As the predictor's; `values` add to what is known."""
         own = (

@@ -184,7 +184,7 @@ def _effects(bench: Bench) -> Iterator[FreeMaps]:
 
 
 def _freed(bench: Bench, base: Found, held_out: Comparison, effect: FreeMaps, before: float) -> Freed:
-    predictor = bench.make_predictor(extra=[effect])
+    predictor = bench.predict.make(extra=[effect])
     values: Found = {**base, effect.id: {"on": 1.0}}
     fit = bench.coarse_comparison(bench.split.fine, min(0.5, 0.5 * mismatch(bench, base)))
     weight, light = torch.from_numpy(fit.weight), torch.from_numpy(fit.light)

@@ -101,13 +101,7 @@ def golden_section(
 ) -> Minimum:
     """The least cost along one axis within `width` of the start, for parameters whose residuals jump."""
     low, high = max(bounds.lower[axis], start[axis] - width), min(bounds.upper[axis], start[axis] + width)
-
-    def at(value: float) -> Minimum:
-        x = np.array(start, dtype=np.float64)
-        x[axis] = value
-        residual = function(x)
-        return Minimum(x, _cost(residual), residual, 1)
-
+    at = _on_axis(function, start, axis)
     best = at(float(start[axis]))
     left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     at_left, at_right = at(left), at(right)
@@ -123,6 +117,13 @@ def golden_section(
             at_right = at(right)
     best = min(best, at_left, at_right, key=lambda m: m.cost)
     return Minimum(best.x, best.cost, best.residual, evaluations)
+
+
+def along_axis(function: Function, start: Vector, bounds: Bounds, axis: int, distances: Vector) -> Minimum:
+    """The least cost at points at these distances from the start along one axis, inside the bounds."""
+    at = _on_axis(function, start, axis)
+    values = np.clip(start[axis] + distances, bounds.lower[axis], bounds.upper[axis])
+    return min((at(float(value)) for value in values), key=lambda m: m.cost)
 
 
 def profile_width(function: Function, at: Minimum, axis: int, bounds: Bounds, rise: float) -> float:
@@ -156,6 +157,18 @@ def _step(normal: NDArray[np.float64], gradient: Vector, damping: float, x: Vect
         damped = normal[kept] + damping * np.diag(scale[free]) + 1e-12 * scale[free].max() * np.eye(free.sum())
         step[free] = -np.linalg.solve(damped, gradient[free])
     return step
+
+
+def _on_axis(function: Function, start: Vector, axis: int) -> Callable[[float], Minimum]:
+    """What a value of one axis gives, the others as at the start."""
+
+    def at(value: float) -> Minimum:
+        x = np.array(start, dtype=np.float64)
+        x[axis] = value
+        residual = function(x)
+        return Minimum(x, _cost(residual), residual, 1)
+
+    return at
 
 
 def _cost(residual: Residuals) -> float:

@@ -13,8 +13,8 @@ import numpy as np
 from holoview.diagnose.bench import Bench
 from holoview.diagnose.decide import Decision, Verdict, quiet
 from holoview.diagnose.drift import DRIFTING, drift
+from holoview.diagnose.judge import Selection
 from holoview.diagnose.noise import fixed_pattern
-from holoview.diagnose.select import Selection
 from holoview.diagnose.unknowns import Found
 
 _PATTERN_BELOW = 3.0  # χ²/n up to which residuals tell the pixels' own sensitivity from errors of the model

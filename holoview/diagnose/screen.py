@@ -9,10 +9,12 @@ that the caller can stop as soon as one explains everything.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.diagnose.beams import MANY, most_beams
 from holoview.diagnose.bench import Bench, Progress
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.displacement import Hints, hints
@@ -20,7 +22,6 @@ from holoview.diagnose.ghosts import copies
 from holoview.diagnose.search import Trial, cost_of, local_fit, scan, search, slopes_of, trials_at_identity
 from holoview.diagnose.unknowns import Found
 from holoview.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
-from holoview.errors import UserError
 
 Look = Callable[[Effect], Trial]
 Stage = Iterator[list[Trial]]
@@ -29,9 +30,8 @@ _TANGENT_BELOW, _LOCAL_BELOW = 0.05, 0.35  # r.m.s. residual over mean light
 _TANGENT_FITS = 8
 _BATCH = 8
 _SCAN_CAPTURES = 2
-_MANY_BEAMS = 8  # a local fit of so many fields is begun only where the scan found something:
+_FEW_POINTS = 3  # of a scan where a prediction adds many fields; a local fit is begun only if one of them leaves
 _WORTH_FITTING = 0.9  # of the cost without the effect
-_BEAMS = 60  # field computations of a scan that are worth it for one effect and capture
 
 
 def mismatch(bench: Bench, values: Found, indices: NDArray[np.intp] | None = None) -> float:
@@ -66,13 +66,13 @@ def screen(bench: Bench, base: Found, effects: Sequence[Effect], report: Progres
         look = _scanned(bench, base, comparison, doubled)
         yield _better(bench.map(look, [e for e in ordered if doubled(e)], report, note), nothing)
         best = _promising(bench, base, [e for e in ordered if not doubled(e)], comparison, report, note)
-        yield _better(bench.map(_local(comparison, base, 4), best, report, note), nothing)
+        yield _better(bench.map(_local(bench, comparison, base, 4), best, report, note), nothing)
 
     if off_by < _TANGENT_BELOW:
         yield nearly()
         return
     if off_by < _LOCAL_BELOW:
-        yield batches(_local(comparison, base, 4), note)
+        yield batches(_local(bench, comparison, base, 4), note)
     look = _scanned(bench, base, comparison, _starts(bench, base, comparison))
     yield batches(look, f"{note}, over its range")
 
@@ -80,24 +80,10 @@ def screen(bench: Bench, base: Found, effects: Sequence[Effect], report: Progres
 def effort(bench: Bench, effect: Effect) -> float:
     """How much a search costs: points of its scan × fields of a prediction × how early the light path changes."""
     points = list(effect.starts(bench.system))
-    beams = _beams(bench, effect, points)
+    beams = most_beams(bench, effect)
     upstream = any(effect.changes(h) for h in (*BENCH_HOOKS, *MODULATOR_HOOKS) if h != "power")
     aims = any(effect.changes(h) for h in CAMERA_HOOKS)
     return (len(points) + 3 * len(effect.parameters)) * (4.0 * beams if upstream else 0.2 if aims else 2.0)
-
-
-def _beams(bench: Bench, effect: Effect, points: Sequence[dict[str, float]]) -> int:
-    """Fields that a prediction with this effect sums incoherently, at the far end of its scan."""
-    if not points:
-        return 1
-    values = effect.values(points[-1])
-    nominal = bench.system
-    try:
-        system = effect.bench(nominal, values)
-    except UserError:
-        return 1
-    lines = len(system.wavelengths_m) // len(nominal.wavelengths_m)
-    return lines * len(system.source.directions_rad) * len(effect.moments(values))
 
 
 def _promising(
@@ -118,31 +104,42 @@ def _promising(
     return [effects[k] for k in order if gains[k] > 0]
 
 
-def _local(comparison: Comparison, base: Found, iterations: int) -> Look:
+def _local(bench: Bench, comparison: Comparison, base: Found, iterations: int) -> Look:
+    """A local fit from the identity; of many fields on a few captures only."""
+    few = _few(bench, base)
+
     def look(effect: Effect) -> Trial:
         start = {**base, effect.id: _identity(effect)}
-        found = local_fit([effect], start, comparison, iterations=iterations)
-        return Trial((*base, effect.id), found.values, found.cost)
+        if most_beams(bench, effect) < MANY:
+            found = local_fit([effect], start, comparison, iterations=iterations)
+            return Trial((*base, effect.id), found.values, found.cost)
+        found = local_fit([effect], start, few, iterations=iterations)
+        return Trial((*base, effect.id), found.values, cost_of(comparison, found.values))
 
     return look
 
 
 def _scanned(bench: Bench, base: Found, comparison: Comparison, starts: Hints) -> Look:
-    """Scan on a few captures, local fits on all of the comparison's."""
-    few = bench.coarse_comparison(_spread(bench, _SCAN_CAPTURES), min(1.0, mismatch(bench, base)))
+    """Scan on a few captures, local fits on all of the comparison's, of many fields on the few."""
+    few = _few(bench, base)
 
     def look(effect: Effect) -> Trial:
-        points = list(effect.starts(bench.system))
-        beams = _beams(bench, effect, points)
-        most = max(3, _BEAMS // beams)
-        thinned = points[:: -(-len(points) // most)] if len(points) > most else points
-        trials = scan(effect, few, base, [*starts(effect), *thinned])
-        nothing = trials_at_identity(trials, effect)
-        if beams >= _MANY_BEAMS and trials[0].cost > _WORTH_FITTING * nothing:
+        points, has_many = list(effect.starts(bench.system)), most_beams(bench, effect) >= MANY
+        if has_many:
+            points = [points[(2 * k + 1) * len(points) // (2 * _FEW_POINTS)] for k in range(_FEW_POINTS)]
+        trials = scan(effect, few, base, [*starts(effect), *points])
+        if not has_many:
+            return search(effect, comparison, base, trials)
+        if trials[0].cost > _WORTH_FITTING * trials_at_identity(trials, effect):
             return Trial((*base, effect.id), trials[0].values, float("inf"))
-        return search(effect, comparison, base, trials)
+        found = search(effect, few, base, trials, starts=1)
+        return replace(found, cost=cost_of(comparison, found.values))
 
     return look
+
+
+def _few(bench: Bench, base: Found) -> Comparison:
+    return bench.coarse_comparison(_spread(bench, _SCAN_CAPTURES), min(1.0, mismatch(bench, base)))
 
 
 def _spread(bench: Bench, count: int) -> np.ndarray:

@@ -13,11 +13,11 @@ import numpy as np
 
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.levenberg import (
-    Bounds,
     Function,
     Minimum,
     Residuals,
     Vector,
+    along_axis,
     golden_section,
     jacobian,
     levenberg_marquardt,
@@ -114,9 +114,11 @@ def local_fit(
     return Trial(tuple(e.id for e in effects), values, cost)
 
 
-def search(effect: Effect, comparison: Comparison, base: Found, trials: Sequence[Trial]) -> Trial:
+def search(
+    effect: Effect, comparison: Comparison, base: Found, trials: Sequence[Trial], starts: int = _LOCAL_STARTS
+) -> Trial:
     """Local fits of the effect alone from the best points of a scan."""
-    fits = [local_fit([effect], t.values, comparison) for t in _apart(trials, effect)]
+    fits = [local_fit([effect], t.values, comparison) for t in _apart(trials, effect, starts)]
     best = min(fits, key=lambda t: t.cost)
     return Trial((*base, effect.id), best.values, best.cost)
 
@@ -153,10 +155,10 @@ def _moved(point: Mapping[str, float], identity: Mapping[str, float]) -> dict[st
     return {name: value for name, value in point.items() if value != identity[name]}
 
 
-def _apart(trials: Sequence[Trial], effect: Effect) -> list[Trial]:
-    """The best trials to start from: finite, not next to each other in the scan; one where a fit is expensive."""
+def _apart(trials: Sequence[Trial], effect: Effect, starts: int) -> list[Trial]:
+    """The best trials to start from: finite, not next to each other in the scan; one where there are many numbers."""
     chosen: list[Trial] = []
-    starts = _LOCAL_STARTS if sum(not p.fine for p in effect.parameters) < _MANY else 1
+    starts = starts if sum(not p.fine for p in effect.parameters) < _MANY else 1
     for trial in trials:
         if np.isfinite(trial.cost) and all(_distance(trial, other, effect) > 1.5 for other in chosen):
             chosen.append(trial)
@@ -195,42 +197,31 @@ def sharpened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -
     return Trial(trial.causes, free.unpack(best.x, trial.values), best.cost)
 
 
-def polished(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
-    """Few parameters once more with longer steps: where edges of irises jump, short differences find no slope.
-
-    What still isn't at the floor is looked for along each axis, and fitted again from there.
-    """
-    free = unknowns(effects)
-    if len(free) > _FEW:
+def lengthened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
+    """Few parameters once more with longer steps: where edges of irises jump, short differences find no slope."""
+    if len(unknowns(effects)) > _FEW:
         return trial
     longer = local_fit(effects, trial.values, comparison, iterations=3, tolerance=1e-4, stretch=_STRETCH)
-    best = min(trial, longer, key=lambda t: t.cost)
-    if best.cost < _AT_FLOOR * comparison.count:
-        return best
-    function, bounds = residual_of(free, best.values, comparison), free.bounds()
-    found = Minimum(free.pack(best.values), best.cost, comparison.residual(best.values), 0)
+    return min(trial, longer, key=lambda t: t.cost)
+
+
+def looked_along(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
+    """Few parameters that stopped short of the floor: looked for along each axis, and fitted again from there."""
+    free = unknowns(effects)
+    if len(free) > _FEW or trial.cost < _AT_FLOOR * comparison.count:
+        return trial
+    function, bounds = residual_of(free, trial.values, comparison), free.bounds()
+    found = Minimum(free.pack(trial.values), trial.cost, comparison.residual(trial.values), 0)
     for axis in range(len(free)):
         step = float(bounds.step[axis])
-        found = _looked_along(function, found, bounds, axis, step * np.linspace(-_REACH, _REACH, _POINTS))
+        near = along_axis(function, found.x, bounds, axis, step * np.linspace(-_REACH, _REACH, _POINTS))
+        found = min(found, near, key=lambda m: m.cost)
         moved = golden_section(function, found.x, bounds, axis, 2 * step * _REACH / (_POINTS - 1), evaluations=_ALONG)
         found = min(found, moved, key=lambda m: m.cost)
-    if found.cost >= best.cost:
-        return best
-    again = local_fit(effects, free.unpack(found.x, best.values), comparison, iterations=3, tolerance=1e-4)
-    return min(Trial(trial.causes, free.unpack(found.x, best.values), found.cost), again, key=lambda t: t.cost)
-
-
-def _looked_along(function: Function, best: Minimum, bounds: Bounds, axis: int, distances: Vector) -> Minimum:
-    """The best of points along an axis at these distances from a minimum."""
-    start = best.x
-    for distance in distances:
-        x = start.copy()
-        x[axis] += distance
-        residual = function(bounds.clip(x))
-        cost = float(np.square(residual, dtype=np.float64).sum())
-        if cost < best.cost:
-            best = Minimum(bounds.clip(x), cost, residual, best.evaluations)
-    return best
+    if found.cost >= trial.cost:
+        return trial
+    again = local_fit(effects, free.unpack(found.x, trial.values), comparison, iterations=3, tolerance=1e-4)
+    return min(Trial(trial.causes, free.unpack(found.x, trial.values), found.cost), again, key=lambda t: t.cost)
 
 
 def simplified(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:

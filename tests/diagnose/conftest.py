@@ -14,7 +14,7 @@ import pytest
 from holoview.captures.make import Session
 from holoview.captures.make import make_captures as measure
 from holoview.captures.session import Camera, Captures, Panel
-from holoview.diagnose.bench import Bench, same_physics
+from holoview.diagnose.bench import Bench, PerThread, same_physics
 from holoview.diagnose.extend import Known
 from holoview.diagnose.measured import measured
 from holoview.diagnose.split import roughness, split
@@ -82,7 +82,7 @@ def bench(nominal: Captures) -> Iterator[Bench]:
             system=nominal.system(),
             effects=effects,
             split=split(nominal, roughness(nominal)),
-            make_predictor=partial(Known, nominal, {}),
+            predict=PerThread(partial(Known, nominal, {})),
             pool=pool,
             equals=same_physics(effects, facts),
         )

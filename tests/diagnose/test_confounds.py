@@ -7,8 +7,8 @@ import pytest
 
 from holoview.diagnose.bench import Bench, same_physics
 from holoview.diagnose.confounds import experiments, separating
+from holoview.diagnose.judge import Judged
 from holoview.diagnose.search import Trial, slopes_of
-from holoview.diagnose.select import Judged
 from holoview.diagnose.uncertainty import canonical_correlation
 from holoview.effects.registry import registry
 from tests.diagnose.conftest import pictures

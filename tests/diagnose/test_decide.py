@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from holoview.diagnose.decide import Decision, Verdict, decide
+from holoview.diagnose.judge import Judged, Selection
 from holoview.diagnose.search import Trial
-from holoview.diagnose.select import Judged, Selection
 
 PIXELS = 100_000.0
 EQUALS = {"distance": frozenset({"aberration2"}), "aberration2": frozenset({"distance"})}
