@@ -164,14 +164,15 @@ def _is_better(new: Selection, old: Selection) -> bool:
 
 
 def _pruned(bench: Bench, selection: Selection) -> Selection:
-    """Without causes that the best candidate's others do without."""
-    best = selection.best
-    if len(best.causes) < 2:
-        return selection
+    """Without causes that the best candidate's others do without, where that hasn't been tried."""
+    best, known = selection.best, {frozenset(c.causes) for c in selection.candidates}
     fewer = [
         Trial(tuple(c for c in best.causes if c != out), {k: v for k, v in best.trial.values.items() if k != out}, 0.0)
         for out in best.causes
+        if frozenset(best.causes) - {out} not in known
     ]
+    if len(best.causes) < 2 or not fewer:
+        return selection
     refits = bench.side_by_side([partial(refined, bench, t) for t in fewer])
     return judge(bench, [*(c.trial for c in selection.candidates), *refits])
 
