@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from holoview.colour import observer_weights
 from holoview.errors import UserError
 from holoview.grid import frequency_indices, good_size, is_good_size
-from holoview.system import PLANES, Relay, System
+from holoview.system import PLANES, Relay, Sampling, System
 
 Pair = tuple[int, int]
 
@@ -185,22 +185,23 @@ def read_planes(planes: Sequence[float | str] | NDArray[np.float64]) -> NDArray[
 
 
 def _grid(system: System, farthest_m: float) -> Grid:
-    upsample, propagation = system.sampling.upsample, system.sampling.propagation
+    sampling, upsample = system.sampling, system.sampling.upsample
     rows, columns = system.modulators[0].shape
     shape = (rows * upsample, columns * upsample)
     reach = max(walk_off(system, system.relay2, farthest_m), walk_off(system, system.relay1, system.gap_m or 0.0))
-    padded = tuple(_padded(n, propagation, reach, upsample) for n in shape)
+    padded = tuple(_padded(n, sampling, reach) for n in shape)
     offset = tuple((p - n) // (2 * upsample) * upsample for p, n in zip(padded, shape, strict=True))
     pitch_m = system.modulators[0].pitch_m / upsample
     return Grid(shape, (padded[0], padded[1]), (offset[0], offset[1]), pitch_m, upsample)
 
 
-def _padded(n: int, propagation: str, reach: float, upsample: int) -> int:
-    if propagation == "periodic":
-        return n if is_good_size(n) else good_size(n, _good_part(upsample))
-    if propagation == "linear":
-        return good_size(2 * n, _good_part(upsample))
-    return good_size(min(2 * n, n + math.ceil(reach) + _COMPACT_GUARD), _good_part(upsample))
+def _padded(n: int, sampling: Sampling, reach: float) -> int:
+    whole = _good_part(sampling.upsample)
+    if sampling.propagation == "periodic":
+        return n if is_good_size(n) else good_size(n, whole)
+    if sampling.propagation == "linear":
+        return good_size(sampling.padding * n, whole)
+    return good_size(min(2 * n, n + math.ceil(reach) + _COMPACT_GUARD), whole)
 
 
 def _good_part(upsample: int) -> int:

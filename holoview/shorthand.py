@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from holoview.system import System
 
 _EVERY_MODULATOR = ("pitch", "shape", "stroke", "levels")
-_SAMPLING = ("upsample", "propagation")
+_SAMPLING = ("upsample", "propagation", "padding")
 _SWITCH = Array(Number(low=0.0, high=1.0), axes=2)
 _AMPLITUDES = Array(Number(low=0.0), axes=2)
 _WAVELENGTHS = Array(Number("nm", low=100e-9, high=10e-6))

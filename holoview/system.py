@@ -150,9 +150,10 @@ class Sampling(_Description):
     upsample: int = param(Count(1, 16), "Simulation samples a modulator pixel and axis.", default=2)
     propagation: str = param(
         Choice(("linear", "compact", "periodic")),
-        "linear: padded to twice the size; compact: padded by the largest walk-off; periodic: not padded.",
+        "linear: padded to `padding` times the size; compact: padded by the largest walk-off; periodic: not padded.",
         default="linear",
     )
+    padding: int = param(Count(2, 8), "Sides of a linear grid in sides of the modulators.", default=2)
 
     def __post_init__(self) -> None:
         describe.check(self)

@@ -23,18 +23,22 @@ _SAME = 1e-6  # relative difference of pitches that are meant to be equal
 
 @dataclass(frozen=True)
 class Pixels:
-    """The camera's pixels, in the plane of the modulator: pitch, rows and columns."""
+    """The camera's pixels, in the plane of the modulator: pitch, rows and columns.
+
+    points: how many points each way a pixel averages; None: one for each sample on it.
+    """
 
     pitch_m: float
     shape: tuple[int, int]
+    points: int | None = None
 
 
 def intensity_at(spectrum: Tensor, band: Band, grid: Grid, pixels: Pixels, pose: Pose) -> Tensor:
     """|field|² on the camera, (y, x), for the field's spectrum in a band of the padded grid."""
     same = abs(pixels.pitch_m / grid.pitch_m - 1) < _SAME
-    if same and pixels.shape == grid.shape and pose.is_identity:
+    each = pixels.points or max(1, round(pixels.pitch_m / grid.pitch_m))
+    if same and each == 1 and pixels.shape == grid.shape and pose.is_identity:
         return _power(band.inverse(spectrum, grid.shape))
-    each = max(1, round(pixels.pitch_m / grid.pitch_m))
     fine = Pixels(pixels.pitch_m / each, (pixels.shape[0] * each, pixels.shape[1] * each))
     read = _at_places if pose.rotation_rad == 0 else _interpolated
     image = _binned(_power(read(spectrum, band, grid, fine, pose)), each)

@@ -44,7 +44,8 @@ class Predictor:
     """Predicts captures of a session again and again, for many values of effects.
 
     extra: effects that aren't in the registry. double: complex128. cache_mb: room for what is kept between calls.
-    finer: samples each way for every one that the captures ask for; a camera pixel sees the mean of those on it.
+    finer: samples each way for every one that the captures ask for. padding: sides of the grid in sides of the
+    modulators. points: how many points each way a camera pixel averages; None: one for each sample on it.
     fields: how many fields calls have asked for so far, those that were kept included.
     """
 
@@ -56,11 +57,13 @@ class Predictor:
         double: bool = False,
         cache_mb: int = 256,
         finer: int = 1,
+        padding: int = 2,
+        points: int | None = None,
     ) -> None:
-        self.captures, self.extra, self.finer = captures, tuple(extra), finer
+        self.captures, self.extra, self.finer, self.padding = captures, tuple(extra), finer, padding
         self.dtype = torch.complex128 if double else torch.complex64
         self.real = torch.float64 if double else torch.float32
-        self.pixels = Pixels(captures.camera.pitch_m, captures.shape)
+        self.pixels = Pixels(captures.camera.pitch_m, captures.shape, points)
         self.sensor = Sensor(captures.camera.pitch_m, captures.shape)
         self.fields = 0
         self._cache = Cache(cache_mb * _MB)
@@ -105,8 +108,8 @@ class Predictor:
         key = (wavelength, distance, applied.key("bench"))
         if key not in self._plans:
             nominal = self.captures.system([wavelength], [distance + (self.captures.focal_length_m or 0.0)])
-            if self.finer > 1:
-                nominal = nominal.edit({"upsample": self.finer * self.captures.upsample})
+            if self.finer > 1 or self.padding > 2:
+                nominal = nominal.edit({"upsample": self.finer * self.captures.upsample, "padding": self.padding})
             if len(self._plans) >= _PLANS:
                 self._plans.pop(next(iter(self._plans)))
             self._plans[key] = make_plan(applied.bench(nominal))

@@ -14,6 +14,7 @@ from holoview.diagnose.comparison import Values
 from holoview.diagnose.diagnose import diagnose
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.extend import extended, nominal_of
+from holoview.diagnose.ways import Way
 from holoview.diagnose.words import in_words
 from holoview.effects.effect import Effect
 from holoview.effects.registry import load_user_effects
@@ -51,6 +52,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--thorough", action="store_true", help="go on searching after the first minute or so, to the end"
     )
+    parser.add_argument(
+        "--finer", metavar="N", type=int, default=1, help="samples each way for each of the model's own (default 1)"
+    )
+    parser.add_argument(
+        "--padding", metavar="N", type=int, default=2, help="size of the grid in sizes of the modulators (default 2)"
+    )
+    parser.add_argument(
+        "--points", metavar="N", type=int, help="points each way that a camera pixel averages (default: its samples)"
+    )
     parser.add_argument("--workers", metavar="N", type=int, default=2, help="threads (default 2)")
 
 
@@ -58,6 +68,10 @@ def run(args: argparse.Namespace) -> int:
     """Diagnoses, then writes what was asked for, each file whole or not at all."""
     if args.workers < 1:
         raise UserError("--workers", f"{args.workers}", expected="1 or more")
+    for name, least, most in (("finer", 1, 8), ("padding", 2, 8), ("points", 1, 16)):
+        given = getattr(args, name)
+        if given is not None and not least <= given <= most:
+            raise UserError(f"--{name}", f"{given}", expected=f"{least} to {most}")
     for path, suffix in ((args.json, ".json"), (args.save_preset, ".toml")):
         if path is not None:
             check_output(path, suffix)
@@ -70,8 +84,9 @@ def run(args: argparse.Namespace) -> int:
     bench = captures.system()
     if args.preset is not None:
         captures, known, bench = nominal_of(captures, preset.load(args.preset), args.preset)
+    way = Way(args.finer, args.padding, args.points)
     with progress_bar("diagnosing") as report:
-        found = diagnose(captures, known=known, workers=args.workers, report=report, thorough=args.thorough)
+        found = diagnose(captures, known=known, workers=args.workers, report=report, thorough=args.thorough, way=way)
     if args.report is not None:
         _write_report(args, bench, captures.is_fourier, known, found)
     if args.json is not None:

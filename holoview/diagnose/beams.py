@@ -11,7 +11,7 @@ from holoview.diagnose.search import Trial, cost_of
 from holoview.effects.effect import Effect
 from holoview.errors import UserError
 
-MANY = 5
+MANY, VERY_MANY = 5, 25
 _CLEARLY = 0.4  # of the excess
 _BY_CHANCE = 5.0  # times √n: 3.5 σ of a χ²
 

@@ -16,6 +16,7 @@ from holoview.diagnose.comparison import Comparison, Prediction, Predicts, Value
 from holoview.diagnose.measured import Images, Measured
 from holoview.diagnose.noise import blind_variance, model_variance, with_mismatch
 from holoview.diagnose.split import Split
+from holoview.diagnose.ways import PLAIN, Way
 from holoview.effects.effect import Effect, Facts
 from holoview.system import System
 
@@ -57,10 +58,10 @@ class PerThread:
 class Bench:
     """measured: the captures. effects: the candidates by id. split: which captures are for what.
 
-    predict: predicts the captures. workers: threads. most_fields: after so many fields a search begins nothing new that
-    is long. fixed_pattern: 1 σ of the pixels' relative sensitivity. shaking: whether the camera moves from
-    capture to capture, so that comparisons take its movements out. equals: for each effect the others
-    that are the same physics on this bench (`same_physics`).
+    predict: predicts the captures, sampled in a `way`. workers: threads.
+    most_fields: after so many fields a search begins nothing new that is long. fixed_pattern: 1 σ of the pixels'
+    relative sensitivity. shaking: whether the camera moves from capture to capture, so that comparisons take its
+    movements out. equals: for each effect the others that are the same physics on this bench (`same_physics`).
     """
 
     measured: Measured
@@ -70,6 +71,7 @@ class Bench:
     predict: PerThread
     pool: ThreadPoolExecutor
     workers: int = 1
+    way: Way = PLAIN
     most_fields: float = math.inf
     fixed_pattern: float = 0.0
     shaking: bool = False

@@ -87,6 +87,12 @@ class Comparison:
         shaking.shifts = True
         return shaking
 
+    def predicted_by(self, predictor: Predicts) -> Comparison:
+        """The same captures and weights with another predictor."""
+        other = copy(self)
+        other.predictor = predictor
+        return other
+
     @property
     def count(self) -> float:
         """Number of pixels that are compared."""

@@ -16,7 +16,7 @@ ALARM = 25.0  # Δχ² on held-out captures: 5 σ
 _QUIET = 0.02  # χ²/n − 1 that exposure jitter, λ jitter and the like may leave
 _NEAR_FLOOR = 0.10  # χ²/n − 1 up to which a cause may be said to explain the captures
 _MOST_LEFT = 0.2  # of the excess, after an explanation
-_HALF = 0.5
+HALF = 0.5
 _RIVAL = 2.0  # a rival that leaves less than so many times what the best leaves can't be excluded
 
 
@@ -45,7 +45,7 @@ def decide(selection: Selection, equals: Mapping[str, frozenset[str]]) -> Decisi
     excess = nominal.excess
     gain = (nominal.chi2 - best.chi2) * n
     share = share_explained(nominal, best)
-    found = bool(selection.candidates) and gain > ALARM and share >= _HALF
+    found = bool(selection.candidates) and gain > ALARM and share >= HALF
     if not found:
         verdict = Verdict.CONSISTENT if excess < quiet(n) else Verdict.UNEXPLAINED
         return Decision(verdict, None)

@@ -27,15 +27,18 @@ from holoview.diagnose.measured import measured
 from holoview.diagnose.nuisances import forgiving, with_nuisances
 from holoview.diagnose.power import PowerLaw, gain_spread, only_power, power_law
 from holoview.diagnose.refine import refined
+from holoview.diagnose.sampling import without_artefacts
 from holoview.diagnose.select import select
 from holoview.diagnose.split import roughness, split
 from holoview.diagnose.uncertainty import intervals, tangent
+from holoview.diagnose.ways import PLAIN, Way
 from holoview.effects.effect import Effect
 from holoview.effects.registry import registry
 from holoview.errors import UserError
 
 _LEAST_CAPTURES = 2
-_REJUDGED = 3  # candidates, once nuisances are known
+_REJUDGED = 3  # candidates, once nuisances are known, of those that leave so little more than the best:
+_NEAR, _NEAR_FLOOR = 4.0, 0.1  # times its χ²/n − 1; beyond it
 _MOST_FIELDS = 16000
 _UNEXPLAINED = 1.1  # χ²/n above which it is worth asking where the rest lives
 
@@ -49,14 +52,15 @@ def diagnose(
     report: Progress | None = None,
     free_maps: bool = True,
     thorough: bool = False,
+    way: Way = PLAIN,
 ) -> Diagnosis:
     """Names what the nominal model of these captures gets wrong.
 
     effects: the candidates (all of the registry when None). known: effects that the nominal model has; what is found
     adds to them. workers: threads, each with its own predictor; results don't depend on their number. free_maps: ask
     where an unexplained error lives. thorough: without it a search begins nothing new after 16 000 fields, about a
-    minute for 128 × 96 modulator pixels. report: (done, total, what). Raises UserError when there are too few captures
-    to judge.
+    minute for 128 × 96 modulator pixels. way: how light is sampled. report: (done,
+    total, what). Raises UserError when there are too few captures to judge.
     """
     began = time.monotonic()
     report = report or (lambda done, total, note: None)
@@ -66,7 +70,7 @@ def diagnose(
     try:
         with ThreadPoolExecutor(max(1, workers)) as pool:
             library = list(registry().values() if effects is None else effects)
-            bench, notes = _prepare(captures, library, known or {}, pool, workers)
+            bench, notes = _prepare(captures, library, known or {}, pool, workers, way)
             bench = bench if thorough else dataclasses.replace(bench, most_fields=_MOST_FIELDS)
             return _diagnosed(bench, notes, report, free_maps, began)
     finally:
@@ -84,7 +88,7 @@ def _check(captures: Captures) -> None:
 
 
 def _prepare(
-    captures: Captures, effects: Sequence[Effect], known: Values, pool: ThreadPoolExecutor, workers: int
+    captures: Captures, effects: Sequence[Effect], known: Values, pool: ThreadPoolExecutor, workers: int, way: Way
 ) -> tuple[Bench, list[str]]:
     facts = captures.facts()
     missing = {e.id: e.needs.missing(facts) for e in effects}
@@ -99,9 +103,10 @@ def _prepare(
         system=captures.system(),
         effects=seen,
         split=split(captures, roughness(captures)),
-        predict=PerThread(partial(Known, captures, known)),
+        predict=PerThread(partial(Known, captures, known, **dataclasses.asdict(way))),
         pool=pool,
         workers=workers,
+        way=way,
         equals=same_physics(seen, facts),
     )
     return bench, notes
@@ -111,7 +116,8 @@ def _diagnosed(bench: Bench, notes: list[str], report: Progress, free_maps: bool
     bench = with_nuisances(bench, {})
     bench, selection = _searched(bench, report)
     decision, forgiven = forgiving(bench, selection, decide(selection, bench.equals))
-    notes = [*notes, *forgiven, *_ended_early(bench, decision)]
+    decision, doubts = without_artefacts(bench, selection, decision)
+    notes = [*notes, *forgiven, *doubts, *_ended_early(bench, decision)]
     gain = _gains(bench, decision)
     law = _power_law(bench, gain)
     report(1, 1, "intervals, look-alikes")
@@ -128,8 +134,8 @@ def _searched(bench: Bench, report: Progress) -> tuple[Bench, Selection]:
     settled = with_nuisances(bench, selection.best.trial.values)
     if settled is bench:
         return bench, selection
-    best = [partial(refined, settled, c.trial) for c in selection.candidates[:_REJUDGED]]
-    return settled, judge(settled, settled.side_by_side(best))
+    near = [c.trial for c in selection.candidates[:_REJUDGED] if c.excess < _NEAR * selection.best.excess + _NEAR_FLOOR]
+    return settled, judge(settled, settled.side_by_side(partial(refined, settled, trial) for trial in near))
 
 
 def _ended_early(bench: Bench, decision: Decision) -> list[str]:

@@ -72,7 +72,7 @@ def levenberg_marquardt(
     """Least squares from `start`; ends when an iteration gains less than `tolerance` of the cost."""
     x = bounds.clip(np.asarray(start, dtype=np.float64))
     residual = function(x)
-    cost, evaluations, damping = _cost(residual), 1, _FIRST_DAMPING
+    cost, evaluations, damping = cost_of_residual(residual), 1, _FIRST_DAMPING
     for _ in range(iterations):
         slopes = jacobian(function, x, residual, bounds)
         evaluations += len(x)
@@ -84,7 +84,7 @@ def levenberg_marquardt(
                 return Minimum(x, cost, residual, evaluations)
             moved = function(trial)
             evaluations += 1
-            if (lower := _cost(moved)) < cost:
+            if (lower := cost_of_residual(moved)) < cost:
                 break
             damping *= 10.0
         else:
@@ -135,7 +135,7 @@ def profile_width(function: Function, at: Minimum, axis: int, bounds: Bounds, ri
         def risen(distance: float, sign: float = sign) -> bool:
             x = at.x.copy()
             x[axis] += sign * distance
-            return not _cost(function(bounds.clip(x))) < at.cost + rise
+            return not cost_of_residual(function(bounds.clip(x))) < at.cost + rise
 
         while not risen(high) and high < 8 * bounds.step[axis]:
             low, high = high, 2 * high
@@ -166,12 +166,13 @@ def _on_axis(function: Function, start: Vector, axis: int) -> Callable[[float], 
         x = np.array(start, dtype=np.float64)
         x[axis] = value
         residual = function(x)
-        return Minimum(x, _cost(residual), residual, 1)
+        return Minimum(x, cost_of_residual(residual), residual, 1)
 
     return at
 
 
-def _cost(residual: Residuals) -> float:
+def cost_of_residual(residual: Residuals) -> float:
+    """Σ residual²."""
     flat = residual.ravel()
     return float(np.einsum("i,i->", flat, flat, dtype=np.float64)) if flat.size < 65536 else float(_blocked(flat))
 

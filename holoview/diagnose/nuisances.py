@@ -19,6 +19,7 @@ from holoview.diagnose.unknowns import Found
 
 _PATTERN_BELOW = 3.0  # χ²/n up to which residuals tell the pixels' own sensitivity from errors of the model
 _MOST_PATTERN = 0.1
+_LEAST_PATTERN = 0.005  # of χ²/n: less is as good as none
 _SHAKEN = 0.5  # of the excess: movements that explain so much are real, those that a wrong model feigns explain little
 
 
@@ -64,4 +65,6 @@ def _with_pattern(bench: Bench, values: Found) -> Bench:
         residuals.append(np.where(seen, fitted.residual / np.where(seen, comparison.weight, 1.0), 0.0))
         expected.append(fitted.expected)
         usable.append(seen)
-    return replace(bench, fixed_pattern=min(fixed_pattern(residuals, expected, usable), _MOST_PATTERN))
+    pattern = min(fixed_pattern(residuals, expected, usable), _MOST_PATTERN)
+    counts = [np.square(pattern * e * c.weight).sum() / c.count for e, c in zip(expected, comparisons, strict=True)]
+    return replace(bench, fixed_pattern=pattern) if max(counts) > _LEAST_PATTERN else bench

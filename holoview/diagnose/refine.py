@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from holoview.diagnose.beams import has_many
 from holoview.diagnose.bench import Bench
 from holoview.diagnose.screen import mismatch
 from holoview.diagnose.search import Trial, cost_of, lengthened, local_fit, looked_along, sharpened, simplified
@@ -31,16 +30,18 @@ def refined(bench: Bench, trial: Trial, *, fine: bool = False) -> Trial:
             return found
     comparison = bench.judged_by(indices, values)
     found = local_fit(effects, values, comparison, iterations=5, tolerance=1e-4, fine=fine)
-    for improved in (simplified,) if has_many(bench, trial) else (lengthened, sharpened, simplified):
+    for improved in (lengthened, sharpened, simplified):
         found = improved(effects, found, comparison)
     return found
 
 
 def searched_along(bench: Bench, trial: Trial) -> Trial:
-    """A refined trial, looked for along the axes of its parameters."""
+    """A refined trial on rougher captures, which show what is left: fitted, and looked for along its axes."""
     effects = [bench.effects[name] for name in trial.causes]
-    comparison = bench.judged_by(bench.split.fine, trial.values)
-    return looked_along(effects, replace(trial, cost=cost_of(comparison, trial.values)), comparison)
+    comparison = bench.judged_by(bench.split.rough, trial.values)
+    fitted = local_fit(effects, trial.values, comparison, iterations=3, tolerance=1e-4)
+    best = min(replace(trial, cost=cost_of(comparison, trial.values)), fitted, key=lambda t: t.cost)
+    return looked_along(effects, best, comparison)
 
 
 class Refined:

@@ -20,6 +20,7 @@ from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.displacement import Hints, hints
 from holoview.diagnose.ghosts import copies
 from holoview.diagnose.search import Trial, cost_of, local_fit, scan, search, slopes_of, trials_at_identity
+from holoview.diagnose.split import spread
 from holoview.diagnose.unknowns import Found
 from holoview.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
 
@@ -28,6 +29,7 @@ Stage = Iterator[list[Trial]]
 
 _TANGENT_BELOW, _LOCAL_BELOW = 0.05, 0.35  # r.m.s. residual over mean light
 _TANGENT_FITS = 8
+_STRAIGHT = 2.0  # χ²/n up to which nothing can lie beyond the reach of tangents
 _BATCH = 8
 _SCAN_CAPTURES = 2
 _FEW_POINTS = 3  # of a scan where a prediction adds many fields; a local fit is begun only if one of them leaves
@@ -49,8 +51,8 @@ def mismatch(bench: Bench, values: Found, indices: NDArray[np.intp] | None = Non
 def screen(bench: Bench, base: Found, effects: Sequence[Effect], report: Progress, note: str) -> Iterator[Stage]:
     """Stages of batches of trials, each one effect on top of `base` with costs of one comparison; cheap effects first.
 
-    One stage near the floor: the most promising tangents. Further off two: local fits, then scans over ranges. Far off
-    scans alone.
+    Near the floor the most promising tangents; further off local fits; then, unless there is hardly anything to
+    explain, scans over ranges. Far off scans alone.
     """
     off_by = mismatch(bench, base)
     comparison = bench.coarse_comparison(bench.split.coarse, min(off_by, 1.0))
@@ -70,8 +72,10 @@ def screen(bench: Bench, base: Found, effects: Sequence[Effect], report: Progres
 
     if off_by < _TANGENT_BELOW:
         yield nearly()
-        return
-    if off_by < _LOCAL_BELOW:
+        blind = bench.coarse_comparison(bench.split.coarse, 0.0)
+        if cost_of(blind, base) < _STRAIGHT * blind.count:
+            return
+    elif off_by < _LOCAL_BELOW:
         yield batches(_local(bench, comparison, base, 4), note)
     look = _scanned(bench, base, comparison, _starts(bench, base, comparison))
     yield batches(look, f"{note}, over its range")
@@ -139,14 +143,8 @@ def _scanned(bench: Bench, base: Found, comparison: Comparison, starts: Hints) -
 
 
 def _few(bench: Bench, base: Found) -> Comparison:
-    return bench.coarse_comparison(_spread(bench, _SCAN_CAPTURES), min(1.0, mismatch(bench, base)))
-
-
-def _spread(bench: Bench, count: int) -> np.ndarray:
-    """Some of the coarse captures, of wavelengths as different as can be."""
-    coarse = bench.split.coarse
-    order = coarse[np.argsort(bench.measured.captures.wavelength_m[coarse], kind="stable")]
-    return order[np.unique(np.linspace(0, len(order) - 1, count).round().astype(int))]
+    few = spread(bench.measured.captures, bench.split.coarse, _SCAN_CAPTURES)
+    return bench.coarse_comparison(few, min(1.0, mismatch(bench, base)))
 
 
 def _starts(bench: Bench, base: Found, comparison: Comparison) -> Hints:

@@ -6,10 +6,12 @@ is then found only by looking along the effect's range: `scan`. Hard edges have 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.levenberg import (
@@ -22,6 +24,7 @@ from holoview.diagnose.levenberg import (
     jacobian,
     levenberg_marquardt,
 )
+from holoview.diagnose.simplex import downhill
 from holoview.diagnose.unknowns import Found, Unknowns, unknowns
 from holoview.effects.effect import Effect
 from holoview.errors import UserError
@@ -33,8 +36,9 @@ _NEGLIGIBLE = 0.02  # of the prior; so small a value stays at its identity unles
 _INSISTS = 9.0  # Δχ² of a parameter: 3 σ
 _STRETCH, _FEW = 5.0, 2
 _AT_FLOOR, _REACH, _POINTS, _ALONG = 1.05, 10.0, 17, 10  # χ²/n; steps of a difference; evaluations
-_SHRINKING, _SHARP_ITERATIONS = (0.4, 0.1, 0.025), 3  # of a hard edge's first step
-_LAST_WIDTH, _LAST_EVALUATIONS = 0.05, 9
+_EDGES_FOUND = 0.9  # of the cost at the start: then it is worth finding them exactly
+_FIRST_EDGE, _LAST_EDGE, _EDGE_EVALUATIONS = 0.5, 0.05, 100  # of the prior
+_SHARP_ITERATIONS = 3
 _GAIN_OF_A_CYCLE = 0.99  # a second round over the parameters is worth it when the first lowered the cost below this
 
 
@@ -95,22 +99,19 @@ def local_fit(
     stretch: float = 1.0,
     held: Held = frozenset(),
 ) -> Trial:
-    """Levenberg–Marquardt on all parameters of the effects from `start`.
+    """Levenberg–Marquardt on all parameters of the effects from `start`, then a simplex where all are hard edges.
 
     fine: the fine ones too. stretch: of the steps of its differences. held: (effect, parameter) that stay as they are.
     """
     free = unknowns(effects, fine=fine)
-    smooth = Unknowns(tuple((e, p) for e, p in free.entries if (e, p.name) not in held))
+    varied = Unknowns(tuple((e, p) for e, p in free.entries if (e, p.name) not in held))
     values, cost = start, cost_of(comparison, start)
-    if len(smooth):
-        minimum = levenberg_marquardt(
-            residual_of(smooth, start, comparison),
-            smooth.pack(start),
-            smooth.bounds().stretched(stretch),
-            iterations=iterations,
-            tolerance=tolerance,
-        )
-        values, cost = smooth.unpack(minimum.x, start), minimum.cost
+    if len(varied):
+        function, bounds = residual_of(varied, start, comparison), varied.bounds().stretched(stretch)
+        minimum = levenberg_marquardt(function, varied.pack(start), bounds, iterations=iterations, tolerance=tolerance)
+        if _sharp(varied).all() and minimum.cost < _EDGES_FOUND * cost:
+            minimum = downhill(function, minimum, bounds, _sharp(varied), _FIRST_EDGE, _EDGE_EVALUATIONS)
+        values, cost = varied.unpack(minimum.x, start), minimum.cost
     return Trial(tuple(e.id for e in effects), values, cost)
 
 
@@ -175,26 +176,23 @@ def _distance(a: Trial, b: Trial, effect: Effect) -> float:
 
 
 def sharpened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
-    """The last digits of parameters with hard edges, whose pictures jump from sample to sample.
-
-    A difference over a step during which many samples are passed is a slope; as the fit closes in, steps shrink. In the
-    end each of these parameters is moved along its own axis.
-    """
+    """Parameters with hard edges by a simplex, then by a smaller one; the others fitted again between the two."""
     free = unknowns(effects)
-    sharp = np.array([p.sharp for _, p in free.entries], dtype=bool)
+    sharp = _sharp(free)
     if not sharp.any():
         return trial
     function, bounds = residual_of(free, trial.values, comparison), free.bounds()
     best = Minimum(free.pack(trial.values), trial.cost, comparison.residual(trial.values), 0)
-    for share in _SHRINKING:
-        near = replace(bounds, step=np.where(sharp, share * bounds.step, bounds.step))
-        found = levenberg_marquardt(function, best.x, near, iterations=_SHARP_ITERATIONS, tolerance=1e-3)
+    best = downhill(function, best, bounds, sharp, _FIRST_EDGE, _EDGE_EVALUATIONS)
+    if not sharp.all():
+        found = levenberg_marquardt(function, best.x, bounds, iterations=_SHARP_ITERATIONS, tolerance=1e-3)
         best = min(best, found, key=lambda m: m.cost)
-    for axis in np.flatnonzero(sharp):
-        width = _LAST_WIDTH * float(bounds.step[axis])
-        found = golden_section(function, best.x, bounds, int(axis), width, evaluations=_LAST_EVALUATIONS)
-        best = min(best, found, key=lambda m: m.cost)
+    best = downhill(function, best, bounds, sharp, _LAST_EDGE, _EDGE_EVALUATIONS)
     return Trial(trial.causes, free.unpack(best.x, trial.values), best.cost)
+
+
+def _sharp(free: Unknowns) -> NDArray[np.bool_]:
+    return np.array([p.sharp for _, p in free.entries], dtype=bool)
 
 
 def lengthened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
@@ -206,13 +204,15 @@ def lengthened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) 
 
 
 def looked_along(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
-    """Few parameters that stopped short of the floor: looked for along each axis, and fitted again from there."""
+    """What stopped short of the floor, along each axis of effects with few parameters; fitted again from there."""
     free = unknowns(effects)
-    if len(free) > _FEW or trial.cost < _AT_FLOOR * comparison.count:
+    each = Counter(effect for effect, _ in free.entries)
+    axes = [i for i, (effect, _) in enumerate(free.entries) if each[effect] <= _FEW]
+    if not axes or trial.cost < _AT_FLOOR * comparison.count:
         return trial
     function, bounds = residual_of(free, trial.values, comparison), free.bounds()
     found = Minimum(free.pack(trial.values), trial.cost, comparison.residual(trial.values), 0)
-    for axis in range(len(free)):
+    for axis in axes:
         step = float(bounds.step[axis])
         near = along_axis(function, found.x, bounds, axis, step * np.linspace(-_REACH, _REACH, _POINTS))
         found = min(found, near, key=lambda m: m.cost)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-from holoview.diagnose.beams import MANY, affordable, has_many, most_beams
+from holoview.diagnose.beams import MANY, VERY_MANY, affordable, beams, has_many, most_beams
 from holoview.diagnose.bench import Bench, Progress
 from holoview.diagnose.judge import ALARM, NEARLY, Judged, Selection, distinct, judge, judged
 from holoview.diagnose.refine import Refined, refined, searched_along
@@ -136,7 +136,7 @@ def _with_fine(bench: Bench, selection: Selection) -> Selection:
 
 def _closer(bench: Bench, selection: Selection) -> Selection:
     """The best candidates looked for along their axes, where they stopped short of the floor."""
-    leaders = [c.trial for c in selection.candidates[:_ALONG] if not has_many(bench, c.trial)]
+    leaders = [c.trial for c in selection.candidates[:_ALONG] if beams(bench, c.trial.values) < VERY_MANY]
     if selection.best.chi2 < FLOOR or not leaders:
         return selection
     closer = bench.side_by_side([partial(searched_along, bench, t) for t in leaders])

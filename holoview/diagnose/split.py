@@ -16,15 +16,17 @@ from holoview.captures.session import Captures
 
 Indices = NDArray[np.intp]
 
-_MOST_COARSE, _MOST_FINE, _MOST_HELD_OUT = 6, 12, 16  # so that the cost doesn't grow with the session
+_MOST_COARSE, _MOST_FINE, _MOST_ROUGH, _MOST_HELD_OUT = 6, 12, 18, 16  # so that the cost doesn't grow with the session
 
 
 @dataclass(frozen=True)
 class Split:
-    """coarse: the smoothest of each wavelength. fine: these and rougher ones. held_out: disjoint from both."""
+    """coarse: the smoothest of each wavelength. fine: these and rougher ones. rough: these and the roughest that are
+    left. held_out: disjoint from all."""
 
     coarse: Indices
     fine: Indices
+    rough: Indices
     held_out: Indices
 
 
@@ -50,7 +52,13 @@ def split(captures: Captures, rough: NDArray[np.float64]) -> Split:
     held_out = [k for group in rest for k in _spread(group, captures, min(2, max(1, len(group) - 1)))]
     left = [[k for k in group if k not in held_out] for group in rest]
     fine = coarse + [group[len(group) // 2] for group in left if group]
-    return Split(_some(coarse, _MOST_COARSE), _some(fine, _MOST_FINE), _some(held_out, _MOST_HELD_OUT))
+    rough_too = fine + [group[-1] for group in left if len(group) > 1]
+    return Split(
+        _some(coarse, _MOST_COARSE),
+        _some(fine, _MOST_FINE),
+        _some(rough_too, _MOST_ROUGH),
+        _some(held_out, _MOST_HELD_OUT),
+    )
 
 
 def _by_wavelength(captures: Captures, rough: NDArray[np.float64]) -> list[list[int]]:
@@ -80,7 +88,8 @@ def _scarce(groups: list[list[int]]) -> Split:
     everything = [k for group in groups for k in group]
     held_out = everything[1::3] or everything[-1:]
     fitted = [k for k in everything if k not in held_out] or everything
-    return Split(_some(fitted, _MOST_COARSE), _some(fitted, _MOST_FINE), _some(held_out, _MOST_HELD_OUT))
+    fine = _some(fitted, _MOST_FINE)
+    return Split(_some(fitted, _MOST_COARSE), fine, fine, _some(held_out, _MOST_HELD_OUT))
 
 
 def _some(indices: list[int], most: int) -> Indices:
@@ -89,3 +98,9 @@ def _some(indices: list[int], most: int) -> Indices:
     if len(chosen) <= most:
         return chosen
     return chosen[np.unique(np.linspace(0, len(chosen) - 1, most).round().astype(int))]
+
+
+def spread(captures: Captures, indices: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """At most so many of some captures, of wavelengths as different as can be."""
+    order = indices[np.argsort(captures.wavelength_m[indices], kind="stable")]
+    return order[np.unique(np.linspace(0, len(order) - 1, count).round().astype(int))]

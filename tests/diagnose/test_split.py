@@ -32,8 +32,8 @@ def test_no_capture_is_fitted_and_judged(make_captures: Make, count: int, wavele
     captures = make_captures(count, wavelength_m=np.resize(np.linspace(450e-9, 640e-9, wavelengths), count))
     found = split(captures, np.random.default_rng(count).uniform(size=count))
     assert len(found.coarse) and len(found.fine) and len(found.held_out)
-    assert not set(found.held_out) & (set(found.fine) | set(found.coarse))
-    assert len(found.coarse) <= 6 and len(found.fine) <= 12 and len(found.held_out) <= 16
+    assert not set(found.held_out) & (set(found.rough) | set(found.fine) | set(found.coarse))
+    assert len(found.coarse) <= 6 and len(found.fine) <= 12 and len(found.rough) <= 18 and len(found.held_out) <= 16
 
 
 def test_the_smoothest_of_each_wavelength_come_first(make_captures: Make) -> None:
@@ -44,6 +44,8 @@ def test_the_smoothest_of_each_wavelength_come_first(make_captures: Make) -> Non
         own = np.flatnonzero(captures.wavelength_m == wavelength)
         assert own[rough[own].argmin()] in found.coarse
         assert np.count_nonzero(captures.wavelength_m[found.held_out] == wavelength) == 2
+        unseen = [k for k in own if k not in found.held_out]
+        assert unseen[int(rough[unseen].argmax())] in found.rough
 
 
 def test_every_plane_is_fitted_and_judged(make_captures: Make) -> None:

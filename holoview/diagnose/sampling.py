@@ -1,0 +1,87 @@
+"""Whether captures disagree with the model's own samples rather than with the bench.
+
+Lost contrast is what coarse samples look like; a blur, bandwidth and an extended source then explain part of it. So the
+held-out captures are predicted once more with finer samples, larger grids, camera pixels that integrate or don't. A
+cause that these do better without isn't one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from holoview.diagnose.bench import Bench
+from holoview.diagnose.comparison import Comparison, Predicts, Values
+from holoview.diagnose.decide import HALF, Decision, Verdict, quiet, scatter
+from holoview.diagnose.judge import ALARM, Judged, Selection, judged
+from holoview.diagnose.search import Trial
+from holoview.diagnose.split import spread
+from holoview.diagnose.ways import Way
+
+_MOST_SAMPLES = 1 << 26  # of a grid: half a gigabyte a field
+
+
+_OTHERS = tuple(Way(*way) for way in ((1, 2, 2), (2, 2, 1), (2, 2, 2), (1, 3, 1), (1, 4, 1), (2, 3, 2)))
+_CAPTURES = 4
+
+
+def without_artefacts(bench: Bench, selection: Selection, decision: Decision) -> tuple[Decision, list[str]]:
+    """The decision without causes that other samples do better without; with notes.
+
+    What comes down to the noise isn't doubted.
+    """
+    best = decision.best
+    if decision.verdict is Verdict.CONSISTENT or (best is not None and best.excess <= scatter(selection.pixels)):
+        return decision, []
+    comparison = _few(bench, decision)
+    dropped: list[str] = []
+    while best is not None and (name := _dispensable(bench, comparison, best)):
+        dropped.append(name)
+        values = {k: v for k, v in best.trial.values.items() if k != name}
+        trial = Trial(tuple(c for c in best.causes if c != name), values, 0.0)
+        best = judged(trial, selection.comparison, selection.forgiving) if values else None
+    notes = [f"{name} is not named: other samples of the same bench explain more than it does." for name in dropped]
+    if best is not None and not dropped and decision.verdict is not Verdict.PARTLY:
+        return decision, notes
+    values = best.trial.values if best else {}
+    found, left = resampled(bench, comparison, values), comparison.chi2(values)
+    if found is None or (left - found[1]) * comparison.count < ALARM or found[1] - 1.0 > HALF * (left - 1.0):
+        return decision, notes
+    notes.append(f"With {found[0].words} χ²/n is {found[1]:.4g}, not {left:.4g}; {found[0].options} diagnoses so.")
+    if best is None:
+        is_quiet = found[1] - 1.0 < quiet(comparison.count)
+        return Decision(Verdict.CONSISTENT if is_quiet else Verdict.UNEXPLAINED, None), notes
+    return Decision(Verdict.PARTLY, best) if dropped else decision, notes
+
+
+def resampled(
+    bench: Bench, comparison: Comparison, values: Values, ways: Sequence[Way] = _OTHERS
+) -> tuple[Way, float] | None:
+    """The best of other ways to sample with these causes, and its χ²/n; None where all grids would be too large."""
+    rows, columns = bench.system.modulators[0].shape
+    samples = bench.system.sampling.upsample**2 * rows * columns
+    able = [way for way in ways if way != bench.way and samples * (way.finer * way.padding) ** 2 <= _MOST_SAMPLES]
+    found = [(way, comparison.predicted_by(_predictor(bench, way)).chi2(values)) for way in able]
+    return min(found, key=lambda f: f[1], default=None)
+
+
+def _few(bench: Bench, decision: Decision) -> Comparison:
+    few = spread(bench.measured.captures, bench.split.held_out, _CAPTURES)
+    return bench.judged_by(few, decision.best.trial.values if decision.best else {})
+
+
+def _predictor(bench: Bench, way: Way) -> Predicts:
+    return bench.predict.make(finer=way.finer, padding=way.padding, points=way.points)
+
+
+def _dispensable(bench: Bench, comparison: Comparison, best: Judged) -> str | None:
+    """A cause without which other samples leave less than the model with it, and to which they don't need it either."""
+    left = comparison.chi2(best.trial.values)
+    for name in reversed(best.causes):
+        others = {k: v for k, v in best.trial.values.items() if k != name}
+        found = resampled(bench, comparison, others)
+        if found is None or (left - found[1]) * comparison.count < ALARM:
+            continue
+        both = resampled(bench, comparison, best.trial.values, [found[0]])
+        if both is not None and found[1] - both[1] < HALF * (found[1] - 1.0):
+            return name
+    return None

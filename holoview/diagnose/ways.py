@@ -1,0 +1,35 @@
+"""Ways to sample the same bench: they change the model's accuracy, not the bench."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Way:
+    """How light is computed and seen.
+
+    finer: samples each way for each that the captures ask for. padding: sides of the grid in those of the modulators.
+    points: how many points each way a camera pixel averages; None: one for each sample on it.
+    """
+
+    finer: int = 1
+    padding: int = 2
+    points: int | None = None
+
+    @property
+    def words(self) -> str:
+        """How it differs from the plain one."""
+        parts = ["finer samples"] if self.finer > 1 else []
+        parts += [f"a grid {self.padding} times the modulators' size"] if self.padding > 2 else []
+        parts += ["camera pixels that integrate"] if (self.points or self.finer) > 1 else []
+        return " and ".join(parts)
+
+    @property
+    def options(self) -> str:
+        """The command's options for it."""
+        points = f" --points {self.points}" if self.points else ""
+        return f"--finer {self.finer} --padding {self.padding}{points}"
+
+
+PLAIN = Way()
