@@ -21,6 +21,8 @@ from holoview.diagnose.split import roughness, split
 from holoview.effects.registry import registry
 from holoview.system import Modulator, Relay, System
 
+MakeBench = Callable[..., Bench]
+
 SHAPE = (32, 40)
 
 
@@ -75,14 +77,25 @@ def nominal() -> Captures:
 @pytest.fixture(scope="session")
 def bench(nominal: Captures) -> Iterator[Bench]:
     """What a search would work with on these captures."""
-    effects, facts = dict(registry()), nominal.facts()
     with ThreadPoolExecutor(1) as pool:
-        yield Bench(
-            measured=measured(nominal),
-            system=nominal.system(),
-            effects=effects,
-            split=split(nominal, roughness(nominal)),
-            predict=PerThread(partial(Known, nominal, {})),
-            pool=pool,
-            equals=same_physics(effects, facts),
-        )
+        yield _bench(nominal, pool)
+
+
+@pytest.fixture
+def make_bench() -> Iterator[MakeBench]:
+    """What a search would work with on captures of a small session with faults {effect: {parameter: value}}."""
+    with ThreadPoolExecutor(1) as pool:
+        yield lambda faults=None: _bench(measure(small_system(), faults or {}, Session(each=6, seed=5)), pool)
+
+
+def _bench(captures: Captures, pool: ThreadPoolExecutor) -> Bench:
+    effects, facts = dict(registry()), captures.facts()
+    return Bench(
+        measured=measured(captures),
+        system=captures.system(),
+        effects=effects,
+        split=split(captures, roughness(captures)),
+        predict=PerThread(partial(Known, captures, {})),
+        pool=pool,
+        equals=same_physics(effects, facts),
+    )
