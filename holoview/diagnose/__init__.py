@@ -2,11 +2,15 @@
 
 measured noise split        pictures ready to compare; weights; which captures are fitted, which judged
 comparison resample         residuals with gains and movements of the camera taken out
-bench unknowns levenberg    what a search works with; parameters as vectors; local fits
+bench beams unknowns        what a search works with; what a prediction costs; parameters as vectors
+levenberg simplex           local fits: with slopes, and of hard edges
 screen displacement ghosts  a first look at every effect; starting values read off the pictures
-search select               the best values of an effect; forward selection of causes
+search refine               the best values of an effect; joint fits of causes
+judge select                candidates on held-out captures; forward selection of causes
 decide uncertainty          the verdict; intervals
-confounds power drift       look-alikes and what separates them; what the gains tell; lasers that drift
+nuisances drift direction   what moves from capture to capture and is nobody's fault
+sampling ways               whether the model's samples are what the captures disagree with
+confounds power             look-alikes and what separates them; what the gains tell
 excess freeform             where an error lives: by property, and by free maps at each place
 diagnose diagnosis          all of it in order; the result and its JSON
 extend display              a bench with the causes switched on, and what it buys on the display

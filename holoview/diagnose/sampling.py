@@ -17,11 +17,9 @@ from holoview.diagnose.search import Trial
 from holoview.diagnose.split import spread
 from holoview.diagnose.ways import Way
 
-_MOST_SAMPLES = 1 << 26  # of a grid: half a gigabyte a field
-
-
 _OTHERS = tuple(Way(*way) for way in ((1, 2, 2), (2, 2, 1), (2, 2, 2), (1, 3, 1), (1, 4, 1), (2, 3, 2)))
 _CAPTURES = 4
+_MOST_SAMPLES = 1 << 26  # of a grid: half a gigabyte a field
 
 
 def without_artefacts(bench: Bench, selection: Selection, decision: Decision) -> tuple[Decision, list[str]]:
@@ -40,17 +38,18 @@ def without_artefacts(bench: Bench, selection: Selection, decision: Decision) ->
         trial = Trial(tuple(c for c in best.causes if c != name), values, 0.0)
         best = judged(trial, selection.comparison, selection.forgiving) if values else None
     notes = [f"{name} is not named: other samples of the same bench explain more than it does." for name in dropped]
-    if best is not None and not dropped and decision.verdict is not Verdict.PARTLY:
+    if dropped:
+        decision = Decision(Verdict.PARTLY if best else Verdict.UNEXPLAINED, best)
+    if decision.verdict not in (Verdict.PARTLY, Verdict.UNEXPLAINED):
         return decision, notes
     values = best.trial.values if best else {}
     found, left = resampled(bench, comparison, values), comparison.chi2(values)
     if found is None or (left - found[1]) * comparison.count < ALARM or found[1] - 1.0 > HALF * (left - 1.0):
         return decision, notes
     notes.append(f"With {found[0].words} χ²/n is {found[1]:.4g}, not {left:.4g}; {found[0].options} diagnoses so.")
-    if best is None:
-        is_quiet = found[1] - 1.0 < quiet(comparison.count)
-        return Decision(Verdict.CONSISTENT if is_quiet else Verdict.UNEXPLAINED, None), notes
-    return Decision(Verdict.PARTLY, best) if dropped else decision, notes
+    if best is None and found[1] - 1.0 < quiet(comparison.count):
+        decision = Decision(Verdict.CONSISTENT, None)
+    return decision, notes
 
 
 def resampled(
