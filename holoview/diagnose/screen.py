@@ -109,32 +109,44 @@ def _promising(
 
 
 def _local(bench: Bench, comparison: Comparison, base: Found, iterations: int) -> Look:
-    """A local fit from the identity; of many fields on a few captures only."""
-    few = _few(bench, base)
+    """A local fit from the identity; of many fields from the best of a few points."""
+    of_many = _of_many(bench, comparison, base, 1.0)
 
     def look(effect: Effect) -> Trial:
+        if most_beams(bench, effect) >= MANY:
+            return of_many(effect)
         start = {**base, effect.id: _identity(effect)}
-        if most_beams(bench, effect) < MANY:
-            found = local_fit([effect], start, comparison, iterations=iterations)
-            return Trial((*base, effect.id), found.values, found.cost)
-        found = local_fit([effect], start, few, iterations=iterations)
-        return Trial((*base, effect.id), found.values, cost_of(comparison, found.values))
+        found = local_fit([effect], start, comparison, iterations=iterations)
+        return Trial((*base, effect.id), found.values, found.cost)
 
     return look
 
 
 def _scanned(bench: Bench, base: Found, comparison: Comparison, starts: Hints) -> Look:
-    """Scan on a few captures, local fits on all of the comparison's, of many fields on the few."""
+    """Scan on a few captures, local fits on all of the comparison's."""
+    few, of_many = _few(bench, base), _of_many(bench, comparison, base, _WORTH_FITTING)
+
+    def look(effect: Effect) -> Trial:
+        if most_beams(bench, effect) >= MANY:
+            return of_many(effect)
+        trials = scan(effect, few, base, [*starts(effect), *effect.starts(bench.system)])
+        return search(effect, comparison, base, trials)
+
+    return look
+
+
+def _of_many(bench: Bench, comparison: Comparison, base: Found, worth: float) -> Look:
+    """Effects whose predictions add many fields: a few points and one fit on a few captures.
+
+    The fit is begun only where a point leaves no more than a share `worth` of the cost without the effect.
+    """
     few = _few(bench, base)
 
     def look(effect: Effect) -> Trial:
-        points, has_many = list(effect.starts(bench.system)), most_beams(bench, effect) >= MANY
-        if has_many:
-            points = [points[(2 * k + 1) * len(points) // (2 * _FEW_POINTS)] for k in range(_FEW_POINTS)]
-        trials = scan(effect, few, base, [*starts(effect), *points])
-        if not has_many:
-            return search(effect, comparison, base, trials)
-        if trials[0].cost > _WORTH_FITTING * trials_at_identity(trials, effect):
+        points = list(effect.starts(bench.system))
+        points = [points[(2 * k + 1) * len(points) // (2 * _FEW_POINTS)] for k in range(_FEW_POINTS)]
+        trials = scan(effect, few, base, points)
+        if trials[0].cost > worth * trials_at_identity(trials, effect):
             return Trial((*base, effect.id), trials[0].values, float("inf"))
         found = search(effect, few, base, trials, starts=1)
         return replace(found, cost=cost_of(comparison, found.values))

@@ -149,9 +149,15 @@ def _is_done(bench: Bench, selection: Selection) -> bool:
 
 
 def _bases(bench: Bench, selection: Selection, causes: int) -> list[Judged]:
-    """What to build on: the best candidates with so many causes."""
+    """What to build on: the best candidates with so many causes.
+
+    Far from the floor smooth captures tell them apart better: rough ones favour whatever loses contrast.
+    """
     most = _BASES if causes == 1 else 1
     same = [c for c in selection.candidates if len(c.causes) == causes]
+    if selection.best.chi2 > NEARLY:
+        smooth = bench.coarse_comparison(bench.split.coarse, min(mismatch(bench, {}), 1.0))
+        same.sort(key=lambda c: cost_of(smooth, c.trial.values))
     few = {id(t) for t in affordable(bench, [c.trial for c in same], selection.forgiving)}
     return [c for c in same if id(c.trial) in few][:most] or [selection.best]
 
