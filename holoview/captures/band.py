@@ -67,7 +67,8 @@ def _spread(spectrum: Tensor, padded: int, reach: int, dim: int) -> Tensor:
         return spectrum
     shape = list(spectrum.shape)
     shape[dim] = padded
-    whole = spectrum.new_zeros(shape)
+    whole = spectrum.new_empty(shape)
+    whole.narrow(dim, reach + 1, padded - 2 * reach - 1).zero_()
     whole.narrow(dim, 0, reach + 1).copy_(spectrum.narrow(dim, 0, reach + 1))
     whole.narrow(dim, padded - reach, reach).copy_(spectrum.narrow(dim, reach + 1, reach))
     return whole

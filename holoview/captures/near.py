@@ -97,15 +97,18 @@ class NearField:
         if tilted:
             light = light * pixel_wave(self.plan, beam.wavelength, beam.source, self.dtype, light.device)
         coarse = tuple(p // grid.upsample for p in grid.padded)
-        lines = torch.fft.fft(light, n=coarse[1], dim=1)
-        ky, kx = band.indices
-        lines = lines[:, kx % coarse[1]] * self._pixel(1, float(slopes[1]))[kx]
-        return torch.fft.fft(lines, n=coarse[0], dim=0)[ky % coarse[0]] * self._pixel(0, float(slopes[0]))[ky, None]
+        (rows, above), (columns, along) = (self._pixel(axis, float(slopes[axis]), band) for axis in (0, 1))
+        lines = torch.fft.fft(light, n=coarse[1], dim=1).index_select(1, columns) * along
+        return torch.fft.fft(lines, n=coarse[0], dim=0).index_select(0, rows) * above[:, None]
 
-    def _pixel(self, axis: int, slope: float) -> Tensor:
-        padded, upsample = self.plan.grid.padded[axis], self.plan.grid.upsample
-        make = lambda: pixel_response(padded, upsample, slope).to(self.dtype)  # noqa: E731
-        return self.cache.get(("pixel", padded, upsample, slope), make)
+    def _pixel(self, axis: int, slope: float, band: Band) -> tuple[Tensor, Tensor]:
+        """For each frequency of a band's side: where it is in the spectrum of pixels, and what a pixel makes of it."""
+        padded, upsample, k = self.plan.grid.padded[axis], self.plan.grid.upsample, band.indices[axis]
+        place = self.cache.get(("place", axis, upsample, band), lambda: k % (padded // upsample))
+        response = self.cache.get(
+            ("pixel", axis, upsample, slope, band), lambda: pixel_response(padded, upsample, slope).to(self.dtype)[k]
+        )
+        return place, response
 
     def _surface(self, number: int, beam: Beam) -> Surface:
         system = self.plan.system
