@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from pathlib import Path
 
 from holoview import preset
@@ -21,6 +22,8 @@ from holoview.effects.registry import load_user_effects
 from holoview.errors import UserError
 from holoview.files import replacing
 from holoview.system import System
+
+_MOST_WORKERS = 8  # unless asked for: each keeps a quarter of a gigabyte
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -61,7 +64,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--points", metavar="N", type=int, help="points each way that a camera pixel averages (default: its samples)"
     )
-    parser.add_argument("--workers", metavar="N", type=int, default=2, help="threads (default 2)")
+    cores = min(os.cpu_count() or 1, _MOST_WORKERS)
+    parser.add_argument(
+        "--workers", metavar="N", type=int, default=cores, help="processes side by side (default: cores, at most 8)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:

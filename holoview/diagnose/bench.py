@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -16,6 +16,7 @@ from holoview.diagnose.comparison import Comparison, Prediction, Predicts, Value
 from holoview.diagnose.measured import Images, Measured
 from holoview.diagnose.noise import blind_variance, model_variance, with_mismatch
 from holoview.diagnose.split import Split
+from holoview.diagnose.team import Finished, Team
 from holoview.diagnose.ways import PLAIN, Way
 from holoview.effects.effect import Effect, Facts
 from holoview.system import System
@@ -40,11 +41,17 @@ class PerThread:
     def __init__(self, make: Callable[..., Counts]) -> None:
         self.make, self._own = make, threading.local()
         self._all: list[Counts] = []
+        self.elsewhere = 0
 
     @property
     def fields(self) -> int:
-        """How many fields all of them were asked for: the same for any number of threads once all wait."""
-        return sum(one.fields for one in self._all)
+        """How many fields all of them were asked for, `elsewhere` in other processes: once all wait."""
+        return sum(one.fields for one in self._all) + self.elsewhere
+
+    @property
+    def own_fields(self) -> int:
+        """How many the one of this thread was asked for."""
+        return self._own.predict.fields if hasattr(self._own, "predict") else 0
 
     def __call__(self, indices: NDArray[np.intp], values: Values, *, grad: bool = False) -> Prediction:
         if not hasattr(self._own, "predict"):
@@ -58,7 +65,7 @@ class PerThread:
 class Bench:
     """measured: the captures. effects: the candidates by id. split: which captures are for what.
 
-    predict: predicts the captures, sampled in a `way`. workers: threads.
+    predict: predicts the captures, sampled in a `way`. team: who works.
     most_fields: after so many fields a search begins nothing new that is long. fixed_pattern: 1 σ of the pixels'
     relative sensitivity. shaking: whether the camera moves from capture to capture, so that comparisons take its
     movements out. equals: for each effect the others that are the same physics on this bench (`same_physics`).
@@ -69,8 +76,7 @@ class Bench:
     effects: Mapping[str, Effect]
     split: Split
     predict: PerThread
-    pool: ThreadPoolExecutor
-    workers: int = 1
+    team: Team
     way: Way = PLAIN
     most_fields: float = math.inf
     fixed_pattern: float = 0.0
@@ -102,23 +108,22 @@ class Bench:
         return Comparison(self.predict, self.measured, indices, variance, shifts=shifts)
 
     def map(self, work: Callable[[Effect], T], effects: Sequence[Effect], report: Progress, note: str) -> list[T]:
-        """`work` on every effect, side by side; results in the order of `effects`. Ctrl-C ends it between two."""
-        futures = [self.pool.submit(work, one) for one in effects]
-        try:
-            for done, one in enumerate(futures):
-                _finish(one)
-                report(done + 1, len(futures), f"{note}: {effects[done].id}")
-        except BaseException:
-            for one in futures:
-                one.cancel()
-            wait([one for one in futures if not one.cancelled()])
-            raise
-        return [one.result() for one in futures]
+        """`work` on every effect, side by side; results in the order of `effects`. Ctrl-C ends it."""
+        jobs = [partial(work, one) for one in effects]
+        return self.side_by_side(jobs, lambda done: report(done, len(effects), note))
 
-    def side_by_side(self, jobs: Iterable[Callable[[], T]]) -> list[T]:
-        """Results of jobs that run in the pool."""
-        futures = [self.pool.submit(job) for job in jobs]
-        return [one.result() for one in futures]
+    def side_by_side(self, jobs: Iterable[Callable[[], T]], finished: Finished | None = None) -> list[T]:
+        """Results of jobs that the team works on; fields that were computed in other processes count too."""
+        counted = [partial(self._counted, job) for job in jobs]
+        before = self.predict.fields
+        done = self.team.run(counted, finished)
+        self.predict.elsewhere += sum(fields for _, fields in done) - (self.predict.fields - before)
+        return [result for result, _ in done]
+
+    def _counted(self, job: Callable[[], T]) -> tuple[T, int]:
+        before = self.predict.own_fields
+        result = job()
+        return result, self.predict.own_fields - before
 
 
 def same_physics(effects: Mapping[str, Effect], facts: Facts) -> dict[str, frozenset[str]]:
@@ -127,10 +132,3 @@ def same_physics(effects: Mapping[str, Effect], facts: Facts) -> dict[str, froze
     return {
         name: frozenset({b for a, b in pairs if a == name} | {a for a, b in pairs if b == name}) for name in effects
     }
-
-
-def _finish(future: Future[T]) -> None:
-    """Waits in short spells, so that Ctrl-C is noticed."""
-    while not future.done():
-        wait([future], timeout=0.2)
-    future.result()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -30,6 +29,7 @@ from holoview.diagnose.refine import refined
 from holoview.diagnose.sampling import without_artefacts
 from holoview.diagnose.select import select
 from holoview.diagnose.split import roughness, split
+from holoview.diagnose.team import Team
 from holoview.diagnose.uncertainty import intervals, tangent
 from holoview.diagnose.ways import PLAIN, Way
 from holoview.effects.effect import Effect
@@ -57,7 +57,7 @@ def diagnose(
     """Names what the nominal model of these captures gets wrong.
 
     effects: the candidates (all of the registry when None). known: effects that the nominal model has; what is found
-    adds to them. workers: threads, each with its own predictor; results don't depend on their number. free_maps: ask
+    adds to them. workers: processes or threads; results don't depend on their number. free_maps: ask
     where an unexplained error lives. thorough: without it a search begins nothing new after 16 000 fields, about a
     minute for 128 × 96 modulator pixels. way: how light is sampled. report: (done,
     total, what). Raises UserError when there are too few captures to judge.
@@ -68,11 +68,10 @@ def diagnose(
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        with ThreadPoolExecutor(max(1, workers)) as pool:
-            library = list(registry().values() if effects is None else effects)
-            bench, notes = _prepare(captures, library, known or {}, pool, workers, way)
-            bench = bench if thorough else dataclasses.replace(bench, most_fields=_MOST_FIELDS)
-            return _diagnosed(bench, notes, report, free_maps, began)
+        library = list(registry().values() if effects is None else effects)
+        bench, notes = _prepare(captures, library, known or {}, workers, way)
+        bench = bench if thorough else dataclasses.replace(bench, most_fields=_MOST_FIELDS)
+        return _diagnosed(bench, notes, report, free_maps, began)
     finally:
         torch.set_num_threads(threads)
 
@@ -88,7 +87,7 @@ def _check(captures: Captures) -> None:
 
 
 def _prepare(
-    captures: Captures, effects: Sequence[Effect], known: Values, pool: ThreadPoolExecutor, workers: int, way: Way
+    captures: Captures, effects: Sequence[Effect], known: Values, workers: int, way: Way
 ) -> tuple[Bench, list[str]]:
     facts = captures.facts()
     missing = {e.id: e.needs.missing(facts) for e in effects}
@@ -104,8 +103,7 @@ def _prepare(
         effects=seen,
         split=split(captures, roughness(captures)),
         predict=PerThread(partial(Known, captures, known, **dataclasses.asdict(way))),
-        pool=pool,
-        workers=workers,
+        team=Team(workers),
         way=way,
         equals=same_physics(seen, facts),
     )

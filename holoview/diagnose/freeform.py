@@ -164,7 +164,7 @@ def places(bench: Bench, base: Found, comparison: Comparison) -> list[Freed]:
     """Every place with its maps fitted on top of `base`, the most telling first. comparison: held-out captures."""
     before = comparison.chi2(base)
     jobs = [partial(_freed, bench, base, comparison, effect, before) for effect in _effects(bench)]
-    return sorted(bench.side_by_side(jobs), key=lambda freed: -freed.share)
+    return sorted(bench.team.in_threads(jobs), key=lambda freed: -freed.share)
 
 
 def lives_in(freed: list[Freed]) -> dict[str, float]:

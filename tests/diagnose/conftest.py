@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -18,6 +17,7 @@ from holoview.diagnose.bench import Bench, PerThread, same_physics
 from holoview.diagnose.extend import Known
 from holoview.diagnose.measured import measured
 from holoview.diagnose.split import roughness, split
+from holoview.diagnose.team import Team
 from holoview.effects.registry import registry
 from holoview.system import Modulator, Relay, System
 
@@ -75,20 +75,18 @@ def nominal() -> Captures:
 
 
 @pytest.fixture(scope="session")
-def bench(nominal: Captures) -> Iterator[Bench]:
+def bench(nominal: Captures) -> Bench:
     """What a search would work with on these captures."""
-    with ThreadPoolExecutor(1) as pool:
-        yield _bench(nominal, pool)
+    return _bench(nominal)
 
 
 @pytest.fixture
-def make_bench() -> Iterator[MakeBench]:
+def make_bench() -> MakeBench:
     """What a search would work with on captures of a small session with faults {effect: {parameter: value}}."""
-    with ThreadPoolExecutor(1) as pool:
-        yield lambda faults=None: _bench(measure(small_system(), faults or {}, Session(each=6, seed=5)), pool)
+    return lambda faults=None: _bench(measure(small_system(), faults or {}, Session(each=6, seed=5)))
 
 
-def _bench(captures: Captures, pool: ThreadPoolExecutor) -> Bench:
+def _bench(captures: Captures) -> Bench:
     effects, facts = dict(registry()), captures.facts()
     return Bench(
         measured=measured(captures),
@@ -96,6 +94,6 @@ def _bench(captures: Captures, pool: ThreadPoolExecutor) -> Bench:
         effects=effects,
         split=split(captures, roughness(captures)),
         predict=PerThread(partial(Known, captures, {})),
-        pool=pool,
+        team=Team(1),
         equals=same_physics(effects, facts),
     )
