@@ -10,9 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from holoview.diagnose.judge import Judged, Selection
+from holoview.diagnose.judge import ALARM, Judged, Selection
 
-ALARM = 25.0  # Δχ² on held-out captures: 5 σ
 _QUIET = 0.02  # χ²/n − 1 that exposure jitter, λ jitter and the like may leave
 _NEAR_FLOOR = 0.10  # χ²/n − 1 up to which a cause may be said to explain the captures
 _MOST_LEFT = 0.2  # of the excess, after an explanation

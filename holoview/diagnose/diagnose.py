@@ -57,10 +57,10 @@ def diagnose(
     """Names what the nominal model of these captures gets wrong.
 
     effects: the candidates (all of the registry when None). known: effects that the nominal model has; what is found
-    adds to them. workers: processes or threads; results don't depend on their number. free_maps: ask
-    where an unexplained error lives. thorough: without it a search begins nothing new after 16 000 fields, about a
-    minute for 128 × 96 modulator pixels. way: how light is sampled. report: (done,
-    total, what). Raises UserError when there are too few captures to judge.
+    adds to them. workers: processes or threads; results don't depend on their number. free_maps: ask where an
+    unexplained error lives. thorough: without it a search begins nothing new after 16 000 fields, about a minute for
+    128 × 96 modulator pixels. way: how light is sampled. report: (done, total, what). Raises UserError when there are
+    too few captures to judge.
     """
     began = time.monotonic()
     report = report or (lambda done, total, note: None)
