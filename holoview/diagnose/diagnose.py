@@ -226,7 +226,7 @@ def _told(
         causes=tuple(causes),
         values=values,
         rivals=tuple(r.causes for r in decision.rivals),
-        unexplained=float(min(left, 1.0)) if selection.nominal.excess > 0.02 else 0.0,
+        unexplained=0.0 if decision.verdict is Verdict.CONSISTENT else float(min(left, 1.0)),
         lives_in=lives_in(freed),
         groups=groups(captures, comparison, nominal, best),
         candidates=tuple(Candidate(c.causes, c.chi2) for c in selection.candidates),

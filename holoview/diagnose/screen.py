@@ -29,6 +29,7 @@ Stage = Iterator[list[Trial]]
 
 _TANGENT_BELOW, _LOCAL_BELOW = 0.05, 0.35  # r.m.s. residual over mean light
 _TANGENT_FITS = 8
+_LONG = 20.0  # times the step of tangents of many fields: over short ones irises' edges jump more than the rest changes
 _STRAIGHT = 2.0  # χ²/n up to which nothing can lie beyond the reach of tangents
 _BATCH = 8
 _SCAN_CAPTURES = 2
@@ -98,7 +99,8 @@ def _promising(
 
     def gain(effect: Effect) -> float:
         start = {**base, effect.id: _identity(effect)}
-        slopes = slopes_of(effect, start, comparison, residual)
+        stretch = _LONG if most_beams(bench, effect) >= MANY else 1.0
+        slopes = slopes_of(effect, start, comparison, residual, stretch=stretch)
         normal = (slopes @ slopes.T).astype(np.float64)
         right = (slopes @ residual).astype(np.float64)
         return float(right @ np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ right)

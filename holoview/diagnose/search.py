@@ -136,10 +136,16 @@ def residual_of(free: Unknowns, base: Found, comparison: Comparison) -> Function
     return function
 
 
-def slopes_of(effect: Effect, values: Found, comparison: Comparison, residual: np.ndarray) -> np.ndarray:
-    """Slopes (parameter, pixel) of the residuals by the effect's parameters at `values`, in units of the priors."""
+def slopes_of(
+    effect: Effect, values: Found, comparison: Comparison, residual: np.ndarray, *, stretch: float = 1.0
+) -> np.ndarray:
+    """Slopes (parameter, pixel) of the residuals by the effect's parameters at `values`, in units of the priors.
+
+    stretch: of the steps of its differences.
+    """
     free = unknowns([effect])
-    return jacobian(residual_of(free, values, comparison), free.pack(values), residual, free.bounds())
+    bounds = free.bounds().stretched(stretch)
+    return jacobian(residual_of(free, values, comparison), free.pack(values), residual, bounds)
 
 
 def _tried(
