@@ -19,7 +19,7 @@ from holoview.diagnose.bench import Bench, Progress
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.displacement import Hints, hints
 from holoview.diagnose.ghosts import copies
-from holoview.diagnose.search import Trial, cost_of, local_fit, scan, search, slopes_of, trials_at_identity
+from holoview.diagnose.search import Trial, cost_of, local_fit, scan, search, slopes_of, trials_at_identity, with_edges
 from holoview.diagnose.split import spread
 from holoview.diagnose.unknowns import Found
 from holoview.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
@@ -132,7 +132,7 @@ def _scanned(bench: Bench, base: Found, comparison: Comparison, starts: Hints) -
         if most_beams(bench, effect) >= MANY:
             return of_many(effect)
         trials = scan(effect, few, base, [*starts(effect), *effect.starts(bench.system)])
-        return search(effect, comparison, base, trials)
+        return search(effect, comparison, base, [with_edges(effect, trials[0], few), *trials[1:]])
 
     return look
 

@@ -37,7 +37,7 @@ _INSISTS = 9.0  # Δχ² of a parameter: 3 σ
 _STRETCH, _FEW = 5.0, 2
 _AT_FLOOR, _REACH, _POINTS, _ALONG = 1.05, 10.0, 17, 10  # χ²/n; steps of a difference; evaluations
 _EDGES_FOUND = 0.9  # of the cost at the start: then it is worth finding them exactly
-_FIRST_EDGE, _LAST_EDGE, _EDGE_EVALUATIONS = 0.5, 0.05, 100  # of the prior
+_FAR_EDGE, _FIRST_EDGE, _LAST_EDGE, _EDGE_EVALUATIONS = 1.0, 0.5, 0.05, 100  # of the prior
 _SHARP_ITERATIONS = 3
 _GAIN_OF_A_CYCLE = 0.99  # a second round over the parameters is worth it when the first lowered the cost below this
 
@@ -179,6 +179,18 @@ def _distance(a: Trial, b: Trial, effect: Effect) -> float:
     steps = {p.name: p.scan[2] if p.scan else p.prior for p in effect.parameters}
     first, second = a.values[effect.id], b.values[effect.id]
     return max(abs(first[name] - second[name]) / step for name, step in steps.items())
+
+
+def with_edges(effect: Effect, trial: Trial, comparison: Comparison) -> Trial:
+    """A trial of a scan with the effect's hard edges looked for by a simplex; as it is where it has none."""
+    free = unknowns([effect])
+    sharp = _sharp(free)
+    if not sharp.any():
+        return trial
+    function = residual_of(free, trial.values, comparison)
+    start = Minimum(free.pack(trial.values), trial.cost, comparison.residual(trial.values), 0)
+    found = downhill(function, start, free.bounds(), sharp, _FAR_EDGE, _EDGE_EVALUATIONS)
+    return Trial(trial.causes, free.unpack(found.x, trial.values), found.cost)
 
 
 def sharpened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -> Trial:
