@@ -135,13 +135,17 @@ def _with_fine(bench: Bench, selection: Selection) -> Selection:
 
 
 def _closer(bench: Bench, selection: Selection) -> Selection:
-    """The best candidates looked for along their axes, where they stopped short of the floor."""
-    leaders = [c.trial for c in selection.candidates[:_ALONG] if beams(bench, c.trial.values) < VERY_MANY]
-    if selection.best.chi2 < FLOOR or not leaders:
-        return selection
-    closer = bench.side_by_side([partial(searched_along, bench, t) for t in leaders])
-    better = [new for new, old in zip(closer, leaders, strict=True) if new.values != old.values]
-    return judge(bench, [*better, *(c.trial for c in selection.candidates)]) if better else selection
+    """The best candidates looked for along their axes, twice, where they stopped short of the floor."""
+    for _ in range(2):
+        leaders = [c.trial for c in selection.candidates[:_ALONG] if beams(bench, c.trial.values) < VERY_MANY]
+        if selection.best.chi2 < FLOOR or not leaders:
+            break
+        closer = bench.side_by_side([partial(searched_along, bench, t) for t in leaders])
+        better = [new for new, old in zip(closer, leaders, strict=True) if new.values != old.values]
+        if not better:
+            break
+        selection = judge(bench, [*better, *(c.trial for c in selection.candidates)])
+    return selection
 
 
 def _is_done(bench: Bench, selection: Selection) -> bool:
@@ -163,22 +167,19 @@ def _bases(bench: Bench, selection: Selection, causes: int) -> list[Judged]:
 
 
 def _is_better(new: Selection, old: Selection) -> bool:
-    if len(new.best.causes) <= len(old.best.causes):
-        return False
     before = judged(old.best.trial, new.comparison, new.forgiving)
     return (before.chi2 - new.best.chi2) * new.pixels > ALARM and new.best.excess < 0.8 * before.excess
 
 
 def _pruned(bench: Bench, selection: Selection) -> Selection:
-    """Without causes that the best candidate's others do without, where that hasn't been tried."""
-    best, known = selection.best, {frozenset(c.causes) for c in selection.candidates}
+    """Without causes that the best candidate's others do without: from its values a fit may find what it missed."""
+    best = selection.best
+    if len(best.causes) < 2:
+        return selection
     fewer = [
         Trial(tuple(c for c in best.causes if c != out), {k: v for k, v in best.trial.values.items() if k != out}, 0.0)
         for out in best.causes
-        if frozenset(best.causes) - {out} not in known
     ]
-    if len(best.causes) < 2 or not fewer:
-        return selection
     refits = bench.side_by_side([partial(refined, bench, t) for t in fewer])
     return judge(bench, [*(c.trial for c in selection.candidates), *refits])
 
