@@ -116,12 +116,15 @@ def _values(text: str) -> dict[str, Any]:
 
 
 def _numbers(text: str, count: int, default: tuple[float, ...]) -> tuple[str, list[float]]:
-    """The name of an item and the numbers after it."""
-    words = shlex.split(text)
-    numbers: list[float] = []
-    while words and len(numbers) < count and _is_number(words[-1]):
-        numbers.insert(0, float(words.pop()))
-    return " ".join(words), numbers or list(default)
+    """The name of an item and the numbers after it; with fewer than `count` they belong to the name."""
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise UserError(text, "a quotation mark that isn't closed") from error
+    last = words[-count:]
+    if len(words) <= count or not all(map(_is_number, last)):
+        return " ".join(words), list(default)
+    return " ".join(words[:-count]), [float(word) for word in last]
 
 
 def _is_number(word: str) -> bool:

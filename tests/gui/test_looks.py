@@ -139,6 +139,8 @@ def test_a_script_draws_off_screen_and_writes_what_is_seen(tmp_path: Path, capsy
         ("set gap 3", "KEY = VALUE"),
         ("set gap = -1", "out of range|3 m|between"),
         ("click nothing", "no item is called"),
+        ("click nothing 1", "no item is called"),
+        ('click "nothing', "quotation mark"),
         ("command Nothing", "known|did you mean"),
         ("drag image 1 2", "ITEM X0 Y0 X1 Y1"),
         ("open nowhere.png", "nowhere.png"),
