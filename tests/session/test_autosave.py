@@ -43,7 +43,7 @@ while True:  # goes on editing until it is killed, so that the kill falls into a
     n += 1
     session.look_at("Wipe", wipe=(n % 100) / 100, merge="wipe")
     session.edit("Pattern", drive=np.full(session.drive.shape, (n % 7) / 7, np.float32))
-    time.sleep(0.002)
+    time.sleep(0.1)  # history keeps a limited number of steps: its beginning must not have gone when a save comes
 """
 
 
