@@ -41,6 +41,8 @@ def affordable(bench: Bench, trials: Sequence[Trial], comparison: Comparison) ->
 
     Lost contrast imitates whatever is unknown; pictures of many fields pay only where nothing simpler does as well.
     """
+    if not any(has_many(bench, t) for t in trials):
+        return list(trials)
     left = {id(t): cost_of(comparison, t.values) - comparison.count for t in trials}
     simple = [left[id(t)] for t in trials if not has_many(bench, t)]
     limit = max(_CLEARLY * min(simple, default=math.inf), _BY_CHANCE * comparison.count**0.5)

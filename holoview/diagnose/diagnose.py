@@ -170,8 +170,7 @@ def _causes(bench: Bench, selection: Selection, decision: Decision) -> list[Caus
     rivals = {name: 1.0 for rival in decision.rivals for name in rival.causes if name not in trial.causes}
     causes = []
     for effect in effects:
-        without = {name: values for name, values in trial.values.items() if name != effect.id}
-        before = quality(judged_by, judged_by.fit(without))
+        before = quality(judged_by, judged_by.fit(trial.without(effect.id).values))
         share = (before.chi2 - after.chi2) / max(before.chi2 - 1.0, 1e-9)
         shown = {name: interval for (e, name), interval in found.items() if e == effect.id}
         causes.append(

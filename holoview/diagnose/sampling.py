@@ -13,7 +13,6 @@ from holoview.diagnose.bench import Bench
 from holoview.diagnose.comparison import Comparison, Predicts, Values
 from holoview.diagnose.decide import HALF, Decision, Verdict, quiet, scatter
 from holoview.diagnose.judge import ALARM, Judged, Selection, judged
-from holoview.diagnose.search import Trial
 from holoview.diagnose.split import spread
 from holoview.diagnose.ways import Way
 
@@ -34,9 +33,8 @@ def without_artefacts(bench: Bench, selection: Selection, decision: Decision) ->
     dropped: list[str] = []
     while best is not None and (name := _dispensable(bench, comparison, best)):
         dropped.append(name)
-        values = {k: v for k, v in best.trial.values.items() if k != name}
-        trial = Trial(tuple(c for c in best.causes if c != name), values, 0.0)
-        best = judged(trial, selection.comparison, selection.forgiving) if values else None
+        fewer = best.trial.without(name)
+        best = judged(fewer, selection.comparison, selection.forgiving) if fewer.causes else None
     notes = [f"{name} is not named: other samples of the same bench explain more than it does." for name in dropped]
     if dropped:
         decision = Decision(Verdict.PARTLY if best else Verdict.UNEXPLAINED, best)
@@ -76,8 +74,7 @@ def _dispensable(bench: Bench, comparison: Comparison, best: Judged) -> str | No
     """A cause without which other samples leave less than the model with it, and to which they don't need it either."""
     left = comparison.chi2(best.trial.values)
     for name in reversed(best.causes):
-        others = {k: v for k, v in best.trial.values.items() if k != name}
-        found = resampled(bench, comparison, others)
+        found = resampled(bench, comparison, best.trial.without(name).values)
         if found is None or (left - found[1]) * comparison.count < ALARM:
             continue
         both = resampled(bench, comparison, best.trial.values, [found[0]])

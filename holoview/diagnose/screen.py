@@ -57,6 +57,8 @@ def screen(bench: Bench, base: Found, effects: Sequence[Effect], report: Progres
     """
     off_by = mismatch(bench, base)
     comparison = bench.coarse_comparison(bench.split.coarse, min(off_by, 1.0))
+    some = spread(bench.measured.captures, bench.split.coarse, _SCAN_CAPTURES)
+    few = bench.coarse_comparison(some, min(off_by, 1.0))
     nothing = cost_of(comparison, base)
     ordered = sorted(effects, key=lambda e: (effort(bench, e), e.id))
 
@@ -66,10 +68,10 @@ def screen(bench: Bench, base: Found, effects: Sequence[Effect], report: Progres
 
     def nearly() -> Stage:
         doubled = copies(base, comparison)
-        look = _scanned(bench, base, comparison, doubled)
+        look = _scanned(bench, comparison, few, base, doubled)
         yield _better(bench.map(look, [e for e in ordered if doubled(e)], report, note), nothing)
         best = _promising(bench, base, [e for e in ordered if not doubled(e)], comparison, report, note)
-        yield _better(bench.map(_local(bench, comparison, base, 4), best, report, note), nothing)
+        yield _better(bench.map(_local(bench, comparison, few, base, 4), best, report, note), nothing)
 
     if off_by < _TANGENT_BELOW:
         yield nearly()
@@ -77,8 +79,8 @@ def screen(bench: Bench, base: Found, effects: Sequence[Effect], report: Progres
         if cost_of(blind, base) < _STRAIGHT * blind.count:
             return
     elif off_by < _LOCAL_BELOW:
-        yield batches(_local(bench, comparison, base, 4), note)
-    look = _scanned(bench, base, comparison, _starts(bench, base, comparison))
+        yield batches(_local(bench, comparison, few, base, 4), note)
+    look = _scanned(bench, comparison, few, base, _starts(bench, base, comparison))
     yield batches(look, f"{note}, over its range")
 
 
@@ -110,9 +112,9 @@ def _promising(
     return [effects[k] for k in order if gains[k] > 0]
 
 
-def _local(bench: Bench, comparison: Comparison, base: Found, iterations: int) -> Look:
+def _local(bench: Bench, comparison: Comparison, few: Comparison, base: Found, iterations: int) -> Look:
     """A local fit from the identity; of many fields from the best of a few points."""
-    of_many = _of_many(bench, comparison, base, 1.0)
+    of_many = _of_many(bench, comparison, few, base, 1.0)
 
     def look(effect: Effect) -> Trial:
         if most_beams(bench, effect) >= MANY:
@@ -124,9 +126,9 @@ def _local(bench: Bench, comparison: Comparison, base: Found, iterations: int) -
     return look
 
 
-def _scanned(bench: Bench, base: Found, comparison: Comparison, starts: Hints) -> Look:
+def _scanned(bench: Bench, comparison: Comparison, few: Comparison, base: Found, starts: Hints) -> Look:
     """Scan on a few captures, local fits on all of the comparison's."""
-    few, of_many = _few(bench, base), _of_many(bench, comparison, base, _WORTH_FITTING)
+    of_many = _of_many(bench, comparison, few, base, _WORTH_FITTING)
 
     def look(effect: Effect) -> Trial:
         if most_beams(bench, effect) >= MANY:
@@ -137,12 +139,11 @@ def _scanned(bench: Bench, base: Found, comparison: Comparison, starts: Hints) -
     return look
 
 
-def _of_many(bench: Bench, comparison: Comparison, base: Found, worth: float) -> Look:
+def _of_many(bench: Bench, comparison: Comparison, few: Comparison, base: Found, worth: float) -> Look:
     """Effects whose predictions add many fields: a few points and one fit on a few captures.
 
     The fit is begun only where a point leaves no more than a share `worth` of the cost without the effect.
     """
-    few = _few(bench, base)
 
     def look(effect: Effect) -> Trial:
         points = list(effect.starts(bench.system))
@@ -154,11 +155,6 @@ def _of_many(bench: Bench, comparison: Comparison, base: Found, worth: float) ->
         return replace(found, cost=cost_of(comparison, found.values))
 
     return look
-
-
-def _few(bench: Bench, base: Found) -> Comparison:
-    few = spread(bench.measured.captures, bench.split.coarse, _SCAN_CAPTURES)
-    return bench.coarse_comparison(few, min(1.0, mismatch(bench, base)))
 
 
 def _starts(bench: Bench, base: Found, comparison: Comparison) -> Hints:

@@ -55,6 +55,11 @@ class Trial:
         """How many numbers it takes."""
         return sum(len(values) for values in self.values.values())
 
+    def without(self, name: str) -> Trial:
+        """The same with one cause off, as it is: neither fitted nor compared again."""
+        values = {cause: own for cause, own in self.values.items() if cause != name}
+        return Trial(tuple(cause for cause in self.causes if cause != name), values, float("inf"))
+
 
 def cost_of(comparison: Comparison, values: Mapping[str, Mapping[str, float]]) -> float:
     """Σ residual², infinite where such a bench can't be (a gap below zero, say)."""
@@ -187,8 +192,7 @@ def with_edges(effect: Effect, trial: Trial, comparison: Comparison) -> Trial:
     sharp = _sharp(free)
     if not sharp.any():
         return trial
-    function = residual_of(free, trial.values, comparison)
-    start = Minimum(free.pack(trial.values), trial.cost, comparison.residual(trial.values), 0)
+    function, start = _beginning(free, trial, comparison)
     found = downhill(function, start, free.bounds(), sharp, _FAR_EDGE, _EDGE_EVALUATIONS)
     return Trial(trial.causes, free.unpack(found.x, trial.values), found.cost)
 
@@ -199,14 +203,19 @@ def sharpened(effects: Sequence[Effect], trial: Trial, comparison: Comparison) -
     sharp = _sharp(free)
     if not sharp.any():
         return trial
-    function, bounds = residual_of(free, trial.values, comparison), free.bounds()
-    best = Minimum(free.pack(trial.values), trial.cost, comparison.residual(trial.values), 0)
-    best = downhill(function, best, bounds, sharp, _FIRST_EDGE, _EDGE_EVALUATIONS)
+    (function, start), bounds = _beginning(free, trial, comparison), free.bounds()
+    best = downhill(function, start, bounds, sharp, _FIRST_EDGE, _EDGE_EVALUATIONS)
     if not sharp.all():
         found = levenberg_marquardt(function, best.x, bounds, iterations=_SHARP_ITERATIONS, tolerance=1e-3)
         best = min(best, found, key=lambda m: m.cost)
     best = downhill(function, best, bounds, sharp, _LAST_EDGE, _EDGE_EVALUATIONS)
     return Trial(trial.causes, free.unpack(best.x, trial.values), best.cost)
+
+
+def _beginning(free: Unknowns, trial: Trial, comparison: Comparison) -> tuple[Function, Minimum]:
+    """The residuals as a function of the unknowns, and where a trial lies in it."""
+    at = Minimum(free.pack(trial.values), trial.cost, comparison.residual(trial.values), 0)
+    return residual_of(free, trial.values, comparison), at
 
 
 def _sharp(free: Unknowns) -> NDArray[np.bool_]:
@@ -228,8 +237,7 @@ def looked_along(effects: Sequence[Effect], trial: Trial, comparison: Comparison
     axes = [i for i, (effect, _) in enumerate(free.entries) if each[effect] <= _FEW]
     if not axes or trial.cost < _AT_FLOOR * comparison.count:
         return trial
-    function, bounds = residual_of(free, trial.values, comparison), free.bounds()
-    found = Minimum(free.pack(trial.values), trial.cost, comparison.residual(trial.values), 0)
+    (function, found), bounds = _beginning(free, trial, comparison), free.bounds()
     for axis in axes:
         step = float(bounds.step[axis])
         near = along_axis(function, found.x, bounds, axis, step * np.linspace(-_REACH, _REACH, _POINTS))

@@ -176,11 +176,7 @@ def _pruned(bench: Bench, selection: Selection) -> Selection:
     best = selection.best
     if len(best.causes) < 2:
         return selection
-    fewer = [
-        Trial(tuple(c for c in best.causes if c != out), {k: v for k, v in best.trial.values.items() if k != out}, 0.0)
-        for out in best.causes
-    ]
-    refits = bench.side_by_side([partial(refined, bench, t) for t in fewer])
+    refits = bench.side_by_side([partial(refined, bench, best.trial.without(name)) for name in best.causes])
     return judge(bench, [*(c.trial for c in selection.candidates), *refits])
 
 

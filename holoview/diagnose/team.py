@@ -29,7 +29,7 @@ class Team:
     """So many workers. forks: whether they are processes; None: where that is safe, which is on Linux."""
 
     def __init__(self, workers: int, forks: bool | None = None) -> None:
-        self.workers = workers
+        self.workers = max(1, workers)
         self.forks = (sys.platform == "linux" if forks is None else forks) and workers > 1
 
     def run(self, jobs: Sequence[Callable[[], T]], finished: Finished | None = None) -> list[T]:
