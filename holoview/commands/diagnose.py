@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from pathlib import Path
 
 from holoview import preset
 from holoview.captures import read_captures
 from holoview.captures.rehearsal import rehearse
 from holoview.commands.common import check_folder, check_output, make_folder, progress_bar, say
+from holoview.cores import cores
 from holoview.diagnose.comparison import Values
 from holoview.diagnose.diagnose import diagnose
 from holoview.diagnose.diagnosis import Diagnosis
@@ -64,9 +64,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--points", metavar="N", type=int, help="points each way that a camera pixel averages (default: its samples)"
     )
-    cores = min(os.cpu_count() or 1, _MOST_WORKERS)
+    most = min(cores(), _MOST_WORKERS)
     parser.add_argument(
-        "--workers", metavar="N", type=int, default=cores, help="processes side by side (default: cores, at most 8)"
+        "--workers", metavar="N", type=int, default=most, help="processes side by side (default: cores, at most 8)"
     )
 
 

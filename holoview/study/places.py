@@ -20,6 +20,7 @@ from multiprocessing import get_context
 from typing import Any, Protocol
 
 from holoview import __version__
+from holoview.cores import cores
 from holoview.errors import UserError
 
 _PATIENCE_S = 10.0
@@ -149,11 +150,6 @@ def share_of(shares: Share | dict[str, Share]) -> Share:
     from distributed import get_worker
 
     return shares.get(get_worker().address, Share(1, os.getpid()))
-
-
-def cores() -> int:
-    """CPU cores that this process may use: batch systems give a job some of a machine's."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def check_version(version: str, worker: str) -> None:

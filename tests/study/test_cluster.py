@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from holoview.cores import cores
 from holoview.errors import UserError
 from holoview.study import places
 from holoview.study.runner import Where, run_jobs
@@ -56,7 +57,7 @@ def test_workers_share_their_machine_and_need_the_same_holoview(
     with places.cluster(cluster[0]) as place:
         shares = place._shares  # type: ignore[attr-defined]
         assert sorted(share.number for share in shares.values()) == [0, 1]
-        assert {share.threads for share in shares.values()} == {max(places.cores() // 2, 1)}
+        assert {share.threads for share in shares.values()} == {max(cores() // 2, 1)}
         assert place.submit(_share_there).result() in shares.values()
     monkeypatch.setattr(places, "__version__", "0.0")
     said = r"worker tcp://.*: has holoview .*expected holoview 0\.0, as here"

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from holoview import cli
+from holoview.cores import cores
 from holoview.errors import UserError
 from holoview.study import registry
-from holoview.study.places import Processes, Share, cores
+from holoview.study.places import Processes, Share
 from holoview.study.runner import Where, do_job, run_jobs
 from holoview.study.scale import SCALES
 from holoview.study.store import Store
