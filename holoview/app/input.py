@@ -1,8 +1,9 @@
 """Events of a window for Dear ImGui, at the pace that it can take when frames are slow.
 
 ImGui forgets a drag's last way when the pointer moves and is let go in the same frame: a widget that isn't held any
-more doesn't look where the pointer is. So a release waits until a frame has seen the way to it, and what follows waits
-too.
+more doesn't look where the pointer is. So a release waits until a frame has seen the way to it. And it knows modifiers
+as they are at the end of all that a frame is told: a quick Ctrl+S, let go before the frame, would read S. So a modifier
+waits until a frame has seen what was done with the ones before. What follows waits too.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from holoview.app.keys import key_named, modifier_named
 _NOTCH = 100  # of the wheel, in rendercanvas's units
 KINDS = ("pointer_move", "pointer_down", "pointer_up", "wheel", "key_down", "key_up", "char")
 """The events that are taken, of rendercanvas's."""
+_ACTS = ("pointer_down", "pointer_up", "wheel", "key_down")  # what modifiers change the meaning of
 
 
 class Input:
@@ -25,7 +27,7 @@ class Input:
     def __init__(self) -> None:
         self._later: deque[dict[str, Any]] = deque()
         self._at: tuple[float, float] | None = None
-        self._has_moved = False
+        self._has_moved = self._has_acted = False
 
     @property
     def waits(self) -> bool:
@@ -40,16 +42,20 @@ class Input:
     def after_frame(self) -> None:
         """Goes on with what waited, once ImGui has seen where the pointer went."""
         if not _is_queued():
-            self._has_moved = False
+            self._has_moved = self._has_acted = False
             self._feed()
 
     def _feed(self) -> None:
         while self._later:
-            if self._later[0]["event_type"] == "pointer_up":
-                self._move(self._later[0])
+            event = self._later[0]
+            if event["event_type"] == "pointer_up":
+                self._move(event)
                 if self._has_moved:
                     return
-            _hand_over(event := self._later.popleft())
+            if _is_modifier(event) and self._has_acted:
+                return
+            _hand_over(self._later.popleft())
+            self._has_acted |= event["event_type"] in _ACTS and not _is_modifier(event)
             if event["event_type"] in ("pointer_move", "pointer_down"):
                 self._note(event)
 
@@ -60,6 +66,10 @@ class Input:
 
     def _note(self, event: dict[str, Any]) -> None:
         self._at, self._has_moved = (event["x"], event["y"]), True
+
+
+def _is_modifier(event: dict[str, Any]) -> bool:
+    return event["event_type"] in ("key_down", "key_up") and modifier_named(event["key"]) is not None
 
 
 def _hand_over(event: dict[str, Any]) -> None:

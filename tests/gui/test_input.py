@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from holoview.app.panels.files import FilesPanel
+
 pytestmark = pytest.mark.gpu
 
 TEXT = "compare_side_by_side 0123456789"
@@ -34,6 +36,29 @@ def test_a_drag_within_one_frame_is_the_whole_drag(gui: Any, monkeypatch: pytest
     _draw_on_demand(gui, monkeypatch)
     assert gui.session.look.region is not None
     assert min(gui.session.look.region[2:]) > 10
+
+
+@pytest.mark.parametrize("seen_early", [False, True])
+def test_a_chord_let_go_before_a_frame_keeps_its_modifier(
+    gui: Any, monkeypatch: pytest.MonkeyPatch, seen_early: bool
+) -> None:
+    """However the keys of a quick Ctrl+S, and of the S after it, fall on frames: one saves, the other compares."""
+    gui._submit("key_down", key="Control", modifiers=("Control",))
+    if seen_early:
+        gui.frames()
+    for kind, key in (("key_down", "s"), ("key_up", "Control"), ("key_up", "s")):
+        gui._submit(kind, key=key, modifiers=())
+    _draw_on_demand(gui, monkeypatch)
+    assert gui.app.panel(FilesPanel).dialog.is_open
+    assert gui.session.look.compare == "off"
+
+
+def test_a_letter_before_a_modifier_is_without_it(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    for kind, key in (("key_down", "s"), ("key_down", "Control"), ("key_up", "s"), ("key_up", "Control")):
+        gui._submit(kind, key=key, modifiers=())
+    _draw_on_demand(gui, monkeypatch)
+    assert not gui.app.panel(FilesPanel).dialog.is_open
+    assert gui.session.look.compare == "side-by-side"
 
 
 def _draw_on_demand(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:

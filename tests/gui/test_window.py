@@ -25,7 +25,6 @@ from tests.gui.conftest import small_bench
 SIZE = (900, 700)
 NEEDED = ("Xvfb", "xdotool")
 PATIENCE_S = 120.0
-_PRESSES_S = 10.0
 ITERATIONS = 60  # as the panel has it at first
 
 pytestmark = [
@@ -97,15 +96,12 @@ class Screen:
         time.sleep(2)
         return bool(sum(process.cpu_times()[:2]) - before < 0.3)
 
-    def wait_until(self, is_so: Callable[[], bool], key: str = "") -> None:
-        """Waits for something, while the viewer lives; a key is pressed now and then, as it is dead at times."""
-        until, next_press = time.monotonic() + PATIENCE_S, 0.0
+    def wait_until(self, is_so: Callable[[], bool]) -> None:
+        """Waits for something, while the viewer lives."""
+        until = time.monotonic() + PATIENCE_S
         while not is_so():
             assert self.viewer.poll() is None, self.log
             assert time.monotonic() < until, f"not so in {PATIENCE_S:g} s: {self.log}"
-            if key and time.monotonic() > next_press:
-                self.xdotool("key", key)
-                next_press = time.monotonic() + _PRESSES_S
             time.sleep(0.25)
 
     def wait_for(self, is_so: Callable[[np.ndarray], bool]) -> np.ndarray:
@@ -154,6 +150,10 @@ def _is_busy_inside(rect: tuple[float, float, float, float]) -> Callable[[np.nda
     return lambda picture: bool(picture[y0:y1, x0:x1].std() > 15)
 
 
+def _brightness_of_the_menu_bar(picture: np.ndarray) -> float:
+    return float(picture[4, -50:].mean())
+
+
 def test_a_real_window_draws_answers_rests_and_saves(
     screen: Screen, make_gui: Callable[..., Any], tmp_path: Path
 ) -> None:
@@ -169,9 +169,12 @@ def test_a_real_window_draws_answers_rests_and_saves(
     screen.wait_for(_shows_a_frame_inside(twin.app.rects["image"]))
     saved = Store(tmp_path / "holoview")
     screen.wait_until(lambda: "Optimise" in _labels(saved))  # the quick look at the picture
-    screen.wait_until(lambda: f"Optimise, {ITERATIONS} iterations" in _labels(saved), key="ctrl+Return")
+    screen.xdotool("key", "ctrl+Return")
+    screen.wait_until(lambda: f"Optimise, {ITERATIONS} iterations" in _labels(saved))
+    bar = _brightness_of_the_menu_bar(screen.picture())
     screen.xdotool("key", "ctrl+s")
-    time.sleep(1)  # until the dialog has the keyboard
+    screen.wait_for(lambda picture: abs(_brightness_of_the_menu_bar(picture) - bar) > 10)  # a dialog greys the rest
+    time.sleep(1)  # it has the keyboard a frame later
     screen.xdotool("key", "ctrl+a")
     screen.xdotool("type", "--delay", 20, tmp_path / "mine")
     screen.xdotool("key", "Return")
