@@ -29,8 +29,8 @@ class Cache:
         return made
 
     def fixed(self, key: Hashable, make: Callable[[], torch.Tensor]) -> torch.Tensor:
-        """A part that no effect changes, of a result that is kept as a whole."""
-        return make()
+        """A part that no effect changes, of a result."""
+        return self.get(key, make)
 
 
 class NoCache(Cache):

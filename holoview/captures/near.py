@@ -69,28 +69,33 @@ class NearField:
         key: tuple[Hashable, ...] = (capture, beam.factor, self._light_key(0, beam), self._wave_key(beam))
         last = self._band(1, beam)
         if self.plan.system.gap_m is None:
-            return self.cache.get((*key, "last", last), lambda: self._first(shares[0], beam, last)), last, key
+            return self._first(shares[0], beam, last, capture), last, key
         band = self._band(0, beam)
         arriving_key = (*key, "arriving", self._relay_key(0, beam))
         key = (*arriving_key, self._light_key(1, beam))
 
         def arriving() -> Tensor:
-            spectrum = self._first(shares[0], beam, band) * self._response(0, beam, band)
+            spectrum = self._first(shares[0], beam, band, capture) * self._response(0, beam, band)
             return band.inverse(spectrum, self.plan.grid.shape)
 
         def spectrum() -> Tensor:
             field = self.cache.get(arriving_key, arriving)
-            light = self._surface(1, beam).sampled(self._light(shares[1], 1, beam))
-            return last.forward(field * light)
+            return last.forward(field * self._light(shares[1], 1, beam, capture))
 
         return self.cache.get((*key, "last", last), spectrum), last, key
 
-    def _first(self, share: Tensor, beam: Beam, band: Band) -> Tensor:
-        """Spectrum behind the first modulator, of pixels as long as no effect needs samples."""
-        light, grid = self._light(share, 0, beam), self.plan.grid
+    def _first(self, share: Tensor, beam: Beam, band: Band, capture: int) -> Tensor:
+        """Spectrum behind the first modulator."""
+        key = ("first", capture, beam.factor, self._light_key(0, beam), self._wave_key(beam), band)
+        light = self._light(share, 0, beam, capture)
+        return self.cache.get(key, lambda: self._spectrum(light, tuple(share.shape), beam, band))
+
+    def _spectrum(self, light: Tensor, pixels: tuple[int, ...], beam: Beam, band: Band) -> Tensor:
+        """Spectrum of light, of pixels as long as no effect needs samples, for a beam's direction."""
+        grid = self.plan.grid
         slopes = self.plan.slopes[beam.source, beam.wavelength]
         tilted = bool(slopes.any())
-        if tuple(light.shape) != tuple(share.shape):
+        if tuple(light.shape) != pixels:
             if tilted:
                 light = light * plane_wave(self.plan, beam.wavelength, beam.source, self.dtype, light.device)
             return band.forward(light)
@@ -122,8 +127,15 @@ class NearField:
             upsample=self.plan.grid.upsample,
         )
 
-    def _light(self, share: Tensor, number: int, beam: Beam) -> Tensor:
-        return self.applied.light(share.to(self.real), self._surface(number, beam), self.dtype, beam.factor)
+    def _light(self, share: Tensor, number: int, beam: Beam, capture: int) -> Tensor:
+        """What a modulator makes of light, for every direction of the source; of samples but for the first."""
+
+        def light() -> Tensor:
+            surface = self._surface(number, beam)
+            made = self.applied.light(share.to(self.real), surface, self.dtype, beam.factor)
+            return surface.sampled(made) if number else made
+
+        return self.cache.get(("light", capture, beam.factor, self._light_key(number, beam)), light)
 
     # --- relays -----------------------------------------------------------------------------------------------------
 

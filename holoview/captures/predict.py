@@ -19,7 +19,7 @@ from holoview.captures.look import Pixels
 from holoview.captures.near import Beam, NearField
 from holoview.captures.session import Captures
 from holoview.effects.apply import Applied
-from holoview.effects.effect import Effect
+from holoview.effects.effect import MODULATOR_HOOKS, Effect, Moment
 from holoview.effects.places import Sensor
 from holoview.effects.switched import Table
 from holoview.plan import Plan, make_plan
@@ -27,6 +27,8 @@ from holoview.plan import Plan, make_plan
 Tensor = torch.Tensor
 _MB = 1 << 20
 _PLANS = 256  # plans that are kept: a few for each wavelength and plane
+_PICTURES_MB = 16  # of finished pictures: those of many fields push their own parts out of the large cache
+_LIGHT_HOOKS = ("bench", *MODULATOR_HOOKS, "pupil", "moments", "aim")
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class Predictor:
         self.pixels = Pixels(captures.camera.pitch_m, captures.shape, points)
         self.sensor = Sensor(captures.camera.pitch_m, captures.shape)
         self.fields = 0
-        self._cache = Cache(cache_mb * _MB)
+        self._cache, self._pictures = Cache(cache_mb * _MB), Cache(min(cache_mb, _PICTURES_MB) * _MB)
         self._plans: dict[object, Plan] = {}
         self._shares: dict[int, Tensor] = {}
 
@@ -81,17 +83,21 @@ class Predictor:
         applied = Applied(effects or {}, self.extra)
         offset = self.captures.camera.black_level + applied.offset()
         with torch.set_grad_enabled(grad):
-            cache = NoCache(self._cache) if grad else self._cache
-            signals = [self._signal(int(k), applied, cache) for k in indices]
+            caches = [NoCache(kept) if grad else kept for kept in (self._cache, self._pictures)]
+            signals = [self._signal(int(k), applied, *caches) for k in indices]
             return Prediction(torch.stack(signals), offset)
 
-    def _signal(self, k: int, applied: Applied, cache: Cache) -> Tensor:
-        captures = self.captures
-        plan = self._plan(k, applied)
+    def _signal(self, k: int, applied: Applied, cache: Cache, pictures: Cache) -> Tensor:
+        captures, plan, moments = self.captures, self._plan(k, applied), applied.moments()
+        self.fields += len(plan.system.wavelengths_m) * len(plan.slopes) * len(moments)
+        picture = pictures.get((k, applied.key(*_LIGHT_HOOKS)), lambda: self._picture(k, plan, applied, moments, cache))
+        light = float(applied.power(captures.power[k]) * captures.exposure_s[k])
+        return applied.image(picture * light, self.sensor)
+
+    def _picture(self, k: int, plan: Plan, applied: Applied, moments: Sequence[Moment], cache: Cache) -> Tensor:
+        """Intensity on the camera for unit power and time: of all beams."""
         bench = self._bench(plan, applied, cache)
         total: Tensor | None = None
-        moments = applied.moments()
-        self.fields += len(plan.system.wavelengths_m) * len(plan.slopes) * len(moments)
         for wavelength in range(len(plan.system.wavelengths_m)):
             for source in range(len(plan.slopes)):
                 for weight, factor in moments:
@@ -100,8 +106,7 @@ class Predictor:
                     part = bench.intensity(self._drive(k), beam, k)
                     total = share * part if total is None else total.add_(part, alpha=share)
         assert total is not None
-        light = float(applied.power(captures.power[k]) * captures.exposure_s[k])
-        return applied.image(total * light, self.sensor)
+        return total
 
     def _plan(self, k: int, applied: Applied) -> Plan:
         wavelength, distance = float(self.captures.wavelength_m[k]), float(self.captures.distance_m[k])

@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.captures.session import Captures
+from holoview.diagnose.beams import VERY_MANY, beams
 from holoview.diagnose.bench import Bench, PerThread, Progress, same_physics
 from holoview.diagnose.comparison import Values
 from holoview.diagnose.confounds import correlations, separating
@@ -164,7 +165,8 @@ def _causes(bench: Bench, selection: Selection, decision: Decision) -> list[Caus
     fitted = bench.judged_by(bench.split.fine, trial.values)
     at = tangent(trial, effects, fitted)
     found = intervals(trial, at, fitted)
-    few = bench.judged_by(bench.split.coarse[[0, -1]], trial.values)
+    one_or_two = [0] if beams(bench, trial.values) >= VERY_MANY else [0, -1]
+    few = bench.judged_by(bench.split.coarse[one_or_two], trial.values)
     alike = correlations(bench, trial, tangent(trial, effects, few), few)
     separate = separating(bench, decision.best, decision.rivals[0]) if decision.rivals else None
     rivals = {name: 1.0 for rival in decision.rivals for name in rival.causes if name not in trial.causes}

@@ -24,7 +24,7 @@ from holoview.effects.effect import Effect
 _SHORT_LIST, _CLOSE_SECONDS, _CLOSE = 3, 2, 1.3
 _BASES, _SECONDS, _MOST_CAUSES = 3, 3, 3
 FLOOR = 1.05  # χ²/n at which nothing worth a further cause is left
-_REFINED, _ALONG = 2, 2
+_REFINED, _ALONG, _NEARBY = 2, 2, 0.2
 _AS_GOOD = 1.05  # cost that is as good as another on coarse captures
 _SETTLED, _SETTLED_SHARE = 0.1, 0.05  # χ²/n − 1, and of the nominal one: so close, scans over ranges bring nothing
 _NO_SCAN = 2.0  # χ²/n of two causes on coarse captures, likewise
@@ -122,10 +122,10 @@ def _short_list(trials: list[Trial]) -> list[Trial]:
 
 
 def _with_fine(bench: Bench, selection: Selection) -> Selection:
-    """The best candidate with its fine parameters freed, where it isn't at the floor yet and they help."""
+    """The best candidate with its fine parameters freed, where it is near but not at the floor, and they help."""
     best = selection.best
     effects = [bench.effects[name] for name in best.causes]
-    if best.chi2 < _EARLY or not any(p.fine for e in effects for p in e.parameters):
+    if best.chi2 < _EARLY or not any(p.fine for e in effects for p in e.parameters) or not _is_near(bench, best.trial):
         return selection
     freed = refined(bench, best.trial, fine=True)
     again = judged(freed, selection.comparison, selection.forgiving)
@@ -135,9 +135,13 @@ def _with_fine(bench: Bench, selection: Selection) -> Selection:
 
 
 def _closer(bench: Bench, selection: Selection) -> Selection:
-    """The best candidates looked for along their axes, twice, where they stopped short of the floor."""
+    """The best candidates looked for along their axes, twice, where they stopped short of the floor, but not far off.
+
+    What is far off lacks a cause: the best values of what it has would be others with it.
+    """
     for _ in range(2):
-        leaders = [c.trial for c in selection.candidates[:_ALONG] if beams(bench, c.trial.values) < VERY_MANY]
+        best = [c.trial for c in selection.candidates[:_ALONG] if beams(bench, c.trial.values) < VERY_MANY]
+        leaders = [t for t in best if _is_near(bench, t)]
         if selection.best.chi2 < FLOOR or not leaders:
             break
         closer = bench.side_by_side([partial(searched_along, bench, t) for t in leaders])
@@ -146,6 +150,11 @@ def _closer(bench: Bench, selection: Selection) -> Selection:
             break
         selection = judge(bench, [*better, *(c.trial for c in selection.candidates)])
     return selection
+
+
+def _is_near(bench: Bench, trial: Trial) -> bool:
+    """Whether a trial leaves a small part of what the nominal bench does."""
+    return mismatch(bench, trial.values) < _NEARBY * mismatch(bench, {})
 
 
 def _is_done(bench: Bench, selection: Selection) -> bool:
