@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import holoview as hv
 from holoview.captures import Camera, Captures, Panel, read_captures
+from holoview.captures.near import NearField
 from holoview.captures.predict import Predictor, predict
 from holoview.errors import UserError
 
@@ -102,6 +103,20 @@ def test_what_is_kept_never_stands_for_something_else() -> None:
     for number in rng.integers(0, len(tables), 60):
         k = int(rng.integers(0, 3))
         assert torch.equal(shared([k], tables[number]).signal, Predictor(captures)([k], tables[number]).signal), number
+
+
+def test_a_picture_of_many_fields_is_kept_though_they_push_each_other_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    computed: list[int] = []
+    intensity = NearField.intensity
+    monkeypatch.setattr(NearField, "intensity", lambda *given: computed.append(1) or intensity(*given))
+    predictor, effects = Predictor(_session(), cache_mb=1), {"source_extent": {"radius": 2e-3}}
+    first = predictor([0, 1, 2], effects).signal
+    many = len(computed)
+    assert many > 40
+    assert torch.equal(predictor([0, 1, 2], {**effects, "camera_black": {"black": 3.0}}).signal, first)
+    assert len(computed) == many
+    predictor([0], {"source_extent": {"radius": 2.1e-3}})
+    assert len(computed) > many
 
 
 @pytest.mark.parametrize("capture", [0, 9, 16, 31])
