@@ -14,7 +14,7 @@ from holoview import load
 from holoview.app.panel import Panel
 from holoview.app.panels import ALL
 from holoview.app.panels.focus import FocusPanel
-from holoview.session.look import Side
+from holoview.session.look import NOW, Side
 from tests.gui.conftest import small_bench
 
 pytestmark = pytest.mark.gpu
@@ -221,6 +221,17 @@ def test_a_snapshot_is_renamed_in_its_field_and_still_compared_with(make_gui: Ca
     assert gui.last_message() == ""
     assert enter("Target", "before", "Enter") == ["before", "Target"]
     assert "isn't taken" in gui.last_message()
+
+
+def test_a_snapshot_is_forgotten_by_its_button(make_gui: Callable[..., Any]) -> None:
+    gui = make_gui(size=(900, 900))
+    kept, gone = gui.session.pin(), gui.session.pin()
+    gui.session.look_at("Compare", a=Side("snapshot", gone), b=Side("snapshot", kept))
+    gui.app.show("View")
+    gui.frames(3)
+    gui.click(gui.where(f"forget {gone}"))
+    assert list(gui.session.snapshots) == [kept]
+    assert (gui.session.look.a, gui.session.look.b) == (NOW, Side("snapshot", kept))
 
 
 # --- the app --------------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Every edit, newest last; a click goes there. Snapshots to compare with."""
+"""Every edit, newest last; a click goes there."""
 
 from __future__ import annotations
 

@@ -128,6 +128,10 @@ class LookPanel(Panel):
 
 def _draw_snapshot(app: App, name: str) -> None:
     imgui.push_id(name)
+    is_forgotten = imgui.button("×")
+    app.mark(f"forget {name}")
+    tip("Forgets this snapshot; what compares with it compares with the present.")
+    imgui.same_line()
     _, text = imgui.input_text("snapshot", name)
     imgui.pop_id()
     app.mark(f"snapshot {name}")
@@ -135,6 +139,8 @@ def _draw_snapshot(app: App, name: str) -> None:
     tip("The name of a snapshot: type another; Enter takes it over, Escape leaves it.")
     if is_done and text.strip() != name:
         app.attempt(app.session.rename, name, text.strip())
+    if is_forgotten:
+        app.session.unpin(name)
 
 
 def _slider(app: App, key: str, value: float, low: float, high: float, text: str, reset: float, doc: str) -> bool:
