@@ -24,7 +24,9 @@ from holoview.effects.effect import Effect
 _SHORT_LIST, _CLOSE_SECONDS, _CLOSE = 3, 2, 1.3
 _BASES, _SECONDS, _MOST_CAUSES = 3, 3, 3
 FLOOR = 1.05  # χ²/n at which nothing worth a further cause is left
-_REFINED, _ALONG, _NEARBY = 2, 2, 0.2
+_REFINED, _ALONG = 2, 2
+_NEARBY, _HARDLY = 0.2, 0.02  # r.m.s. residual: of the nominal bench's; over mean light
+_HELPS = 0.9  # of the nominal excess: what leaves more explains nothing
 _AS_GOOD = 1.05  # cost that is as good as another on coarse captures
 _SETTLED, _SETTLED_SHARE = 0.1, 0.05  # χ²/n − 1, and of the nominal one: so close, scans over ranges bring nothing
 _NO_SCAN = 2.0  # χ²/n of two causes on coarse captures, likewise
@@ -140,8 +142,8 @@ def _closer(bench: Bench, selection: Selection) -> Selection:
     What is far off lacks a cause: the best values of what it has would be others with it.
     """
     for _ in range(2):
-        best = [c.trial for c in selection.candidates[:_ALONG] if beams(bench, c.trial.values) < VERY_MANY]
-        leaders = [t for t in best if _is_near(bench, t)]
+        some = [c.trial for c in selection.candidates[:_ALONG] if c.excess < _HELPS * selection.nominal.excess]
+        leaders = [t for t in some if beams(bench, t.values) < VERY_MANY and _is_near(bench, t)]
         if selection.best.chi2 < FLOOR or not leaders:
             break
         closer = bench.side_by_side([partial(searched_along, bench, t) for t in leaders])
@@ -153,8 +155,8 @@ def _closer(bench: Bench, selection: Selection) -> Selection:
 
 
 def _is_near(bench: Bench, trial: Trial) -> bool:
-    """Whether a trial leaves a small part of what the nominal bench does."""
-    return mismatch(bench, trial.values) < _NEARBY * mismatch(bench, {})
+    """Whether a trial leaves hardly anything, or a small part of what the nominal bench does."""
+    return mismatch(bench, trial.values) < max(_HARDLY, _NEARBY * mismatch(bench, {}))
 
 
 def _is_done(bench: Bench, selection: Selection) -> bool:
