@@ -52,10 +52,11 @@ class Input:
                 self._move(event)
                 if self._has_moved:
                     return
-            if _is_modifier(event) and self._has_acted:
+            is_modifier = _is_modifier(event)
+            if is_modifier and self._has_acted:
                 return
             _hand_over(self._later.popleft())
-            self._has_acted |= event["event_type"] in _ACTS and not _is_modifier(event)
+            self._has_acted |= event["event_type"] in _ACTS and not is_modifier
             if event["event_type"] in ("pointer_move", "pointer_down"):
                 self._note(event)
 

@@ -85,17 +85,16 @@ class NearField:
         return self.cache.get((*key, "last", last), spectrum), last, key
 
     def _first(self, share: Tensor, beam: Beam, band: Band, capture: int) -> Tensor:
-        """Spectrum behind the first modulator."""
+        """Spectrum behind the first modulator, kept."""
         key = ("first", capture, beam.factor, self._light_key(0, beam), self._wave_key(beam), band)
-        light = self._light(share, 0, beam, capture)
-        return self.cache.get(key, lambda: self._spectrum(light, tuple(share.shape), beam, band))
+        return self.cache.get(key, lambda: self._spectrum(share, beam, band, capture))
 
-    def _spectrum(self, light: Tensor, pixels: tuple[int, ...], beam: Beam, band: Band) -> Tensor:
-        """Spectrum of light, of pixels as long as no effect needs samples, for a beam's direction."""
-        grid = self.plan.grid
+    def _spectrum(self, share: Tensor, beam: Beam, band: Band, capture: int) -> Tensor:
+        """Spectrum behind the first modulator, of pixels as long as no effect needs samples."""
+        light, grid = self._light(share, 0, beam, capture), self.plan.grid
         slopes = self.plan.slopes[beam.source, beam.wavelength]
         tilted = bool(slopes.any())
-        if tuple(light.shape) != pixels:
+        if tuple(light.shape) != tuple(share.shape):
             if tilted:
                 light = light * plane_wave(self.plan, beam.wavelength, beam.source, self.dtype, light.device)
             return band.forward(light)

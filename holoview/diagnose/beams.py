@@ -41,12 +41,13 @@ def affordable(bench: Bench, trials: Sequence[Trial], comparison: Comparison) ->
 
     Lost contrast imitates whatever is unknown; pictures of many fields pay only where nothing simpler does as well.
     """
-    if not any(has_many(bench, t) for t in trials):
+    many = {id(t): has_many(bench, t) for t in trials}
+    if not any(many.values()):
         return list(trials)
     left = {id(t): cost_of(comparison, t.values) - comparison.count for t in trials}
-    simple = [left[id(t)] for t in trials if not has_many(bench, t)]
+    simple = [left[id(t)] for t in trials if not many[id(t)]]
     limit = max(_CLEARLY * min(simple, default=math.inf), _BY_CHANCE * comparison.count**0.5)
-    return [t for t in trials if left[id(t)] <= limit or not has_many(bench, t)]
+    return [t for t in trials if left[id(t)] <= limit or not many[id(t)]]
 
 
 def has_many(bench: Bench, trial: Trial) -> bool:

@@ -142,9 +142,11 @@ def _closer(bench: Bench, selection: Selection) -> Selection:
     What is far off lacks a cause: the best values of what it has would be others with it.
     """
     for _ in range(2):
+        if selection.best.chi2 < FLOOR:
+            break
         some = [c.trial for c in selection.candidates[:_ALONG] if c.excess < _HELPS * selection.nominal.excess]
         leaders = [t for t in some if beams(bench, t.values) < VERY_MANY and _is_near(bench, t)]
-        if selection.best.chi2 < FLOOR or not leaders:
+        if not leaders:
             break
         closer = bench.side_by_side([partial(searched_along, bench, t) for t in leaders])
         better = [new for new, old in zip(closer, leaders, strict=True) if new.values != old.values]
