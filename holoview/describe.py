@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from holoview.errors import UserError, near_matches
-from holoview.schema import Coefficients, EffectTable, Kind
+from holoview.schema import Kind, Table
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,9 +124,7 @@ def edited(instance: Any, changes: Mapping[str, Any]) -> Any:
 def _edited_inside(kind: Kind, value: Any, changes: Mapping[str, Any], where: str) -> Any:
     if isinstance(kind, Items):
         return _edited_entries(kind, value, changes, where)
-    if isinstance(kind, Coefficients):
-        return kind.read({**kind.write(value), **changes}, where)
-    if isinstance(kind, EffectTable):
+    if isinstance(kind, Table):
         return kind.edited(value, changes, where)
     if not isinstance(kind, Item):
         raise UserError(f"{where}.{next(iter(changes))}", "unknown key", remedy=f"{where} has no parts")

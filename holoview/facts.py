@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from holoview import units
+from holoview.effects.switched import Switched
 from holoview.optimise.memory import peak_bytes
 from holoview.plan import Plan, band_limit, make_plan, walk_off
 from holoview.system import Relay, System
@@ -152,8 +153,6 @@ def _effects(system: System) -> list[Fact]:
     """What the bench does beyond the plain model, in words."""
     if not system.effects:
         return []
-    from holoview.effects.switched import Switched  # here: only benches with effects load them
-
     switched = Switched(system.effect_values)
     said = [Fact("effects", one.id, one.sentence(system, dict(v))) for one, v in switched.on]
     camera = [one.id for one in switched.of_camera()]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import observer_weights
+from holoview.effects.switched import Switched
 from holoview.errors import UserError
 from holoview.grid import frequency_indices, good_size, is_good_size
 from holoview.system import PLANES, Relay, Sampling, System
@@ -148,8 +149,6 @@ def make_plan(system: System, planes: Sequence[float | str] | NDArray[np.float64
 
 def _as_built(system: System) -> tuple[System, tuple[float, ...]]:
     """The bench with its effects, and the moments of an exposure."""
-    from holoview.effects.switched import Switched  # here: only benches with effects load them
-
     switched = Switched(system.effect_values)
     return switched.as_built(system), tuple(factor for _, factor in switched.moments())
 

@@ -14,6 +14,8 @@ from typing import Any
 import tomli_w
 
 from holoview import describe
+from holoview.effects.parameter import FileParameter
+from holoview.effects.registry import effect
 from holoview.errors import UserError, near_matches
 from holoview.files import data_dir, replacing
 from holoview.shorthand import expand_table
@@ -113,9 +115,6 @@ def _with_files(table: dict[str, Any], folder: Path, change: Callable[[str, Path
     effects = table.get("effects")
     if not isinstance(effects, dict):
         return table
-    from holoview.effects.parameter import FileParameter  # here: only presets with effects load them
-    from holoview.effects.registry import effect
-
     changed: dict[str, Any] = {}
     for name, values in effects.items():
         files = {p.name for p in effect(name).parameters if isinstance(p, FileParameter)}

@@ -9,15 +9,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview import units
-from holoview.errors import UserError, near_matches
-
-EffectPairs = tuple[tuple[str, tuple[tuple[str, Any], ...]], ...]
+from holoview.errors import UserError
 
 
 class Kind(Protocol):
@@ -26,6 +24,13 @@ class Kind(Protocol):
     def read(self, value: Any, where: str) -> Any: ...
 
     def write(self, value: Any) -> Any: ...
+
+
+@runtime_checkable
+class Table(Kind, Protocol):
+    """A kind whose value is a table of named entries, which can be changed one by one."""
+
+    def edited(self, value: Any, changes: Mapping[str, Any], where: str) -> Any: ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -186,49 +191,15 @@ class Coefficients:
     def write(self, value: tuple[tuple[int, float], ...]) -> dict[str, Any]:
         return {f"{self.prefix}{index}": self.item.write(x) for index, x in value}
 
+    def edited(self, value: tuple[tuple[int, float], ...], changes: Mapping[str, Any], where: str) -> Any:
+        """With some terms changed: {"Z4": "50 nm"}."""
+        return self.read({**self.write(value), **changes}, where)
+
     def _index(self, key: Any, where: str) -> int:
         digits = str(key).removeprefix(self.prefix)
         if not (digits.isascii() and digits.isdigit()) or not 1 <= int(digits) <= self.highest:
             raise UserError(where, f'"{key}"', expected=f"{self.prefix}1 to {self.prefix}{self.highest}")
         return int(digits)
-
-
-@dataclasses.dataclass(frozen=True)
-class EffectTable:
-    """Effects that are switched on, {id: {parameter: value}}; kept as sorted (id, ((parameter, SI value), …)) pairs."""
-
-    def read(self, value: Any, where: str) -> EffectPairs:
-        table = dict(value) if isinstance(value, tuple) else value
-        if not isinstance(table, Mapping):
-            raise UserError(where, f"{value!r}", expected='tables such as [effects.gap] gap_error = "0.1 mm"')
-        return tuple((name, self._values(name, table[name], f"{where}.{name}")) for name in sorted(table))
-
-    def write(self, value: EffectPairs) -> dict[str, Any]:
-        return {name: {key: self._known(name)[key].write(x) for key, x in pairs} for name, pairs in value}
-
-    def edited(self, value: EffectPairs, changes: Mapping[str, Any], where: str) -> EffectPairs:
-        """With some values changed: {"gap.gap_error": "0.1 mm"} or {"gap": {…}}."""
-        table: dict[str, Any] = {name: dict(pairs) for name, pairs in value}
-        for key, change in changes.items():
-            name, _, parameter = key.partition(".")
-            table[name] = {**table.get(name, {}), parameter: change} if parameter else change
-        return self.read(table, where)
-
-    def _values(self, name: str, given: Any, where: str) -> tuple[tuple[str, Any], ...]:
-        values = dict(given) if isinstance(given, tuple) else given
-        if not isinstance(values, Mapping):
-            raise UserError(where, f"{given!r}", expected="a table of its parameters")
-        known = self._known(name)
-        for key in values:
-            if key not in known:
-                raise UserError(f"{where}.{key}", "unknown parameter", remedy=near_matches(key, known))
-        return tuple((key, known[key].read(values[key], f"{where}.{key}")) for key in sorted(values))
-
-    @staticmethod
-    def _known(name: str) -> dict[str, Any]:
-        from holoview.effects.registry import effect  # here: effects describe changes of a System, which holds this
-
-        return {parameter.name: parameter for parameter in effect(name).parameters}
 
 
 def _is_scalar(value: Any) -> bool:

@@ -5,8 +5,8 @@ Both presets and edits pass through here; what comes out has only the fields of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,25 @@ from holoview.colour import observer_weights, white_amplitudes
 from holoview.errors import UserError
 from holoview.schema import Array, Count, Number
 
-if TYPE_CHECKING:
-    from holoview.system import System
+
+class Bench(Protocol):
+    """What an edit's shorthands need to know of the `System` that is edited."""
+
+    @property
+    def modulators(self) -> Sequence[Any]: ...
+
+    @property
+    def wavelengths_m(self) -> NDArray[np.float64]: ...
+
+    @property
+    def amplitudes(self) -> NDArray[np.float64]: ...
+
+    @property
+    def frames(self) -> int: ...
+
+    @property
+    def observer(self) -> str: ...
+
 
 _EVERY_MODULATOR = ("pitch", "shape", "stroke", "levels")
 _SAMPLING = ("upsample", "propagation", "padding")
@@ -54,7 +71,7 @@ def expand_table(table: Mapping[str, Any]) -> dict[str, Any]:
     return out
 
 
-def expand_edit(system: System, changes: Mapping[str, Any]) -> dict[str, Any]:
+def expand_edit(system: Bench, changes: Mapping[str, Any]) -> dict[str, Any]:
     """Edits of a system with shorthands written out: modulator keys without index, sampling keys, white balance."""
     out: dict[str, Any] = {}
     for key, value in changes.items():
@@ -86,7 +103,7 @@ def _single(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _white_edit(
-    system: System, out: Mapping[str, Any], wavelengths: NDArray[np.float64], frames: Any
+    system: Bench, out: Mapping[str, Any], wavelengths: NDArray[np.float64], frames: Any
 ) -> NDArray[np.float64]:
     if out["amplitudes"] != "white":
         raise UserError("amplitudes", f'"{out["amplitudes"]}"', expected='a table (frame, wavelength) or "white"')

@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 
 from holoview import describe, units
 from holoview.describe import Item, Items, param
+from holoview.effects.table import EffectPairs, EffectTable
 from holoview.errors import UserError
-from holoview.schema import Array, Choice, Coefficients, Count, EffectPairs, EffectTable, Number, Shape
+from holoview.schema import Array, Choice, Coefficients, Count, Number, Shape
+from holoview.shorthand import expand_edit
 
 Floats = NDArray[np.float64]
 
@@ -281,8 +283,6 @@ class System(_Description):
         `pitch`, `shape`, `stroke` and `levels` change every modulator; amplitudes="white" balances the lasers.
         Raises UserError for unknown keys and impossible values.
         """
-        from holoview.shorthand import expand_edit
-
         edited: System = describe.edited(self, expand_edit(self, changes))
         return edited
 

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from holoview.optics.propagate import relay_response
-from holoview.optics.slm import upsampled
+from holoview.optics.resample import upsampled
 from holoview.optics.slots import Slots
 from holoview.plan import Plan
 

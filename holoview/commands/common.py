@@ -18,8 +18,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from holoview import preset
+from holoview.effects.registry import load_user_effects
+from holoview.effects.switched import Switched
+from holoview.effects.table import EffectTable
 from holoview.errors import UserError
-from holoview.schema import EffectTable
 from holoview.scheme import with_scheme
 from holoview.system import System
 
@@ -71,8 +73,6 @@ def add_effects(parser: argparse.ArgumentParser, dest: str = "effects") -> None:
 
 def effects_of(texts: list[str]) -> dict[str, dict[str, float]]:
     """The values that --effects states, {id: {parameter: SI value}}; files are run first, and it says so."""
-    from holoview.effects.registry import load_user_effects
-
     files = [text for text in texts if text.endswith(".py") and "=" not in text]
     for file in files:
         say(f"running {file} for its effects")
@@ -151,8 +151,6 @@ def warn_of_camera_effects(system: System) -> None:
     """Says which of the bench's effects change what a camera records and nothing that is shown here."""
     if not system.effects:
         return
-    from holoview.effects.switched import Switched
-
     if camera := [one.id for one in Switched(system.effect_values).of_camera()]:
         say(f"note: {', '.join(camera)} belong to the camera that took captures; eyes don't look through it")
 

@@ -25,12 +25,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from holoview.effects.parameter import Parameter, Values
-from holoview.system import System
 
 if TYPE_CHECKING:
     from torch import Tensor
 
     from holoview.effects.places import Aperture, Pose, Sensor, Surface
+    from holoview.system import System
 
 Moment = tuple[float, float]
 

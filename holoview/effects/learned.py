@@ -28,8 +28,8 @@ from torch.nn.functional import interpolate
 
 from holoview.effects.places import Aperture, Surface
 from holoview.errors import UserError
-from holoview.optics.pupil import zernike
 from holoview.optics.resample import centred, sampled_at
+from holoview.optics.zernike import zernike
 
 Tensor = torch.Tensor
 Pair = tuple[int, int]

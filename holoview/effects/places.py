@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import torch
 
-from holoview.optics.pupil import zernike
-from holoview.optics.resample import blurred, centred, warped
-from holoview.optics.slm import upsampled
+from holoview.optics.resample import blurred, centred, upsampled, warped
+from holoview.optics.zernike import zernike
 
 Tensor = torch.Tensor
 

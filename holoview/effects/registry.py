@@ -13,10 +13,10 @@ from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 
-import holoview.effects as package
 from holoview.effects.effect import Effect
 from holoview.errors import UserError, near_matches
 
+_LIBRARY = "holoview.effects"
 _OWN_MODULES = "holoview_user_effects"
 _own: dict[str, Effect] = {}
 
@@ -74,8 +74,8 @@ def _everything() -> Mapping[str, Effect]:
 @cache
 def _library() -> Mapping[str, Effect]:
     found: dict[str, Effect] = {}
-    for info in pkgutil.iter_modules(package.__path__):
-        for one in _effects_of(import_module(f"{package.__name__}.{info.name}")):
+    for info in pkgutil.iter_modules(import_module(_LIBRARY).__path__):
+        for one in _effects_of(import_module(f"{_LIBRARY}.{info.name}")):
             _check(one, info.name)
             found[one.id] = one
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from holoview.effects.effect import CAMERA_HOOKS, Effect, Facts, Moment
 from holoview.effects.parameter import Values
 from holoview.effects.registry import effect, is_own
 from holoview.errors import UserError
-from holoview.system import System
+
+if TYPE_CHECKING:
+    from holoview.system import System
 
 Table = Mapping[str, Mapping[str, Any]]
 

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from holoview.engine.frame import run_stages
 from holoview.optics.propagate import relay_response
-from holoview.optics.slm import phasor, upsampled
+from holoview.optics.resample import upsampled
+from holoview.optics.slm import phasor
 from holoview.optics.slots import Slots
 from holoview.optics.source import plane_wave
 from holoview.plan import Plan

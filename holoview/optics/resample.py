@@ -18,6 +18,11 @@ def centred(n: int, dtype: torch.dtype, device: torch.device) -> Tensor:
     return torch.arange(n, dtype=dtype, device=device) - (n - 1) / 2
 
 
+def upsampled(pixels: Tensor, factor: int) -> Tensor:
+    """Nearest-neighbour upsampling of the last two axes: a pixel is a square of constant value (fill factor 1)."""
+    return pixels.repeat_interleave(factor, dim=-2).repeat_interleave(factor, dim=-1)
+
+
 def blurred(values: Tensor, sigma: float | Tensor) -> Tensor:
     """A real map (y, x) convolved with a Gaussian of `sigma` samples, the edge continued outwards.
 

@@ -47,11 +47,6 @@ def phasor(opd_m: torch.Tensor, wavelength_m: float, dtype: torch.dtype) -> torc
     return torch.complex(torch.cos(phase), torch.sin(phase))
 
 
-def upsampled(pixels: torch.Tensor, factor: int) -> torch.Tensor:
-    """Nearest-neighbour upsampling of the last two axes: a pixel is a square of constant value (fill factor 1)."""
-    return pixels.repeat_interleave(factor, dim=-2).repeat_interleave(factor, dim=-1)
-
-
 def pixel_response(padded: int, upsample: int, slope: float) -> torch.Tensor:
     """Spectrum of one pixel along one side, (padded,) complex128: Σ_j exp(2πi·j·(slope − k/padded)), j < upsample.
 

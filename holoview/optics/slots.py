@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from holoview.effects.dense import DenseLight, added_pupil
 from holoview.errors import UserError
 from holoview.optics.plain import PlainSlots, check_numbers, check_values
 from holoview.optics.pupil import pupil
@@ -75,8 +76,6 @@ def relay_pupil(plan: Plan, relay: int, wavelength: int) -> torch.Tensor | None:
     own = pupil(plan, relay, wavelength, torch.complex128, torch.device("cpu"))
     if not plan.nominal.effects:
         return own
-    from holoview.effects.dense import added_pupil  # here: only benches with effects load them
-
     added = added_pupil(plan, relay, wavelength)
     if own is None or added is None:
         return added if own is None else own
@@ -86,8 +85,6 @@ def relay_pupil(plan: Plan, relay: int, wavelength: int) -> torch.Tensor | None:
 def _lights(plan: Plan, drive: torch.Tensor) -> Lights | None:
     if not plan.nominal.effects:
         return None
-    from holoview.effects.dense import DenseLight  # here: only benches with effects load them
-
     light = DenseLight(plan, drive)
     return light if light.is_any_dense else None
 

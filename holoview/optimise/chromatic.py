@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from holoview.optics.slm import phasor, upsampled
+from holoview.optics.resample import upsampled
+from holoview.optics.slm import phasor
 from holoview.optics.source import plane_wave
 
 if TYPE_CHECKING:

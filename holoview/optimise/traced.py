@@ -12,7 +12,8 @@ from __future__ import annotations
 import torch
 
 from holoview.effects.dense import DenseLight
-from holoview.optics.slm import phasor, upsampled
+from holoview.optics.resample import upsampled
+from holoview.optics.slm import phasor
 from holoview.optics.source import plane_wave
 from holoview.optimise.model import Model
 from holoview.optimise.quantise import Jumps

@@ -7,7 +7,7 @@ import torch
 
 from holoview.effects.places import Surface
 from holoview.effects.registry import effect
-from holoview.optics.pupil import zernike
+from holoview.optics.zernike import zernike
 
 
 def test_defocus_is_a_bowl_over_the_circle_around_the_modulator() -> None:

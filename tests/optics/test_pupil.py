@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from holoview.optics.propagate import support_mask, transfer_function
-from holoview.optics.pupil import noll_orders, pupil, zernike
+from holoview.optics.pupil import pupil
+from holoview.optics.zernike import noll_orders, zernike
 from holoview.plan import Plan, make_plan
 from holoview.system import Modulator, Relay, Sampling, System
 

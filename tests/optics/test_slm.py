@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import torch
 
+from holoview.optics.resample import upsampled
 from holoview.optics.slm import (
     folded,
     level_numbers,
@@ -17,7 +18,6 @@ from holoview.optics.slm import (
     pixel_response,
     pooled,
     summed,
-    upsampled,
 )
 from holoview.system import Modulator
 
