@@ -45,8 +45,8 @@ class Helper:
 
     @property
     def has_ended(self) -> bool:
-        """Whether no more answers will come."""
-        return not self._reader.is_alive() and self._answers.empty()
+        """Whether the process is over and its last answer was taken."""
+        return not self._reader.is_alive() and self._process.poll() is not None and self._answers.empty()
 
     @property
     def was_late(self) -> bool:

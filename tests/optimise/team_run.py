@@ -36,14 +36,21 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 }
 
 
-def run(case: str, team: Team) -> dict[str, np.ndarray]:
-    """Losses of the iterations, and the best hologram."""
+PROBED = "encoded"
+PROBES = 3
+_ROUNDING = 64 * np.finfo(np.float64).eps
+
+
+def run(case: str, team: Team, probe: int | None = None) -> dict[str, np.ndarray]:
+    """Losses of the iterations, and the best hologram; for a probe's seed, of a target with its last digits changed."""
     changes, settings = CASES[case]
     system = small_bench(**changes)
     rows, columns = make_plan(system).grid.shape
     y, x = np.mgrid[0:rows, 0:columns] / max(rows, columns)
     image = 0.3 + 0.2 * np.cos(2 * np.pi * (x + y)[..., None] + np.array([0.0, 1.0, 3.0]))
     stack = np.repeat(image[None], len(system.planes_m), axis=0)
+    if probe is not None:
+        stack = stack * (1 + _ROUNDING * np.random.default_rng(probe).uniform(-1, 1, stack.shape))
     states = list(iterate(system, stack, Settings(iterations=12, amplitudes_every=3, **settings), team=team))
     best = states[-1].best
     return {
@@ -71,6 +78,8 @@ def main(folder: Path) -> None:
         problem.make_objective = partial(make_objective, double=True)
         for case in CASES:
             found |= both(case, case, team)
+        for probe in range(PROBES if team.leads else 0):
+            found |= {f"probe {probe}/{key}": value for key, value in run(PROBED, ALONE, probe).items()}
     np.savez(folder / f"{team.rank}.npz", **found)
 
 

@@ -34,8 +34,12 @@ CASES = (
 )
 DOUBLE = 1e-12
 """Sums in another order differ by 1e-16; twelve iterations make up to 4e-14 of it, in the drive."""
-ENCODED = 1e-9
-"""The sRGB curve's slope at black is steep, its image near black is rounding: 3e-10."""
+PROBED = "encoded"
+"""The sRGB curve amplifies rounding: near black its image has few digits left, and Adam divides by its own gradient.
+By how much depends on the processor, so it is measured here: probes change the target's last digits (64 ε)."""
+PROBES = 3
+FACTOR = 4.0
+"""Of the largest change that a probe makes: what sums in another order may make."""
 SINGLE = 1e-5
 """In single precision: losses differ by 8e-7, the drive by 9e-6."""
 
@@ -70,10 +74,14 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, np.ndarr
 
 @pytest.mark.parametrize("case", CASES)
 def test_two_processes_find_what_one_finds(case: str, results: list[dict[str, np.ndarray]]) -> None:
-    found, near = results[0], ENCODED if case == "encoded" else DOUBLE
+    found = results[0]
     for name in ("losses", "eyebox", "drive", "amplitudes", "wavelengths"):
-        expected = found[f"{case}/alone/{name}"]
-        np.testing.assert_allclose(found[f"{case}/{name}"], expected, rtol=near, atol=near, err_msg=name)
+        expected, near = found[f"{case}/alone/{name}"], DOUBLE
+        if case == PROBED:
+            changes = [np.abs(found[f"probe {probe}/{name}"] - expected).max() for probe in range(PROBES)]
+            near = max(DOUBLE, FACTOR * max(changes))
+            assert near < SINGLE, "so large a tolerance would show nothing"
+        np.testing.assert_allclose(found[f"{case}/{name}"], expected, rtol=DOUBLE, atol=near, err_msg=name)
     losses = found[f"{case}/losses"]
     assert losses.min() < 0.95 * losses[0]
 
