@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from holoview.colour import TABLES, colour_science
-from holoview.files import replacing
+from holoview.colour import TABLES, import_colour_science
+from holoview.files import atomic_write
 
 FOLDER = Path(__file__).parent / "observers"
 
@@ -18,7 +18,7 @@ def table(source: str, columns: str) -> str:
 
     Some releases hold NaN where the S cone has no published value (above 615 nm): its response there is below 1e-5.
     """
-    responses = colour_science().MSDS_CMFS[source]
+    responses = import_colour_science().MSDS_CMFS[source]
     text = io.StringIO(newline="")
     text.write(f"# {source}\n# nm,{columns}\n")
     for nm, values in zip(responses.wavelengths, np.nan_to_num(responses.values, nan=0.0), strict=True):
@@ -30,7 +30,7 @@ def main() -> None:
     """Write every table."""
     FOLDER.mkdir(exist_ok=True)
     for name, (source, columns) in TABLES.items():
-        with replacing(FOLDER / f"{name}.csv") as path:
+        with atomic_write(FOLDER / f"{name}.csv") as path:
             path.write_text(table(source, columns), encoding="utf-8")
 
 

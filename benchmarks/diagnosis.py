@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from holoview.captures.make import Nuisances, Session, make_captures
+from holoview.captures.make import AcquisitionSettings, Nuisances, make_captures
 from holoview.captures.session import Captures
 from holoview.diagnose.diagnose import diagnose
-from holoview.diagnose.draw import draw_effect
-from holoview.effects.registry import registry
+from holoview.diagnose.draw import sample_effect
+from holoview.effects.registry import listed_effects
 from holoview.errors import UserError
 from holoview.system import Modulator, Relay, System
 
@@ -71,7 +71,7 @@ def bench(rows: int = 96, columns: int = 128) -> System:
 
 def cases(families: list[str], sizes: list[str], only: list[str], repeats: int, first_seed: int) -> Iterator[Case]:
     """What is to be found, in an order that mixes effects early."""
-    names = [n for n in registry() if not only or n in only]
+    names = [n for n in listed_effects() if not only or n in only]
     facts_of = bench()
     for repeat in range(repeats):
         for family in families:
@@ -84,7 +84,7 @@ def cases(families: list[str], sizes: list[str], only: list[str], repeats: int, 
                     )
                     rng = np.random.default_rng(seed)
                     hidden = _hidden(family, name, names, rng)
-                    truth = {n: draw_effect(registry()[n], facts_of, SIZES.get(size, 0.3), rng) for n in hidden}
+                    truth = {n: sample_effect(listed_effects()[n], facts_of, SIZES.get(size, 0.3), rng) for n in hidden}
                     yield Case(family, size, seed, truth)
 
 
@@ -99,7 +99,10 @@ def _hidden(family: str, name: Any, names: list[str], rng: np.random.Generator) 
         return []
     while True:
         pair = sorted(rng.choice(names, 2, replace=False))
-        if pair[1] not in registry()[pair[0]].equals and pair[0] not in registry()[pair[1]].equals:
+        if (
+            pair[1] not in listed_effects()[pair[0]].degenerate_with
+            and pair[0] not in listed_effects()[pair[1]].degenerate_with
+        ):
             return [str(p) for p in pair]
 
 
@@ -107,13 +110,17 @@ def measure(case: Case, each: int, shape: list[int]) -> Captures:
     """The captures of a case."""
     jitter = Nuisances(0.003, 0.01, 0.5e-6, 0.05e-9) if case.family == "nuisances" else Nuisances()
     finer = 2 if case.family == "sampling" else 1
-    return make_captures(bench(*shape), case.truth, Session(each=each, seed=case.seed, nuisances=jitter, finer=finer))
+    return make_captures(
+        bench(*shape),
+        case.truth,
+        AcquisitionSettings(captures_per_condition=each, seed=case.seed, nuisances=jitter, finer=finer),
+    )
 
 
 def solve(case: Case, args: argparse.Namespace) -> Case:
     """Diagnoses a case and fills in what was said."""
     captures = measure(case, args.each, args.shape)
-    library = [e for e in registry().values() if case.family != "deleted" or e.id not in _with_equals(case)]
+    library = [e for e in listed_effects().values() if case.family != "deleted" or e.id not in _with_equals(case)]
     began, cpu = time.monotonic(), time.process_time()
     free_maps = case.family == "deleted"
     found = diagnose(captures, library, workers=args.workers, free_maps=free_maps, thorough=args.thorough)
@@ -122,7 +129,7 @@ def solve(case: Case, args: argparse.Namespace) -> Case:
     case.values = {
         c.effect: {n: [i.value, i.sigma, i.half_width] for n, i in c.intervals.items()} for c in found.causes
     }
-    case.chi2, case.rivals = [found.before.chi2, found.after.chi2], [list(r) for r in found.rivals]
+    case.chi2, case.rivals = [found.before.chi2_per_pixel, found.after.chi2_per_pixel], [list(r) for r in found.rivals]
     case.confounded = {c.effect: list(c.confounded_with) for c in found.causes}
     case.lives_in = list(found.lives_in)
     return case
@@ -130,9 +137,9 @@ def solve(case: Case, args: argparse.Namespace) -> Case:
 
 def _with_equals(case: Case) -> set[str]:
     deleted = set(case.truth)
-    for name, effect in registry().items():
-        if deleted & {name} or deleted & set(effect.equals):
-            deleted |= {name, *effect.equals} if name in case.truth else {name}
+    for name, effect in listed_effects().items():
+        if deleted & {name} or deleted & set(effect.degenerate_with):
+            deleted |= {name, *effect.degenerate_with} if name in case.truth else {name}
     return deleted
 
 
@@ -165,11 +172,11 @@ def is_covered(case: Case) -> list[bool]:
 
 
 def _is_even(effect: str, name: str) -> bool:
-    return next(p for p in registry()[effect].parameters if p.name == name).even
+    return next(p for p in listed_effects()[effect].parameters if p.name == name).even
 
 
 def _same(a: str, b: str) -> bool:
-    return a == b or b in registry()[a].equals or a in registry()[b].equals
+    return a == b or b in listed_effects()[a].degenerate_with or a in listed_effects()[b].degenerate_with
 
 
 def summary(lines: list[Case]) -> str:

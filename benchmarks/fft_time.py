@@ -20,12 +20,12 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.common import count_of, machine_facts, shape_of
-from holoview.bench.timing import Sample, interleaved
+from holoview.bench.timing import JobTimings, time_interleaved
 from holoview.errors import UserError
 from holoview.gpu.device import Device, open_device
 from holoview.gpu.fft import FftPlan
-from holoview.gpu.lines import Strategy, strategies
-from holoview.gpu.recorder import Recorder
+from holoview.gpu.lines import Strategy, supported_strategies
+from holoview.gpu.recorder import CommandRecorder
 
 SIZES = "1024x768,512x512,1024x1024,2048x1536"
 THREADS = 2
@@ -57,9 +57,9 @@ def measure(device: Device, shape: Shape, repeats: int) -> dict[str, Any]:
     expected = np.fft.fft2(field.astype(np.complex128))
     jobs: dict[str, Callable[[], None]] = {"torch": _torch_job(field)}
     rows: dict[str, dict[str, float]] = {"torch": {"error": _error(torch.fft.fft2(_tensor(field)).numpy(), expected)}}
-    for strategy in strategies(device, shape):
+    for strategy in supported_strategies(device, shape):
         jobs[strategy], rows[strategy] = _prepared(device, strategy, field, expected)
-    samples = interleaved(jobs, repeats, WARM_UP)
+    samples = time_interleaved(jobs, repeats, WARM_UP)
     for name, sample in samples.items():
         rows[name] |= _times(sample, samples["torch"])
     return {"size": [shape[1], shape[0]], "rows": rows}
@@ -74,7 +74,7 @@ def _prepared(
     buffer = device.upload(plan.pack(field), "field")
 
     def job() -> None:
-        recorder = Recorder(device)
+        recorder = CommandRecorder(device)
         plan.forward(recorder, buffer)
         recorder.submit(wait=True)
 
@@ -94,7 +94,7 @@ def _torch_job(field: Field) -> Callable[[], None]:
     return job
 
 
-def _times(sample: Sample, torch_sample: Sample) -> dict[str, float]:
+def _times(sample: JobTimings, torch_sample: JobTimings) -> dict[str, float]:
     return {
         "median_ms": sample.median_ms,
         "minimum_ms": sample.minimum_ms,

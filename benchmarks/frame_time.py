@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 
 from benchmarks.common import count_of, machine_facts, shape_of
 from holoview import preset
-from holoview.engine.frame import Executor, last_spectrum
+from holoview.engine.frame import Executor, spectrum_behind_modulators
 from holoview.engine.torch import TorchExecutor
 from holoview.engine.wgpu import WgpuExecutor
 from holoview.errors import UserError
 from holoview.gpu.device import open_device
-from holoview.gpu.recorder import Recorder
-from holoview.optics.slots import make_slots
+from holoview.gpu.recorder import CommandRecorder
+from holoview.optics.slots import make_frame_inputs
 from holoview.plan import Plan, make_plan
 from holoview.system import System
 from holoview.view import random_drive
@@ -58,7 +58,7 @@ def measure(system: System, repeats: int, adapter: str | None = None) -> dict[st
     plan = make_plan(system, system.planes_m[len(system.planes_m) // 2 :][:1])
     drive = random_drive(system)
     device = open_device(adapter)
-    slots = make_slots(plan, drive)
+    slots = make_frame_inputs(plan, drive)
     shaders, single = WgpuExecutor(plan, slots, device), TorchExecutor(plan, slots)
     runs: dict[str, tuple[Executor[Any], Finish]] = {
         "wgsl": (shaders, lambda: shaders.submit(wait=True)),
@@ -77,10 +77,10 @@ def measure(system: System, repeats: int, adapter: str | None = None) -> dict[st
             taken[FRAME] = _timed(_frame, executor, finish)
             for row, sample in taken.items():
                 seconds.setdefault(row, {}).setdefault(name, []).append(sample)
-        empty = _timed(lambda: Recorder(device).submit(wait=True))
+        empty = _timed(lambda: CommandRecorder(device).submit(wait=True))
         seconds.setdefault(EMPTY, {}).setdefault("wgsl", []).append(empty)
 
-    reference = TorchExecutor(plan, make_slots(plan, drive), double=True)
+    reference = TorchExecutor(plan, make_frame_inputs(plan, drive), double=True)
     return {
         "bench": _bench_facts(plan),
         "machine": machine_facts(device.info.label),
@@ -99,7 +99,7 @@ def _frame(executor: Executor[Any], finish: Finish) -> None:
     wavelength, frame, distance_m, weight = _chosen(plan)
     executor.clear(0)
     executor.clear_xyz()
-    spectrum = last_spectrum(executor, wavelength, frame, 0)
+    spectrum = spectrum_behind_modulators(executor, wavelength, frame, 0)
     executor.accumulate(executor.field(executor.transmit(spectrum, 1, wavelength, distance_m)), 0, weight)
     executor.composite(wavelength)
     finish()

@@ -14,14 +14,14 @@ from pathlib import Path
 from PIL import Image
 
 from holoview.commands.common import progress_bar
-from holoview.files import replacing
-from holoview.study.plots import drawn
-from holoview.study.registry import registry
-from holoview.study.report import versions, write_report
+from holoview.files import atomic_write
+from holoview.study.plots import render_figure
+from holoview.study.registry import studies_by_name
+from holoview.study.report import version_summary, write_report
 from holoview.study.runner import run_jobs
 from holoview.study.scale import QUICK
-from holoview.study.store import Store
-from holoview.study.study import Claim, Findings, Picture, Plot, Study
+from holoview.study.store import ResultStore
+from holoview.study.study import Claim, Findings, Study, StudyFigure, StudyPicture
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 FIGURE_WIDTH, PICTURE_WIDTH = 560, 256
@@ -44,8 +44,8 @@ gains scatter, and nothing here is a figure to quote: run a study at `--scale mi
 def found_by(study: Study, folder: Path) -> Findings:
     """What a study finds at the quick scale; its report is written too."""
     with progress_bar(study.name) as report:
-        results = run_jobs(study, study.jobs(QUICK, 0), Store(folder / "jobs"), progress=report)
-    findings = study.findings(results)
+        results = run_jobs(study, study.jobs(QUICK, 0), ResultStore(folder / "jobs"), progress=report)
+    findings = study.analyse(results)
     write_report(folder, study, QUICK, 0, findings)
     return findings
 
@@ -55,7 +55,7 @@ def section(study: Study, findings: Findings, images: Path) -> str:
     chosen = _chosen(study, findings.pictures)
     parts = [
         f"## {study.title}",
-        _wrapped(f"`holoview study {study.name}` · {study.shows} ({study.size(QUICK)}.)"),
+        _wrapped(f"`holoview study {study.name}` · {study.summary} ({study.describe_size(QUICK)}.)"),
         *(_figure(study, plot, images) for plot in findings.plots[:1]),
         *([_table([p.caption for p in chosen], [[_picture(study, p, images) for p in chosen]])] if chosen else []),
         _table(("claim", "paper", "here", "verdict"), [_cells(claim) for claim in findings.claims]),
@@ -63,7 +63,7 @@ def section(study: Study, findings: Findings, images: Path) -> str:
     return "\n\n".join(parts)
 
 
-def _chosen(study: Study, pictures: Sequence[Picture]) -> Sequence[Picture]:
+def _chosen(study: Study, pictures: Sequence[StudyPicture]) -> Sequence[StudyPicture]:
     """Those that are named for it; else the first two and the last: what is wanted, the simplest display, the best."""
     if study.name in _CHOSEN:
         return [picture for picture in pictures if picture.name in _CHOSEN[study.name]]
@@ -74,29 +74,29 @@ def _wrapped(text: str) -> str:
     return textwrap.fill(text, _LINE, break_long_words=False, break_on_hyphens=False)
 
 
-def _figure(study: Study, plot: Plot, images: Path) -> str:
-    with Image.open(io.BytesIO(drawn(plot)["png"])) as figure:
+def _figure(study: Study, plot: StudyFigure, images: Path) -> str:
+    with Image.open(io.BytesIO(render_figure(plot)["png"])) as figure:
         size = FIGURE_WIDTH, round(figure.height * FIGURE_WIDTH / figure.width)
         small = figure.convert("RGB").resize(size, Image.Resampling.LANCZOS).quantize(_COLOURS)
     name = f"{study.name}-{plot.name}.png"
-    with replacing(images / name) as temporary:
+    with atomic_write(images / name) as temporary:
         small.save(temporary, format="PNG", optimize=True)
     return f"![{study.title}](images/gallery/{name})\n\n{_wrapped(f'*{plot.caption}.*')}"
 
 
-def _picture(study: Study, picture: Picture, images: Path) -> str:
+def _picture(study: Study, picture: StudyPicture, images: Path) -> str:
     """Enlarged by whole pixels, so that speckle is neither invented nor smoothed away."""
     pixels = Image.fromarray(picture.pixels)
     scale = max(PICTURE_WIDTH // pixels.width, 1)
     name = f"{study.name}-{picture.name}.jpg"
-    with replacing(images / name) as temporary:
+    with atomic_write(images / name) as temporary:
         large = pixels.resize((scale * pixels.width, scale * pixels.height), Image.Resampling.NEAREST)
         large.save(temporary, format="JPEG", quality=_QUALITY)
     return f"![{picture.caption}](images/gallery/{name})"
 
 
 def _cells(claim: Claim) -> list[str]:
-    return [claim.claim, claim.paper, claim.here, f"{claim.verdict}{claim.reason and f': {claim.reason}'}"]
+    return [claim.claim, claim.published, claim.measured, f"{claim.verdict}{claim.reason and f': {claim.reason}'}"]
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -110,9 +110,9 @@ def main() -> None:
     )
     folder, images = parser.parse_args().output, DOCS / "images" / "gallery"
     images.mkdir(parents=True, exist_ok=True)
-    parts = [HEAD.format(versions=_wrapped(f"Computed with {versions()}."))]
-    parts += [section(study, found_by(study, folder / study.name), images) for study in registry().values()]
-    with replacing(DOCS / "gallery.md") as temporary:
+    parts = [HEAD.format(versions=_wrapped(f"Computed with {version_summary()}."))]
+    parts += [section(study, found_by(study, folder / study.name), images) for study in studies_by_name().values()]
+    with atomic_write(DOCS / "gallery.md") as temporary:
         temporary.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     print(f"{DOCS / 'gallery.md'}: {sum(file.stat().st_size for file in images.iterdir()) / 1e6:.2f} MB of images")
 

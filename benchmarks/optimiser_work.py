@@ -14,7 +14,7 @@ import torch
 import holoview as hv
 from benchmarks.baselines import Work
 from holoview.files import data_dir
-from holoview.optimise.state import State
+from holoview.optimise.state import IterationState
 
 Seconds = dict[str, list[float]]
 Run = Callable[[], Any]
@@ -44,7 +44,7 @@ def mono_work(size: Sequence[int], propagation: str = "periodic") -> Work:
     return Work(system, grey, work.drive)
 
 
-def ours(work: Work, **settings: Any) -> Iterator[State]:
+def ours(work: Work, **settings: Any) -> Iterator[IterationState]:
     """The optimiser at work: an iteration each time it is asked for the next state."""
     options = {"iterations": ENDLESS, "free": ("patterns",)} | settings
     return hv.iterate(work.system, work.stack, hv.Settings(**options), start=work.drive)

@@ -17,9 +17,9 @@ from rendercanvas.offscreen import OffscreenRenderCanvas
 
 from holoview import preset
 from holoview.app.app import App
-from holoview.app.hand import Hand
+from holoview.app.hand import InputDriver
 from holoview.gpu.device import open_device
-from holoview.session.session import Session
+from holoview.session.session import EditingSession
 
 EVENTS = 24
 
@@ -33,14 +33,16 @@ def main() -> None:
     args = parser.parse_args()
     width, height = (int(side) for side in args.size.split("x"))
     device = open_device(args.adapter)
-    app = App(Session(preset.load(args.preset)), device, OffscreenRenderCanvas(size=(width, height)), frame_s=1 / 60)
-    hand = Hand(app)
-    hand.frames(4)
-    hand.settle()
+    app = App(
+        EditingSession(preset.load(args.preset)), device, OffscreenRenderCanvas(size=(width, height)), frame_s=1 / 60
+    )
+    hand = InputDriver(app)
+    hand.draw_frames(4)
+    hand.draw_until_idle()
     print(f"{args.preset}, window {args.size}, {device.info.label}")
-    _line("the window alone", [_timed(hand.frames) for _ in range(EVENTS)])
+    _line("the window alone", [_timed(hand.draw_frames) for _ in range(EVENTS)])
     _line("input while all is computed anew", _while_computing(hand, lambda i: _gap(hand, 2e-3 + 1e-5 * (i + 1))))
-    hand.settle()
+    hand.draw_until_idle()
     _line("scrub: quick frame on the screen", [_scrub(hand, 9.1e-3 + 2e-5 * i) for i in range(EVENTS)])
     for name, change in (
         ("focal plane", lambda i: _plane(hand, 1.05e-2 + 1e-5 * i)),
@@ -50,46 +52,46 @@ def main() -> None:
     app.close()
 
 
-def _while_computing(hand: Hand, edit: Callable[[int], None]) -> list[float]:
+def _while_computing(hand: InputDriver, edit: Callable[[int], None]) -> list[float]:
     """Moves of the pointer, each answered while slices of a full frame are computed."""
     answers: list[float] = []
-    hand.app.sides.now._wanted_at = 0.0
+    hand.app.side_renderers.now._requested_at = 0.0
     for number in range(EVENTS):
-        if not hand.app.sides.now.is_busy:
+        if not hand.app.side_renderers.now.is_busy:
             edit(number)
         begun = time.perf_counter()
-        hand.app.advance()
+        hand.app.compute_slice()
         hand.move((400 + 5.0 * number, 300))
         answers.append(time.perf_counter() - begun)
-        time.sleep(hand.app.sides.resting_s)
+        time.sleep(hand.app.side_renderers.wait_s)
     return answers
 
 
-def _scrub(hand: Hand, plane_m: float) -> float:
+def _scrub(hand: InputDriver, plane_m: float) -> float:
     """From a change of the focal plane to its quick frame on the screen, the window drawn between slices as it is."""
-    begun, version = time.perf_counter(), hand.app.sides.now.picture
+    begun, version = time.perf_counter(), hand.app.side_renderers.now.picture
     _plane(hand, plane_m)
-    while hand.app.sides.now.picture is version:
-        hand.app.advance()
-    hand.frames()
+    while hand.app.side_renderers.now.picture is version:
+        hand.app.compute_slice()
+    hand.draw_frames()
     return time.perf_counter() - begun
 
 
-def _full(hand: Hand, change: Callable[[int], None], number: int) -> float:
+def _full(hand: InputDriver, change: Callable[[int], None], number: int) -> float:
     """From an edit to the full frame, the rest of the hand and the quick frame before it included."""
     begun = time.perf_counter()
     change(number)
-    hand.app.advance()
-    while hand.app.sides.is_busy:
-        hand.app.advance()
+    hand.app.compute_slice()
+    while hand.app.side_renderers.is_busy:
+        hand.app.compute_slice()
     return time.perf_counter() - begun
 
 
-def _plane(hand: Hand, plane_m: float) -> None:
-    hand.app.session.look_at("Plane", plane_m=plane_m)
+def _plane(hand: InputDriver, plane_m: float) -> None:
+    hand.app.session.edit_view("Plane", plane_m=plane_m)
 
 
-def _gap(hand: Hand, gap_m: float) -> None:
+def _gap(hand: InputDriver, gap_m: float) -> None:
     hand.app.session.change("Gap", {"gap": gap_m})
 
 

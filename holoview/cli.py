@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 from holoview import __version__
 from holoview.errors import UserError
 
-INTERRUPTED = 130
+EXIT_INTERRUPTED = 130
 COMMANDS = {
     "presets": "list the presets, a line each",
     "info": "show the derived numbers of a preset",
@@ -57,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refuse(str(error))
     except KeyboardInterrupt:
         print("holoview: interrupted", file=sys.stderr)
-        return INTERRUPTED
+        return EXIT_INTERRUPTED
     except BrokenPipeError:  # e.g. `holoview presets | head -1`
         _drop_output()
         return 0

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from holoview.errors import UserError, near_matches
+from holoview.errors import UserError, suggest_matches
 from holoview.files import data_dir
 
 FloatArray = NDArray[np.float64]
@@ -70,7 +70,7 @@ XYZ_TO_SRGB = _constant(np.linalg.inv(SRGB_TO_XYZ))
 
 
 @cache
-def colour_science() -> Any:
+def import_colour_science() -> Any:
     """The colour-science package, imported at the first call.
 
     Importing it warns about each optional package that is missing (matplotlib for its plots), none of which is used
@@ -123,7 +123,7 @@ def cone_fundamentals(wavelengths_m: ArrayLike) -> FloatArray:
     return _interpolate("cones", wavelengths_m)[1]
 
 
-def cone_slopes(wavelengths_m: ArrayLike) -> FloatArray:
+def cone_fundamental_derivatives(wavelengths_m: ArrayLike) -> FloatArray:
     """Derivatives (n, 3), per metre, of `cone_fundamentals` with respect to the wavelength.
 
     The interpolant has a kink at each whole nanometre, where lasers usually sit. A centred difference over ±0.001 nm is
@@ -147,7 +147,7 @@ def observer_weights(kind: str, wavelengths_m: ArrayLike) -> FloatArray:
         return _interpolate("cie1931", wavelengths_m)[1]
     if kind == "mono":
         return np.tile(D65_WHITE, (np.atleast_1d(np.asarray(wavelengths_m)).size, 1))
-    raise UserError("observer", repr(kind), remedy=near_matches(kind, OBSERVERS))
+    raise UserError("observer", repr(kind), remedy=suggest_matches(kind, OBSERVERS))
 
 
 def srgb_encode(x: ArrayLike) -> FloatArray:
@@ -187,7 +187,7 @@ def gamut_map(rgb_linear: ArrayLike, how: str = "clip") -> FloatArray:
     if how == "clip":
         return np.clip(rgb, 0.0, 1.0)
     if how != "desaturate":
-        raise UserError("gamut", repr(how), remedy=near_matches(how, GAMUT_MAPS))
+        raise UserError("gamut", repr(how), remedy=suggest_matches(how, GAMUT_MAPS))
     grey = np.clip(rgb @ SRGB_TO_XYZ[1], 0.0, 1.0)[..., None]
     chroma = rgb - grey
     room = np.where(chroma > 0, 1.0 - grey, grey)

@@ -5,6 +5,6 @@ from __future__ import annotations
 import os
 
 
-def cores() -> int:
+def process_cpu_count() -> int:
     """CPU cores that this process may use: batch systems give a job some of a machine's."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

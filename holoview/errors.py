@@ -33,7 +33,7 @@ class UserError(ValueError):
         return UserError(outer + self.where, self.found, expected=self.expected, remedy=self.remedy)
 
 
-def near_matches(word: str, known: Iterable[str]) -> str:
+def suggest_matches(word: str, known: Iterable[str]) -> str:
     """A remedy that names the known words nearest to `word`, or all of them when none is near."""
     options = sorted(known)
     near = get_close_matches(word, options, n=3, cutoff=0.5)

@@ -20,7 +20,7 @@ def data_dir(kind: str) -> Path:
 
 
 @contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A temporary path beside `path`, renamed onto it when the block ends well and removed when it doesn't.
 
     The temporary keeps the suffix, so that writers which choose a format by it work unchanged.
@@ -50,7 +50,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def to_disk(path: Path) -> None:
+def fsync(path: Path) -> None:
     """Waits until a file, or the names in a folder, would survive a loss of power; where the platform can't, no."""
     try:
         handle = os.open(path, os.O_RDONLY)

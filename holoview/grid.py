@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def is_good_size(n: int) -> bool:
+def is_fast_length(n: int) -> bool:
     """Whether n = 2^a·3^b·5^c, the lengths that the shader FFT can transform."""
     if n < 1:
         return False
@@ -20,12 +20,12 @@ def is_good_size(n: int) -> bool:
     return n == 1
 
 
-def good_size(at_least: int, multiple_of: int = 1) -> int:
+def next_fast_length(at_least: int, multiple_of: int = 1) -> int:
     """The smallest n = 2^a·3^b·5^c that is at least `at_least` and divisible by `multiple_of` (also such a number)."""
-    if not is_good_size(multiple_of):
+    if not is_fast_length(multiple_of):
         raise ValueError(f"multiple_of = {multiple_of}: expected a product of 2, 3 and 5")
     n = -(-max(at_least, 1) // multiple_of)
-    while not is_good_size(n):
+    while not is_fast_length(n):
         n += 1
     return n * multiple_of
 

@@ -25,7 +25,7 @@ _FILE = TensorFormat(
     version=VERSION,
     what="a hologram file that holoview wrote (safetensors)",
     tensors=("drive", "amplitudes", "wavelengths"),
-    texts=("system",),
+    metadata_keys=("system",),
 )
 
 
@@ -51,12 +51,12 @@ class Hologram:
             "amplitudes": self.system.amplitudes,
             "wavelengths": self.system.wavelengths_m,
         }
-        _FILE.write(path, tensors, {"system": preset.dumps(self.system)})
+        _FILE.to_toml(path, tensors, {"system": preset.dumps(self.system)})
 
 
 def load_hologram(path: str | os.PathLike[str]) -> Hologram:
     """Reads a hologram file. Raises UserError when it is missing, damaged, of another format, or contradicts itself."""
-    tensors, metadata = _FILE.read(path)
+    tensors, metadata = _FILE.parse(path)
     system = preset.loads(metadata["system"], f"{path}: system")
     for name, known in (("wavelengths", system.wavelengths_m), ("amplitudes", system.amplitudes)):
         if not np.array_equal(tensors[name], known):

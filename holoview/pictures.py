@@ -13,8 +13,8 @@ from PIL.PngImagePlugin import PngInfo
 
 import holoview
 from holoview.errors import UserError
-from holoview.files import replacing
-from holoview.targets.raster import decode, signature
+from holoview.files import atomic_write
+from holoview.targets.raster import file_format, read_raster
 
 
 def write_png(path: str | os.PathLike[str], pixels: NDArray[np.uint8 | np.uint16], texts: Mapping[str, str]) -> None:
@@ -25,7 +25,7 @@ def write_png(path: str | os.PathLike[str], pixels: NDArray[np.uint8 | np.uint16
     chunks = PngInfo()
     for key, value in ({"Software": f"holoview {holoview.__version__}"} | dict(texts)).items():
         chunks.add_itxt(key, value, zip=len(value) > 200)
-    with replacing(path) as temporary:
+    with atomic_write(path) as temporary:
         Image.fromarray(pixels).save(temporary, format="PNG", pnginfo=chunks)
 
 
@@ -52,9 +52,9 @@ def read_pattern(path: str | os.PathLike[str], shape: tuple[int, int]) -> NDArra
     columns).
     """
     file = Path(path)
-    if signature(file) != "PNG":
+    if file_format(file) != "PNG":
         raise UserError(str(path), "isn't a PNG", expected="a pattern as greyscale PNG of 8 or 16 bits")
-    raster = decode(file)
+    raster = read_raster(file)
     if np.any(raster.values != raster.values[..., :1]):
         raise UserError(str(path), "is a coloured picture", expected="a greyscale pattern, 0…max for 0…stroke")
     if raster.alpha is not None and np.any(raster.alpha != 1):
@@ -65,6 +65,6 @@ def read_pattern(path: str | os.PathLike[str], shape: tuple[int, int]) -> NDArra
     return raster.values[..., 0].astype(np.float32)
 
 
-def numbered(path: Path, suffix: str) -> Path:
+def path_with_suffix(path: Path, suffix: str) -> Path:
     """The name of one file of several: out.png with 10mm is out-10mm.png."""
     return path.with_name(f"{path.stem}-{suffix}{path.suffix}")

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import observer_weights
-from holoview.effects.switched import Switched
+from holoview.effects.switched import ActiveEffects
 from holoview.errors import UserError
-from holoview.grid import frequency_indices, good_size, is_good_size
-from holoview.system import PLANES, Relay, Sampling, System
+from holoview.grid import frequency_indices, is_fast_length, next_fast_length
+from holoview.system import PLANE_DISTANCES, Relay, Sampling, System
 
-Pair = tuple[int, int]
+RowsColumns = tuple[int, int]
 
 _COMPACT_GUARD = 16  # samples beyond the geometric walk-off, for the tails of the band-limited kernel
 
@@ -30,9 +30,9 @@ _COMPACT_GUARD = 16  # samples beyond the geometric walk-off, for the tails of t
 class Grid:
     """The simulated field of `shape` (y, x) samples, and where it lies in the `padded` grid that is transformed."""
 
-    shape: Pair
-    padded: Pair
-    offset: Pair
+    shape: RowsColumns
+    padded: RowsColumns
+    offset: RowsColumns
     pitch_m: float
     upsample: int
 
@@ -79,7 +79,9 @@ class Transfer:
         k² times this, in wrapping 32-bit arithmetic, is the paraxial phase modulo one turn exactly: float32 alone loses
         it, since z·λ/2·df²·k² reaches hundreds of turns.
         """
-        return np.stack([fixed_turns(0.5 * self.distance_m * self.wavelength_m * step * step) for step in self.step])
+        return np.stack(
+            [turns_to_fixed_point(0.5 * self.distance_m * self.wavelength_m * step * step) for step in self.step]
+        )
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ class Plan:
         key = (distance_m, relay, wavelength)
         if key not in self._transfers:
             λ = float(self.system.wavelengths_m[wavelength])
-            support = _support(self.grid, self.relays[relay], λ, distance_m, self.system.sampling.propagation)
+            support = _passband_rows(self.grid, self.relays[relay], λ, distance_m, self.system.sampling.propagation)
             self._transfers[key] = Transfer(distance_m, λ, self.grid.frequency_step, support)
         return self._transfers[key]
 
@@ -130,7 +132,7 @@ def make_plan(system: System, planes: Sequence[float | str] | NDArray[np.float64
     """
     nominal: System = system
     moments: tuple[float, ...] = (1.0,)
-    planes_m = system.planes_m if planes is None else read_planes(planes)
+    planes_m = system.planes_m if planes is None else parse_planes(planes)
     if system.effects:
         system, moments = _as_built(system.edit({"planes": planes_m}))
         planes_m = system.planes_m
@@ -149,11 +151,11 @@ def make_plan(system: System, planes: Sequence[float | str] | NDArray[np.float64
 
 def _as_built(system: System) -> tuple[System, tuple[float, ...]]:
     """The bench with its effects, and the moments of an exposure."""
-    switched = Switched(system.effect_values)
-    return switched.as_built(system), tuple(factor for _, factor in switched.moments())
+    switched = ActiveEffects(system.effect_values)
+    return switched.as_built(system), tuple(factor for _, factor in switched.exposure_samples())
 
 
-def fixed_turns(turns: float) -> NDArray[np.uint32]:
+def turns_to_fixed_point(turns: float) -> NDArray[np.uint32]:
     """A phase modulo one turn in fixed point: [the high 32 bits, 16 guard bits]."""
     scaled = round(math.fmod(turns, 1.0) * 2.0**48) % (1 << 48)
     return np.array([scaled >> 16, scaled & 0xFFFF], dtype=np.uint32)
@@ -175,9 +177,9 @@ def band_limit(padded: int, pitch_m: float, wavelength_m: float, distance_m: flo
     return 1.0 / (wavelength_m * math.hypot(2 * distance_m / (padded * pitch_m), 1.0))
 
 
-def read_planes(planes: Sequence[float | str] | NDArray[np.float64]) -> NDArray[np.float64]:
+def parse_planes(planes: Sequence[float | str] | NDArray[np.float64]) -> NDArray[np.float64]:
     """Distances of planes, m. Raises UserError for an empty list, and for one behind the modulator."""
-    read = PLANES.read(planes, "planes")
+    read = PLANE_DISTANCES.parse(planes, "planes")
     if read is None or len(read) == 0:
         raise UserError("planes", "an empty list", expected="at least one distance")
     return read
@@ -195,17 +197,17 @@ def _grid(system: System, farthest_m: float) -> Grid:
 
 
 def _padded(n: int, sampling: Sampling, reach: float) -> int:
-    whole = _good_part(sampling.upsample)
+    whole = _largest_fast_divisor(sampling.upsample)
     if sampling.propagation == "periodic":
-        return n if is_good_size(n) else good_size(n, whole)
+        return n if is_fast_length(n) else next_fast_length(n, whole)
     if sampling.propagation == "linear":
-        return good_size(sampling.padding * n, whole)
-    return good_size(min(2 * n, n + math.ceil(reach) + _COMPACT_GUARD), whole)
+        return next_fast_length(sampling.padding * n, whole)
+    return next_fast_length(min(2 * n, n + math.ceil(reach) + _COMPACT_GUARD), whole)
 
 
-def _good_part(upsample: int) -> int:
+def _largest_fast_divisor(upsample: int) -> int:
     """The largest divisor of `upsample` that a good size can have."""
-    return max(d for d in range(1, upsample + 1) if upsample % d == 0 and good_size(d) == d)
+    return max(d for d in range(1, upsample + 1) if upsample % d == 0 and next_fast_length(d) == d)
 
 
 def _slopes(system: System) -> NDArray[np.float64]:
@@ -217,7 +219,7 @@ def _slopes(system: System) -> NDArray[np.float64]:
     return np.sin(angles) * dx / system.wavelengths_m[None, :, None]
 
 
-def _support(grid: Grid, relay: Relay, λ: float, distance_m: float, propagation: str) -> NDArray[np.int32]:
+def _passband_rows(grid: Grid, relay: Relay, λ: float, distance_m: float, propagation: str) -> NDArray[np.int32]:
     """Rows of (smallest, largest) |k_x|: propagating waves inside the band limit and the iris, outside the DC block."""
     (py, px), (dfy, dfx) = grid.padded, grid.frequency_step
     ky = np.abs(frequency_indices(py))

@@ -13,21 +13,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.errors import UserError, near_matches
+from holoview.errors import UserError, suggest_matches
 
 
 @dataclass(frozen=True)
-class MemoryLayout:
+class CellMap:
     """Word of each level, bit of each cell of a pixel, and whether the picture is mirrored left to right."""
 
-    words: tuple[int, ...]
-    layout: tuple[tuple[int, ...], ...]
+    level_codes: tuple[int, ...]
+    bit_of_cell: tuple[tuple[int, ...], ...]
     mirrored: bool
 
 
-LAYOUTS = {
-    "p67": MemoryLayout(
-        words=(3, 2, 1, 7, 0, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12), layout=((1, 3), (0, 2)), mirrored=True
+CELL_MAPS = {
+    "p67": CellMap(
+        level_codes=(3, 2, 1, 7, 0, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12), bit_of_cell=((1, 3), (0, 2)), mirrored=True
     )
 }
 
@@ -37,15 +37,17 @@ def memory_cells(levels: NDArray[np.integer], device: str) -> NDArray[np.uint8]:
 
     Raises UserError for an unknown device and for levels that it doesn't have.
     """
-    if device not in LAYOUTS:
-        raise UserError("cells", f'"{device}"', expected=", ".join(LAYOUTS), remedy=near_matches(device, LAYOUTS))
-    memory = LAYOUTS[device]
-    highest = len(memory.words) - 1
+    if device not in CELL_MAPS:
+        raise UserError(
+            "cells", f'"{device}"', expected=", ".join(CELL_MAPS), remedy=suggest_matches(device, CELL_MAPS)
+        )
+    memory = CELL_MAPS[device]
+    highest = len(memory.level_codes) - 1
     if levels.min() < 0 or levels.max() > highest:
         found = f"levels from {levels.min()} to {levels.max()}"
         raise UserError("cells", found, expected=f"0 to {highest}, the levels of {device}")
-    words = np.array(memory.words, dtype=np.uint8)[levels]
-    shifts = np.array(memory.layout, dtype=np.uint8)
+    words = np.array(memory.level_codes, dtype=np.uint8)[levels]
+    shifts = np.array(memory.bit_of_cell, dtype=np.uint8)
     bits = (words[:, None, :, None] >> shifts[None, :, None, :]) & 1
     cells = bits.reshape(len(levels) * shifts.shape[0], -1)
     return cells[:, ::-1] if memory.mirrored else cells

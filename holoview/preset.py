@@ -15,9 +15,9 @@ import tomli_w
 
 from holoview import describe
 from holoview.effects.parameter import FileParameter
-from holoview.effects.registry import effect
-from holoview.errors import UserError, near_matches
-from holoview.files import data_dir, replacing
+from holoview.effects.registry import get_effect
+from holoview.errors import UserError, suggest_matches
+from holoview.files import atomic_write, data_dir
 from holoview.shorthand import expand_table
 from holoview.system import System
 
@@ -64,8 +64,8 @@ def dumps(system: System) -> str:
 
 def save(system: System, path: str | os.PathLike[str]) -> None:
     """Writes the system as a preset file, whole or not at all."""
-    table = _with_files(_written(system), Path(path).resolve().parent, _shortened)
-    with replacing(path) as temporary:
+    table = _map_file_paths(_written(system), Path(path).resolve().parent, _relative_path)
+    with atomic_write(path) as temporary:
         temporary.write_text(tomli_w.dumps(table, multiline_strings=False), encoding="utf-8")
 
 
@@ -87,7 +87,7 @@ def _find(preset: str | os.PathLike[str]) -> Path:
         return path
     known = data_dir("presets") / f"{path.name}.toml"
     if not known.is_file():
-        raise UserError(f'preset "{preset}"', "unknown", remedy=near_matches(str(preset), names()))
+        raise UserError(f'preset "{preset}"', "unknown", remedy=suggest_matches(str(preset), names()))
     return known
 
 
@@ -99,7 +99,7 @@ def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
         table = _parse(path.read_text(encoding="utf-8"), str(path))
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(str(path), f"can't be read: {error}", expected="a text file in TOML") from error
-    table = _with_files(table, path.parent, _anchored)
+    table = _map_file_paths(table, path.parent, _absolute_path)
     base = table.pop("base", None)
     if base is None:
         return table
@@ -110,24 +110,24 @@ def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
     return _merged({key: value for key, value in inherited.items() if key not in ("name", "description")}, table)
 
 
-def _with_files(table: dict[str, Any], folder: Path, change: Callable[[str, Path], str]) -> dict[str, Any]:
+def _map_file_paths(table: dict[str, Any], folder: Path, change: Callable[[str, Path], str]) -> dict[str, Any]:
     """The table with the paths of its effects' files changed: what a preset states is relative to its own folder."""
     effects = table.get("effects")
     if not isinstance(effects, dict):
         return table
     changed: dict[str, Any] = {}
     for name, values in effects.items():
-        files = {p.name for p in effect(name).parameters if isinstance(p, FileParameter)}
+        files = {p.name for p in get_effect(name).parameters if isinstance(p, FileParameter)}
         known = isinstance(values, dict) and files
         changed[name] = {k: change(v, folder) if k in files else v for k, v in values.items()} if known else values
     return table | {"effects": changed}
 
 
-def _anchored(file: str, folder: Path) -> str:
+def _absolute_path(file: str, folder: Path) -> str:
     return str(folder / file)
 
 
-def _shortened(file: str, folder: Path) -> str:
+def _relative_path(file: str, folder: Path) -> str:
     """Relative to the folder where the file lies in it."""
     path = Path(file)
     return str(path.relative_to(folder)) if path.is_relative_to(folder) else file

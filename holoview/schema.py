@@ -18,19 +18,19 @@ from holoview import units
 from holoview.errors import UserError
 
 
-class Kind(Protocol):
+class FieldType(Protocol):
     """How a field's value is read (text or plain values → checked SI) and written (SI → TOML value)."""
 
-    def read(self, value: Any, where: str) -> Any: ...
+    def parse(self, value: Any, where: str) -> Any: ...
 
-    def write(self, value: Any) -> Any: ...
+    def to_toml(self, value: Any) -> Any: ...
 
 
 @runtime_checkable
-class Table(Kind, Protocol):
+class TableType(FieldType, Protocol):
     """A kind whose value is a table of named entries, which can be changed one by one."""
 
-    def edited(self, value: Any, changes: Mapping[str, Any], where: str) -> Any: ...
+    def with_changes(self, value: Any, changes: Mapping[str, Any], where: str) -> Any: ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,23 +42,23 @@ class Number:
     high: float = math.inf
     optional: bool = False
 
-    def read(self, value: Any, where: str) -> float | None:
+    def parse(self, value: Any, where: str) -> float | None:
         if value is None and self.optional:
             return None
         if self.unit:
             number = units.parse(value, where, "angle" if self.unit.endswith("rad") else "length")
         elif isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
-            raise UserError(where, f"{value!r} is not a number", expected=self.range_text())
+            raise UserError(where, f"{value!r} is not a number", expected=self.format_range())
         else:
             number = float(value)
         if not (self.low <= number <= self.high):
-            raise UserError(where, f"{self._show(number)} is out of range", expected=self.range_text())
+            raise UserError(where, f"{self._show(number)} is out of range", expected=self.format_range())
         return number
 
-    def write(self, value: float | None) -> Any:
-        return value if value is None or not self.unit else units.text(value, self.unit)
+    def to_toml(self, value: float | None) -> Any:
+        return value if value is None or not self.unit else units.format_exact(value, self.unit)
 
-    def range_text(self) -> str:
+    def format_range(self) -> str:
         if math.isinf(self.low) and math.isinf(self.high):
             return "a finite number" + (f" in {self.unit}" if self.unit else "")
         if math.isinf(self.high):
@@ -66,7 +66,7 @@ class Number:
         return f"between {self._show(self.low)} and {self._show(self.high)}"
 
     def _show(self, number: float) -> str:
-        return units.short(number, self.unit, 6) if self.unit else f"{number:g}"
+        return units.format_rounded(number, self.unit, 6) if self.unit else f"{number:g}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Array:
     axes: int = 1
     optional: bool = False
 
-    def read(self, value: Any, where: str) -> NDArray[np.float64] | None:
+    def parse(self, value: Any, where: str) -> NDArray[np.float64] | None:
         if value is None and self.optional:
             return None
         if self.axes == 1 and isinstance(value, Mapping):
@@ -92,20 +92,20 @@ class Array:
             value = [rows] if rows and all(_is_scalar(row) for row in rows) else rows
         return _frozen(self._nested(value, where, self.axes))
 
-    def write(self, value: NDArray[np.float64] | None) -> Any:
+    def to_toml(self, value: NDArray[np.float64] | None) -> Any:
         return None if value is None else self._written(value)
 
     def _written(self, value: NDArray[np.float64]) -> list[Any]:
         if value.ndim > 1:
             return [self._written(row) for row in value]
-        return [self.item.write(float(x)) for x in value]
+        return [self.item.to_toml(float(x)) for x in value]
 
     def _nested(self, value: Any, where: str, axes: int) -> NDArray[np.float64]:
         if isinstance(value, str) or not isinstance(value, Iterable):
             raise UserError(where, f"{value!r} is not a list", expected=f"a list, nested {self.axes} deep")
         entries = list(value)
         if axes == 1:
-            return np.array([self.item.read(x, f"{where}[{i}]") for i, x in enumerate(entries)], dtype=np.float64)
+            return np.array([self.item.parse(x, f"{where}[{i}]") for i, x in enumerate(entries)], dtype=np.float64)
         rows = [self._nested(row, f"{where}[{i}]", axes - 1) for i, row in enumerate(entries)]
         if len({row.shape for row in rows}) > 1:
             raise UserError(where, f"rows have lengths {[len(row) for row in rows]}", expected="rows of equal length")
@@ -114,24 +114,24 @@ class Array:
     def _ramp(self, value: Mapping[str, Any], where: str) -> NDArray[np.float64]:
         if set(value) != {"first", "last", "count"}:
             raise UserError(where, f"has the keys {sorted(value)}", expected="the keys first, last and count")
-        first, last = (self.item.read(value[key], f"{where}.{key}") for key in ("first", "last"))
-        count = Count(low=1).read(value["count"], f"{where}.count")
+        first, last = (self.item.parse(value[key], f"{where}.{key}") for key in ("first", "last"))
+        count = Integer(low=1).parse(value["count"], f"{where}.count")
         return _frozen(np.linspace(first, last, count))  # type: ignore[arg-type]
 
 
 @dataclasses.dataclass(frozen=True)
-class Count:
+class Integer:
     """A whole number."""
 
     low: int = 1
     high: int = 1 << 20
 
-    def read(self, value: Any, where: str) -> int:
+    def parse(self, value: Any, where: str) -> int:
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or not self.low <= value <= self.high:
             raise UserError(where, f"{value!r}", expected=f"a whole number from {self.low} to {self.high}")
         return int(value)
 
-    def write(self, value: int) -> int:
+    def to_toml(self, value: int) -> int:
         return value
 
 
@@ -139,13 +139,13 @@ class Count:
 class Shape:
     """Rows and columns."""
 
-    def read(self, value: Any, where: str) -> tuple[int, int]:
+    def parse(self, value: Any, where: str) -> tuple[int, int]:
         if isinstance(value, str) or not isinstance(value, Iterable) or len(pair := list(value)) != 2:
             raise UserError(where, f"{value!r}", expected="[rows, columns]")
-        side = Count(low=2, high=16384)
-        return side.read(pair[0], f"{where}[0]"), side.read(pair[1], f"{where}[1]")
+        side = Integer(low=2, high=16384)
+        return side.parse(pair[0], f"{where}[0]"), side.parse(pair[1], f"{where}[1]")
 
-    def write(self, value: tuple[int, int]) -> list[int]:
+    def to_toml(self, value: tuple[int, int]) -> list[int]:
         return list(value)
 
 
@@ -155,14 +155,14 @@ class Choice:
 
     options: tuple[str, ...] = ()
 
-    def read(self, value: Any, where: str) -> str:
+    def parse(self, value: Any, where: str) -> str:
         if not isinstance(value, str):
             raise UserError(where, f"{value!r} is not text", expected="text in quotes")
         if self.options and value not in self.options:
             raise UserError(where, f'"{value}"', expected=" or ".join(f'"{o}"' for o in self.options))
         return value
 
-    def write(self, value: str) -> str:
+    def to_toml(self, value: str) -> str:
         return value
 
 
@@ -174,7 +174,7 @@ class Coefficients:
     item: Number
     highest: int
 
-    def read(self, value: Any, where: str) -> tuple[tuple[int, float], ...]:
+    def parse(self, value: Any, where: str) -> tuple[tuple[int, float], ...]:
         pairs = value.items() if isinstance(value, Mapping) else value
         if isinstance(pairs, str) or not isinstance(pairs, Iterable):
             raise UserError(where, f"{value!r}", expected=f'a table such as {{ {self.prefix}4 = "50 nm" }}')
@@ -185,15 +185,15 @@ class Coefficients:
             index = self._index(both[0], where)
             if index in terms:
                 raise UserError(f"{where}.{both[0]}", "given twice", expected="each term once")
-            terms[index] = self.item.read(both[1], f"{where}.{both[0]}") or 0.0
+            terms[index] = self.item.parse(both[1], f"{where}.{both[0]}") or 0.0
         return tuple(sorted(terms.items()))
 
-    def write(self, value: tuple[tuple[int, float], ...]) -> dict[str, Any]:
-        return {f"{self.prefix}{index}": self.item.write(x) for index, x in value}
+    def to_toml(self, value: tuple[tuple[int, float], ...]) -> dict[str, Any]:
+        return {f"{self.prefix}{index}": self.item.to_toml(x) for index, x in value}
 
-    def edited(self, value: tuple[tuple[int, float], ...], changes: Mapping[str, Any], where: str) -> Any:
+    def with_changes(self, value: tuple[tuple[int, float], ...], changes: Mapping[str, Any], where: str) -> Any:
         """With some terms changed: {"Z4": "50 nm"}."""
-        return self.read({**self.write(value), **changes}, where)
+        return self.parse({**self.to_toml(value), **changes}, where)
 
     def _index(self, key: Any, where: str) -> int:
         digits = str(key).removeprefix(self.prefix)

@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 
 from holoview.colour import observer_weights, white_amplitudes
-from holoview.errors import UserError, near_matches
+from holoview.errors import UserError, suggest_matches
 from holoview.system import Relay, System
 
 _RGB_M = (460e-9, 532e-9, 638e-9)
-_FEW_M, _MANY_M = (460e-9, 650e-9), (440e-9, 660e-9)  # up to 9 lasers, and more: the paper's ranges
-_MOST_OF_FEW = 9
+_NARROW_RANGE_M, _WIDE_RANGE_M = (460e-9, 650e-9), (440e-9, 660e-9)  # up to 9 lasers, and more: the paper's ranges
+_MAX_LASERS_IN_NARROW_RANGE = 9
 _SPACING_RAD = 8.6e-3
 _MOST = 64
 _FORMS = {
@@ -54,7 +54,7 @@ def _parse(part: str, scheme: str) -> tuple[str, dict[str, int]]:
                 raise UserError("scheme", f'"{part}"', expected=f"numbers from 1 to {_MOST}")
             return name, numbers
     expected = "simultaneous, time-sequential, multiplexed-T, holochrome-NxT, multisource-RxC, 1slm, or several with +"
-    raise UserError("scheme", f'"{scheme}"', expected=expected, remedy=near_matches(part.split("-")[0], _FORMS))
+    raise UserError("scheme", f'"{scheme}"', expected=expected, remedy=suggest_matches(part.split("-")[0], _FORMS))
 
 
 def _changes(system: System, name: str, numbers: dict[str, int]) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def _changes(system: System, name: str, numbers: dict[str, int]) -> dict[str, An
     wavelengths = np.array(_RGB_M)
     if name == "holochrome":
         count = numbers["count"]
-        first, last = _FEW_M if count <= _MOST_OF_FEW else _MANY_M
+        first, last = _NARROW_RANGE_M if count <= _MAX_LASERS_IN_NARROW_RANGE else _WIDE_RANGE_M
         wavelengths = np.linspace(first, last, count) if count > 1 else np.array([550e-9])
     frames = numbers.get("frames", 3 if name == "multiplexed" else 1)
     lit = np.eye(3) if name == "time-sequential" else np.ones((frames, len(wavelengths)))

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from holoview import units
 from holoview.colour import observer_weights, white_amplitudes
 from holoview.errors import UserError
-from holoview.schema import Array, Count, Number
+from holoview.schema import Array, Integer, Number
 
 
-class Bench(Protocol):
+class SystemLike(Protocol):
     """What an edit's shorthands need to know of the `System` that is edited."""
 
     @property
@@ -54,11 +54,11 @@ def expand_table(table: Mapping[str, Any]) -> dict[str, Any]:
     if not isinstance(single, bool):
         raise UserError("single", f"{single!r}", expected="true or false")
     if single:
-        out = _single(out)
+        out = _first_modulator_only(out)
     frames, sequence = out.pop("frames", None), out.pop("sequence", None)
     if isinstance(out.get("amplitudes"), str) and out["amplitudes"] == "white" and "wavelengths" in out:
         wavelengths = _read_wavelengths(out["wavelengths"])
-        switches = _switches(sequence, frames, len(wavelengths))
+        switches = _on_off_table(sequence, frames, len(wavelengths))
         out["amplitudes"] = _white(str(out.get("observer", "eye")), wavelengths, switches)
     elif sequence is not None:
         raise UserError(
@@ -71,7 +71,7 @@ def expand_table(table: Mapping[str, Any]) -> dict[str, Any]:
     return out
 
 
-def expand_edit(system: Bench, changes: Mapping[str, Any]) -> dict[str, Any]:
+def expand_edit(system: SystemLike, changes: Mapping[str, Any]) -> dict[str, Any]:
     """Edits of a system with shorthands written out: modulator keys without index, sampling keys, white balance."""
     out: dict[str, Any] = {}
     for key, value in changes.items():
@@ -94,7 +94,7 @@ def expand_edit(system: Bench, changes: Mapping[str, Any]) -> dict[str, Any]:
     return out
 
 
-def _single(table: Mapping[str, Any]) -> dict[str, Any]:
+def _first_modulator_only(table: Mapping[str, Any]) -> dict[str, Any]:
     """The same bench with one modulator: no gap, and no relay between modulators."""
     modulators = table.get("modulators")
     if not isinstance(modulators, list) or not modulators:
@@ -103,18 +103,18 @@ def _single(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _white_edit(
-    system: Bench, out: Mapping[str, Any], wavelengths: NDArray[np.float64], frames: Any
+    system: SystemLike, out: Mapping[str, Any], wavelengths: NDArray[np.float64], frames: Any
 ) -> NDArray[np.float64]:
     if out["amplitudes"] != "white":
         raise UserError("amplitudes", f'"{out["amplitudes"]}"', expected='a table (frame, wavelength) or "white"')
     sequence = (system.amplitudes > 0).astype(float)
     if frames is not None or sequence.shape[1] != len(wavelengths) or not np.all(sequence.any(axis=0)):
-        sequence = np.ones((system.frames if frames is None else Count().read(frames, "frames"), len(wavelengths)))
+        sequence = np.ones((system.frames if frames is None else Integer().parse(frames, "frames"), len(wavelengths)))
     return _white(str(out.get("observer", system.observer)), wavelengths, sequence)
 
 
 def _repeated(table: Any, frames: Any) -> NDArray[np.float64]:
-    rows = _AMPLITUDES.read(table, "amplitudes")
+    rows = _AMPLITUDES.parse(table, "amplitudes")
     assert rows is not None
     if len(rows) == 0 or np.any(rows != rows[0]):
         raise UserError(
@@ -123,11 +123,11 @@ def _repeated(table: Any, frames: Any) -> NDArray[np.float64]:
             expected="frames with equal amplitudes",
             remedy="give the whole amplitude table instead",
         )
-    return np.tile(rows[0], (Count().read(frames, "frames"), 1))
+    return np.tile(rows[0], (Integer().parse(frames, "frames"), 1))
 
 
 def _read_wavelengths(value: Any) -> NDArray[np.float64]:
-    wavelengths = _WAVELENGTHS.read(value, "wavelengths")
+    wavelengths = _WAVELENGTHS.parse(value, "wavelengths")
     if wavelengths is None or len(wavelengths) == 0:
         raise UserError("wavelengths", "an empty list", expected="a list of at least one length")
     return wavelengths
@@ -137,10 +137,10 @@ def _white(observer: str, wavelengths: NDArray[np.float64], sequence: NDArray[np
     return white_amplitudes(observer_weights(observer, wavelengths), sequence)
 
 
-def _switches(sequence: Any, frames: Any, wavelengths: int) -> NDArray[np.float64]:
+def _on_off_table(sequence: Any, frames: Any, wavelengths: int) -> NDArray[np.float64]:
     if sequence is None:
-        return np.ones((1 if frames is None else Count().read(frames, "frames"), wavelengths))
-    table = _SWITCH.read(sequence, "sequence")
+        return np.ones((1 if frames is None else Integer().parse(frames, "frames"), wavelengths))
+    table = _SWITCH.parse(sequence, "sequence")
     assert table is not None
     if table.ndim != 2 or table.shape[1] != wavelengths or (frames is not None and len(table) != frames):
         raise UserError("sequence", f"a table of shape {table.shape}", expected=f"(frames, {wavelengths}) of 0 and 1")
@@ -153,7 +153,7 @@ def _source_grid(source: Mapping[str, Any]) -> dict[str, Any]:
     if "directions" in rest or "spacing" not in source:
         raise UserError("source.grid", f"{source['grid']}", expected="grid and spacing together, and no directions")
     try:
-        rows, columns = (Count(1, 64).read(n, "source.grid") for n in source["grid"])
+        rows, columns = (Integer(1, 64).parse(n, "source.grid") for n in source["grid"])
     except (TypeError, ValueError) as error:
         raise UserError("source.grid", f"{source['grid']}", expected="[rows, columns]") from error
     spacing = units.parse(source["spacing"], "source.spacing", "angle")

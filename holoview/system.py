@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview import describe, units
-from holoview.describe import Item, Items, param
+from holoview.describe import Nested, NestedList, described_field
 from holoview.effects.table import EffectPairs, EffectTable
 from holoview.errors import UserError
-from holoview.schema import Array, Choice, Coefficients, Count, Number, Shape
+from holoview.schema import Array, Choice, Coefficients, Integer, Number, Shape
 from holoview.shorthand import expand_edit
 
 Floats = NDArray[np.float64]
@@ -30,21 +30,21 @@ _APERTURE = Number(low=1e-5, high=1.0, optional=True)
 _EYE_RANGE_M = (390e-9, 830e-9)
 _LONGEST_M = 1.0  # of any gap or plane: a bare "3" that meant millimetres is refused, not taken for metres
 
-PLANES = Array(Number("mm", low=0.0, high=_LONGEST_M))
+PLANE_DISTANCES = Array(Number("mm", low=0.0, high=_LONGEST_M))
 """Distances of focal planes, measured from the last modulator."""
 
 
 @dataclass(frozen=True)
-class Levels:
+class LevelFractions:
     """Stroke fractions that a modulator can show: a count (equal steps), a rising list 0…1, None (continuous)."""
 
-    def read(self, value: Any, where: str) -> Floats | None:
+    def parse(self, value: Any, where: str) -> Floats | None:
         if value is None or (isinstance(value, str) and value == "continuous"):
             return None
         if isinstance(value, int | np.integer) and not isinstance(value, bool):
-            count = Count(low=2, high=65536).read(value, where)
+            count = Integer(low=2, high=65536).parse(value, where)
             value = np.linspace(0.0, 1.0, count)
-        fractions = Array(Number(low=0.0, high=1.0)).read(value, where)
+        fractions = Array(Number(low=0.0, high=1.0)).parse(value, where)
         assert fractions is not None
         if len(fractions) < 2 or np.any(np.diff(fractions) <= 0) or fractions[0] != 0.0 or fractions[-1] != 1.0:
             raise UserError(
@@ -52,7 +52,7 @@ class Levels:
             )
         return fractions
 
-    def write(self, value: Floats | None) -> Any:
+    def to_toml(self, value: Floats | None) -> Any:
         if value is None:
             return None
         equal = np.array_equal(value, np.linspace(0.0, 1.0, len(value)))
@@ -63,35 +63,35 @@ class _Description:
     """Equality and hash of a description by value, arrays included."""
 
     @cached_property
-    def _identity(self) -> Any:
-        return describe.identity(self)
+    def _hashable_value(self) -> Any:
+        return describe.hashable_value(self)
 
     def __eq__(self, other: object) -> bool:
         if self is other:
             return True
-        return type(other) is type(self) and self._identity == other._identity
+        return type(other) is type(self) and self._hashable_value == other._hashable_value
 
     def __hash__(self) -> int:
-        return hash(self._identity)
+        return hash(self._hashable_value)
 
 
 @dataclass(frozen=True, eq=False)
 class Source(_Description):
     """Plane waves that illuminate the first modulator, mutually incoherent, equally strong."""
 
-    directions_rad: Floats = param(
+    directions_rad: Floats = described_field(
         Array(_ANGLE, axes=2),
         "Direction (y, x) of each source: the angles of incidence.",
         default_factory=lambda: np.zeros((1, 2)),
     )
-    tilts_rad: Floats | None = param(
+    tilts_rad: Floats | None = described_field(
         Array(_ANGLE, axes=2, optional=True),
         "Angle (y, x) that each wavelength adds to every direction: lasers that aren't co-aligned.",
         default=None,
     )
 
     def __post_init__(self) -> None:
-        describe.check(self)
+        describe.validate(self)
         for key, table in (("directions", self.directions_rad), ("tilts", self.tilts_rad)):
             if table is not None and (table.ndim != 2 or table.shape[0] < 1 or table.shape[1] != 2):
                 raise UserError(key, f"a table of shape {table.shape}", expected="rows of two angles [y, x]")
@@ -101,34 +101,36 @@ class Source(_Description):
 class Modulator(_Description):
     """A phase modulator: square pixels of constant optical path."""
 
-    pitch_m: float = param(Number("um", low=0.1e-6, high=1e-3), "Distance between pixel centres.")
-    shape: tuple[int, int] = param(Shape(), "Rows and columns of pixels.")
-    stroke_m: float = param(Number("nm", low=1e-9, high=20e-6), "Optical path that full drive adds.")
-    levels: Floats | None = param(Levels(), "Stroke fractions that can be shown.", default=None)
+    pitch_m: float = described_field(Number("um", low=0.1e-6, high=1e-3), "Distance between pixel centres.")
+    shape: tuple[int, int] = described_field(Shape(), "Rows and columns of pixels.")
+    stroke_m: float = described_field(Number("nm", low=1e-9, high=20e-6), "Optical path that full drive adds.")
+    levels: Floats | None = described_field(LevelFractions(), "Stroke fractions that can be shown.", default=None)
 
     def __post_init__(self) -> None:
-        describe.check(self)
+        describe.validate(self)
 
 
 @dataclass(frozen=True, eq=False)
 class Relay(_Description):
     """Imaging optics between two planes: what its Fourier plane lets through, and with which path error."""
 
-    iris_na: float | None = param(_APERTURE, "Numerical aperture of a round iris; none when absent.", default=None)
-    dc_block_na: float | None = param(
+    iris_na: float | None = described_field(
+        _APERTURE, "Numerical aperture of a round iris; none when absent.", default=None
+    )
+    dc_block_na: float | None = described_field(
         _APERTURE, "Radius of a round stop at the zero order, as an aperture.", default=None
     )
-    apodisation_na: float | None = param(
+    apodisation_na: float | None = described_field(
         _APERTURE, "Aperture at which a Gaussian transmission falls to 1/e in amplitude.", default=None
     )
-    aberration_m: tuple[tuple[int, float], ...] = param(
+    aberration_m: tuple[tuple[int, float], ...] = described_field(
         Coefficients("Z", Number("nm", low=-1e-4, high=1e-4), highest=37),
         "Zernike terms (Noll index, r.m.s. optical path) over the iris.",
         default=(),
     )
 
     def __post_init__(self) -> None:
-        describe.check(self)
+        describe.validate(self)
         if self.dc_block_na and self.iris_na and self.dc_block_na >= self.iris_na:
             raise UserError(
                 "dc_block_na",
@@ -149,16 +151,16 @@ class Relay(_Description):
 class Sampling(_Description):
     """How finely and on how large a grid the light is computed."""
 
-    upsample: int = param(Count(1, 16), "Simulation samples a modulator pixel and axis.", default=2)
-    propagation: str = param(
+    upsample: int = described_field(Integer(1, 16), "Simulation samples a modulator pixel and axis.", default=2)
+    propagation: str = described_field(
         Choice(("linear", "compact", "periodic")),
         "linear: padded to `padding` times the size; compact: padded by the largest walk-off; periodic: not padded.",
         default="linear",
     )
-    padding: int = param(Count(2, 8), "Sides of a linear grid in sides of the modulators.", default=2)
+    padding: int = described_field(Integer(2, 8), "Sides of a linear grid in sides of the modulators.", default=2)
 
     def __post_init__(self) -> None:
-        describe.check(self)
+        describe.validate(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,28 +171,36 @@ class System(_Description):
     with the key, the value and the remedy when values are impossible or contradict each other.
     """
 
-    wavelengths_m: Floats = param(Array(Number("nm", low=100e-9, high=10e-6)), "Vacuum wavelength of each laser.")
-    amplitudes: Floats = param(Array(Number(low=0.0, high=1e6), axes=2), "Relative power of each laser in each frame.")
-    modulators: tuple[Modulator, ...] = param(Items(Modulator), "One or two phase modulators.")
-    gap_m: float | None = param(
+    wavelengths_m: Floats = described_field(
+        Array(Number("nm", low=100e-9, high=10e-6)), "Vacuum wavelength of each laser."
+    )
+    amplitudes: Floats = described_field(
+        Array(Number(low=0.0, high=1e6), axes=2), "Relative power of each laser in each frame."
+    )
+    modulators: tuple[Modulator, ...] = described_field(NestedList(Modulator), "One or two phase modulators.")
+    gap_m: float | None = described_field(
         Number("mm", low=0.0, high=_LONGEST_M, optional=True), "From modulator 1 to 2.", default=None
     )
-    planes_m: Floats = param(PLANES, "Focal planes, measured from the last modulator.", default=(0.01,))
-    source: Source = param(Item(Source), "Illumination.", default_factory=Source)
-    relay1: Relay = param(Item(Relay), "Between the modulators.", default_factory=Relay)
-    relay2: Relay = param(Item(Relay), "From the last modulator to the focal planes.", default_factory=Relay)
-    observer: str = param(
+    planes_m: Floats = described_field(
+        PLANE_DISTANCES, "Focal planes, measured from the last modulator.", default=(0.01,)
+    )
+    source: Source = described_field(Nested(Source), "Illumination.", default_factory=Source)
+    relay1: Relay = described_field(Nested(Relay), "Between the modulators.", default_factory=Relay)
+    relay2: Relay = described_field(
+        Nested(Relay), "From the last modulator to the focal planes.", default_factory=Relay
+    )
+    observer: str = described_field(
         Choice(("eye", "cie1931", "mono")), "What looks: the eye's cones, CIE 1931, mono camera.", default="eye"
     )
-    sampling: Sampling = param(Item(Sampling), "Grid of the simulation.", default_factory=Sampling)
-    effects: EffectPairs = param(
+    sampling: Sampling = described_field(Nested(Sampling), "Grid of the simulation.", default_factory=Sampling)
+    effects: EffectPairs = described_field(
         EffectTable(), "What the bench does beyond the plain model: effects by their id.", default=()
     )
-    name: str = param(Choice(), "Name of the preset.", default="")
-    description: str = param(Choice(), "The bench in a sentence.", default="")
+    name: str = described_field(Choice(), "Name of the preset.", default="")
+    description: str = described_field(Choice(), "The bench in a sentence.", default="")
 
     def __post_init__(self) -> None:
-        describe.check(self)
+        describe.validate(self)
         for key, array in (("wavelengths", self.wavelengths_m), ("planes", self.planes_m)):
             if array.ndim != 1 or len(array) == 0:
                 raise UserError(key, f"an array of shape {array.shape}", expected="a list of at least one length")
@@ -219,7 +229,7 @@ class System(_Description):
         if count == 1 and self.gap_m is not None:
             raise UserError(
                 "gap",
-                f"{units.short(self.gap_m, 'mm')} with one modulator",
+                f"{units.format_rounded(self.gap_m, 'mm')} with one modulator",
                 expected="no gap",
                 remedy="add a second [[modulators]] table or remove the gap",
             )
@@ -238,7 +248,7 @@ class System(_Description):
         if first.pitch_m != last.pitch_m or first.shape != last.shape:
             raise UserError(
                 "modulators",
-                " and ".join(f"{m.shape} at {units.short(m.pitch_m, 'um')}" for m in (first, last)),
+                " and ".join(f"{m.shape} at {units.format_rounded(m.pitch_m, 'um')}" for m in (first, last)),
                 expected="two modulators of equal shape and pitch (as imaged onto each other by relay 1)",
             )
 
@@ -257,7 +267,7 @@ class System(_Description):
             if not low <= wavelength <= high:
                 raise UserError(
                     f"wavelengths[{i}]",
-                    units.short(wavelength, "nm"),
+                    units.format_rounded(wavelength, "nm"),
                     expected="390 to 830 nm, where the observer's response is known",
                     remedy='choose another wavelength or observer = "mono"',
                 )
@@ -283,7 +293,7 @@ class System(_Description):
         `pitch`, `shape`, `stroke` and `levels` change every modulator; amplitudes="white" balances the lasers.
         Raises UserError for unknown keys and impossible values.
         """
-        edited: System = describe.edited(self, expand_edit(self, changes))
+        edited: System = describe.with_changes(self, expand_edit(self, changes))
         return edited
 
     def with_(self, **changes: Any) -> System:

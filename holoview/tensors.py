@@ -14,7 +14,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from holoview.errors import UserError
-from holoview.files import replacing
+from holoview.files import atomic_write
 
 
 @dataclass(frozen=True)
@@ -25,17 +25,17 @@ class TensorFormat:
     version: str
     what: str
     tensors: tuple[str, ...]
-    texts: tuple[str, ...]
+    metadata_keys: tuple[str, ...]
 
-    def write(
+    def to_toml(
         self, path: str | os.PathLike[str], tensors: Mapping[str, NDArray[Any]], texts: Mapping[str, str]
     ) -> None:
         """Writes the file, whole or not at all."""
         contiguous = {name: np.ascontiguousarray(tensors[name]) for name in self.tensors}
-        with replacing(path) as temporary:
+        with atomic_write(path) as temporary:
             save_file(contiguous, temporary, metadata={"format": self.name, "version": self.version, **texts})
 
-    def read(self, path: str | os.PathLike[str]) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
+    def parse(self, path: str | os.PathLike[str]) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
         """Tensors and texts. Raises UserError when the file is missing, damaged, of another format, or lacks something.
 
         The header is checked before any tensor is read.
@@ -57,12 +57,14 @@ class TensorFormat:
             found = f'format "{texts.get("format", "none")}", version {texts.get("version", "none")}'
             expected = f'{self.what}: format "{self.name}", version {self.version}'
             raise UserError(str(path), found, expected=expected)
-        missing = sorted(set(self.tensors) - names) or [f"its {text}" for text in self.texts if text not in texts]
+        missing = sorted(set(self.tensors) - names) or [
+            f"its {text}" for text in self.metadata_keys if text not in texts
+        ]
         if missing:
             raise UserError(str(path), f"lacks {', '.join(missing)}", expected=self.what)
 
 
-def kind_of(path: str | os.PathLike[str]) -> str:
+def format_of(path: str | os.PathLike[str]) -> str:
     """The format that one of our files says it has, or "" for any other file; only the header is read."""
     try:
         with safe_open(path, framework="numpy") as file:

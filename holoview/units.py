@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from holoview.errors import UserError, near_matches
+from holoview.errors import UserError, suggest_matches
 
 Quantity = Literal["length", "angle"]
 
@@ -41,20 +41,20 @@ def parse(value: str | float, where: str, quantity: Quantity = "length") -> floa
         raise UserError(where, f'"{value}" has no unit', expected=f"text such as {_EXAMPLE[quantity]}")
     exponents = _EXPONENT[quantity]
     if unit not in exponents:
-        raise UserError(where, f'"{value}" has the unit "{unit}"', expected=a, remedy=near_matches(unit, exponents))
+        raise UserError(where, f'"{value}" has the unit "{unit}"', expected=a, remedy=suggest_matches(unit, exponents))
     try:
         return float(Decimal(number).scaleb(exponents[unit]))
     except (InvalidOperation, Overflow) as error:
         raise UserError(where, f'"{value}" is out of range', expected=f"text such as {_EXAMPLE[quantity]}") from error
 
 
-def text(value: float, unit: str) -> str:
+def format_exact(value: float, unit: str) -> str:
     """`value` (SI) in people's `unit`, e.g. text(4.6e-07, "nm") = "460 nm"; parse() gives exactly `value` back."""
     exponent = next(table[unit] for table in _EXPONENT.values() if unit in table)
     return f"{_plain(Decimal(repr(float(value))).scaleb(-exponent))} {unit}"
 
 
-def short(value: float, unit: str, digits: int = 4) -> str:
+def format_rounded(value: float, unit: str, digits: int = 4) -> str:
     """`value` (SI) in people's `unit`, rounded for reading."""
     exponent = next(table[unit] for table in _EXPONENT.values() if unit in table)
     return f"{value * 10.0**-exponent:.{digits}g} {unit}"

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.backend import open_executor
-from holoview.engine.frame import Progress, focal_stack
-from holoview.plan import make_plan, read_planes
+from holoview.engine.frame import ProgressCallback, compute_focal_stack
+from holoview.plan import make_plan, parse_planes
 from holoview.system import System
 
 
@@ -73,7 +73,7 @@ def simulate(
     backend: str = "auto",
     *,
     adapter: str | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> View:
     """The view of a drive (frame, modulator, y, x) in 0…1 at `planes` (metres or text; the system's own when None).
 
@@ -83,12 +83,12 @@ def simulate(
     """
     plan = make_plan(system, planes)
     executor, label = open_executor(plan, drive, backend, adapter)
-    intensity, xyz = focal_stack(executor, progress)
+    intensity, xyz = compute_focal_stack(executor, progress)
     return View(
         intensity=intensity,
         xyz=xyz,
         wavelengths_m=plan.system.wavelengths_m,
-        planes_m=system.planes_m if planes is None else read_planes(planes),
+        planes_m=system.planes_m if planes is None else parse_planes(planes),
         pitch_m=plan.grid.pitch_m,
         backend=label,
     )

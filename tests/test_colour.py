@@ -43,7 +43,7 @@ def test_cone_fundamentals_are_linear_between_whole_nanometres() -> None:
 
 def test_the_ends_of_the_table_are_included_and_beyond_is_refused() -> None:
     assert np.isfinite(colour.cone_fundamentals([390e-9, 830e-9])).all()
-    assert np.isfinite(colour.cone_slopes([390e-9, 830e-9])).all()
+    assert np.isfinite(colour.cone_fundamental_derivatives([390e-9, 830e-9])).all()
     for beyond in (389.9e-9, 830.1e-9, 532.0, np.nan):
         with pytest.raises(UserError, match=r"390…830 nm"):
             colour.cone_fundamentals(beyond)
@@ -52,7 +52,7 @@ def test_the_ends_of_the_table_are_included_and_beyond_is_refused() -> None:
 def test_cone_slopes_are_the_slope_between_entries_and_the_mean_of_both_at_one() -> None:
     lms = colour.cone_fundamentals([531e-9, 532e-9, 533e-9])
     left, right = np.diff(lms, axis=0) / 1e-9
-    slopes = colour.cone_slopes([531.5e-9, 532e-9])
+    slopes = colour.cone_fundamental_derivatives([531.5e-9, 532e-9])
     # Differences over 2e-3 nm of values near 1 keep about 1e-12 of 1/nm, and 1e-9 of the coordinate's rounding.
     np.testing.assert_allclose(slopes[0], left, rtol=1e-8, atol=1e-3)
     np.testing.assert_allclose(slopes[1], (left + right) / 2, rtol=1e-8, atol=1e-3)

@@ -6,7 +6,7 @@ import copy
 
 import pytest
 
-from holoview.errors import UserError, near_matches
+from holoview.errors import UserError, suggest_matches
 
 
 @pytest.mark.parametrize(
@@ -40,16 +40,16 @@ def test_an_error_seen_from_further_out_keeps_everything_but_its_place() -> None
 
 
 def test_the_known_words_nearest_to_a_typing_error_are_offered() -> None:
-    assert near_matches("iriss", ["iris", "gap", "planes"]) == "did you mean iris?"
-    assert near_matches("relay", ["relay2", "relay1", "gap"]) == "did you mean relay2 or relay1?"
+    assert suggest_matches("iriss", ["iris", "gap", "planes"]) == "did you mean iris?"
+    assert suggest_matches("relay", ["relay2", "relay1", "gap"]) == "did you mean relay2 or relay1?"
 
 
 def test_all_known_words_are_listed_in_order_when_none_is_near() -> None:
-    assert near_matches("zzz", ["planes", "gap"]) == "known: gap, planes"
+    assert suggest_matches("zzz", ["planes", "gap"]) == "known: gap, planes"
 
 
 def test_no_more_than_three_words_are_offered() -> None:
-    assert near_matches("key", [f"key{i}" for i in range(9)]).count(" or ") == 2
+    assert suggest_matches("key", [f"key{i}" for i in range(9)]).count(" or ") == 2
 
 
 def test_passes_from_one_process_to_another() -> None:

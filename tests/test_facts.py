@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 
 import holoview as hv
-from holoview.facts import facts
+from holoview.facts import info_rows
 
 
 def _facts(name: str, **changes: Any) -> dict[str, str]:
-    return {fact.name: fact.text for fact in facts(hv.load(name).edit(changes))}
+    return {fact.name: fact.text for fact in info_rows(hv.load(name).edit(changes))}
 
 
 def _mebibytes(text: str) -> float:

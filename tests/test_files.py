@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from holoview.errors import UserError
-from holoview.files import data_dir, replacing
+from holoview.files import atomic_write, data_dir
 
 
 def _write(path: Path, text: str) -> None:
-    with replacing(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(text)
 
 
@@ -27,7 +27,7 @@ def test_a_finished_write_replaces_the_old_file_and_leaves_nothing_else(tmp_path
 def test_the_old_file_is_whole_until_the_write_has_finished(tmp_path: Path) -> None:
     target = tmp_path / "result.toml"
     target.write_text("old")
-    with replacing(target) as temporary:
+    with atomic_write(target) as temporary:
         temporary.write_text("half")
         assert target.read_text() == "old"
         assert temporary.parent == tmp_path  # same file system, so that the rename is atomic
@@ -37,7 +37,7 @@ def test_the_old_file_is_whole_until_the_write_has_finished(tmp_path: Path) -> N
 def test_an_exception_passes_leaves_the_old_file_whole_and_no_temporary(tmp_path: Path, error: BaseException) -> None:
     target = tmp_path / "result.toml"
     target.write_text("old")
-    with pytest.raises(type(error)) as caught, replacing(target) as temporary:
+    with pytest.raises(type(error)) as caught, atomic_write(target) as temporary:
         temporary.write_text("half")
         raise error
     assert caught.value is error
@@ -48,7 +48,7 @@ def test_an_exception_passes_leaves_the_old_file_whole_and_no_temporary(tmp_path
 def test_a_full_disk_is_a_users_error_and_leaves_the_old_file_whole(tmp_path: Path) -> None:
     target = tmp_path / "result.toml"
     target.write_text("old")
-    with pytest.raises(UserError, match=r"writing failed.*No space left"), replacing(target) as temporary:
+    with pytest.raises(UserError, match=r"writing failed.*No space left"), atomic_write(target) as temporary:
         temporary.write_text("half")
         raise OSError(28, "No space left on device")
     assert target.read_text() == "old"
@@ -56,7 +56,7 @@ def test_a_full_disk_is_a_users_error_and_leaves_the_old_file_whole(tmp_path: Pa
 
 
 def test_the_temporary_keeps_the_suffix_that_writers_choose_a_format_by(tmp_path: Path) -> None:
-    with replacing(tmp_path / "view.png") as temporary:
+    with atomic_write(tmp_path / "view.png") as temporary:
         assert temporary.suffix == ".png"
 
 

@@ -7,24 +7,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holoview.grid import frequency_indices, good_size, is_good_size, positions
+from holoview.grid import frequency_indices, is_fast_length, next_fast_length, positions
 
 SMOOTH = sorted(2**a * 3**b * 5**c for a in range(14) for b in range(9) for c in range(7))
 
 
 def test_good_sizes_are_the_products_of_two_three_and_five() -> None:
-    assert [n for n in range(-2, 1001) if is_good_size(n)] == [n for n in SMOOTH if n <= 1000]
+    assert [n for n in range(-2, 1001) if is_fast_length(n)] == [n for n in SMOOTH if n <= 1000]
 
 
 @given(st.integers(0, 8000), st.sampled_from([1, 2, 3, 4, 5, 6, 8, 15, 16]))
 def test_a_good_size_is_the_smallest_that_fits(at_least: int, multiple_of: int) -> None:
     expected = next(n for n in SMOOTH if n >= at_least and n % multiple_of == 0)
-    assert good_size(at_least, multiple_of) == expected
+    assert next_fast_length(at_least, multiple_of) == expected
 
 
 def test_a_multiple_that_no_good_size_has_is_refused() -> None:
     with pytest.raises(ValueError, match="multiple_of = 7"):
-        good_size(10, 7)
+        next_fast_length(10, 7)
 
 
 @pytest.mark.parametrize("n", [1, 2, 7, 8])

@@ -16,7 +16,7 @@ from PIL import Image
 
 from holoview import __version__
 from holoview.errors import UserError
-from holoview.pictures import numbered, read_pattern, write_pattern, write_png
+from holoview.pictures import path_with_suffix, read_pattern, write_pattern, write_png
 
 SHAPE = (6, 9)
 
@@ -143,4 +143,4 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(
 
 
 def test_planes_are_numbered_by_their_distance() -> None:
-    assert numbered(Path("a/b.c.png"), "10mm") == Path("a/b.c-10mm.png")
+    assert path_with_suffix(Path("a/b.c.png"), "10mm") == Path("a/b.c-10mm.png")

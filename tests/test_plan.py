@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from holoview.colour import observer_weights
 from holoview.errors import UserError
-from holoview.grid import frequency_indices, is_good_size
+from holoview.grid import frequency_indices, is_fast_length
 from holoview.plan import Plan, band_limit, make_plan, walk_off
 from holoview.system import Modulator, System
 
@@ -43,7 +43,7 @@ def test_the_field_lies_inside_a_good_grid_at_whole_pixels(
     assert grid.shape == (rows * upsample, columns * upsample)
     assert grid.pitch_m == 8e-6 / upsample
     for n, padded, offset in zip(grid.shape, grid.padded, grid.offset, strict=True):
-        assert is_good_size(padded)
+        assert is_fast_length(padded)
         assert offset % upsample == 0
         assert offset >= 0 and offset + n <= padded
         if how == "linear":

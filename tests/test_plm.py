@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holoview.errors import UserError
-from holoview.plm import LAYOUTS, memory_cells
+from holoview.plm import CELL_MAPS, memory_cells
 
 
 def test_the_first_level_of_p67_is_the_word_3() -> None:
@@ -25,7 +25,7 @@ def test_every_level_has_its_own_cells_in_its_own_mirrored_place() -> None:
     assert cells.shape == (10, 14)
     assert set(np.unique(cells)) == {0, 1}
     upright = cells[:, ::-1].reshape(5, 2, 7, 2)
-    layout, words = LAYOUTS["p67"].layout, np.array(LAYOUTS["p67"].words)
+    layout, words = CELL_MAPS["p67"].bit_of_cell, np.array(CELL_MAPS["p67"].level_codes)
     read = sum(upright[:, r, :, c].astype(int) << layout[r][c] for r in (0, 1) for c in (0, 1))
     np.testing.assert_array_equal(read, words[levels])
     assert sorted(words) == list(range(16))

@@ -47,12 +47,12 @@ def test_a_plain_number_is_si_already(number: float) -> None:
 
 @given(FINITE, st.sampled_from(LENGTH_UNITS))
 def test_every_float_survives_text_and_back_exactly(value: float, unit: str) -> None:
-    assert units.parse(units.text(value, unit), "x") == value
+    assert units.parse(units.format_exact(value, unit), "x") == value
 
 
 @given(FINITE, st.sampled_from(("urad", "mrad", "rad")))
 def test_every_angle_survives_text_and_back_exactly(value: float, unit: str) -> None:
-    assert units.parse(units.text(value, unit), "x", "angle") == value
+    assert units.parse(units.format_exact(value, unit), "x", "angle") == value
 
 
 @pytest.mark.parametrize(
@@ -66,12 +66,12 @@ def test_every_angle_survives_text_and_back_exactly(value: float, unit: str) -> 
     ],
 )
 def test_text_is_written_as_people_write_it(value: float, unit: str, text: str) -> None:
-    assert units.text(value, unit) == text
+    assert units.format_exact(value, unit) == text
 
 
 def test_short_text_is_rounded_for_reading() -> None:
-    assert units.short(541.428571e-9, "nm") == "541.4 nm"
-    assert units.short(541.428571e-9, "nm", digits=6) == "541.429 nm"
+    assert units.format_rounded(541.428571e-9, "nm") == "541.4 nm"
+    assert units.format_rounded(541.428571e-9, "nm", digits=6) == "541.429 nm"
 
 
 @pytest.mark.parametrize(

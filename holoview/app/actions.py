@@ -10,13 +10,19 @@ if TYPE_CHECKING:
     from holoview.app.app import App
 
 
-def add_actions(app: App) -> None:
+def add_general_commands(app: App) -> None:
     """Adds them to the app's commands."""
     session, add = app.session, app.commands.add
-    add("Undo", lambda: _say(app, "Undone", session.undo()), "Edit", "Ctrl+Z", is_possible=lambda: session.can_undo)
+    add(
+        "Undo",
+        lambda: _post_undone(app, "Undone", session.undo()),
+        "Edit",
+        "Ctrl+Z",
+        is_possible=lambda: session.can_undo,
+    )
     add(
         "Redo",
-        lambda: _say(app, "Done again", session.redo()),
+        lambda: _post_undone(app, "Done again", session.redo()),
         "Edit",
         "Ctrl+Shift+Z Ctrl+Y",
         is_possible=lambda: session.can_redo,
@@ -25,8 +31,14 @@ def add_actions(app: App) -> None:
         "Random patterns", lambda: _randomise(app), "Edit", help="Others each time: another speckle on every modulator."
     )
     add("Quit", app.quit, "File", "Ctrl+Q", "All is saved as it is, and offered at the next start.")
-    add("Keys", lambda: app.help.toggle("keys"), "Help", "? F1", "Every key and what it does.")
-    add("Commands", lambda: app.help.toggle("palette"), "Help", "Ctrl+P Ctrl+Shift+P", "Type what you want to do.")
+    add("Keys", lambda: app.help_overlay.toggle("keys"), "Help", "? F1", "Every key and what it does.")
+    add(
+        "Commands",
+        lambda: app.help_overlay.toggle("palette"),
+        "Help",
+        "Ctrl+P Ctrl+Shift+P",
+        "Type what you want to do.",
+    )
 
 
 def _randomise(app: App) -> None:
@@ -35,6 +47,6 @@ def _randomise(app: App) -> None:
     session.edit("Random patterns", drive=random_drive(session.system, seed), origin="random patterns", path=None)
 
 
-def _say(app: App, done: str, label: str | None) -> None:
+def _post_undone(app: App, done: str, label: str | None) -> None:
     if label is not None:
         app.session.messages.post(f"{done}: {label}")

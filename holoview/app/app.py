@@ -11,26 +11,26 @@ from imgui_bundle import hello_imgui, imgui
 from numpy.typing import NDArray
 
 from holoview.app import layout, theme
-from holoview.app.actions import add_actions
-from holoview.app.commands import Commands
+from holoview.app.actions import add_general_commands
+from holoview.app.commands import CommandRegistry
 from holoview.app.overlays import HelpOverlay
-from holoview.app.pages import Pages
-from holoview.app.panel import Guarded, Panel
+from holoview.app.pages import DerivedImages
+from holoview.app.panel import GuardedPanel, Panel
 from holoview.app.panels import ALL
 from holoview.app.panels.image import ImagePanel
-from holoview.app.sides import Sides
-from holoview.app.stack import Stack
-from holoview.app.textures import Textures
+from holoview.app.sides import SideRenderers
+from holoview.app.stack import PlanePreviews
+from holoview.app.textures import TextureCache
 from holoview.app.toasts import Toasts
 from holoview.app.window import Window
 from holoview.errors import UserError
 from holoview.gpu.device import Device
-from holoview.session.autosave import Store
+from holoview.session.autosave import SessionStore
 from holoview.session.changes import Change
-from holoview.session.live import Live
-from holoview.session.loading import Loader
+from holoview.session.live import LiveMeasurement
+from holoview.session.loading import FileLoader
 from holoview.session.look import NOW
-from holoview.session.session import Session
+from holoview.session.session import EditingSession
 
 Rect = tuple[float, float, float, float]
 P = TypeVar("P", bound=Panel)
@@ -46,68 +46,72 @@ class App:
 
     def __init__(
         self,
-        session: Session,
+        session: EditingSession,
         device: Device,
         canvas: Any,
         *,
-        store: Store | None = None,
+        store: SessionStore | None = None,
         frame_s: float | None = None,
         panels: Sequence[type[Panel]] = ALL,
-        tests: Callable[[], None] | None = None,
+        register_tests: Callable[[], None] | None = None,
         tunes: bool = False,
     ) -> None:
         self.session, self.device, self.store = session, device, store
-        self.commands, self.tool, self.live_wanted = Commands(), "", False
-        self.rects: dict[str, Rect] = {}
-        self.sides, self.stack, self.pages = Sides(device, session), Stack(device, session), Pages(device, session)
-        self.live = Live(session, self._wake)
-        remember = store.preferences.remember if store is not None else lambda path: None
-        self.loader = Loader(session, remember=remember)
+        self.commands, self.drag_tool, self.wants_measurement = CommandRegistry(), "", False
+        self.item_rects: dict[str, Rect] = {}
+        self.side_renderers, self.plane_previews, self.derived_images = (
+            SideRenderers(device, session),
+            PlanePreviews(device, session),
+            DerivedImages(device, session),
+        )
+        self.live_measurement = LiveMeasurement(session, self._wake)
+        remember = store.preferences.add_recent_file if store is not None else lambda path: None
+        self.loader = FileLoader(session, remember=remember)
         self.theme = str(store.preferences.get("theme", theme.THEMES[0])) if store else theme.THEMES[0]
-        self.toasts, self._textures = Toasts(session.messages), Textures(device)
-        self.help = HelpOverlay(self)
-        self.overlays: list[Panel] = [self.help]
-        self.panels = [Guarded(panel(), self) for panel in panels]
+        self.toasts, self._textures = Toasts(session.messages), TextureCache(device)
+        self.help_overlay = HelpOverlay(self)
+        self.overlays: list[Panel] = [self.help_overlay]
+        self.panels = [GuardedPanel(panel(), self) for panel in panels]
         self._tunes, self._is_stale = tunes, True
         self._measured: tuple[object, ...] = ()
-        add_actions(self)
+        add_general_commands(self)
         for guarded in self.panels:
-            guarded.panel.begin(self)
-        self._above = [Guarded(panel, self) for panel in self.overlays]
-        params = layout.params_of(self, store)
-        if tests is not None:
-            params.use_imgui_test_engine, params.callbacks.register_tests = True, tests
+            guarded.panel.set_up(self)
+        self._above = [GuardedPanel(panel, self) for panel in self.overlays]
+        params = layout.runner_params(self, store)
+        if register_tests is not None:
+            params.use_imgui_test_engine, params.callbacks.register_tests = True, register_tests
         self.window = Window(canvas, device, params, frame_s=frame_s)
         self._textures.window = self.window
-        self._stop_listening = session.listen(self._on_change)
+        self._stop_listening = session.add_listener(self._on_change)
 
     # --- for panels -------------------------------------------------------------------------------------------------
 
     def attempt(self, edit: Callable[..., Any], *arguments: Any, **keywords: Any) -> None:
         """Calls an edit of the session; where that is impossible, the user is told why and all stays as it was."""
-        with self.session.guard():
+        with self.session.report_errors():
             edit(*arguments, **keywords)
 
     def change(self, label: str, key: str, value: Any, *, is_held: bool = False) -> None:
         """Changes a key of the bench, as `System.edit` does; edits of one drag are one step of undo."""
         self.attempt(self.session.change, label, {key: value}, merge=key)
         if not is_held:
-            self.session.settle()
+            self.session.end_gesture()
 
-    def look(self, label: str, **fields: Any) -> None:
+    def edit_view(self, label: str, **fields: Any) -> None:
         """Changes fields of the look; edits of the same fields in a row are one step of undo."""
-        self.attempt(self.session.look_at, label, merge=tuple(sorted(fields)), **fields)
+        self.attempt(self.session.edit_view, label, merge=tuple(sorted(fields)), **fields)
 
-    def mark(self, name: str) -> None:
+    def record_item_rect(self, name: str) -> None:
         """Notes where the last item is, for tests and hints."""
         low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
-        self.rects[name] = (low.x, low.y, high.x, high.y)
+        self.item_rects[name] = (low.x, low.y, high.x, high.y)
 
     def panel(self, kind: type[P]) -> P:
         """The panel of a class."""
         return next(guarded.panel for guarded in self.panels if isinstance(guarded.panel, kind))
 
-    def show(self, title: str) -> None:
+    def show_panel(self, title: str) -> None:
         """Opens a panel's window and brings it to the front."""
         window = hello_imgui.get_runner_params().docking_params.dockable_window_of_name(title)
         if window is not None:
@@ -116,11 +120,11 @@ class App:
 
     def texture(self, key: str, pixels: NDArray[np.uint8]) -> imgui.ImTextureRef:
         """A texture of 8-bit pixels (y, x, 3 or 4) for `imgui.image`; another array under the same key replaces it."""
-        return self._textures.of(key, pixels)
+        return self._textures.get(key, pixels)
 
-    def seen(self) -> NDArray[np.uint8] | None:
+    def displayed_pixels(self) -> NDArray[np.uint8] | None:
         """What the image panel shows, 8-bit sRGB (y, x, 3); None before anything is shown."""
-        return self.panel(ImagePanel).seen()
+        return self.panel(ImagePanel).displayed_pixels()
 
     def quit(self) -> None:
         """Closes the window after this frame."""
@@ -138,7 +142,7 @@ class App:
     def before_frame(self) -> None:
         """What is done before panels are drawn: what workers delivered, and keys."""
         self.session.poll()
-        self.live_wanted = False
+        self.wants_measurement = False
         if not imgui.get_io().want_text_input:
             for command in list(self.commands.pressed()):
                 self.attempt(command.action)
@@ -153,73 +157,77 @@ class App:
         self.toasts.draw()
         self._measure()
 
-    def advance(self) -> bool:
+    def compute_slice(self) -> bool:
         """Computes a slice of what is stale; whether there may be more to do at once."""
         self._refresh()
-        with self.session.guard():
-            changed = self.sides.advance() if self.sides.is_busy else self.stack.advance()
+        with self.session.report_errors():
+            changed = (
+                self.side_renderers.compute_slice()
+                if self.side_renderers.is_busy
+                else self.plane_previews.compute_slice()
+            )
             if changed:
                 self.window.wake()
         if self._tunes and not self.is_busy:
-            self.sides.now.poll()
-        return self.sides.resting_s == 0 if self.sides.is_busy else self.stack.is_busy
+            self.side_renderers.now.poll_strategy()
+        return self.side_renderers.wait_s == 0 if self.side_renderers.is_busy else self.plane_previews.is_busy
 
-    def tick(self) -> None:
+    def redraw_if_due(self) -> None:
         """Draws what changes by itself with time: tooltips, a text's cursor, messages that go. Call it now and then."""
-        if self.window.is_due() or self.toasts.has_changed():
+        if self.window.needs_redraw() or self.toasts.has_changed():
             self.window.wake()
 
     @property
     def is_busy(self) -> bool:
         """Whether an image, a target or figures are still on their way."""
         return (
-            self.sides.is_busy
-            or self.stack.is_busy
-            or self.pages.is_busy
-            or self.session.targets.is_building
-            or self.live.is_busy
+            self.side_renderers.is_busy
+            or self.plane_previews.is_busy
+            or self.derived_images.is_busy
+            or self.session.target_builder.is_building
+            or self.live_measurement.is_busy
         )
 
-    def settle(self, timeout_s: float = 120.0) -> None:
+    def compute_until_idle(self, timeout_s: float = 120.0) -> None:
         """Computes until nothing is stale: for scripts and tests. Raises UserError when that takes too long."""
         until = time.monotonic() + timeout_s
         while time.monotonic() < until:
             self.session.poll()
-            if not self.advance() and not self.is_busy:
+            if not self.compute_slice() and not self.is_busy:
                 self.session.poll()
                 self._refresh()
                 if not self.is_busy:
                     return
-            time.sleep(min(self.sides.resting_s, 0.005))
+            time.sleep(min(self.side_renderers.wait_s, 0.005))
         raise UserError("viewer", f"the image wasn't ready in {timeout_s:g} s", remedy="choose a smaller bench")
 
     def close(self) -> None:
         """Ends the session's work and closes the window."""
         self._stop_listening()
         self.loader.close()
-        self.live.close()
-        self.sides.close()
-        self.pages.close()
+        self.live_measurement.close()
+        self.side_renderers.close()
+        self.derived_images.close()
         self.session.close()
         self.window.close()
 
     def _measure(self) -> None:
         """Has the newest full image measured, where a panel asked for figures in this frame."""
-        xyz = self.sides.xyz(NOW) if self.live_wanted else None
+        xyz = self.side_renderers.xyz(NOW) if self.wants_measurement else None
         if xyz is None:
             return
-        shown, target = self.session.shown, self.session.target_at()
-        asked = (id(xyz), shown.region, shown.look.profile, id(target))
+        shown, target = self.session.displayed_document, self.session.target_at()
+        asked = (id(xyz), shown.measured_region, shown.view_settings.profile, id(target))
         if asked != self._measured:
             self._measured = asked
-            self.live.look(shown, xyz, target, self.sides.now.intensities())
+            self.live_measurement.request(shown, xyz, target, self.side_renderers.now.intensities())
 
     def _refresh(self) -> None:
         if self._is_stale:
             self._is_stale = False
-            with self.session.guard():
-                self.sides.want()
-                self.stack.want()
+            with self.session.report_errors():
+                self.side_renderers.request()
+                self.plane_previews.request()
 
     def _on_change(self, change: Change) -> None:
         self._is_stale = True

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 from holoview.app.keys import Chord
-from holoview.errors import UserError, near_matches
+from holoview.errors import UserError, suggest_matches
 
 Action = Callable[[], None]
 
@@ -23,11 +23,11 @@ class Command:
     group: str
     keys: tuple[Chord, ...] = ()
     help: str = ""
-    is_held: bool = False
-    is_possible: Callable[[], bool] = field(default=lambda: True)
+    repeats: bool = False
+    is_enabled: Callable[[], bool] = field(default=lambda: True)
 
 
-class Commands:
+class CommandRegistry:
     """All commands, in the order in which they were added."""
 
     def __init__(self) -> None:
@@ -63,17 +63,17 @@ class Commands:
     def run(self, name: str) -> None:
         """Runs a command by its name. Raises UserError for an unknown one, with near matches."""
         if name not in self._by_name:
-            raise UserError("command", f'"{name}"', remedy=near_matches(name, self._by_name))
+            raise UserError("command", f'"{name}"', remedy=suggest_matches(name, self._by_name))
         command = self._by_name[name]
-        if command.is_possible():
+        if command.is_enabled():
             command.action()
 
     def is_repeating(self) -> bool:
         """Whether a key is held down whose command is called again and again."""
-        return any(chord.is_down() for command in self if command.is_held for chord in command.keys)
+        return any(chord.is_down() for command in self if command.repeats for chord in command.keys)
 
     def pressed(self) -> Iterator[Command]:
         """The commands whose keys were pressed since the last frame."""
         for command in self:
-            if any(chord.was_pressed(command.is_held) for chord in command.keys) and command.is_possible():
+            if any(chord.was_pressed(command.repeats) for chord in command.keys) and command.is_enabled():
                 yield command

@@ -11,7 +11,7 @@ from imgui_bundle import imgui
 from holoview.app.app import App
 
 
-def join_desktop(app: App, glfw: Any, window: Any) -> None:
+def connect_desktop(app: App, glfw: Any, window: Any) -> None:
     """Takes files that are dropped on a GLFW window; copying and pasting text goes to other programs and back."""
     glfw.set_drop_callback(window, partial(_take_drop, app))
     platform = imgui.get_platform_io()

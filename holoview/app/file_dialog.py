@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from imgui_bundle import imgui
 
 from holoview.app import theme
-from holoview.app.fields import tip
+from holoview.app.fields import tooltip
 from holoview.app.panel import Panel
 
 if TYPE_CHECKING:
@@ -21,14 +21,14 @@ _ROWS = 12
 
 
 @dataclass(frozen=True)
-class Request:
+class FileRequest:
     """A file that is wanted: to open where it must be there, else to save with one of the suffixes."""
 
     title: str
     suffixes: Sequence[str]
-    chosen: Callable[[Path], object]
+    on_chosen: Callable[[Path], object]
     name: str = ""
-    saves: bool = False
+    is_save: bool = False
     takes_folders: bool = False
 
 
@@ -38,7 +38,7 @@ class FileDialog(Panel):
     title = "File dialog"
 
     def __init__(self) -> None:
-        self._request: Request | None = None
+        self._request: FileRequest | None = None
         self._is_new = False
         self.folder = Path.cwd()
         self.name = ""
@@ -51,13 +51,13 @@ class FileDialog(Panel):
         """Whether it waits for an answer."""
         return self._request is not None
 
-    def ask(self, request: Request) -> None:
+    def ask(self, request: FileRequest) -> None:
         """Opens it; `request.chosen` is called with the path, unless it is cancelled."""
         self._request, self._is_new = request, True
         self.name, self.problem, self._replaces = request.name, "", None
-        self.show(self.folder)
+        self.list_folder(self.folder)
 
-    def show(self, folder: Path) -> None:
+    def list_folder(self, folder: Path) -> None:
         """Lists another folder."""
         try:
             found = sorted(folder.iterdir(), key=lambda path: (not path.is_dir(), path.name.lower()))
@@ -74,7 +74,7 @@ class FileDialog(Panel):
         if self._is_new:
             imgui.open_popup(self._request.title)
             self._is_new = False
-        centre(min(620.0, imgui.get_main_viewport().work_size.x - 20))
+        centre_next_window(min(620.0, imgui.get_main_viewport().work_size.x - 20))
         is_shown, is_open = imgui.begin_popup_modal(self._request.title, True, MODAL)
         if is_shown:
             self._draw_inside(app, self._request)
@@ -82,9 +82,9 @@ class FileDialog(Panel):
         if not is_open:
             self._request = None
 
-    def _draw_inside(self, app: App, request: Request) -> None:
+    def _draw_inside(self, app: App, request: FileRequest) -> None:
         if imgui.button("Up"):
-            self.show(self.folder.parent)
+            self.list_folder(self.folder.parent)
         imgui.same_line()
         imgui.text_unformatted(str(self.folder))
         imgui.begin_child("entries", imgui.ImVec2(0, _ROWS * imgui.get_text_line_height_with_spacing()), True)
@@ -100,15 +100,15 @@ class FileDialog(Panel):
             imgui.set_keyboard_focus_here(-1)
         if self.problem:
             imgui.text_colored(theme.ERROR, self.problem)
-        accepted = imgui.button("Save##file" if request.saves else "Open##file", imgui.ImVec2(120, 0)) or entered
+        accepted = imgui.button("Save##file" if request.is_save else "Open##file", imgui.ImVec2(120, 0)) or entered
         imgui.same_line()
         if request.takes_folders:
             if imgui.button("This folder", imgui.ImVec2(120, 0)):
                 self._close()
-                with app.session.guard():
-                    request.chosen(self.folder)
+                with app.session.report_errors():
+                    request.on_chosen(self.folder)
                 return
-            tip("A focal stack, a picture a plane, or the patterns of a bench.")
+            tooltip("A focal stack, a picture a plane, or the patterns of a bench.")
             imgui.same_line()
         if imgui.button("Cancel##file", imgui.ImVec2(120, 0)) or imgui.is_key_pressed(imgui.Key.escape):
             self._close()
@@ -123,23 +123,23 @@ class FileDialog(Panel):
         path = self.folder / Path(self.name.strip()).expanduser()
         if path.is_dir() and not (path / self.name).exists():
             self.name = ""
-            self.show(path)
+            self.list_folder(path)
             return
-        if request.saves and path.suffix.lower() not in request.suffixes:
+        if request.is_save and path.suffix.lower() not in request.suffixes:
             path = path.with_name(path.name + request.suffixes[0])
-        if not request.saves and not path.exists():
+        if not request.is_save and not path.exists():
             self.problem = f"{path.name} isn't there"
             return
-        if request.saves and path.exists() and path != self._replaces:
+        if request.is_save and path.exists() and path != self._replaces:
             self._replaces, self.problem = path, f"{path.name} is there already: once more replaces it"
             return
         self._close()
-        with app.session.guard():
-            request.chosen(path)
+        with app.session.report_errors():
+            request.on_chosen(path)
 
     def _on_click(self, path: Path) -> None:
         if path.is_dir():
-            self.show(path)
+            self.list_folder(path)
         else:
             self.name = path.name
 
@@ -152,7 +152,7 @@ class FileDialog(Panel):
         imgui.close_current_popup()
 
 
-def centre(width: float) -> None:
+def centre_next_window(width: float) -> None:
     """The next window appears in the middle, `width` wide."""
     place = imgui.get_main_viewport().get_center()
     imgui.set_next_window_pos(place, imgui.Cond_.appearing, imgui.ImVec2(0.5, 0.5))

@@ -16,12 +16,12 @@ from imgui_bundle import imgui
 from holoview.app.keys import key_named, modifier_named
 
 _NOTCH = 100  # of the wheel, in rendercanvas's units
-KINDS = ("pointer_move", "pointer_down", "pointer_up", "wheel", "key_down", "key_up", "char")
+EVENT_TYPES = ("pointer_move", "pointer_down", "pointer_up", "wheel", "key_down", "key_up", "char")
 """The events that are taken, of rendercanvas's."""
 _ACTS = ("pointer_down", "pointer_up", "wheel", "key_down")  # what modifiers change the meaning of
 
 
-class Input:
+class ImguiInputQueue:
     """Hands events to ImGui in their order; `after_frame` is called after each frame."""
 
     def __init__(self) -> None:
@@ -30,22 +30,22 @@ class Input:
         self._has_moved = self._has_acted = False
 
     @property
-    def waits(self) -> bool:
+    def has_pending(self) -> bool:
         """Whether events wait for their turn: ImGui takes a press or a letter a frame, however fast they come."""
         return bool(self._later) or _is_queued()
 
-    def take(self, event: dict[str, Any]) -> None:
+    def enqueue(self, event: dict[str, Any]) -> None:
         """Takes one of `KINDS`; other events change nothing."""
         self._later.append(event)
-        self._feed()
+        self._forward()
 
     def after_frame(self) -> None:
         """Goes on with what waited, once ImGui has seen where the pointer went."""
         if not _is_queued():
             self._has_moved = self._has_acted = False
-            self._feed()
+            self._forward()
 
-    def _feed(self) -> None:
+    def _forward(self) -> None:
         while self._later:
             event = self._later[0]
             if event["event_type"] == "pointer_up":
@@ -55,17 +55,17 @@ class Input:
             is_modifier = _is_modifier(event)
             if is_modifier and self._has_acted:
                 return
-            _hand_over(self._later.popleft())
+            _send_to_imgui(self._later.popleft())
             self._has_acted |= event["event_type"] in _ACTS and not is_modifier
             if event["event_type"] in ("pointer_move", "pointer_down"):
-                self._note(event)
+                self._record_pointer(event)
 
     def _move(self, event: dict[str, Any]) -> None:
         if (event["x"], event["y"]) != self._at:
             imgui.get_io().add_mouse_pos_event(event["x"], event["y"])
-            self._note(event)
+            self._record_pointer(event)
 
-    def _note(self, event: dict[str, Any]) -> None:
+    def _record_pointer(self, event: dict[str, Any]) -> None:
         self._at, self._has_moved = (event["x"], event["y"]), True
 
 
@@ -73,7 +73,7 @@ def _is_modifier(event: dict[str, Any]) -> bool:
     return event["event_type"] in ("key_down", "key_up") and modifier_named(event["key"]) is not None
 
 
-def _hand_over(event: dict[str, Any]) -> None:
+def _send_to_imgui(event: dict[str, Any]) -> None:
     io, kind = imgui.get_io(), event["event_type"]
     if kind in ("pointer_move", "pointer_down", "pointer_up"):
         io.add_mouse_pos_event(event["x"], event["y"])

@@ -10,7 +10,7 @@ from imgui_bundle import hello_imgui, imgui
 from holoview.app import theme
 from holoview.app.menus import draw_menus
 from holoview.app.status import draw_status
-from holoview.session.autosave import Store
+from holoview.session.autosave import SessionStore
 
 if TYPE_CHECKING:
     from holoview.app.app import App
@@ -24,7 +24,7 @@ _SPLITS = (
 _NAMES = {"Centre": "MainDockSpace"}
 
 
-def params_of(app: App, store: Store | None) -> hello_imgui.RunnerParams:
+def runner_params(app: App, store: SessionStore | None) -> hello_imgui.RunnerParams:
     """All that HelloImGui is told of the app."""
     params = hello_imgui.RunnerParams()
     params.app_window_params.window_title = "holoview"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from imgui_bundle import hello_imgui, imgui
 
 from holoview import preset
-from holoview.app.fields import tip
+from holoview.app.fields import tooltip
 from holoview.app.theme import THEMES
 
 if TYPE_CHECKING:
@@ -26,9 +26,9 @@ def draw_menus(app: App) -> None:
             _draw_open(app)
         for command in commands:
             keys = command.keys[0].text if command.keys else ""
-            if imgui.menu_item(command.name, keys, False, command.is_possible())[0]:
+            if imgui.menu_item(command.name, keys, False, command.is_enabled())[0]:
                 app.attempt(command.action)
-            tip(command.help)
+            tooltip(command.help)
         imgui.end_menu()
     if imgui.begin_menu("Window"):
         _draw_windows(app)
@@ -41,12 +41,12 @@ def _draw_open(app: App) -> None:
             if imgui.menu_item(name, "", name == app.session.system.name)[0]:
                 app.attempt(app.loader.open, name)
         imgui.end_menu()
-    recent = app.store.preferences.recent if app.store is not None else ()
+    recent = app.store.preferences.recent_files if app.store is not None else ()
     if imgui.begin_menu("Recent", bool(recent)):
         for number, path in enumerate(recent, start=1):
             if imgui.menu_item(f"{number} {path.name}", "", False)[0]:
                 app.attempt(app.loader.open, path)
-            tip(str(path))
+            tooltip(str(path))
         imgui.end_menu()
     imgui.separator()
 

@@ -24,7 +24,7 @@ REMEDIES = {
 """What to do, by platform."""
 
 
-def show_page(error: UserError) -> bool:
+def show_no_adapter_page(error: UserError) -> bool:
     """Shows the page until it is closed; whether that was possible."""
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return False

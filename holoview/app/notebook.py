@@ -14,30 +14,30 @@ from numpy.typing import NDArray
 
 from holoview import preset
 from holoview.app.app import App
-from holoview.app.run import compute
+from holoview.app.run import compute_loop
 from holoview.errors import UserError
 from holoview.gpu.device import open_device
 from holoview.hologram import Hologram
-from holoview.session.session import Session
+from holoview.session.session import EditingSession
 from holoview.system import System
 
-Shown = System | Hologram | Session | str
+Showable = System | Hologram | EditingSession | str
 _MOST_FRAMES_A_SECOND = 30
-_open: list[Viewer] = []
+_open_viewers: list[Viewer] = []
 """The viewer that is open: ImGui has one window a process."""
 
 
 class Viewer:
     """The viewer as a notebook shows it; `session` is what it edits, for code in other cells."""
 
-    def __init__(self, session: Session, app: App, task: asyncio.Task[None]) -> None:
+    def __init__(self, session: EditingSession, app: App, task: asyncio.Task[None]) -> None:
         self.session = session
         self._app, self._task = app, task
 
     def close(self) -> None:
         """Ends it; the cell keeps its last picture."""
-        if self in _open:
-            _open.remove(self)
+        if self in _open_viewers:
+            _open_viewers.remove(self)
             self._task.cancel()
             self._app.close()
 
@@ -47,7 +47,7 @@ class Viewer:
 
 
 def show(
-    what: Shown,
+    what: Showable,
     drive: NDArray[Any] | None = None,
     *,
     size: tuple[int, int] = (1100, 720),
@@ -62,22 +62,22 @@ def show(
     canvas_class, loop = _widgets()
     session = _session(what, drive)
     device = open_device(adapter)
-    for viewer in list(_open):
+    for viewer in list(_open_viewers):
         viewer.close()
     canvas = canvas_class(size=size, title="holoview", max_fps=_MOST_FRAMES_A_SECOND)
     app = App(session, device, canvas)
     session.wake = lambda: loop.call_soon_threadsafe(app.window.wake)
-    viewer = Viewer(session, app, asyncio.get_running_loop().create_task(compute(app)))
-    _open.append(viewer)
+    viewer = Viewer(session, app, asyncio.get_running_loop().create_task(compute_loop(app)))
+    _open_viewers.append(viewer)
     return viewer
 
 
-def _session(what: Shown, drive: NDArray[Any] | None) -> Session:
-    if isinstance(what, Session):
+def _session(what: Showable, drive: NDArray[Any] | None) -> EditingSession:
+    if isinstance(what, EditingSession):
         return what
     if isinstance(what, Hologram):
-        return Session(what.system, what.drive, origin="hologram of the notebook")
-    return Session(preset.load(what) if isinstance(what, str) else what, drive)
+        return EditingSession(what.system, what.drive, origin="hologram of the notebook")
+    return EditingSession(preset.load(what) if isinstance(what, str) else what, drive)
 
 
 def _widgets() -> tuple[Any, Any]:

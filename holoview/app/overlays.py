@@ -23,25 +23,25 @@ class HelpOverlay(Panel):
 
     def __init__(self, app: App) -> None:
         self._app = app
-        self.open = ""
+        self.page = ""
         self.query, self._chosen = "", 0
         self._is_new = False
 
     def toggle(self, name: str) -> None:
         """Opens "keys" or "palette", or closes it."""
-        self.open = "" if self.open == name else name
+        self.page = "" if self.page == name else name
         self.query, self._chosen, self._is_new = "", 0, True
 
     def close(self) -> None:
         """Closes what is open."""
-        self.open = ""
+        self.page = ""
 
     def draw(self, app: App) -> None:
         """Draws what is open."""
-        if not self.open:
+        if not self.page:
             return
         place = imgui.get_main_viewport()
-        is_sheet = self.open == "keys"
+        is_sheet = self.page == "keys"
         width = min(place.work_size.x - 40, 860.0 if is_sheet else 520.0)
         middle = imgui.ImVec2(place.work_pos.x + place.work_size.x / 2, place.work_pos.y + 50)
         imgui.set_next_window_pos(middle, imgui.Cond_.always, imgui.ImVec2(0.5, 0.0))

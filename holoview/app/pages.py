@@ -8,31 +8,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.app.viewport import Picture
+from holoview.app.viewport import DeviceImage
 from holoview.gpu.device import Device
-from holoview.session.newest import Newest
+from holoview.session.newest import LatestTask
 from holoview.session.pages import eyebox_xyz, phase_turns
-from holoview.session.session import Session
-from holoview.session.state import State
+from holoview.session.session import EditingSession
+from holoview.session.state import Document
 
 
-class Pages:
+class DerivedImages:
     """Pictures of pages other than the image. What takes long is made on a thread; the last one stays until then."""
 
-    def __init__(self, device: Device, session: Session) -> None:
+    def __init__(self, device: Device, session: EditingSession) -> None:
         self._device, self._session = device, session
-        self._pictures: dict[str, tuple[Any, Picture]] = {}
+        self._pictures: dict[str, tuple[Any, DeviceImage]] = {}
         self._asked: Any = None
-        self._newest: Newest[NDArray[np.float32]] = Newest("spectrum", session.deliver, session.messages.post_error)
+        self._newest: LatestTask[NDArray[np.float32]] = LatestTask(
+            "spectrum", session.call_on_owner, session.messages.post_error
+        )
 
     @property
     def is_busy(self) -> bool:
         """Whether a picture is on its way."""
         return self._newest.is_busy
 
-    def picture(self) -> Picture | None:
+    def picture(self) -> DeviceImage | None:
         """The picture of the look's page; None where there is none yet."""
-        shown, look = self._session.shown, self._session.look
+        shown, look = self._session.displayed_document, self._session.view_settings
         if look.page == "phase":
             key = (shown.system, shown.drive, look.frame, look.modulator)
             if self._known("phase", key) is None:
@@ -47,20 +49,20 @@ class Pages:
         """Ends the thread."""
         self._newest.close()
 
-    def _ask(self, shown: State) -> None:
+    def _ask(self, shown: Document) -> None:
         key = (shown.system, shown.drive)
         if self._asked is None or not _is_same(self._asked, key):
             self._asked = key
-            self._newest.ask(partial(eyebox_xyz, *key), partial(self._put, "spectrum", key))
+            self._newest.submit(partial(eyebox_xyz, *key), partial(self._put, "spectrum", key))
 
-    def _known(self, page: str, key: Any) -> Picture | None:
+    def _known(self, page: str, key: Any) -> DeviceImage | None:
         found = self._pictures.get(page)
         return found[1] if found is not None and _is_same(found[0], key) else None
 
     def _put(self, page: str, key: Any, xyz: NDArray[np.float32]) -> None:
         four = np.zeros((*xyz.shape[:2], 4), np.float32)
         four[..., :3] = xyz
-        self._pictures[page] = (key, Picture(self._device.upload(four, page), (xyz.shape[0], xyz.shape[1])))
+        self._pictures[page] = (key, DeviceImage(self._device.upload(four, page), (xyz.shape[0], xyz.shape[1])))
 
 
 def _is_same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:

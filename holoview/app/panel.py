@@ -22,7 +22,7 @@ class Panel(ABC):
     starts_open: ClassVar[bool] = True
     flags: ClassVar[int] = 0
 
-    def begin(self, app: App) -> None:  # noqa: B027 (most panels have nothing to begin)
+    def set_up(self, app: App) -> None:  # noqa: B027 (most panels have nothing to begin)
         """Called once, when the app is complete: add commands and listeners here."""
 
     @abstractmethod
@@ -30,7 +30,7 @@ class Panel(ABC):
         """Draws the inside of the window; called every frame in which it is visible."""
 
 
-class Guarded:
+class GuardedPanel:
     """Draws a panel; an exception ends its drawing, is shown in its place, and the rest of the frame goes on."""
 
     def __init__(self, panel: Panel, app: App) -> None:
@@ -48,7 +48,7 @@ class Guarded:
         try:
             self.panel.draw(self._app)
         except Exception as error:  # whatever a panel does, the window stays
-            _recover(state)
+            _close_open_widgets(state)
             self.failure = error
             self._details = "".join(traceback.format_exception(error))
             self._app.session.messages.post_error(error, f"panel {self.panel.title}")
@@ -67,7 +67,7 @@ class Guarded:
         imgui.pop_text_wrap_pos()
 
 
-def _recover(state: imgui.internal.ErrorRecoveryState) -> None:
+def _close_open_widgets(state: imgui.internal.ErrorRecoveryState) -> None:
     """Closes what the failed panel had open, without ImGui's own complaints."""
     io = imgui.get_io()
     before = io.config_error_recovery_enable_assert, io.config_error_recovery_enable_tooltip

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from imgui_bundle import imgui
 
-from holoview.app.file_dialog import MODAL, centre
+from holoview.app.file_dialog import MODAL, centre_next_window
 from holoview.app.panel import Panel
-from holoview.session.autosave import Saved
+from holoview.session.autosave import SavedSession
 
 if TYPE_CHECKING:
     from holoview.app.app import App
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 _RECOVER = "Recover your work"
 
 
-class RecoveryOffer(Panel):
+class RecoveryDialog(Panel):
     """At the start after a crash: sessions that were left, to be taken up again or thrown away."""
 
     title = "Recovery"
 
-    def __init__(self, saved: Sequence[Saved]) -> None:
+    def __init__(self, saved: Sequence[SavedSession]) -> None:
         self.saved = list(saved)
         self._is_new = bool(self.saved)
 
@@ -39,7 +39,7 @@ class RecoveryOffer(Panel):
         if self._is_new:
             imgui.open_popup(_RECOVER)
             self._is_new = False
-        centre(min(560.0, imgui.get_main_viewport().work_size.x - 20))
+        centre_next_window(min(560.0, imgui.get_main_viewport().work_size.x - 20))
         is_shown, is_open = imgui.begin_popup_modal(_RECOVER, True, MODAL)
         if is_shown:
             imgui.text_wrapped("The viewer ended without closing. Your work up to then was saved:")
@@ -56,24 +56,24 @@ class RecoveryOffer(Panel):
         if not is_open:
             self.saved = []
 
-    def recover(self, app: App, saved: Saved) -> None:
+    def recover(self, app: App, saved: SavedSession) -> None:
         """Makes the open session the saved one, which is then no longer offered."""
         store, session = app.store, app.session
         assert store is not None
-        with session.guard("recovery"):
+        with session.report_errors("recovery"):
             saved.restore_into(session)
             session.messages.post(f"recovered, with {len(session.history) - 1} edits to undo")
             store.discard(saved)
         self.saved = []
 
-    def discard(self, app: App, saved: Saved) -> None:
+    def discard(self, app: App, saved: SavedSession) -> None:
         """Throws one away."""
         store = app.store
         assert store is not None
         store.discard(saved)
         self.saved = [other for other in self.saved if other != saved]
 
-    def _draw_one(self, app: App, saved: Saved) -> None:
+    def _draw_one(self, app: App, saved: SavedSession) -> None:
         imgui.push_id(str(saved.folder))
         imgui.separator()
         imgui.text_wrapped(saved.title)

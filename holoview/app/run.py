@@ -7,22 +7,22 @@ from pathlib import Path
 from typing import Any
 
 from holoview.app.app import App
-from holoview.app.desktop import join_desktop
-from holoview.app.hand import Hand
-from holoview.app.script import run_script, screenshot, wait
+from holoview.app.desktop import connect_desktop
+from holoview.app.hand import InputDriver
+from holoview.app.script import run_script, screenshot, wait_until_idle
 from holoview.app.serve import Address, serve
 from holoview.errors import UserError
 from holoview.gpu.device import Device
-from holoview.session.autosave import Autosave, Store
-from holoview.session.session import Session
+from holoview.session.autosave import Autosave, SessionStore
+from holoview.session.session import EditingSession
 
 _IDLE_S = 0.05  # between looks at what there is to do, while there is nothing
 _TITLE = "holoview"
 SCRIPT_FRAME_S = 1 / 60
 
 
-def off_screen(
-    session: Session,
+def run_offscreen(
+    session: EditingSession,
     device: Device,
     size: tuple[int, int],
     script: str = "",
@@ -35,20 +35,22 @@ def off_screen(
 
     app = App(session, device, OffscreenRenderCanvas(size=size), frame_s=SCRIPT_FRAME_S)
     try:
-        hand = Hand(app)
-        hand.frames(3)
+        hand = InputDriver(app)
+        hand.draw_frames(3)
         if names:
             app.loader.open(list(names) if len(names) > 1 else names[0])
-        wait(hand)
+        wait_until_idle(hand)
         run_script(hand, script, where)
         if picture is not None:
-            wait(hand)
+            wait_until_idle(hand)
             screenshot(hand, picture)
     finally:
         app.close()
 
 
-def on_screen(session: Session, device: Device, store: Store, size: tuple[int, int], names: Sequence[str] = ()) -> None:
+def run_on_screen(
+    session: EditingSession, device: Device, store: SessionStore, size: tuple[int, int], names: Sequence[str] = ()
+) -> None:
     """A window until it is closed. Raises UserError where there is no screen."""
     try:
         import glfw
@@ -58,15 +60,15 @@ def on_screen(session: Session, device: Device, store: Store, size: tuple[int, i
     if not glfw.init():
         raise _no_screen(None)
     canvas = RenderCanvas(size=size, title=_TITLE, max_fps=60)
-    app = _begin(session, device, canvas, store, names)
-    join_desktop(app, glfw, canvas._window)
-    _run(app, store, loop, loop.run)
+    app = _open_app(session, device, canvas, store, names)
+    connect_desktop(app, glfw, canvas._window)
+    _run_loop(app, store, loop, loop.run)
 
 
-def in_browser(
-    session: Session,
+def run_in_browser(
+    session: EditingSession,
     device: Device,
-    store: Store,
+    store: SessionStore,
     address: Address,
     began: Callable[[str], None],
     size: tuple[int, int],
@@ -78,11 +80,11 @@ def in_browser(
     except ImportError as error:
         raise UserError("--serve", f"{error}", remedy='pip install "holoview[serve]"') from error
     canvas = RenderCanvas(size=size, title=_TITLE, max_fps=30)
-    app = _begin(session, device, canvas, store, names)
-    _run(app, store, loop, lambda: serve(address, began, canvas.get_closed))
+    app = _open_app(session, device, canvas, store, names)
+    _run_loop(app, store, loop, lambda: serve(address, began, canvas.get_closed))
 
 
-def _begin(session: Session, device: Device, canvas: Any, store: Store, names: Sequence[str]) -> App:
+def _open_app(session: EditingSession, device: Device, canvas: Any, store: SessionStore, names: Sequence[str]) -> App:
     app = App(session, device, canvas, store=store, tunes=True)
     if not store.preferences.get("has_begun"):
         session.messages.post(
@@ -94,14 +96,14 @@ def _begin(session: Session, device: Device, canvas: Any, store: Store, names: S
     return app
 
 
-def _run(app: App, store: Store, loop: Any, run: Callable[[], None]) -> None:
+def _run_loop(app: App, store: SessionStore, loop: Any, run: Callable[[], None]) -> None:
     autosave = _autosave(app, store)
     app.session.wake = lambda: loop.call_soon_threadsafe(app.window.wake)
-    loop.add_task(compute, app, name="compute")
+    loop.add_task(compute_loop, app, name="compute")
     try:
         run()
     finally:
-        failed = app.window.failed
+        failed = app.window.error
         if autosave is not None and failed is None:
             autosave.close()  # else it is offered at the next start
         app.close()
@@ -109,22 +111,22 @@ def _run(app: App, store: Store, loop: Any, run: Callable[[], None]) -> None:
         raise UserError(failed.where, failed.found, remedy="start again: your work is saved and will be offered")
 
 
-def _autosave(app: App, store: Store) -> Autosave | None:
+def _autosave(app: App, store: SessionStore) -> Autosave | None:
     """Saves the session as it changes; where that is impossible, the user is told."""
     try:
-        return store.attach(app.session)
+        return store.start_autosave(app.session)
     except UserError as error:
         app.session.messages.post_error(error, "autosave")
         return None
 
 
-async def compute(app: App) -> None:
+async def compute_loop(app: App) -> None:
     """Computes a slice, lets the window do what it has to, and so on; at rest, it looks now and then."""
     from rendercanvas.utils.asyncs import sleep
 
     while not app.window.canvas.get_closed():
-        app.tick()
-        await sleep(0 if app.advance() else max(app.sides.resting_s, _IDLE_S))
+        app.redraw_if_due()
+        await sleep(0 if app.compute_slice() else max(app.side_renderers.wait_s, _IDLE_S))
 
 
 def _no_screen(error: BaseException | None) -> UserError:

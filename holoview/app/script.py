@@ -24,14 +24,14 @@ from typing import Any
 
 import numpy as np
 
-from holoview.app.hand import Hand
-from holoview.errors import UserError, near_matches
+from holoview.app.hand import InputDriver
+from holoview.errors import UserError, suggest_matches
 from holoview.pictures import write_png
 
 _JOBS_S = 600.0
 
 
-def run_script(hand: Hand, text: str, where: str = "script") -> None:
+def run_script(hand: InputDriver, text: str, where: str = "script") -> None:
     """Runs a script's lines. Raises UserError that names the line which is wrong or can't be done."""
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.strip()
@@ -43,43 +43,43 @@ def run_script(hand: Hand, text: str, where: str = "script") -> None:
             raise error.inside(f"{where}:{number}: ") from error
 
 
-def _run(hand: Hand, line: str) -> None:
+def _run(hand: InputDriver, line: str) -> None:
     verb, _, rest = line.partition(" ")
-    verbs: dict[str, Callable[[Hand, str], None]] = {
+    verbs: dict[str, Callable[[InputDriver, str], None]] = {
         "open": _open,
         "set": _set,
         "look": _look,
         "command": lambda hand, name: hand.app.commands.run(name),
-        "show": lambda hand, title: hand.app.show(title),
-        "key": lambda hand, chord: hand.key(chord),
-        "type": lambda hand, text: hand.type(text),
+        "show": lambda hand, title: hand.app.show_panel(title),
+        "key": lambda hand, chord: hand.press_chord(chord),
+        "type": lambda hand, text: hand.type_text(text),
         "click": _click,
         "drag": _drag,
         "wheel": _wheel,
-        "wait": lambda hand, _: wait(hand),
+        "wait": lambda hand, _: wait_until_idle(hand),
         "screenshot": lambda hand, path: screenshot(hand, Path(path)),
     }
     if verb not in verbs:
-        raise UserError(f'"{verb}"', "unknown", remedy=near_matches(verb, verbs))
+        raise UserError(f'"{verb}"', "unknown", remedy=suggest_matches(verb, verbs))
     verbs[verb](hand, rest.strip())
-    hand.frames(2)
-    _check(hand)
+    hand.draw_frames(2)
+    _raise_errors(hand)
 
 
-def wait(hand: Hand) -> None:
+def wait_until_idle(hand: InputDriver) -> None:
     """Draws until everything is computed and all jobs have ended."""
-    hand.settle(_JOBS_S)
-    if not hand.app.session.wait(_JOBS_S):
+    hand.draw_until_idle(_JOBS_S)
+    if not hand.app.session.wait_until_idle(_JOBS_S):
         raise UserError("wait", f"jobs still run after {_JOBS_S:g} s")
-    hand.settle(_JOBS_S)
+    hand.draw_until_idle(_JOBS_S)
 
 
-def screenshot(hand: Hand, path: Path) -> None:
+def screenshot(hand: InputDriver, path: Path) -> None:
     """Writes the window as PNG."""
-    write_png(path, hand.frames(2), {})
+    write_png(path, hand.draw_frames(2), {})
 
 
-def _check(hand: Hand) -> None:
+def _raise_errors(hand: InputDriver) -> None:
     """A script has nobody who reads messages: what went wrong ends it."""
     for guarded in hand.app.panels:
         if guarded.failure is not None:
@@ -89,22 +89,22 @@ def _check(hand: Hand) -> None:
         raise UserError("the viewer", wrong[-1].text)
 
 
-def _open(hand: Hand, names: str) -> None:
+def _open(hand: InputDriver, names: str) -> None:
     several = shlex.split(names)
     hand.app.loader.open(several[0] if len(several) == 1 else several)
-    wait(hand)
+    wait_until_idle(hand)
 
 
-def _set(hand: Hand, text: str) -> None:
-    for key, value in _values(text).items():
+def _set(hand: InputDriver, text: str) -> None:
+    for key, value in _parse_assignment(text).items():
         hand.app.session.change(f"Set {key}", {key: value})
 
 
-def _look(hand: Hand, text: str) -> None:
-    hand.app.session.look_at("Look", **_values(text))
+def _look(hand: InputDriver, text: str) -> None:
+    hand.app.session.edit_view("Look", **_parse_assignment(text))
 
 
-def _values(text: str) -> dict[str, Any]:
+def _parse_assignment(text: str) -> dict[str, Any]:
     """One KEY = VALUE in TOML; dots stay part of the key."""
     key, equals, value = text.partition("=")
     if not equals:
@@ -115,7 +115,7 @@ def _values(text: str) -> dict[str, Any]:
         return {key.strip(): value.strip()}
 
 
-def _numbers(text: str, count: int, default: tuple[float, ...]) -> tuple[str, list[float]]:
+def _split_numbers(text: str, count: int, default: tuple[float, ...]) -> tuple[str, list[float]]:
     """The name of an item and the numbers after it; with fewer than `count` they belong to the name."""
     try:
         words = shlex.split(text)
@@ -131,21 +131,21 @@ def _is_number(word: str) -> bool:
     return word.lstrip("-").replace(".", "", 1).isdigit()
 
 
-def _click(hand: Hand, text: str) -> None:
-    name, (x, y) = _numbers(text, 2, (0.5, 0.5))
-    hand.click(hand.where(name, x, y))
+def _click(hand: InputDriver, text: str) -> None:
+    name, (x, y) = _split_numbers(text, 2, (0.5, 0.5))
+    hand.click(hand.item_position(name, x, y))
 
 
-def _drag(hand: Hand, text: str) -> None:
-    name, numbers = _numbers(text, 4, ())
+def _drag(hand: InputDriver, text: str) -> None:
+    name, numbers = _split_numbers(text, 4, ())
     if len(numbers) != 4:
         raise UserError(f"drag {text}", "isn't ITEM X0 Y0 X1 Y1")
     x0, y0, x1, y1 = numbers
-    hand.drag(hand.where(name, x0, y0), hand.where(name, x1, y1), steps=6)
+    hand.drag(hand.item_position(name, x0, y0), hand.item_position(name, x1, y1), steps=6)
 
 
-def _wheel(hand: Hand, text: str) -> None:
-    name, numbers = _numbers(text, 3, ())
+def _wheel(hand: InputDriver, text: str) -> None:
+    name, numbers = _split_numbers(text, 3, ())
     if len(numbers) != 3:
         raise UserError(f"wheel {text}", "isn't ITEM X Y NOTCHES")
-    hand.wheel(hand.where(name, *numbers[:2]), float(np.clip(numbers[2], -100, 100)))
+    hand.wheel(hand.item_position(name, *numbers[:2]), float(np.clip(numbers[2], -100, 100)))

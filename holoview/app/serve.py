@@ -24,7 +24,7 @@ Receive = Callable[[], Awaitable[Any]]
 Send = Callable[[Any], Awaitable[None]]
 Application = Callable[[Scope, Receive, Send], Awaitable[None]]
 
-_EVERYWHERE = ("0.0.0.0", "::")  # addresses to listen at, which nobody can open
+_ANY_ADDRESS = ("0.0.0.0", "::")  # addresses to listen at, which nobody can open
 _POLICY_VIOLATION = 1008  # RFC 6455, 7.4.1
 _PAGE = b"""<!DOCTYPE html>
 <html lang="en">
@@ -83,11 +83,11 @@ class Address:
 
     def url(self, port: int, token: str) -> str:
         """What to open in a browser, once a port is known."""
-        host = socket.gethostname() if self.host in _EVERYWHERE else self.host
+        host = socket.gethostname() if self.host in _ANY_ADDRESS else self.host
         return f"http://{f'[{host}]' if ':' in host else host}:{port}/?token={token}"
 
 
-class Guard:
+class TokenGuard:
     """Lets only those through to an application who know the token: first in the address, then in a cookie."""
 
     def __init__(self, application: Application, token: str, cookie: str = "holoview") -> None:
@@ -106,11 +106,11 @@ class Guard:
         given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
         if given and self._is_right(given):
             cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
-            await _answer(send, 303, b"", [(b"location", b"/"), (b"set-cookie", cookie.encode())])
+            await _respond(send, 303, b"", [(b"location", b"/"), (b"set-cookie", cookie.encode())])
         elif not self._is_right(self._cookie_of(scope)):
-            await _answer(send, 403, b"This address needs the token that `holoview view --serve` printed.\n")
+            await _respond(send, 403, b"This address needs the token that `holoview view --serve` printed.\n")
         elif scope["path"] == "/":
-            await _answer(send, 200, _PAGE, [(b"content-type", b"text/html; charset=utf-8")])
+            await _respond(send, 200, _PAGE, [(b"content-type", b"text/html; charset=utf-8")])
         else:
             await self._application(scope, receive, send)
 
@@ -148,7 +148,7 @@ def serve(
     token = secrets.token_urlsafe(18) if token is None else token
     with _listening(address) as listener:
         port = listener.getsockname()[1]
-        guard = Guard(application, token, f"holoview-{port}")  # cookies know hosts, not ports
+        guard = TokenGuard(application, token, f"holoview-{port}")  # cookies know hosts, not ports
         config = uvicorn.Config(guard, log_level="warning", lifespan="on", timeout_notify=1)
         server = uvicorn.Server(config)
 
@@ -195,7 +195,7 @@ def _header(scope: Scope, name: bytes) -> str:
     return next((value.decode("latin-1") for key, value in scope["headers"] if key == name), "")
 
 
-async def _answer(send: Send, status: int, body: bytes, headers: list[tuple[bytes, bytes]] | None = None) -> None:
+async def _respond(send: Send, status: int, body: bytes, headers: list[tuple[bytes, bytes]] | None = None) -> None:
     common = [(b"content-length", str(len(body)).encode()), (b"cache-control", b"no-store")]
     kind = [] if headers else [(b"content-type", b"text/plain; charset=utf-8")]
     await send({"type": "http.response.start", "status": status, "headers": [*(headers or kind), *common]})

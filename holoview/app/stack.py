@@ -6,30 +6,30 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from holoview.app.feed import Engine, Scene
-from holoview.app.viewport import Picture
-from holoview.engine.session import Step
+from holoview.app.feed import Scene, TimedRenderer
+from holoview.app.viewport import DeviceImage
+from holoview.engine.session import UpdateProgress
 from holoview.errors import UserError
 from holoview.gpu.device import Device
-from holoview.gpu.recorder import Recorder
-from holoview.session.quick import quick_version
-from holoview.session.session import Session
+from holoview.gpu.recorder import CommandRecorder
+from holoview.session.quick import make_quick_system
+from holoview.session.session import EditingSession
 from holoview.session.state import Drive
 from holoview.system import System
 
 _MOST_PLANES = 24
 
 
-class Stack:
+class PlanePreviews:
     """A picture a plane, of the cheaper bench; those that are stale stay until their successor is there."""
 
-    def __init__(self, device: Device, session: Session) -> None:
+    def __init__(self, device: Device, session: EditingSession) -> None:
         self._device, self._session = device, session
-        self._engine = Engine(device)
-        self._of: tuple[System, Drive] | None = None
+        self._engine = TimedRenderer(device)
+        self._requested: tuple[System, Drive] | None = None
         self._stale: list[float] = []
-        self._steps: Iterator[Step] | None = None
-        self.pictures: dict[float, Picture] = {}
+        self._steps: Iterator[UpdateProgress] | None = None
+        self.pictures: dict[float, DeviceImage] = {}
         self._version = 0
 
     @property
@@ -44,25 +44,27 @@ class Stack:
         """Whether there is something to compute."""
         return bool(self._stale)
 
-    def want(self) -> None:
+    def request(self) -> None:
         """Follows the session."""
-        shown = self._session.shown
-        is_same = self._of is not None and shown.drive is self._of[1] and shown.system == self._of[0]
+        shown = self._session.displayed_document
+        is_same = (
+            self._requested is not None and shown.drive is self._requested[1] and shown.system == self._requested[0]
+        )
         if not is_same:
-            self._of, self._steps = (shown.system, shown.drive), None
-            here = self._session.look.plane_m
+            self._requested, self._steps = (shown.system, shown.drive), None
+            here = self._session.view_settings.plane_m
             self._stale = sorted(self.planes_m, key=lambda z: abs(z - here))
             self.pictures = {z: picture for z, picture in self.pictures.items() if z in self._stale}
 
-    def advance(self) -> bool:
+    def compute_slice(self) -> bool:
         """Computes a slice; whether a picture has changed."""
-        if not self._stale or self._of is None:
+        if not self._stale or self._requested is None:
             return False
         plane_m = self._stale[0]
         try:
             if self._steps is None:
-                system, drive = self._of
-                self._steps = self._engine.begin(Scene(quick_version(system), drive, plane_m))
+                system, drive = self._requested
+                self._steps = self._engine.start(Scene(make_quick_system(system), drive, plane_m))
             if next(self._steps, None) is not None:
                 return False
         except UserError:  # a bench that has no cheaper version has no small images either
@@ -73,13 +75,17 @@ class Stack:
         return True
 
     def _keep(self, plane_m: float) -> None:
-        session = self._engine.session
+        session = self._engine.renderer
         assert session is not None
         known = self.pictures.get(plane_m)
-        fits = known is not None and known.shape == session.display.shape
-        buffer = known.buffer if known is not None and fits else session.display.seen(f"plane {plane_m * 1e3:.4g} mm")
-        recorder = Recorder(self._device, "plane")
-        recorder.copy(session.seen, buffer)
+        fits = known is not None and known.shape == session.compositor.shape
+        buffer = (
+            known.buffer
+            if known is not None and fits
+            else session.compositor.xyz_buffer(f"plane {plane_m * 1e3:.4g} mm")
+        )
+        recorder = CommandRecorder(self._device, "plane")
+        recorder.copy(session.xyz_buffer, buffer)
         recorder.submit()
         self._version += 1
-        self.pictures[plane_m] = Picture(buffer, session.display.shape, is_quick=True, version=self._version)
+        self.pictures[plane_m] = DeviceImage(buffer, session.compositor.shape, is_quick=True, version=self._version)

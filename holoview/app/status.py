@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from imgui_bundle import imgui
 
 from holoview.app import theme
-from holoview.app.fields import tip
+from holoview.app.fields import tooltip
 
 if TYPE_CHECKING:
     from holoview.app.app import App
@@ -15,26 +15,26 @@ if TYPE_CHECKING:
 
 def draw_status(app: App) -> None:
     """A line of facts; details as tooltips."""
-    info, feed = app.device.info, app.sides.now
+    info, feed = app.device.info, app.side_renderers.now
     imgui.text(info.name)
-    tip(info.label)
+    tooltip(info.label)
     if info.is_cpu:
         imgui.same_line()
         imgui.text_colored(theme.WARNING, "software")
-        tip("Shaders run on the processor: a GPU's driver wasn't found, or --adapter chose this one.")
+        tooltip("Shaders run on the processor: a GPU's driver wasn't found, or --adapter chose this one.")
     parts = [f"full frame {_ms(feed.update_s)}"] if feed.update_s else []
     parts += [f"quick {_ms(feed.quick_s)}"] if feed.quick_s else []
     parts += [f"window {_ms(app.window.draw_s)}"]
     imgui.same_line(spacing=20)
     imgui.text_disabled("  ·  ".join(parts))
-    tip("Time of the last full frame, of the last quick one, and of drawing this window (processor's part).")
+    tooltip("Time of the last full frame, of the last quick one, and of drawing this window (processor's part).")
     if feed.is_busy:
         imgui.same_line(spacing=20)
         text = "quick view" if feed.picture is not None and feed.picture.is_quick else "computing"
         imgui.push_style_var(imgui.StyleVar_.frame_padding, imgui.ImVec2(6, 0))
         imgui.progress_bar(feed.progress, imgui.ImVec2(110, imgui.get_text_line_height()), text)
         imgui.pop_style_var()
-        tip("A cheaper image is shown at once; the full one follows when your hand rests.")
+        tooltip("A cheaper image is shown at once; the full one follows when your hand rests.")
     for job in app.session.jobs.active:
         imgui.same_line(spacing=20)
         imgui.text(f"{job.title} {job.fraction:.0%}")

@@ -13,7 +13,7 @@ from holoview.app.window import Window
 from holoview.gpu.device import Device
 
 
-class Textures:
+class TextureCache:
     """Textures by key, each uploaded once for an array."""
 
     def __init__(self, device: Device) -> None:
@@ -21,7 +21,7 @@ class Textures:
         self.window: Window | None = None
         self._known: dict[str, tuple[NDArray[np.uint8], imgui.ImTextureRef]] = {}
 
-    def of(self, key: str, pixels: NDArray[np.uint8]) -> imgui.ImTextureRef:
+    def get(self, key: str, pixels: NDArray[np.uint8]) -> imgui.ImTextureRef:
         """The texture of an array (y, x, 3 or 4); the one that had this key before is forgotten."""
         assert self.window is not None
         known = self._known.get(key)

@@ -7,33 +7,33 @@ from typing import TYPE_CHECKING
 
 from imgui_bundle import imgui
 
-from holoview.app.viewport import Picture, Viewport, frame_of
-from holoview.session.look import Look
+from holoview.app.viewport import DeviceImage, Viewport, visible_area_of
+from holoview.session.look import ViewSettings
 
 if TYPE_CHECKING:
     from holoview.app.app import App
 
-NEAR_M = 1e-9
+SAME_PLANE_M = 1e-9
 """Planes so close are the same."""
 _CHOSEN = imgui.IM_COL32(80, 160, 245, 255)
 _EMPTY = imgui.IM_COL32(20, 20, 22, 255)
 _GROUND, _INK = imgui.IM_COL32(0, 0, 0, 160), imgui.IM_COL32(255, 255, 255, 255)
 
 
-class Tiles:
+class PlaneTiles:
     """Draws pictures by plane; each has a texture of its own, drawn anew when it or the look has changed."""
 
     def __init__(self, app: App, name: str) -> None:
         self._app, self._name = app, name
         self._drawn: dict[float, tuple[Viewport, imgui.ImTextureRef]] = {}
 
-    def draw(self, plane_m: float, picture: Picture | None, size: tuple[int, int], is_chosen: bool) -> bool:
+    def draw(self, plane_m: float, picture: DeviceImage | None, size: tuple[int, int], is_chosen: bool) -> bool:
         """A tile of `size` (x, y) pixels; whether it was clicked."""
         corner = imgui.get_cursor_screen_pos()
         corner = imgui.ImVec2(float(round(corner.x)), float(round(corner.y)))
         name = f"{plane_m * 1e3:.4g} mm"
         clicked = imgui.invisible_button(f"##{self._name} {name}", imgui.ImVec2(*size))
-        self._app.mark(f"{self._name} {name}")
+        self._app.record_item_rect(f"{self._name} {name}")
         if not imgui.is_item_visible():
             return False
         end = imgui.ImVec2(corner.x + size[0], corner.y + size[1])
@@ -49,14 +49,14 @@ class Tiles:
             canvas.add_rect(corner, end, _CHOSEN, 2, 2.0 if is_chosen else 1.0)
         return clicked
 
-    def _texture(self, plane_m: float, picture: Picture, size: tuple[int, int]) -> imgui.ImTextureRef:
-        look = _plain(self._app.session.look)
-        picture = replace(picture, gain=self._app.sides.now.quick_gain)
+    def _texture(self, plane_m: float, picture: DeviceImage, size: tuple[int, int]) -> imgui.ImTextureRef:
+        look = _tile_view_settings(self._app.session.view_settings)
+        picture = replace(picture, gain=self._app.side_renderers.now.quick_gain)
         known = self._drawn.get(plane_m)
         viewport = known[0] if known is not None else Viewport(self._app.device, f"{self._name} {plane_m:g}")
         scale = imgui.get_io().display_framebuffer_scale.x
         pixels = (max(round(size[0] * scale), 1), max(round(size[1] * scale), 1))
-        is_new = viewport.draw(picture, None, look, frame_of(look, pixels, picture.shape))
+        is_new = viewport.draw(picture, None, look, visible_area_of(look, pixels, picture.shape))
         if known is not None and not is_new:
             return known[1]
         if known is not None:
@@ -71,6 +71,6 @@ def tile_size(shape: tuple[int, int], height: float) -> tuple[int, int]:
     return max(round(height * shape[1] / shape[0]), 24), max(round(height), 16)
 
 
-def _plain(look: Look) -> Look:
+def _tile_view_settings(look: ViewSettings) -> ViewSettings:
     """The same tone; all of the image, and nothing compared."""
     return look.with_(page="image", compare="off", zoom=0.0, centre=(0.5, 0.5), plane_m=0.0, region=None, profile=None)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from imgui_bundle import imgui
 
 from holoview.app import theme
-from holoview.session.messages import Message, Messages
+from holoview.session.messages import Message, MessageLog
 
-SECONDS = {"info": 4.0, "warning": 8.0, "error": 12.0}
+DURATIONS_S = {"info": 4.0, "warning": 8.0, "error": 12.0}
 _WIDTH, _GAP, _MOST = 380.0, 10.0, 4
 _COLOURS = {"info": theme.ACCENT, "warning": theme.WARNING, "error": theme.ERROR}
 
@@ -15,7 +15,7 @@ _COLOURS = {"info": theme.ACCENT, "warning": theme.WARNING, "error": theme.ERROR
 class Toasts:
     """Draws the newest messages of a session until their time is over or they are clicked away."""
 
-    def __init__(self, messages: Messages) -> None:
+    def __init__(self, messages: MessageLog) -> None:
         self._messages = messages
         self._closed: set[float] = set()
         self._drawn: list[float] = []
@@ -24,7 +24,7 @@ class Toasts:
         """Those that are to be seen, newest first."""
         found = [
             message
-            for kind, seconds in SECONDS.items()
+            for kind, seconds in DURATIONS_S.items()
             for message in self._messages.recent(seconds)
             if message.kind == kind and message.when not in self._closed
         ]

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from holoview.engine.layouts import VIEWPORT
 from holoview.gpu.device import Buffer, Device
-from holoview.gpu.recorder import Pass, Recorder
-from holoview.gpu.shader import Generated, link
-from holoview.session.look import Look
-from holoview.session.palettes import palette
+from holoview.gpu.recorder import CommandRecorder, Dispatch
+from holoview.gpu.shader import GeneratedWgsl, link
+from holoview.session.look import ViewSettings
+from holoview.session.palettes import colour_map
 from holoview.session.tone import channel_matrix
 
 _TILE = 8
@@ -26,7 +26,7 @@ BACKGROUND = (0.075, 0.078, 0.086)
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class DeviceImage:
     """An image of XYZ on the device, f32 (y, x, 4).
 
     is_quick: of the cheaper bench. version: rises with its content. gain: its light is multiplied by it to be shown.
@@ -40,33 +40,33 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Frame:
+class VisibleArea:
     """Which part of an image is shown in `size` (x, y) pixels: `origin` and `step` in shares of the image."""
 
     size: tuple[int, int]
     origin: tuple[float, float]
     step: tuple[float, float]
 
-    def place(self, x: float, y: float) -> tuple[float, float]:
+    def to_image(self, x: float, y: float) -> tuple[float, float]:
         """Shares of the image at a pixel's position."""
         return self.origin[0] + x * self.step[0], self.origin[1] + y * self.step[1]
 
-    def pixel(self, u: float, v: float) -> tuple[float, float]:
+    def to_pixel(self, u: float, v: float) -> tuple[float, float]:
         """The pixel's position of shares of the image."""
         return (u - self.origin[0]) / self.step[0], (v - self.origin[1]) / self.step[1]
 
 
-def frame_of(look: Look, size: tuple[int, int], shape: tuple[int, int]) -> Frame:
+def visible_area_of(look: ViewSettings, size: tuple[int, int], shape: tuple[int, int]) -> VisibleArea:
     """The part of an image of `shape` (y, x) that a look shows in `size` (x, y) pixels; its corner is on a pixel's."""
     panes = 2 if look.compare == "side-by-side" else 1
     width, height = max(size[0] // panes, 1), max(size[1], 1)
-    zoom = look.zoom or fitting_zoom(look, size, shape)
+    zoom = look.zoom or zoom_to_fit(look, size, shape)
     step = (1 / (zoom * shape[1]), 1 / (zoom * shape[0]))
     left, top = round(width / 2 - look.centre[0] / step[0]), round(height / 2 - look.centre[1] / step[1])
-    return Frame(size, (-left * step[0], -top * step[1]), step)
+    return VisibleArea(size, (-left * step[0], -top * step[1]), step)
 
 
-def fitting_zoom(look: Look, size: tuple[int, int], shape: tuple[int, int]) -> float:
+def zoom_to_fit(look: ViewSettings, size: tuple[int, int], shape: tuple[int, int]) -> float:
     """Screen pixels a sample at which the whole image is seen."""
     panes = 2 if look.compare == "side-by-side" else 1
     return max(min(size[0] / panes / shape[1], size[1] / shape[0]), 1e-3)
@@ -84,24 +84,32 @@ class Viewport:
         self.view: Any = None
         self.size = (0, 0)
 
-    def draw(self, a: Picture, b: Picture | None, look: Look, frame: Frame, *, holds_b: bool = False) -> bool:
+    def draw(
+        self,
+        a: DeviceImage,
+        b: DeviceImage | None,
+        view_settings: ViewSettings,
+        frame: VisibleArea,
+        *,
+        holds_b: bool = False,
+    ) -> bool:
         """Draws where something has changed; whether `view` is another one than before.
 
         b: the other side of the comparison, a alone when None. holds_b: b is shown in place of a.
         """
         is_new = self._resize(frame.size)
         b_or_a = a if b is None else b
-        look = look if b is not None else replace(look, compare="off")
-        asked = (a.buffer, a.version, a.gain, b_or_a.buffer, b_or_a.version, b_or_a.gain, look, frame, holds_b)
+        view_settings = view_settings if b is not None else replace(view_settings, compare="off")
+        asked = (a.buffer, a.version, a.gain, b_or_a.buffer, b_or_a.version, b_or_a.gain, view_settings, frame, holds_b)
         if asked == self._drawn and not is_new:
             return False
-        self._device.write(self._uniform, _packed(a, b_or_a, look, frame))
-        source = link(Generated("structs", VIEWPORT.wgsl), "display/viewport.wgsl")
-        pipeline = self._device.pipeline(source, _constants(a, b_or_a, look, frame, holds_b and b is not None))
-        groups = [[self._uniform], [a.buffer, b_or_a.buffer, self._palette(look), self.view]]
+        self._device.write(self._uniform, _pack_uniform(a, b_or_a, view_settings, frame))
+        source = link(GeneratedWgsl("structs", VIEWPORT.wgsl), "display/viewport.wgsl")
+        pipeline = self._device.pipeline(source, _constants(a, b_or_a, view_settings, frame, holds_b and b is not None))
+        groups = [[self._uniform], [a.buffer, b_or_a.buffer, self._palette(view_settings), self.view]]
         tiles = (-(-frame.size[0] // _TILE), -(-frame.size[1] // _TILE), 1)
-        recorder = Recorder(self._device, self._label)
-        recorder.add(Pass.bind(self._device, pipeline, groups, tiles))
+        recorder = CommandRecorder(self._device, self._label)
+        recorder.add(Dispatch.bind(self._device, pipeline, groups, tiles))
         recorder.submit()
         self._drawn = asked
         return is_new
@@ -127,16 +135,16 @@ class Viewport:
         self.view, self.size = self._texture.create_view(), size
         return True
 
-    def _palette(self, look: Look) -> Buffer:
-        name = palette_of(look) or "grey"
+    def _palette(self, look: ViewSettings) -> Buffer:
+        name = colour_map_of(look) or "grey"
         if name not in self._palettes:
             opaque = np.full((256, 4), 255, np.uint8)
-            opaque[:, :3] = palette(name)
+            opaque[:, :3] = colour_map(name)
             self._palettes[name] = self._device.upload(opaque, f"palette {name}")
         return self._palettes[name]
 
 
-def palette_of(look: Look) -> str:
+def colour_map_of(look: ViewSettings) -> str:
     """The palette that a look needs; "" where colours are shown as they are."""
     if look.page == "phase":
         return "hue"
@@ -145,7 +153,9 @@ def palette_of(look: Look) -> str:
     return "signed" if look.compare == "difference" else look.false_colour or "grey"
 
 
-def _constants(a: Picture, b: Picture, look: Look, frame: Frame, only_b: bool) -> dict[str, int | float | bool]:
+def _constants(
+    a: DeviceImage, b: DeviceImage, look: ViewSettings, frame: VisibleArea, only_b: bool
+) -> dict[str, int | float | bool]:
     """What a shader is made for: the comparison, the palette, and how many samples a pixel covers."""
     shape = max(a.shape, b.shape)
     covered = max(frame.step[0] * shape[1], frame.step[1] * shape[0])
@@ -153,7 +163,7 @@ def _constants(a: Picture, b: Picture, look: Look, frame: Frame, only_b: bool) -
     return {
         "comparison": _COMPARISONS[look.compare],
         "only_b": only_b,
-        "has_palette": bool(palette_of(look)),
+        "has_palette": bool(colour_map_of(look)),
         "is_linear": look.page == "phase",
         "has_gamma": look.gamma != 1.0,
         "has_grid": covered <= 1 / _GRID_FROM and not a.is_quick,
@@ -162,7 +172,7 @@ def _constants(a: Picture, b: Picture, look: Look, frame: Frame, only_b: bool) -
     }
 
 
-def _packed(a: Picture, b: Picture, look: Look, frame: Frame) -> bytes:
+def _pack_uniform(a: DeviceImage, b: DeviceImage, look: ViewSettings, frame: VisibleArea) -> bytes:
     rows = np.zeros((3, 4))
     matrix = np.array([[0.0, 1.0, 0.0]]) if look.page == "phase" else channel_matrix(look.channel)
     scale = 1.0 if look.page == "phase" else 2.0**look.exposure_stops / (look.high - look.low)

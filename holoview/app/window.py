@@ -13,7 +13,7 @@ from typing import Any
 from imgui_bundle import hello_imgui, imgui, immapp
 from wgpu.utils.imgui import ImguiWgpuBackend
 
-from holoview.app.input import KINDS, Input
+from holoview.app.input import EVENT_TYPES, ImguiInputQueue
 from holoview.gpu.device import Device, DeviceLost
 
 _LONGEST_FRAME_S, _SHORTEST_FRAME_S = 0.25, 1e-4
@@ -45,16 +45,16 @@ class Window:
         self.canvas, self.device, self.params = canvas, device, params
         self.draw_s = 0.0
         self.closed = False
-        self.failed: BaseException | None = None
+        self.error: BaseException | None = None
         self._frame_s, self._last = frame_s, time.perf_counter()
         self._settling, self._event_at, self._rested = _SETTLING_FRAMES, self._last, 0
-        self._cursor, self._input = "", Input()
+        self._cursor, self._input = "", ImguiInputQueue()
         self._context = canvas.get_wgpu_context()
         self._format = self._context.get_preferred_format(device.raw.adapter).removesuffix("-srgb")
         self._context.configure(device=device.raw, format=self._format)
         self._backend: ImguiWgpuBackend | None = None
         self._set_up(params)
-        canvas.add_event_handler(self._on_event, *KINDS, "resize")
+        canvas.add_event_handler(self._on_event, *EVENT_TYPES, "resize")
         canvas.request_draw(self.draw)
 
     def texture(self, view: Any) -> imgui.ImTextureRef:
@@ -72,7 +72,7 @@ class Window:
         self._settling = max(self._settling, 1)
         self.canvas.request_draw()
 
-    def is_due(self) -> bool:
+    def needs_redraw(self) -> bool:
         """Whether a frame is due without any event: tooltips wait for a moment of rest, a text's cursor blinks."""
         now = time.perf_counter()
         rested = sum(self._event_at + moment <= now for moment in _TOOLTIP_MOMENTS_S)
@@ -90,17 +90,17 @@ class Window:
         try:
             immapp.manual_render.render()
         except DeviceLost as error:
-            self.failed = error
+            self.error = error
             self.canvas.close()
             return
         except BaseException as error:
-            self.failed = error
+            self.error = error
             raise
         self.draw_s = time.perf_counter() - begun
         self._input.after_frame()
         if self.params.app_shall_exit:
             self.canvas.close()
-        elif self._settling > 0 or self._input.waits:
+        elif self._settling > 0 or self._input.has_pending:
             self._settling = max(self._settling - 1, 0)
             self.canvas.request_draw()
 
@@ -119,8 +119,8 @@ class Window:
         params.renderer_backend_type = hello_imgui.RendererBackendType.null
         params.fps_idling.enable_idling = False
         calls = params.callbacks
-        calls.post_init = _after(self._begin, calls.post_init)
-        calls.pre_new_frame = _after(self._begin_frame, calls.pre_new_frame)
+        calls.post_init = _chain(self._begin, calls.post_init)
+        calls.pre_new_frame = _chain(self._begin_frame, calls.pre_new_frame)
         calls.before_swap = self._present
         calls.before_exit_post_cleanup = imgui.destroy_context  # the null runner doesn't
         addons = immapp.AddOnsParams(with_implot=True)
@@ -162,12 +162,12 @@ class Window:
     def _on_event(self, event: dict[str, Any]) -> None:
         if self.closed:
             return
-        self._input.take(event)
+        self._input.enqueue(event)
         self._settling, self._event_at, self._rested = _SETTLING_FRAMES, time.perf_counter(), 0
         self.canvas.request_draw()
 
 
-def _after(first: Callable[[], None], then: Callable[[], None] | None) -> Callable[[], None]:
+def _chain(first: Callable[[], None], then: Callable[[], None] | None) -> Callable[[], None]:
     def both() -> None:
         first()
         if then is not None:

@@ -6,27 +6,27 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from holoview.gpu.device import Device
-from holoview.gpu.lines import Strategy, strategies
-from holoview.gpu.tune import FftChoice, Tuning
+from holoview.gpu.lines import Strategy, supported_strategies
+from holoview.gpu.tune import FftTuner, TuningResult
 
-Asked = Strategy | Literal["auto"]
+StrategyOption = Strategy | Literal["auto"]
 Shape = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Tuned:
+class TuningReport:
     """What timing the strategies of transforms of `shape` (ny, nx) told, and the one that was chosen."""
 
     shape: Shape
     chosen: Strategy
-    tuning: Tuning
+    tuning: TuningResult
 
     def as_dict(self) -> dict[str, Any]:
         """For programs."""
         tables = {name: dict(getattr(self.tuning, name)) for name in ("seconds", "compile_seconds", "refused")}
         return {"size": [self.shape[1], self.shape[0]], "chosen": self.chosen} | tables
 
-    def lines(self) -> list[str]:
+    def format_lines(self) -> list[str]:
         """For people."""
         out = [f"{self.shape[1]} x {self.shape[0]}: {self.chosen}"]
         for strategy in sorted({*self.tuning.seconds, *self.tuning.compile_seconds, *self.tuning.refused}):
@@ -41,18 +41,18 @@ class Tuned:
         return out
 
 
-def tuned(device: Device, shape: Shape, *, anew: bool = False) -> Tuned:
+def tune(device: Device, shape: Shape, *, remeasure: bool = False) -> TuningReport:
     """The choice for fields of a shape, remembered or measured; waits until it is made.
 
     Raises UserError for a size that can't be transformed.
     """
-    with FftChoice(device, shape, anew=anew) as choice:
+    with FftTuner(device, shape, remeasure=remeasure) as choice:
         chosen = choice.wait()
-        return Tuned(shape, chosen, choice.tuning)
+        return TuningReport(shape, chosen, choice.tuning)
 
 
-def strategy_for(device: Device, shape: Shape, asked: Asked) -> Strategy:
+def resolve_strategy(device: Device, shape: Shape, requested: StrategyOption) -> Strategy:
     """The strategy that was asked for; for "auto" the fastest one."""
-    if asked != "auto":
-        return asked
-    return tuned(device, shape).chosen if len(strategies(device, shape)) > 1 else "passes"
+    if requested != "auto":
+        return requested
+    return tune(device, shape).chosen if len(supported_strategies(device, shape)) > 1 else "passes"

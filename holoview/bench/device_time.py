@@ -7,11 +7,11 @@ import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from holoview.bench.choices import Asked, strategy_for
-from holoview.engine.session import FrameSession
+from holoview.bench.choices import StrategyOption, resolve_strategy
+from holoview.engine.session import IncrementalRenderer
 from holoview.gpu.device import Device
-from holoview.gpu.recorder import Recorder
-from holoview.gpu.timer import Timer
+from holoview.gpu.recorder import CommandRecorder
+from holoview.gpu.timer import GpuTimer
 from holoview.plan import make_plan
 from holoview.system import System
 from holoview.view import random_drive
@@ -35,19 +35,19 @@ class DeviceTime:
 
 
 def device_time(
-    system: System, device: Device, rounds: int, *, half: bool = False, strategy: Asked = "auto"
+    system: System, device: Device, rounds: int, *, half: bool = False, strategy: StrategyOption = "auto"
 ) -> DeviceTime:
     """Times warm frames of a periodic bench. Raises UserError where the device has no timestamp queries."""
     periodic = system.edit({"propagation": "periodic"})
-    chosen = strategy_for(device, make_plan(periodic).grid.padded, strategy)
-    session = FrameSession(periodic, random_drive(periodic), device, half=half, strategy=chosen)
-    session.update(picture=False)
-    session.timer = Timer(device)
+    chosen = resolve_strategy(device, make_plan(periodic).grid.padded, strategy)
+    session = IncrementalRenderer(periodic, random_drive(periodic), device, half=half, strategy=chosen)
+    session.update(with_srgb=False)
+    session.timer = GpuTimer(device)
     seconds = []
     for _ in range(rounds):
-        session.forget()
-        session.update(picture=False)
-        seconds.append(session.timer.seconds())
+        session.invalidate()
+        session.update(with_srgb=False)
+        seconds.append(session.timer.take_seconds())
     taken, count = statistics.median(seconds), len(periodic.wavelengths_m)
     bandwidth = count * session.traffic_bytes / taken
     return DeviceTime(1e3 * taken, 1e3 * taken / count, bandwidth, _copy_bandwidth(device, rounds))
@@ -58,7 +58,7 @@ def _copy_bandwidth(device: Device, rounds: int) -> float:
     source, target = (device.buffer(_COPY_BYTES, f"{name} of a copy") for name in ("source", "target"))
     seconds = []
     for _ in range(rounds + 1):
-        recorder = Recorder(device, "copies")
+        recorder = CommandRecorder(device, "copies")
         for _ in range(_COPIES):
             recorder.copy(source, target)
         device.wait()

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from holoview.bench.timing import Job
+from holoview.bench.timing import TimedJob
 from holoview.gpu.device import Device
 from holoview.gpu.fft import FftPlan
 from holoview.gpu.lines import Strategy
-from holoview.gpu.recorder import Recorder
+from holoview.gpu.recorder import CommandRecorder
 
 FFT, TORCH_FFT = "FFT2", "torch.fft2, 2 threads"
 _THREADS, _AT_A_TIME = 2, 4
 
 
-def fft_jobs(device: Device, shape: tuple[int, int], strategy: Strategy) -> dict[str, Job]:
+def fft_jobs(device: Device, shape: tuple[int, int], strategy: Strategy) -> dict[str, TimedJob]:
     """Forward FFTs of a complex64 field of `shape` (ny, nx), `_AT_A_TIME` a job: warm, in memory that is there."""
     parts = np.random.default_rng(0).standard_normal((2, *shape)).astype(np.float32)
     field = (parts[0] + 1j * parts[1]).astype(np.complex64)
@@ -24,7 +24,7 @@ def fft_jobs(device: Device, shape: tuple[int, int], strategy: Strategy) -> dict
     given, out = torch.from_numpy(field), torch.empty(shape, dtype=torch.complex64)
 
     def ours() -> None:
-        recorder = Recorder(device, "FFT2")
+        recorder = CommandRecorder(device, "FFT2")
         for direction in (plan.forward, plan.inverse) * (_AT_A_TIME // 2):  # back again, so that values stay finite
             direction(recorder, buffer)
         recorder.submit(wait=True)

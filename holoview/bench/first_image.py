@@ -9,7 +9,7 @@ import tempfile
 import time
 
 from holoview import preset
-from holoview.bench.frame_bars import Bar
+from holoview.bench.frame_bars import Criterion
 from holoview.system import System
 
 _CACHES = ("XDG_CACHE_HOME", "MESA_SHADER_CACHE_DIR", "LOCALAPPDATA")
@@ -43,7 +43,7 @@ def first_image_s(system: System, adapter: str | None = None) -> float:
         return time.perf_counter() - start
 
 
-def first_image_bar(system: System, adapter: str | None = None) -> Bar:
+def first_image_criterion(system: System, adapter: str | None = None) -> Criterion:
     """The time to the first picture of the periodic bench, with its bar."""
     periodic = system.edit({"propagation": "periodic"})
-    return Bar("first image from process start, cold cache", first_image_s(periodic, adapter), 5.0, 3.0, "s")
+    return Criterion("first image from process start, cold cache", first_image_s(periodic, adapter), 5.0, 3.0, "s")

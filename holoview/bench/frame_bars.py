@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import torch
 
-from holoview.bench.choices import Asked, strategy_for
+from holoview.bench.choices import StrategyOption, resolve_strategy
 from holoview.bench.fft_bar import FFT, TORCH_FFT, fft_jobs
-from holoview.bench.timing import Job, Sample, interleaved
-from holoview.bench.torch_loop import TorchLoop
-from holoview.engine.session import FrameSession
+from holoview.bench.timing import JobTimings, TimedJob, time_interleaved
+from holoview.bench.torch_loop import TorchBaseline
+from holoview.engine.session import IncrementalRenderer
 from holoview.engine.torch import TorchExecutor
 from holoview.gpu.device import Device
 from holoview.gpu.lines import Strategy
-from holoview.optics.slots import make_slots
+from holoview.optics.slots import make_frame_inputs
 from holoview.plan import make_plan
 from holoview.system import System
 from holoview.view import random_drive
@@ -28,35 +28,37 @@ TORCH, TORCH_SINGLE = "torch", "torch, 1 λ"
 
 
 @dataclass(frozen=True)
-class Bar:
+class Criterion:
     """A figure, the bar that it should stay below, and what it aims at."""
 
     name: str
     value: float
-    bar: float
-    aim: float
+    limit: float
+    goal: float
     unit: str = ""
 
     @property
-    def holds(self) -> bool:
+    def is_met(self) -> bool:
         """Whether the bar is met."""
-        return self.value <= self.bar
+        return self.value <= self.limit
 
 
 @dataclass(frozen=True)
-class FrameBench:
+class FrameTimings:
     """What was measured: wall times by job, ratios with their bars, the traffic of a frame and wavelength, and by which
     strategies the transforms went."""
 
-    samples: dict[str, Sample]
-    bars: list[Bar]
+    timings: dict[str, JobTimings]
+    criteria: list[Criterion]
     wavelengths: int
     traffic_bytes: int
     memory_bytes: int
     strategies: dict[str, Strategy]
 
 
-def measure(system: System, device: Device, rounds: int, *, half: bool = False, strategy: Asked = "auto") -> FrameBench:
+def benchmark_frame(
+    system: System, device: Device, rounds: int, *, half: bool = False, strategy: StrategyOption = "auto"
+) -> FrameTimings:
     """Times frames of a periodic, on-axis bench of one frame, warm, at its middle focal plane.
 
     Raises UserError when the device can't hold it.
@@ -68,15 +70,15 @@ def measure(system: System, device: Device, rounds: int, *, half: bool = False, 
         SINGLE: _session(single, device, half, strategy),
         PADDED: _session(system.edit({"propagation": "linear"}), device, half, strategy),
     }
-    jobs: dict[str, Job] = {name: _full(session) for name, session in sessions.items()}
+    jobs: dict[str, TimedJob] = {name: _full(session) for name, session in sessions.items()}
     jobs |= {SCRUB: _scrub(sessions[FULL]), AMPLITUDE: _amplitudes(sessions[FULL])}
     jobs |= _torch_jobs(TORCH, base) | _torch_jobs(TORCH_SINGLE, single)
     jobs |= fft_jobs(device, make_plan(base).grid.padded, sessions[FULL].strategy)
-    samples = interleaved(jobs, rounds)
-    bars = _bars(samples, len(base.wavelengths_m), frame_error(single, device, half, strategy))
+    samples = time_interleaved(jobs, rounds)
+    bars = _criteria(samples, len(base.wavelengths_m), frame_error(single, device, half, strategy))
     frame = sessions[FULL]
     chosen = {name: session.strategy for name, session in sessions.items()}
-    return FrameBench(samples, bars, len(base.wavelengths_m), frame.traffic_bytes, frame.memory_bytes, chosen)
+    return FrameTimings(samples, bars, len(base.wavelengths_m), frame.traffic_bytes, frame.memory_bytes, chosen)
 
 
 def one_wavelength(system: System) -> System:
@@ -85,62 +87,62 @@ def one_wavelength(system: System) -> System:
     return system.edit({"wavelengths": [middle], "amplitudes": [[1.0]]})
 
 
-def frame_error(system: System, device: Device, half: bool, strategy: Asked) -> float:
+def frame_error(system: System, device: Device, half: bool, strategy: StrategyOption) -> float:
     """Relative L2 of the intensity of the first wavelength against torch in complex128."""
     session = _session(system, device, half, strategy)
     plan = make_plan(system, [session.plane_m])
-    reference = TorchExecutor(plan, make_slots(plan, random_drive(system)), double=True)
+    reference = TorchExecutor(plan, make_frame_inputs(plan, random_drive(system)), double=True)
     reference.run(0)
     expected = reference.intensity(0)
     return float(np.linalg.norm(session.intensity(0) - expected) / np.linalg.norm(expected))
 
 
-def _bars(samples: dict[str, Sample], wavelengths: int, error: float) -> list[Bar]:
+def _criteria(samples: dict[str, JobTimings], wavelengths: int, error: float) -> list[Criterion]:
     ms = {name: sample.median_ms for name, sample in samples.items()}
     best, best_single = (min(t for name, t in ms.items() if name.startswith(f"{of}:")) for of in (TORCH, TORCH_SINGLE))
     return [
-        Bar("FFT2 / torch.fft2 on 2 threads", ms[FFT] / ms[TORCH_FFT], 2.0, 1.6),
-        Bar(f"frame / best torch loop, {wavelengths} λ", ms[FULL] / best, 0.80, 0.65),
-        Bar("frame / best torch loop, 1 λ", ms[SINGLE] / best_single, 1.0, 0.85),
-        Bar("padded (linear) / periodic frame", ms[PADDED] / ms[FULL], 4.0, 3.0),
-        Bar("focal-plane scrub / full frame", ms[SCRUB] / ms[FULL], 0.45, 0.35),
-        Bar("amplitude edit / full frame", ms[AMPLITUDE] / ms[FULL], 0.10, 0.05),
-        Bar("frame error, relative L2 against complex128", error, 1e-6, 7e-7),
+        Criterion("FFT2 / torch.fft2 on 2 threads", ms[FFT] / ms[TORCH_FFT], 2.0, 1.6),
+        Criterion(f"frame / best torch loop, {wavelengths} λ", ms[FULL] / best, 0.80, 0.65),
+        Criterion("frame / best torch loop, 1 λ", ms[SINGLE] / best_single, 1.0, 0.85),
+        Criterion("padded (linear) / periodic frame", ms[PADDED] / ms[FULL], 4.0, 3.0),
+        Criterion("focal-plane scrub / full frame", ms[SCRUB] / ms[FULL], 0.45, 0.35),
+        Criterion("amplitude edit / full frame", ms[AMPLITUDE] / ms[FULL], 0.10, 0.05),
+        Criterion("frame error, relative L2 against complex128", error, 1e-6, 7e-7),
     ]
 
 
-def _session(system: System, device: Device, half: bool, strategy: Asked) -> FrameSession:
+def _session(system: System, device: Device, half: bool, strategy: StrategyOption) -> IncrementalRenderer:
     middle = float(system.planes_m[len(system.planes_m) // 2])
-    chosen = strategy_for(device, make_plan(system, [*system.planes_m, middle]).grid.padded, strategy)
-    session = FrameSession(system, random_drive(system), device, plane_m=middle, half=half, strategy=chosen)
+    chosen = resolve_strategy(device, make_plan(system, [*system.planes_m, middle]).grid.padded, strategy)
+    session = IncrementalRenderer(system, random_drive(system), device, plane_m=middle, half=half, strategy=chosen)
     session.update()
     return session
 
 
-def _full(session: FrameSession) -> Job:
+def _full(session: IncrementalRenderer) -> TimedJob:
     """Everything from the drive to XYZ."""
 
     def job() -> None:
-        session.forget()
+        session.invalidate()
         _until_seen(session)
 
     return job
 
 
-def _scrub(session: FrameSession) -> Job:
+def _scrub(session: IncrementalRenderer) -> TimedJob:
     """The focal plane moves there and back."""
     planes_m = cycle([session.plane_m * 1.01, session.plane_m])
     return _edit(session, lambda: {"plane_m": next(planes_m)})
 
 
-def _amplitudes(session: FrameSession) -> Job:
+def _amplitudes(session: IncrementalRenderer) -> TimedJob:
     """All lasers become a little stronger or weaker."""
     factors = cycle([1.01, 1.0])
     before = session.system
     return _edit(session, lambda: {"system": before.with_(amplitudes=before.amplitudes * next(factors))})
 
 
-def _edit(session: FrameSession, change: Callable[[], dict[str, Any]]) -> Job:
+def _edit(session: IncrementalRenderer, change: Callable[[], dict[str, Any]]) -> TimedJob:
     """An edit, from the call to XYZ; what came before is up to date."""
 
     def job() -> None:
@@ -150,20 +152,20 @@ def _edit(session: FrameSession, change: Callable[[], dict[str, Any]]) -> Job:
     return job
 
 
-def _until_seen(session: FrameSession) -> None:
-    session.update(picture=False)
+def _until_seen(session: IncrementalRenderer) -> None:
+    session.update(with_srgb=False)
     session.device.wait()
 
 
-def _torch_jobs(name: str, system: System) -> dict[str, Job]:
+def _torch_jobs(name: str, system: System) -> dict[str, TimedJob]:
     """The same frame by torch: wavelengths in turn or in one batch, on one thread or as many as torch chooses.
 
     On a busy machine one thread is often the faster choice: several wait for each other.
     """
     plan = make_plan(system, [float(system.planes_m[len(system.planes_m) // 2])])
-    slots, many = make_slots(plan, random_drive(system)), torch.get_num_threads()
+    slots, many = make_frame_inputs(plan, random_drive(system)), torch.get_num_threads()
     orders = {"in turn": False, "batched": True} if len(system.wavelengths_m) > 1 else {"in turn": False}
-    loops = {order: TorchLoop(plan, slots, batched=batched) for order, batched in orders.items()}
+    loops = {order: TorchBaseline(plan, slots, batched=batched) for order, batched in orders.items()}
     return {
         f"{name}: {order}, {threads} threads": _on_threads(loop, threads)
         for order, loop in loops.items()
@@ -171,7 +173,7 @@ def _torch_jobs(name: str, system: System) -> dict[str, Job]:
     }
 
 
-def _on_threads(loop: TorchLoop, threads: int) -> Job:
+def _on_threads(loop: TorchBaseline, threads: int) -> TimedJob:
     def job() -> None:
         before = torch.get_num_threads()
         torch.set_num_threads(threads)

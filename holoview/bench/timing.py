@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-Job = Callable[[], None]
+TimedJob = Callable[[], None]
 
 
 @dataclass(frozen=True)
-class Sample:
+class JobTimings:
     """Wall times of one job, seconds, in the order of the rounds, and the processor time that all its threads took."""
 
     seconds: tuple[float, ...]
@@ -33,7 +33,7 @@ class Sample:
         return 1e3 * min(self.cpu_seconds, default=0.0)
 
 
-def interleaved(jobs: Mapping[str, Job], rounds: int, warm_up: int = 1) -> dict[str, Sample]:
+def time_interleaved(jobs: Mapping[str, TimedJob], rounds: int, warm_up: int = 1) -> dict[str, JobTimings]:
     """Wall time of each job in each round, after rounds that aren't timed."""
     taken: dict[str, list[tuple[float, float]]] = {name: [] for name in jobs}
     for number in range(warm_up + rounds):
@@ -42,4 +42,4 @@ def interleaved(jobs: Mapping[str, Job], rounds: int, warm_up: int = 1) -> dict[
             job()
             if number >= warm_up:
                 taken[name].append((time.perf_counter() - start, time.process_time() - cpu_start))
-    return {name: Sample(*zip(*samples, strict=True)) for name, samples in taken.items()}
+    return {name: JobTimings(*zip(*samples, strict=True)) for name, samples in taken.items()}

@@ -11,19 +11,19 @@ import math
 import numpy as np
 import torch
 
-from holoview.optics.propagate import relay_response
-from holoview.optics.resample import upsampled
-from holoview.optics.slots import Slots
+from holoview.optics.propagate import relay_transfer_function
+from holoview.optics.resample import upsample_nearest
+from holoview.optics.slots import FrameInputs
 from holoview.plan import Plan
 
 
-class TorchLoop:
+class TorchBaseline:
     """XYZ of one plane, (3, y, x) float32, by torch on the CPU: a wavelength after the other, or all in one batch.
 
     Raises ValueError for a bench with padding, tilted light, several frames or sources.
     """
 
-    def __init__(self, plan: Plan, slots: Slots, *, batched: bool) -> None:
+    def __init__(self, plan: Plan, inputs: FrameInputs, *, batched: bool) -> None:
         if (
             plan.grid.padded != plan.grid.shape
             or plan.slopes.any()
@@ -34,10 +34,10 @@ class TorchLoop:
         system = plan.system
         wavelengths = range(len(system.wavelengths_m))
         self._batched = batched
-        self._paths = [upsampled(opd, plan.grid.upsample).float() * 1e9 for opd in slots.opd_m[0]]
+        self._paths = [upsample_nearest(opd, plan.grid.upsample).float() * 1e9 for opd in inputs.opd_m[0]]
         self._radians = [2 * math.pi / (float(λ) * 1e9) for λ in system.wavelengths_m]
-        gap = [] if system.gap_m is None else [_responses(plan, slots, 0, system.gap_m)]
-        self._responses = [*gap, _responses(plan, slots, 1, float(plan.planes_m[0]))]
+        gap = [] if system.gap_m is None else [_responses(plan, inputs, 0, system.gap_m)]
+        self._responses = [*gap, _responses(plan, inputs, 1, float(plan.planes_m[0]))]
         mix = plan.weights[0][:, None] * plan.colour_weights
         self._mix = torch.from_numpy(np.ascontiguousarray(mix)).float()
         self._ones = torch.ones(plan.grid.shape)
@@ -74,12 +74,14 @@ class TorchLoop:
         return torch.einsum("wyx,wc->cyx", intensity, self._mix)
 
 
-def _responses(plan: Plan, slots: Slots, relay: int, distance_m: float) -> torch.Tensor:
+def _responses(plan: Plan, slots: FrameInputs, relay: int, distance_m: float) -> torch.Tensor:
     """H × pupil (wavelength, y, x) complex64."""
     cpu = torch.device("cpu")
     return torch.stack(
         [
-            relay_response(plan.transfer(relay, w, distance_m), plan.grid, slots.pupils[relay][w], torch.complex64, cpu)
+            relay_transfer_function(
+                plan.transfer(relay, w, distance_m), plan.grid, slots.pupils[relay][w], torch.complex64, cpu
+            )
             for w in range(len(plan.system.wavelengths_m))
         ]
     )

@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.calibrate.settings import Settings
+from holoview.calibrate.settings import CalibrationSettings
 from holoview.captures.session import Captures
-from holoview.effects.learned import Layout
-from holoview.effects.switched import Table
+from holoview.effects.learned import MapLayout
+from holoview.effects.switched import EffectValues
 from holoview.errors import UserError
 from holoview.tensors import TensorFormat
 
@@ -30,7 +30,7 @@ _PARTS = ("", ".best", ".first", ".second", ".count")
 _TEXTS = ("layout", "settings", "progress", "known", "captures")
 
 
-def _format(layout: Layout | None) -> TensorFormat:
+def _format(layout: MapLayout | None) -> TensorFormat:
     """The format for the maps of a layout; without one, for reading the texts."""
     shapes = {} if layout is None else layout.shapes()
     names = [name + part for name, shape in shapes.items() if 0 not in shape for part in _PARTS]
@@ -39,12 +39,12 @@ def _format(layout: Layout | None) -> TensorFormat:
         version="1",
         what="a checkpoint that `holoview calibrate` wrote",
         tensors=("mismatch", *names),
-        texts=_TEXTS,
+        metadata_keys=_TEXTS,
     )
 
 
 @dataclass(frozen=True)
-class Progress:
+class TrainingProgress:
     """How far a calibration has come: the epoch to do next, seconds spent, the best χ²/n on held-out captures."""
 
     epoch: int
@@ -53,43 +53,47 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Checkpoint:
+class CalibrationCheckpoint:
     """A calibration between two epochs. known: effects as JSON; captures: their digest."""
 
-    layout: Layout
-    settings: Settings
-    known: str
-    captures: str
-    progress: Progress
+    layout: MapLayout
+    settings: CalibrationSettings
+    known_effects_json: str
+    digest: str
+    progress: TrainingProgress
     tensors: dict[str, NDArray[Any]]
 
     @staticmethod
-    def of(
+    def create(
         captures: Captures,
-        known: Table,
-        layout: Layout,
-        settings: Settings,
-        progress: Progress,
+        known: EffectValues,
+        layout: MapLayout,
+        settings: CalibrationSettings,
+        progress: TrainingProgress,
         tensors: Mapping[str, NDArray[Any]],
-    ) -> Checkpoint:
+    ) -> CalibrationCheckpoint:
         """A checkpoint of a session."""
-        return Checkpoint(layout, settings, _text(known), digest(captures), progress, dict(tensors))
+        return CalibrationCheckpoint(
+            layout, settings, _effects_json(known), captures_digest(captures), progress, dict(tensors)
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes the file, whole or not at all: the one before stays until then."""
         texts = {
-            "layout": self.layout.text(),
+            "layout": self.layout.to_json(),
             "settings": json.dumps(dataclasses.asdict(self.settings)),
             "progress": json.dumps(dataclasses.asdict(self.progress)),
-            "known": self.known,
-            "captures": self.captures,
+            "known": self.known_effects_json,
+            "captures": self.digest,
         }
-        _format(self.layout).write(path, self.tensors, texts)
+        _format(self.layout).to_toml(path, self.tensors, texts)
 
-    def check(self, captures: Captures, known: Table, layout: Layout, settings: Settings, where: str) -> None:
+    def check_matches(
+        self, captures: Captures, known: EffectValues, layout: MapLayout, settings: CalibrationSettings, where: str
+    ) -> None:
         """UserError that names what differs, unless the checkpoint is of these captures, effects and settings."""
-        differing = ["the captures"] * (self.captures != digest(captures))
-        differing += ["the known effects"] * (self.known != _text(known))
+        differing = ["the captures"] * (self.digest != captures_digest(captures))
+        differing += ["the known effects"] * (self.known_effects_json != _effects_json(known))
         differing += ["the maps"] * (self.layout != layout)
         ours, theirs = dataclasses.asdict(self.settings), dataclasses.asdict(settings)
         differing += [key for key, value in ours.items() if value != theirs[key]]
@@ -101,30 +105,33 @@ class Checkpoint:
             )
 
 
-def load_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
+def load_checkpoint(path: str | os.PathLike[str]) -> CalibrationCheckpoint:
     """Reads a checkpoint. Raises UserError when it is missing, damaged, or no checkpoint."""
-    _, texts = _format(None).read(path)
-    layout = Layout.read(texts["layout"], f"{path}: layout")
-    tensors, _ = _format(layout).read(path)
+    _, texts = _format(None).parse(path)
+    layout = MapLayout.from_json(texts["layout"], f"{path}: layout")
+    tensors, _ = _format(layout).parse(path)
     try:
-        settings, progress = Settings(**json.loads(texts["settings"])), Progress(**json.loads(texts["progress"]))
+        settings, progress = (
+            CalibrationSettings(**json.loads(texts["settings"])),
+            TrainingProgress(**json.loads(texts["progress"])),
+        )
     except UserError:
         raise
     except (ValueError, TypeError) as error:
         raise UserError(str(path), f"can't be read: {error}", expected=_format(None).what) from error
-    return Checkpoint(layout, settings, texts["known"], texts["captures"], progress, tensors)
+    return CalibrationCheckpoint(layout, settings, texts["known"], texts["captures"], progress, tensors)
 
 
-def digest(captures: Captures) -> str:
+def captures_digest(captures: Captures) -> str:
     """A fingerprint of a session."""
     found = hashlib.sha256(repr((captures.levels.shape, captures.images.shape)).encode())
     for name in ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s"):
         found.update(np.ascontiguousarray(getattr(captures, name)).tobytes())
-    for value in (captures.panels, captures.camera, captures.gap_m, captures.iris1_na, captures.iris2_na):
+    for value in (captures.slms, captures.camera, captures.gap_m, captures.iris1_na, captures.iris2_na):
         found.update(repr(value).encode())
     found.update(repr(captures.focal_length_m).encode())
     return found.hexdigest()
 
 
-def _text(known: Table) -> str:
+def _effects_json(known: EffectValues) -> str:
     return json.dumps({name: dict(values) for name, values in known.items()}, sort_keys=True)

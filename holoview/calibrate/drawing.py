@@ -9,14 +9,14 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from holoview.calibrate.lut import Lut
-from holoview.files import replacing
+from holoview.files import atomic_write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 @contextmanager
-def drawing(path: str | os.PathLike[str], size: tuple[float, float]) -> Iterator[Figure]:
+def png_figure(path: str | os.PathLike[str], size: tuple[float, float]) -> Iterator[Figure]:
     """A figure (inches) that is written as PNG when the block ends, whole or not at all."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # here: a second to load, and needs no window
     from matplotlib.figure import Figure
@@ -24,21 +24,21 @@ def drawing(path: str | os.PathLike[str], size: tuple[float, float]) -> Iterator
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     yield figure
-    with replacing(path) as temporary:
+    with atomic_write(path) as temporary:
         figure.savefig(temporary, format="png", dpi=120)
 
 
-def draw_lut(path: str | os.PathLike[str], lut: Lut, title: str) -> None:
+def plot_lut(path: str | os.PathLike[str], lut: Lut, title: str) -> None:
     """The sweep with its fit, and the phase of each level."""
     x = lut.sweep.levels
-    with drawing(path, (10.0, 4.2)) as figure:
+    with png_figure(path, (10.0, 4.2)) as figure:
         power, phase = figure.subplots(1, 2)
         power.plot(x, lut.sweep.power, ".", markersize=4, label="measured")
         power.plot(x, lut.fit.power, label="monotone LUT")
         power.set(xlabel="grey level", ylabel="first-order power", title=title)
         power.legend()
         phase.plot(x, lut.fit.phase / math.pi, label="fitted")
-        phase.plot(x, lut.sweep.share * lut.fit.stroke / math.pi, "--", label="linear")
-        phase.axhspan(*(bound / math.pi for bound in lut.interval), alpha=0.2, label="stroke, 95 %")
+        phase.plot(x, lut.sweep.relative_levels * lut.fit.stroke / math.pi, "--", label="linear")
+        phase.axhspan(*(bound / math.pi for bound in lut.stroke_interval), alpha=0.2, label="stroke, 95 %")
         phase.set(xlabel="grey level", ylabel="phase / π", title="phase of each level")
         phase.legend()

@@ -25,7 +25,7 @@ _DIM = 0.02  # of the range: a dimmer picture's rate isn't worth much
 
 
 @dataclass(frozen=True)
-class Limits:
+class ExposureLimits:
     """What can be set: relative laser powers and exposures (s), smallest and largest."""
 
     powers: tuple[float, float] = (0.05, 1.0)
@@ -39,7 +39,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Exposure:
+class ExposureSetting:
     """What to set for a wavelength, the counts above black that the brightest 0.1 % then reaches, and a remark."""
 
     wavelength_m: float
@@ -49,26 +49,26 @@ class Exposure:
     note: str = ""
 
 
-_ANY = Limits()
+_ANY = ExposureLimits()
 
 
 def plan_exposures(
     captures: Captures,
     dark: NDArray[np.unsignedinteger] | None = None,
-    limits: Limits = _ANY,
+    limits: ExposureLimits = _ANY,
     headroom: float = HEADROOM,
-) -> list[Exposure]:
+) -> list[ExposureSetting]:
     """A line a wavelength, from first captures and a dark picture (y, x) in counts; nominal black without one.
 
     Raises UserError where the dark picture isn't of the camera's shape, or is no darker than the captures.
     """
     if not 0.05 <= headroom < 1:
         raise UserError("headroom", f"{headroom:g}", expected="from 0.05 to below 1")
-    black = _black(captures, dark)
-    return [_of_one(captures, λ, black, limits, headroom) for λ in captures.wavelengths_m]
+    black = _black_level(captures, dark)
+    return [_plan_wavelength(captures, λ, black, limits, headroom) for λ in captures.wavelengths_m]
 
 
-def _black(captures: Captures, dark: NDArray[np.unsignedinteger] | None) -> float:
+def _black_level(captures: Captures, dark: NDArray[np.unsignedinteger] | None) -> float:
     if dark is None:
         return captures.camera.black_level
     if dark.shape != captures.shape:
@@ -81,7 +81,9 @@ def _black(captures: Captures, dark: NDArray[np.unsignedinteger] | None) -> floa
     return black
 
 
-def _of_one(captures: Captures, wavelength_m: float, black: float, limits: Limits, headroom: float) -> Exposure:
+def _plan_wavelength(
+    captures: Captures, wavelength_m: float, black: float, limits: ExposureLimits, headroom: float
+) -> ExposureSetting:
     saturation = captures.camera.saturation
     room = headroom * (saturation - black)
     mine = np.flatnonzero(captures.wavelength_m == wavelength_m)
@@ -94,25 +96,27 @@ def _of_one(captures: Captures, wavelength_m: float, black: float, limits: Limit
         note = "a first capture was clipped: take this one and plan again"
     elif bright.max() < _DIM * (saturation - black):
         note = "the first captures were dim: take this one and plan again"
-    return _chosen(wavelength_m, float(rates.max()), room, limits, note)
+    return _choose_power_and_exposure(wavelength_m, float(rates.max()), room, limits, note)
 
 
-def _chosen(wavelength_m: float, rate: float, room: float, limits: Limits, note: str) -> Exposure:
+def _choose_power_and_exposure(
+    wavelength_m: float, rate: float, room: float, limits: ExposureLimits, note: str
+) -> ExposureSetting:
     """Power and exposure whose product fills the room, inside the limits."""
     (weakest, strongest), (shortest, longest) = limits.powers, limits.exposures_s
     needed = room / rate
     power = float(np.clip(needed / shortest, weakest, strongest))
     exposure = float(np.clip(needed / power, shortest, longest))
-    power, exposure = _down(power), _down(exposure)
+    power, exposure = _round_down(power), _round_down(exposure)
     reached = rate * power * exposure
     if reached > 1.001 * room:
         note = "too bright at the lowest power and shortest exposure: dim the laser"
     elif reached < 0.5 * room and not note:
         note = "dim at the highest power and longest exposure"
-    return Exposure(float(wavelength_m), power, exposure, reached, note)
+    return ExposureSetting(float(wavelength_m), power, exposure, reached, note)
 
 
-def _down(value: float) -> float:
+def _round_down(value: float) -> float:
     """Three digits, never more than the value."""
     scale = 10.0 ** (np.floor(np.log10(value)) - 2)
     return float(f"{np.floor(value / scale * (1 + 1e-12)) * scale:.3g}")

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import least_squares
 
-from holoview.calibrate.sweep import Sweep
+from holoview.calibrate.sweep import EfficiencySweep
 from holoview.errors import UserError
 
 Floats = NDArray[np.float64]
@@ -36,14 +36,14 @@ _LEAST_STEP = 1e-6  # rad: levels rise strictly, as a modulator's table must
 
 
 @dataclass(frozen=True)
-class Fit:
+class LutFit:
     """phase (n,) rad at the sweep's levels; power (n,) as fitted; rms: residual over the highest reading."""
 
     phase: Floats
     power: Floats
-    rms: float
+    relative_rms: float
     contrast_slope: float
-    sigma: float
+    stroke_sigma: float
 
     @property
     def stroke(self) -> float:
@@ -55,14 +55,14 @@ class Fit:
 class Lut:
     """A fit and what is compared with it. interval: 95 % of the stroke, rad; rms_*: of simpler models."""
 
-    sweep: Sweep
-    fit: Fit
-    interval: tuple[float, float]
+    sweep: EfficiencySweep
+    fit: LutFit
+    stroke_interval: tuple[float, float]
     rms_linear_2pi: float
     rms_linear_free: float
 
     @property
-    def fractions(self) -> Floats:
+    def stroke_fractions(self) -> Floats:
         """Share of the stroke at each level, rising from 0 to 1: what a modulator's `levels` states."""
         return self.fit.phase / self.fit.stroke
 
@@ -71,25 +71,25 @@ class Lut:
         return self.fit.stroke * wavelength_m / (2 * math.pi)
 
 
-def fit_lut(sweep: Sweep) -> Lut:
+def fit_lut(sweep: EfficiencySweep) -> Lut:
     """The monotone table that explains a sweep best.
 
     Raises UserError where the power has no maximum inside the sweep: below a stroke of π its scale can't be known.
     """
-    _check_turns(sweep)
-    start = _branches(sweep)
-    plain, tilted = (_fit(sweep, start, KNOTS, contrast=free) for free in (False, True))
+    _check_has_maximum(sweep)
+    start = _unwrap_phase(sweep)
+    plain, tilted = (_fit_monotone_phase(sweep, start, KNOTS, fit_contrast_slope=free) for free in (False, True))
     contrast = _bic(tilted, KNOTS + 2, sweep) < _bic(plain, KNOTS + 1, sweep)
     best = tilted if contrast else plain
-    others = [_fit(sweep, start, knots, contrast=contrast).stroke for knots in _OTHER_KNOTS]
+    others = [_fit_monotone_phase(sweep, start, knots, fit_contrast_slope=contrast).stroke for knots in _OTHER_KNOTS]
     spread = float(np.std([best.stroke, *others], ddof=1))
-    half = 1.96 * math.hypot(best.sigma, spread)
-    linear = sweep.share
+    half = 1.96 * math.hypot(best.stroke_sigma, spread)
+    linear = sweep.relative_levels
     free = min(_rms_of(sweep, turns * 2 * math.pi * linear) for turns in np.arange(0.2, _TURNS, 0.002))
     return Lut(sweep, best, (best.stroke - half, best.stroke + half), _rms_of(sweep, 2 * math.pi * linear), free)
 
 
-def _check_turns(sweep: Sweep) -> None:
+def _check_has_maximum(sweep: EfficiencySweep) -> None:
     width = max(1, len(sweep.power) // 32)
     smooth = np.convolve(sweep.power, np.ones(width) / width, mode="valid")
     noise = float(np.std(np.diff(sweep.power, n=2))) / math.sqrt(6)
@@ -102,13 +102,13 @@ def _check_turns(sweep: Sweep) -> None:
         )
 
 
-def _branches(sweep: Sweep) -> Floats:
+def _unwrap_phase(sweep: EfficiencySweep) -> Floats:
     """Phases (n,) of the monotone path that fits best, over the scales that the highest reading allows."""
     scales = sweep.power.max() * np.linspace(0.95, 1.1, 4) - sweep.power.min()
-    return min((_path(sweep, float(scale)) for scale in scales), key=lambda found: found[0])[1]
+    return min((_monotone_path(sweep, float(scale)) for scale in scales), key=lambda found: found[0])[1]
 
 
-def _path(sweep: Sweep, scale: float) -> tuple[float, Floats]:
+def _monotone_path(sweep: EfficiencySweep, scale: float) -> tuple[float, Floats]:
     """Least cost and phases of a monotone path; an even rise costs least, so that branches don't change in jumps."""
     phase = np.linspace(0.0, _TURNS * 2 * math.pi, _STATES)
     expected = scale * np.sin(phase / 2) ** 2
@@ -127,22 +127,24 @@ def _path(sweep: Sweep, scale: float) -> tuple[float, Floats]:
     return least, phase[states[::-1]]
 
 
-def _fit(sweep: Sweep, start: Floats, knots: int, *, contrast: bool) -> Fit:
+def _fit_monotone_phase(
+    sweep: EfficiencySweep, initial_phase: Floats, knots: int, *, fit_contrast_slope: bool
+) -> LutFit:
     """Knots, scale, stray light and, on demand, the slope of contrast by bounded least squares."""
-    x, highest = sweep.share, float(sweep.power.max())
+    x, highest = sweep.relative_levels, float(sweep.power.max())
     places = np.linspace(0.0, 1.0, knots)
-    steps = np.clip(np.diff(np.interp(places, x, start)), 10 * _LEAST_STEP, None)
+    steps = np.clip(np.diff(np.interp(places, x, initial_phase)), 10 * _LEAST_STEP, None)
 
     def phase_of(u: Floats) -> Floats:
         return PchipInterpolator(places, np.concatenate([[0.0], np.cumsum(u[: knots - 1])]))(x)
 
     def power_of(u: Floats) -> Floats:
-        slope = u[knots + 1] if contrast else 0.0
+        slope = u[knots + 1] if fit_contrast_slope else 0.0
         return highest * (u[knots] + u[knots - 1] * (1 + slope * x) * np.sin(phase_of(u) / 2) ** 2)
 
-    u0 = np.concatenate([steps, [0.95, float(sweep.power.min()) / highest], [0.0] * contrast])
-    low = np.concatenate([np.full(knots - 1, _LEAST_STEP), [0.05, -0.5], [-0.8] * contrast])
-    high = np.concatenate([np.full(knots - 1, np.inf), [4.0, 0.5], [4.0] * contrast])
+    u0 = np.concatenate([steps, [0.95, float(sweep.power.min()) / highest], [0.0] * fit_contrast_slope])
+    low = np.concatenate([np.full(knots - 1, _LEAST_STEP), [0.05, -0.5], [-0.8] * fit_contrast_slope])
+    high = np.concatenate([np.full(knots - 1, np.inf), [4.0, 0.5], [4.0] * fit_contrast_slope])
     found = least_squares(
         lambda u: (power_of(u) - sweep.power) / highest,
         u0,
@@ -155,8 +157,8 @@ def _fit(sweep: Sweep, start: Floats, knots: int, *, contrast: bool) -> Fit:
     phase = np.maximum.accumulate(phase_of(found.x) + _LEAST_STEP * 1e-3 * np.arange(len(x)))
     phase[0] = 0.0
     sigma = _stroke_sigma(found.jac, found.fun, found.x > low * (1 + 1e-6), knots)
-    slope = float(found.x[knots + 1]) if contrast else 0.0
-    return Fit(phase, power_of(found.x), float(np.sqrt(np.mean(found.fun**2))), slope, sigma)
+    slope = float(found.x[knots + 1]) if fit_contrast_slope else 0.0
+    return LutFit(phase, power_of(found.x), float(np.sqrt(np.mean(found.fun**2))), slope, sigma)
 
 
 def _stroke_sigma(jacobian: Floats, residual: Floats, free: NDArray[np.bool_], knots: int) -> float:
@@ -168,13 +170,13 @@ def _stroke_sigma(jacobian: Floats, residual: Floats, free: NDArray[np.bool_], k
     return math.sqrt(float(of_steps @ covariance @ of_steps) * variance * (1 + following) / (1 - following))
 
 
-def _bic(fit: Fit, unknowns: int, sweep: Sweep) -> float:
+def _bic(fit: LutFit, unknowns: int, sweep: EfficiencySweep) -> float:
     """Schwarz's criterion (Ann. Statist. 6, 461 (1978)); a perfect fit counts as one to 1e-6."""
     count = len(sweep.power)
-    return 2 * count * math.log(max(fit.rms, 1e-6)) + unknowns * math.log(count)
+    return 2 * count * math.log(max(fit.relative_rms, 1e-6)) + unknowns * math.log(count)
 
 
-def _rms_of(sweep: Sweep, phase: Floats) -> float:
+def _rms_of(sweep: EfficiencySweep, phase: Floats) -> float:
     """Residual over the highest reading, with the best scale and no stray light."""
     expected = np.sin(phase / 2) ** 2
     scale = float(expected @ sweep.power) / float(expected @ expected)

@@ -12,39 +12,39 @@ import tomli_w
 from holoview import units
 from holoview.calibrate.lut import Lut
 from holoview.errors import UserError
-from holoview.files import replacing
+from holoview.files import atomic_write
 from holoview.system import System
 
 FORMAT, VERSION = "holoview-lut", 1
 
 
-def table(lut: Lut, source: str, wavelength_m: float | None = None) -> dict[str, Any]:
+def lut_table(lut: Lut, source: str, wavelength_m: float | None = None) -> dict[str, Any]:
     """For TOML or JSON. `levels` and, with the sweep's wavelength, `stroke` are as a preset's modulators state them."""
-    low, high = lut.interval
+    low, high = lut.stroke_interval
     made: dict[str, Any] = {"format": FORMAT, "version": VERSION, "source": source}
     made["model"] = "power = b + a (1 + c x) sin(phase(x) / 2)^2, phase monotone; binary grating with equal bars"
     made["stroke_pi"] = lut.fit.stroke / math.pi
     made["stroke_pi_interval"] = [low / math.pi, high / math.pi]
     if wavelength_m is not None:
         per_radian = wavelength_m / (2 * math.pi)
-        made["wavelength"] = units.text(wavelength_m, "nm")
-        made["stroke"] = units.short(lut.stroke_m(wavelength_m), "nm", 6)
-        made["stroke_interval"] = [units.short(bound * per_radian, "nm", 6) for bound in (low, high)]
+        made["wavelength"] = units.format_exact(wavelength_m, "nm")
+        made["stroke"] = units.format_rounded(lut.stroke_m(wavelength_m), "nm", 6)
+        made["stroke_interval"] = [units.format_rounded(bound * per_radian, "nm", 6) for bound in (low, high)]
     made["contrast_slope"] = lut.fit.contrast_slope
     made["residual"] = {
-        "monotone": lut.fit.rms,
+        "monotone": lut.fit.relative_rms,
         "linear_free_stroke": lut.rms_linear_free,
         "linear_2pi": lut.rms_linear_2pi,
     }
     made["sent"] = lut.sweep.levels.tolist()
-    made["levels"] = lut.fractions.tolist()
+    made["levels"] = lut.stroke_fractions.tolist()
     return made
 
 
-def save(path: str | os.PathLike[str], lut: Lut, source: str, wavelength_m: float | None = None) -> None:
+def save_lut(path: str | os.PathLike[str], lut: Lut, source: str, wavelength_m: float | None = None) -> None:
     """Writes the table as TOML, whole or not at all."""
-    with replacing(path) as temporary:
-        temporary.write_text(tomli_w.dumps(table(lut, source, wavelength_m)), encoding="utf-8")
+    with atomic_write(path) as temporary:
+        temporary.write_text(tomli_w.dumps(lut_table(lut, source, wavelength_m)), encoding="utf-8")
 
 
 def with_lut(system: System, lut: Lut, wavelength_m: float | None) -> System:
@@ -52,22 +52,24 @@ def with_lut(system: System, lut: Lut, wavelength_m: float | None) -> System:
     if wavelength_m is None:
         expected = "the wavelength of the sweep, e.g. --wavelength 820nm"
         raise UserError("--wavelength", "is missing", expected=expected, remedy="a stroke is a length")
-    levels = lut.fractions.copy()
+    levels = lut.stroke_fractions.copy()
     levels[0], levels[-1] = 0.0, 1.0
     return system.edit({"stroke": lut.stroke_m(wavelength_m), "levels": levels})
 
 
-def in_words(lut: Lut, wavelength_m: float | None) -> list[str]:
+def format_lut(lut: Lut, wavelength_m: float | None) -> list[str]:
     """Lines for people."""
-    low, high = (bound / math.pi for bound in lut.interval)
+    low, high = (bound / math.pi for bound in lut.stroke_interval)
     stroke = f"stroke {lut.fit.stroke / math.pi:.3g} π (95 %: {low:.3g} to {high:.3g} π)"
     if wavelength_m is not None:
-        stroke += f" = {units.short(lut.stroke_m(wavelength_m), 'nm')} at {units.short(wavelength_m, 'nm')}"
-    half = float(np.interp(0.5, lut.sweep.share, lut.fractions))
+        stroke += (
+            f" = {units.format_rounded(lut.stroke_m(wavelength_m), 'nm')} at {units.format_rounded(wavelength_m, 'nm')}"
+        )
+    half = float(np.interp(0.5, lut.sweep.relative_levels, lut.stroke_fractions))
     lines = [stroke, f"half drive gives {half:.2f} of it, a linear response would give 0.5"]
     lines.append(
-        f"residual {lut.fit.rms:.3g} of the highest power; a straight line leaves {lut.rms_linear_free:.3g} with a "
-        f"free stroke and {lut.rms_linear_2pi:.3g} with 2 π"
+        f"residual {lut.fit.relative_rms:.3g} of the highest power; "
+        f"a straight line leaves {lut.rms_linear_free:.3g} with a free stroke and {lut.rms_linear_2pi:.3g} with 2 π"
     )
     if lut.fit.contrast_slope:
         lines.append(

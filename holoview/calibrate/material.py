@@ -9,21 +9,21 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.captures.session import Camera, Captures
-from holoview.diagnose.measured import Measured, measured
-from holoview.diagnose.noise import blind_variance, with_mismatch
+from holoview.diagnose.measured import PreparedCaptures, prepare_captures
+from holoview.diagnose.noise import add_model_error, neighbour_variance
 from holoview.errors import UserError
 
 Tensor = torch.Tensor
 
 
 @dataclass(frozen=True)
-class Seen:
+class WeightedImage:
     """One capture: light (y, x) counts above black; weight (y, x): 1/variance, 0 where a pixel can't be trusted."""
 
     light: Tensor
     weight: Tensor
 
-    def gain(self, signal: Tensor) -> Tensor:
+    def best_gain(self, signal: Tensor) -> Tensor:
         """The scale of a predicted signal (y, x) that fits best; no gradient: at the best fit it makes none."""
         with torch.no_grad():
             weighted = self.weight * signal
@@ -34,24 +34,24 @@ class Seen:
         squares = self.weight * (self.light - gain * signal).square()
         return squares.sum() / (self.weight > 0).sum()
 
-    def weighed_by(self, camera: Camera, expected: Tensor) -> Seen:
+    def reweighted(self, camera: Camera, expected: Tensor) -> WeightedImage:
         """With the camera's noise at the expected signal (y, x) for weights; trusted pixels stay the same."""
-        variance = torch.from_numpy(camera.variance(expected.numpy()).astype(np.float32))
-        return Seen(self.light, torch.where(self.weight > 0, 1 / variance, 0.0))
+        variance = torch.from_numpy(camera.noise_variance(expected.numpy()).astype(np.float32))
+        return WeightedImage(self.light, torch.where(self.weight > 0, 1 / variance, 0.0))
 
-    def unexplained(self, signal: Tensor) -> float:
+    def unexplained_variance(self, signal: Tensor) -> float:
         """Share of the picture's variance that the best scaled signal leaves."""
         trusted = self.weight > 0
-        light, rest = self.light[trusted], (self.light - self.gain(signal) * signal)[trusted]
+        light, rest = self.light[trusted], (self.light - self.best_gain(signal) * signal)[trusted]
         return float(rest.square().mean() / light.var().clamp_min(1e-30))
 
 
-class Material:
+class TrainingData:
     """All captures of a session. Weights come from the pictures themselves, so that no model earns its own."""
 
     def __init__(self, captures: Captures) -> None:
         self.captures = captures
-        self._measured: Measured = measured(captures)
+        self._measured: PreparedCaptures = prepare_captures(captures)
         trusted = self._measured.usable.mean(axis=(1, 2))
         if float(trusted.min()) < 1e-3:
             worst = int(trusted.argmin())
@@ -62,10 +62,10 @@ class Material:
                 remedy="leave it out or take it again with a shorter exposure",
             )
 
-    def seen(self, capture: int, mismatch: float = 0.0) -> Seen:
+    def weighted_image(self, capture: int, model_error: float = 0.0) -> WeightedImage:
         """One capture, for a model that is still off by `mismatch` of the picture's mean light."""
         only: NDArray[np.intp] = np.array([capture])
         light = self._measured.light[only]
-        variance = with_mismatch(blind_variance(self._measured, only), light, mismatch)
+        variance = add_model_error(neighbour_variance(self._measured, only), light, model_error)
         weight = np.where(self._measured.usable[only], 1 / variance, 0.0).astype(np.float32)
-        return Seen(torch.from_numpy(light[0]), torch.from_numpy(weight[0]))
+        return WeightedImage(torch.from_numpy(light[0]), torch.from_numpy(weight[0]))

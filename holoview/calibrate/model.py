@@ -10,13 +10,13 @@ import torch
 from holoview.captures.predict import Predictor
 from holoview.captures.session import Captures
 from holoview.effects.calibrated import Calibrated
-from holoview.effects.learned import Kept, Layout, Learned
+from holoview.effects.learned import LearnedMaps, MapCache, MapLayout
 from holoview.effects.parameter import Values
-from holoview.effects.switched import Table
+from holoview.effects.switched import EffectValues
 
 Tensor = torch.Tensor
 
-PRIOR: Mapping[str, float] = {
+PRIOR_SIGMA: Mapping[str, float] = {
     "lut_steps": 0.5,
     "fringing_px2": 0.2,
     "source_log_amplitude": 0.5,
@@ -32,45 +32,47 @@ PRIOR: Mapping[str, float] = {
 _CACHE_MB = 128
 
 
-class _Trained(Calibrated):
+class _TrainableCalibrated(Calibrated):
     """The effect `calibrated` with tensors at hand instead of a file."""
 
     listed: ClassVar[bool] = False
 
     def __init__(self) -> None:
-        self.now: Learned | None = None
+        self.current_maps: LearnedMaps | None = None
 
-    def learned(self, v: Values) -> Learned:
-        assert self.now is not None
-        return self.now
+    def learned(self, v: Values) -> LearnedMaps:
+        assert self.current_maps is not None
+        return self.current_maps
 
 
-class Model:
+class CalibrationModel:
     """Predicts captures for tensors of a layout, on top of effects {id: {parameter: value}} that are known."""
 
-    def __init__(self, captures: Captures, layout: Layout, known: Table, *, double: bool = False) -> None:
+    def __init__(self, captures: Captures, layout: MapLayout, known: EffectValues, *, double: bool = False) -> None:
         self.layout, self.known = layout, dict(known)
-        self._effect = _Trained()
-        self._predictor = Predictor(captures, extra=(self._effect,), double=double, cache_mb=_CACHE_MB)
-        self._kept, self._version = Kept(), 0
+        self._effect = _TrainableCalibrated()
+        self._predictor = Predictor(
+            captures, extra_effects=(self._effect,), double_precision=double, cache_mb=_CACHE_MB
+        )
+        self._map_cache, self._version = MapCache(), 0
 
-    def use(self, tensors: Mapping[str, Tensor]) -> None:
+    def set_maps(self, tensors: Mapping[str, Tensor]) -> None:
         """Predict with these tensors from now on; call it again whenever one of them changed."""
-        self._kept.made = {}
-        self._effect.now = Learned(self.layout, tensors, self._kept)
+        self._map_cache.made = {}
+        self._effect.current_maps = LearnedMaps(self.layout, tensors, self._map_cache)
         self._version += 1
 
-    def signals(self, indices: Sequence[int], *, grad: bool = False) -> Tensor:
+    def predict(self, indices: Sequence[int], *, grad: bool = False) -> Tensor:
         """Signals (capture, y, x) before the radiometric scale."""
-        table = {**self.known, _Trained.id: {"file": f"version {self._version}"}}
+        table = {**self.known, _TrainableCalibrated.id: {"file": f"version {self._version}"}}
         return self._predictor(indices, table, grad=grad).signal
 
-    def nominal(self, indices: Sequence[int]) -> Tensor:
+    def predict_nominal(self, indices: Sequence[int]) -> Tensor:
         """Signals without anything learned."""
         return self._predictor(indices, self.known).signal
 
 
-def prior_cost(tensors: Mapping[str, Tensor]) -> Tensor:
+def prior_penalty(tensors: Mapping[str, Tensor]) -> Tensor:
     """Σ (θ/σ)², the cost of what departs from the nominal bench."""
-    parts = [(tensor / PRIOR[name]).square().sum() for name, tensor in tensors.items() if tensor.numel()]
+    parts = [(tensor / PRIOR_SIGMA[name]).square().sum() for name, tensor in tensors.items() if tensor.numel()]
     return torch.stack(parts).sum()

@@ -10,14 +10,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.calibrate.drawing import drawing
-from holoview.calibrate.held_out import HeldOut
-from holoview.calibrate.material import Material
-from holoview.calibrate.score import Signals
+from holoview.calibrate.drawing import png_figure
+from holoview.calibrate.held_out import DataSplit
+from holoview.calibrate.material import TrainingData
+from holoview.calibrate.score import PredictSignals
 from holoview.captures.session import Captures
-from holoview.effects.learned import Learned
-from holoview.effects.places import Aperture, Surface
-from holoview.units import short
+from holoview.effects.learned import LearnedMaps
+from holoview.effects.places import ModulatorContext, RelayContext
+from holoview.units import format_rounded
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,8 +29,13 @@ _MOST_ROWS = 4
 _PUPIL_SAMPLES = 129
 
 
-def draw_all(
-    folder: Path, material: Material, learned: Learned, split: HeldOut, before: Signals, after: Signals
+def plot_calibration(
+    folder: Path,
+    material: TrainingData,
+    learned: LearnedMaps,
+    split: DataSplit,
+    predict_nominal: PredictSignals,
+    predict_calibrated: PredictSignals,
 ) -> list[Path]:
     """Writes the pictures into a folder that exists; returns their paths."""
     captures = material.captures
@@ -38,7 +43,7 @@ def draw_all(
         drawn: dict[str, Callable[[Path], None]] = {
             "source": lambda path: _source(path, learned, captures),
             "lut": lambda path: _tables(path, learned),
-            "residual": lambda path: _residuals(path, material, split, before, after),
+            "residual": lambda path: _residuals(path, material, split, predict_nominal, predict_calibrated),
         }
         if learned.has("warp_m"):
             drawn["warp"] = lambda path: _warp(path, learned, captures)
@@ -50,80 +55,90 @@ def draw_all(
     return paths
 
 
-def _source(path: Path, learned: Learned, captures: Captures) -> None:
+def _source(path: Path, learned: LearnedMaps, captures: Captures) -> None:
     """Amplitude and optical path of the light on modulator 1 at every anchor."""
     shape = (captures.levels.shape[2], captures.levels.shape[3])
-    panel = captures.panels[0]
+    panel = captures.slms[0]
     anchors = learned.layout.anchors_m
-    with drawing(path, (4.0 * len(anchors), 6.4)) as figure:
+    with png_figure(path, (4.0 * len(anchors), 6.4)) as figure:
         for axes, anchor in zip(_columns(figure, 2, len(anchors)), anchors, strict=True):
-            at = Surface(0, anchor, panel.opd_range_m, panel.pitch_m, shape, captures.upsample)
+            at = ModulatorContext(0, anchor, panel.opd_range_m, panel.pitch_m, shape, captures.upsample)
             amplitude = learned.source_map("source_log_amplitude", at).exp()
             path_m = learned.source_map("source_opd_m", at)
-            title = short(anchor, "nm")
-            _map(figure, axes[0], amplitude.numpy(), f"amplitude, {title}", "viridis")
-            _map(figure, axes[1], ((path_m - path_m.mean()) * 1e9).numpy(), f"optical path / nm, {title}", "RdBu", 0.0)
+            title = format_rounded(anchor, "nm")
+            _show_map(figure, axes[0], amplitude.numpy(), f"amplitude, {title}", "viridis")
+            _show_map(
+                figure, axes[1], ((path_m - path_m.mean()) * 1e9).numpy(), f"optical path / nm, {title}", "RdBu", 0.0
+            )
 
 
-def _tables(path: Path, learned: Learned) -> None:
+def _tables(path: Path, learned: LearnedMaps) -> None:
     """The table of each modulator beside the nominal straight line."""
     drive = np.linspace(0, 1, learned.layout.knots)
-    with drawing(path, (5.0, 4.2)) as figure:
+    with png_figure(path, (5.0, 4.2)) as figure:
         axes = figure.subplots()
         for modulator in range(learned.layout.modulators):
-            axes.plot(drive, learned.table(modulator).numpy(), "o-", markersize=3, label=f"modulator {modulator + 1}")
+            axes.plot(
+                drive, learned.response_table(modulator).numpy(), "o-", markersize=3, label=f"modulator {modulator + 1}"
+            )
         axes.plot([0, 1], [0, 1], "--", color="grey", label="nominal")
         axes.set(xlabel="drive", ylabel="optical path / nominal stroke", title="look-up tables")
         axes.legend()
 
 
-def _warp(path: Path, learned: Learned, captures: Captures) -> None:
+def _warp(path: Path, learned: LearnedMaps, captures: Captures) -> None:
     """How far what modulator 2 shows is displaced."""
     rows, columns = captures.levels.shape[2:]
-    pitch_m = captures.panels[0].pitch_m
+    pitch_m = captures.slms[0].pitch_m
     moved = (learned.displacement((rows, columns)) / pitch_m).numpy()
     step = max(1, columns // 16)
     y, x = np.mgrid[step // 2 : rows : step, step // 2 : columns : step]
-    with drawing(path, (7.0, 5.0)) as figure:
+    with png_figure(path, (7.0, 5.0)) as figure:
         axes = figure.subplots()
-        _map(figure, axes, np.hypot(*moved), "displacement of modulator 2 / pixels", "viridis")
+        _show_map(figure, axes, np.hypot(*moved), "displacement of modulator 2 / pixels", "viridis")
         if moved.any():
             axes.quiver(x, y, moved[1][y, x], moved[0][y, x], angles="xy", color="white")
 
 
-def _pupils(path: Path, learned: Learned) -> None:
+def _pupils(path: Path, learned: LearnedMaps) -> None:
     """Optical path and amplitude of each relay at the reference wavelength."""
     layout = learned.layout
     relays = [relay for relay in range(2) if learned.has(f"zernike{relay + 1}_m")]
-    with drawing(path, (4.4 * len(relays), 7.2)) as figure:
+    with png_figure(path, (4.4 * len(relays), 7.2)) as figure:
         for axes, relay in zip(_columns(figure, 2, len(relays)), relays, strict=True):
             sine = layout.sine2 if relay else layout.sine1
             side = torch.linspace(-sine, sine, _PUPIL_SAMPLES, dtype=torch.float64)
-            at = Aperture(relay, layout.reference_m, side[:, None], side[None, :], sine)
+            at = RelayContext(relay, layout.reference_m, side[:, None], side[None, :], sine)
             inside = (torch.hypot(side[:, None], side[None, :]) <= sine).numpy()
-            delay = np.where(inside, learned.delay(at).numpy() * 1e9, np.nan)
-            gain = np.where(inside, learned.gain(at).numpy(), np.nan)
-            title = f"relay {relay + 1}, {short(layout.reference_m, 'nm')}"
-            _map(figure, axes[0], delay, f"optical path / nm, {title}", "RdBu", 0.0)
-            _map(figure, axes[1], gain, f"amplitude, {title}", "viridis")
+            delay = np.where(inside, learned.relay_opd(at).numpy() * 1e9, np.nan)
+            gain = np.where(inside, learned.relay_amplitude(at).numpy(), np.nan)
+            title = f"relay {relay + 1}, {format_rounded(layout.reference_m, 'nm')}"
+            _show_map(figure, axes[0], delay, f"optical path / nm, {title}", "RdBu", 0.0)
+            _show_map(figure, axes[1], gain, f"amplitude, {title}", "viridis")
 
 
-def _residuals(path: Path, material: Material, split: HeldOut, before: Signals, after: Signals) -> None:
+def _residuals(
+    path: Path,
+    material: TrainingData,
+    split: DataSplit,
+    predict_nominal: PredictSignals,
+    predict_calibrated: PredictSignals,
+) -> None:
     """A held-out capture of every wavelength: what was seen, and what is left before and after, in the noise's σ."""
     shown = _examples(material.captures, split)
     heads = ("seen / counts", "left before / σ", "left after / σ")
-    with drawing(path, (12.0, 3.2 * len(shown))) as figure:
+    with png_figure(path, (12.0, 3.2 * len(shown))) as figure:
         for axes, capture in zip(figure.subplots(len(shown), 3, squeeze=False), shown, strict=True):
-            seen = material.seen(capture)
-            title = f"{short(float(material.captures.wavelength_m[capture]), 'nm')}, capture {capture}"
-            _map(figure, axes[0], seen.light.numpy(), f"{heads[0]}, {title}", "magma")
+            seen = material.weighted_image(capture)
+            title = f"{format_rounded(float(material.captures.wavelength_m[capture]), 'nm')}, capture {capture}"
+            _show_map(figure, axes[0], seen.light.numpy(), f"{heads[0]}, {title}", "magma")
             rests = []
-            for signals in (before, after):
+            for signals in (predict_nominal, predict_calibrated):
                 signal = signals([capture])[0]
-                rests.append((seen.weight.sqrt() * (seen.light - seen.gain(signal) * signal)).numpy())
+                rests.append((seen.weight.sqrt() * (seen.light - seen.best_gain(signal) * signal)).numpy())
             reach = max(3.0, float(np.quantile(np.abs(rests[0]), 0.99)))
             for one, rest, head in zip(axes[1:], rests, heads[1:], strict=True):
-                _map(
+                _show_map(
                     figure,
                     one,
                     rest,
@@ -134,9 +149,9 @@ def _residuals(path: Path, material: Material, split: HeldOut, before: Signals, 
                 )
 
 
-def _examples(captures: Captures, split: HeldOut) -> list[int]:
+def _examples(captures: Captures, split: DataSplit) -> list[int]:
     """A held-out capture of every wavelength, at most a few."""
-    held = np.concatenate([split.captures, split.planes, split.wavelengths]).astype(np.intp)
+    held = np.concatenate([split.validation, split.unseen_planes, split.unseen_wavelengths]).astype(np.intp)
     held = held if len(held) else split.train
     first = [int(held[captures.wavelength_m[held] == λ][0]) for λ in np.unique(captures.wavelength_m[held])]
     return first[:_MOST_ROWS]
@@ -146,7 +161,7 @@ def _columns(figure: Figure, rows: int, columns: int) -> Iterator[Sequence[Axes]
     return iter(figure.subplots(rows, columns, squeeze=False).T)
 
 
-def _map(
+def _show_map(
     figure: Figure, axes: Any, values: Floats, title: str, colours: str, middle: float | None = None, reach: float = 0.0
 ) -> None:
     """A map with its scale; a `middle` makes the colours symmetric about it."""

@@ -15,19 +15,19 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.calibrate.held_out import HeldOut
-from holoview.calibrate.material import Material, Seen
-from holoview.calibrate.response import LaserResponse, laser_response
+from holoview.calibrate.held_out import DataSplit
+from holoview.calibrate.material import TrainingData, WeightedImage
+from holoview.calibrate.response import LaserResponse, fit_laser_response
 from holoview.captures.session import Captures
 
 Tensor = torch.Tensor
 Floats = NDArray[np.float64]
-Signals = Callable[[list[int]], Tensor]
-Report = Callable[[int, int, str], None]
+PredictSignals = Callable[[list[int]], Tensor]
+ProgressCallback = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
-class Moments:
+class RegressionSums:
     """Sums over the trusted pixels of every capture, of light y and signal s: what any scale's error follows from.
 
     weighted: Σwyy Σwys Σwss, plain: Σyy Σys Σss, (capture, 3) each; pixels and peak (capture,).
@@ -39,26 +39,26 @@ class Moments:
     peak: Floats
 
     @staticmethod
-    def of(rows: Floats) -> Moments:
+    def from_rows(rows: Floats) -> RegressionSums:
         """Of rows (capture, 8): weighted sums, plain sums, pixels, peak."""
-        return Moments(rows[:, :3], rows[:, 3:6], rows[:, 6], rows[:, 7])
+        return RegressionSums(rows[:, :3], rows[:, 3:6], rows[:, 6], rows[:, 7])
 
     @property
-    def gains(self) -> Floats:
+    def best_gains(self) -> Floats:
         """The best scale of each capture."""
         return self.weighted[:, 1] / np.maximum(self.weighted[:, 2], 1e-300)
 
     def chi2(self, scale: Floats) -> Floats:
         """χ²/n of each capture at a scale of each."""
-        return _error(self.weighted, scale) / self.pixels
+        return _squared_error(self.weighted, scale) / self.pixels
 
     def psnr_db(self, scale: Floats) -> Floats:
         """PSNR of each capture at a scale of each."""
-        return 10 * np.log10(self.peak**2 * self.pixels / np.maximum(_error(self.plain, scale), 1e-300))
+        return 10 * np.log10(self.peak**2 * self.pixels / np.maximum(_squared_error(self.plain, scale), 1e-300))
 
 
 @dataclass(frozen=True)
-class Quality:
+class FitQuality:
     """Means over captures."""
 
     chi2: float
@@ -66,65 +66,73 @@ class Quality:
 
 
 @dataclass(frozen=True)
-class Row:
+class ScoreRow:
     """One line of a score: a group (train, captures, planes, wavelengths), a wavelength (None: all), before, after."""
 
     group: str
     wavelength_m: float | None
     captures: int
-    before: Quality
-    after: Quality
+    before: FitQuality
+    after: FitQuality
 
     @property
-    def gain_db(self) -> float:
+    def psnr_gain_db(self) -> float:
         """What was gained."""
         return self.after.psnr_db - self.before.psnr_db
 
 
 @dataclass(frozen=True)
-class Score:
+class PredictionScore:
     """All lines, and what the lasers emit."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[ScoreRow, ...]
     response: LaserResponse
 
-    def of(self, group: str) -> Row:
+    def overall(self, group: str) -> ScoreRow:
         """The line of a whole group."""
         return next(row for row in self.rows if row.group == group and row.wavelength_m is None)
 
 
-def score(material: Material, split: HeldOut, before: Signals, after: Signals, report: Report) -> Score:
+def score_predictions(
+    material: TrainingData,
+    split: DataSplit,
+    predict_nominal: PredictSignals,
+    predict_calibrated: PredictSignals,
+    progress: ProgressCallback,
+) -> PredictionScore:
     """Scores two models, each a function from indices to signals (capture, y, x). report: (done, total, note)."""
     captures = material.captures
-    first, second = _moments(material, before, after, report)
-    response = laser_response(captures, split.train, second.gains[split.train])
-    scales = _scales(captures, split, first, None), _scales(captures, split, second, response)
-    rows: list[Row] = []
+    first, second = _regression_sums(material, predict_nominal, predict_calibrated, progress)
+    response = fit_laser_response(captures, split.train, second.best_gains[split.train])
+    scales = _gain_per_capture(captures, split, first, None), _gain_per_capture(captures, split, second, response)
+    rows: list[ScoreRow] = []
     for name, indices in split.groups().items():
         parts: list[tuple[float | None, NDArray[np.intp]]] = [(None, indices)]
         λs = captures.wavelength_m[indices]
         parts += [(float(λ), indices[λs == λ]) for λ in np.unique(λs)]
         for λ, chosen in parts:
             qualities = [_quality(m, s, chosen) for m, s in zip((first, second), scales, strict=True)]
-            rows.append(Row(name, λ, len(chosen), *qualities))
-    return Score(tuple(rows), response)
+            rows.append(ScoreRow(name, λ, len(chosen), *qualities))
+    return PredictionScore(tuple(rows), response)
 
 
-def _moments(material: Material, before: Signals, after: Signals, report: Report) -> tuple[Moments, Moments]:
+def _regression_sums(
+    material: TrainingData, before: PredictSignals, after: PredictSignals, report: ProgressCallback
+) -> tuple[RegressionSums, RegressionSums]:
     """Of both models, with the same weights."""
     count = len(material.captures)
     rows: tuple[list[list[float]], ...] = ([], [])
     for k in range(count):
-        signals, seen = [model([k])[0] for model in (before, after)], material.seen(k)
-        seen = seen.weighed_by(material.captures.camera, seen.gain(signals[1]) * signals[1])
+        signals, seen = [model([k])[0] for model in (before, after)], material.weighted_image(k)
+        seen = seen.reweighted(material.captures.camera, seen.best_gain(signals[1]) * signals[1])
         for mine, signal in zip(rows, signals, strict=True):
             mine.append(_sums(seen, signal))
         report(k + 1, count, "scoring")
     first, second = (np.array(mine) for mine in rows)
-    return Moments.of(first), Moments.of(second)
+    return RegressionSums.from_rows(first), RegressionSums.from_rows(second)
 
 
-def _sums(seen: Seen, signal: Tensor) -> list[float]:
+def _sums(seen: WeightedImage, signal: Tensor) -> list[float]:
     """Weighted Σyy Σys Σss, plain ones, pixels, peak."""
     trusted = seen.weight > 0
     s, y, w = (values[trusted].double() for values in (signal, seen.light, seen.weight))
@@ -133,13 +141,15 @@ def _sums(seen: Seen, signal: Tensor) -> list[float]:
     return [*weighted, *plain, float(trusted.sum()), float(np.quantile(y.numpy(), 0.999))]
 
 
-def _scales(captures: Captures, split: HeldOut, moments: Moments, response: LaserResponse | None) -> Floats:
+def _gain_per_capture(
+    captures: Captures, split: DataSplit, moments: RegressionSums, response: LaserResponse | None
+) -> Floats:
     """The scale of each capture: one a wavelength, times what the laser's response says about its power."""
     bend = np.ones(len(captures))
-    if response is not None and response.is_bent:
-        exponents = dict(zip(response.wavelength_m, response.exponent, strict=True))
-        known = {λ: e for (λ, e), σ in zip(exponents.items(), response.sigma, strict=True) if math.isfinite(σ)}
-        common = response.common[0]
+    if response is not None and response.is_nonlinear:
+        exponents = dict(zip(response.wavelength_m, response.excess_exponent, strict=True))
+        known = {λ: e for (λ, e), σ in zip(exponents.items(), response.exponent_sigma, strict=True) if math.isfinite(σ)}
+        common = response.common_exponent[0]
         bend = np.array([p ** known.get(λ, common) for λ, p in zip(captures.wavelength_m, captures.power, strict=True)])
     train = np.isin(np.arange(len(captures)), split.train)
     scales = np.empty(len(captures))
@@ -151,11 +161,11 @@ def _scales(captures: Captures, split: HeldOut, moments: Moments, response: Lase
     return scales * bend
 
 
-def _quality(moments: Moments, scale: Floats, chosen: NDArray[np.intp]) -> Quality:
+def _quality(moments: RegressionSums, scale: Floats, chosen: NDArray[np.intp]) -> FitQuality:
     chi2, psnr = moments.chi2(scale)[chosen], moments.psnr_db(scale)[chosen]
-    return Quality(float(chi2.mean()), float(psnr.mean()))
+    return FitQuality(float(chi2.mean()), float(psnr.mean()))
 
 
-def _error(sums: Floats, scale: Floats) -> Floats:
+def _squared_error(sums: Floats, scale: Floats) -> Floats:
     yy, ys, ss = sums.T
     return yy - 2 * scale * ys + scale**2 * ss

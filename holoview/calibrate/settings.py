@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from holoview.errors import UserError
 
-RATES: Mapping[str, float] = {
+LEARNING_RATES: Mapping[str, float] = {
     "lut_steps": 0.03,
     "fringing_px2": 0.01,
     "source_log_amplitude": 0.02,
@@ -21,21 +21,21 @@ RATES: Mapping[str, float] = {
 }
 """The first step of each tensor, in its own unit."""
 
-BETAS = (0.9, 0.95)
+ADAM_BETAS = (0.9, 0.95)
 
-FLOOR = 0.1
+ADAM_FLOOR = 0.1
 """Elements that the captures say little about move less: Adam would have them follow the noise in full steps."""
 
 _EPOCHS, _STEPS = 40, 300  # at least, of a calibration that isn't told how many
 
 
-def enough_epochs(captures: int, batch: int) -> int:
+def default_epochs(captures: int, batch: int) -> int:
     """Epochs that make enough steps of so many training captures."""
     return max(_EPOCHS, math.ceil(_STEPS / math.ceil(captures / batch)))
 
 
 @dataclass(frozen=True)
-class Settings:
+class CalibrationSettings:
     """epochs: how often every capture is seen. batch: captures a step. rate: factor of all steps. seed: of the order of
     captures and of what is held out. share: of the captures that is held out.
     """

@@ -21,19 +21,19 @@ _LEAST_CONTRAST = 0.2  # of the highest power, between the lowest and the highes
 
 
 @dataclass(frozen=True)
-class Sweep:
+class EfficiencySweep:
     """levels (n,): grey levels of every other bar, rising, the bars between at the first of them; power (n,)."""
 
     levels: Floats
     power: Floats
 
     @property
-    def share(self) -> Floats:
+    def relative_levels(self) -> Floats:
         """Levels as a share of the sweep's range, 0 … 1."""
         return (self.levels - self.levels[0]) / (self.levels[-1] - self.levels[0])
 
 
-def read_sweep(path: str | os.PathLike[str]) -> Sweep:
+def read_sweep(path: str | os.PathLike[str]) -> EfficiencySweep:
     """The sweep of a CSV file; one line of headings is allowed, rows may come in any order.
 
     Raises UserError that names the line when the file is missing, isn't two columns of numbers, or tells too little.
@@ -49,7 +49,9 @@ def read_sweep(path: str | os.PathLike[str]) -> Sweep:
     if rows and not any(_is_number(cell) for cell in _cells(rows[0][1])):
         rows = rows[1:]
     try:
-        return _checked(np.array([_row(number, line) for number, line in rows], dtype=np.float64).reshape(-1, 2))
+        return _validated_sweep(
+            np.array([_row(number, line) for number, line in rows], dtype=np.float64).reshape(-1, 2)
+        )
     except UserError as error:
         raise error.inside(f"{file}: ") from error
 
@@ -76,7 +78,7 @@ def _row(number: int, line: str) -> tuple[float, float]:
     return float(cells[0]), float(cells[1])
 
 
-def _checked(table: Floats) -> Sweep:
+def _validated_sweep(table: Floats) -> EfficiencySweep:
     if len(table) < _FEWEST:
         raise UserError("sweep", f"{len(table)} rows", expected=f"at least {_FEWEST} grey levels")
     table = table[np.argsort(table[:, 0], kind="stable")]
@@ -90,4 +92,4 @@ def _checked(table: Floats) -> Sweep:
         found = f"power from {power.min():g} to {power.max():g}"
         remedy = "the columns are grey level, then power; the first level must leave the grating flat"
         raise UserError("sweep", found, expected="power that rises from almost none", remedy=remedy)
-    return Sweep(levels, power)
+    return EfficiencySweep(levels, power)

@@ -22,100 +22,107 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.calibrate.checkpoint import Checkpoint, Progress
-from holoview.calibrate.held_out import HeldOut
-from holoview.calibrate.material import Material
-from holoview.calibrate.model import Model, prior_cost
-from holoview.calibrate.settings import BETAS, FLOOR, RATES, Settings
+from holoview.calibrate.checkpoint import CalibrationCheckpoint, TrainingProgress
+from holoview.calibrate.held_out import DataSplit
+from holoview.calibrate.material import TrainingData
+from holoview.calibrate.model import CalibrationModel, prior_penalty
+from holoview.calibrate.settings import ADAM_BETAS, ADAM_FLOOR, LEARNING_RATES, CalibrationSettings
 from holoview.captures.session import Captures
-from holoview.diagnose.split import roughness
-from holoview.effects.learned import Layout, Learned
-from holoview.effects.switched import Table
+from holoview.diagnose.split import pattern_roughness
+from holoview.effects.learned import LearnedMaps, MapLayout
+from holoview.effects.switched import EffectValues
 from holoview.errors import UserError
-from holoview.optimise.adam import Adam, cosine
+from holoview.optimise.adam import Adam, cosine_decay
 
 Tensor = torch.Tensor
 
-_FIRST_SHARE, _ALL_AFTER = 0.4, 0.3  # of the captures in the first epoch; of the epochs until all take part
-_WORST_MISMATCH = 0.5
+_CURRICULUM_FIRST_SHARE, _CURRICULUM_END = (
+    0.4,
+    0.3,
+)  # of the captures in the first epoch; of the epochs until all take part
+_MAX_MODEL_ERROR = 0.5
 
 
 @dataclass(frozen=True)
-class State:
+class TrainingState:
     """After an epoch: epochs of all, χ²/n on held-out captures, the best so far and its maps, seconds spent."""
 
     epoch: int
     epochs: int
-    chi2: float
+    validation_chi2: float
     best_chi2: float
-    best: Learned
+    best_maps: LearnedMaps
     seconds: float
-    checkpoint: Callable[[], Checkpoint]
+    checkpoint: Callable[[], CalibrationCheckpoint]
 
 
 def train(
     captures: Captures,
-    known: Table,
-    split: HeldOut,
-    layout: Layout,
-    settings: Settings,
-    resume: Checkpoint | None = None,
-) -> Iterator[State]:
+    known: EffectValues,
+    split: DataSplit,
+    layout: MapLayout,
+    settings: CalibrationSettings,
+    resume: CalibrationCheckpoint | None = None,
+) -> Iterator[TrainingState]:
     """Learns the maps of a layout; a state after every epoch, the first one (epoch 0) of the nominal bench.
 
     known: effects {id: {parameter: value}} that the bench has beside. resume: a checkpoint to go on from, bit for bit
     on the same machine. Raises UserError when it is of another session, or when the loss isn't finite.
     """
-    yield from _Training(captures, known, split, layout, settings, resume).states()
+    yield from _Training(captures, known, split, layout, settings, resume).run()
 
 
 class _Training:
     def __init__(
         self,
         captures: Captures,
-        known: Table,
-        split: HeldOut,
-        layout: Layout,
-        settings: Settings,
-        resume: Checkpoint | None,
+        known: EffectValues,
+        split: DataSplit,
+        layout: MapLayout,
+        settings: CalibrationSettings,
+        resume: CalibrationCheckpoint | None,
     ) -> None:
         self.captures, self.known, self.layout, self.settings = captures, known, layout, settings
-        self.material, self.model = Material(captures), Model(captures, layout, known)
-        rough = roughness(captures)
-        self.train = split.train[np.argsort(rough[split.train], kind="stable")]
-        self.judges = split.captures if len(split.captures) else split.train
-        self.tensors = {n: t for n, t in Learned.nominal(layout).tensors.items() if t.numel()}
-        self.adam = {name: Adam(tensor, BETAS, FLOOR) for name, tensor in self.tensors.items()}
-        self.mismatch = np.full(len(captures), _WORST_MISMATCH)
+        self.material, self.model = TrainingData(captures), CalibrationModel(captures, layout, known)
+        rough = pattern_roughness(captures)
+        self.train_indices = split.train[np.argsort(rough[split.train], kind="stable")]
+        self.validation_indices = split.validation if len(split.validation) else split.train
+        self.tensors = {n: t for n, t in LearnedMaps.nominal(layout).tensors.items() if t.numel()}
+        self.adam = {name: Adam(tensor, ADAM_BETAS, ADAM_FLOOR) for name, tensor in self.tensors.items()}
+        self.mismatch = np.full(len(captures), _MAX_MODEL_ERROR)
         self.best = {name: tensor.clone() for name, tensor in self.tensors.items()}
-        self.progress = Progress(0, 0.0, math.inf)
+        self.progress = TrainingProgress(0, 0.0, math.inf)
         if resume is not None:
-            resume.check(captures, known, layout, settings, "checkpoint")
-            self._go_on(resume)
+            resume.check_matches(captures, known, layout, settings, "checkpoint")
+            self._restore(resume)
 
-    def states(self) -> Iterator[State]:
+    def run(self) -> Iterator[TrainingState]:
         started = time.perf_counter() - self.progress.seconds
         for epoch in range(self.progress.epoch, self.settings.epochs + 1):
             if epoch > 0:
                 self._epoch(epoch)
-            chi2 = self._judged()
+            chi2 = self._validation_chi2()
             if chi2 < self.progress.best_chi2:
                 self.best = {name: tensor.clone() for name, tensor in self.tensors.items()}
             best = min(chi2, self.progress.best_chi2)
-            self.progress = Progress(epoch + 1, time.perf_counter() - started, best)
-            learned = Learned(self.layout, self._all(self.best))
+            self.progress = TrainingProgress(epoch + 1, time.perf_counter() - started, best)
+            learned = LearnedMaps(self.layout, self._with_empty_maps(self.best))
             seconds = self.progress.seconds
-            yield State(epoch, self.settings.epochs, chi2, best, learned, seconds, self._checkpoint)
+            yield TrainingState(epoch, self.settings.epochs, chi2, best, learned, seconds, self._checkpoint)
 
     def _epoch(self, epoch: int) -> None:
         """Every capture once, in random order, or of the first epochs the smoothest of them."""
-        share = min(1.0, _FIRST_SHARE + (1 - _FIRST_SHARE) * epoch / max(1.0, _ALL_AFTER * self.settings.epochs))
-        chosen = self.train[: max(1, math.ceil(share * len(self.train)))]
+        share = min(
+            1.0,
+            _CURRICULUM_FIRST_SHARE
+            + (1 - _CURRICULUM_FIRST_SHARE) * epoch / max(1.0, _CURRICULUM_END * self.settings.epochs),
+        )
+        chosen = self.train_indices[: max(1, math.ceil(share * len(self.train_indices)))]
         order = np.random.default_rng([self.settings.seed, epoch]).permutation(chosen)
         batches = [order[i : i + self.settings.batch] for i in range(0, len(order), self.settings.batch)]
         for number, batch in enumerate(batches):
             done = epoch - 1 + number / len(batches)
-            self._step(batch, cosine(done, self.settings.epochs) * self.settings.rate)
+            self._step(batch, cosine_decay(done, self.settings.epochs) * self.settings.rate)
 
     def _step(self, batch: NDArray[np.intp], rate: float) -> None:
         leaves = {name: tensor.requires_grad_() for name, tensor in self.tensors.items()}
@@ -126,55 +133,55 @@ class _Training:
         with torch.no_grad():
             for (name, tensor), gradient in zip(leaves.items(), gradients, strict=True):
                 tensor.requires_grad_(False)
-                tensor.sub_(self.adam[name].direction(gradient), alpha=rate * RATES[name])
+                tensor.sub_(self.adam[name].unit_step(gradient), alpha=rate * LEARNING_RATES[name])
 
     def _loss(self, batch: NDArray[np.intp]) -> Tensor:
-        self.model.use(self._all(self.tensors))
-        signals = self.model.signals(batch.tolist(), grad=True)
+        self.model.set_maps(self._with_empty_maps(self.tensors))
+        signals = self.model.predict(batch.tolist(), grad=True)
         parts = []
         for k, signal in zip(batch, signals, strict=True):
-            seen = self.material.seen(int(k), float(self.mismatch[k]))
-            parts.append(seen.chi2(signal, seen.gain(signal)))
-            self.mismatch[k] = _mismatch(seen.unexplained(signal.detach()))
-        pixels = len(self.train) * signals[0].numel()
-        return torch.stack(parts).mean() + prior_cost(self.tensors) / pixels
+            seen = self.material.weighted_image(int(k), float(self.mismatch[k]))
+            parts.append(seen.chi2(signal, seen.best_gain(signal)))
+            self.mismatch[k] = _mismatch(seen.unexplained_variance(signal.detach()))
+        pixels = len(self.train_indices) * signals[0].numel()
+        return torch.stack(parts).mean() + prior_penalty(self.tensors) / pixels
 
-    def _judged(self) -> float:
+    def _validation_chi2(self) -> float:
         """χ²/n of the held-out captures with the weights of the camera's noise alone."""
-        self.model.use(self._all(self.tensors))
+        self.model.set_maps(self._with_empty_maps(self.tensors))
         total = 0.0
-        for k in self.judges:
-            signal, seen = self.model.signals([int(k)])[0], self.material.seen(int(k))
-            total += float(seen.chi2(signal, seen.gain(signal)))
-        return total / len(self.judges)
+        for k in self.validation_indices:
+            signal, seen = self.model.predict([int(k)])[0], self.material.weighted_image(int(k))
+            total += float(seen.chi2(signal, seen.best_gain(signal)))
+        return total / len(self.validation_indices)
 
-    def _all(self, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
+    def _with_empty_maps(self, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
         """With the empty ones of the layout."""
         return {name: tensors.get(name, torch.zeros(shape)) for name, shape in self.layout.shapes().items()}
 
     # --- checkpoints ------------------------------------------------------------------------------------------------
 
-    def _checkpoint(self) -> Checkpoint:
+    def _checkpoint(self) -> CalibrationCheckpoint:
         kept = {"mismatch": self.mismatch.copy()}
         for name, tensor in self.tensors.items():
-            parts = {"": tensor, ".best": self.best[name], ".first": self.adam[name].first}
-            parts[".second"] = self.adam[name].second
+            parts = {"": tensor, ".best": self.best[name], ".first": self.adam[name].first_moment}
+            parts[".second"] = self.adam[name].second_moment
             kept |= {name + part: value.numpy().copy() for part, value in parts.items()}
-            kept[f"{name}.count"] = np.array([self.adam[name].count], dtype=np.int64)
-        return Checkpoint.of(self.captures, self.known, self.layout, self.settings, self.progress, kept)
+            kept[f"{name}.count"] = np.array([self.adam[name].step_count], dtype=np.int64)
+        return CalibrationCheckpoint.create(self.captures, self.known, self.layout, self.settings, self.progress, kept)
 
-    def _go_on(self, resume: Checkpoint) -> None:
+    def _restore(self, resume: CalibrationCheckpoint) -> None:
         kept = resume.tensors
         self.mismatch = kept["mismatch"].copy()
         for name, adam in self.adam.items():
             self.tensors[name] = torch.from_numpy(kept[name].copy())
             self.best[name] = torch.from_numpy(kept[f"{name}.best"].copy())
-            adam.first = torch.from_numpy(kept[f"{name}.first"].copy())
-            adam.second = torch.from_numpy(kept[f"{name}.second"].copy())
-            adam.count = int(kept[f"{name}.count"][0])
+            adam.first_moment = torch.from_numpy(kept[f"{name}.first"].copy())
+            adam.second_moment = torch.from_numpy(kept[f"{name}.second"].copy())
+            adam.step_count = int(kept[f"{name}.count"][0])
         self.progress = resume.progress
 
 
 def _mismatch(unexplained: float) -> float:
     """The model's own error (share of the mean light) that weights allow for."""
-    return min(_WORST_MISMATCH, 0.5 * math.sqrt(max(unexplained, 0.0)))
+    return min(_MAX_MODEL_ERROR, 0.5 * math.sqrt(max(unexplained, 0.0)))

@@ -10,6 +10,6 @@ rehearsal   effects of one's own, tried once
 """
 
 from holoview.captures.file import read_captures, write_captures
-from holoview.captures.session import Camera, Captures, Panel
+from holoview.captures.session import Camera, Captures, SlmSpec
 
-__all__ = ["Camera", "Captures", "Panel", "read_captures", "write_captures"]
+__all__ = ["Camera", "Captures", "SlmSpec", "read_captures", "write_captures"]

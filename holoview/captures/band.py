@@ -19,50 +19,52 @@ Tensor = torch.Tensor
 
 
 @dataclass(frozen=True)
-class Band:
+class FrequencyBand:
     """Frequencies |k_y| ≤ reach[0], |k_x| ≤ reach[1] of a padded grid, in FFT order: (rows, columns) of a spectrum."""
 
     padded: tuple[int, int]
-    reach: tuple[int, int]
+    max_indices: tuple[int, int]
 
     @staticmethod
-    def of(transfer: Transfer, grid: Grid) -> Band:
+    def from_transfer(transfer: Transfer, grid: Grid) -> FrequencyBand:
         """The smallest band that holds all that a transfer function lets through."""
         lit = np.flatnonzero(transfer.support[:, 1] >= 0)
         highest = int(np.abs(frequency_indices(grid.padded[0])[lit]).max(initial=0))
         widest = int(transfer.support[:, 1].max(initial=0))
-        return Band(grid.padded, (highest, widest))
+        return FrequencyBand(grid.padded, (highest, widest))
 
     @property
-    def indices(self) -> tuple[Tensor, Tensor]:
+    def frequency_indices(self) -> tuple[Tensor, Tensor]:
         """Signed frequency indices of rows and of columns."""
-        return _inside(self.padded[0], self.reach[0]), _inside(self.padded[1], self.reach[1])
+        return _indices_within(self.padded[0], self.max_indices[0]), _indices_within(
+            self.padded[1], self.max_indices[1]
+        )
 
     def forward(self, field: Tensor) -> Tensor:
         """Spectrum (rows, columns) of a field (y, x), zero outside it."""
-        lines = _cut(torch.fft.fft(field, n=self.padded[1], dim=1), self.padded[1], self.reach[1], 1)
-        return _cut(torch.fft.fft(lines, n=self.padded[0], dim=0), self.padded[0], self.reach[0], 0)
+        lines = _crop_spectrum(torch.fft.fft(field, n=self.padded[1], dim=1), self.padded[1], self.max_indices[1], 1)
+        return _crop_spectrum(torch.fft.fft(lines, n=self.padded[0], dim=0), self.padded[0], self.max_indices[0], 0)
 
     def inverse(self, spectrum: Tensor, shape: tuple[int, int]) -> Tensor:
         """The first `shape` samples (y, x) of the field of a spectrum."""
-        lines = torch.fft.ifft(_spread(spectrum, self.padded[0], self.reach[0], 0), dim=0)[: shape[0]]
-        return torch.fft.ifft(_spread(lines, self.padded[1], self.reach[1], 1), dim=1)[:, : shape[1]]
+        lines = torch.fft.ifft(_zero_pad_spectrum(spectrum, self.padded[0], self.max_indices[0], 0), dim=0)[: shape[0]]
+        return torch.fft.ifft(_zero_pad_spectrum(lines, self.padded[1], self.max_indices[1], 1), dim=1)[:, : shape[1]]
 
 
 @lru_cache(maxsize=256)
-def _inside(padded: int, reach: int) -> Tensor:
+def _indices_within(padded: int, reach: int) -> Tensor:
     k = torch.from_numpy(frequency_indices(padded))
     return k if 2 * reach + 1 >= padded else k[k.abs() <= reach]
 
 
-def _cut(spectrum: Tensor, padded: int, reach: int, dim: int) -> Tensor:
+def _crop_spectrum(spectrum: Tensor, padded: int, reach: int, dim: int) -> Tensor:
     if 2 * reach + 1 >= padded:
         return spectrum
     parts = (spectrum.narrow(dim, 0, reach + 1), spectrum.narrow(dim, padded - reach, reach))
     return torch.cat(parts, dim=dim)
 
 
-def _spread(spectrum: Tensor, padded: int, reach: int, dim: int) -> Tensor:
+def _zero_pad_spectrum(spectrum: Tensor, padded: int, reach: int, dim: int) -> Tensor:
     if 2 * reach + 1 >= padded:
         return spectrum
     shape = list(spectrum.shape)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from holoview.captures.session import Captures
 from holoview.errors import UserError
 
-_LENGTHS: dict[str, tuple[float, float, str]] = {
+_LENGTH_LIMITS: dict[str, tuple[float, float, str]] = {
     "slm1 attribute pitch": (0.1e-6, 1e-3, "a pixel pitch in metres, such as 8e-6"),
     "slm2 attribute pitch": (0.1e-6, 1e-3, "a pixel pitch in metres, such as 8e-6"),
     "slm1 attribute opd_range": (1e-9, 20e-6, "an optical path in metres, such as 8e-7"),
@@ -24,7 +24,9 @@ _LENGTHS: dict[str, tuple[float, float, str]] = {
 """Smallest and largest value that can be meant, and what is expected."""
 
 _UNITS = {1e-3: "millimetres", 1e-6: "micrometres", 1e-9: "nanometres", 1e-2: "centimetres"}
-_FARTHEST = 10.0  # modulator widths that light may spread sideways on its way: beyond, nothing is left of a picture
+_MAX_SPREAD_WIDTHS = (
+    10.0  # modulator widths that light may spread sideways on its way: beyond, nothing is left of a picture
+)
 
 
 def check_captures(captures: Captures) -> None:
@@ -33,7 +35,7 @@ def check_captures(captures: Captures) -> None:
     _check_lengths(captures)
     _check_geometry(captures)
     _check_spread(captures)
-    for number, panel in enumerate(captures.panels):
+    for number, panel in enumerate(captures.slms):
         where = f"slm{number + 1}"
         if not 2 <= panel.num_levels <= 65536:
             raise UserError(f"{where} attribute num_levels", f"{panel.num_levels}", expected="2 to 65536")
@@ -71,46 +73,48 @@ def _check_lengths(captures: Captures) -> None:
     }
     if not captures.is_fourier:
         values["distance"] = captures.distance_m
-    for number, panel in enumerate(captures.panels):
+    for number, panel in enumerate(captures.slms):
         values[f"slm{number + 1} attribute pitch"] = np.array([panel.pitch_m])
         values[f"slm{number + 1} attribute opd_range"] = np.array([panel.opd_range_m])
     for name, value in (("gap", captures.gap_m), ("focal_length", captures.focal_length_m)):
         if value is not None:
             values[f"geometry attribute {name}"] = np.array([value])
     for name, array in values.items():
-        low, high, expected = _LENGTHS[name]
+        low, high, expected = _LENGTH_LIMITS[name]
         wrong = array[~((array >= low) & (array <= high))]
         if len(wrong):
-            raise UserError(name, f"{wrong[0]:g}", expected=expected, remedy=_looks_like(float(wrong[0]), low, high))
+            raise UserError(name, f"{wrong[0]:g}", expected=expected, remedy=_unit_hint(float(wrong[0]), low, high))
     if captures.is_fourier and np.any(np.abs(captures.distance_m) > float(captures.focal_length_m or 0.0)):
         worst = float(np.abs(captures.distance_m).max())
         expected = "defocus from the focal plane in metres, less than the focal length"
-        raise UserError("distance", f"{worst:g}", expected=expected, remedy=_looks_like(worst, 0.0, 0.05))
+        raise UserError("distance", f"{worst:g}", expected=expected, remedy=_unit_hint(worst, 0.0, 0.05))
 
 
 def _check_spread(captures: Captures) -> None:
     """A distance over which light would leave the picture: 0.5 for half a millimetre."""
     if captures.is_fourier:
         return
-    width = max(captures.levels.shape[2:]) * captures.panels[0].pitch_m
-    diffracted = float(captures.wavelength_m.min()) / (2 * captures.panels[0].pitch_m)
+    width = max(captures.levels.shape[2:]) * captures.slms[0].pitch_m
+    diffracted = float(captures.wavelength_m.min()) / (2 * captures.slms[0].pitch_m)
     paths = {"distance": (float(captures.distance_m.max()), captures.iris2_na)}
     if captures.gap_m is not None:
         paths["geometry attribute gap"] = (captures.gap_m, captures.iris1_na)
     for name, (length, na) in paths.items():
-        if length * min(na or 1.0, diffracted) > _FARTHEST * width:
-            found = f"{length:g}: light would spread over {_FARTHEST:g} times the modulator's {width * 1e3:.3g} mm"
-            raise UserError(name, found, remedy=_looks_like(length, 0.0, 0.05))
+        if length * min(na or 1.0, diffracted) > _MAX_SPREAD_WIDTHS * width:
+            found = (
+                f"{length:g}: light would spread over {_MAX_SPREAD_WIDTHS:g} times the modulator's {width * 1e3:.3g} mm"
+            )
+            raise UserError(name, found, remedy=_unit_hint(length, 0.0, 0.05))
 
 
-def _looks_like(value: float, low: float, high: float) -> str:
+def _unit_hint(value: float, low: float, high: float) -> str:
     """In which unit the value would make sense."""
     fitting = [name for factor, name in _UNITS.items() if low <= value * factor <= high and value * factor > 1e-9]
     return f"it looks like {fitting[0]}: lengths are in metres" if fitting else ""
 
 
 def _check_geometry(captures: Captures) -> None:
-    two = len(captures.panels) == 2
+    two = len(captures.slms) == 2
     if two and captures.is_fourier:
         raise UserError("slm2", "on a Fourier bench", expected="one modulator where there is a focal_length")
     if two and captures.gap_m is None:
@@ -122,8 +126,8 @@ def _check_geometry(captures: Captures) -> None:
     for name, na in (("iris1_na", captures.iris1_na), ("iris2_na", captures.iris2_na)):
         if na is not None and not 1e-5 <= na <= 1.0:
             raise UserError(f"geometry attribute {name}", f"{na:g}", expected="a sine between 0.00001 and 1")
-    if two and captures.panels[0].pitch_m != captures.panels[1].pitch_m:
-        raise UserError("slm2 attribute pitch", f"{captures.panels[1].pitch_m:g}", expected="the pitch of slm1")
+    if two and captures.slms[0].pitch_m != captures.slms[1].pitch_m:
+        raise UserError("slm2 attribute pitch", f"{captures.slms[1].pitch_m:g}", expected="the pitch of slm1")
 
 
 def _check_camera(captures: Captures) -> None:

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.check import check_captures
-from holoview.captures.session import Camera, Captures, Panel
+from holoview.captures.session import Camera, Captures, SlmSpec
 from holoview.errors import UserError
-from holoview.files import replacing
+from holoview.files import atomic_write
 
-FORMAT, VERSION = "holoview-captures", 1
+FORMAT_NAME, FORMAT_VERSION = "holoview-captures", 1
 _PER_CAPTURE = ("wavelength", "distance", "power", "exposure")
 
 
@@ -31,7 +31,7 @@ def read_captures(path: str | os.PathLike[str]) -> Captures:
     holds what can't be (`check_captures`).
     """
     file = Path(path)
-    with _opened(file) as h5:
+    with _open_capture_file(file) as h5:
         try:
             captures = _read(h5)
             check_captures(captures)
@@ -45,9 +45,9 @@ def read_captures(path: str | os.PathLike[str]) -> Captures:
 def write_captures(path: str | os.PathLike[str], captures: Captures) -> None:
     """Writes a capture file, whole or not at all. Raises UserError for a session that can't be, as reading does."""
     check_captures(captures)
-    with replacing(path) as temporary, h5py.File(temporary, "w") as h5:
-        h5.attrs["format"], h5.attrs["version"] = FORMAT, VERSION
-        for number, panel in enumerate(captures.panels):
+    with atomic_write(path) as temporary, h5py.File(temporary, "w") as h5:
+        h5.attrs["format"], h5.attrs["version"] = FORMAT_NAME, FORMAT_VERSION
+        for number, panel in enumerate(captures.slms):
             group = h5.create_group(f"slm{number + 1}")
             group.create_dataset("levels", data=captures.levels[:, number], compression="gzip", compression_opts=4)
             group.attrs.update(pitch=panel.pitch_m, num_levels=panel.num_levels, opd_range=panel.opd_range_m)
@@ -67,7 +67,7 @@ def write_captures(path: str | os.PathLike[str], captures: Captures) -> None:
 
 
 @contextmanager
-def _opened(file: Path) -> Iterator[h5py.File]:
+def _open_capture_file(file: Path) -> Iterator[h5py.File]:
     if not file.is_file():
         raise UserError(str(file), "no such file", expected="a capture file (HDF5)")
     try:
@@ -82,11 +82,11 @@ def _opened(file: Path) -> Iterator[h5py.File]:
 
 
 def _read(h5: h5py.File) -> Captures:
-    stated, version = _text(h5.attrs.get("format")), h5.attrs.get("version")
-    if stated != FORMAT:
-        raise UserError("attribute format", f'"{stated}"' if stated else "is missing", expected=f'"{FORMAT}"')
-    if version is None or np.ndim(version) or int(version) != VERSION:
-        raise UserError("attribute version", f"{version}", expected=f"{VERSION}, the only one that is known")
+    stated, version = _decode_attribute(h5.attrs.get("format")), h5.attrs.get("version")
+    if stated != FORMAT_NAME:
+        raise UserError("attribute format", f'"{stated}"' if stated else "is missing", expected=f'"{FORMAT_NAME}"')
+    if version is None or np.ndim(version) or int(version) != FORMAT_VERSION:
+        raise UserError("attribute version", f"{version}", expected=f"{FORMAT_VERSION}, the only one that is known")
     slms = ["slm1", "slm2"] if "slm2" in h5 else ["slm1"]
     levels = [_dataset(h5, f"{slm}/levels", "u", 3) for slm in slms]
     if len({array.shape for array in levels}) > 1:
@@ -100,8 +100,8 @@ def _read(h5: h5py.File) -> Captures:
         **{f"{name}_m": _dataset(h5, name, "fiu", 1).astype(np.float64) for name in ("wavelength", "distance")},
         power=_dataset(h5, "power", "fiu", 1).astype(np.float64),
         exposure_s=_dataset(h5, "exposure", "fiu", 1).astype(np.float64),
-        panels=tuple(
-            Panel(_number(h5[slm], "pitch"), int(_number(h5[slm], "num_levels")), _number(h5[slm], "opd_range"))
+        slms=tuple(
+            SlmSpec(_number(h5[slm], "pitch"), int(_number(h5[slm], "num_levels")), _number(h5[slm], "opd_range"))
             for slm in slms
         ),
         camera=_camera(h5),
@@ -162,5 +162,5 @@ def _scalar(value: Any, where: str) -> float:
     return float(array.reshape(()))
 
 
-def _text(value: Any) -> str:
+def _decode_attribute(value: Any) -> str:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value or "")

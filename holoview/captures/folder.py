@@ -38,12 +38,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from holoview.captures.check import check_captures
-from holoview.captures.session import Camera, Captures, Panel
-from holoview.errors import UserError, near_matches
+from holoview.captures.session import Camera, Captures, SlmSpec
+from holoview.errors import UserError, suggest_matches
 from holoview.schema import Number
 
-Progress = Callable[[int, int], None]
-TABLE, BENCH = "captures.csv", "bench.toml"
+ProgressCallback = Callable[[int, int], None]
+TABLE_FILE, BENCH_FILE = "captures.csv", "bench.toml"
 
 _COLUMNS: dict[str, Number] = {
     "wavelength": Number("nm", low=100e-9, high=10e-6),
@@ -51,15 +51,15 @@ _COLUMNS: dict[str, Number] = {
     "power": Number(low=0.0),
     "exposure": Number(low=0.0),
 }
-_PANEL: dict[str, Number] = {"pitch": Number("um"), "num_levels": Number(), "opd_range": Number("nm")}
-_CAMERA: dict[str, Number] = {
+_SLM_KEYS: dict[str, Number] = {"pitch": Number("um"), "num_levels": Number(), "opd_range": Number("nm")}
+_CAMERA_KEYS: dict[str, Number] = {
     "pitch": Number("um"),
     "bit_depth": Number(),
     "electrons_per_count": Number(),
     "read_noise": Number(),
     "black_level": Number(),
 }
-_GEOMETRY: dict[str, Number] = {
+_GEOMETRY_KEYS: dict[str, Number] = {
     "gap": Number("mm"),
     "iris1_na": Number(),
     "iris2_na": Number(),
@@ -67,22 +67,22 @@ _GEOMETRY: dict[str, Number] = {
 }
 
 
-def import_folder(path: str | os.PathLike[str], progress: Progress | None = None) -> Captures:
+def import_folder(path: str | os.PathLike[str], progress: ProgressCallback | None = None) -> Captures:
     """The session of a folder.
 
     Raises UserError that names the file, line and column or key of what is missing or wrong.
     """
     folder = Path(path)
     if not folder.is_dir():
-        raise UserError(str(folder), "no such folder", expected=f"a folder with {TABLE} and {BENCH}")
-    bench = _bench(folder / BENCH)
-    panels = tuple(_panel(bench[name]) for name in ("slm1", "slm2") if name in bench)
+        raise UserError(str(folder), "no such folder", expected=f"a folder with {TABLE_FILE} and {BENCH_FILE}")
+    bench = _read_bench_toml(folder / BENCH_FILE)
+    panels = tuple(_slm_spec(bench[name]) for name in ("slm1", "slm2") if name in bench)
     names = ["image", *(f"slm{n + 1}" for n in range(len(panels)))]
-    rows = _rows(folder / TABLE, names)
+    rows = _read_table(folder / TABLE_FILE, names)
     images, levels = [], []
     for number, row in enumerate(rows):
-        images.append(read_counts(folder / row["image"]))
-        levels.append([read_counts(folder / row[name]) for name in names[1:]])
+        images.append(read_greyscale(folder / row["image"]))
+        levels.append([read_greyscale(folder / row[name]) for name in names[1:]])
         if progress is not None:
             progress(number + 1, len(rows))
     columns = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in _COLUMNS}
@@ -94,7 +94,7 @@ def import_folder(path: str | os.PathLike[str], progress: Progress | None = None
         distance_m=columns["distance"],
         power=columns["power"],
         exposure_s=columns["exposure"],
-        panels=panels,
+        slms=panels,
         camera=Camera(
             bench["camera"]["pitch"],
             int(bench["camera"]["bit_depth"]),
@@ -109,11 +109,11 @@ def import_folder(path: str | os.PathLike[str], progress: Progress | None = None
     return captures
 
 
-def _panel(table: Mapping[str, float]) -> Panel:
-    return Panel(table["pitch"], int(table["num_levels"]), table["opd_range"])
+def _slm_spec(table: Mapping[str, float]) -> SlmSpec:
+    return SlmSpec(table["pitch"], int(table["num_levels"]), table["opd_range"])
 
 
-def _bench(path: Path) -> dict[str, dict[str, float]]:
+def _read_bench_toml(path: Path) -> dict[str, dict[str, float]]:
     """bench.toml in SI units, complete."""
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -121,11 +121,11 @@ def _bench(path: Path) -> dict[str, dict[str, float]]:
         raise UserError(str(path), "no such file", expected="a description of the bench in TOML") from error
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise UserError(str(path), f"can't be read: {error}", expected="a description of the bench in TOML") from error
-    kinds = {"slm1": _PANEL, "slm2": _PANEL, "camera": _CAMERA, "geometry": _GEOMETRY}
+    kinds = {"slm1": _SLM_KEYS, "slm2": _SLM_KEYS, "camera": _CAMERA_KEYS, "geometry": _GEOMETRY_KEYS}
     read: dict[str, dict[str, float]] = {}
     for name, table in tables.items():
         if name not in kinds or not isinstance(table, Mapping):
-            raise UserError(f"{path}: {name}", "unknown table", remedy=near_matches(name, kinds))
+            raise UserError(f"{path}: {name}", "unknown table", remedy=suggest_matches(name, kinds))
         read[name] = {key: _value(kinds[name], key, value, f"{path}: {name}") for key, value in table.items()}
     for name in ("slm1", "camera", *(["slm2"] if "slm2" in read else [])):
         for key in kinds[name]:
@@ -136,13 +136,13 @@ def _bench(path: Path) -> dict[str, dict[str, float]]:
 
 def _value(kinds: Mapping[str, Number], key: str, value: Any, where: str) -> float:
     if key not in kinds:
-        raise UserError(f"{where}.{key}", "unknown key", remedy=near_matches(key, kinds))
-    number = kinds[key].read(value, f"{where}.{key}")
+        raise UserError(f"{where}.{key}", "unknown key", remedy=suggest_matches(key, kinds))
+    number = kinds[key].parse(value, f"{where}.{key}")
     assert number is not None
     return number
 
 
-def _rows(path: Path, names: list[str]) -> list[dict[str, Any]]:
+def _read_table(path: Path, names: list[str]) -> list[dict[str, Any]]:
     """Lines of captures.csv, numbers in SI units."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -172,12 +172,12 @@ def _number(kind: Number, text: str, where: str) -> float:
             value = float(text)
         except ValueError as error:
             raise UserError(where, f'"{text}"', expected="a number") from error
-    number = kind.read(value, where)
+    number = kind.parse(value, where)
     assert number is not None
     return number
 
 
-def read_counts(path: Path) -> NDArray[Any]:
+def read_greyscale(path: Path) -> NDArray[Any]:
     """Grey values (y, x) as they are, uint8 or uint16."""
     try:
         if path.suffix.lower() in (".tif", ".tiff"):
@@ -186,7 +186,7 @@ def read_counts(path: Path) -> NDArray[Any]:
             with Image.open(path) as picture:
                 values = np.asarray(picture)
     except FileNotFoundError as error:
-        raise UserError(str(path), "no such file", expected=f"a picture that {TABLE} names") from error
+        raise UserError(str(path), "no such file", expected=f"a picture that {TABLE_FILE} names") from error
     except Exception as error:  # each decoder raises its own
         raise UserError(str(path), f"can't be decoded: {error}", expected="a greyscale PNG or TIFF") from error
     if values.ndim == 2 and values.dtype.kind == "i" and values.size and values.min() >= 0:

@@ -12,17 +12,17 @@ from dataclasses import dataclass
 
 import torch
 
-from holoview.captures.band import Band
+from holoview.captures.band import FrequencyBand
 from holoview.effects.places import Pose
-from holoview.optics.resample import centred, warped
+from holoview.optics.resample import affine_warp, centred_indices
 from holoview.plan import Grid
 
 Tensor = torch.Tensor
-_SAME = 1e-6  # relative difference of pitches that are meant to be equal
+_PITCH_TOLERANCE = 1e-6  # relative difference of pitches that are meant to be equal
 
 
 @dataclass(frozen=True)
-class Pixels:
+class PixelGrid:
     """The camera's pixels, in the plane of the modulator: pitch, rows and columns.
 
     points: how many points each way a pixel averages; None: one for each sample on it.
@@ -30,31 +30,31 @@ class Pixels:
 
     pitch_m: float
     shape: tuple[int, int]
-    points: int | None = None
+    points_per_pixel: int | None = None
 
 
-def intensity_at(spectrum: Tensor, band: Band, grid: Grid, pixels: Pixels, pose: Pose) -> Tensor:
+def sample_intensity(spectrum: Tensor, band: FrequencyBand, grid: Grid, pixel_grid: PixelGrid, pose: Pose) -> Tensor:
     """|field|² on the camera, (y, x), for the field's spectrum in a band of the padded grid."""
-    same = abs(pixels.pitch_m / grid.pitch_m - 1) < _SAME
-    each = pixels.points or max(1, round(pixels.pitch_m / grid.pitch_m))
-    if same and each == 1 and pixels.shape == grid.shape and pose.is_identity:
-        return _power(band.inverse(spectrum, grid.shape))
-    fine = Pixels(pixels.pitch_m / each, (pixels.shape[0] * each, pixels.shape[1] * each))
-    read = _at_places if pose.rotation_rad == 0 else _interpolated
-    image = _binned(_power(read(spectrum, band, grid, fine, pose)), each)
+    same = abs(pixel_grid.pitch_m / grid.pitch_m - 1) < _PITCH_TOLERANCE
+    each = pixel_grid.points_per_pixel or max(1, round(pixel_grid.pitch_m / grid.pitch_m))
+    if same and each == 1 and pixel_grid.shape == grid.shape and pose.is_identity:
+        return _intensity(band.inverse(spectrum, grid.shape))
+    fine = PixelGrid(pixel_grid.pitch_m / each, (pixel_grid.shape[0] * each, pixel_grid.shape[1] * each))
+    read = _field_by_fourier_sum if pose.rotation_rad == 0 else _field_by_interpolation
+    image = _bin_pixels(_intensity(read(spectrum, band, grid, fine, pose)), each)
     if pose.softness and same:
-        plain = _power(band.inverse(spectrum, grid.shape))
-        soft = warped(plain, pose.inverse(grid.pitch_m), shape=pixels.shape)
+        plain = _intensity(band.inverse(spectrum, grid.shape))
+        soft = affine_warp(plain, pose.inverse_affine(grid.pitch_m), shape=pixel_grid.shape)
         image = (1 - pose.softness) * image + pose.softness * soft
     return image
 
 
-def _at_places(spectrum: Tensor, band: Band, grid: Grid, pixels: Pixels, pose: Pose) -> Tensor:
+def _field_by_fourier_sum(spectrum: Tensor, band: FrequencyBand, grid: Grid, pixels: PixelGrid, pose: Pose) -> Tensor:
     """The field at pixels that are in rows and columns of the grid's directions: a sum over frequencies each way."""
-    rows = pose.inverse(pixels.pitch_m)
+    rows = pose.inverse_affine(pixels.pitch_m)
     sides = []
-    for axis, k in enumerate(band.indices):
-        place = centred(pixels.shape[axis], torch.float64, k.device) * rows[axis][axis] + rows[axis][2]
+    for axis, k in enumerate(band.frequency_indices):
+        place = centred_indices(pixels.shape[axis], torch.float64, k.device) * rows[axis][axis] + rows[axis][2]
         sample = place * (pixels.pitch_m / grid.pitch_m) + (grid.shape[axis] - 1) / 2
         turns = torch.remainder(sample[:, None] * (k.double() / grid.padded[axis])[None, :], 1.0)
         away = sample - (grid.shape[axis] - 1) / 2
@@ -65,26 +65,26 @@ def _at_places(spectrum: Tensor, band: Band, grid: Grid, pixels: Pixels, pose: P
     return sides[0] @ (spectrum @ sides[1].T)
 
 
-def _interpolated(spectrum: Tensor, band: Band, grid: Grid, pixels: Pixels, pose: Pose) -> Tensor:
+def _field_by_interpolation(spectrum: Tensor, band: FrequencyBand, grid: Grid, pixels: PixelGrid, pose: Pose) -> Tensor:
     """The field at pixels that lie anyhow, cubic between samples of a grid twice as fine."""
-    reach = (min(band.reach[0], (band.padded[0] - 1) // 2), min(band.reach[1], (band.padded[1] - 1) // 2))
-    finer = Band((2 * band.padded[0], 2 * band.padded[1]), reach)
-    (a, b, c), (d, e, f) = pose.inverse(pixels.pitch_m)
+    reach = (min(band.max_indices[0], (band.padded[0] - 1) // 2), min(band.max_indices[1], (band.padded[1] - 1) // 2))
+    finer = FrequencyBand((2 * band.padded[0], 2 * band.padded[1]), reach)
+    (a, b, c), (d, e, f) = pose.inverse_affine(pixels.pitch_m)
     margins = _margins(grid, pixels, ((a, b, c), (d, e, f)))
     begins = [
         torch.polar(torch.ones_like(k), -2 * math.pi * k * m / p)
-        for k, m, p in zip((k.double() for k in finer.indices), margins, band.padded, strict=True)
+        for k, m, p in zip((k.double() for k in finer.frequency_indices), margins, band.padded, strict=True)
     ]
-    spectrum = _widened(spectrum, band) * (begins[0][:, None] * begins[1][None, :]).to(spectrum.dtype)
+    spectrum = _without_nyquist(spectrum, band) * (begins[0][:, None] * begins[1][None, :]).to(spectrum.dtype)
     shape = (2 * (grid.shape[0] + 2 * margins[0]), 2 * (grid.shape[1] + 2 * margins[1]))
     field = 4 * finer.inverse(spectrum, shape)
     scale = pixels.pitch_m / (grid.pitch_m / 2)
     half = 0.5  # the finer grid begins at the same place, so that its centre lies half of its samples further
     source = ((a * scale, b * scale, c * scale - half), (d * scale, e * scale, f * scale - half))
-    return warped(field, source, mode="bicubic", shape=pixels.shape)
+    return affine_warp(field, source, mode="bicubic", shape=pixels.shape)
 
 
-def _margins(grid: Grid, pixels: Pixels, rows: tuple[tuple[float, float, float], ...]) -> tuple[int, int]:
+def _margins(grid: Grid, pixels: PixelGrid, rows: tuple[tuple[float, float, float], ...]) -> tuple[int, int]:
     """Samples (y, x) around the field on which the camera's corners lie, within what the padding holds."""
     corner = [(n - 1) / 2 for n in pixels.shape]
     margins = []
@@ -95,10 +95,10 @@ def _margins(grid: Grid, pixels: Pixels, rows: tuple[tuple[float, float, float],
     return margins[0], margins[1]
 
 
-def _widened(spectrum: Tensor, band: Band) -> Tensor:
+def _without_nyquist(spectrum: Tensor, band: FrequencyBand) -> Tensor:
     """The spectrum with both signs of the highest frequency, where the band is all that the grid has."""
     for dim in (0, 1):
-        padded, reach = band.padded[dim], band.reach[dim]
+        padded, reach = band.padded[dim], band.max_indices[dim]
         if 2 * reach + 1 >= padded and spectrum.shape[dim] == padded:
             keep = (padded - 1) // 2
             parts = (spectrum.narrow(dim, 0, keep + 1), spectrum.narrow(dim, padded - keep, keep))
@@ -106,7 +106,7 @@ def _widened(spectrum: Tensor, band: Band) -> Tensor:
     return spectrum
 
 
-def _binned(image: Tensor, each: int) -> Tensor:
+def _bin_pixels(image: Tensor, each: int) -> Tensor:
     """The mean of each square of `each` samples."""
     if each == 1:
         return image
@@ -114,5 +114,5 @@ def _binned(image: Tensor, each: int) -> Tensor:
     return image.reshape(rows, each, columns, each).mean(dim=(1, 3))
 
 
-def _power(field: Tensor) -> Tensor:
+def _intensity(field: Tensor) -> Tensor:
     return field.real.square() + field.imag.square()

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-SMOOTHNESS = (6.0, 3.0, 1.5, 0.0)
+BLUR_SIGMAS_PX = (6.0, 3.0, 1.5, 0.0)
 """Standard deviations (pixels) of the blurs of random patterns, in turn."""
 
 

@@ -13,27 +13,34 @@ from holoview.effects.parameter import Parameter
 from holoview.errors import UserError
 
 _REMEDY = "mend the file that defines it"
-_STEP = 0.5  # of the prior
+_PROBE_STEP = 0.5  # of the prior
 
 
-def rehearse(captures: Captures, effects: Iterable[Effect]) -> None:
+def check_user_effects(captures: Captures, effects: Iterable[Effect]) -> None:
     """UserError, naming the effect, where its hooks fail on the first capture or its words can't be said."""
-    predictor, system = Predictor(captures, cache_mb=1), captures.system()
+    predictor, system = Predictor(captures, cache_mb=1), captures.nominal_system()
     for one in effects:
-        if one.needs.missing(captures.facts()):
+        if one.needs.unmet_by(captures.data_properties()):
             continue
-        _predicts(predictor, one, captures.shape)
+        _check_prediction(predictor, one, captures.shape)
         try:
-            list(one.starts(system))
-            one.sentence(system, _moved(one, _STEP))
+            list(one.starting_points(system))
+            one.format_finding(system, _displaced_values(one, _PROBE_STEP))
         except Exception as error:
             found = f"its starts or words failed: {type(error).__name__}: {error}"
             raise UserError(f"effects.{one.id}", found, remedy=_REMEDY) from error
 
 
-def _predicts(predictor: Predictor, one: Effect, shape: tuple[int, int]) -> None:
+def _check_prediction(predictor: Predictor, one: Effect, shape: tuple[int, int]) -> None:
     """Steps either way from the identity; one of them must leave a picture: the other may be a bench that can't be."""
-    refused, tried = [], [v for step in (_STEP, -_STEP) if not one.values(v := _moved(one, step)).is_identity]
+    refused, tried = (
+        [],
+        [
+            v
+            for step in (_PROBE_STEP, -_PROBE_STEP)
+            if not one.parameter_values(v := _displaced_values(one, step)).is_identity
+        ],
+    )
     for values in tried:
         try:
             signal = predictor([0], {one.id: values}).signal[0]
@@ -49,9 +56,9 @@ def _predicts(predictor: Predictor, one: Effect, shape: tuple[int, int]) -> None
         raise refused[0]
 
 
-def _moved(one: Effect, step: float) -> dict[str, float]:
-    return {p.name: _inside(p, p.identity + step * p.prior) for p in one.parameters}
+def _displaced_values(one: Effect, step: float) -> dict[str, float]:
+    return {p.name: _clamped(p, p.identity + step * p.prior) for p in one.parameters}
 
 
-def _inside(p: Parameter, value: float) -> float:
+def _clamped(p: Parameter, value: float) -> float:
     return min(max(value, p.low), p.high)

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.effects.effect import Facts
+from holoview.effects.effect import DataProperties
 from holoview.system import Modulator, Relay, Sampling, System
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Panel:
+class SlmSpec:
     """A modulator: level 0 … num_levels − 1 adds, nominally in equal steps, 0 … opd_range_m of optical path."""
 
     pitch_m: float
@@ -39,7 +39,7 @@ class Camera:
         """Counts of a saturated pixel."""
         return int(2**self.bit_depth) - 1
 
-    def variance(self, signal: NDArray[np.floating]) -> NDArray[np.floating]:
+    def noise_variance(self, signal: NDArray[np.floating]) -> NDArray[np.floating]:
         """Variance in counts² of an expected signal (counts above black): shot and read noise, quantisation."""
         electrons = np.maximum(signal, 0.0) * self.electrons_per_count
         return (electrons + self.read_noise**2) / self.electrons_per_count**2 + 1 / 12
@@ -58,7 +58,7 @@ class Captures:
     distance_m: Floats
     power: Floats
     exposure_s: Floats
-    panels: tuple[Panel, ...]
+    slms: tuple[SlmSpec, ...]
     camera: Camera
     gap_m: float | None = None
     iris1_na: float | None = None
@@ -86,15 +86,15 @@ class Captures:
     @property
     def upsample(self) -> int:
         """Simulation samples a modulator pixel and axis: those of the camera where they fit, never fewer than two."""
-        return max(2, min(16, round(self.panels[0].pitch_m / self.camera.pitch_m)))
+        return max(2, min(16, round(self.slms[0].pitch_m / self.camera.pitch_m)))
 
-    def facts(self) -> Facts:
+    def data_properties(self) -> DataProperties:
         """What these data can tell about."""
         irises = (self.iris1_na is not None, self.iris2_na is not None)
         wavelengths, planes, powers = (
             len(np.unique(values)) for values in (self.wavelength_m, self.distance_m, self.power)
         )
-        return Facts(wavelengths, planes, powers, len(self.panels), irises, self.is_fourier)
+        return DataProperties(wavelengths, planes, powers, len(self.slms), irises, self.is_fourier)
 
     def subset(self, indices: Sequence[int] | NDArray[np.integer]) -> Captures:
         """Some of the captures, in that order."""
@@ -104,10 +104,12 @@ class Captures:
 
     def drive(self, capture: int) -> Floats:
         """Share of the stroke that was sent, (modulator, y, x)."""
-        most = np.array([panel.num_levels - 1 for panel in self.panels], dtype=np.float64)
+        most = np.array([panel.num_levels - 1 for panel in self.slms], dtype=np.float64)
         return self.levels[capture] / most[:, None, None]
 
-    def system(self, wavelengths_m: Sequence[float] | None = None, planes_m: Sequence[float] | None = None) -> System:
+    def nominal_system(
+        self, wavelengths_m: Sequence[float] | None = None, planes_m: Sequence[float] | None = None
+    ) -> System:
         """The nominal bench at these wavelengths and planes (all that occur when None), seen by a mono camera.
 
         A Fourier bench has its planes at focal_length_m + distance from the lens.
@@ -123,7 +125,7 @@ class Captures:
                 Modulator(
                     pitch_m=p.pitch_m, shape=shape, stroke_m=p.opd_range_m, levels=np.linspace(0.0, 1.0, p.num_levels)
                 )
-                for p in self.panels
+                for p in self.slms
             ),
             gap_m=self.gap_m,
             planes_m=planes,

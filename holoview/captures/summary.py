@@ -8,52 +8,52 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.session import Captures
-from holoview.effects.registry import registry
-from holoview.report.sheet import Tile, contact_sheet
+from holoview.effects.registry import listed_effects
+from holoview.report.sheet import CaptionedTile, contact_sheet
 
-_DARK = 3.0  # of the noise: a picture whose mean signal is less shows nothing
+_DARK_SIGMAS = 3.0  # of the noise: a picture whose mean signal is less shows nothing
 
 
-def summary(captures: Captures) -> dict[str, Any]:
+def summarise(captures: Captures) -> dict[str, Any]:
     """Facts of a session, ready for JSON. `cant_tell`: {effect: why these data don't show it}."""
-    camera, facts = captures.camera, captures.facts()
+    camera, facts = captures.camera, captures.data_properties()
     signal = captures.images.mean(axis=(1, 2)) - camera.black_level
-    noise = float(camera.variance(np.zeros(1))[0]) ** 0.5
+    noise = float(camera.noise_variance(np.zeros(1))[0]) ** 0.5
     saturated = (captures.images >= camera.saturation).mean(axis=(1, 2))
     return {
         "captures": len(captures),
-        "modulators": len(captures.panels),
+        "modulators": len(captures.slms),
         "pixels": list(captures.levels.shape[2:]),
-        "levels": [panel.num_levels for panel in captures.panels],
+        "levels": [panel.num_levels for panel in captures.slms],
         "image": list(captures.shape),
         "geometry": "Fourier bench" if captures.is_fourier else "near field",
         "wavelengths_m": captures.wavelengths_m.tolist(),
         "distances_m": np.unique(captures.distance_m).tolist(),
         "powers": facts.powers,
         "saturated": {"worst": float(saturated.max()), "mean": float(saturated.mean())},
-        "dark": np.flatnonzero(signal < _DARK * noise / np.sqrt(captures.images[0].size)).tolist(),
+        "dark": np.flatnonzero(signal < _DARK_SIGMAS * noise / np.sqrt(captures.images[0].size)).tolist(),
         "mean_electrons": float(np.median(signal) * camera.electrons_per_count),
-        "cant_tell": {name: why for name, one in registry().items() if (why := one.needs.missing(facts))},
+        "cant_tell": {name: why for name, one in listed_effects().items() if (why := one.needs.unmet_by(facts))},
     }
 
 
-def capture_sheet(captures: Captures, most: int = 12) -> NDArray[np.uint8]:
+def capture_sheet(captures: Captures, max_captures: int = 12) -> NDArray[np.uint8]:
     """A picture (y, x, 3): patterns and camera image of captures spread over the session, each scaled to its range."""
-    chosen = np.unique(np.linspace(0, len(captures) - 1, most).round().astype(int))
-    heads = [*(f"modulator {n + 1}" for n in range(len(captures.panels))), "camera"]
+    chosen = np.unique(np.linspace(0, len(captures) - 1, max_captures).round().astype(int))
+    heads = [*(f"modulator {n + 1}" for n in range(len(captures.slms))), "camera"]
     rows = []
     for k in chosen:
         λ, z = captures.wavelength_m[k] * 1e9, captures.distance_m[k] * 1e3
         said = f"{k}: {λ:g} nm, {z:g} mm, power {captures.power[k]:g}, {captures.exposure_s[k] * 1e3:.3g} ms"
         patterns = [
-            Tile(_grey(levels / (panel.num_levels - 1)), "")
-            for levels, panel in zip(captures.levels[k], captures.panels, strict=True)
+            CaptionedTile(_grey(levels / (panel.num_levels - 1)), "")
+            for levels, panel in zip(captures.levels[k], captures.slms, strict=True)
         ]
-        rows.append([*patterns, Tile(_seen(captures, int(k)), said)])
+        rows.append([*patterns, CaptionedTile(_camera_picture(captures, int(k)), said)])
     return contact_sheet(f"{len(captures)} captures", heads, rows, width=420)
 
 
-def _seen(captures: Captures, k: int) -> NDArray[np.uint8]:
+def _camera_picture(captures: Captures, k: int) -> NDArray[np.uint8]:
     """A camera image, saturated pixels in red."""
     image, camera = captures.images[k].astype(np.float64), captures.camera
     top = max(float(np.quantile(image, 0.999)) - camera.black_level, 1.0)

@@ -12,15 +12,15 @@ from typing import Any
 import torch
 
 from holoview import __version__
-from holoview.bench.choices import Asked, tuned
+from holoview.bench.choices import StrategyOption, tune
 from holoview.bench.device_time import DeviceTime, device_time
-from holoview.bench.first_image import first_image_bar
-from holoview.bench.frame_bars import Bar, FrameBench, measure
-from holoview.commands.common import add_system, system_of
+from holoview.bench.first_image import first_image_criterion
+from holoview.bench.frame_bars import Criterion, FrameTimings, benchmark_frame
+from holoview.commands.common import add_system, system_from_args
 from holoview.errors import UserError
 from holoview.gpu.device import TIMESTAMPS, Device, open_device
-from holoview.gpu.lines import STRATEGIES, strategies
-from holoview.grid import is_good_size
+from holoview.gpu.lines import STRATEGIES, supported_strategies
+from holoview.grid import is_fast_length
 from holoview.plan import make_plan
 from holoview.system import System
 
@@ -49,24 +49,24 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measures, and prints a table or JSON."""
     args.preset = args.preset or _DEFAULT
-    system = _sized(system_of(args), args.size)
+    system = _sized(system_from_args(args), args.size)
     rounds = _rounds(args.rounds)
     device = open_device(args.adapter)
     if args.tune:
-        print(_tuned(system, device, as_json=args.json))
+        print(_tuning_report(system, device, as_json=args.json))
         return 0
     _check_strategy(args.strategy, system, device)
     options = {"half": args.half, "strategy": args.strategy}
-    frame = measure(system, device, rounds, **options)
+    frame = benchmark_frame(system, device, rounds, **options)
     timed = device_time(system, device, rounds, **options) if TIMESTAMPS in device.features else None
-    bars = [*frame.bars, first_image_bar(system, args.adapter)]
+    bars = [*frame.criteria, first_image_criterion(system, args.adapter)]
     result = _result(system, device, frame, bars, timed, rounds)
     print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _table(result))
     return 0
 
 
 def _result(
-    system: System, device: Device, frame: FrameBench, bars: list[Bar], timed: DeviceTime | None, rounds: int
+    system: System, device: Device, frame: FrameTimings, bars: list[Criterion], timed: DeviceTime | None, rounds: int
 ) -> dict[str, Any]:
     """All that is shown, for programs."""
     rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
@@ -86,12 +86,19 @@ def _result(
         "cores": os.cpu_count(),
         "torch_threads": torch.get_num_threads(),
         "bars": [
-            {"name": bar.name, "value": bar.value, "bar": bar.bar, "aim": bar.aim, "unit": bar.unit, "holds": bar.holds}
+            {
+                "name": bar.name,
+                "value": bar.value,
+                "bar": bar.limit,
+                "aim": bar.goal,
+                "unit": bar.unit,
+                "holds": bar.is_met,
+            }
             for bar in bars
         ],
         "jobs": {
             name: {"median_ms": sample.median_ms, "minimum_ms": sample.minimum_ms, "cpu_ms": sample.cpu_ms}
-            for name, sample in frame.samples.items()
+            for name, sample in frame.timings.items()
         },
         "traffic_bytes_a_wavelength": frame.traffic_bytes,
         "device_memory_bytes": frame.memory_bytes,
@@ -146,23 +153,23 @@ def _sized(system: System, size: str) -> System:
         raise UserError("--size", f'"{size}"', expected="samples such as 1024x768")
     if int(columns) % upsample or int(rows) % upsample:
         raise UserError("--size", size, expected=f"multiples of the bench's upsampling, {upsample}")
-    if not (is_good_size(int(columns)) and is_good_size(int(rows))):
+    if not (is_fast_length(int(columns)) and is_fast_length(int(rows))):
         raise UserError("--size", size, expected="products of 2, 3 and 5, so that torch transforms the same grid")
     return system.edit({"shape": [int(rows) // upsample, int(columns) // upsample]})
 
 
-def _tuned(system: System, device: Device, *, as_json: bool) -> str:
+def _tuning_report(system: System, device: Device, *, as_json: bool) -> str:
     """The strategies of the transforms of a bench, timed anew."""
-    found = [tuned(device, shape, anew=True) for shape in _grids(system)]
+    found = [tune(device, shape, remeasure=True) for shape in _grids(system)]
     if as_json:
         result = {"adapter": _adapter(device), "grids": [choice.as_dict() for choice in found]}
         return json.dumps(result, indent=2, ensure_ascii=False)
-    return "\n".join([device.info.label, *(line for choice in found for line in choice.lines())])
+    return "\n".join([device.info.label, *(line for choice in found for line in choice.format_lines())])
 
 
-def _check_strategy(name: Asked, system: System, device: Device) -> None:
+def _check_strategy(name: StrategyOption, system: System, device: Device) -> None:
     """Refuses a strategy that the device or a size doesn't allow."""
-    if name != "auto" and not all(name in strategies(device, shape) for shape in _grids(system)):
+    if name != "auto" and not all(name in supported_strategies(device, shape) for shape in _grids(system)):
         found = f"isn't possible on {device.info.name} at {system.name}'s sizes"
         raise UserError(f"--strategy {name}", found, expected="--strategy passes")
 

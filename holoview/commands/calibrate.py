@@ -27,16 +27,16 @@ def run(args: argparse.Namespace) -> int:
     """Calibrates from captures, or fits a table."""
     source: list[str] = args.source
     if source[0] == "lut" and len(source) == 2:
-        _refuse_others(args, calibrate_captures.OPTIONS, "holoview calibrate CAPTURES.h5")
+        _reject_foreign_options(args, calibrate_captures.OPTIONS, "holoview calibrate CAPTURES.h5")
         return calibrate_lut.run_lut(args, Path(source[1]))
     if len(source) != 1 or source[0] == "lut":
         expected = "CAPTURES.h5, or: lut FILE.csv"
         raise UserError("holoview calibrate", f'"{" ".join(source)}"', expected=expected)
-    _refuse_others(args, calibrate_lut.OPTIONS, "holoview calibrate lut")
+    _reject_foreign_options(args, calibrate_lut.OPTIONS, "holoview calibrate lut")
     return calibrate_captures.run_captures(args, Path(source[0]))
 
 
-def _refuse_others(args: argparse.Namespace, options: tuple[str, ...], belongs_to: str) -> None:
+def _reject_foreign_options(args: argparse.Namespace, options: tuple[str, ...], belongs_to: str) -> None:
     """Refuses an option of the other use, rather than leave it aside silently."""
     for option in options:
         if getattr(args, option) is not None:

@@ -11,21 +11,28 @@ from pathlib import Path
 
 from holoview import preset
 from holoview.calibrate.checkpoint import load_checkpoint
-from holoview.calibrate.held_out import HeldOut, hold_out
-from holoview.calibrate.layout import layout_for
-from holoview.calibrate.material import Material
-from holoview.calibrate.model import Model
-from holoview.calibrate.pictures import draw_all
-from holoview.calibrate.result import Calibration, bench_for, in_words, known_effects
-from holoview.calibrate.score import score
-from holoview.calibrate.settings import Settings, enough_epochs
-from holoview.calibrate.train import State, train
+from holoview.calibrate.held_out import DataSplit, split_captures
+from holoview.calibrate.layout import map_layout_for
+from holoview.calibrate.material import TrainingData
+from holoview.calibrate.model import CalibrationModel
+from holoview.calibrate.pictures import plot_calibration
+from holoview.calibrate.result import CalibrationResult, format_score, known_effects, starting_bench
+from holoview.calibrate.score import score_predictions
+from holoview.calibrate.settings import CalibrationSettings, default_epochs
+from holoview.calibrate.train import TrainingState, train
 from holoview.captures import read_captures
 from holoview.captures.session import Captures
-from holoview.commands.common import check_output, make_folder, progress_bar, say, seed, stopping_on_interrupt
-from holoview.effects.learned import Layout
+from holoview.commands.common import (
+    check_output_file,
+    deferred_interrupt,
+    make_folder,
+    parse_seed,
+    print_stderr,
+    progress_bar,
+)
+from holoview.effects.learned import MapLayout
 from holoview.errors import UserError
-from holoview.optimise.threads import suited_threads
+from holoview.optimise.threads import limit_torch_threads
 from holoview.system import System
 
 OPTIONS = ("epochs", "batch", "rate", "seed", "held_out", "pixels_a_node", "pictures", "checkpoint", "resume")
@@ -36,7 +43,7 @@ def add_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--epochs", type=int, help="how often every capture is seen (default: 300 steps, at least 40)")
     group.add_argument("--batch", type=int, help="captures a step (default 4)")
     group.add_argument("--rate", type=float, help="factor of all steps (default 1)")
-    group.add_argument("--seed", type=seed, help="of what is held out and of the order (default 0)")
+    group.add_argument("--seed", type=parse_seed, help="of what is held out and of the order (default 0)")
     group.add_argument("--held-out", type=float, metavar="SHARE", help="of captures that only judge (default 0.2)")
     group.add_argument("--pixels-a-node", type=int, metavar="N", help="how coarse the source's maps are (default 8)")
     group.add_argument("--pictures", metavar="DIR", type=Path, help="draw what was learned into a folder")
@@ -45,73 +52,73 @@ def add_options(group: argparse._ArgumentGroup) -> None:
 
 
 @dataclass(frozen=True)
-class _Job:
+class _CalibrationTask:
     """What is calibrated from what, and how."""
 
     captures: Captures
     bench: System
-    split: HeldOut
-    layout: Layout
-    settings: Settings
+    split: DataSplit
+    layout: MapLayout
+    settings: CalibrationSettings
 
 
 def run_captures(args: argparse.Namespace, file: Path) -> int:
     """Learns, writes (also after Ctrl-C: the best so far), draws, and says how well captures are predicted."""
     if args.output is None:
         raise UserError("-o", "is missing", expected="the preset to write, e.g. -o calibrated.toml")
-    check_output(args.output, ".toml")
+    check_output_file(args.output, ".toml")
     if args.checkpoint is not None:
-        check_output(args.checkpoint, ".safetensors")
+        check_output_file(args.checkpoint, ".safetensors")
     if args.pictures is not None:
         make_folder(args.pictures)
-    job = _job(args, file)
+    job = _prepare_task(args, file)
     samples = 4 * job.captures.upsample**2 * job.captures.levels[0, 0].size
-    with suited_threads(samples):
-        state, interrupted = _learn(args, job)
-        found = _judge(args, job, state)
+    with limit_torch_threads(samples):
+        state, interrupted = _train(args, job)
+        found = _evaluate(args, job, state)
     maps = found.save(args.output)
     if args.json:
-        print(json.dumps(found.table() | {"preset": str(args.output), "maps": str(maps)}, indent=2))
+        print(json.dumps(found.as_json() | {"preset": str(args.output), "maps": str(maps)}, indent=2))
     else:
-        print("\n".join([*in_words(found.score), f"written: {args.output}, {maps}"]))
+        print("\n".join([*format_score(found.score), f"written: {args.output}, {maps}"]))
     if interrupted:
-        say(f"interrupted after epoch {state.epoch}: the best so far is kept in {args.output}")
+        print_stderr(f"interrupted after epoch {state.epoch}: the best so far is kept in {args.output}")
         return 130
     return 0
 
 
-def _job(args: argparse.Namespace, file: Path) -> _Job:
+def _prepare_task(args: argparse.Namespace, file: Path) -> _CalibrationTask:
     captures = read_captures(file)
     given = None if args.preset is None else preset.load(args.preset)
-    bench = bench_for(captures, given, args.output.stem)
+    bench = starting_bench(captures, given, args.output.stem)
     names = {"epochs": "epochs", "batch": "batch", "rate": "rate", "seed": "seed", "share": "held_out"}
     chosen = {name: getattr(args, option) for name, option in names.items() if getattr(args, option) is not None}
-    settings = Settings(**chosen)
-    split = hold_out(captures, settings.share, settings.seed)
+    settings = CalibrationSettings(**chosen)
+    split = split_captures(captures, settings.share, settings.seed)
     if args.epochs is None:
-        settings = dataclasses.replace(settings, epochs=enough_epochs(len(split.train), settings.batch))
+        settings = dataclasses.replace(settings, epochs=default_epochs(len(split.train), settings.batch))
     nodes = args.pixels_a_node
     if nodes is not None and not 1 <= nodes <= 1000:
         raise UserError("--pixels-a-node", str(nodes), expected="1 to 1000")
-    layout = layout_for(captures, split.train) if nodes is None else layout_for(captures, split.train, nodes)
+    layout = map_layout_for(captures, split.train) if nodes is None else map_layout_for(captures, split.train, nodes)
     if len(captures.wavelengths_m) == 1:
-        say("note: one wavelength only: what changes with the wavelength can't be known")
+        print_stderr("note: one wavelength only: what changes with the wavelength can't be known")
     if len(set(captures.distance_m.tolist())) == 1 and not captures.is_fourier:
-        say("note: one plane only: relay 2 and the camera can't be told apart")
-    return _Job(captures, bench, split, layout, settings)
+        print_stderr("note: one plane only: relay 2 and the camera can't be told apart")
+    return _CalibrationTask(captures, bench, split, layout, settings)
 
 
-def _learn(args: argparse.Namespace, job: _Job) -> tuple[State, bool]:
+def _train(args: argparse.Namespace, job: _CalibrationTask) -> tuple[TrainingState, bool]:
     """The last state, and whether Ctrl-C ended it."""
     resume = None if args.resume is None else load_checkpoint(args.resume)
-    state: State | None = None
-    with stopping_on_interrupt() as asked, progress_bar("calibrating") as report:
+    state: TrainingState | None = None
+    with deferred_interrupt() as asked, progress_bar("calibrating") as report:
         known = known_effects(job.bench)
         begun: tuple[float, int] | None = None
         for state in train(job.captures, known, job.split, job.layout, job.settings, resume):
             begun = begun or (time.monotonic(), state.epoch)
-            report(state.epoch, state.epochs, f"chi2/n {state.chi2:.4g}{_left(state, begun)}")
-            _keep(args.checkpoint, state)
+            report(state.epoch, state.epochs, f"chi2/n {state.validation_chi2:.4g}{_time_left(state, begun)}")
+            _save_checkpoint(args.checkpoint, state)
             if asked():
                 break
         interrupted = asked()
@@ -120,17 +127,17 @@ def _learn(args: argparse.Namespace, job: _Job) -> tuple[State, bool]:
     return state, interrupted
 
 
-def _keep(path: Path | None, state: State) -> None:
+def _save_checkpoint(path: Path | None, state: TrainingState) -> None:
     """A checkpoint that can't be written is no reason to lose the calibration: the one before stays."""
     if path is None:
         return
     try:
         state.checkpoint().save(path)
     except UserError as error:
-        say(f"note: no checkpoint after epoch {state.epoch}: {error}")
+        print_stderr(f"note: no checkpoint after epoch {state.epoch}: {error}")
 
 
-def _left(state: State, begun: tuple[float, int]) -> str:
+def _time_left(state: TrainingState, begun: tuple[float, int]) -> str:
     """How long the rest takes."""
     started, first = begun
     if state.epoch == first:
@@ -139,14 +146,16 @@ def _left(state: State, begun: tuple[float, int]) -> str:
     return f", {each * (state.epochs - state.epoch):.0f} s left"
 
 
-def _judge(args: argparse.Namespace, job: _Job, state: State) -> Calibration:
+def _evaluate(args: argparse.Namespace, job: _CalibrationTask, state: TrainingState) -> CalibrationResult:
     """Scores the best maps, and draws them."""
-    material = Material(job.captures)
-    model = Model(job.captures, job.layout, known_effects(job.bench))
-    model.use(state.best.tensors)
+    material = TrainingData(job.captures)
+    model = CalibrationModel(job.captures, job.layout, known_effects(job.bench))
+    model.set_maps(state.best_maps.tensors)
     with progress_bar("scoring") as report:
-        found = score(material, job.split, model.nominal, model.signals, report)
+        found = score_predictions(material, job.split, model.predict_nominal, model.predict, report)
     if args.pictures is not None:
-        for path in draw_all(args.pictures, material, state.best, job.split, model.nominal, model.signals):
-            say(f"drawn: {path}")
-    return Calibration(job.captures, job.bench, state.best, found, normalised=args.preset is None)
+        for path in plot_calibration(
+            args.pictures, material, state.best_maps, job.split, model.predict_nominal, model.predict
+        ):
+            print_stderr(f"drawn: {path}")
+    return CalibrationResult(job.captures, job.bench, state.best_maps, found, normalise_amplitudes=args.preset is None)

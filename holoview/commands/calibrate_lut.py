@@ -8,14 +8,14 @@ from pathlib import Path
 
 from holoview import preset, units
 from holoview.calibrate import lut_file
-from holoview.calibrate.drawing import draw_lut
+from holoview.calibrate.drawing import plot_lut
 from holoview.calibrate.lut import fit_lut
 from holoview.calibrate.sweep import read_sweep
-from holoview.commands.common import check_output
+from holoview.commands.common import check_output_file
 from holoview.errors import UserError
 
 OPTIONS = ("wavelength", "plot", "save_preset")
-_RANGE_M = (100e-9, 10e-6)
+_WAVELENGTH_RANGE_M = (100e-9, 10e-6)
 
 
 def add_options(group: argparse._ArgumentGroup) -> None:
@@ -35,7 +35,7 @@ def run_lut(args: argparse.Namespace, file: Path) -> int:
     wavelength = _wavelength(args.wavelength)
     for path, suffix in ((args.output, ".toml"), (args.save_preset, ".toml"), (args.plot, ".png")):
         if path is not None:
-            check_output(path, suffix)
+            check_output_file(path, suffix)
     if (args.save_preset is None) != (args.preset is None):
         missing = "--preset" if args.preset is None else "--save-preset"
         raise UserError(missing, "is missing", expected="--preset and --save-preset together")
@@ -43,15 +43,15 @@ def run_lut(args: argparse.Namespace, file: Path) -> int:
     lut = fit_lut(read_sweep(file))
     changed = None if base is None else lut_file.with_lut(base, lut, wavelength)
     if args.output is not None:
-        lut_file.save(args.output, lut, file.name, wavelength)
+        lut_file.save_lut(args.output, lut, file.name, wavelength)
     if changed is not None:
         preset.save(changed, args.save_preset)
     if args.plot is not None:
-        draw_lut(args.plot, lut, file.name)
+        plot_lut(args.plot, lut, file.name)
     if args.json:
-        print(json.dumps(lut_file.table(lut, file.name, wavelength), indent=2))
+        print(json.dumps(lut_file.lut_table(lut, file.name, wavelength), indent=2))
     else:
-        print("\n".join(lut_file.in_words(lut, wavelength)))
+        print("\n".join(lut_file.format_lut(lut, wavelength)))
     return 0
 
 
@@ -59,6 +59,6 @@ def _wavelength(text: str | None) -> float | None:
     if text is None:
         return None
     value = units.parse(text, "--wavelength")
-    if not _RANGE_M[0] <= value <= _RANGE_M[1]:
+    if not _WAVELENGTH_RANGE_M[0] <= value <= _WAVELENGTH_RANGE_M[1]:
         raise UserError("--wavelength", text, expected="between 100 nm and 10 um")
     return value

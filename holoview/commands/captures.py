@@ -8,11 +8,19 @@ from pathlib import Path
 
 from holoview import units
 from holoview.captures import read_captures, write_captures
-from holoview.captures.folder import BENCH, TABLE, import_folder
-from holoview.captures.make import Nuisances, Session, make_captures
-from holoview.captures.summary import capture_sheet, summary
+from holoview.captures.folder import BENCH_FILE, TABLE_FILE, import_folder
+from holoview.captures.make import AcquisitionSettings, Nuisances, make_captures
+from holoview.captures.summary import capture_sheet, summarise
 from holoview.commands import captures_plan
-from holoview.commands.common import add_effects, add_system, check_output, effects_of, progress_bar, seed, system_of
+from holoview.commands.common import (
+    add_effects,
+    add_system,
+    check_output_file,
+    parse_effects,
+    parse_seed,
+    progress_bar,
+    system_from_args,
+)
 from holoview.pictures import write_png
 
 
@@ -31,8 +39,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     show.set_defaults(run=_show)
     convert = commands.add_parser(
         "import",
-        help=f"a folder of PNG or TIFF with {TABLE} and {BENCH}",
-        description=f"Converts a folder of greyscale PNG or TIFF; {TABLE} has a line a capture, {BENCH} the geometry.",
+        help=f"a folder of PNG or TIFF with {TABLE_FILE} and {BENCH_FILE}",
+        description=f"Converts a folder of greyscale PNG or TIFF; {TABLE_FILE} has a line a capture, "
+        f"{BENCH_FILE} the geometry.",
     )
     convert.add_argument("folder", type=Path)
     convert.add_argument("-o", "--output", metavar="FILE.h5", type=Path, required=True)
@@ -51,7 +60,7 @@ def _configure_make(parser: argparse.ArgumentParser) -> None:
     add_effects(parser)
     parser.add_argument("-o", "--output", metavar="FILE.h5", type=Path, required=True)
     parser.add_argument("--each", type=int, default=8, help="captures of every wavelength and plane (default 8)")
-    parser.add_argument("--seed", type=seed, default=0, help="of patterns and noise (default 0)")
+    parser.add_argument("--seed", type=parse_seed, default=0, help="of patterns and noise (default 0)")
     parser.add_argument("--focal-length", metavar="LENGTH", help="a Fourier bench with a lens of that focal length")
     parser.add_argument(
         "--camera-pitch", metavar="LENGTH", help="referred to the modulators (default: the simulation's)"
@@ -68,9 +77,9 @@ def _configure_make(parser: argparse.ArgumentParser) -> None:
 
 def _make(args: argparse.Namespace) -> int:
     """Takes captures of a preset, with what its effects and `--effects` do to it; the file tells the nominal bench."""
-    check_output(args.output, ".h5")
-    session = Session(
-        each=args.each,
+    check_output_file(args.output, ".h5")
+    session = AcquisitionSettings(
+        captures_per_condition=args.each,
         seed=args.seed,
         finer=args.finer,
         focal_length_m=None if args.focal_length is None else _length(args, "focal_length"),
@@ -80,8 +89,8 @@ def _make(args: argparse.Namespace) -> int:
             args.exposure_jitter, args.prnu, _length(args, "camera_jitter"), _length(args, "wavelength_jitter")
         ),
     )
-    effects = effects_of(args.effects)
-    system = system_of(args)
+    effects = parse_effects(args.effects)
+    system = system_from_args(args)
     with progress_bar("measuring") as report:
         captures = make_captures(system, effects, session, progress=lambda done, total: report(done, total, "captures"))
     write_captures(args.output, captures)
@@ -95,13 +104,13 @@ def _length(args: argparse.Namespace, name: str) -> float:
 
 def _check(args: argparse.Namespace) -> int:
     """Validates a capture file and tells what is in it, and what it can't tell."""
-    found = summary(read_captures(args.captures))
+    found = summarise(read_captures(args.captures))
     if args.json:
         print(json.dumps(found, indent=2, ensure_ascii=False))
         return 0
     rows, columns = found["pixels"]
-    wavelengths = ", ".join(units.short(λ, "nm") for λ in found["wavelengths_m"])
-    distances = ", ".join(units.short(z, "mm") for z in found["distances_m"])
+    wavelengths = ", ".join(units.format_rounded(λ, "nm") for λ in found["wavelengths_m"])
+    distances = ", ".join(units.format_rounded(z, "mm") for z in found["distances_m"])
     saturated = found["saturated"]
     print(f"{args.captures}: {found['captures']} captures, {found['geometry']}")
     print(f"  modulators   {found['modulators']} of {columns} x {rows} pixels, {found['levels'][0]} levels")
@@ -118,7 +127,7 @@ def _check(args: argparse.Namespace) -> int:
 
 def _show(args: argparse.Namespace) -> int:
     """Draws what was sent and seen in captures spread over the session; saturated pixels are red."""
-    check_output(args.output, ".png")
+    check_output_file(args.output, ".png")
     captures = read_captures(args.captures)
     write_png(args.output, capture_sheet(captures, max(args.most, 1)), {"holoview.captures": str(args.captures)})
     print(args.output)
@@ -126,7 +135,7 @@ def _show(args: argparse.Namespace) -> int:
 
 
 def _import(args: argparse.Namespace) -> int:
-    check_output(args.output, ".h5")
+    check_output_file(args.output, ".h5")
     with progress_bar("reading") as report:
         captures = import_folder(args.folder, progress=lambda done, total: report(done, total, "captures"))
     write_captures(args.output, captures)

@@ -8,11 +8,11 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from holoview.calibrate.exposure import HEADROOM, Exposure, Limits, plan_exposures
+from holoview.calibrate.exposure import HEADROOM, ExposureLimits, ExposureSetting, plan_exposures
 from holoview.captures import read_captures
-from holoview.captures.folder import read_counts
-from holoview.commands.common import check_output
-from holoview.files import replacing
+from holoview.captures.folder import read_greyscale
+from holoview.commands.common import check_output_file
+from holoview.files import atomic_write
 
 _HEADS = ("wavelength_nm", "power", "exposure_s", "reached_counts", "note")
 
@@ -21,8 +21,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
     parser.add_argument("captures", help="a capture file with at least one capture of each wavelength")
     parser.add_argument("--dark", metavar="PICTURE", type=Path, help="PNG or TIFF with the lasers off")
-    parser.add_argument("--power", type=float, nargs=2, metavar=("LOW", "HIGH"), default=Limits().powers)
-    parser.add_argument("--exposure", type=float, nargs=2, metavar=("LOW", "HIGH"), default=Limits().exposures_s)
+    parser.add_argument("--power", type=float, nargs=2, metavar=("LOW", "HIGH"), default=ExposureLimits().powers)
+    parser.add_argument(
+        "--exposure", type=float, nargs=2, metavar=("LOW", "HIGH"), default=ExposureLimits().exposures_s
+    )
     parser.add_argument("--headroom", type=float, default=HEADROOM, help="share of the range to use (default 0.9)")
     parser.add_argument("-o", "--output", metavar="CSV", type=Path, help="write the plan as a table")
     parser.add_argument("--json", action="store_true", help="machine-readable output")
@@ -32,10 +34,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Says, a line a wavelength, what to set; the brightest 0.1 % then stays below saturation."""
     if args.output is not None:
-        check_output(args.output, ".csv")
+        check_output_file(args.output, ".csv")
     captures = read_captures(args.captures)
-    dark = None if args.dark is None else read_counts(args.dark)
-    plan = plan_exposures(captures, dark, Limits(tuple(args.power), tuple(args.exposure)), args.headroom)
+    dark = None if args.dark is None else read_greyscale(args.dark)
+    plan = plan_exposures(captures, dark, ExposureLimits(tuple(args.power), tuple(args.exposure)), args.headroom)
     if args.output is not None:
         _write(args.output, plan)
     if args.json:
@@ -50,8 +52,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _write(path: Path, plan: list[Exposure]) -> None:
-    with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+def _write(path: Path, plan: list[ExposureSetting]) -> None:
+    with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(_HEADS)
         for line in plan:

@@ -19,14 +19,14 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from holoview import preset
 from holoview.effects.registry import load_user_effects
-from holoview.effects.switched import Switched
+from holoview.effects.switched import ActiveEffects
 from holoview.effects.table import EffectTable
 from holoview.errors import UserError
 from holoview.scheme import with_scheme
 from holoview.system import System
 
-Report = Callable[[int, int, str], None]
-_SECONDS_A_LINE = 10.0
+ProgressCallback = Callable[[int, int, str], None]
+_LINE_INTERVAL_S = 10.0
 _LARGEST_SEED = 2**63 - 1
 
 
@@ -71,15 +71,15 @@ def add_effects(parser: argparse.ArgumentParser, dest: str = "effects") -> None:
     )
 
 
-def effects_of(texts: list[str]) -> dict[str, dict[str, float]]:
+def parse_effects(texts: list[str]) -> dict[str, dict[str, float]]:
     """The values that --effects states, {id: {parameter: SI value}}; files are run first, and it says so."""
     files = [text for text in texts if text.endswith(".py") and "=" not in text]
     for file in files:
-        say(f"running {file} for its effects")
+        print_stderr(f"running {file} for its effects")
         load_user_effects(file)
-    changes = dict(_pair(text, "--effects", "gap.gap_error=0.1mm") for text in texts if text not in files)
+    changes = dict(_parse_assignment(text, "--effects", "gap.gap_error=0.1mm") for text in texts if text not in files)
     kind = EffectTable()
-    return {name: dict(pairs) for name, pairs in kind.edited((), changes, "--effects")}
+    return {name: dict(pairs) for name, pairs in kind.with_changes((), changes, "--effects")}
 
 
 def add_backend(parser: argparse.ArgumentParser) -> None:
@@ -90,14 +90,14 @@ def add_backend(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--adapter", metavar="NAME", help="part of the name of the WebGPU adapter to use")
 
 
-def seed(text: str) -> int:
+def parse_seed(text: str) -> int:
     """The whole number of --random or --seed."""
     if not text.strip().isdecimal() or int(text) > _LARGEST_SEED:
         raise argparse.ArgumentTypeError(f"{text}; expected a whole number from 0 to {_LARGEST_SEED}")
     return int(text)
 
 
-def check_output(path: Path, suffix: str) -> None:
+def check_output_file(path: Path, suffix: str) -> None:
     """Refuses a file that couldn't be written later, before any time is spent on what goes into it."""
     if path.suffix.lower() != suffix:
         raise UserError(str(path), f'the suffix "{path.suffix}"', expected=suffix)
@@ -128,17 +128,17 @@ def make_folder(path: Path) -> None:
         raise UserError(str(path), f"can't be made: {error.strerror}", remedy="choose another folder") from error
 
 
-def check_backend(args: argparse.Namespace) -> None:
+def check_adapter_applies(args: argparse.Namespace) -> None:
     """Refuses an adapter for a backend that has none, rather than leave it aside silently."""
     if args.adapter is not None and args.backend.startswith("torch"):
         raise UserError("--adapter", f"with --backend {args.backend}", expected="--backend wgpu or auto")
 
 
-def system_of(args: argparse.Namespace) -> System:
+def system_from_args(args: argparse.Namespace) -> System:
     """The preset, driven by --scheme, with the changes of --set and the effects of --effects."""
-    effects = effects_of(getattr(args, "switched_on", []))  # first: the preset may hold effects of one's own
+    effects = parse_effects(getattr(args, "switched_on", []))  # first: the preset may hold effects of one's own
     system = with_effects(preset.load(args.preset), effects)
-    return changed(system if args.scheme is None else with_scheme(system, args.scheme), args.changes)
+    return with_changes(system if args.scheme is None else with_scheme(system, args.scheme), args.changes)
 
 
 def with_effects(system: System, effects: dict[str, dict[str, float]]) -> System:
@@ -151,16 +151,16 @@ def warn_of_camera_effects(system: System) -> None:
     """Says which of the bench's effects change what a camera records and nothing that is shown here."""
     if not system.effects:
         return
-    if camera := [one.id for one in Switched(system.effect_values).of_camera()]:
-        say(f"note: {', '.join(camera)} belong to the camera that took captures; eyes don't look through it")
+    if camera := [one.id for one in ActiveEffects(system.effect_values).camera_effects()]:
+        print_stderr(f"note: {', '.join(camera)} belong to the camera that took captures; eyes don't look through it")
 
 
-def changed(system: System, changes: list[str]) -> System:
+def with_changes(system: System, changes: list[str]) -> System:
     """A system with KEY=VALUE texts applied together; the value is TOML where it parses as such, else plain text."""
-    return system.edit(dict(_pair(change) for change in changes)) if changes else system
+    return system.edit(dict(_parse_assignment(change) for change in changes)) if changes else system
 
 
-def _pair(change: str, flag: str = "--set", example: str = 'gap="3 mm"') -> tuple[str, Any]:
+def _parse_assignment(change: str, flag: str = "--set", example: str = 'gap="3 mm"') -> tuple[str, Any]:
     key, equals, value = change.partition("=")
     if not equals or not key.strip():
         raise UserError(f"{flag} {change}", "isn't KEY=VALUE", expected=f"e.g. {flag} {example}")
@@ -170,25 +170,25 @@ def _pair(change: str, flag: str = "--set", example: str = 'gap="3 mm"') -> tupl
         return key.strip(), value.strip()
 
 
-def say(text: str) -> None:
+def print_stderr(text: str) -> None:
     """A line for people: to stderr, so that stdout stays clean for --json."""
     print(text, file=sys.stderr, flush=True)
 
 
-def _lines(title: str) -> Report:
-    next_line = time.monotonic() + _SECONDS_A_LINE
+def _line_progress(title: str) -> ProgressCallback:
+    next_line = time.monotonic() + _LINE_INTERVAL_S
 
     def report(done: int, total: int, note: str = "") -> None:
         nonlocal next_line
         if time.monotonic() >= next_line or done == total:
-            say(f"{title}: {done}/{total} {note}".rstrip())
-            next_line = time.monotonic() + _SECONDS_A_LINE
+            print_stderr(f"{title}: {done}/{total} {note}".rstrip())
+            next_line = time.monotonic() + _LINE_INTERVAL_S
 
     return report
 
 
 @contextmanager
-def stopping_on_interrupt() -> Iterator[Callable[[], bool]]:
+def deferred_interrupt() -> Iterator[Callable[[], bool]]:
     """Ctrl-C makes the yielded function true, so that a loop can end between two steps; a second one interrupts."""
     asked = False
 
@@ -197,7 +197,7 @@ def stopping_on_interrupt() -> Iterator[Callable[[], bool]]:
         if asked:
             raise KeyboardInterrupt
         asked = True
-        say("stopping after this iteration; press Ctrl-C again to stop at once")
+        print_stderr("stopping after this iteration; press Ctrl-C again to stop at once")
 
     before = signal.signal(signal.SIGINT, ask)
     try:
@@ -207,14 +207,14 @@ def stopping_on_interrupt() -> Iterator[Callable[[], bool]]:
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Report]:
+def progress_bar(title: str) -> Iterator[ProgressCallback]:
     """A bar on stderr while the block runs; call the yielded function with (done, total, note).
 
     Where stderr is no terminal, a line every ten seconds instead.
     """
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield _lines(title)
+        yield _line_progress(title)
         return
     columns = (
         TextColumn("{task.description}"),

@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 
 from holoview import preset, units
 from holoview.colour import SRGB_TO_XYZ
-from holoview.commands.common import check_output, seed, system_of
+from holoview.commands.common import check_output_file, parse_seed, system_from_args
 from holoview.errors import UserError
-from holoview.files import replacing
+from holoview.files import atomic_write
 from holoview.hologram import Hologram, load_hologram
 from holoview.metrics.speckle import Region, independent_patterns, speckle_contrast
 from holoview.score import central_region
-from holoview.study.histogram import draw_histogram
-from holoview.study.plots import figure_of
-from holoview.study.study import Plot
+from holoview.study.histogram import speckle_figure
+from holoview.study.plots import make_figure
+from holoview.study.study import StudyFigure
 from holoview.targets.picture import read_picture
-from holoview.targets.raster import decode
+from holoview.targets.raster import read_raster
 from holoview.view import random_drive, simulate
 
 _HOLOGRAM, _TOML = ".safetensors", ".toml"
@@ -36,49 +36,51 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], dest="changes", help="change it")
     parser.add_argument("--region", metavar="X,Y,W,H", help="samples from the upper left; the central half if absent")
     parser.add_argument("--plane", metavar="DISTANCE", help="focal plane of a preset or hologram; else the middle one")
-    parser.add_argument("--random", metavar="SEED", type=seed, default=0, help="seed of a preset's random patterns")
+    parser.add_argument(
+        "--random", metavar="SEED", type=parse_seed, default=0, help="seed of a preset's random patterns"
+    )
     parser.add_argument("--linear", action="store_true", help="an integer picture holds intensity, not an sRGB signal")
     parser.add_argument("--plot", metavar="PNG", type=Path, help="the region and its histogram beside the speckle laws")
     parser.add_argument("--json", action="store_true", help="machine-readable output")
 
 
 @dataclass(frozen=True)
-class Subject:
+class LuminanceImage:
     """What is measured: luminance (y, x), and what it is, in words."""
 
     luminance: NDArray[np.floating]
-    what: str
-    clipped: float = 0.0
+    description: str
+    clipped_share: float = 0.0
     """Share of its pixels that are as bright as the file can hold: they hide the brightest speckle."""
 
 
 def run(args: argparse.Namespace) -> int:
     """Measures and prints, and draws where asked."""
     if args.plot is not None:
-        check_output(args.plot, ".png")
-    subject = _subject(args)
+        check_output_file(args.plot, ".png")
+    subject = _luminance_image(args)
     region = central_region(subject.luminance.shape) if args.region is None else _region(args.region)
     found = speckle_contrast(subject.luminance, region)
     patterns = independent_patterns(found.contrast)
     result: dict[str, Any] = {
-        "what": subject.what,
+        "what": subject.description,
         "region": list(region),
         "contrast": found.contrast,
         "mean": found.mean,
         "std": found.std,
         "pixels": found.n_pixels,
-        "clipped": subject.clipped,
+        "clipped": subject.clipped_share,
         "independent_patterns": patterns if np.isfinite(patterns) else None,
     }
     if args.plot is not None:
-        plot = Plot("contrast", subject.what, draw_histogram(subject.luminance, region, found.contrast))
+        plot = StudyFigure("contrast", subject.description, speckle_figure(subject.luminance, region, found.contrast))
         _write(args.plot, plot)
         result["plot"] = str(args.plot)
-    print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _words(result))
+    print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _format_result(result))
     return 0
 
 
-def _words(result: dict[str, Any]) -> str:
+def _format_result(result: dict[str, Any]) -> str:
     x, y, width, height = result["region"]
     patterns = result["independent_patterns"]
     as_many = "no speckle at all" if patterns is None else f"as of {patterns:.2f} independent speckle patterns"
@@ -94,7 +96,7 @@ def _words(result: dict[str, Any]) -> str:
     return "\n".join(lines + ([f"plot: {result['plot']}"] if "plot" in result else []))
 
 
-def _subject(args: argparse.Namespace) -> Subject:
+def _luminance_image(args: argparse.Namespace) -> LuminanceImage:
     path = Path(args.preset)
     if path.suffix.lower() == _HOLOGRAM:
         if args.scheme or args.changes:
@@ -102,27 +104,29 @@ def _subject(args: argparse.Namespace) -> Subject:
         return _of_hologram(load_hologram(path), args.plane, path.name)
     if path.suffix and path.suffix.lower() != _TOML and args.preset not in preset.names():
         return _of_picture(path, args)
-    system = system_of(args)
+    system = system_from_args(args)
     hologram = Hologram(random_drive(system, args.random), system)
     return _of_hologram(hologram, args.plane, f"{system.name}, random patterns of seed {args.random}")
 
 
-def _of_picture(path: Path, args: argparse.Namespace) -> Subject:
+def _of_picture(path: Path, args: argparse.Namespace) -> LuminanceImage:
     if args.scheme or args.changes or args.plane:
         raise UserError("--set, --scheme or --plane", "with a picture", expected="a preset or a hologram for these")
-    raster = decode(path)
+    raster = read_raster(path)
     clipped = float(np.mean(raster.values.max(axis=-1) >= 1)) if raster.encoded else 0.0
     if args.linear:
         values = raster.values if raster.values.shape[-1] == 3 else np.repeat(raster.values, 3, axis=-1)
-        return Subject(values @ SRGB_TO_XYZ[1], f"intensity of {path.name}", clipped)
-    return Subject(read_picture(path).rgb.astype(np.float64) @ SRGB_TO_XYZ[1], f"luminance of {path.name}", clipped)
+        return LuminanceImage(values @ SRGB_TO_XYZ[1], f"intensity of {path.name}", clipped)
+    return LuminanceImage(
+        read_picture(path).rgb.astype(np.float64) @ SRGB_TO_XYZ[1], f"luminance of {path.name}", clipped
+    )
 
 
-def _of_hologram(hologram: Hologram, plane: str | None, name: str) -> Subject:
+def _of_hologram(hologram: Hologram, plane: str | None, name: str) -> LuminanceImage:
     system = hologram.system
     plane_m = float(system.planes_m[len(system.planes_m) // 2]) if plane is None else units.parse(plane, "--plane")
     view = simulate(system, hologram.drive, [plane_m], backend="torch")
-    return Subject(view.xyz[0, ..., 1], f"luminance of {name} at {units.text(plane_m, 'mm')}")
+    return LuminanceImage(view.xyz[0, ..., 1], f"luminance of {name} at {units.format_exact(plane_m, 'mm')}")
 
 
 def _region(text: str) -> Region:
@@ -133,6 +137,6 @@ def _region(text: str) -> Region:
     return x, y, width, height
 
 
-def _write(path: Path, plot: Plot) -> None:
-    with replacing(path) as temporary:
-        figure_of(plot).savefig(temporary, dpi=150)
+def _write(path: Path, plot: StudyFigure) -> None:
+    with atomic_write(path) as temporary:
+        make_figure(plot).savefig(temporary, dpi=150)

@@ -16,8 +16,15 @@ from numpy.typing import NDArray
 import holoview
 from holoview import preset, units
 from holoview.colour import to_srgb8
-from holoview.commands.common import add_backend, check_backend, check_output, make_folder, progress_bar, say
-from holoview.commands.optimise import solve
+from holoview.commands.common import (
+    add_backend,
+    check_adapter_applies,
+    check_output_file,
+    make_folder,
+    print_stderr,
+    progress_bar,
+)
+from holoview.commands.optimise import optimise_hologram
 from holoview.engine.backend import open_executor
 from holoview.errors import UserError
 from holoview.files import data_dir
@@ -26,27 +33,27 @@ from holoview.metrics.eyebox import EyeboxUniformity
 from holoview.optimise.settings import Settings
 from holoview.pictures import write_png
 from holoview.plan import make_plan
-from holoview.report.sheet import Tile, contact_sheet
-from holoview.score import Score, eyebox_of, score
+from holoview.report.sheet import CaptionedTile, contact_sheet
+from holoview.score import ImageQuality, eyebox_uniformity_of, measure_image_quality
 from holoview.targets.build import Placement, target_for
 from holoview.targets.focal_stack import Target
 from holoview.view import View, random_drive, simulate
 
 _DISPLAYS = ("holochrome-8", "simultaneous")
 _HEADS = ("target", "HoloChrome, 8 wavelengths", "simultaneous, 3 wavelengths")
-_OUT_OF_FOCUS_M = 0.014
+_DEFOCUSED_PLANE_M = 0.014
 _LEAST_SIDE = 16  # the eyebox needs 8 blocks, and there is nothing to see below
 # Details of the still life (x, y, w, h) as shares of the picture: the die in front, the vase behind.
 _FRONT, _BACK = (0.36, 0.68, 0.28, 0.28), (0.70, 0.06, 0.28, 0.28)
 
 
 @dataclass(frozen=True)
-class _Shown:
+class _DisplayResult:
     name: str
     hologram: Hologram
     view: View
-    out_of_focus: View
-    quality: Score
+    defocused_view: View
+    score: ImageQuality
     eyebox: EyeboxUniformity
 
 
@@ -70,16 +77,16 @@ def run(args: argparse.Namespace) -> int:
     systems = [preset.load(name).edit(changes) for name in _DISPLAYS]
     _check(args, systems[0])
     target = _still_life(systems[0])
-    shown: list[_Shown] = []
+    shown: list[_DisplayResult] = []
     for system in systems:
-        found = solve(system, target, settings)
+        found = optimise_hologram(system, target, settings)
         if found.interrupted:
             raise KeyboardInterrupt
         found.hologram.save(args.output / f"{system.name}.safetensors")
-        shown.append(_show(system.name, found.hologram, target, args))
+        shown.append(_render_display(system.name, found.hologram, target, args))
     written = [path for display in shown for path in _write_planes(display, args.output)]
     sheet = args.output / "contact-sheet.png"
-    planes = ", ".join(units.text(z, "mm") for z in target.planes_m)
+    planes = ", ".join(units.format_exact(z, "mm") for z in target.planes_m)
     write_png(sheet, _sheet(target, shown), {"holoview.preset": ", ".join(_DISPLAYS), "holoview.plane": planes})
     _say_results(shown, [sheet, *written], args.output, time.perf_counter() - started)
     return 0
@@ -87,14 +94,14 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace, system: holoview.System) -> None:
     """Refuses now what would otherwise fail after the optimisation: the backend, the size, the folder (made here)."""
-    check_backend(args)
+    check_adapter_applies(args)
     rows, columns = system.modulators[0].shape
     if min(rows, columns) < _LEAST_SIDE:
         raise UserError("--shape", f"{rows} {columns}", expected=f"at least {_LEAST_SIDE} rows and columns")
     small = system.edit({"shape": [2, 2]})
     open_executor(make_plan(small), random_drive(small), args.backend, args.adapter)
     make_folder(args.output)
-    check_output(args.output / "contact-sheet.png", ".png")
+    check_output_file(args.output / "contact-sheet.png", ".png")
 
 
 def _still_life(system: holoview.System) -> Target:
@@ -102,9 +109,9 @@ def _still_life(system: holoview.System) -> Target:
     return target_for(system, folder / "still-life.png", Placement(depth=folder / "still-life-depth.png"))
 
 
-def _show(name: str, hologram: Hologram, target: Target, args: argparse.Namespace) -> _Shown:
+def _render_display(name: str, hologram: Hologram, target: Target, args: argparse.Namespace) -> _DisplayResult:
     """Renders all planes and one far out of focus in one go."""
-    planes = [*hologram.system.planes_m, _OUT_OF_FOCUS_M]
+    planes = [*hologram.system.planes_m, _DEFOCUSED_PLANE_M]
     with progress_bar(f"rendering {name}") as report:
         everything = simulate(
             hologram.system,
@@ -115,16 +122,21 @@ def _show(name: str, hologram: Hologram, target: Target, args: argparse.Namespac
             progress=lambda done, total: report(done, total, "wavelengths"),
         )
     view = everything.at(range(len(planes) - 1))
-    return _Shown(
-        name, hologram, view, everything.at([len(planes) - 1]), score(view, target.stack), eyebox_of(hologram)
+    return _DisplayResult(
+        name,
+        hologram,
+        view,
+        everything.at([len(planes) - 1]),
+        measure_image_quality(view, target.stack),
+        eyebox_uniformity_of(hologram),
     )
 
 
-def _write_planes(display: _Shown, folder: Path) -> list[Path]:
+def _write_planes(display: _DisplayResult, folder: Path) -> list[Path]:
     written = []
-    for view, note in ((display.view, ""), (display.out_of_focus, "-out-of-focus")):
+    for view, note in ((display.view, ""), (display.defocused_view, "-out-of-focus")):
         for i, plane_m in enumerate(view.planes_m):
-            plane = units.text(float(plane_m), "mm")
+            plane = units.format_exact(float(plane_m), "mm")
             path = folder / f"{display.name}-{plane.replace(' ', '')}{note}.png"
             texts = {"holoview.preset": display.name, "holoview.plane": plane, "holoview.backend": view.backend}
             write_png(path, view.srgb8[i], texts)
@@ -132,7 +144,7 @@ def _write_planes(display: _Shown, folder: Path) -> list[Path]:
     return written
 
 
-def _sheet(target: Target, shown: list[_Shown]) -> NDArray[np.uint8]:
+def _sheet(target: Target, shown: list[_DisplayResult]) -> NDArray[np.uint8]:
     """Rows: all of the middle plane, the front in focus, the back in focus, and the same detail out of focus."""
     last = len(target.planes_m) - 1
     wanted = to_srgb8(target.stack)
@@ -143,33 +155,31 @@ def _sheet(target: Target, shown: list[_Shown]) -> NDArray[np.uint8]:
         (last, _BACK, "back"),
         (0, _BACK, "back"),
     ):
-        focus = f"{what}, focus at {units.short(target.planes_m[plane], 'mm')}"
-        row = [Tile(_cut(wanted[plane], region), focus)]
+        focus = f"{what}, focus at {units.format_rounded(target.planes_m[plane], 'mm')}"
+        row = [CaptionedTile(_crop(wanted[plane], region), focus)]
         for display in shown:
-            caption = _figures(display.quality, plane) if what == "all" else focus
-            row.append(Tile(_cut(display.view.srgb8[plane], region), caption))
+            caption = _score_caption(display.score, plane) if what == "all" else focus
+            row.append(CaptionedTile(_crop(display.view.srgb8[plane], region), caption))
         rows.append(row)
     return contact_sheet("One frame, two phase modulators: what the eye sees", _HEADS, rows)
 
 
-def _figures(quality: Score, plane: int) -> str:
+def _score_caption(quality: ImageQuality, plane: int) -> str:
     return f"PSNR {quality.psnr.planes_db[plane]:.1f} dB, speckle contrast {quality.speckle[plane].contrast:.2f}"
 
 
-def _cut(picture: NDArray[np.uint8], region: tuple[float, float, float, float]) -> NDArray[np.uint8]:
+def _crop(picture: NDArray[np.uint8], region: tuple[float, float, float, float]) -> NDArray[np.uint8]:
     rows, columns = picture.shape[:2]
     x, y, w, h = (round(share * side) for share, side in zip(region, (columns, rows, columns, rows), strict=True))
     return picture[y : y + h, x : x + w]
 
 
-def _say_results(shown: list[_Shown], written: list[Path], folder: Path, seconds: float) -> None:
-    say(f"rendered by {shown[0].view.backend}; {seconds:.0f} s in all")
+def _say_results(shown: list[_DisplayResult], written: list[Path], folder: Path, seconds: float) -> None:
+    print_stderr(f"rendered by {shown[0].view.backend}; {seconds:.0f} s in all")
     print(f"{'':<14} {'PSNR':>9} {'lum. PSNR':>10} {'CIEDE2000':>10} {'speckle':>8} {'eyebox':>7}")
     for d in shown:
-        fidelity = (
-            f"{d.quality.psnr.mean_db:6.2f} dB {d.quality.psnr_luminance.mean_db:7.2f} dB {d.quality.delta_e:10.2f}"
-        )
-        print(f"{d.name:<14} {fidelity} {d.quality.contrast:8.3f} {d.eyebox.uniformity:7.2f}")
+        fidelity = f"{d.score.psnr.mean_db:6.2f} dB {d.score.psnr_luminance.mean_db:7.2f} dB {d.score.delta_e:10.2f}"
+        print(f"{d.name:<14} {fidelity} {d.score.mean_speckle_contrast:8.3f} {d.eyebox.uniformity:7.2f}")
     print("\nwritten:")
     for path in written:
         print(f"  {path}")

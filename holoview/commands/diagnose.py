@@ -8,22 +8,22 @@ from pathlib import Path
 
 from holoview import preset
 from holoview.captures import read_captures
-from holoview.captures.rehearsal import rehearse
-from holoview.commands.common import check_folder, check_output, make_folder, progress_bar, say
-from holoview.cores import cores
+from holoview.captures.rehearsal import check_user_effects
+from holoview.commands.common import check_folder, check_output_file, make_folder, print_stderr, progress_bar
+from holoview.cores import process_cpu_count
 from holoview.diagnose.comparison import Values
 from holoview.diagnose.diagnose import diagnose
 from holoview.diagnose.diagnosis import Diagnosis
-from holoview.diagnose.extend import extended, nominal_of
-from holoview.diagnose.ways import Way
-from holoview.diagnose.words import in_words
+from holoview.diagnose.extend import extended_system, with_preset_geometry
+from holoview.diagnose.ways import SamplingConfig
+from holoview.diagnose.words import format_value
 from holoview.effects.effect import Effect
 from holoview.effects.registry import load_user_effects
 from holoview.errors import UserError
-from holoview.files import replacing
+from holoview.files import atomic_write
 from holoview.system import System
 
-_MOST_WORKERS = 8  # unless asked for: each keeps a quarter of a gigabyte
+_MAX_DEFAULT_WORKERS = 8  # unless asked for: each keeps a quarter of a gigabyte
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -64,7 +64,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--points", metavar="N", type=int, help="points each way that a camera pixel averages (default: its samples)"
     )
-    most = min(cores(), _MOST_WORKERS)
+    most = min(process_cpu_count(), _MAX_DEFAULT_WORKERS)
     parser.add_argument(
         "--workers", metavar="N", type=int, default=most, help="processes side by side (default: cores, at most 8)"
     )
@@ -80,33 +80,35 @@ def run(args: argparse.Namespace) -> int:
             raise UserError(f"--{name}", f"{given}", expected=f"{least} to {most}")
     for path, suffix in ((args.json, ".json"), (args.save_preset, ".toml")):
         if path is not None:
-            check_output(path, suffix)
+            check_output_file(path, suffix)
     if args.report is not None:
         check_folder(args.report)
-    own = [one for file in args.effects for one in _loaded(file)]
+    own = [one for file in args.effects for one in _load_effects(file)]
     captures = read_captures(args.captures)
-    rehearse(captures, own)
+    check_user_effects(captures, own)
     known: dict[str, dict[str, float]] = {}
-    bench = captures.system()
+    bench = captures.nominal_system()
     if args.preset is not None:
-        captures, known, bench = nominal_of(captures, preset.load(args.preset), args.preset)
-    way = Way(args.finer, args.padding, args.points)
+        captures, known, bench = with_preset_geometry(captures, preset.load(args.preset), args.preset)
+    way = SamplingConfig(args.finer, args.padding, args.points)
     with progress_bar("diagnosing") as report:
-        found = diagnose(captures, known=known, workers=args.workers, report=report, thorough=args.thorough, way=way)
+        found = diagnose(
+            captures, known=known, workers=args.workers, progress=report, thorough=args.thorough, sampling=way
+        )
     if args.report is not None:
         _write_report(args, bench, captures.is_fourier, known, found)
     if args.json is not None:
-        with replacing(args.json) as temporary:
+        with atomic_write(args.json) as temporary:
             temporary.write_text(json.dumps(found.as_json(), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     if args.save_preset is not None:
-        preset.save(extended(bench, found.values), args.save_preset)
-    _tell(found, args)
+        preset.save(extended_system(bench, found.values), args.save_preset)
+    _print_diagnosis(found, args)
     return 0
 
 
-def _loaded(file: str) -> list[Effect]:
+def _load_effects(file: str) -> list[Effect]:
     """The effects of a file of the user's own, which is run."""
-    say(f"running {file} for its effects")
+    print_stderr(f"running {file} for its effects")
     return load_user_effects(file)
 
 
@@ -118,23 +120,23 @@ def _write_report(args: argparse.Namespace, bench: System, fourier: bool, known:
     gain = None
     if found.values and not fourier and not args.no_display:
         with progress_bar("optimising holograms") as report:
-            gain = display_gain(bench.edit({"effects": {}}), known, found.values, report=report)
+            gain = display_gain(bench.edit({"effects": {}}), known, found.values, progress=report)
     with progress_bar("drawing") as report:
         write_report(args.report, Path(args.captures).name, found, gain, report)
 
 
-def _tell(found: Diagnosis, args: argparse.Namespace) -> None:
+def _print_diagnosis(found: Diagnosis, args: argparse.Namespace) -> None:
     """The diagnosis in a few lines."""
     before, after = found.before, found.after
     print(f"{args.captures}: {found.verdict}")
     print(
-        f"  held-out captures: χ²/n {before.chi2:.4g} → {after.chi2:.4g} (noise: 1), "
+        f"  held-out captures: χ²/n {before.chi2_per_pixel:.4g} → {after.chi2_per_pixel:.4g} (noise: 1), "
         f"{before.psnr_db:.1f} → {after.psnr_db:.1f} dB"
     )
     for cause in found.causes:
         print(f"  {cause.effect}: {cause.sentence}")
         for name, interval in cause.intervals.items():
-            print(f"      {name} = {in_words(cause.effect, name, interval)}")
+            print(f"      {name} = {format_value(cause.effect, name, interval)}")
         if cause.confounded_with:
             print(f"      looks much like: {', '.join(f'{n} ({c:.2f})' for n, c in cause.confounded_with.items())}")
         if cause.separate_by:

@@ -18,7 +18,7 @@ from holoview.errors import UserError
 from holoview.hologram import load_hologram
 from holoview.optics.slm import level_numbers
 from holoview.pictures import write_pattern, write_png
-from holoview.plm import LAYOUTS, memory_cells
+from holoview.plm import CELL_MAPS, memory_cells
 from holoview.system import Modulator
 
 
@@ -36,7 +36,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     form.add_argument(
         "--cells",
         metavar="DEVICE",
-        help=f"write the memory cells of a phase light modulator ({', '.join(LAYOUTS)}) instead, twice as many a side",
+        help=f"write the memory cells of a phase light modulator ({', '.join(CELL_MAPS)}) instead, "
+        "twice as many a side",
     )
 
 
@@ -57,9 +58,9 @@ def run(args: argparse.Namespace) -> int:
         for number, (pattern, modulator) in enumerate(zip(patterns, modulators, strict=True), start=1):
             path = args.png / (f"slm{number}.png" if frames == 1 else f"slm{number}-frame{frame}.png")
             if args.levels:
-                write_png(path, _numbers(pattern, modulator), {"holoview.pattern": "level number", **texts})
+                write_png(path, _level_number_image(pattern, modulator), {"holoview.pattern": "level number", **texts})
             elif args.cells:
-                cells = memory_cells(_numbers(pattern, modulator), args.cells) * np.uint8(255)
+                cells = memory_cells(_level_number_image(pattern, modulator), args.cells) * np.uint8(255)
                 write_png(path, cells, {"holoview.pattern": f"memory cells of {args.cells}", **texts})
             else:
                 write_pattern(path, pattern, args.bits, texts)
@@ -70,13 +71,13 @@ def run(args: argparse.Namespace) -> int:
 def _check_cells(device: str, modulators: tuple[Modulator, ...]) -> None:
     """Refuses an unknown device, and modulators whose levels aren't as many as the device has."""
     memory_cells(np.zeros((1, 1), dtype=np.int64), device)
-    count = len(LAYOUTS[device].words)
+    count = len(CELL_MAPS[device].level_codes)
     for modulator in modulators:
         if modulator.levels is not None and len(modulator.levels) != count:
             raise UserError("--cells", f"{len(modulator.levels)} levels", expected=f"{count}, as {device} has")
 
 
-def _numbers(pattern: NDArray[np.float32], modulator: Modulator) -> NDArray[np.uint8 | np.uint16]:
+def _level_number_image(pattern: NDArray[np.float32], modulator: Modulator) -> NDArray[np.uint8 | np.uint16]:
     """Level number (y, x) of each pixel."""
     assert modulator.levels is not None
     numbers = level_numbers(torch.from_numpy(pattern).double(), modulator).numpy()

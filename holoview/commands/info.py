@@ -7,8 +7,8 @@ import json
 from itertools import groupby
 
 from holoview import preset
-from holoview.commands.common import add_system, system_of
-from holoview.facts import facts
+from holoview.commands.common import add_system, system_from_args
+from holoview.facts import info_rows
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -21,11 +21,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Prints the facts under their headings."""
-    system = system_of(args)
+    system = system_from_args(args)
     if args.toml:
         print(preset.dumps(system), end="")
         return 0
-    derived = facts(system)
+    derived = info_rows(system)
     if args.json:
         table: dict[str, dict[str, str]] = {}
         for fact in derived:

@@ -13,23 +13,29 @@ from typing import Any
 
 from holoview.colour import to_srgb8
 from holoview.commands.common import (
-    Report,
-    check_output,
+    ProgressCallback,
+    check_output_file,
+    deferred_interrupt,
+    print_stderr,
     progress_bar,
-    say,
-    stopping_on_interrupt,
-    system_of,
+    system_from_args,
     warn_of_camera_effects,
 )
-from holoview.commands.optimise_options import Run, TargetSource, add_options, run_of, settings_of
-from holoview.commands.optimise_score import in_words, scores_of
+from holoview.commands.optimise_options import (
+    RunOptions,
+    TargetSource,
+    add_options,
+    run_options_from_args,
+    settings_from_args,
+)
+from holoview.commands.optimise_score import format_scores, score_hologram
 from holoview.errors import UserError
 from holoview.hologram import Hologram
-from holoview.optimise.memory import on_compact_grid
+from holoview.optimise.memory import with_compact_grid
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.optimise.state import State
-from holoview.optimise.team import ALONE, Team, joined
+from holoview.optimise.state import IterationState
+from holoview.optimise.team import SINGLE_PROCESS, ProcessGroup, torchrun_group
 from holoview.pictures import write_png
 from holoview.system import System
 from holoview.targets.focal_stack import Target
@@ -44,97 +50,111 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Optimises, saves (also after Ctrl-C: the best so far), and scores on the preset's own grid."""
-    system = system_of(args)
+    system = system_from_args(args)
     warn_of_camera_effects(system)
     output = args.output or Path(f"{system.name or 'hologram'}-{Path(args.target).stem}.safetensors")
-    check_output(output, ".safetensors")
-    settings, how = settings_of(args, system), run_of(args)
+    check_output_file(output, ".safetensors")
+    settings, how = settings_from_args(args, system), run_options_from_args(args)
     source = TargetSource(args, system)
-    target = source.target()
-    with joined(how.device) if how.sharded else nullcontext(ALONE) as team:
-        found = solve(system, target, settings, how, team)
-    if not team.leads:
+    target = source.build()
+    with torchrun_group(how.device) if how.sharded else nullcontext(SINGLE_PROCESS) as team:
+        found = optimise_hologram(system, target, settings, how, team)
+    if not team.is_main:
         return 130 if found.interrupted else 0
     found.hologram.save(output)
     if found.interrupted:
-        say(f"interrupted after iteration {found.state.iteration}: the best so far is kept in {output}")
+        print_stderr(f"interrupted after iteration {found.state.iteration}: the best so far is kept in {output}")
         return 130
-    _report(args, output, found, scores_of(found.hologram, source, settings.region))
+    _report(args, output, found, score_hologram(found.hologram, source, settings.region))
     return 0
 
 
 @dataclass(frozen=True)
-class Found:
+class OptimisationResult:
     """What an optimisation ended with; `interrupted` by Ctrl-C."""
 
     hologram: Hologram
-    state: State
+    state: IterationState
     interrupted: bool
 
 
-_HERE = Run()
+_DEFAULT_OPTIONS = RunOptions()
 
 
-def solve(system: System, target: Target, settings: Settings, how: Run = _HERE, team: Team = ALONE) -> Found:
+def optimise_hologram(
+    system: System,
+    target: Target,
+    settings: Settings,
+    options: RunOptions = _DEFAULT_OPTIONS,
+    process_group: ProcessGroup = SINGLE_PROCESS,
+) -> OptimisationResult:
     """Runs the optimisation under a progress bar; Ctrl-C ends it with the best so far, for the whole team.
 
     On the grid "compact" it pads by the walk-off only; the hologram keeps the system's own sampling.
     """
-    on = on_compact_grid(system) if how.grid == "compact" else system
-    state: State | None = None
-    start = None if how.start is None else how.start.drive
+    on = with_compact_grid(system) if options.grid == "compact" else system
+    state: IterationState | None = None
+    start = None if options.initial_hologram is None else options.initial_hologram.drive
     interrupted = False
-    with stopping_on_interrupt() as asked, _progress_of(system, team) as report:
+    with deferred_interrupt() as asked, _leader_progress(system, process_group) as report:
         saved = shown = time.monotonic()
-        for state in iterate(on, target.stack, settings, start, how.resume, device=how.device, team=team):
-            report(state.iteration, state.iterations, _words(state))
-            interrupted = team.any(asked())
-            enough = interrupted or state.best_psnr_db >= how.until_psnr_db or team.any(state.seconds >= how.until_s)
+        for state in iterate(
+            on, target.stack, settings, start, options.resume, device=options.device, team=process_group
+        ):
+            report(state.iteration, state.iterations, _progress_note(state))
+            interrupted = process_group.any_rank(asked())
+            enough = (
+                interrupted
+                or state.best_psnr_db >= options.stop_psnr_db
+                or process_group.any_rank(state.seconds >= options.time_limit_s)
+            )
             ends = enough or state.iteration == state.iterations
             now = time.monotonic()
-            if team.leads and (ends or now - saved >= how.every_s):
-                _write("checkpoint", how.checkpoint, state, lambda s, path: s.checkpoint().save(path))
+            if process_group.is_main and (ends or now - saved >= options.checkpoint_interval_s):
+                _write_or_warn("checkpoint", options.checkpoint, state, lambda s, path: s.checkpoint().save(path))
                 saved = now
-            if team.leads and (ends or state.iteration == 0 or now - shown >= _PREVIEW_EVERY_S):
-                _write("preview", how.preview, state, _write_preview)
+            if process_group.is_main and (ends or state.iteration == 0 or now - shown >= _PREVIEW_EVERY_S):
+                _write_or_warn("preview", options.preview, state, _write_preview)
                 shown = now
             if enough:
                 break
     if state is None:
         raise UserError("--resume", "the checkpoint is of a finished optimisation", expected="one with iterations left")
     best = state.best.system.edit({"propagation": system.sampling.propagation})
-    return Found(Hologram(state.best.drive, best), state, interrupted)
+    return OptimisationResult(Hologram(state.best.drive, best), state, interrupted)
 
 
-def _progress_of(system: System, team: Team) -> AbstractContextManager[Report]:
+def _leader_progress(system: System, team: ProcessGroup) -> AbstractContextManager[ProgressCallback]:
     """A progress bar of the process that leads."""
-    return progress_bar(f"optimising {system.name}") if team.leads else nullcontext(lambda done, total, note: None)
+    return progress_bar(f"optimising {system.name}") if team.is_main else nullcontext(lambda done, total, note: None)
 
 
-def _words(state: State) -> str:
+def _progress_note(state: IterationState) -> str:
     return f"loss {state.loss:.4g} PSNR {state.best_psnr_db:.2f} dB eyebox variation {state.eyebox:.2f}"
 
 
-def _write(what: str, path: Path | None, state: State, write: Callable[[State, Path], None]) -> None:
+def _write_or_warn(
+    what: str, path: Path | None, state: IterationState, write: Callable[[IterationState, Path], None]
+) -> None:
     """A file on the way that can't be written is no reason to lose the optimisation: the one before stays."""
     if path is None:
         return
     try:
         write(state, path)
     except UserError as error:
-        say(f"note: no {what} after iteration {state.iteration}: {error}")
+        print_stderr(f"note: no {what} after iteration {state.iteration}: {error}")
 
 
-def _write_preview(state: State, path: Path) -> None:
+def _write_preview(state: IterationState, path: Path) -> None:
     texts = {"holoview.iteration": str(state.iteration), "holoview.psnr_db": f"{state.psnr_db:.2f}"}
     write_png(path, to_srgb8(state.picture()), texts)
 
 
-def _report(args: argparse.Namespace, output: Path, found: Found, scores: dict[str, Any] | str) -> None:
+def _report(args: argparse.Namespace, output: Path, found: OptimisationResult, scores: dict[str, Any] | str) -> None:
     """What was written and how good it is."""
     state, system = found.state, found.hologram.system
     if isinstance(scores, str):
-        say(f"note: {output} is saved but can't be scored: {scores}")
+        print_stderr(f"note: {output} is saved but can't be scored: {scores}")
         scores = {}
     wavelengths = [round(float(λ) * 1e9, 3) for λ in system.wavelengths_m]
     if args.json:
@@ -145,6 +165,6 @@ def _report(args: argparse.Namespace, output: Path, found: Found, scores: dict[s
     print(f"{output}: {state.iteration} iterations in {state.seconds:.1f} s")
     if "wavelengths" in args.free:
         print(f"wavelengths {', '.join(f'{λ:.1f}' for λ in wavelengths)} nm")
-    for line in in_words(scores, system):
+    for line in format_scores(scores, system):
         print(line)
     print(f"look at it: holoview render --hologram {output} -o seen.png")

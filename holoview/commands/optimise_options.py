@@ -11,39 +11,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview import units
-from holoview.commands.common import add_system, check_output, say, seed
+from holoview.commands.common import add_system, check_output_file, parse_seed, print_stderr
 from holoview.errors import UserError
 from holoview.hologram import Hologram, load_hologram
 from holoview.optimise.checkpoint import Checkpoint, load_checkpoint
-from holoview.optimise.device import find_device
-from holoview.optimise.losses import LOSSES
-from holoview.optimise.settings import STARTS, UNKNOWNS, Region, Settings
-from holoview.optimise.team import device_of_part
+from holoview.optimise.device import resolve_torch_device
+from holoview.optimise.losses import LOSS_SPACES
+from holoview.optimise.settings import INITIAL_PATTERNS, VARIABLES, Region, Settings
+from holoview.optimise.team import device_for_rank
 from holoview.plan import make_plan
 from holoview.system import System
 from holoview.targets.build import Placement, target_for
 from holoview.targets.focal_stack import Target
-from holoview.targets.picture import SPACES, Picture, read_picture
-from holoview.targets.stacks import is_stack, stack_for
+from holoview.targets.picture import COLOUR_SPACES, Picture, read_picture
+from holoview.targets.stacks import is_stack, target_from_stack
 
 _LEAST_BRIGHTNESS = 1e-6
 _PLAIN = Settings()
 
 
 @dataclass(frozen=True)
-class Run:
+class RunOptions:
     """How to run an optimisation: where, from where, until when, and what it writes on the way."""
 
     grid: str = "compact"
     device: str = "cpu"
     sharded: bool = False
-    start: Hologram | None = None
+    initial_hologram: Hologram | None = None
     resume: Checkpoint | None = None
     checkpoint: Path | None = None
-    every_s: float = 30.0
+    checkpoint_interval_s: float = 30.0
     preview: Path | None = None
-    until_psnr_db: float = math.inf
-    until_s: float = math.inf
+    stop_psnr_db: float = math.inf
+    time_limit_s: float = math.inf
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -66,15 +66,17 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--far", metavar="DISTANCE", help="where the depth map's 1 is; the last plane if absent")
     group.add_argument("--brightness", type=float, default=1.0, help="factor on the target's linear light (1)")
     group.add_argument("--saturation", type=float, default=1.0, help="factor on its chroma in CIE LCHuv (1)")
-    group.add_argument("--space", choices=SPACES, default="srgb", help="of a float file; xyz: Y = 1 is white")
+    group.add_argument("--space", choices=COLOUR_SPACES, default="srgb", help="of a float file; xyz: Y = 1 is white")
 
 
 def _add_objective(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
-        "--loss", choices=tuple(LOSSES), help="; ".join(f"{name}: {loss.meaning}" for name, loss in LOSSES.items())
+        "--loss",
+        choices=tuple(LOSS_SPACES),
+        help="; ".join(f"{name}: {loss.description}" for name, loss in LOSS_SPACES.items()),
     )
     group.add_argument(
-        "--free", metavar="A,B", default=",".join(_PLAIN.free), help=f"of {', '.join(UNKNOWNS)} (patterns,amplitudes)"
+        "--free", metavar="A,B", default=",".join(_PLAIN.free), help=f"of {', '.join(VARIABLES)} (patterns,amplitudes)"
     )
     group.add_argument("--eyebox", metavar="WEIGHT", type=float, default=0.0, help="even out the eyebox, e.g. 0.01 (0)")
     group.add_argument("--region", metavar="X,Y,W,H", help="samples of the simulated picture that count; all if absent")
@@ -89,8 +91,10 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--step", metavar="RAD", type=float, default=_PLAIN.step_rad, help="first step of the patterns' phase"
     )
-    group.add_argument("--seed", type=seed, default=0, help="of the random phase to begin with")
-    group.add_argument("--begin", choices=STARTS, default="random", help="smooth: less speckle, an emptier eyebox")
+    group.add_argument("--seed", type=parse_seed, default=0, help="of the random phase to begin with")
+    group.add_argument(
+        "--begin", choices=INITIAL_PATTERNS, default="random", help="smooth: less speckle, an emptier eyebox"
+    )
     group.add_argument("--start", metavar="FILE", help="a hologram file whose patterns to begin with")
     group.add_argument(
         "--grid",
@@ -115,7 +119,7 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--json", action="store_true", help="print the result as JSON")
 
 
-def settings_of(args: argparse.Namespace, system: System) -> Settings:
+def settings_from_args(args: argparse.Namespace, system: System) -> Settings:
     """The settings that the arguments describe. Raises UserError for what makes no sense."""
     low, high = args.wavelength_range
     weights = None if args.plane_weights is None else tuple(_numbers(args.plane_weights, "--plane-weights"))
@@ -170,19 +174,19 @@ class TargetSource:
         self.is_stack = is_stack(args.target)
         if self.is_stack and (args.depth is not None or args.at is not None):
             raise UserError("--depth/--at", "with a focal stack", expected="a picture, or neither of them")
-        self._told = False
+        self._notes_printed = False
         self._picture = None if self.is_stack else self._read()
 
-    def target(self, planes_m: NDArray[np.float64] | None = None) -> Target:
+    def build(self, planes_m: NDArray[np.float64] | None = None) -> Target:
         """The target at the system's planes, or at others if it isn't a ready stack."""
         args = self._args
         if self._picture is None:
-            stack = stack_for(
+            stack = target_from_stack(
                 self._system, args.target, brightness=args.brightness, saturation=args.saturation, space=args.space
             )
-            for note in stack.notes if not self._told else ():
-                say(f"note: {args.target}: {note}")
-            self._told = True
+            for note in stack.notes if not self._notes_printed else ():
+                print_stderr(f"note: {args.target}: {note}")
+            self._notes_printed = True
             return stack
         placement = Placement(self._length("at"), args.depth, self._length("near"), self._length("far"))
         return target_for(
@@ -192,7 +196,7 @@ class TargetSource:
     def _read(self) -> Picture:
         picture = read_picture(self._args.target, space=self._args.space)
         for note in picture.notes:
-            say(f"note: {self._args.target}: {note}")
+            print_stderr(f"note: {self._args.target}: {note}")
         return picture
 
     def _length(self, flag: str) -> float | None:
@@ -200,7 +204,7 @@ class TargetSource:
         return None if text is None else units.parse(text, f"--{flag}")
 
 
-def run_of(args: argparse.Namespace) -> Run:
+def run_options_from_args(args: argparse.Namespace) -> RunOptions:
     """The run that the arguments describe; UserError for limits that make no sense and files that can't serve."""
     for flag in ("checkpoint_every", "time", "until_psnr"):
         if not getattr(args, flag) > 0:
@@ -210,16 +214,18 @@ def run_of(args: argparse.Namespace) -> Run:
     checkpoint = args.checkpoint or args.resume
     for path, suffix in ((checkpoint, ".safetensors"), (args.preview, ".png")):
         if path is not None:
-            check_output(path, suffix)
-    return Run(
+            check_output_file(path, suffix)
+    return RunOptions(
         grid=args.grid,
-        device=device_of_part(find_device(args.device)) if args.sharded else find_device(args.device),
+        device=device_for_rank(resolve_torch_device(args.device))
+        if args.sharded
+        else resolve_torch_device(args.device),
         sharded=args.sharded,
-        start=None if args.start is None else load_hologram(args.start),
+        initial_hologram=None if args.start is None else load_hologram(args.start),
         resume=None if args.resume is None else load_checkpoint(args.resume),
         checkpoint=checkpoint,
-        every_s=args.checkpoint_every,
+        checkpoint_interval_s=args.checkpoint_every,
         preview=args.preview,
-        until_psnr_db=args.until_psnr,
-        until_s=args.time,
+        stop_psnr_db=args.until_psnr,
+        time_limit_s=args.time,
     )

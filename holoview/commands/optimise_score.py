@@ -12,26 +12,26 @@ from holoview.commands.optimise_options import TargetSource
 from holoview.errors import UserError
 from holoview.hologram import Hologram
 from holoview.optimise.settings import Region
-from holoview.score import Score, central_region, eyebox_of, halfway, score
+from holoview.score import ImageQuality, central_region, eyebox_uniformity_of, measure_image_quality, plane_midpoints
 from holoview.system import System
 from holoview.view import View, simulate
 
 Floats = NDArray[np.floating]
 
 
-def scores_of(hologram: Hologram, source: TargetSource, region: Region | None) -> dict[str, Any] | str:
+def score_hologram(hologram: Hologram, source: TargetSource, region: Region | None) -> dict[str, Any] | str:
     """Scores inside the region that was optimised; in words why there are none, e.g. of 4 x 4 pixels.
 
     Held-out planes lie halfway between neighbours; a ready stack has no pictures for them.
     """
     planes = hologram.system.planes_m
-    held_out = np.array([]) if source.is_stack else halfway(planes)
+    held_out = np.array([]) if source.is_stack else plane_midpoints(planes)
     every = np.concatenate([planes, held_out])
-    stack = source.target(None if source.is_stack else every).stack
+    stack = source.build(None if source.is_stack else every).stack
     view = simulate(hologram.system, hologram.drive, every, backend="torch")
     try:
         quality = _score(view.at(range(len(planes))), stack[: len(planes)], region)
-        eyebox = eyebox_of(hologram)
+        eyebox = eyebox_uniformity_of(hologram)
         between = [_score(view.at([i]), stack[i : i + 1], region) for i in range(len(planes), len(every))]
     except UserError as error:
         return str(error)
@@ -43,14 +43,14 @@ def scores_of(hologram: Hologram, source: TargetSource, region: Region | None) -
         "held_out_psnr_planes_db": [one.psnr.mean_db for one in between],
         "held_out_psnr_db": float(np.mean([one.psnr.mean_db for one in between])) if between else None,
         "delta_e": quality.delta_e,
-        "speckle_contrast": quality.contrast,
+        "speckle_contrast": quality.mean_speckle_contrast,
         "eyebox_uniformity": eyebox.uniformity,
         "eyebox_variation": eyebox.coefficient_of_variation,
         "eyebox_centre_share": eyebox.centre_share,
     }
 
 
-def in_words(scores: dict[str, Any], system: System) -> list[str]:
+def format_scores(scores: dict[str, Any], system: System) -> list[str]:
     """The scores as lines for people."""
     if not scores:
         return []
@@ -59,7 +59,7 @@ def in_words(scores: dict[str, Any], system: System) -> list[str]:
         f"{system.sampling.propagation} grid)"
     ]
     if scores["held_out_psnr_db"] is not None:
-        where = ", ".join(units.short(z * 1e-3, "mm") for z in scores["held_out_planes_mm"])
+        where = ", ".join(units.format_rounded(z * 1e-3, "mm") for z in scores["held_out_planes_mm"])
         lines.append(f"between the planes ({where}): {scores['held_out_psnr_db']:.2f} dB")
     return [
         *lines,
@@ -69,14 +69,14 @@ def in_words(scores: dict[str, Any], system: System) -> list[str]:
     ]
 
 
-def _score(view: View, stack: Floats, region: Region | None) -> Score:
+def _score(view: View, stack: Floats, region: Region | None) -> ImageQuality:
     if region is not None:
         x, y, width, height = region
         view, stack = view.cropped(region), stack[:, y : y + height, x : x + width]
-    return score(view, stack, _lit(stack))
+    return measure_image_quality(view, stack, _speckle_region(stack))
 
 
-def _lit(stack: Floats) -> Region | None:
+def _speckle_region(stack: Floats) -> Region | None:
     """Where to judge speckle: the central half, or everything when that is black in some plane."""
     x, y, w, h = central_region(stack.shape[1:3])
     lit = stack[:, y : y + h, x : x + w].any(axis=(1, 2, 3)).all()

@@ -15,21 +15,21 @@ from holoview import preset, units
 from holoview.commands.common import (
     add_backend,
     add_system,
-    changed,
-    check_backend,
-    check_output,
-    effects_of,
+    check_adapter_applies,
+    check_output_file,
+    parse_effects,
+    parse_seed,
+    print_stderr,
     progress_bar,
-    say,
-    seed,
-    system_of,
+    system_from_args,
     warn_of_camera_effects,
+    with_changes,
     with_effects,
 )
 from holoview.errors import UserError
 from holoview.hologram import Hologram, load_hologram
 from holoview.metrics.speckle import speckle_contrast
-from holoview.pictures import numbered, read_pattern, write_png
+from holoview.pictures import path_with_suffix, read_pattern, write_png
 from holoview.score import central_region
 from holoview.system import System
 from holoview.view import View, random_drive, simulate
@@ -47,7 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--slm2", metavar="PNG", **several, help="pattern of modulator 2, one a frame")
     parser.add_argument(
-        "--random", metavar="SEED", type=seed, help="random patterns: speckle (the default, with seed 0)"
+        "--random", metavar="SEED", type=parse_seed, help="random patterns: speckle (the default, with seed 0)"
     )
     parser.add_argument(
         "--plane", metavar="DISTANCE", **several, help='e.g. 10mm 11mm, or "all"; the middle plane if absent'
@@ -60,12 +60,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Renders and writes one PNG a plane."""
-    system, drive = _subject(args)
+    system, drive = _system_and_drive(args)
     warn_of_camera_effects(system)
     planes_m = _planes(args.plane, system)
     output = args.output or Path(f"{system.name or 'holoview'}.png")
-    check_output(output, ".png")
-    check_backend(args)
+    check_output_file(output, ".png")
+    check_adapter_applies(args)
     if not abs(args.exposure) <= _MOST_STOPS:
         raise UserError("--exposure", f"{args.exposure:g}", expected=f"from -{_MOST_STOPS} to {_MOST_STOPS} stops")
     started = time.perf_counter()
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _subject(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
+def _system_and_drive(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
     """The bench and the patterns on it, from whichever of the sources was named."""
     named = [flag for flag in ("hologram", "slm1", "random") if getattr(args, flag) is not None]
     if len(named) > 1:
@@ -112,7 +112,7 @@ def _subject(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
             expected="a preset's name or file, or --hologram FILE",
             remedy="give it first: behind --plane, --slm1 or --slm2 it is taken for one of their values",
         )
-    system = system_of(args)
+    system = system_from_args(args)
     if args.slm1:
         return system, _patterns(args, system)
     return system, random_drive(system, args.random or 0)
@@ -122,13 +122,13 @@ def _hologram(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
     """A hologram file on its own bench, or with its lasers on the named one."""
     if args.scheme is not None:
         raise UserError("--scheme", "with --hologram", expected="the lasers and frames that the hologram was made for")
-    effects = effects_of(args.switched_on)  # first: the hologram's bench may hold effects of one's own
+    effects = parse_effects(args.switched_on)  # first: the hologram's bench may hold effects of one's own
     hologram = load_hologram(args.hologram)
     system = hologram.system
     if args.preset is not None:
         lasers = {"wavelengths": system.wavelengths_m, "amplitudes": system.amplitudes}
         system = preset.load(args.preset).edit(lasers)
-    system = changed(with_effects(system, effects), args.changes)
+    system = with_changes(with_effects(system, effects), args.changes)
     try:
         return system, Hologram(hologram.drive, system).drive
     except UserError as error:
@@ -171,8 +171,8 @@ def _plane(text: str) -> float:
 def _write(view: View, system: System, output: Path, exposure: float) -> list[dict[str, Any]]:
     written = []
     for i, plane_m in enumerate(view.planes_m):
-        plane = units.text(float(plane_m), "mm")
-        path = output if len(view.planes_m) == 1 else numbered(output, plane.replace(" ", ""))
+        plane = units.format_exact(float(plane_m), "mm")
+        path = output if len(view.planes_m) == 1 else path_with_suffix(output, plane.replace(" ", ""))
         texts = {
             "holoview.preset": system.name,
             "holoview.plane": plane,
@@ -185,7 +185,7 @@ def _write(view: View, system: System, output: Path, exposure: float) -> list[di
         numbers = {"speckle_contrast": _contrast(luminance), "mean_luminance": float(luminance.mean())}
         written.append({"plane": plane, "file": str(path), **numbers})
     if np.all(view.srgb8 == 0):
-        say("note: every picture is black; raise --exposure or the laser amplitudes")
+        print_stderr("note: every picture is black; raise --exposure or the laser amplitudes")
     return written
 
 

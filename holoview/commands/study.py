@@ -6,14 +6,14 @@ import argparse
 import time
 from pathlib import Path
 
-from holoview.cli import INTERRUPTED
-from holoview.commands.common import make_folder, progress_bar, say, seed
+from holoview.cli import EXIT_INTERRUPTED
+from holoview.commands.common import make_folder, parse_seed, print_stderr, progress_bar
 from holoview.errors import UserError
-from holoview.study.registry import find_study, registry
-from holoview.study.report import claims_table, write_report
-from holoview.study.runner import Where, run_jobs
+from holoview.study.registry import find_study, studies_by_name
+from holoview.study.report import format_claims, write_report
+from holoview.study.runner import ExecutionTarget, run_jobs
 from holoview.study.scale import QUICK, SCALES
-from holoview.study.store import Store
+from holoview.study.store import ResultStore
 
 _MOST_WORKERS = 1024
 
@@ -26,7 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     size.add_argument("--quick", dest="scale", action="store_const", const="quick", help="small: within three minutes")
     size.add_argument("--full", dest="scale", action="store_const", const="full", help="the paper's size: hours")
     size.add_argument("--scale", choices=tuple(SCALES), help="middle: between the two, several seeds (default)")
-    parser.add_argument("--seed", metavar="N", type=seed, default=0, help="first seed of what is random")
+    parser.add_argument("--seed", metavar="N", type=parse_seed, default=0, help="first seed of what is random")
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, help="folder for the report; out/study-NAME")
     parser.add_argument("--workers", metavar="N", default="1", help="processes of this machine that share the work")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler's address: tcp://host:8786")
@@ -35,37 +35,42 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Does the jobs that aren't done yet, and writes the report."""
     if args.list:
-        width = max(map(len, registry()))
-        for study in registry().values():
+        width = max(map(len, studies_by_name()))
+        for study in studies_by_name().values():
             print(f"{study.name:<{width}}  {study.title}")
         return 0
     if args.name is None:
-        raise UserError("study", "which one?", expected=", ".join(registry()), remedy="`holoview study --list`")
-    study, scale, where = find_study(args.name), SCALES[args.scale or "middle"], _where(args)
+        raise UserError("study", "which one?", expected=", ".join(studies_by_name()), remedy="`holoview study --list`")
+    study, scale, where = find_study(args.name), SCALES[args.scale or "middle"], _executor_options(args)
     folder = args.output or Path("out") / f"study-{study.name}"
     make_folder(folder)
     jobs, started = study.jobs(scale, args.seed), time.monotonic()
-    store = Store(folder / "jobs")
+    store = ResultStore(folder / "jobs")
     try:
         with progress_bar(study.name) as report:
             results = run_jobs(study, jobs, store, where, report)
     except KeyboardInterrupt:
-        kept = sum(store.find(job) is not None for job in jobs)
-        say(f"interrupted: {kept} of {len(jobs)} jobs are done and kept in {store.folder}; run it again for the rest")
-        return INTERRUPTED
-    findings = study.findings(results)
+        kept = sum(store.load(job) is not None for job in jobs)
+        print_stderr(
+            f"interrupted: {kept} of {len(jobs)} jobs are done and kept in {store.folder}; run it again for the rest"
+        )
+        return EXIT_INTERRUPTED
+    findings = study.analyse(results)
     path = write_report(folder, study, scale, args.seed, findings)
-    print(f"{study.title}\n{scale.name}: {study.size(scale)}; {len(jobs)} jobs in {time.monotonic() - started:.0f} s")
-    print("\n".join(["", *claims_table(findings.claims), ""]) if findings.claims else "")
-    for note in (*findings.notes, *([study.reduced] if scale is QUICK else [])):
+    print(
+        f"{study.title}\n{scale.name}: {study.describe_size(scale)}; "
+        f"{len(jobs)} jobs in {time.monotonic() - started:.0f} s"
+    )
+    print("\n".join(["", *format_claims(findings.claims), ""]) if findings.claims else "")
+    for note in (*findings.notes, *([study.quick_note] if scale is QUICK else [])):
         print(note)
     print(f"report: {path}")
     return 0
 
 
-def _where(args: argparse.Namespace) -> Where:
+def _executor_options(args: argparse.Namespace) -> ExecutionTarget:
     if not args.workers.isdecimal() or not 1 <= int(args.workers) <= _MOST_WORKERS:
         raise UserError("--workers", f'"{args.workers}"', expected=f"a number of processes from 1 to {_MOST_WORKERS}")
     if args.scheduler is not None and int(args.workers) > 1:
         raise UserError("--workers with --scheduler", "contradict each other", expected="one of them")
-    return Where(int(args.workers), args.scheduler)
+    return ExecutionTarget(int(args.workers), args.scheduler)

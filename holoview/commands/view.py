@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from holoview import preset
-from holoview.commands.common import add_changes, changed, check_output, say
+from holoview.commands.common import add_changes, check_output_file, print_stderr, with_changes
 from holoview.errors import UserError
 from holoview.scheme import with_scheme
 from holoview.system import System
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     size = _size(args.size)
     _check(args)
     system = _system(args)
-    names = [name for name in args.names if not _is_bench(name)]
+    names = [name for name in args.names if not _is_preset(name)]
     script = _read(args.script) if args.script is not None else ""
     _open(args, system, names, size, script)
     return 0
@@ -48,36 +48,36 @@ def run(args: argparse.Namespace) -> int:
 
 def _open(args: argparse.Namespace, system: System, names: list[str], size: tuple[int, int], script: str) -> None:
     try:
-        from holoview.app.no_adapter import show_page
-        from holoview.app.run import in_browser, off_screen, on_screen
+        from holoview.app.no_adapter import show_no_adapter_page
+        from holoview.app.run import run_in_browser, run_offscreen, run_on_screen
     except ImportError as error:  # of a library of the system's: ImGui itself came with holoview
         raise UserError("view", f"its window can't be drawn: {error}", remedy=_REMEDY) from error
     from holoview.app.serve import Address
     from holoview.gpu.device import open_device
-    from holoview.session.autosave import Store
-    from holoview.session.look import SPECKLE_STOPS, Look
-    from holoview.session.session import Session, middle_plane
+    from holoview.session.autosave import SessionStore
+    from holoview.session.look import SPECKLE_EXPOSURE_STOPS, ViewSettings
+    from holoview.session.session import EditingSession, middle_plane
 
     address = None if args.serve is None else Address.parse(args.serve)
     try:
         device = open_device(args.adapter)
     except UserError as error:
         if not args.offscreen and address is None and args.adapter is None:
-            show_page(error)
+            show_no_adapter_page(error)
         raise
-    look = Look(plane_m=middle_plane(system), exposure_stops=SPECKLE_STOPS)
-    begun = Session(system, look=look)
+    look = ViewSettings(plane_m=middle_plane(system), exposure_stops=SPECKLE_EXPOSURE_STOPS)
+    begun = EditingSession(system, view_settings=look)
     if args.offscreen:
-        off_screen(begun, device, size, script, str(args.script or "script"), args.screenshot, names)
+        run_offscreen(begun, device, size, script, str(args.script or "script"), args.screenshot, names)
         return
-    store = Store()
+    store = SessionStore()
     is_fresh = args.new or args.names or args.changes or args.scheme
-    last = None if is_fresh else store.last()
+    last = None if is_fresh else store.last_session()
     session = begun if last is None else last.restore()
     if address is not None:
-        in_browser(session, device, store, address, say, size, names)
+        run_in_browser(session, device, store, address, print_stderr, size, names)
     else:
-        on_screen(session, device, store, size, names)
+        run_on_screen(session, device, store, size, names)
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -89,19 +89,19 @@ def _check(args: argparse.Namespace) -> None:
     if args.offscreen and args.script is None and args.screenshot is None:
         raise UserError("--offscreen", "alone would show nothing", expected="--script or --screenshot with it")
     if args.screenshot is not None:
-        check_output(args.screenshot, ".png")
+        check_output_file(args.screenshot, ".png")
 
 
 def _system(args: argparse.Namespace) -> System:
     """The bench to begin with: the preset among the names, if any."""
-    benches = [name for name in args.names if _is_bench(name)]
+    benches = [name for name in args.names if _is_preset(name)]
     if len(benches) > 1:
         raise UserError(benches[1], "a second preset", expected="one preset", remedy="choose others in the window")
     system = preset.load(benches[0] if benches else _PRESET)
-    return changed(system if args.scheme is None else with_scheme(system, args.scheme), args.changes)
+    return with_changes(system if args.scheme is None else with_scheme(system, args.scheme), args.changes)
 
 
-def _is_bench(name: str) -> bool:
+def _is_preset(name: str) -> bool:
     if name in preset.names() and not Path(name).exists():
         return True
     if Path(name).suffix == ".toml":

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from holoview.diagnose.bench import Bench
+from holoview.diagnose.bench import SearchContext
 from holoview.diagnose.comparison import Comparison, Values
-from holoview.diagnose.search import Trial, cost_of
+from holoview.diagnose.search import CandidateFit, cost_or_inf
 from holoview.effects.effect import Effect
 from holoview.errors import UserError
 
@@ -16,40 +16,42 @@ _CLEARLY = 0.4  # of the excess
 _BY_CHANCE = 5.0  # times √n: 3.5 σ of a χ²
 
 
-def beams(bench: Bench, values: Values) -> int:
+def incoherent_field_count(context: SearchContext, values: Values) -> int:
     """Fields of one capture with these effects: wavelengths × directions × moments; 1 where such a bench can't be."""
-    system, moments = bench.system, 1
+    system, moments = context.system, 1
     lines = len(system.wavelengths_m)
     for name, own in values.items():
-        effect = bench.effects[name]
+        effect = context.effects[name]
         try:
-            complete = effect.values(own)
-            system, moments = effect.bench(system, complete), moments * len(effect.moments(complete))
+            complete = effect.parameter_values(own)
+            system, moments = effect.bench(system, complete), moments * len(effect.exposure_samples(complete))
         except UserError:
             return 1
     return len(system.wavelengths_m) // lines * len(system.source.directions_rad) * moments
 
 
-def most_beams(bench: Bench, effect: Effect) -> int:
+def max_field_count(context: SearchContext, effect: Effect) -> int:
     """Fields of one capture at the far end of an effect's scan."""
-    points = list(effect.starts(bench.system))
-    return beams(bench, {effect.id: points[-1]}) if points else 1
+    points = list(effect.starting_points(context.system))
+    return incoherent_field_count(context, {effect.id: points[-1]}) if points else 1
 
 
-def affordable(bench: Bench, trials: Sequence[Trial], comparison: Comparison) -> list[Trial]:
+def without_costly_fits(
+    context: SearchContext, fits: Sequence[CandidateFit], comparison: Comparison
+) -> list[CandidateFit]:
     """The trials in their order, of those with many fields only such as leave clearly less than all others.
 
     Lost contrast imitates whatever is unknown; pictures of many fields pay only where nothing simpler does as well.
     """
-    many = {id(t): has_many(bench, t) for t in trials}
+    many = {id(t): is_costly(context, t) for t in fits}
     if not any(many.values()):
-        return list(trials)
-    left = {id(t): cost_of(comparison, t.values) - comparison.count for t in trials}
-    simple = [left[id(t)] for t in trials if not many[id(t)]]
-    limit = max(_CLEARLY * min(simple, default=math.inf), _BY_CHANCE * comparison.count**0.5)
-    return [t for t in trials if left[id(t)] <= limit or not many[id(t)]]
+        return list(fits)
+    left = {id(t): cost_or_inf(comparison, t.values) - comparison.pixel_count for t in fits}
+    simple = [left[id(t)] for t in fits if not many[id(t)]]
+    limit = max(_CLEARLY * min(simple, default=math.inf), _BY_CHANCE * comparison.pixel_count**0.5)
+    return [t for t in fits if left[id(t)] <= limit or not many[id(t)]]
 
 
-def has_many(bench: Bench, trial: Trial) -> bool:
+def is_costly(context: SearchContext, fit: CandidateFit) -> bool:
     """Whether a trial's predictions take long."""
-    return beams(bench, trial.values) >= MANY
+    return incoherent_field_count(context, fit.values) >= MANY

@@ -12,57 +12,57 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.diagnose.comparison import Comparison, Prediction, Predicts, Values
-from holoview.diagnose.measured import Images, Measured
-from holoview.diagnose.noise import blind_variance, model_variance, with_mismatch
-from holoview.diagnose.split import Split
-from holoview.diagnose.team import Finished, Team
-from holoview.diagnose.ways import PLAIN, Way
-from holoview.effects.effect import Effect, Facts
+from holoview.diagnose.comparison import Comparison, Prediction, PredictorProtocol, Values
+from holoview.diagnose.measured import Images, PreparedCaptures
+from holoview.diagnose.noise import add_model_error, model_variance, neighbour_variance
+from holoview.diagnose.split import CaptureSplit
+from holoview.diagnose.team import FinishedCallback, WorkerPool
+from holoview.diagnose.ways import PLAIN, SamplingConfig
+from holoview.effects.effect import DataProperties, Effect
 from holoview.system import System
 
 T = TypeVar("T")
-Progress = Callable[[int, int, str], None]
+ProgressCallback = Callable[[int, int, str], None]
 
 
-class Counts(Predicts, Protocol):
+class CountingPredictor(PredictorProtocol, Protocol):
     """A predictor that counts the fields that it was asked for."""
 
     @property
-    def fields(self) -> int: ...
+    def fields_requested(self) -> int: ...
 
 
-class PerThread:
+class PerThreadPredictor:
     """A predictor for each thread that asks for one: predictors remember what they computed and can't be shared.
 
     make: a new one; `extra` effects may be given.
     """
 
-    def __init__(self, make: Callable[..., Counts]) -> None:
-        self.make, self._own = make, threading.local()
-        self._all: list[Counts] = []
-        self.elsewhere = 0
+    def __init__(self, create: Callable[..., CountingPredictor]) -> None:
+        self.create, self._own = create, threading.local()
+        self._all: list[CountingPredictor] = []
+        self.fields_in_workers = 0
 
     @property
-    def fields(self) -> int:
+    def fields_requested(self) -> int:
         """How many fields all of them were asked for, `elsewhere` in other processes: once all wait."""
-        return sum(one.fields for one in self._all) + self.elsewhere
+        return sum(one.fields_requested for one in self._all) + self.fields_in_workers
 
     @property
-    def own_fields(self) -> int:
+    def thread_fields(self) -> int:
         """How many the one of this thread was asked for."""
         return self._own.predict.fields if hasattr(self._own, "predict") else 0
 
     def __call__(self, indices: NDArray[np.intp], values: Values, *, grad: bool = False) -> Prediction:
         if not hasattr(self._own, "predict"):
-            self._own.predict = self.make()
+            self._own.predict = self.create()
             self._all.append(self._own.predict)
         predicted: Prediction = self._own.predict(indices, values, grad=grad)
         return predicted
 
 
 @dataclass(frozen=True)
-class Bench:
+class SearchContext:
     """measured: the captures. effects: the candidates by id. split: which captures are for what.
 
     predict: predicts the captures, sampled in a `way`. team: who works.
@@ -71,64 +71,68 @@ class Bench:
     movements out. equals: for each effect the others that are the same physics on this bench (`same_physics`).
     """
 
-    measured: Measured
+    data: PreparedCaptures
     system: System
     effects: Mapping[str, Effect]
-    split: Split
-    predict: PerThread
-    team: Team
-    way: Way = PLAIN
-    most_fields: float = math.inf
-    fixed_pattern: float = 0.0
-    shaking: bool = False
-    equals: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    _blind: dict[tuple[int, ...], Images] = field(default_factory=dict, repr=False)
+    split: CaptureSplit
+    predictor: PerThreadPredictor
+    workers: WorkerPool
+    sampling: SamplingConfig = PLAIN
+    field_budget: float = math.inf
+    prnu: float = 0.0
+    has_camera_jitter: bool = False
+    equivalents: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    _data_variances: dict[tuple[int, ...], Images] = field(default_factory=dict, repr=False)
 
     @property
-    def is_spent(self) -> bool:
+    def budget_exhausted(self) -> bool:
         """Whether a search has to come to its end. Asked only while no thread works, so that threads change nothing."""
-        return self.predict.fields > self.most_fields
+        return self.predictor.fields_requested > self.field_budget
 
-    def coarse_comparison(self, indices: NDArray[np.intp], mismatch: float) -> Comparison:
+    def data_weighted_comparison(self, indices: NDArray[np.intp], relative_model_error: float) -> Comparison:
         """Weights from the pictures, for a model that is off by `mismatch` of the mean light."""
         key = tuple(int(k) for k in indices)
-        if key not in self._blind:
-            self._blind[key] = blind_variance(self.measured, indices)
-        variance = with_mismatch(self._blind[key], self.measured.light[indices], mismatch)
-        return Comparison(self.predict, self.measured, indices, variance)
+        if key not in self._data_variances:
+            self._data_variances[key] = neighbour_variance(self.data, indices)
+        variance = add_model_error(self._data_variances[key], self.data.light[indices], relative_model_error)
+        return Comparison(self.predictor, self.data, indices, variance)
 
-    def judged_by(self, indices: NDArray[np.intp], values: Values) -> Comparison:
+    def model_weighted_comparison(self, indices: NDArray[np.intp], values: Values) -> Comparison:
         """Weights from a model's prediction, then frozen; movements of a shaking camera are taken out."""
-        shifts = self.shaking and len(indices) > 1
-        blind = self.coarse_comparison(indices, 0.0)
-        expected = (blind.with_shifts() if shifts else blind).fit(values).expected
-        variance = model_variance(self.measured.camera, expected)
-        if self.fixed_pattern:
-            variance = variance + np.square(np.float32(self.fixed_pattern) * expected)
-        return Comparison(self.predict, self.measured, indices, variance, shifts=shifts)
+        shifts = self.has_camera_jitter and len(indices) > 1
+        blind = self.data_weighted_comparison(indices, 0.0)
+        expected = (blind.fitting_shifts() if shifts else blind).fit_gains(values).expected
+        variance = model_variance(self.data.camera, expected)
+        if self.prnu:
+            variance = variance + np.square(np.float32(self.prnu) * expected)
+        return Comparison(self.predictor, self.data, indices, variance, fit_shifts=shifts)
 
-    def map(self, work: Callable[[Effect], T], effects: Sequence[Effect], report: Progress, note: str) -> list[T]:
+    def map_effects(
+        self, work: Callable[[Effect], T], effects: Sequence[Effect], progress: ProgressCallback, note: str
+    ) -> list[T]:
         """`work` on every effect, side by side; results in the order of `effects`. Ctrl-C ends it."""
         jobs = [partial(work, one) for one in effects]
-        return self.side_by_side(jobs, lambda done: report(done, len(effects), note))
+        return self.run_parallel(jobs, lambda done: progress(done, len(effects), note))
 
-    def side_by_side(self, jobs: Iterable[Callable[[], T]], finished: Finished | None = None) -> list[T]:
+    def run_parallel(self, jobs: Iterable[Callable[[], T]], on_finished: FinishedCallback | None = None) -> list[T]:
         """Results of jobs that the team works on; fields that were computed in other processes count too."""
-        counted = [partial(self._counted, job) for job in jobs]
-        before = self.predict.fields
-        done = self.team.run(counted, finished)
-        self.predict.elsewhere += sum(fields for _, fields in done) - (self.predict.fields - before)
+        counted = [partial(self._run_counting_fields, job) for job in jobs]
+        before = self.predictor.fields_requested
+        done = self.workers.run(counted, on_finished)
+        self.predictor.fields_in_workers += sum(fields for _, fields in done) - (
+            self.predictor.fields_requested - before
+        )
         return [result for result, _ in done]
 
-    def _counted(self, job: Callable[[], T]) -> tuple[T, int]:
-        before = self.predict.own_fields
+    def _run_counting_fields(self, job: Callable[[], T]) -> tuple[T, int]:
+        before = self.predictor.thread_fields
         result = job()
-        return result, self.predict.own_fields - before
+        return result, self.predictor.thread_fields - before
 
 
-def same_physics(effects: Mapping[str, Effect], facts: Facts) -> dict[str, frozenset[str]]:
+def equivalent_effects(effects: Mapping[str, Effect], data_properties: DataProperties) -> dict[str, frozenset[str]]:
     """For each effect those of the others that such data can't tell from it, both ways around."""
-    pairs = {(e.id, other) for e in effects.values() for other in e.equal_to(facts) if other in effects}
+    pairs = {(e.id, other) for e in effects.values() for other in e.degeneracies(data_properties) if other in effects}
     return {
         name: frozenset({b for a, b in pairs if a == name} | {a for a, b in pairs if b == name}) for name in effects
     }

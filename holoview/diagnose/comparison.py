@@ -19,9 +19,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.diagnose.direction import stands_out
-from holoview.diagnose.measured import Images, Measured
-from holoview.diagnose.resample import gradient, moved
+from holoview.diagnose.direction import mean_is_significant
+from holoview.diagnose.measured import Images, PreparedCaptures
+from holoview.diagnose.resample import image_gradient, shift_images
 from holoview.errors import UserError
 
 Values = Mapping[str, Mapping[str, float]]
@@ -41,17 +41,17 @@ class Prediction(Protocol):
     def signal(self) -> Any: ...
 
     @property
-    def offset(self) -> float: ...
+    def black_level(self) -> float: ...
 
 
-class Predicts(Protocol):
+class PredictorProtocol(Protocol):
     """What `holoview.captures.predict.Predictor` does."""
 
     def __call__(self, indices: NDArray[np.intp], values: Values, *, grad: bool = False) -> Prediction: ...
 
 
 @dataclass(frozen=True)
-class Fitted:
+class GainFit:
     """A prediction brought to the captures: residual and expected signal (capture, y, x), gain of each capture."""
 
     residual: Images
@@ -72,77 +72,82 @@ class Comparison:
     """
 
     def __init__(
-        self, predictor: Predicts, measured: Measured, indices: NDArray[np.intp], variance: Images, shifts: bool = False
+        self,
+        predictor: PredictorProtocol,
+        data: PreparedCaptures,
+        indices: NDArray[np.intp],
+        variance: Images,
+        fit_shifts: bool = False,
     ) -> None:
-        self.predictor, self.measured, self.indices, self.shifts = predictor, measured, indices, shifts
-        usable = measured.usable[indices]
-        self.light = measured.light[indices]
+        self.predictor, self.measured, self.indices, self.fit_shifts = predictor, data, indices, fit_shifts
+        usable = data.usable[indices]
+        self.light = data.light[indices]
         self.weight = np.where(usable, 1.0 / np.sqrt(variance), 0.0).astype(np.float32)
-        self.pixels = usable.sum(axis=(1, 2)).astype(np.float64)
+        self.pixels_per_capture = usable.sum(axis=(1, 2)).astype(np.float64)
         self._weighted = self.weight * self.light
 
-    def with_shifts(self) -> Comparison:
+    def fitting_shifts(self) -> Comparison:
         """The same, with the movements of the camera in each capture taken out."""
         shaking = copy(self)
-        shaking.shifts = True
+        shaking.fit_shifts = True
         return shaking
 
-    def predicted_by(self, predictor: Predicts) -> Comparison:
+    def with_predictor(self, predictor: PredictorProtocol) -> Comparison:
         """The same captures and weights with another predictor."""
         other = copy(self)
         other.predictor = predictor
         return other
 
     @property
-    def count(self) -> float:
+    def pixel_count(self) -> float:
         """Number of pixels that are compared."""
-        return float(self.pixels.sum())
+        return float(self.pixels_per_capture.sum())
 
-    def fit(self, values: Values) -> Fitted:
+    def fit_gains(self, values: Values) -> GainFit:
         """The prediction for these effects, with gains (and shifts) that suit the captures best."""
         prediction = self.predictor(self.indices, values)
         signal = np.asarray(prediction.signal, dtype=np.float32)
-        extra = np.float32(prediction.offset - self.measured.camera.black_level)
+        extra = np.float32(prediction.black_level - self.measured.camera.black_level)
         data = self._weighted - extra * self.weight if extra else self._weighted
-        if not self.shifts:
-            return _fitted(data, self.weight, signal)
-        return self._shifted(data, self.weight * signal, signal, values)
+        if not self.fit_shifts:
+            return _fit_gain(data, self.weight, signal)
+        return self._fit_with_shifts(data, self.weight * signal, signal, values)
 
     @property
-    def no_light(self) -> NDArray[np.float32]:
+    def infeasible_residual(self) -> NDArray[np.float32]:
         """Residuals far worse than those of any bench: ten times what a dark picture would leave."""
         return np.float32(10.0) * self._weighted.ravel()
 
     def residual(self, values: Values) -> NDArray[np.float32]:
         """Whitened residuals, flat: what a fit makes small."""
-        return self.fit(values).residual.ravel()
+        return self.fit_gains(values).residual.ravel()
 
-    def chi2(self, values: Values) -> float:
+    def chi2_per_pixel(self, values: Values) -> float:
         """Mean squared whitened residual of a pixel."""
-        return float(self.fit(values).squares.sum() / self.count)
+        return float(self.fit_gains(values).squares.sum() / self.pixel_count)
 
     def per_capture(self, values: Values) -> Floats:
         """Mean squared whitened residual of each capture."""
-        return self.fit(values).squares / np.maximum(self.pixels, 1.0)
+        return self.fit_gains(values).squares / np.maximum(self.pixels_per_capture, 1.0)
 
-    def _shifted(self, data: Images, model: Images, signal: Images, values: Values) -> Fitted:
+    def _fit_with_shifts(self, data: Images, model: Images, signal: Images, values: Values) -> GainFit:
         """Gains and movements of each capture together; what all captures share of the movements stays in."""
-        shift = self._movement(data, model, signal)
+        shift = self._estimate_shifts(data, model, signal)
         if np.abs(shift).max() <= _FIRST_ORDER:
-            own = shift - _shared(shift)
-            return replace(_fitted(data, self.weight, moved(signal, own)), shift=shift)
-        nearer = moved(signal, shift)
-        shift = np.clip(shift + self._movement(data, self.weight * nearer, nearer), -_MOST_SHIFT, _MOST_SHIFT)
-        fits = [_fitted(data, self.weight, moved(signal, shift - _shared(shift)))]
-        aimed = self._aimed(values, shift)
+            own = shift - _common_shift(shift)
+            return replace(_fit_gain(data, self.weight, shift_images(signal, own)), shift=shift)
+        nearer = shift_images(signal, shift)
+        shift = np.clip(shift + self._estimate_shifts(data, self.weight * nearer, nearer), -_MOST_SHIFT, _MOST_SHIFT)
+        fits = [_fit_gain(data, self.weight, shift_images(signal, shift - _common_shift(shift)))]
+        aimed = self._predict_moved_camera(values, shift)
         if aimed is not None:
-            exact = np.clip(shift + self._movement(data, self.weight * aimed, aimed), -_MOST_SHIFT, _MOST_SHIFT)
-            again = self._aimed(values, exact - _shared(exact))
-            fits += [] if again is None else [replace(_fitted(data, self.weight, again), shift=exact)]
+            exact = np.clip(shift + self._estimate_shifts(data, self.weight * aimed, aimed), -_MOST_SHIFT, _MOST_SHIFT)
+            again = self._predict_moved_camera(values, exact - _common_shift(exact))
+            fits += [] if again is None else [replace(_fit_gain(data, self.weight, again), shift=exact)]
         best = min(fits, key=lambda fit: float(fit.squares.sum()))
         return best if best.shift is not None else replace(best, shift=shift)
 
-    def _aimed(self, values: Values, shift: Floats) -> Images | None:
+    def _predict_moved_camera(self, values: Values, shift: Floats) -> Images | None:
         """Predictions with the camera moved: not exact where pictures hold detail beyond their pixels."""
         pitch = self.measured.camera.pitch_m
         signals = []
@@ -155,9 +160,9 @@ class Comparison:
                 return None
         return np.stack(signals).astype(np.float32)
 
-    def _movement(self, data: Images, model: Images, signal: Images) -> Floats:
+    def _estimate_shifts(self, data: Images, model: Images, signal: Images) -> Floats:
         """(y, x) pixels by which each capture lies beyond the signal, to first order, its gain fitted too."""
-        slope_y, slope_x = gradient(signal)
+        slope_y, slope_x = image_gradient(signal)
         columns = np.stack([model, self.weight * slope_y, self.weight * slope_x], axis=1)
         flat = columns.reshape(len(signal), 3, -1)
         normal = (flat @ flat.transpose(0, 2, 1)).astype(np.float64)
@@ -171,19 +176,19 @@ class Comparison:
         return np.asarray(np.clip(-solved[:, 1:] / safe[:, None], -_MOST_SHIFT, _MOST_SHIFT))
 
 
-def _fitted(data: Images, weight: Images, signal: Images) -> Fitted:
+def _fit_gain(data: Images, weight: Images, signal: Images) -> GainFit:
     """A signal with the gains that suit the weighted data best."""
     model = weight * signal
     power = np.maximum(np.einsum("kyx,kyx->k", model, model, dtype=np.float64), 1e-30)
     gain = np.einsum("kyx,kyx->k", data, model, dtype=np.float64) / power
-    return Fitted(data - _each(gain) * model, gain, _each(gain) * signal)
+    return GainFit(data - _per_capture_factor(gain) * model, gain, _per_capture_factor(gain) * signal)
 
 
-def _shared(shift: Floats) -> Floats:
+def _common_shift(shift: Floats) -> Floats:
     """The movement that all captures share: their mean, where it stands out from their scatter, else none."""
-    return np.where(stands_out(shift, _CHANCE), shift.mean(axis=0), 0.0)
+    return np.where(mean_is_significant(shift, _CHANCE), shift.mean(axis=0), 0.0)
 
 
-def _each(values: Floats) -> NDArray[np.float32]:
+def _per_capture_factor(values: Floats) -> NDArray[np.float32]:
     """One number a capture, to multiply images."""
     return values.astype(np.float32)[:, None, None]

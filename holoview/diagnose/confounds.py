@@ -11,12 +11,12 @@ import numpy as np
 
 from holoview.captures.predict import Predictor
 from holoview.captures.session import Captures
-from holoview.diagnose.bench import Bench
+from holoview.diagnose.bench import SearchContext
 from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.judge import Judged
-from holoview.diagnose.search import Trial, slopes_of
-from holoview.diagnose.uncertainty import Tangent, canonical_correlation
-from holoview.diagnose.unknowns import Found
+from holoview.diagnose.judge import HeldOutScore
+from holoview.diagnose.search import CandidateFit, effect_jacobian
+from holoview.diagnose.uncertainty import LocalJacobian, canonical_correlation
+from holoview.diagnose.unknowns import FittedValues
 from holoview.effects.effect import Effect
 from holoview.errors import UserError
 
@@ -24,72 +24,78 @@ _TELLING = 0.5  # correlation from which a confusion is worth a word
 _TELLS_APART = 25.0  # Δχ² of one capture
 
 
-def correlations(bench: Bench, trial: Trial, at: Tangent, comparison: Comparison) -> dict[str, dict[str, float]]:
+def lookalike_correlations(
+    context: SearchContext, fit: CandidateFit, jacobian: LocalJacobian, comparison: Comparison
+) -> dict[str, dict[str, float]]:
     """For each cause of a trial, effects that change the captures alike: id → canonical correlation of their slopes.
 
     What the trial's other causes explain is taken out first. The same physics counts as 1.
     """
-    residual = comparison.residual(trial.values)
-    others = [e for e in bench.effects.values() if e.id not in trial.causes]
-    jobs = [partial(slopes_of, e, {**trial.values, e.id: _identity(e)}, comparison, residual) for e in others]
-    slopes = bench.side_by_side(jobs)
-    owner = np.array([effect for effect, _ in at.free.entries])
+    residual = comparison.residual(fit.values)
+    others = [e for e in context.effects.values() if e.id not in fit.causes]
+    jobs = [partial(effect_jacobian, e, {**fit.values, e.id: _identity(e)}, comparison, residual) for e in others]
+    slopes = context.run_parallel(jobs)
+    owner = np.array([effect for effect, _ in jacobian.unknowns.entries])
     result: dict[str, dict[str, float]] = {}
-    for cause in trial.causes:
-        own, rest = at.slopes[owner == cause], at.slopes[owner != cause]
+    for cause in fit.causes:
+        own, rest = jacobian.slopes[owner == cause], jacobian.slopes[owner != cause]
         found = {e.id: canonical_correlation(own, s, rest) for e, s in zip(others, slopes, strict=True) if len(s)}
-        found |= dict.fromkeys(bench.equals.get(cause, ()), 1.0)
+        found |= dict.fromkeys(context.equivalents.get(cause, ()), 1.0)
         ordered = sorted(found.items(), key=lambda pair: -pair[1])
         result[cause] = {name: value for name, value in ordered if value >= _TELLING}
     return result
 
 
 @dataclass(frozen=True)
-class Experiment:
+class ProposedCapture:
     """A capture that could be taken: in words, and as a session of one (its images are never looked at)."""
 
-    words: str
+    description: str
     captures: Captures
 
 
-def separating(bench: Bench, first: Judged, second: Judged) -> str | None:
+def best_separating_capture(context: SearchContext, first: HeldOutScore, second: HeldOutScore) -> str | None:
     """The capture that would tell two explanations apart best, in words; None where none of those tried would."""
     best, words = _TELLS_APART, None
-    for experiment in experiments(bench.measured.captures, int(bench.split.coarse[0]), int(bench.split.held_out[-1])):
-        difference = _difference(experiment.captures, first.trial.values, second.trial.values)
+    for experiment in proposed_captures(
+        context.data.captures, int(context.split.coarse[0]), int(context.split.held_out[-1])
+    ):
+        difference = _delta_chi2(experiment.captures, first.fit.values, second.fit.values)
         if difference > best:
-            best, words = difference, experiment.words
+            best, words = difference, experiment.description
     return words
 
 
-def experiments(captures: Captures, smooth: int, rough: int) -> list[Experiment]:
+def proposed_captures(captures: Captures, smooth_index: int, rough_index: int) -> list[ProposedCapture]:
     """Captures that differ from those there are in one respect each."""
-    one, other = captures.subset([smooth]), captures.subset([rough])
-    middle = captures.levels.dtype.type(captures.panels[0].num_levels // 2)
+    one, other = captures.subset([smooth_index]), captures.subset([rough_index])
+    middle = captures.levels.dtype.type(captures.slms[0].num_levels // 2)
     flat = np.full_like(one.levels, middle)
     tries = [
-        Experiment("a capture with a smoother pattern", one),
-        Experiment("a capture with a rougher pattern", other),
-        Experiment("a capture with all modulators flat", _with(one, levels=flat)),
-        Experiment("a capture with half the laser power", _with(other, power=other.power / 2)),
-        Experiment("a capture with a tenth of the exposure", _with(other, exposure_s=other.exposure_s / 10)),
+        ProposedCapture("a capture with a smoother pattern", one),
+        ProposedCapture("a capture with a rougher pattern", other),
+        ProposedCapture("a capture with all modulators flat", _with(one, levels=flat)),
+        ProposedCapture("a capture with half the laser power", _with(other, power=other.power / 2)),
+        ProposedCapture("a capture with a tenth of the exposure", _with(other, exposure_s=other.exposure_s / 10)),
     ]
-    if len(captures.panels) > 1:
+    if len(captures.slms) > 1:
         for number in (0, 1):
             levels = other.levels.copy()
             levels[:, number] = middle
             words = f"a capture with modulator {number + 1} flat and a rough pattern on the other"
-            tries.append(Experiment(words, _with(other, levels=levels)))
+            tries.append(ProposedCapture(words, _with(other, levels=levels)))
     planes = np.unique(captures.distance_m)
     farther = planes.max() * 1.5 if planes.max() > 0 else planes.max() + 2e-3
     plane = f"a capture in another plane, at {farther * 1e3:.3g} mm"
-    tries.append(Experiment(plane, _with(other, distance_m=np.array([farther]))))
+    tries.append(ProposedCapture(plane, _with(other, distance_m=np.array([farther]))))
     longest = captures.wavelengths_m.max() * 1.1
-    tries.append(Experiment(f"a capture at {longest * 1e9:.0f} nm", _with(other, wavelength_m=np.array([longest]))))
+    tries.append(
+        ProposedCapture(f"a capture at {longest * 1e9:.0f} nm", _with(other, wavelength_m=np.array([longest])))
+    )
     return tries
 
 
-def _difference(captures: Captures, first: Found, second: Found) -> float:
+def _delta_chi2(captures: Captures, first: FittedValues, second: FittedValues) -> float:
     """Δχ² by which one capture would tell two predictions apart, after its gain was fitted; light as in the session."""
     predictor = Predictor(captures, cache_mb=1)
     try:
@@ -99,8 +105,8 @@ def _difference(captures: Captures, first: Found, second: Found) -> float:
     m, n = (np.asarray(p.signal, dtype=np.float64) for p in (a, b))
     camera = captures.camera
     scale = 0.1 * camera.saturation / max(float(m.mean()), 1e-30)
-    m, n = m * scale, n * scale + (b.offset - a.offset)
-    weight = 1.0 / camera.variance(m)
+    m, n = m * scale, n * scale + (b.black_level - a.black_level)
+    weight = 1.0 / camera.noise_variance(m)
     gain = float((weight * m * n).sum() / (weight * n * n).sum())
     return float((weight * (m - gain * n) ** 2).sum())
 

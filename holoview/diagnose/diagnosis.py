@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.diagnose.decide import Verdict
-from holoview.diagnose.excess import Excess
+from holoview.diagnose.excess import ExcessBreakdown
 from holoview.diagnose.uncertainty import Interval
-from holoview.diagnose.unknowns import Found
+from holoview.diagnose.unknowns import FittedValues
 
 Image = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class Quality:
+class FitQuality:
     """How well a model predicts captures: χ²/n, and PSNR against the brightest 0.1 % of each picture."""
 
-    chi2: float
+    chi2_per_pixel: float
     psnr_db: float
 
 
@@ -40,24 +40,24 @@ class Cause:
     units: dict[str, str]
     excess_explained: float
     gain_db: float
-    before: Quality
-    after: Quality
+    before: FitQuality
+    after: FitQuality
     confounded_with: dict[str, float] = field(default_factory=dict)
     separate_by: str | None = None
 
 
 @dataclass(frozen=True)
-class Group:
+class HeldOutGroup:
     """Held-out captures of one wavelength and plane, before and after."""
 
     wavelength_m: float
     distance_m: float
-    before: Quality
-    after: Quality
+    before: FitQuality
+    after: FitQuality
 
 
 @dataclass(frozen=True, eq=False)
-class Sample:
+class SampleCapture:
     """A held-out capture for the eye: light (counts), predictions (counts) and residuals (σ) before, after: (y, x)."""
 
     capture: int
@@ -69,11 +69,11 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CandidateResult:
     """Causes that were fitted, and χ²/n on the held-out captures."""
 
     causes: tuple[str, ...]
-    chi2: float
+    chi2_per_pixel: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,18 +86,18 @@ class Diagnosis:
     """
 
     verdict: Verdict
-    before: Quality
-    after: Quality
+    before: FitQuality
+    after: FitQuality
     causes: tuple[Cause, ...]
-    values: Found
+    values: FittedValues
     rivals: tuple[tuple[str, ...], ...]
     unexplained: float
     lives_in: dict[str, float]
-    groups: tuple[Group, ...]
-    candidates: tuple[Candidate, ...]
-    samples: tuple[Sample, ...]
-    where_before: Excess
-    where_after: Excess
+    groups: tuple[HeldOutGroup, ...]
+    candidates: tuple[CandidateResult, ...]
+    samples: tuple[SampleCapture, ...]
+    excess_before: ExcessBreakdown
+    excess_after: ExcessBreakdown
     signal_explained: tuple[float, float]
     fixed_pattern: float
     gain_spread: float
@@ -113,12 +113,14 @@ class Diagnosis:
             "before": _quality(self.before),
             "after": _quality(self.after),
             "causes": [_cause(cause) for cause in self.causes],
-            "candidates": [{"causes": list(c.causes), "chi2_per_pixel": _figure(c.chi2)} for c in self.candidates],
+            "candidates": [
+                {"causes": list(c.causes), "chi2_per_pixel": _json_number(c.chi2_per_pixel)} for c in self.candidates
+            ],
             "rivals": [list(causes) for causes in self.rivals],
             "unexplained": {
-                "share": _figure(self.unexplained),
+                "share": _json_number(self.unexplained),
                 "lives_in": list(self.lives_in),
-                "shares": {k: _figure(v) for k, v in self.lives_in.items()},
+                "shares": {k: _json_number(v) for k, v in self.lives_in.items()},
             },
             "held_out": [
                 {
@@ -130,17 +132,17 @@ class Diagnosis:
                 for g in self.groups
             ],
             "excess": {
-                "before": _excess(self.where_before),
-                "after": _excess(self.where_after),
+                "before": _excess(self.excess_before),
+                "after": _excess(self.excess_after),
             },
             "signal_explained": {
-                "before": _figure(self.signal_explained[0]),
-                "after": _figure(self.signal_explained[1]),
+                "before": _json_number(self.signal_explained[0]),
+                "after": _json_number(self.signal_explained[1]),
             },
-            "fixed_pattern": _figure(self.fixed_pattern),
-            "gain_spread": _figure(self.gain_spread),
+            "fixed_pattern": _json_number(self.fixed_pattern),
+            "gain_spread": _json_number(self.gain_spread),
             "notes": list(self.notes),
-            "seconds": _figure(self.seconds),
+            "seconds": _json_number(self.seconds),
         }
 
 
@@ -151,38 +153,41 @@ def _cause(cause: Cause) -> dict[str, Any]:
             name: {
                 "value": interval.value,
                 "unit": cause.units[name],
-                "sigma": _figure(interval.sigma),
+                "sigma": _json_number(interval.sigma),
                 "interval": [
-                    _figure(interval.value - interval.half_width),
-                    _figure(interval.value + interval.half_width),
+                    _json_number(interval.value - interval.half_width),
+                    _json_number(interval.value + interval.half_width),
                 ],
             }
             for name, interval in cause.intervals.items()
         },
-        "excess_explained": _figure(cause.excess_explained),
-        "gain_db": _figure(cause.gain_db),
-        "chi2_per_pixel": {"before": _figure(cause.before.chi2), "after": _figure(cause.after.chi2)},
+        "excess_explained": _json_number(cause.excess_explained),
+        "gain_db": _json_number(cause.gain_db),
+        "chi2_per_pixel": {
+            "before": _json_number(cause.before.chi2_per_pixel),
+            "after": _json_number(cause.after.chi2_per_pixel),
+        },
         "confounded_with": list(cause.confounded_with),
-        "correlations": {name: _figure(value) for name, value in cause.confounded_with.items()},
+        "correlations": {name: _json_number(value) for name, value in cause.confounded_with.items()},
         "separate_by": cause.separate_by,
         "sentence": cause.sentence,
     }
 
 
-def _quality(quality: Quality) -> dict[str, float | None]:
-    return {"chi2_per_pixel": _figure(quality.chi2), "psnr_db": _figure(quality.psnr_db)}
+def _quality(quality: FitQuality) -> dict[str, float | None]:
+    return {"chi2_per_pixel": _json_number(quality.chi2_per_pixel), "psnr_db": _json_number(quality.psnr_db)}
 
 
-def _excess(excess: Excess) -> dict[str, Any]:
+def _excess(excess: ExcessBreakdown) -> dict[str, Any]:
     return {
         f.name: [
-            {"name": b.name, "chi2_per_pixel": _figure(b.chi2), "share": _figure(b.share)}
+            {"name": b.name, "chi2_per_pixel": _json_number(b.chi2), "share": _json_number(b.share)}
             for b in getattr(excess, f.name)
         ]
         for f in dataclasses.fields(excess)
     }
 
 
-def _figure(value: float) -> float | None:
+def _json_number(value: float) -> float | None:
     """Six significant digits; None for what isn't a number, which JSON can't write."""
     return float(f"{value:.6g}") if math.isfinite(value) else None

@@ -9,7 +9,7 @@ from scipy.stats import t as student
 Floats = NDArray[np.float64]
 
 
-def stands_out(samples: Floats, chance: float) -> NDArray[np.bool_]:
+def mean_is_significant(samples: Floats, p_value: float) -> NDArray[np.bool_]:
     """Whether means over the first axis are larger than jitter gives with a probability of `chance`.
 
     By Student's t: the scatter of a few captures is itself known badly. A single sample stands out.
@@ -17,4 +17,4 @@ def stands_out(samples: Floats, chance: float) -> NDArray[np.bool_]:
     if len(samples) < 2:
         return np.ones(samples.shape[1:], dtype=bool)
     doubt = samples.std(axis=0, ddof=1) / np.sqrt(len(samples))
-    return np.abs(samples.mean(axis=0)) > student.isf(chance / 2, len(samples) - 1) * doubt
+    return np.abs(samples.mean(axis=0)) > student.isf(p_value / 2, len(samples) - 1) * doubt

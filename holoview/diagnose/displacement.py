@@ -13,22 +13,22 @@ from numpy.typing import NDArray
 
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.measured import Images
-from holoview.diagnose.unknowns import Found
+from holoview.diagnose.unknowns import FittedValues
 from holoview.effects.effect import Effect
 from holoview.errors import UserError
 
-Hints = Callable[[Effect], list[dict[str, float]]]
+StartProvider = Callable[[Effect], list[dict[str, float]]]
 Vector = NDArray[np.float64]
 
 _LEAST_PX = 0.3  # below, a local fit starts well from the identity
 _LEAST_RESPONSE_PX = 0.05  # of a parameter's typical size; below, it doesn't move pictures
 
 
-def hints(base: Found, comparison: Comparison) -> Hints:
+def displacement_starts(base: FittedValues, comparison: Comparison) -> StartProvider:
     """For an effect, starting values that move the prediction onto the captures; none where they lie on it already."""
     light = np.where(comparison.weight > 0, comparison.light, 0.0)
     nominal = np.asarray(comparison.predictor(comparison.indices, base).signal)
-    wanted = displacement(light, nominal)
+    wanted = measure_displacement(light, nominal)
 
     def of(effect: Effect) -> list[dict[str, float]]:
         if np.hypot(*wanted) < _LEAST_PX:
@@ -42,7 +42,7 @@ def hints(base: Found, comparison: Comparison) -> Hints:
                 moved = comparison.predictor(comparison.indices, {**base, effect.id: {p.name: p.identity + size}})
             except UserError:
                 continue
-            response = displacement(np.asarray(moved.signal), nominal)
+            response = measure_displacement(np.asarray(moved.signal), nominal)
             if np.hypot(*response) > _LEAST_RESPONSE_PX:
                 movers.append(p)
                 columns.append(response / size)
@@ -55,24 +55,24 @@ def hints(base: Found, comparison: Comparison) -> Hints:
     return of
 
 
-def displacement(images: Images, reference: Images) -> Vector:
+def measure_displacement(images: Images, reference: Images) -> Vector:
     """(y, x) in pixels by which `images` lie beyond `reference`, captures together: the peak of the correlation."""
     shape = images.shape[1:]
     total = np.zeros(shape)
     for image, other in zip(images, reference, strict=True):
-        first, second = (np.fft.rfft2(_detailed(a)) for a in (image, other))
+        first, second = (np.fft.rfft2(_normalised(a)) for a in (image, other))
         total += np.fft.irfft2(first * second.conj(), s=shape)
     peak = np.unravel_index(int(np.argmax(total)), shape)
-    return np.array([_refined(total, peak, axis) for axis in (0, 1)])
+    return np.array([_subsample_peak(total, peak, axis) for axis in (0, 1)])
 
 
-def _detailed(image: NDArray[np.floating]) -> NDArray[np.float64]:
+def _normalised(image: NDArray[np.floating]) -> NDArray[np.float64]:
     """Without its mean, unit power."""
     a = image - image.mean(dtype=np.float64)
     return np.asarray(a / max(float(np.linalg.norm(a)), 1e-30), dtype=np.float64)
 
 
-def _refined(correlation: NDArray[np.float64], peak: tuple[np.intp, ...], axis: int) -> float:
+def _subsample_peak(correlation: NDArray[np.float64], peak: tuple[np.intp, ...], axis: int) -> float:
     """The peak's position on one axis by a parabola through three samples, in −n/2 … n/2."""
     n = correlation.shape[axis]
     values = []

@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from holoview.diagnose.comparison import Values
-from holoview.diagnose.extend import combined, extended
-from holoview.effects.registry import effect
+from holoview.diagnose.extend import add_effect_values, extended_system
+from holoview.effects.registry import get_effect
 from holoview.errors import UserError
 from holoview.files import data_dir
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.report.sheet import Tile, contact_sheet
+from holoview.report.sheet import CaptionedTile, contact_sheet
 from holoview.system import System
 from holoview.targets.build import target_for
 from holoview.view import simulate
 
-Progress = Callable[[int, int, str], None]
+ProgressCallback = Callable[[int, int, str], None]
 Floats = NDArray[np.float64]
 
 _ITERATIONS = 40
@@ -45,7 +45,12 @@ class DisplayGain:
 
 
 def display_gain(
-    nominal: System, known: Values, found: Values, *, iterations: int = _ITERATIONS, report: Progress | None = None
+    nominal: System,
+    known: Values,
+    found: Values,
+    *,
+    iterations: int = _ITERATIONS,
+    progress: ProgressCallback | None = None,
 ) -> DisplayGain | None:
     """Optimises a small hologram at the middle wavelength with both models and shows both on the extended bench.
 
@@ -54,45 +59,55 @@ def display_gain(
     """
     middle = float(nominal.wavelengths_m[len(nominal.wavelengths_m) // 2])
     bench = nominal.edit({"wavelengths": [middle], "amplitudes": [[1.0]]})
-    before, after = (extended(bench, _displayed(values)) for values in (known, combined(known, found)))
+    before, after = (
+        extended_system(bench, _without_camera_effects(values)) for values in (known, add_effect_values(known, found))
+    )
     if before == after:
         return None
     stack = target_for(bench, data_dir("assets") / _PICTURE).stack
     settings = Settings(iterations=iterations, free=("patterns",), loss="mono")
     try:
-        shown = [_shown(model, after, stack, settings, report, k) for k, model in enumerate((before, after))]
+        shown = [
+            _optimise_and_simulate(model, after, stack, settings, progress, k)
+            for k, model in enumerate((before, after))
+        ]
     except UserError:
         return None
     wanted = np.asarray(stack, dtype=np.float64) @ np.array([0.2126, 0.7152, 0.0722])
-    scaled = [_scaled(image, wanted) for image in shown]
+    scaled = [_with_best_brightness(image, wanted) for image in shown]
     quality = [_psnr(image, wanted) for image in scaled]
     names = ("target", f"nominal model, {quality[0]:.1f} dB", f"extended model, {quality[1]:.1f} dB")
-    tiles = [Tile(_grey(image[0]), name) for image, name in zip((wanted, *scaled), names, strict=True)]
+    tiles = [CaptionedTile(_grey(image[0]), name) for image, name in zip((wanted, *scaled), names, strict=True)]
     sheet = contact_sheet("On the bench as it is", ["", "", ""], [tiles], width=360)
     buffer = io.BytesIO()
     Image.fromarray(sheet).save(buffer, "PNG")
     return DisplayGain(quality[0], quality[1], iterations, buffer.getvalue())
 
 
-def _displayed(values: Values) -> dict[str, dict[str, float]]:
+def _without_camera_effects(values: Values) -> dict[str, dict[str, float]]:
     """Without effects of the camera alone."""
-    return {name: dict(own) for name, own in values.items() if effect(name).where != ("camera",)}
+    return {name: dict(own) for name, own in values.items() if get_effect(name).acts_on != ("camera",)}
 
 
-def _shown(
-    model: System, bench: System, stack: NDArray[np.floating], settings: Settings, report: Progress | None, turn: int
+def _optimise_and_simulate(
+    model: System,
+    bench: System,
+    stack: NDArray[np.floating],
+    settings: Settings,
+    progress: ProgressCallback | None,
+    turn: int,
 ) -> Floats:
     """Intensity (plane, y, x) on `bench` of a hologram optimised with `model`."""
     state = None
     for state in iterate(model, stack, settings):
-        if report is not None:
-            report(turn * settings.iterations + state.iteration, 2 * settings.iterations, "holograms")
+        if progress is not None:
+            progress(turn * settings.iterations + state.iteration, 2 * settings.iterations, "holograms")
     assert state is not None
     view = simulate(bench, state.best.drive, backend="torch")
     return np.asarray(view.intensity, dtype=np.float64).sum(axis=1)
 
 
-def _scaled(image: Floats, wanted: Floats) -> Floats:
+def _with_best_brightness(image: Floats, wanted: Floats) -> Floats:
     """The image at the brightness that suits the target best."""
     return image * float((image * wanted).sum() / np.maximum((image * image).sum(), 1e-30))
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.direction import stands_out
-from holoview.diagnose.unknowns import Found
+from holoview.diagnose.direction import mean_is_significant
+from holoview.diagnose.unknowns import FittedValues
 
 DRIFTING, _PARAMETER = "wavelength_offset", "offset"
 _STEPS_M = 0.02e-9 * np.arange(-10, 11)  # beyond, it is no drift
@@ -22,25 +22,27 @@ _CHANCE = 1e-3  # that drift without a direction has such a mean
 
 
 @dataclass(frozen=True)
-class Drift:
+class LaserDrift:
     """R.m.s. drift (m) over the captures, χ²/n once each capture has its own, and whether they drift the same way."""
 
     rms_m: float
-    chi2: float
-    has_direction: bool
+    chi2_per_pixel: float
+    is_systematic: bool
 
 
-def drift(comparison: Comparison, values: Found) -> Drift:
+def estimate_laser_drift(comparison: Comparison, values: FittedValues) -> LaserDrift:
     """What is left when each capture has the wavelength that suits it best."""
     known = values.get(DRIFTING, {})
     at = [
-        comparison.fit({**values, DRIFTING: {**known, _PARAMETER: known.get(_PARAMETER, 0.0) + float(step)}}).squares
+        comparison.fit_gains(
+            {**values, DRIFTING: {**known, _PARAMETER: known.get(_PARAMETER, 0.0) + float(step)}}
+        ).squares
         for step in _STEPS_M
     ]
     chosen = np.argmin(at, axis=0)
     drifts = _STEPS_M[chosen]
-    return Drift(
+    return LaserDrift(
         rms_m=float(np.sqrt(np.mean(np.square(drifts)))),
-        chi2=float(np.min(at, axis=0).sum() / comparison.count),
-        has_direction=bool(stands_out(drifts, _CHANCE)),
+        chi2_per_pixel=float(np.min(at, axis=0).sum() / comparison.pixel_count),
+        is_systematic=bool(mean_is_significant(drifts, _CHANCE)),
     )

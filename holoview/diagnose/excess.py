@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.session import Captures
-from holoview.diagnose.comparison import Comparison, Fitted
-from holoview.units import short
+from holoview.diagnose.comparison import Comparison, GainFit
+from holoview.units import format_rounded
 
 Floats = NDArray[np.float64]
 
@@ -18,68 +18,70 @@ _CLASSES = 4
 
 
 @dataclass(frozen=True)
-class Bin:
+class ExcessBin:
     """A class of pixels: its name in words, χ²/n, and the share of all pixels' squared residuals beyond the noise."""
 
     name: str
-    chi2: float
+    chi2_per_pixel: float
     share: float
 
 
 @dataclass(frozen=True)
-class Excess:
+class ExcessBreakdown:
     """Bins by each property."""
 
-    wavelength: tuple[Bin, ...]
-    plane: tuple[Bin, ...]
-    smoothness: tuple[Bin, ...]
-    radius: tuple[Bin, ...]
-    frequency: tuple[Bin, ...]
-    brightness: tuple[Bin, ...]
+    wavelength: tuple[ExcessBin, ...]
+    plane: tuple[ExcessBin, ...]
+    smoothness: tuple[ExcessBin, ...]
+    radius: tuple[ExcessBin, ...]
+    frequency: tuple[ExcessBin, ...]
+    brightness: tuple[ExcessBin, ...]
 
 
-def excess(captures: Captures, comparison: Comparison, fitted: Fitted, rough: Floats) -> Excess:
+def break_down_excess(
+    captures: Captures, comparison: Comparison, fitted: GainFit, roughness: Floats
+) -> ExcessBreakdown:
     """The excess of a prediction in the captures of a comparison. rough: roughness of every capture of the session."""
     indices = comparison.indices
-    squares, pixels = fitted.squares, comparison.pixels
+    squares, pixels = fitted.squares, comparison.pixels_per_capture
     wavelengths, planes = captures.wavelength_m[indices], captures.distance_m[indices]
-    return Excess(
+    return ExcessBreakdown(
         wavelength=_by_value(wavelengths, "nm", squares, pixels),
         plane=_by_value(planes, "mm", squares, pixels),
-        smoothness=_by_rank(rough[indices], squares, pixels),
+        smoothness=_by_smoothness(roughness[indices], squares, pixels),
         radius=_by_radius(comparison, fitted),
         frequency=_by_frequency(comparison, fitted),
         brightness=_by_brightness(comparison, fitted),
     )
 
 
-def _by_value(values: Floats, unit: str, squares: Floats, pixels: Floats) -> tuple[Bin, ...]:
-    groups = [(short(float(v), unit), values == v) for v in np.unique(values)]
+def _by_value(values: Floats, unit: str, squares: Floats, pixels: Floats) -> tuple[ExcessBin, ...]:
+    groups = [(format_rounded(float(v), unit), values == v) for v in np.unique(values)]
     return _bins([(name, squares[same].sum(), pixels[same].sum()) for name, same in groups])
 
 
-def _by_rank(rough: Floats, squares: Floats, pixels: Floats) -> tuple[Bin, ...]:
+def _by_smoothness(rough: Floats, squares: Floats, pixels: Floats) -> tuple[ExcessBin, ...]:
     order = np.argsort(rough, kind="stable")
     names = ("smoothest patterns", "smoother", "rougher", "roughest patterns")
     parts = zip(names, np.array_split(order, _CLASSES), strict=True)
     return _bins([(name, squares[part].sum(), pixels[part].sum()) for name, part in parts if len(part)])
 
 
-def _by_radius(comparison: Comparison, fitted: Fitted) -> tuple[Bin, ...]:
+def _by_radius(comparison: Comparison, fitted: GainFit) -> tuple[ExcessBin, ...]:
     rows, columns = comparison.weight.shape[1:]
     y, x = (np.arange(n) - (n - 1) / 2 for n in (rows, columns))
     radius = np.hypot(y[:, None] / (rows / 2), x[None, :] / (columns / 2)) / np.sqrt(2)
     return _by_class(radius, np.array([0.25, 0.5, 0.75]), comparison, fitted, "{:.0%} of the way to the corners")
 
 
-def _by_brightness(comparison: Comparison, fitted: Fitted) -> tuple[Bin, ...]:
+def _by_brightness(comparison: Comparison, fitted: GainFit) -> tuple[ExcessBin, ...]:
     mean = np.maximum(fitted.expected.mean(axis=(1, 2), keepdims=True), 1e-12)
     return _by_class(fitted.expected / mean, np.array([0.5, 1.0, 2.0]), comparison, fitted, "{:.3g} × the mean light")
 
 
 def _by_class(
-    measure: NDArray[np.floating], edges: Floats, comparison: Comparison, fitted: Fitted, text: str
-) -> tuple[Bin, ...]:
+    measure: NDArray[np.floating], edges: Floats, comparison: Comparison, fitted: GainFit, text: str
+) -> tuple[ExcessBin, ...]:
     number = np.broadcast_to(np.digitize(measure, edges), comparison.weight.shape)
     usable = comparison.weight > 0
     squares = np.bincount(number.ravel(), np.square(fitted.residual).ravel(), len(edges) + 1)
@@ -95,7 +97,7 @@ def _by_class(
     return _bins(list(zip(names, squares, pixels, strict=True)))
 
 
-def _by_frequency(comparison: Comparison, fitted: Fitted) -> tuple[Bin, ...]:
+def _by_frequency(comparison: Comparison, fitted: GainFit) -> tuple[ExcessBin, ...]:
     """The whitened residual's power spectrum in four bands up to the camera's Nyquist frequency; noise is flat."""
     rows, columns = comparison.weight.shape[1:]
     fy, fx = np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns)[None, :]
@@ -107,13 +109,13 @@ def _by_frequency(comparison: Comparison, fitted: Fitted) -> tuple[Bin, ...]:
     squares = np.bincount(band.ravel(), (power * twice).ravel(), _CLASSES) / (rows * columns)
     share = np.bincount(band.ravel(), twice.ravel(), _CLASSES) / (rows * columns)
     names = [f"{k / _CLASSES:.2g} to {(k + 1) / _CLASSES:.2g} of Nyquist" for k in range(_CLASSES)]
-    return _bins([(n, s, p * comparison.count) for n, s, p in zip(names, squares, share, strict=True)])
+    return _bins([(n, s, p * comparison.pixel_count) for n, s, p in zip(names, squares, share, strict=True)])
 
 
-def _bins(groups: list[tuple[str, float, float]]) -> tuple[Bin, ...]:
+def _bins(groups: list[tuple[str, float, float]]) -> tuple[ExcessBin, ...]:
     beyond = [max(squares - pixels, 0.0) for _, squares, pixels in groups]
     total = max(sum(beyond), 1e-30)
     return tuple(
-        Bin(name, float(squares / max(pixels, 1.0)), float(extra / total))
+        ExcessBin(name, float(squares / max(pixels, 1.0)), float(extra / total))
         for (name, squares, pixels), extra in zip(groups, beyond, strict=True)
     )

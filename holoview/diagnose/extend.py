@@ -9,32 +9,32 @@ from typing import Any
 import numpy as np
 
 from holoview.captures.predict import Prediction, Predictor
-from holoview.captures.session import Captures, Panel
+from holoview.captures.session import Captures, SlmSpec
 from holoview.diagnose.comparison import Values
-from holoview.diagnose.unknowns import Found
-from holoview.effects.registry import effect
+from holoview.diagnose.unknowns import FittedValues
+from holoview.effects.registry import get_effect
 from holoview.errors import UserError
 from holoview.system import System
 
 _SAME = 1e-6
 
 
-def nominal_of(captures: Captures, system: System, name: str) -> tuple[Captures, Found, System]:
+def with_preset_geometry(captures: Captures, system: System, name: str) -> tuple[Captures, FittedValues, System]:
     """The captures with the geometry of a preset, the effects that it has on, and the preset itself.
 
     Raises UserError when the preset's modulators aren't those of the captures.
     """
-    if len(system.modulators) != len(captures.panels):
+    if len(system.modulators) != len(captures.slms):
         raise UserError(
             f"--preset {name}",
             f"{len(system.modulators)} modulators",
-            expected=f"{len(captures.panels)} as in the captures",
+            expected=f"{len(captures.slms)} as in the captures",
         )
     shape = captures.levels.shape[2:]
     if system.modulators[0].shape != shape:
         found = "{} x {} pixels".format(*system.modulators[0].shape)
         raise UserError(f"--preset {name}", found, expected="{} x {} as in the captures".format(*shape))
-    for panel, modulator in zip(captures.panels, system.modulators, strict=True):
+    for panel, modulator in zip(captures.slms, system.modulators, strict=True):
         if abs(panel.pitch_m / modulator.pitch_m - 1) > _SAME:
             raise UserError(
                 f"--preset {name}",
@@ -43,8 +43,8 @@ def nominal_of(captures: Captures, system: System, name: str) -> tuple[Captures,
             )
     changed = dataclasses.replace(
         captures,
-        panels=tuple(
-            Panel(p.pitch_m, p.num_levels, m.stroke_m) for p, m in zip(captures.panels, system.modulators, strict=True)
+        slms=tuple(
+            SlmSpec(p.pitch_m, p.num_levels, m.stroke_m) for p, m in zip(captures.slms, system.modulators, strict=True)
         ),
         gap_m=system.gap_m,
         iris1_na=system.relay1.iris_na,
@@ -53,12 +53,12 @@ def nominal_of(captures: Captures, system: System, name: str) -> tuple[Captures,
     return changed, system.effect_values, system
 
 
-def combined(known: Values, found: Values) -> dict[str, dict[str, Any]]:
+def add_effect_values(known: Values, found: Values) -> dict[str, dict[str, Any]]:
     """Values of what is known and what was found beyond it: errors add, since each is told from its identity."""
     result: dict[str, dict[str, Any]] = {name: dict(values) for name, values in known.items()}
     for name, values in found.items():
         own = result.setdefault(name, {})
-        for p in effect(name).parameters:
+        for p in get_effect(name).parameters:
             if p.name not in values:
                 continue
             if p.name in own:
@@ -68,21 +68,21 @@ def combined(known: Values, found: Values) -> dict[str, dict[str, Any]]:
     return result
 
 
-class Known:
+class PredictorWithKnownEffects:
     """A predictor on which known effects are always on."""
 
-    def __init__(self, captures: Captures, known: Values, **options: Any) -> None:
-        self._predict, self._known = Predictor(captures, **options), known
+    def __init__(self, captures: Captures, known_values: Values, **options: Any) -> None:
+        self._predict, self._known = Predictor(captures, **options), known_values
 
     @property
-    def fields(self) -> int:
+    def fields_requested(self) -> int:
         """How many fields calls have asked for so far."""
-        return self._predict.fields
+        return self._predict.fields_requested
 
     def __call__(self, indices: Any, values: Values, *, grad: bool = False) -> Prediction:
         """As the predictor's; `values` add to what is known."""
         own = (
-            combined(self._known, {n: v for n, v in values.items() if not n.startswith("free_")})
+            add_effect_values(self._known, {n: v for n, v in values.items() if not n.startswith("free_")})
             if self._known
             else values
         )
@@ -90,8 +90,8 @@ class Known:
         return self._predict(indices, {**own, **free}, grad=grad)
 
 
-def extended(system: System, found: Mapping[str, Mapping[str, float]]) -> System:
+def extended_system(system: System, found: Mapping[str, Mapping[str, float]]) -> System:
     """A bench with the named effects switched on, beside those that it has."""
-    values = combined(system.effect_values, found)
+    values = add_effect_values(system.effect_values, found)
     changes = {f"effects.{name}.{key}": value for name, own in values.items() for key, value in own.items()}
     return system.edit(changes) if changes else system

@@ -9,21 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.displacement import Hints
-from holoview.diagnose.unknowns import Found
+from holoview.diagnose.displacement import StartProvider
+from holoview.diagnose.unknowns import FittedValues
 from holoview.effects.effect import Effect
 
 _NAMES = {"strength", "shift_y", "shift_x"}
 _PEAKS, _NEAREST_PX, _APART_PX = 3, 3, 3
 
 
-def copies(base: Found, comparison: Comparison) -> Hints:
+def ghost_starts(base: FittedValues, comparison: Comparison) -> StartProvider:
     """For an effect that copies pictures, the shifts and strengths that the captures suggest; none for others."""
-    fitted = comparison.fit(base)
+    fitted = comparison.fit_gains(base)
     usable = comparison.weight > 0
     residual = np.where(usable, fitted.residual / np.where(usable, comparison.weight, 1.0), 0.0)
     model = np.where(usable, fitted.expected, 0.0)
-    peaks = _peaks(residual, model)
+    peaks = _correlation_peaks(residual, model)
 
     def of(effect: Effect) -> list[dict[str, float]]:
         units = {p.name: p.unit for p in effect.parameters}
@@ -34,7 +34,7 @@ def copies(base: Found, comparison: Comparison) -> Hints:
     return of
 
 
-def _peaks(residual: NDArray[np.float32], model: NDArray[np.float32]) -> list[tuple[float, int, int]]:
+def _correlation_peaks(residual: NDArray[np.float32], model: NDArray[np.float32]) -> list[tuple[float, int, int]]:
     """(strength, y, x) of the strongest positive correlations away from zero shift."""
     shape = model.shape[1:]
     detailed = model - model.mean(axis=(1, 2), keepdims=True)

@@ -8,102 +8,104 @@ from typing import TypeVar
 
 import numpy as np
 
-from holoview.diagnose.bench import Bench
+from holoview.diagnose.bench import SearchContext
 from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.screen import mismatch
-from holoview.diagnose.search import Trial, cost_of
+from holoview.diagnose.screen import relative_model_error
+from holoview.diagnose.search import CandidateFit, cost_or_inf
 
 NEARLY = 1.3  # χ²/n from which a cause is worth judging at once
 ALARM = 25.0  # Δχ² of held-out captures below which nothing has been found (5 σ)
 
 
 @dataclass(frozen=True)
-class Judged:
+class HeldOutScore:
     """A trial and its χ²/n on held-out captures, in total and for each; rank: the same by weights that forgive."""
 
-    trial: Trial
-    chi2: float
+    fit: CandidateFit
+    chi2_per_pixel: float
     per_capture: tuple[float, ...]
-    rank: float
+    tolerant_chi2: float
 
     @property
     def causes(self) -> tuple[str, ...]:
         """The effects that are on."""
-        return self.trial.causes
+        return self.fit.causes
 
     @property
     def excess(self) -> float:
         """χ²/n beyond the noise floor."""
-        return self.chi2 - 1.0
+        return self.chi2_per_pixel - 1.0
 
 
 @dataclass(frozen=True)
-class Selection:
+class SearchResult:
     """What a search found: candidates, best first, all judged by the same frozen weights; the nominal bench's χ²."""
 
-    nominal: Judged
-    candidates: tuple[Judged, ...]
+    nominal: HeldOutScore
+    candidates: tuple[HeldOutScore, ...]
     comparison: Comparison
-    forgiving: Comparison
+    tolerant_comparison: Comparison
 
     @property
-    def best(self) -> Judged:
+    def best(self) -> HeldOutScore:
         """The best candidate; the nominal bench where there is none."""
         return self.candidates[0] if self.candidates else self.nominal
 
     @property
-    def pixels(self) -> float:
+    def pixel_count(self) -> float:
         """How many held-out pixels judge."""
-        return self.comparison.count
+        return self.comparison.pixel_count
 
 
-NOTHING = Trial((), {}, float("inf"))
+NOTHING = CandidateFit((), {}, float("inf"))
 
-Named = TypeVar("Named", Trial, Judged)
+HasCauses = TypeVar("HasCauses", CandidateFit, HeldOutScore)
 
 
-def judge(bench: Bench, trials: Sequence[Trial]) -> Selection:
+def rank_on_held_out(context: SearchContext, fits: Sequence[CandidateFit]) -> SearchResult:
     """All trials on the held-out captures, with weights frozen at the prediction of the best of them.
 
     Weights at a wrong prediction favour what is wrong alike. So as long as the best is far off, the order is by weights
     that forgive as much as that.
     """
-    indices = bench.split.held_out
-    rough = bench.coarse_comparison(indices, 1.0)
-    first = min([NOTHING, *trials], key=lambda t: cost_of(rough, t.values))
-    forgiving = bench.coarse_comparison(indices, min(mismatch(bench, first.values, indices), 1.0))
-    first = min([NOTHING, *trials], key=lambda t: cost_of(forgiving, t.values))
-    comparison = bench.judged_by(indices, first.values)
-    found = [judged(t, comparison, forgiving) for t in trials]
-    near = min((j.chi2 for j in found), default=np.inf) < NEARLY
-    ordered = sorted(found, key=lambda j: j.chi2 if near else j.rank)
-    candidates = distinct(_simpler_first(ordered, comparison.count) if near else ordered)
-    return Selection(judged(NOTHING, comparison, forgiving), tuple(candidates), comparison, forgiving)
+    indices = context.split.held_out
+    rough = context.data_weighted_comparison(indices, 1.0)
+    first = min([NOTHING, *fits], key=lambda t: cost_or_inf(rough, t.values))
+    forgiving = context.data_weighted_comparison(
+        indices, min(relative_model_error(context, first.values, indices), 1.0)
+    )
+    first = min([NOTHING, *fits], key=lambda t: cost_or_inf(forgiving, t.values))
+    comparison = context.model_weighted_comparison(indices, first.values)
+    found = [score_on_held_out(t, comparison, forgiving) for t in fits]
+    near = min((j.chi2_per_pixel for j in found), default=np.inf) < NEARLY
+    ordered = sorted(found, key=lambda j: j.chi2_per_pixel if near else j.tolerant_chi2)
+    candidates = first_per_cause_set(_simpler_first(ordered, comparison.pixel_count) if near else ordered)
+    return SearchResult(score_on_held_out(NOTHING, comparison, forgiving), tuple(candidates), comparison, forgiving)
 
 
-def judged(trial: Trial, comparison: Comparison, forgiving: Comparison) -> Judged:
+def score_on_held_out(fit: CandidateFit, comparison: Comparison, tolerant_comparison: Comparison) -> HeldOutScore:
     """One trial by weights that a selection froze."""
-    squares = comparison.fit(trial.values).squares
-    per_capture = squares / np.maximum(comparison.pixels, 1.0)
-    rank = cost_of(forgiving, trial.values) / forgiving.count
-    return Judged(trial, float(squares.sum() / comparison.count), tuple(float(c) for c in per_capture), rank)
+    squares = comparison.fit_gains(fit.values).squares
+    per_capture = squares / np.maximum(comparison.pixels_per_capture, 1.0)
+    rank = cost_or_inf(tolerant_comparison, fit.values) / tolerant_comparison.pixel_count
+    return HeldOutScore(fit, float(squares.sum() / comparison.pixel_count), tuple(float(c) for c in per_capture), rank)
 
 
-def distinct(items: Sequence[Named]) -> list[Named]:
+def first_per_cause_set(items: Sequence[HasCauses]) -> list[HasCauses]:
     """The first of each set of causes."""
-    seen: dict[frozenset[str], Named] = {}
+    seen: dict[frozenset[str], HasCauses] = {}
     for one in items:
         seen.setdefault(frozenset(one.causes), one)
     return list(seen.values())
 
 
-def _simpler_first(found: Sequence[Judged], pixels: float) -> list[Judged]:
+def _simpler_first(found: Sequence[HeldOutScore], pixels: float) -> list[HeldOutScore]:
     """Sorted by χ²; of the leaders, those within 0.02 + 0.02·excess and noise of the best, fewer numbers come first."""
     if not found:
         return []
     best = found[0]
     excess = max(best.excess, 0.0)
-    limit = best.chi2 + 0.02 * excess + min(0.02, 0.1 * excess) + ALARM / pixels
-    leaders = [j for j in found if j.chi2 <= limit]
-    rest = [j for j in found if j.chi2 > limit]
-    return sorted(leaders, key=lambda j: (len(j.causes), j.trial.free, j.chi2)) + rest
+    limit = best.chi2_per_pixel + 0.02 * excess + min(0.02, 0.1 * excess) + ALARM / pixels
+    leaders = [j for j in found if j.chi2_per_pixel <= limit]
+    rest = [j for j in found if j.chi2_per_pixel > limit]
+    return sorted(leaders, key=lambda j: (len(j.causes), j.fit.parameter_count, j.chi2_per_pixel)) + rest

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
-Residuals = NDArray[np.float32]
-Function = Callable[[Vector], Residuals]
+ResidualVector = NDArray[np.float32]
+ResidualFunction = Callable[[Vector], ResidualVector]
 
 _GOLDEN = (5**0.5 - 1) / 2
 _FIRST_DAMPING, _MOST_TRIES = 1e-3, 5
@@ -21,22 +21,22 @@ _BISECTIONS = 6
 
 
 @dataclass(frozen=True)
-class Bounds:
+class SearchDomain:
     """Where to look: lower ≤ x ≤ upper; `step` of the forward differences, of |x| too beyond 1 where `grows`."""
 
     lower: Vector
     upper: Vector
     step: Vector
-    grows: NDArray[np.bool_] | None = None
+    relative_step: NDArray[np.bool_] | None = None
 
     def step_at(self, x: Vector, axis: int) -> float:
         """The step of one axis, away from the nearer bound."""
         step = float(self.step[axis])
-        if self.grows is not None and self.grows[axis]:
+        if self.relative_step is not None and self.relative_step[axis]:
             step *= max(1.0, abs(float(x[axis])))
         return step if x[axis] + step <= self.upper[axis] else -step
 
-    def stretched(self, factor: float) -> Bounds:
+    def with_longer_steps(self, factor: float) -> SearchDomain:
         """The same with steps longer by a factor."""
         return replace(self, step=factor * self.step)
 
@@ -51,11 +51,13 @@ class Minimum:
 
     x: Vector
     cost: float
-    residual: Residuals
+    residual: ResidualVector
     evaluations: int
 
 
-def jacobian(function: Function, x: Vector, residual: Residuals, bounds: Bounds) -> NDArray[np.float32]:
+def jacobian(
+    function: ResidualFunction, x: Vector, residual: ResidualVector, bounds: SearchDomain
+) -> NDArray[np.float32]:
     """Slopes (parameter, residual) by one-sided differences, away from the nearer bound."""
     columns = np.empty((len(x), residual.size), dtype=np.float32)
     for i in range(len(x)):
@@ -67,12 +69,12 @@ def jacobian(function: Function, x: Vector, residual: Residuals, bounds: Bounds)
 
 
 def levenberg_marquardt(
-    function: Function, start: Vector, bounds: Bounds, *, iterations: int = 6, tolerance: float = 2e-3
+    function: ResidualFunction, start: Vector, bounds: SearchDomain, *, iterations: int = 6, tolerance: float = 2e-3
 ) -> Minimum:
     """Least squares from `start`; ends when an iteration gains less than `tolerance` of the cost."""
     x = bounds.clip(np.asarray(start, dtype=np.float64))
     residual = function(x)
-    cost, evaluations, damping = cost_of_residual(residual), 1, _FIRST_DAMPING
+    cost, evaluations, damping = sum_of_squares(residual), 1, _FIRST_DAMPING
     for _ in range(iterations):
         slopes = jacobian(function, x, residual, bounds)
         evaluations += len(x)
@@ -84,7 +86,7 @@ def levenberg_marquardt(
                 return Minimum(x, cost, residual, evaluations)
             moved = function(trial)
             evaluations += 1
-            if (lower := cost_of_residual(moved)) < cost:
+            if (lower := sum_of_squares(moved)) < cost:
                 break
             damping *= 10.0
         else:
@@ -97,11 +99,17 @@ def levenberg_marquardt(
 
 
 def golden_section(
-    function: Function, start: Vector, bounds: Bounds, axis: int, width: float, *, evaluations: int = 14
+    function: ResidualFunction,
+    start: Vector,
+    bounds: SearchDomain,
+    axis: int,
+    half_width: float,
+    *,
+    evaluations: int = 14,
 ) -> Minimum:
     """The least cost along one axis within `width` of the start, for parameters whose residuals jump."""
-    low, high = max(bounds.lower[axis], start[axis] - width), min(bounds.upper[axis], start[axis] + width)
-    at = _on_axis(function, start, axis)
+    low, high = max(bounds.lower[axis], start[axis] - half_width), min(bounds.upper[axis], start[axis] + half_width)
+    at = _axis_evaluator(function, start, axis)
     best = at(float(start[axis]))
     left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
     at_left, at_right = at(left), at(right)
@@ -119,14 +127,16 @@ def golden_section(
     return Minimum(best.x, best.cost, best.residual, evaluations)
 
 
-def along_axis(function: Function, start: Vector, bounds: Bounds, axis: int, distances: Vector) -> Minimum:
+def axis_scan(function: ResidualFunction, start: Vector, bounds: SearchDomain, axis: int, offsets: Vector) -> Minimum:
     """The least cost at points at these distances from the start along one axis, inside the bounds."""
-    at = _on_axis(function, start, axis)
-    values = np.clip(start[axis] + distances, bounds.lower[axis], bounds.upper[axis])
+    at = _axis_evaluator(function, start, axis)
+    values = np.clip(start[axis] + offsets, bounds.lower[axis], bounds.upper[axis])
     return min((at(float(value)) for value in values), key=lambda m: m.cost)
 
 
-def profile_width(function: Function, at: Minimum, axis: int, bounds: Bounds, rise: float) -> float:
+def profile_half_width(
+    function: ResidualFunction, at: Minimum, axis: int, bounds: SearchDomain, delta_cost: float
+) -> float:
     """How far an axis may move either way before the cost has risen by `rise`: half a confidence interval."""
     widest = 0.0
     for sign in (-1.0, 1.0):
@@ -135,7 +145,7 @@ def profile_width(function: Function, at: Minimum, axis: int, bounds: Bounds, ri
         def risen(distance: float, sign: float = sign) -> bool:
             x = at.x.copy()
             x[axis] += sign * distance
-            return not cost_of_residual(function(bounds.clip(x))) < at.cost + rise
+            return not sum_of_squares(function(bounds.clip(x))) < at.cost + delta_cost
 
         while not risen(high) and high < 8 * bounds.step[axis]:
             low, high = high, 2 * high
@@ -146,7 +156,7 @@ def profile_width(function: Function, at: Minimum, axis: int, bounds: Bounds, ri
     return widest
 
 
-def _step(normal: NDArray[np.float64], gradient: Vector, damping: float, x: Vector, bounds: Bounds) -> Vector:
+def _step(normal: NDArray[np.float64], gradient: Vector, damping: float, x: Vector, bounds: SearchDomain) -> Vector:
     """The damped step; parameters that are held back by a bound stay, the others are solved for without them."""
     free = ~(((x <= bounds.lower) & (gradient > 0)) | ((x >= bounds.upper) & (gradient < 0)))
     scale = np.diag(normal)
@@ -159,25 +169,29 @@ def _step(normal: NDArray[np.float64], gradient: Vector, damping: float, x: Vect
     return step
 
 
-def _on_axis(function: Function, start: Vector, axis: int) -> Callable[[float], Minimum]:
+def _axis_evaluator(function: ResidualFunction, start: Vector, axis: int) -> Callable[[float], Minimum]:
     """What a value of one axis gives, the others as at the start."""
 
     def at(value: float) -> Minimum:
         x = np.array(start, dtype=np.float64)
         x[axis] = value
         residual = function(x)
-        return Minimum(x, cost_of_residual(residual), residual, 1)
+        return Minimum(x, sum_of_squares(residual), residual, 1)
 
     return at
 
 
-def cost_of_residual(residual: Residuals) -> float:
+def sum_of_squares(residual: ResidualVector) -> float:
     """Σ residual²."""
     flat = residual.ravel()
-    return float(np.einsum("i,i->", flat, flat, dtype=np.float64)) if flat.size < 65536 else float(_blocked(flat))
+    return (
+        float(np.einsum("i,i->", flat, flat, dtype=np.float64))
+        if flat.size < 65536
+        else float(_blocked_sum_of_squares(flat))
+    )
 
 
-def _blocked(flat: Residuals) -> float:
+def _blocked_sum_of_squares(flat: ResidualVector) -> float:
     """Σ x² in float64 over float32 partial sums: BLAS is fast, and its rounding would hide small gains in long sums."""
     whole = flat.size // 4096 * 4096
     blocks = flat[:whole].reshape(-1, 4096)

@@ -19,7 +19,7 @@ _LEAST_FOR_STUCK = 4  # captures
 
 
 @dataclass(frozen=True)
-class Measured:
+class PreparedCaptures:
     """light (capture, y, x): counts above the nominal black level. usable (capture, y, x): trusted pixels."""
 
     captures: Captures
@@ -32,7 +32,7 @@ class Measured:
         return self.captures.camera
 
 
-def measured(captures: Captures) -> Measured:
+def prepare_captures(captures: Captures) -> PreparedCaptures:
     """Black subtracted; borders, saturated pixels and pixels that never change left out.
 
     A saturated pixel tells only "at least so much". Its neighbours in the picture stay: charge doesn't spill over in
@@ -41,11 +41,11 @@ def measured(captures: Captures) -> Measured:
     camera = captures.camera
     light = captures.images.astype(np.float32) - np.float32(camera.black_level)
     usable = captures.images < camera.saturation
-    usable &= _inner(captures.shape) & ~stuck_pixels(captures.images)
-    return Measured(captures, light, usable)
+    usable &= _border_mask(captures.shape) & ~stuck_pixel_mask(captures.images)
+    return PreparedCaptures(captures, light, usable)
 
 
-def stuck_pixels(images: NDArray[np.uint16]) -> Masks:
+def stuck_pixel_mask(images: NDArray[np.uint16]) -> Masks:
     """Pixels (y, x) that hardly vary over the captures although those around them do: dead, hot or stuck ones."""
     if len(images) < _LEAST_FOR_STUCK:
         return np.zeros(images.shape[1:], dtype=bool)
@@ -53,7 +53,7 @@ def stuck_pixels(images: NDArray[np.uint16]) -> Masks:
     return variance < _STUCK * median_filter(variance, size=5, mode="nearest")
 
 
-def _inner(shape: tuple[int, int]) -> Masks:
+def _border_mask(shape: tuple[int, int]) -> Masks:
     """True away from the border; of small pictures at least the middle half is kept."""
     inner = np.zeros(shape, dtype=bool)
     y, x = (min(BORDER, n // 4) for n in shape)

@@ -12,40 +12,40 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from holoview.captures.session import Camera
-from holoview.diagnose.measured import Images, Measured
+from holoview.diagnose.measured import Images, PreparedCaptures
 
 
 def model_variance(camera: Camera, expected: Images) -> Images:
     """Variance (counts²) of an expected signal in counts above black: shot noise, read noise, quantisation."""
-    return camera.variance(expected).astype(np.float32)
+    return camera.noise_variance(expected).astype(np.float32)
 
 
-def blind_variance(measured: Measured, indices: NDArray[np.intp]) -> Images:
+def neighbour_variance(data: PreparedCaptures, indices: NDArray[np.intp]) -> Images:
     """Variance (counts²) without a model, (capture, y, x): the mean of a pixel's eight neighbours stands for its
     signal.
 
     The pixel itself is left out. If its own noise set its weight, low readings would weigh more than high ones, which
     looks like a black level that is too low.
     """
-    light = measured.light[indices]
+    light = data.light[indices]
     around = (uniform_filter(light, size=(0, 3, 3), mode="nearest") * np.float32(9.0) - light) / np.float32(8.0)
-    return measured.camera.variance(around).astype(np.float32)
+    return data.camera.noise_variance(around).astype(np.float32)
 
 
-def with_mismatch(variance: Images, light: Images, share: float) -> Images:
+def add_model_error(variance: Images, light: Images, relative_model_error: float) -> Images:
     """Variance of a model that is still off by `share` of each picture's mean light: coarse fits before fine ones."""
     mean = light.mean(axis=(1, 2), keepdims=True, dtype=np.float64)
-    return variance + np.square(share * mean).astype(np.float32)
+    return variance + np.square(relative_model_error * mean).astype(np.float32)
 
 
-def fixed_pattern(residuals: list[Images], expected: list[Images], usable: list[NDArray[np.bool_]]) -> float:
+def estimate_prnu(residuals: list[Images], expected: list[Images], usable: list[NDArray[np.bool_]]) -> float:
     """Share (1 σ) by which pixels differ in sensitivity, from two disjoint sets of captures; 0 where they don't.
 
     residuals, expected, usable: for each set (capture, y, x) counts. For each set the gain of every pixel against the
     model is regressed and its smooth part removed; only what both sets agree on is the camera's own pattern. A wrong
     model errs differently in each capture and drops out.
     """
-    maps = [_fine_gain(*parts) for parts in zip(residuals, expected, usable, strict=True)]
+    maps = [_high_pass_gain(*parts) for parts in zip(residuals, expected, usable, strict=True)]
     known = np.isfinite(maps[0]) & np.isfinite(maps[1])
     if known.sum() < 100:
         return 0.0
@@ -55,7 +55,7 @@ def fixed_pattern(residuals: list[Images], expected: list[Images], usable: list[
     return float(np.sqrt(covariance / (1 - 1 / 9))) if covariance > doubt else 0.0
 
 
-def _fine_gain(residual: Images, expected: Images, usable: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _high_pass_gain(residual: Images, expected: Images, usable: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Relative gain of each pixel beyond its surroundings; NaN where too little light fell."""
     e = np.where(usable, expected, 0.0).astype(np.float64)
     power = np.square(e).sum(axis=0)

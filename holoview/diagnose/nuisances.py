@@ -10,12 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from holoview.diagnose.bench import Bench
-from holoview.diagnose.decide import Decision, Verdict, quiet
-from holoview.diagnose.drift import DRIFTING, drift
-from holoview.diagnose.judge import Selection
-from holoview.diagnose.noise import fixed_pattern
-from holoview.diagnose.unknowns import Found
+from holoview.diagnose.bench import SearchContext
+from holoview.diagnose.decide import Decision, Verdict, jitter_excess
+from holoview.diagnose.drift import DRIFTING, estimate_laser_drift
+from holoview.diagnose.judge import SearchResult
+from holoview.diagnose.noise import estimate_prnu
+from holoview.diagnose.unknowns import FittedValues
 
 _PATTERN_BELOW = 3.0  # χ²/n up to which residuals tell the pixels' own sensitivity from errors of the model
 _MOST_PATTERN = 0.1
@@ -23,48 +23,52 @@ _LEAST_PATTERN = 0.005  # of χ²/n: less is as good as none
 _SHAKEN = 0.5  # of the excess: movements that explain so much are real, those that a wrong model feigns explain little
 
 
-def with_nuisances(bench: Bench, values: Found) -> Bench:
+def detect_nuisances(context: SearchContext, values: FittedValues) -> SearchContext:
     """The bench with a shaking camera and unequal pixels, where a model with these values shows them."""
-    return _with_pattern(_with_shaking(bench, values), values)
+    return _detect_prnu(_detect_camera_jitter(context, values), values)
 
 
-def forgiving(bench: Bench, selection: Selection, decision: Decision) -> tuple[Decision, list[str]]:
+def excuse_laser_drift(
+    context: SearchContext, selection: SearchResult, decision: Decision
+) -> tuple[Decision, list[str]]:
     """Consistent after all, where what drifts and shakes without direction accounts for what is left; with a note."""
     if decision.verdict is not Verdict.UNEXPLAINED:
         return decision, []
-    if DRIFTING not in bench.effects:
+    if DRIFTING not in context.effects:
         return decision, []
-    found = drift(selection.comparison, {})
-    if found.has_direction or found.chi2 - 1.0 > quiet(selection.pixels):
+    found = estimate_laser_drift(selection.comparison, {})
+    if found.is_systematic or found.chi2_per_pixel - 1.0 > jitter_excess(selection.pixel_count):
         return decision, []
     note = f"The wavelengths drift by {found.rms_m * 1e9:.2g} nm (r.m.s.) between captures; that explains what is left."
     return Decision(Verdict.CONSISTENT, None), [note]
 
 
-def _with_shaking(bench: Bench, values: Found) -> Bench:
+def _detect_camera_jitter(context: SearchContext, values: FittedValues) -> SearchContext:
     """The bench with a camera that moves from capture to capture, where that explains most of what is left."""
-    comparison = bench.judged_by(bench.split.held_out, values)
-    still = comparison.chi2(values) - 1.0
-    if bench.shaking or still < quiet(comparison.count) or len(bench.split.held_out) < 2:
-        return bench
-    shaking = replace(bench, shaking=True)
-    left = shaking.judged_by(bench.split.held_out, values).chi2(values) - 1.0
-    return shaking if left < _SHAKEN * still else bench
+    comparison = context.model_weighted_comparison(context.split.held_out, values)
+    still = comparison.chi2_per_pixel(values) - 1.0
+    if context.has_camera_jitter or still < jitter_excess(comparison.pixel_count) or len(context.split.held_out) < 2:
+        return context
+    shaking = replace(context, has_camera_jitter=True)
+    left = shaking.model_weighted_comparison(context.split.held_out, values).chi2_per_pixel(values) - 1.0
+    return shaking if left < _SHAKEN * still else context
 
 
-def _with_pattern(bench: Bench, values: Found) -> Bench:
+def _detect_prnu(context: SearchContext, values: FittedValues) -> SearchContext:
     """The bench with the camera's fixed pattern, where the residuals of two disjoint sets of captures show one."""
-    sets = [bench.split.fine, bench.split.held_out]
-    comparisons = [bench.judged_by(indices, values) for indices in sets]
-    if bench.fixed_pattern or max(c.chi2(values) for c in comparisons) > _PATTERN_BELOW:
-        return bench
+    sets = [context.split.fine, context.split.held_out]
+    comparisons = [context.model_weighted_comparison(indices, values) for indices in sets]
+    if context.prnu or max(c.chi2_per_pixel(values) for c in comparisons) > _PATTERN_BELOW:
+        return context
     residuals, expected, usable = [], [], []
     for comparison in comparisons:
-        fitted = comparison.fit(values)
+        fitted = comparison.fit_gains(values)
         seen = comparison.weight > 0
         residuals.append(np.where(seen, fitted.residual / np.where(seen, comparison.weight, 1.0), 0.0))
         expected.append(fitted.expected)
         usable.append(seen)
-    pattern = min(fixed_pattern(residuals, expected, usable), _MOST_PATTERN)
-    counts = [np.square(pattern * e * c.weight).sum() / c.count for e, c in zip(expected, comparisons, strict=True)]
-    return replace(bench, fixed_pattern=pattern) if max(counts) > _LEAST_PATTERN else bench
+    pattern = min(estimate_prnu(residuals, expected, usable), _MOST_PATTERN)
+    counts = [
+        np.square(pattern * e * c.weight).sum() / c.pixel_count for e, c in zip(expected, comparisons, strict=True)
+    ]
+    return replace(context, prnu=pattern) if max(counts) > _LEAST_PATTERN else context

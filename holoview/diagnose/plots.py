@@ -11,16 +11,16 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from holoview.diagnose.diagnosis import Diagnosis, Sample
-from holoview.diagnose.excess import Bin
-from holoview.units import short
+from holoview.diagnose.diagnosis import Diagnosis, SampleCapture
+from holoview.diagnose.excess import ExcessBin
+from holoview.units import format_rounded
 
 _BEFORE, _AFTER, _NOISE = "#c8553d", "#2f6f9f", "#888888"
 _SIGMAS = 5.0
 _DPI = 110
 
 
-def png(figure: Figure) -> bytes:
+def to_png(figure: Figure) -> bytes:
     """The figure as a PNG file."""
     buffer = io.BytesIO()
     FigureCanvasAgg(figure)
@@ -28,7 +28,7 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def residual_maps(samples: Sequence[Sample]) -> Figure:
+def residual_maps(samples: Sequence[SampleCapture]) -> Figure:
     """A row a capture: seen, predicted by the nominal and the extended model, and both residuals in σ."""
     heads = ("captured", "nominal model", "residual, nominal (σ)", "extended model", "residual, extended (σ)")
     rows, columns = samples[0].light.shape
@@ -47,22 +47,22 @@ def residual_maps(samples: Sequence[Sample]) -> Figure:
                 axis.imshow(picture, cmap="gray", vmin=0, vmax=brightest, interpolation="nearest")
             axis.set_xticks([])
             axis.set_yticks([])
-        line[0].set_ylabel(f"capture {sample.capture}\n{short(sample.wavelength_m, 'nm')}", fontsize=8)
+        line[0].set_ylabel(f"capture {sample.capture}\n{format_rounded(sample.wavelength_m, 'nm')}", fontsize=8)
     return figure
 
 
-def where_the_excess_lives(found: Diagnosis) -> Figure:
+def excess_bars(found: Diagnosis) -> Figure:
     """χ²/n by each property, before and after."""
     names = ("wavelength", "plane", "smoothness", "radius", "frequency", "brightness")
     figure = Figure(figsize=(13.5, 6), dpi=_DPI, layout="constrained")
     for axis, name in zip(figure.subplots(2, 3).ravel(), names, strict=True):
-        _paired_bars(axis, getattr(found.where_before, name), getattr(found.where_after, name))
+        _paired_bars(axis, getattr(found.excess_before, name), getattr(found.excess_after, name))
         axis.set_title(f"by {name}" if name != "frequency" else "by spatial frequency", fontsize=10)
     figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     return figure
 
 
-def held_out(found: Diagnosis) -> Figure:
+def held_out_psnr_bars(found: Diagnosis) -> Figure:
     """PSNR of held-out captures for each wavelength and plane, before and after."""
     figure = Figure(figsize=(max(4.0, 1.3 * len(found.groups) + 1.5), 3.2), dpi=_DPI, layout="constrained")
     axis = figure.subplots()
@@ -70,18 +70,18 @@ def held_out(found: Diagnosis) -> Figure:
     before, after = ([getattr(g, side).psnr_db for g in found.groups] for side in ("before", "after"))
     axis.bar(at - 0.2, before, 0.4, color=_BEFORE, label="nominal model")
     axis.bar(at + 0.2, after, 0.4, color=_AFTER, label="extended model")
-    labels = [f"{short(g.wavelength_m, 'nm')}\n{short(g.distance_m, 'mm')}" for g in found.groups]
+    labels = [f"{format_rounded(g.wavelength_m, 'nm')}\n{format_rounded(g.distance_m, 'mm')}" for g in found.groups]
     axis.set_xticks(at, labels, fontsize=8)
     axis.set_ylabel("PSNR, dB")
     figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=8)
     return figure
 
 
-def candidates(found: Diagnosis, most: int = 12) -> Figure:
+def candidate_excess_bars(found: Diagnosis, max_candidates: int = 12) -> Figure:
     """χ²/n − 1 on held-out captures of what was tried, on a logarithmic scale."""
-    shown = found.candidates[:most]
+    shown = found.candidates[:max_candidates]
     names = ["nominal model", *(" + ".join(c.causes) for c in shown)]
-    excess = [found.before.chi2 - 1, *(c.chi2 - 1 for c in shown)]
+    excess = [found.before.chi2_per_pixel - 1, *(c.chi2_per_pixel - 1 for c in shown)]
     figure = Figure(figsize=(8, 0.9 + 0.27 * len(names)), dpi=_DPI, layout="constrained")
     axis = figure.subplots()
     floor = 1e-3
@@ -100,13 +100,13 @@ def candidates(found: Diagnosis, most: int = 12) -> Figure:
     return figure
 
 
-def _paired_bars(axis: Axes, before: Sequence[Bin], after: Sequence[Bin]) -> None:
+def _paired_bars(axis: Axes, before: Sequence[ExcessBin], after: Sequence[ExcessBin]) -> None:
     at = np.arange(len(before))
-    axis.bar(at - 0.2, [b.chi2 for b in before], 0.4, color=_BEFORE, label="nominal model")
-    axis.bar(at + 0.2, [b.chi2 for b in after], 0.4, color=_AFTER, label="extended model")
+    axis.bar(at - 0.2, [b.chi2_per_pixel for b in before], 0.4, color=_BEFORE, label="nominal model")
+    axis.bar(at + 0.2, [b.chi2_per_pixel for b in after], 0.4, color=_AFTER, label="extended model")
     axis.axhline(1.0, color=_NOISE, linewidth=1, linestyle="--", label="noise alone")
     axis.set_xticks(at, [_wrapped(b.name) for b in before], fontsize=7)
-    if max(b.chi2 for b in before) > 10:
+    if max(b.chi2_per_pixel for b in before) > 10:
         axis.set_yscale("log")
     axis.set_ylabel("χ²/n", fontsize=8)
     axis.tick_params(axis="y", labelsize=7)

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from holoview.captures.session import Captures
 from holoview.diagnose.uncertainty import Interval
-from holoview.diagnose.unknowns import Found, unknowns
+from holoview.diagnose.unknowns import FittedValues, free_parameters_of
 from holoview.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
 
 Floats = NDArray[np.float64]
@@ -26,39 +26,41 @@ _MOST_RISK = 1.96
 
 
 @dataclass(frozen=True)
-class PowerLaw:
+class PowerLawFit:
     """An effect of the laser's power that the gains show: values, intervals, spread of log gain before and after."""
 
     effect: str
-    values: Found
+    values: FittedValues
     intervals: dict[tuple[str, str], Interval]
-    before: float
-    after: float
+    spread_before: float
+    spread_after: float
 
 
 def gain_spread(captures: Captures, gain: Floats) -> float:
     """R.m.s. of the gains about those of their wavelength, relative."""
-    return float(np.std(centred(captures, np.log(np.maximum(gain, 1e-300)))))
+    return float(np.std(centre_per_wavelength(captures, np.log(np.maximum(gain, 1e-300)))))
 
 
-def only_power(effect: Effect) -> bool:
+def changes_only_power(effect: Effect) -> bool:
     """Whether an effect changes the laser's power and nothing that a picture's shape would show."""
     others = (*BENCH_HOOKS, *MODULATOR_HOOKS, *CAMERA_HOOKS, "pupil")
-    return effect.changes("power") and not any(effect.changes(hook) for hook in others if hook != "power")
+    return effect.overrides("laser_power") and not any(
+        effect.overrides(hook) for hook in others if hook != "laser_power"
+    )
 
 
-def power_law(effect: Effect, captures: Captures, gain: Floats) -> PowerLaw | None:
+def fit_power_law(effect: Effect, captures: Captures, gain: Floats) -> PowerLawFit | None:
     """The law's parameters where it explains the gains' spread, else None. Gains are those of the nominal law."""
-    log_gain = centred(captures, np.log(np.maximum(gain, 1e-300)))
-    free = unknowns([effect], fine=True)
+    log_gain = centre_per_wavelength(captures, np.log(np.maximum(gain, 1e-300)))
+    free = free_parameters_of([effect], include_fine=True)
     spread = float(np.std(log_gain))
     if spread < _LEAST_SPREAD or len(free) == 0 or len(captures) < len(captures.wavelengths_m) + len(free) + 2:
         return None
 
     def residual(x: Floats) -> Floats:
-        emitted = effect.power(captures.power, effect.values(free.unpack(x)[effect.id]))
+        emitted = effect.laser_power(captures.power, effect.parameter_values(free.unpack(x)[effect.id]))
         law = np.log(np.maximum(emitted, 1e-300) / captures.power)
-        return np.asarray(log_gain - centred(captures, law), dtype=np.float64)
+        return np.asarray(log_gain - centre_per_wavelength(captures, law), dtype=np.float64)
 
     bounds, start = free.bounds(), free.pack({})
     found = least_squares(residual, start, bounds=(bounds.lower, bounds.upper), x_scale=1.0)
@@ -67,7 +69,7 @@ def power_law(effect: Effect, captures: Captures, gain: Floats) -> PowerLaw | No
         return None
     freedom = len(captures) - len(captures.wavelengths_m) - len(free)
     covariance = np.linalg.pinv(found.jac.T @ found.jac) * np.square(found.fun).sum() / freedom
-    sigma = np.sqrt(np.diag(covariance)) * np.abs(free.values_per_unit(found.x))
+    sigma = np.sqrt(np.diag(covariance)) * np.abs(free.value_derivatives(found.x))
     values = free.unpack(found.x)
     own = values[effect.id]
     intervals = {
@@ -75,10 +77,10 @@ def power_law(effect: Effect, captures: Captures, gain: Floats) -> PowerLaw | No
         for (e, p), s in zip(free.entries, sigma, strict=True)
     }
     significant = any(abs(own[p.name] - p.identity) > _SIGMAS * intervals[e, p.name].sigma for e, p in free.entries)
-    return PowerLaw(effect.id, values, intervals, spread, left) if significant else None
+    return PowerLawFit(effect.id, values, intervals, spread, left) if significant else None
 
 
-def centred(captures: Captures, values: Floats) -> Floats:
+def centre_per_wavelength(captures: Captures, values: Floats) -> Floats:
     """Values less the mean of their wavelength."""
     result = np.array(values, dtype=np.float64)
     for wavelength in captures.wavelengths_m:

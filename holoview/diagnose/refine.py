@@ -8,52 +8,60 @@ from functools import partial
 
 import numpy as np
 
-from holoview.diagnose.bench import Bench
-from holoview.diagnose.screen import mismatch
-from holoview.diagnose.search import Trial, cost_of, lengthened, local_fit, looked_along, sharpened, simplified
+from holoview.diagnose.bench import SearchContext
+from holoview.diagnose.screen import relative_model_error
+from holoview.diagnose.search import (
+    CandidateFit,
+    cost_or_inf,
+    drop_negligible_values,
+    local_fit,
+    refine_hard_edges,
+    refit_with_longer_steps,
+    search_along_axes,
+)
 
 _FAR = 0.15  # r.m.s. residual over mean light; beyond, weights of the noise alone lead nowhere
 _BETTER = 0.95  # cost that is worth refining the same causes again
 
 
-def refined(bench: Bench, trial: Trial, *, fine: bool = False) -> Trial:
+def refine_fit(context: SearchContext, fit: CandidateFit, *, include_fine: bool = False) -> CandidateFit:
     """A joint fit of all causes of a trial on the fine captures: forgiving weights first, then the noise alone."""
-    effects = [bench.effects[name] for name in trial.causes]
-    indices = bench.split.fine
-    off_by = mismatch(bench, trial.values)
-    values = trial.values
+    effects = [context.effects[name] for name in fit.causes]
+    indices = context.split.fine
+    off_by = relative_model_error(context, fit.values)
+    values = fit.values
     if off_by > 0.02:
-        forgiving = bench.coarse_comparison(indices, min(0.5, 0.5 * off_by))
-        found = local_fit(effects, values, forgiving, fine=fine)
+        forgiving = context.data_weighted_comparison(indices, min(0.5, 0.5 * off_by))
+        found = local_fit(effects, values, forgiving, include_fine=include_fine)
         values = found.values
-        if mismatch(bench, values) > _FAR:
+        if relative_model_error(context, values) > _FAR:
             return found
-    comparison = bench.judged_by(indices, values)
-    found = local_fit(effects, values, comparison, iterations=5, tolerance=1e-4, fine=fine)
-    for improved in (lengthened, sharpened, simplified):
+    comparison = context.model_weighted_comparison(indices, values)
+    found = local_fit(effects, values, comparison, iterations=5, tolerance=1e-4, include_fine=include_fine)
+    for improved in (refit_with_longer_steps, refine_hard_edges, drop_negligible_values):
         found = improved(effects, found, comparison)
     return found
 
 
-def searched_along(bench: Bench, trial: Trial) -> Trial:
+def refine_along_axes(context: SearchContext, fit: CandidateFit) -> CandidateFit:
     """A refined trial on rougher captures, which show what is left: fitted, and looked for along its axes."""
-    effects = [bench.effects[name] for name in trial.causes]
-    comparison = bench.judged_by(bench.split.rough, trial.values)
-    fitted = local_fit(effects, trial.values, comparison, iterations=3, tolerance=1e-4)
-    best = min(replace(trial, cost=cost_of(comparison, trial.values)), fitted, key=lambda t: t.cost)
-    return looked_along(effects, best, comparison)
+    effects = [context.effects[name] for name in fit.causes]
+    comparison = context.model_weighted_comparison(context.split.rough, fit.values)
+    fitted = local_fit(effects, fit.values, comparison, iterations=3, tolerance=1e-4)
+    best = min(replace(fit, cost=cost_or_inf(comparison, fit.values)), fitted, key=lambda t: t.cost)
+    return search_along_axes(effects, best, comparison)
 
 
-class Refined:
+class RefinementQueue:
     """What was refined so far. Nothing is refined twice unless a later stage of the screen found better values."""
 
-    def __init__(self, bench: Bench) -> None:
-        self.trials: list[Trial] = []
-        self._bench, self._begun = bench, dict[tuple[str, ...], float]()
+    def __init__(self, context: SearchContext) -> None:
+        self.fits: list[CandidateFit] = []
+        self._bench, self._start_costs = context, dict[tuple[str, ...], float]()
 
-    def add(self, trials: Sequence[Trial]) -> bool:
+    def refine_new(self, fits: Sequence[CandidateFit]) -> bool:
         """Refines what is new of these; whether there was something."""
-        fresh = [t for t in trials if t.cost < _BETTER * self._begun.get(t.causes, np.inf)]
-        self._begun |= {t.causes: t.cost for t in fresh}
-        self.trials += self._bench.side_by_side([partial(refined, self._bench, t) for t in fresh])
+        fresh = [t for t in fits if t.cost < _BETTER * self._start_costs.get(t.causes, np.inf)]
+        self._start_costs |= {t.causes: t.cost for t in fresh}
+        self.fits += self._bench.run_parallel([partial(refine_fit, self._bench, t) for t in fresh])
         return bool(fresh)

@@ -10,10 +10,10 @@ from pathlib import Path
 from holoview.diagnose import plots
 from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.display import DisplayGain
-from holoview.diagnose.words import in_words
-from holoview.files import replacing
+from holoview.diagnose.words import format_value
+from holoview.files import atomic_write
 
-Progress = Callable[[int, int, str], None]
+ProgressCallback = Callable[[int, int, str], None]
 
 _MEANS = {
     "consistent": "Nothing is wrong beyond the noise.",
@@ -32,30 +32,34 @@ td.n, th.n { text-align: right; font-variant-numeric: tabular-nums }
 
 
 def write_report(
-    folder: Path, title: str, found: Diagnosis, gain: DisplayGain | None = None, report: Progress | None = None
+    folder: Path,
+    title: str,
+    diagnosis: Diagnosis,
+    gain: DisplayGain | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Path:
     """Writes report.html and its PNG files into the folder; the path of the HTML file."""
     pictures = {
-        "residuals": plots.residual_maps(found.samples),
-        "excess": plots.where_the_excess_lives(found),
-        "held-out": plots.held_out(found),
-        "candidates": plots.candidates(found),
+        "residuals": plots.residual_maps(diagnosis.samples),
+        "excess": plots.excess_bars(diagnosis),
+        "held-out": plots.held_out_psnr_bars(diagnosis),
+        "candidates": plots.candidate_excess_bars(diagnosis),
     }
     encoded = {}
     for number, (name, figure) in enumerate(pictures.items()):
-        encoded[name] = plots.png(figure)
-        if report is not None:
-            report(number + 1, len(pictures) + 1, name)
+        encoded[name] = plots.to_png(figure)
+        if progress is not None:
+            progress(number + 1, len(pictures) + 1, name)
     if gain is not None:
         encoded["display"] = gain.sheet
     for name, data in encoded.items():
-        with replacing(folder / f"{name}.png") as temporary:
+        with atomic_write(folder / f"{name}.png") as temporary:
             temporary.write_bytes(data)
     path = folder / "report.html"
-    with replacing(path) as temporary:
-        temporary.write_text(_page(title, found, encoded, gain), encoding="utf-8")
-    if report is not None:
-        report(len(pictures) + 1, len(pictures) + 1, "report.html")
+    with atomic_write(path) as temporary:
+        temporary.write_text(_page(title, diagnosis, encoded, gain), encoding="utf-8")
+    if progress is not None:
+        progress(len(pictures) + 1, len(pictures) + 1, "report.html")
     return path
 
 
@@ -65,9 +69,9 @@ def _page(title: str, found: Diagnosis, pictures: dict[str, bytes], gain: Displa
         f"<h1>Diagnosis of {escape(title)}</h1>",
         f'<p class="verdict">{escape(found.verdict)}</p><p>{_MEANS[found.verdict]}</p>',
         "<p>On captures that no fit has seen: χ²/n "
-        f"{before.chi2:.4g} → <b>{after.chi2:.4g}</b> (the noise alone gives 1), PSNR {before.psnr_db:.1f} → "
-        f"<b>{after.psnr_db:.1f} dB</b>, share of the signal explained {found.signal_explained[0]:.2%} → "
-        f"<b>{found.signal_explained[1]:.3%}</b>.</p>",
+        f"{before.chi2_per_pixel:.4g} → <b>{after.chi2_per_pixel:.4g}</b> (the noise alone gives 1), "
+        f"PSNR {before.psnr_db:.1f} → <b>{after.psnr_db:.1f} dB</b>, "
+        f"share of the signal explained {found.signal_explained[0]:.2%} → <b>{found.signal_explained[1]:.3%}</b>.</p>",
         *(_cause(cause) for cause in found.causes),
         _rivals(found),
         _lives_in(found),
@@ -87,7 +91,7 @@ def _page(title: str, found: Diagnosis, pictures: dict[str, bytes], gain: Displa
 
 def _cause(cause: Cause) -> str:
     rows = "".join(
-        f'<tr><td>{escape(name)}</td><td class="n">{escape(in_words(cause.effect, name, i))}</td></tr>'
+        f'<tr><td>{escape(name)}</td><td class="n">{escape(format_value(cause.effect, name, i))}</td></tr>'
         for name, i in cause.intervals.items()
     )
     looks = ", ".join(f"{escape(name)} ({value:.2f})" for name, value in cause.confounded_with.items())

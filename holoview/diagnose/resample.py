@@ -16,17 +16,17 @@ _SLOPE_REACH, _SLOPE_BAND = 8, 0.8  # taps each side; of Nyquist, up to which sl
 _TAPS = np.arange(-_REACH, _REACH + 1, dtype=np.float64)
 
 
-def moved(images: Images, shift: Floats) -> Images:
+def shift_images(images: Images, shift: Floats) -> Images:
     """Pictures (capture, y, x), each moved by its (y, x) pixels; edges go on outwards."""
     result = np.empty_like(images)
     for image, (y, x), out in zip(images, shift, result, strict=True):
-        out[...] = _along_both(image, _sinc(float(y)), _sinc(float(x)))
+        out[...] = _along_both(image, _sinc_kernel(float(y)), _sinc_kernel(float(x)))
     return result
 
 
-def gradient(images: Images) -> tuple[Images, Images]:
+def image_gradient(images: Images) -> tuple[Images, Images]:
     """∂/∂y and ∂/∂x per pixel."""
-    kernel = _slope()
+    kernel = _gradient_kernel()
     return tuple(convolve1d(images, kernel, axis=axis, mode="nearest") for axis in (1, 2))
 
 
@@ -34,13 +34,13 @@ def _along_both(image: NDArray[np.float32], y: Floats, x: Floats) -> NDArray[np.
     return np.asarray(convolve1d(convolve1d(image, y, axis=0, mode="nearest"), x, axis=1, mode="nearest"))
 
 
-def _sinc(shift: float) -> Floats:
+def _sinc_kernel(shift: float) -> Floats:
     kernel = np.sinc(_TAPS - shift) * _window(_TAPS - shift)
     return np.asarray(kernel / kernel.sum())
 
 
 @cache
-def _slope() -> Floats:
+def _gradient_kernel() -> Floats:
     """An odd kernel whose response Σ 2cₙ sin(ωn) is nearest to ω, in least squares of the relative error."""
     n = np.arange(1, _SLOPE_REACH + 1)
     frequency = np.linspace(1e-3, _SLOPE_BAND, 50 * _SLOPE_REACH) * np.pi

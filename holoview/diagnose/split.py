@@ -20,7 +20,7 @@ _MOST_COARSE, _MOST_FINE, _MOST_ROUGH, _MOST_HELD_OUT = 6, 12, 18, 16  # so that
 
 
 @dataclass(frozen=True)
-class Split:
+class CaptureSplit:
     """coarse: the smoothest of each wavelength. fine: these and rougher ones. rough: these and the roughest that are
     left. held_out: disjoint from all."""
 
@@ -30,7 +30,7 @@ class Split:
     held_out: Indices
 
 
-def roughness(captures: Captures) -> NDArray[np.float64]:
+def pattern_roughness(captures: Captures) -> NDArray[np.float64]:
     """Mean squared difference of neighbouring pixels for each capture, in (strokes)², mean of the modulators."""
     result = np.empty(len(captures))
     for capture in range(len(captures)):
@@ -39,25 +39,25 @@ def roughness(captures: Captures) -> NDArray[np.float64]:
     return result
 
 
-def split(captures: Captures, rough: NDArray[np.float64]) -> Split:
+def split_captures(captures: Captures, roughness: NDArray[np.float64]) -> CaptureSplit:
     """The captures to search, fit and judge on; in each, wavelengths take turns and then planes.
 
     Half of the captures of a wavelength at most are held out; with one capture a wavelength some wavelengths are.
     """
-    groups = _by_wavelength(captures, rough)
+    groups = _by_wavelength(captures, roughness)
     if len(captures) < 2 * len(groups):
-        return _scarce(groups)
+        return _split_scarce(groups)
     coarse = [group[0] for group in groups]
     rest = [group[1:] for group in groups]
-    held_out = [k for group in rest for k in _spread(group, captures, min(2, max(1, len(group) - 1)))]
+    held_out = [k for group in rest for k in _pick_held_out(group, captures, min(2, max(1, len(group) - 1)))]
     left = [[k for k in group if k not in held_out] for group in rest]
     fine = coarse + [group[len(group) // 2] for group in left if group]
     rough_too = fine + [group[-1] for group in left if len(group) > 1]
-    return Split(
-        _some(coarse, _MOST_COARSE),
-        _some(fine, _MOST_FINE),
-        _some(rough_too, _MOST_ROUGH),
-        _some(held_out, _MOST_HELD_OUT),
+    return CaptureSplit(
+        _evenly_spaced(coarse, _MOST_COARSE),
+        _evenly_spaced(fine, _MOST_FINE),
+        _evenly_spaced(rough_too, _MOST_ROUGH),
+        _evenly_spaced(held_out, _MOST_HELD_OUT),
     )
 
 
@@ -72,7 +72,7 @@ def _by_wavelength(captures: Captures, rough: NDArray[np.float64]) -> list[list[
     return groups
 
 
-def _spread(group: list[int], captures: Captures, count: int) -> list[int]:
+def _pick_held_out(group: list[int], captures: Captures, count: int) -> list[int]:
     """`count` of a group: one from the smoother and one from the rougher half, of different planes where there are."""
     if count < 2:
         return [group[len(group) // 2]] if group else []
@@ -83,16 +83,16 @@ def _spread(group: list[int], captures: Captures, count: int) -> list[int]:
     return [first, choice[len(choice) // 2]]
 
 
-def _scarce(groups: list[list[int]]) -> Split:
+def _split_scarce(groups: list[list[int]]) -> CaptureSplit:
     """So few captures that wavelengths must be held out whole: every third one, at least one."""
     everything = [k for group in groups for k in group]
     held_out = everything[1::3] or everything[-1:]
     fitted = [k for k in everything if k not in held_out] or everything
-    fine = _some(fitted, _MOST_FINE)
-    return Split(_some(fitted, _MOST_COARSE), fine, fine, _some(held_out, _MOST_HELD_OUT))
+    fine = _evenly_spaced(fitted, _MOST_FINE)
+    return CaptureSplit(_evenly_spaced(fitted, _MOST_COARSE), fine, fine, _evenly_spaced(held_out, _MOST_HELD_OUT))
 
 
-def _some(indices: list[int], most: int) -> Indices:
+def _evenly_spaced(indices: list[int], most: int) -> Indices:
     """At most so many, evenly spread over the list."""
     chosen = np.asarray(indices, dtype=np.intp)
     if len(chosen) <= most:
@@ -100,7 +100,7 @@ def _some(indices: list[int], most: int) -> Indices:
     return chosen[np.unique(np.linspace(0, len(chosen) - 1, most).round().astype(int))]
 
 
-def spread(captures: Captures, indices: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+def spread_over_wavelengths(captures: Captures, indices: NDArray[np.intp], count: int) -> NDArray[np.intp]:
     """At most so many of some captures, of wavelengths as different as can be."""
     order = indices[np.argsort(captures.wavelength_m[indices], kind="stable")]
     return order[np.unique(np.linspace(0, len(order) - 1, count).round().astype(int))]

@@ -20,26 +20,30 @@ from typing import Any, TypeVar
 from holoview.errors import UserError
 
 T = TypeVar("T")
-Finished = Callable[[int], None]
+FinishedCallback = Callable[[int], None]
 
 _SPELL_S = 0.2  # in which Ctrl-C is noticed
 
 
-class Team:
+class WorkerPool:
     """So many workers. forks: whether they are processes; None: where that is safe, which is on Linux."""
 
-    def __init__(self, workers: int, forks: bool | None = None) -> None:
+    def __init__(self, workers: int, use_processes: bool | None = None) -> None:
         self.workers = max(1, workers)
-        self.forks = (sys.platform == "linux" if forks is None else forks) and workers > 1
+        self.use_processes = (sys.platform == "linux" if use_processes is None else use_processes) and workers > 1
 
-    def run(self, jobs: Sequence[Callable[[], T]], finished: Finished | None = None) -> list[T]:
+    def run(self, jobs: Sequence[Callable[[], T]], on_finished: FinishedCallback | None = None) -> list[T]:
         """Results of jobs, in their order; what one raises, in the order of jobs too. finished: told how many are."""
-        told = finished or (lambda done: None)
+        told = on_finished or (lambda done: None)
         if self.workers < 2 or len(jobs) < 2:
-            return [_alone(job, done, told) for done, job in enumerate(jobs, 1)]
-        return _forked(jobs, min(self.workers, len(jobs)), told) if self.forks else self.in_threads(jobs, told)
+            return [_run_inline(job, done, told) for done, job in enumerate(jobs, 1)]
+        return (
+            _run_in_processes(jobs, min(self.workers, len(jobs)), told)
+            if self.use_processes
+            else self.run_in_threads(jobs, told)
+        )
 
-    def in_threads(self, jobs: Sequence[Callable[[], T]], finished: Finished | None = None) -> list[T]:
+    def run_in_threads(self, jobs: Sequence[Callable[[], T]], on_finished: FinishedCallback | None = None) -> list[T]:
         """The same in threads, for jobs that may not be forked."""
         with ThreadPoolExecutor(self.workers) as pool:
             futures = [pool.submit(job) for job in jobs]
@@ -48,8 +52,8 @@ class Team:
                     while not future.done():
                         wait([future], timeout=_SPELL_S)
                     future.result()
-                    if finished:
-                        finished(done)
+                    if on_finished:
+                        on_finished(done)
             except BaseException:
                 for future in futures:
                     future.cancel()
@@ -57,20 +61,20 @@ class Team:
         return [future.result() for future in futures]
 
 
-def _alone(job: Callable[[], T], done: int, finished: Finished) -> T:
+def _run_inline(job: Callable[[], T], done: int, finished: FinishedCallback) -> T:
     result = job()
     finished(done)
     return result
 
 
-def _forked(jobs: Sequence[Callable[[], T]], workers: int, finished: Finished) -> list[T]:
+def _run_in_processes(jobs: Sequence[Callable[[], T]], workers: int, finished: FinishedCallback) -> list[T]:
     """Each worker takes the next job that nobody has taken, and sends (number, whether it went well, result)."""
     context = multiprocessing.get_context("fork")
     following = context.Value("l", 0)
     team, pipes = [], []
     for _ in range(workers):
         ours, theirs = context.Pipe(duplex=False)
-        worker = context.Process(target=_work, args=(jobs, following, theirs), daemon=True)
+        worker = context.Process(target=_worker_loop, args=(jobs, following, theirs), daemon=True)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of threads that live here: copies don't touch them
             worker.start()
@@ -78,7 +82,7 @@ def _forked(jobs: Sequence[Callable[[], T]], workers: int, finished: Finished) -
         team.append(worker)
         pipes.append(ours)
     try:
-        results = _collected(pipes, len(jobs), finished)
+        results = _collect_results(pipes, len(jobs), finished)
     except BaseException:
         for worker in team:
             worker.terminate()
@@ -94,7 +98,7 @@ def _forked(jobs: Sequence[Callable[[], T]], workers: int, finished: Finished) -
     return [results[number][1] for number in range(len(jobs))]
 
 
-def _collected(pipes: Sequence[Connection], jobs: int, finished: Finished) -> dict[int, tuple[bool, Any]]:
+def _collect_results(pipes: Sequence[Connection], jobs: int, finished: FinishedCallback) -> dict[int, tuple[bool, Any]]:
     results: dict[int, tuple[bool, Any]] = {}
     live = list(pipes)
     while len(results) < jobs:
@@ -112,22 +116,22 @@ def _collected(pipes: Sequence[Connection], jobs: int, finished: Finished) -> di
     return results
 
 
-def _work(jobs: Sequence[Callable[[], Any]], following: Any, pipe: Connection) -> None:
+def _worker_loop(jobs: Sequence[Callable[[], Any]], next_job: Any, pipe: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent hears it and ends us
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     while True:
-        with following.get_lock():
-            number = following.value
-            following.value += 1
+        with next_job.get_lock():
+            number = next_job.value
+            next_job.value += 1
         if number >= len(jobs):
             return
         try:
             pipe.send((number, True, jobs[number]()))
         except Exception as error:
-            pipe.send((number, False, _sendable(error)))
+            pipe.send((number, False, _picklable(error)))
 
 
-def _sendable(error: Exception) -> Exception:
+def _picklable(error: Exception) -> Exception:
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:

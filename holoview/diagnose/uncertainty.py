@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.levenberg import Minimum, jacobian, profile_width
-from holoview.diagnose.search import Trial, residual_of
-from holoview.diagnose.unknowns import Unknowns, unknowns
+from holoview.diagnose.levenberg import Minimum, jacobian, profile_half_width
+from holoview.diagnose.search import CandidateFit, residual_function
+from holoview.diagnose.unknowns import FreeParameters, free_parameters_of
 from holoview.effects.effect import Effect
 
 _LEVEL = 0.95
@@ -37,67 +37,72 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Tangent:
+class LocalJacobian:
     """Slopes (parameter, pixel) of the residuals at a solution, and the residuals, for the causes that are on."""
 
-    free: Unknowns
+    unknowns: FreeParameters
     slopes: Slopes
     residual: NDArray[np.float32]
-    captures: int
+    capture_count: int
 
 
-def tangent(trial: Trial, effects: Sequence[Effect], comparison: Comparison) -> Tangent:
+def local_jacobian(fit: CandidateFit, effects: Sequence[Effect], comparison: Comparison) -> LocalJacobian:
     """The slopes by all parameters of the effects that are off their identity or may be fitted without slopes' help."""
-    free = _moving(unknowns(effects, fine=True), trial)
-    residual = comparison.residual(trial.values)
-    slopes = jacobian(residual_of(free, trial.values, comparison), free.pack(trial.values), residual, free.bounds())
-    return Tangent(free, slopes, residual, len(comparison.indices))
+    free = _varied_unknowns(free_parameters_of(effects, include_fine=True), fit)
+    residual = comparison.residual(fit.values)
+    slopes = jacobian(residual_function(free, fit.values, comparison), free.pack(fit.values), residual, free.bounds())
+    return LocalJacobian(free, slopes, residual, len(comparison.indices))
 
 
-def intervals(trial: Trial, at: Tangent, comparison: Comparison) -> dict[tuple[str, str], Interval]:
+def confidence_intervals(
+    fit: CandidateFit, jacobian: LocalJacobian, comparison: Comparison
+) -> dict[tuple[str, str], Interval]:
     """The 95 % interval of each (effect, parameter); an infinite one where the data hold nothing about it."""
-    count = len(at.free)
-    normal = (at.slopes @ at.slopes.T).astype(np.float64)
+    count = len(jacobian.unknowns)
+    normal = (jacobian.slopes @ jacobian.slopes.T).astype(np.float64)
     inverse = np.linalg.pinv(normal, rcond=1e-10, hermitian=True)
     scores = np.einsum(
-        "pkn,kn->kp", at.slopes.reshape(count, at.captures, -1), at.residual.reshape(at.captures, -1), dtype=np.float64
+        "pkn,kn->kp",
+        jacobian.slopes.reshape(count, jacobian.capture_count, -1),
+        jacobian.residual.reshape(jacobian.capture_count, -1),
+        dtype=np.float64,
     )
-    many = at.captures / max(at.captures - 1, 1)
+    many = jacobian.capture_count / max(jacobian.capture_count - 1, 1)
     robust = inverse @ (scores.T @ scores * many) @ inverse
-    noise = inverse * max(1.0, float(np.mean(np.square(at.residual[at.residual != 0.0]))))
+    noise = inverse * max(1.0, float(np.mean(np.square(jacobian.residual[jacobian.residual != 0.0]))))
     variance = np.maximum(np.diag(robust), np.diag(noise))
-    factor = float(student.ppf(0.5 + _LEVEL / 2, max(at.captures - 1, 1)))
+    factor = float(student.ppf(0.5 + _LEVEL / 2, max(jacobian.capture_count - 1, 1)))
     blind = np.diag(normal) <= 0.0
-    scale = at.free.values_per_unit(at.free.pack(trial.values))
+    scale = jacobian.unknowns.value_derivatives(jacobian.unknowns.pack(fit.values))
     result = {}
-    for i, (effect, parameter) in enumerate(at.free.entries):
-        value = trial.values[effect][parameter.name]
+    for i, (effect, parameter) in enumerate(jacobian.unknowns.entries):
+        value = fit.values[effect][parameter.name]
         sigma = float("inf") if blind[i] else float(np.sqrt(variance[i]) * abs(scale[i]))
         sigma = float(np.hypot(sigma, _MODEL_ACCURACY * abs(value - parameter.identity)))
         if parameter.sharp:
-            sigma = max(sigma, _edge_width(trial, at, i, comparison) * abs(scale[i]) / factor)
+            sigma = max(sigma, _edge_width(fit, jacobian, i, comparison) * abs(scale[i]) / factor)
         result[effect, parameter.name] = Interval(value, sigma, factor * sigma)
     return result
 
 
-def _edge_width(trial: Trial, at: Tangent, axis: int, comparison: Comparison) -> float:
+def _edge_width(fit: CandidateFit, jacobian: LocalJacobian, axis: int, comparison: Comparison) -> float:
     """Half the interval of a parameter with a hard edge, which may move between two samples and change nothing."""
-    function = residual_of(at.free, trial.values, comparison)
-    x = at.free.pack(trial.values)
-    cost = float(np.square(at.residual, dtype=np.float64).sum())
-    rise = _EDGE_RISE * max(1.0, cost / comparison.count)
-    return profile_width(function, Minimum(x, cost, at.residual, 0), axis, at.free.bounds(), rise)
+    function = residual_function(jacobian.unknowns, fit.values, comparison)
+    x = jacobian.unknowns.pack(fit.values)
+    cost = float(np.square(jacobian.residual, dtype=np.float64).sum())
+    rise = _EDGE_RISE * max(1.0, cost / comparison.pixel_count)
+    return profile_half_width(function, Minimum(x, cost, jacobian.residual, 0), axis, jacobian.unknowns.bounds(), rise)
 
 
 def canonical_correlation(first: Slopes, second: Slopes, known: Slopes | None = None) -> float:
     """The largest correlation between any two combinations of two sets of slopes, what `known` explains taken out."""
-    a, b = (_orthonormal(_without(s, known)) for s in (first, second))
+    a, b = (_orthonormal(_project_out(s, known)) for s in (first, second))
     if not len(a) or not len(b):
         return 0.0
     return float(min(1.0, np.linalg.svd((a @ b.T).astype(np.float64), compute_uv=False)[0]))
 
 
-def _without(slopes: Slopes, known: Slopes | None) -> Slopes:
+def _project_out(slopes: Slopes, known: Slopes | None) -> Slopes:
     if known is None or not len(known):
         return slopes
     basis = _orthonormal(known)
@@ -116,12 +121,10 @@ def _orthonormal(slopes: Slopes) -> Slopes:
     return np.asarray((vectors[:, good] / np.sqrt(values[good])).T @ kept, dtype=np.float32)
 
 
-def _moving(free: Unknowns, trial: Trial) -> Unknowns:
+def _varied_unknowns(free: FreeParameters, fit: CandidateFit) -> FreeParameters:
     """Without parameters that stay at their identity because the fit never varied them."""
-    return Unknowns(
+    return FreeParameters(
         tuple(
-            (e, p)
-            for e, p in free.entries
-            if not p.fine or trial.values.get(e, {}).get(p.name, p.identity) != p.identity
+            (e, p) for e, p in free.entries if not p.fine or fit.values.get(e, {}).get(p.name, p.identity) != p.identity
         )
     )

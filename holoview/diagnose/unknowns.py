@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holoview.diagnose.levenberg import Bounds, Vector
+from holoview.diagnose.levenberg import SearchDomain, Vector
 from holoview.effects.effect import Effect
 from holoview.effects.parameter import Parameter
 
-Found = dict[str, dict[str, float]]
+FittedValues = dict[str, dict[str, float]]
 
 _STEP = 0.02  # of the prior: small enough for a slope, large enough for float32 pictures
 _EVEN_STEP = 0.1  # of the prior's square: pictures are nearly linear in it, smaller steps drown in irises' jumps
@@ -19,7 +19,7 @@ _SHARP_STEP = 0.4  # of the prior: far enough that a hard edge passes over many 
 
 
 @dataclass(frozen=True)
-class Unknowns:
+class FreeParameters:
     """What a fit varies: (effect id, parameter) pairs. Vectors hold `to_fit(value)` over its prior."""
 
     entries: tuple[tuple[str, Parameter], ...]
@@ -31,21 +31,23 @@ class Unknowns:
         """The vector of values; what isn't given is at its identity."""
         return np.array([p.to_fit(values.get(e, {}).get(p.name, p.identity)) / _scale(p) for e, p in self.entries])
 
-    def unpack(self, x: Vector, base: Mapping[str, Mapping[str, float]] | None = None) -> Found:
+    def unpack(self, x: Vector, base: Mapping[str, Mapping[str, float]] | None = None) -> FittedValues:
         """Values by effect and parameter; `base` gives those that aren't varied."""
-        found: Found = {effect: dict(values) for effect, values in (base or {}).items()}
+        found: FittedValues = {effect: dict(values) for effect, values in (base or {}).items()}
         for (effect, p), number in zip(self.entries, x, strict=True):
             found.setdefault(effect, {})[p.name] = float(p.from_fit(float(number) * _scale(p)))
         return found
 
-    def bounds(self) -> Bounds:
+    def bounds(self) -> SearchDomain:
         """The bounds of the vector, and steps for its slopes."""
         lower = [(0.0 if p.even else p.to_fit(p.low)) / _scale(p) for _, p in self.entries]
         upper = [p.to_fit(p.high) / _scale(p) for _, p in self.entries]
         steps = [_SHARP_STEP if p.sharp else _EVEN_STEP if p.even else _STEP for _, p in self.entries]
-        return Bounds(np.array(lower), np.array(upper), np.array(steps), np.array([p.even for _, p in self.entries]))
+        return SearchDomain(
+            np.array(lower), np.array(upper), np.array(steps), np.array([p.even for _, p in self.entries])
+        )
 
-    def values_per_unit(self, x: Vector) -> Vector:
+    def value_derivatives(self, x: Vector) -> Vector:
         """∂value/∂x at x: turns the vector's uncertainty into the values'."""
         slopes = []
         for (_, p), number in zip(self.entries, x, strict=True):
@@ -56,9 +58,9 @@ class Unknowns:
         return np.array(slopes)
 
 
-def unknowns(effects: Sequence[Effect], *, fine: bool = False) -> Unknowns:
+def free_parameters_of(effects: Sequence[Effect], *, include_fine: bool = False) -> FreeParameters:
     """The parameters of effects, without the `fine` ones unless asked for."""
-    return Unknowns(tuple((e.id, p) for e in effects for p in e.parameters if fine or not p.fine))
+    return FreeParameters(tuple((e.id, p) for e in effects for p in e.parameters if include_fine or not p.fine))
 
 
 def _scale(parameter: Parameter) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Way:
+class SamplingConfig:
     """How light is computed and seen.
 
     finer: samples each way for each that the captures ask for. padding: sides of the grid in those of the modulators.
@@ -18,7 +18,7 @@ class Way:
     points: int | None = None
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """How it differs from the plain one."""
         parts = ["finer samples"] if self.finer > 1 else []
         parts += [f"a grid {self.padding} times the modulators' size"] if self.padding > 2 else []
@@ -26,10 +26,10 @@ class Way:
         return " and ".join(parts)
 
     @property
-    def options(self) -> str:
+    def cli_options(self) -> str:
         """The command's options for it."""
         points = f" --points {self.points}" if self.points else ""
         return f"--finer {self.finer} --padding {self.padding}{points}"
 
 
-PLAIN = Way()
+PLAIN = SamplingConfig()

@@ -7,12 +7,12 @@ import math
 from holoview import units
 from holoview.diagnose.uncertainty import Interval
 from holoview.effects.parameter import Parameter
-from holoview.effects.registry import effect
+from holoview.effects.registry import get_effect
 
 
-def in_words(name: str, parameter: str, interval: Interval) -> str:
+def format_value(effect_id: str, parameter: str, interval: Interval) -> str:
     """A parameter of the effect `name`: value ± half of its 95 % interval, and the unit."""
-    p = next(p for p in effect(name).parameters if p.name == parameter)
+    p = next(p for p in get_effect(effect_id).parameters if p.name == parameter)
     value, half = (_number(p, x) for x in (interval.value, interval.half_width))
     if not math.isfinite(half):
         return f"{value:.3g} ± unknown {p.shown}".rstrip()
@@ -24,4 +24,4 @@ def _number(p: Parameter, value: float) -> float:
     """In people's unit."""
     if not p.is_quantity or not math.isfinite(value):
         return value
-    return float(units.text(value, p.shown).split()[0])
+    return float(units.format_exact(value, p.shown).split()[0])

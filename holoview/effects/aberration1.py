@@ -14,6 +14,6 @@ class Aberration1(Aberration):
     id = "aberration1"
     cause = "The optics between the modulators have aberrations."
     finding = "Relay 1 has aberrations of {rms} r.m.s., {largest} above all."
-    where = ("relay 1",)
-    equals: ClassVar = ("gap",)
+    acts_on = ("relay 1",)
+    degenerate_with: ClassVar = ("gap",)
     needs = Needs(modulators=2, irises=(1,), fourier=False)

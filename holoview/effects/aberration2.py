@@ -14,6 +14,6 @@ class Aberration2(Aberration):
     id = "aberration2"
     cause = "The optics behind the last modulator have aberrations."
     finding = "Relay 2 has aberrations of {rms} r.m.s., {largest} above all."
-    where = ("relay 2",)
-    equals: ClassVar = ("distance",)
+    acts_on = ("relay 2",)
+    degenerate_with: ClassVar = ("distance",)
     needs = Needs(irises=(2,), fourier=False)

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 from holoview.effects.effect import Effect
 from holoview.effects.parameter import Parameter, Values
 from holoview.system import System
-from holoview.units import short
+from holoview.units import format_rounded
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import Aperture
+    from holoview.effects.places import RelayContext
 
 _TERMS = range(4, 12)  # Noll: defocus, astigmatism, coma, trefoil, spherical; piston and tilts are shifts
 _REFERENCE_M, _PER_M = 550e-9, 100e-9
@@ -33,13 +33,13 @@ class Aberration(Effect):
 
     parameters = (*map(_term, _TERMS), *map(_slope, _TERMS))
 
-    def pupil(self, pupil: Tensor, at: Aperture, v: Values) -> Tensor:
-        x = (at.wavelength_m - _REFERENCE_M) / _PER_M
+    def pupil(self, pupil: Tensor, context: RelayContext, v: Values) -> Tensor:
+        x = (context.wavelength_m - _REFERENCE_M) / _PER_M
         terms = {noll: v[f"z{noll}"] + v[f"z{noll}_slope"] * x for noll in _TERMS}
-        return at.delayed(pupil, at.zernike({noll: value for noll, value in terms.items() if value}))
+        return context.delayed(pupil, context.zernike({noll: value for noll, value in terms.items() if value}))
 
-    def words(self, system: System, v: Values) -> dict[str, str]:
+    def finding_fields(self, system: System, v: Values) -> dict[str, str]:
         size = sum(v[f"z{noll}"] ** 2 for noll in _TERMS) ** 0.5
         largest = max(_TERMS, key=lambda noll: abs(v[f"z{noll}"]))
-        term = f"Z{largest} = {short(v[f'z{largest}'], 'nm', 3)}"
-        return {"rms": short(size, "nm", 3), "largest": term}
+        term = f"Z{largest} = {format_rounded(v[f'z{largest}'], 'nm', 3)}"
+        return {"rms": format_rounded(size, "nm", 3), "largest": term}

@@ -36,12 +36,12 @@ class Bandwidth(Effect):
         ),
         Parameter("top", "Share of a rectangle in the line.", low=0.0, high=1.0, prior=0.5, fine=True),
     )
-    where = ("source",)
+    acts_on = ("source",)
 
     def bench(self, system: System, v: Values) -> System:
         if v["sigma"] == 0:
             return system
-        nodes, weights = line(next(count for widest, count in _POINTS if v["sigma"] <= widest), v["top"])
+        nodes, weights = line_quadrature(next(count for widest, count in _POINTS if v["sigma"] <= widest), v["top"])
         lines = (system.wavelengths_m[:, None] + v["sigma"] * nodes).ravel()
         amplitudes = (system.amplitudes[:, :, None] * weights).reshape(system.frames, -1)
         source = system.source
@@ -50,7 +50,7 @@ class Bandwidth(Effect):
         return dataclasses.replace(system, wavelengths_m=lines, amplitudes=amplitudes, source=source)
 
 
-def line(points: int, top: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def line_quadrature(points: int, top: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Nodes in standard deviations and weights, which add up to 1, of a line that is a share `top` of a rectangle."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(points)
     weights = weights / weights.sum()

@@ -37,9 +37,9 @@ class CameraAlignment(Effect):
             fine=True,
         ),
     )
-    where = ("camera",)
+    acts_on = ("camera",)
 
-    def aim(self, pose: Pose, v: Values) -> Pose:
+    def camera_pose(self, pose: Pose, v: Values) -> Pose:
         return dataclasses.replace(
             pose,
             shift_m=(pose.shift_m[0] + v["shift_y"], pose.shift_m[1] + v["shift_x"]),
@@ -48,5 +48,5 @@ class CameraAlignment(Effect):
             softness=v["softness"],
         )
 
-    def words(self, system: System, v: Values) -> dict[str, str]:
+    def finding_fields(self, system: System, v: Values) -> dict[str, str]:
         return {"percent": f"{100 * v['magnification']:.3g} %"}

@@ -17,7 +17,7 @@ class CameraBlack(Effect):
             "black", "Added to every pixel.", "counts", low=-4096.0, high=65535.0, prior=10.0, scan=(-60.0, 120.0, 20.0)
         ),
     )
-    where = ("camera",)
+    acts_on = ("camera",)
 
-    def offset(self, v: Values) -> float:
+    def black_level_offset(self, v: Values) -> float:
         return float(v["black"])

@@ -10,7 +10,7 @@ from holoview.effects.parameter import Parameter, Values
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import Sensor
+    from holoview.effects.places import CameraContext
 
 
 class CameraBlur(Effect):
@@ -31,8 +31,8 @@ class CameraBlur(Effect):
             even=True,
         ),
     )
-    where = ("camera",)
+    acts_on = ("camera",)
     order = 2
 
-    def image(self, image: Tensor, at: Sensor, v: Values) -> Tensor:
-        return at.blurred(image, v["sigma"])
+    def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:
+        return context.blurred(image, v["sigma"])

@@ -10,7 +10,7 @@ from holoview.effects.parameter import Parameter, Values
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import Sensor
+    from holoview.effects.places import CameraContext
 
 
 class CameraGamma(Effect):
@@ -24,11 +24,11 @@ class CameraGamma(Effect):
             "exponent", "Added to the exponent 1 of light.", low=-0.8, high=2.0, prior=0.1, scan=(-0.5, 0.6, 0.1)
         ),
     )
-    where = ("camera",)
+    acts_on = ("camera",)
     order = 9
 
-    def image(self, image: Tensor, at: Sensor, v: Values) -> Tensor:
+    def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:
         return image.clamp_min(1e-12) ** (1 + v["exponent"])
 
-    def words(self, system: object, v: Values) -> dict[str, str]:
+    def finding_fields(self, system: object, v: Values) -> dict[str, str]:
         return {"total": f"{1 + v['exponent']:.3f}"}

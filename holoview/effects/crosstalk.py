@@ -10,7 +10,7 @@ from holoview.effects.parameter import Parameter, Values
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import Surface
+    from holoview.effects.places import ModulatorContext
 
 
 class Crosstalk(Effect):
@@ -31,8 +31,8 @@ class Crosstalk(Effect):
             even=True,
         ),
     )
-    where = ("modulator 1", "modulator 2")
+    acts_on = ("modulator 1", "modulator 2")
     order = 1
 
-    def path(self, path_m: Tensor, at: Surface, v: Values) -> Tensor:
-        return at.blurred(path_m, v["sigma"])
+    def optical_path(self, path_m: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        return context.blurred(path_m, v["sigma"])

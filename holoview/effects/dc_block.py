@@ -27,7 +27,7 @@ class DcBlock(Effect):
             sharp=True,
         ),
     )
-    where = ("relay 2",)
+    acts_on = ("relay 2",)
 
     def bench(self, system: System, v: Values) -> System:
         relay = system.relay2

@@ -11,7 +11,7 @@ from holoview.system import System
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import Surface
+    from holoview.effects.places import ModulatorContext
 
 _REFERENCE_M, _PER_M = 550e-9, 100e-9
 
@@ -32,16 +32,16 @@ class Dispersion(Effect):
         Parameter("curvature", "Its quadratic part.", low=-0.5, high=0.5, prior=0.03, fine=True),
         Parameter("offset", "Relative error of the path at 550 nm.", low=-0.5, high=0.5, prior=0.05, fine=True),
     )
-    where = ("modulator 1", "modulator 2")
+    acts_on = ("modulator 1", "modulator 2")
     needs = Needs(wavelengths=2)
 
-    def path(self, path_m: Tensor, at: Surface, v: Values) -> Tensor:
-        return path_m * self.factor(at.wavelength_m, v)
+    def optical_path(self, path_m: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        return path_m * self.path_factor(context.wavelength_m, v)
 
-    def factor(self, wavelength_m: float, v: Values) -> float:
+    def path_factor(self, wavelength_m: float, v: Values) -> float:
         """By what the nominal path is multiplied."""
         x = (_REFERENCE_M - wavelength_m) / _PER_M
         return 1 + v["offset"] + v["slope"] * x + v["curvature"] * x * x
 
-    def words(self, system: System, v: Values) -> dict[str, str]:
-        return {"blue": f"{(self.factor(450e-9, v) / self.factor(_REFERENCE_M, v) - 1) * 100:+.1f} %"}
+    def finding_fields(self, system: System, v: Values) -> dict[str, str]:
+        return {"blue": f"{(self.path_factor(450e-9, v) / self.path_factor(_REFERENCE_M, v) - 1) * 100:+.1f} %"}

@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from holoview.effects.effect import Effect, Facts
+from holoview.effects.effect import DataProperties, Effect
 from holoview.effects.parameter import Parameter, Values
 from holoview.system import System
-from holoview.units import short
+from holoview.units import format_rounded
 
 
 class Distance(Effect):
@@ -30,15 +30,15 @@ class Distance(Effect):
             scan=(-0.6e-3, 0.6e-3, 0.1e-3),
         ),
     )
-    where = ("relay 2",)
-    equals: ClassVar = ("aberration2",)
+    acts_on = ("relay 2",)
+    degenerate_with: ClassVar = ("aberration2",)
 
-    def equal_to(self, facts: Facts) -> tuple[str, ...]:
-        return ("slm_flatness",) if facts.is_fourier else self.equals
+    def degeneracies(self, facts: DataProperties) -> tuple[str, ...]:
+        return ("slm_flatness",) if facts.is_fourier else self.degenerate_with
 
     def bench(self, system: System, v: Values) -> System:
         return system.with_(planes=np.maximum(system.planes_m + v["distance_error"], 0.0))
 
-    def words(self, system: System, v: Values) -> Mapping[str, str]:
+    def finding_fields(self, system: System, v: Values) -> Mapping[str, str]:
         error = v["distance_error"]
-        return {"amount": short(abs(error), "mm"), "side": "further" if error >= 0 else "nearer"}
+        return {"amount": format_rounded(abs(error), "mm"), "side": "further" if error >= 0 else "nearer"}

@@ -29,18 +29,18 @@ from holoview.effects.parameter import Parameter, Values
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import Aperture, Pose, Sensor, Surface
+    from holoview.effects.places import CameraContext, ModulatorContext, Pose, RelayContext
     from holoview.system import System
 
-Moment = tuple[float, float]
+ExposureSample = tuple[float, float]
 
-BENCH_HOOKS = ("bench", "power", "moments")
-MODULATOR_HOOKS = ("response", "path", "transmission", "seat")
-CAMERA_HOOKS = ("aim", "image", "offset")
+BENCH_HOOKS = ("bench", "laser_power", "exposure_samples")
+MODULATOR_HOOKS = ("stroke_response", "optical_path", "transmission", "slm2_pose")
+CAMERA_HOOKS = ("camera_pose", "image", "black_level_offset")
 
 
 @dataclass(frozen=True)
-class Facts:
+class DataProperties:
     """What data tell about: how many different wavelengths, planes, laser powers and modulators; which geometry."""
 
     wavelengths: int
@@ -63,7 +63,7 @@ class Needs:
     near_field: bool = True
     fourier: bool = True
 
-    def missing(self, facts: Facts) -> str:
+    def unmet_by(self, facts: DataProperties) -> str:
         """Why the effect can't be seen in such data, in words; empty when it can."""
         if not (self.fourier if facts.is_fourier else self.near_field):
             return "it doesn't act on a Fourier bench" if facts.is_fourier else "it acts on a Fourier bench only"
@@ -88,8 +88,8 @@ class Effect:
     cause: ClassVar[str]
     finding: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
-    where: ClassVar[tuple[str, ...]]
-    equals: ClassVar[tuple[str, ...]] = ()
+    acts_on: ClassVar[tuple[str, ...]]
+    degenerate_with: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[Needs] = Needs()
     order: ClassVar[int] = 0
     listed: ClassVar[bool] = True
@@ -100,70 +100,70 @@ class Effect:
         """The bench as it is; raises UserError where such a bench can't be."""
         return system
 
-    def power(self, power: Any, v: Values) -> Any:
+    def laser_power(self, power: Any, v: Values) -> Any:
         """Relative power emitted when `power` was set; a number or an array."""
         return power
 
-    def moments(self, v: Values) -> Sequence[Moment]:
+    def exposure_samples(self, v: Values) -> Sequence[ExposureSample]:
         """(weight, factor of all optical paths) of the moments that an exposure averages over; weights sum to 1."""
         return ((1.0, 1.0),)
 
-    def response(self, share: Tensor, at: Surface, v: Values) -> Tensor:
+    def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         """Share of the stroke that pixels (rows, columns) show."""
         return share
 
-    def path(self, path_m: Tensor, at: Surface, v: Values) -> Tensor:
+    def optical_path(self, path_m: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         """Optical path, of pixels (rows, columns) or, from `at.sampled` on, of samples."""
         return path_m
 
-    def transmission(self, light: Tensor, at: Surface, v: Values) -> Tensor:
+    def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         """Complex transmission, of pixels or samples as for `path`."""
-        return light
+        return transmission
 
-    def seat(self, pose: Pose, v: Values) -> Pose:
+    def slm2_pose(self, pose: Pose, v: Values) -> Pose:
         """Where the second modulator is, against where it should be."""
         return pose
 
-    def pupil(self, pupil: Tensor, at: Aperture, v: Values) -> Tensor:
+    def pupil(self, pupil: Tensor, context: RelayContext, v: Values) -> Tensor:
         """Complex pupil at the frequencies of `at` (rows, columns)."""
         return pupil
 
-    def aim(self, pose: Pose, v: Values) -> Pose:
+    def camera_pose(self, pose: Pose, v: Values) -> Pose:
         """Where the camera is, against where it should be."""
         return pose
 
-    def image(self, image: Tensor, at: Sensor, v: Values) -> Tensor:
+    def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:
         """What the camera collects, (y, x)."""
         return image
 
-    def offset(self, v: Values) -> float:
+    def black_level_offset(self, v: Values) -> float:
         """Counts that the camera adds to its nominal black level."""
         return 0.0
 
     # --- what is said about it --------------------------------------------------------------------------------------
 
-    def starts(self, system: System) -> Iterable[dict[str, float]]:
+    def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         """Points from which to search, off the identity: each parameter's own scan, others at their identity."""
-        return [{p.name: value} for p in self.parameters for value in p.values()]
+        return [{p.name: value} for p in self.parameters for value in p.scan_values()]
 
-    def words(self, system: System, v: Values) -> Mapping[str, str]:
+    def finding_fields(self, system: System, v: Values) -> Mapping[str, str]:
         """More words for `finding`, e.g. the nominal value that it is compared with."""
         return {}
 
-    def equal_to(self, facts: Facts) -> tuple[str, ...]:
+    def degeneracies(self, facts: DataProperties) -> tuple[str, ...]:
         """Ids of effects that such data can't tell from this one."""
-        return self.equals
+        return self.degenerate_with
 
-    def sentence(self, system: System, values: Mapping[str, float]) -> str:
+    def format_finding(self, system: System, values: Mapping[str, float]) -> str:
         """The finding in words, for the nominal bench and the values (SI) that were found."""
-        v = self.values(values)
-        texts = {p.name: p.text(v[p.name]) for p in self.parameters}
-        return self.finding.format(**texts, **self.words(system, v))
+        v = self.parameter_values(values)
+        texts = {p.name: p.format(v[p.name]) for p in self.parameters}
+        return self.finding.format(**texts, **self.finding_fields(system, v))
 
-    def values(self, given: Mapping[str, Any] | None = None) -> Values:
+    def parameter_values(self, given: Mapping[str, Any] | None = None) -> Values:
         """Values with identities filled in; UserError for an unknown name."""
         return Values(self.parameters, given)
 
-    def changes(self, hook: str) -> bool:
+    def overrides(self, hook: str) -> bool:
         """Whether this effect overrides a hook."""
         return getattr(type(self), hook) is not getattr(Effect, hook)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from holoview.effects.effect import Effect, Moment
+from holoview.effects.effect import Effect, ExposureSample
 from holoview.effects.parameter import Parameter, Values
 
-_MOMENTS = 6
+_SAMPLES_PER_CYCLE = 6
 
 
 class Flicker(Effect):
@@ -28,8 +28,8 @@ class Flicker(Effect):
             even=True,
         ),
     )
-    where = ("modulator 1", "modulator 2")
+    acts_on = ("modulator 1", "modulator 2")
 
-    def moments(self, v: Values) -> Sequence[Moment]:
-        angles = [math.pi * (k + 0.5) / _MOMENTS for k in range(_MOMENTS)]
-        return [(1 / _MOMENTS, 1 + math.sqrt(2) * v["depth"] * math.cos(angle)) for angle in angles]
+    def exposure_samples(self, v: Values) -> Sequence[ExposureSample]:
+        angles = [math.pi * (k + 0.5) / _SAMPLES_PER_CYCLE for k in range(_SAMPLES_PER_CYCLE)]
+        return [(1 / _SAMPLES_PER_CYCLE, 1 + math.sqrt(2) * v["depth"] * math.cos(angle)) for angle in angles]

@@ -8,7 +8,7 @@ from typing import ClassVar
 from holoview.effects.effect import Effect, Needs
 from holoview.effects.parameter import Parameter, Values
 from holoview.system import System
-from holoview.units import short
+from holoview.units import format_rounded
 
 
 class Gap(Effect):
@@ -22,15 +22,15 @@ class Gap(Effect):
             "gap_error", "Added to the gap.", "mm", low=-5e-3, high=5e-3, prior=0.2e-3, scan=(-0.5e-3, 0.5e-3, 0.1e-3)
         ),
     )
-    where = ("relay 1",)
-    equals: ClassVar = ("aberration1",)
+    acts_on = ("relay 1",)
+    degenerate_with: ClassVar = ("aberration1",)
     needs = Needs(modulators=2, fourier=False)
 
     def bench(self, system: System, v: Values) -> System:
         assert system.gap_m is not None
         return system.with_(gap=system.gap_m + v["gap_error"])
 
-    def words(self, system: System, v: Values) -> Mapping[str, str]:
+    def finding_fields(self, system: System, v: Values) -> Mapping[str, str]:
         assert system.gap_m is not None
         actual = system.gap_m + v["gap_error"]
-        return {"actual": short(actual, "mm"), "nominal": short(system.gap_m, "mm")}
+        return {"actual": format_rounded(actual, "mm"), "nominal": format_rounded(system.gap_m, "mm")}

@@ -12,7 +12,7 @@ from holoview.system import System
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import Sensor
+    from holoview.effects.places import CameraContext
 
 _DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, -1), (-1, 0), (-1, -1), (-1, 1))
 
@@ -28,12 +28,12 @@ class Ghost(Effect):
         Parameter("shift_y", "Shift of the copy in y (rows).", "px", low=-500.0, high=500.0, prior=10.0),
         Parameter("shift_x", "Shift of the copy in x (columns).", "px", low=-500.0, high=500.0, prior=10.0),
     )
-    where = ("camera",)
+    acts_on = ("camera",)
     order = 1
 
-    def starts(self, system: System) -> Iterable[dict[str, float]]:
+    def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         """Copies in eight directions; peaks of the residual's correlation with the picture are better starts."""
         return [{"strength": 0.1, "shift_y": 8.0 * y, "shift_x": 8.0 * x} for y, x in _DIRECTIONS]
 
-    def image(self, image: Tensor, at: Sensor, v: Values) -> Tensor:
-        return image + v["strength"] * at.shifted(image, (v["shift_y"], v["shift_x"]))
+    def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:
+        return image + v["strength"] * context.shifted(image, (v["shift_y"], v["shift_x"]))

@@ -13,5 +13,5 @@ class Iris1(Iris):
     cause = "The iris between the modulators is wider, narrower or off its centre."
     finding = "The iris of relay 1 has an aperture of {actual}, not {nominal}{beside}."
     relay = "relay1"
-    where = ("relay 1",)
+    acts_on = ("relay 1",)
     needs = Needs(modulators=2, irises=(1,), fourier=False)

@@ -13,5 +13,5 @@ class Iris2(Iris):
     cause = "The iris behind the last modulator is wider, narrower or off its centre."
     finding = "The iris of relay 2 has an aperture of {actual}, not {nominal}{beside}."
     relay = "relay2"
-    where = ("relay 2",)
+    acts_on = ("relay 2",)
     needs = Needs(irises=(2,), fourier=False)

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 from holoview.effects.effect import Effect
 from holoview.effects.parameter import Parameter, Values
-from holoview.effects.search import square
+from holoview.effects.search import square_grid
 from holoview.system import System
-from holoview.units import short
+from holoview.units import format_rounded
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import Aperture
+    from holoview.effects.places import RelayContext
 
 PARAMETERS = (
     Parameter(
@@ -38,8 +38,8 @@ class Iris(Effect):
     relay: ClassVar[str]
     parameters = PARAMETERS
 
-    def starts(self, system: System) -> Iterable[dict[str, float]]:
-        return [*super().starts(system), *square("decentre_y", "decentre_x", 0.4, 0.2)]
+    def starting_points(self, system: System) -> Iterable[dict[str, float]]:
+        return [*super().starting_points(system), *square_grid("decentre_y", "decentre_x", 0.4, 0.2)]
 
     def bench(self, system: System, v: Values) -> System:
         """The iris itself, or where it is off the centre the centred one around it."""
@@ -48,15 +48,16 @@ class Iris(Effect):
         wide = min(relay.iris_na * (1 + v["radius_error"] + away), 1.0)
         return dataclasses.replace(system, **{self.relay: dataclasses.replace(relay, iris_na=wide)})
 
-    def pupil(self, pupil: Tensor, at: Aperture, v: Values) -> Tensor:
-        centre_y, centre_x = (at.iris_na * v[name] for name in ("decentre_y", "decentre_x"))
+    def pupil(self, pupil: Tensor, context: RelayContext, v: Values) -> Tensor:
+        centre_y, centre_x = (context.iris_na * v[name] for name in ("decentre_y", "decentre_x"))
         if centre_y == 0 and centre_x == 0:
             return pupil
-        radius = at.iris_na * (1 + v["radius_error"])
-        return pupil * ((at.sine_y - centre_y) ** 2 + (at.sine_x - centre_x) ** 2 <= radius**2)
+        radius = context.iris_na * (1 + v["radius_error"])
+        return pupil * ((context.sine_y - centre_y) ** 2 + (context.sine_x - centre_x) ** 2 <= radius**2)
 
-    def words(self, system: System, v: Values) -> dict[str, str]:
+    def finding_fields(self, system: System, v: Values) -> dict[str, str]:
         na = getattr(system, self.relay).iris_na
         away = (v["decentre_y"], v["decentre_x"])
-        beside = f", off its centre by {short(na * away[0], 'mrad', 3)} (y) and {short(na * away[1], 'mrad', 3)} (x)"
+        y, x = (format_rounded(na * shift, "mrad", 3) for shift in away)
+        beside = f", off its centre by {y} (y) and {x} (x)"
         return {"actual": f"{na * (1 + v['radius_error']):.4g}", "nominal": f"{na:.4g}", "beside": beside * any(away)}

@@ -19,11 +19,11 @@ class LaserPower(Effect):
             "exponent", "Added to the exponent 1 of the power.", low=-0.9, high=3.0, prior=0.1, scan=(-0.5, 0.8, 0.1)
         ),
     )
-    where = ("source",)
+    acts_on = ("source",)
     needs = Needs(powers=2)
 
-    def power(self, power: Any, v: Values) -> Any:
+    def laser_power(self, power: Any, v: Values) -> Any:
         return power ** (1 + v["exponent"])
 
-    def words(self, system: Any, v: Values) -> dict[str, str]:
+    def finding_fields(self, system: Any, v: Values) -> dict[str, str]:
         return {"total": f"{1 + v['exponent']:.3f}"}

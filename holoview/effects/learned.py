@@ -26,9 +26,9 @@ from typing import Any
 import torch
 from torch.nn.functional import interpolate
 
-from holoview.effects.places import Aperture, Surface
+from holoview.effects.places import ModulatorContext, RelayContext
 from holoview.errors import UserError
-from holoview.optics.resample import centred, sampled_at
+from holoview.optics.resample import centred_indices, interpolate_at
 from holoview.optics.zernike import zernike
 
 Tensor = torch.Tensor
@@ -53,7 +53,7 @@ TENSORS = (
 
 
 @dataclass(frozen=True)
-class Layout:
+class MapLayout:
     """Which maps there are, and how fine. An empty tuple or (0, 0): no such map.
 
     modulators: how many; knots: of each table; anchors_m: rising wavelengths of the source's maps; source_nodes,
@@ -91,21 +91,21 @@ class Layout:
             "pupil2_log_amplitude": self.pupil_nodes,
         }
 
-    def text(self) -> str:
+    def to_json(self) -> str:
         """As JSON."""
         return json.dumps(dataclasses.asdict(self))
 
     @staticmethod
-    def read(text: str, where: str) -> Layout:
+    def from_json(text: str, where: str) -> MapLayout:
         """From JSON. Raises UserError when it isn't a layout."""
         try:
             values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(text).items()}
-            return Layout(**values)
+            return MapLayout(**values)
         except (ValueError, TypeError, AttributeError) as error:
             raise UserError(where, f"can't be read: {error}", expected="the layout of a calibration") from error
 
 
-class Kept:
+class MapCache:
     """Results between calls: `fixed` ones of a layout, and `made` ones that hold until the tensors change."""
 
     def __init__(self) -> None:
@@ -113,18 +113,18 @@ class Kept:
         self.made: dict[Hashable, Tensor] = {}
 
 
-class Learned:
+class LearnedMaps:
     """Tensors of a layout, by name. kept: where to keep results; None computes everything anew."""
 
-    def __init__(self, layout: Layout, tensors: Mapping[str, Tensor], kept: Kept | None = None) -> None:
+    def __init__(self, layout: MapLayout, tensors: Mapping[str, Tensor], kept: MapCache | None = None) -> None:
         self.layout, self.tensors = layout, dict(tensors)
         self._fixed = None if kept is None else kept.fixed
         self._made = None if kept is None else kept.made
 
     @staticmethod
-    def nominal(layout: Layout, dtype: torch.dtype = torch.float32) -> Learned:
+    def nominal(layout: MapLayout, dtype: torch.dtype = torch.float32) -> LearnedMaps:
         """A bench that is as it should be."""
-        return Learned(layout, {name: torch.zeros(shape, dtype=dtype) for name, shape in layout.shapes().items()})
+        return LearnedMaps(layout, {name: torch.zeros(shape, dtype=dtype) for name, shape in layout.shapes().items()})
 
     def has(self, name: str) -> bool:
         """Whether there is such a map."""
@@ -132,20 +132,20 @@ class Learned:
 
     # --- modulators -------------------------------------------------------------------------------------------------
 
-    def table(self, modulator: int) -> Tensor:
+    def response_table(self, modulator: int) -> Tensor:
         """Share of the nominal stroke at each knot (knots,), from 0; rises whatever the tensor holds."""
         steps = self.tensors["lut_steps"][modulator].exp() / (self.layout.knots - 1)
         return torch.cat([steps.new_zeros(1), steps.cumsum(dim=0)])
 
-    def response(self, share: Tensor, modulator: int) -> Tensor:
+    def stroke_response(self, share: Tensor, modulator: int) -> Tensor:
         """Share of the nominal stroke that pixels show for the share that was sent."""
-        table = self.table(modulator).to(share.dtype)
+        table = self.response_table(modulator).to(share.dtype)
         place = (share * (self.layout.knots - 1)).clamp(0, self.layout.knots - 1)
         left = place.floor().clamp_max(self.layout.knots - 2)
         index, rest = left.long(), place - left
         return table[index] * (1 - rest) + table[index + 1] * rest
 
-    def fringed(self, path_m: Tensor, at: Surface) -> Tensor:
+    def with_fringing(self, path_m: Tensor, at: ModulatorContext) -> Tensor:
         """A modulator's optical path as its pixels' neighbours leave it.
 
         Below zero, where the variance stops, gradients still pass: else a step too far could never be taken back.
@@ -154,20 +154,20 @@ class Learned:
         stopped = variance + (variance.clamp_min(_LEAST_VARIANCE) - variance).detach()
         return at.blurred(path_m, stopped.to(path_m.dtype).sqrt())
 
-    def source(self, at: Surface) -> Tensor:
+    def source_field(self, at: ModulatorContext) -> Tensor:
         """Complex amplitude of the light on the first modulator's pixels (rows, columns)."""
 
         def make() -> Tensor:
             amplitude, path = (self.source_map(name, at) for name in ("source_log_amplitude", "source_opd_m"))
             return torch.polar(amplitude.exp(), path * (2 * math.pi / at.wavelength_m))
 
-        return _keep(self._made, ("source", at.wavelength_m, at.shape), make)
+        return _cached(self._made, ("source", at.wavelength_m, at.shape), make)
 
-    def source_map(self, name: str, at: Surface) -> Tensor:
+    def source_map(self, name: str, at: ModulatorContext) -> Tensor:
         """A map of the source on the first modulator's pixels (rows, columns), in the tensor's unit."""
-        return _on_grid(self.at_wavelength(name, at.wavelength_m), at.shape)
+        return _on_grid(self.interpolate_wavelength(name, at.wavelength_m), at.shape)
 
-    def at_wavelength(self, name: str, wavelength_m: float) -> Tensor:
+    def interpolate_wavelength(self, name: str, wavelength_m: float) -> Tensor:
         """A map of the source at a wavelength: linear between anchors, constant beyond them."""
         maps, anchors = self.tensors[name], self.layout.anchors_m
         right = next((i for i, anchor in enumerate(anchors) if anchor >= wavelength_m), len(anchors) - 1)
@@ -183,28 +183,30 @@ class Learned:
         def make() -> Tensor:
             nodes = self.tensors["warp_m"]
             lattice = (min(shape[0], _LATTICE), min(shape[1], _LATTICE))
-            spline = _keep(self._fixed, ("spline", shape), lambda: self._spline(lattice, shape[1] / shape[0]).to(nodes))
+            spline = _cached(
+                self._fixed, ("spline", shape), lambda: self._spline(lattice, shape[1] / shape[0]).to(nodes)
+            )
             moved = (nodes.flatten(1) @ spline.T).reshape(2, *lattice)
             return interpolate(moved[None], size=shape, mode="bilinear", align_corners=False)[0]
 
-        return _keep(self._made, ("displacement", shape), make)
+        return _cached(self._made, ("displacement", shape), make)
 
     def _spline(self, lattice: Pair, aspect: float) -> Tensor:
         return _thin_plate(self.layout.warp_nodes, lattice, aspect)
 
-    def warped(self, light: Tensor, at: Surface) -> Tensor:
+    def warped_transmission(self, light: Tensor, at: ModulatorContext) -> Tensor:
         """Modulator 2's transmission, of samples, as it arrives."""
         light = at.sampled(light)
         rows, columns = light.shape
         step = at.pitch_m * at.shape[0] / rows
         moved = self.displacement((rows, columns)) / step
-        y = centred(rows, moved.dtype, moved.device)[:, None] - moved[0]
-        x = centred(columns, moved.dtype, moved.device)[None, :] - moved[1]
-        return sampled_at(light, y.to(light.real.dtype), x.to(light.real.dtype))
+        y = centred_indices(rows, moved.dtype, moved.device)[:, None] - moved[0]
+        x = centred_indices(columns, moved.dtype, moved.device)[None, :] - moved[1]
+        return interpolate_at(light, y.to(light.real.dtype), x.to(light.real.dtype))
 
     # --- relays -----------------------------------------------------------------------------------------------------
 
-    def delay(self, at: Aperture) -> Tensor:
+    def relay_opd(self, at: RelayContext) -> Tensor:
         """Optical path (m) of a relay at its frequencies (rows, columns)."""
         coefficients = self.tensors[f"zernike{at.relay + 1}_m"]
         x = (at.wavelength_m - self.layout.reference_m) / _SLOPE_M
@@ -212,42 +214,42 @@ class Learned:
         terms = self._zernikes(at)
         return torch.tensordot((coefficients @ powers).to(terms.dtype), terms, dims=1)
 
-    def gain(self, at: Aperture) -> Tensor:
+    def relay_amplitude(self, at: RelayContext) -> Tensor:
         """Amplitude that a relay transmits at its frequencies (rows, columns)."""
         nodes, sine = self.tensors[f"pupil{at.relay + 1}_log_amplitude"], self._sine(at)
         scale = [(n - 1) / 2 / sine for n in nodes.shape]
         shape = (len(at.sine_y), at.sine_x.shape[1])
         y, x = (s.to(nodes.dtype).expand(shape) for s in (at.sine_y * scale[0], at.sine_x * scale[1]))
-        return sampled_at(nodes, y, x).exp()
+        return interpolate_at(nodes, y, x).exp()
 
-    def pupil(self, pupil: Tensor, at: Aperture) -> Tensor:
+    def pupil(self, pupil: Tensor, at: RelayContext) -> Tensor:
         """A relay's complex pupil, with what was learned about it."""
 
         def make() -> Tensor:
             shape = (len(at.sine_y), at.sine_x.shape[1])
             made = torch.ones(shape, dtype=pupil.dtype)
             if self.has(f"pupil{at.relay + 1}_log_amplitude"):
-                made = made * self.gain(at)
+                made = made * self.relay_amplitude(at)
             if self.has(f"zernike{at.relay + 1}_m"):
-                made = at.delayed(made, self.delay(at))
+                made = at.delayed(made, self.relay_opd(at))
             return made
 
-        return pupil * _keep(self._made, ("pupil", *_place(at)), make)
+        return pupil * _cached(self._made, ("pupil", *_place(at)), make)
 
-    def _sine(self, at: Aperture) -> float:
+    def _sine(self, at: RelayContext) -> float:
         return self.layout.sine2 if at.relay else self.layout.sine1
 
-    def _zernikes(self, at: Aperture) -> Tensor:
+    def _zernikes(self, at: RelayContext) -> Tensor:
         noll = self.layout.noll2 if at.relay else self.layout.noll1
 
         def make() -> Tensor:
             radius = torch.hypot(at.sine_y, at.sine_x) / self._sine(at)
             return torch.stack([zernike(j, radius, at.angle) for j in noll])
 
-        return _keep(self._fixed, ("zernikes", *_place(at)), make)
+        return _cached(self._fixed, ("zernikes", *_place(at)), make)
 
 
-def _keep(kept: dict[Hashable, Tensor] | None, key: Hashable, make: Callable[[], Tensor]) -> Tensor:
+def _cached(kept: dict[Hashable, Tensor] | None, key: Hashable, make: Callable[[], Tensor]) -> Tensor:
     if kept is None:
         return make()
     if key not in kept:
@@ -255,7 +257,7 @@ def _keep(kept: dict[Hashable, Tensor] | None, key: Hashable, make: Callable[[],
     return kept[key]
 
 
-def _place(at: Aperture) -> tuple[Hashable, ...]:
+def _place(at: RelayContext) -> tuple[Hashable, ...]:
     """What tells apertures apart."""
     return at.relay, at.wavelength_m, len(at.sine_y), at.sine_x.shape[1], float(at.sine_x.abs().max())
 
@@ -274,11 +276,11 @@ def _thin_plate(nodes: Pair, lattice: Pair, aspect: float) -> Tensor:
     at, to = _lattice(nodes, aspect, corners=True), _lattice(lattice, aspect, corners=False)
     count = len(at)
     system = torch.zeros(count + 3, count + 3, dtype=torch.float64)
-    system[:count, :count] = _bend(torch.cdist(at, at))
+    system[:count, :count] = _thin_plate_kernel(torch.cdist(at, at))
     system[:count, count:] = _affine(at)
     system[count:, :count] = _affine(at).T
     solved = torch.linalg.inv(system)[:, :count]
-    return torch.cat([_bend(torch.cdist(to, at)), _affine(to)], dim=1) @ solved
+    return torch.cat([_thin_plate_kernel(torch.cdist(to, at)), _affine(to)], dim=1) @ solved
 
 
 def _lattice(shape: Pair, aspect: float, *, corners: bool) -> Tensor:
@@ -295,5 +297,5 @@ def _affine(places: Tensor) -> Tensor:
     return torch.cat([torch.ones(len(places), 1, dtype=places.dtype), places], dim=1)
 
 
-def _bend(distance: Tensor) -> Tensor:
+def _thin_plate_kernel(distance: Tensor) -> Tensor:
     return distance.square() * distance.clamp_min(1e-30).log()

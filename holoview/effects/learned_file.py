@@ -13,7 +13,7 @@ from typing import Any
 
 import torch
 
-from holoview.effects.learned import TENSORS, Layout, Learned
+from holoview.effects.learned import TENSORS, LearnedMaps, MapLayout
 from holoview.errors import UserError
 from holoview.tensors import TensorFormat
 
@@ -22,32 +22,32 @@ _FORMAT = TensorFormat(
     version="1",
     what="the maps of a calibration that `holoview calibrate` wrote",
     tensors=TENSORS,
-    texts=("layout", "summary"),
+    metadata_keys=("layout", "summary"),
 )
 
 
 @dataclass(frozen=True)
-class LearnedFile:
+class CalibrationFile:
     """Maps and their summary."""
 
-    learned: Learned
+    maps: LearnedMaps
     summary: dict[str, Any]
 
 
-def write_learned(path: str | os.PathLike[str], learned: Learned, summary: Mapping[str, Any]) -> None:
+def write_calibration(path: str | os.PathLike[str], learned: LearnedMaps, summary: Mapping[str, Any]) -> None:
     """Writes the file, whole or not at all."""
     tensors = {name: tensor.detach().float().numpy() for name, tensor in learned.tensors.items()}
-    _FORMAT.write(path, tensors, {"layout": learned.layout.text(), "summary": json.dumps(summary)})
+    _FORMAT.to_toml(path, tensors, {"layout": learned.layout.to_json(), "summary": json.dumps(summary)})
 
 
-def read_learned(path: str | os.PathLike[str]) -> LearnedFile:
+def read_calibration(path: str | os.PathLike[str]) -> CalibrationFile:
     """Reads the file. Raises UserError when it is missing, damaged, of another kind, or its shapes don't fit."""
-    arrays, texts = _FORMAT.read(path)
-    layout = Layout.read(texts["layout"], f"{path}: layout")
+    arrays, texts = _FORMAT.parse(path)
+    layout = MapLayout.from_json(texts["layout"], f"{path}: layout")
     for name, shape in layout.shapes().items():
         if arrays[name].shape != shape:
             raise UserError(f"{path}: {name}", f"shape {arrays[name].shape}", expected=f"{shape}, as its layout says")
         if not bool(torch.isfinite(torch.from_numpy(arrays[name])).all()):
             raise UserError(f"{path}: {name}", "holds NaN or infinity", expected="finite numbers")
     tensors = {name: torch.from_numpy(arrays[name].copy()) for name in TENSORS}
-    return LearnedFile(Learned(layout, tensors), json.loads(texts["summary"]))
+    return CalibrationFile(LearnedMaps(layout, tensors), json.loads(texts["summary"]))

@@ -12,7 +12,7 @@ from holoview.system import System
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import Surface
+    from holoview.effects.places import ModulatorContext
 
 _STEPS = 15  # knots at 0, 1/15 … 1 of the drive, which are the levels of a modulator of 16
 _GAMMAS = (0.45, 0.55, 0.67, 0.82, 1.22, 1.49, 1.82, 2.23)  # e^±0.2 … e^±0.8
@@ -47,16 +47,16 @@ class Lut(Effect):
         *_knots(1),
         *_knots(2),
     )
-    where = ("modulator 1", "modulator 2")
+    acts_on = ("modulator 1", "modulator 2")
 
-    def starts(self, system: System) -> Iterable[dict[str, float]]:
+    def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         """Both modulators alike, and each alone."""
         alike = [{"gamma1": g, "gamma2": g} for g in _GAMMAS]
         alone = [{name: g} for name in ("gamma1", "gamma2") for g in _GAMMAS]
         return alike + alone if len(system.modulators) == 2 else alone[: len(_GAMMAS)]
 
-    def response(self, share: Tensor, at: Surface, v: Values) -> Tensor:
-        number = at.number + 1
+    def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        number = context.number + 1
         gamma = v[f"gamma{number}"]
         curved = share if gamma == 1.0 else share**gamma
         added = [0.0, *(v[f"level{number}_{k:02d}"] for k in range(1, _STEPS + 1))]
@@ -70,7 +70,7 @@ class Lut(Effect):
         correction = rising - knots
         return curved + correction[step] * (1 - rest) + correction[step + 1] * rest
 
-    def words(self, system: System, v: Values) -> dict[str, str]:
+    def finding_fields(self, system: System, v: Values) -> dict[str, str]:
         halves = []
         for number in range(1, len(system.modulators) + 1):
             low, high = (v[f"level{number}_{k:02d}"] for k in (7, 8))

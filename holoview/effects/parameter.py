@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from holoview import units
-from holoview.errors import UserError, near_matches
+from holoview.errors import UserError, suggest_matches
 from holoview.schema import Number
 
 _SI = {"pm": "m", "nm": "m", "um": "m", "mm": "m", "cm": "m", "urad": "rad", "mrad": "rad", "": "1"}
@@ -49,27 +49,27 @@ class Parameter:
         """Whether people write it with a unit that is a length or an angle."""
         return self.shown in _SI and self.shown != ""
 
-    def read(self, value: Any, where: str) -> Any:
+    def parse(self, value: Any, where: str) -> Any:
         """The value (SI) of people's text or a number; UserError when it is wrong or out of bounds."""
         if isinstance(value, str) and not self.is_quantity:
             value = self._plain(value, where)
-        number = Number(self.shown if self.is_quantity else "", self.low, self.high).read(value, where)
+        number = Number(self.shown if self.is_quantity else "", self.low, self.high).parse(value, where)
         assert number is not None
         if not np.isfinite(number):
             raise UserError(where, f"{number:g}", expected="a finite number")
         return number
 
-    def write(self, value: Any) -> str | float:
+    def to_toml(self, value: Any) -> str | float:
         """For TOML: text with its unit where it has one that `read` knows, else the number. No digit is lost."""
-        return units.text(value, self.shown) if self.is_quantity else float(value)
+        return units.format_exact(value, self.shown) if self.is_quantity else float(value)
 
-    def text(self, value: Any, digits: int = 3) -> str:
+    def format(self, value: Any, digits: int = 3) -> str:
         """For reading: "0.108 mm", "12 counts"."""
         if self.is_quantity:
-            return units.short(value, self.shown, digits)
+            return units.format_rounded(value, self.shown, digits)
         return f"{value:.{digits}g} {self.shown}".rstrip()
 
-    def values(self) -> Iterator[float]:
+    def scan_values(self) -> Iterator[float]:
         """Values to try in a search along this parameter, its identity left out."""
         if self.scan is not None:
             first, last, step = self.scan
@@ -97,17 +97,17 @@ class Parameter:
 class FileParameter(Parameter):
     """The path of a file that holds what numbers can't say. In a preset it is relative to the preset's own folder."""
 
-    def read(self, value: Any, where: str) -> str:
+    def parse(self, value: Any, where: str) -> str:
         """The path."""
         if not isinstance(value, str) or not value.strip():
             raise UserError(where, f"{value!r}", expected="the path of a file")
         return value
 
-    def write(self, value: Any) -> str:
+    def to_toml(self, value: Any) -> str:
         """As it was read."""
         return str(value)
 
-    def text(self, value: Any, digits: int = 3) -> str:
+    def format(self, value: Any, digits: int = 3) -> str:
         """As it was read."""
         return str(value)
 
@@ -120,7 +120,7 @@ class Values(Mapping[str, float]):
         known = {p.name for p in parameters}
         for name in given:
             if name not in known:
-                raise UserError(name, "unknown parameter", remedy=near_matches(name, known))
+                raise UserError(name, "unknown parameter", remedy=suggest_matches(name, known))
         self._values = {p.name: given.get(p.name, p.identity) for p in parameters}
         self._is_identity = all(_same(self._values[p.name], p.identity) for p in parameters)
 
@@ -139,7 +139,7 @@ class Values(Mapping[str, float]):
         return self._is_identity
 
     @property
-    def key(self) -> tuple[Any, ...]:
+    def cache_key(self) -> tuple[Any, ...]:
         """Equal for equal values, hashable."""
         return tuple(self._values.values())
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import torch
 
-from holoview.optics.resample import blurred, centred, upsampled, warped
+from holoview.optics.resample import affine_warp, centred_indices, gaussian_blur, upsample_nearest
 from holoview.optics.zernike import zernike
 
 Tensor = torch.Tensor
@@ -32,7 +32,7 @@ class Pose:
         """Whether it lies where it should."""
         return self == Pose()
 
-    def inverse(self, pitch_m: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    def inverse_affine(self, pitch_m: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """Rows (y, x, 1) of the affine map, in samples from the centre, from a place to what is there."""
         c, s = (f(self.rotation_rad) / self.magnification for f in (math.cos, math.sin))
         dy, dx = (shift / pitch_m for shift in self.shift_m)
@@ -40,7 +40,7 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class Surface:
+class ModulatorContext:
     """A modulator at one wavelength. number: 0 for the first. stroke_m, pitch_m: of the bench as it is.
 
     Maps are of pixels (rows, columns) until an effect needs samples, `upsample` for each side of a pixel.
@@ -55,20 +55,24 @@ class Surface:
 
     def sampled(self, values: Tensor) -> Tensor:
         """The map of samples, each pixel a square of equal ones; as it is where it has been that already."""
-        return values if tuple(values.shape) != self.shape or self.upsample == 1 else upsampled(values, self.upsample)
+        return (
+            values
+            if tuple(values.shape) != self.shape or self.upsample == 1
+            else upsample_nearest(values, self.upsample)
+        )
 
-    def places(self, values: Tensor) -> tuple[Tensor, Tensor]:
+    def positions(self, values: Tensor) -> tuple[Tensor, Tensor]:
         """Positions y (…, 1) and x (1, …) in metres of the entries of a map, from the centre."""
         step = self.pitch_m if tuple(values.shape) == self.shape else self.pitch_m / self.upsample
         real = values.real.dtype
         return tuple(  # type: ignore[return-value]
-            centred(n, real, values.device).reshape(view) * step
+            centred_indices(n, real, values.device).reshape(view) * step
             for n, view in zip(values.shape, ((-1, 1), (1, -1)), strict=True)
         )
 
     def zernike(self, values: Tensor, terms: Mapping[int, float]) -> Tensor:
         """Σ c_j·Z_j of {Noll index: c_j} over the circle around the modulator, for the entries of a map."""
-        y, x = self.places(values)
+        y, x = self.positions(values)
         radius = math.hypot(*self.shape) * self.pitch_m / 2
         return _zernike_sum(torch.hypot(y, x) / radius, torch.atan2(y, x), terms)
 
@@ -78,15 +82,15 @@ class Surface:
 
     def blurred(self, values: Tensor, sigma_px: float | Tensor) -> Tensor:
         """The map of samples convolved with a Gaussian of `sigma_px` modulator pixels; edges go on outwards."""
-        return blurred(self.sampled(values), sigma_px * self.upsample)
+        return gaussian_blur(self.sampled(values), sigma_px * self.upsample)
 
     def warped(self, values: Tensor, pose: Pose) -> Tensor:
         """The map of samples as it arrives from a modulator that lies so: each sample the mean of what it sees."""
-        return warped(self.sampled(values), pose.inverse(self.pitch_m / self.upsample))
+        return affine_warp(self.sampled(values), pose.inverse_affine(self.pitch_m / self.upsample))
 
 
 @dataclass(frozen=True)
-class Aperture:
+class RelayContext:
     """A relay's Fourier plane at one wavelength: direction sines y (rows, 1) and x (1, columns) of its frequencies.
 
     relay: 0 between the modulators, 1 from the last one to the planes. iris_na: nominal, 1 where there is no iris.
@@ -119,24 +123,24 @@ class Aperture:
 
 
 @dataclass(frozen=True)
-class Sensor:
+class CameraContext:
     """The camera: pixels of pitch_m (referred to the modulator's plane), rows and columns."""
 
     pitch_m: float
     shape: tuple[int, int]
 
-    def places(self, image: Tensor) -> tuple[Tensor, Tensor]:
+    def positions(self, image: Tensor) -> tuple[Tensor, Tensor]:
         """Positions y (rows, 1) and x (1, columns) from the centre, ±1 at the picture's edges."""
-        y, x = (centred(n, image.dtype, image.device) / (n / 2) for n in self.shape)
+        y, x = (centred_indices(n, image.dtype, image.device) / (n / 2) for n in self.shape)
         return y[:, None], x[None, :]
 
     def blurred(self, image: Tensor, sigma_px: float | Tensor) -> Tensor:
         """The image convolved with a Gaussian of `sigma_px` pixels; edges go on outwards."""
-        return blurred(image, sigma_px)
+        return gaussian_blur(image, sigma_px)
 
     def shifted(self, image: Tensor, shift_px: tuple[float, float]) -> Tensor:
         """The image moved by (y, x) pixels, linear between pixels; edges go on outwards."""
-        return warped(image, ((1.0, 0.0, -shift_px[0]), (0.0, 1.0, -shift_px[1])))
+        return affine_warp(image, ((1.0, 0.0, -shift_px[0]), (0.0, 1.0, -shift_px[1])))
 
 
 def _zernike_sum(radius: Tensor, angle: Tensor, terms: Mapping[int, float]) -> Tensor:

@@ -14,23 +14,23 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 
 from holoview.effects.effect import Effect
-from holoview.errors import UserError, near_matches
+from holoview.errors import UserError, suggest_matches
 
 _LIBRARY = "holoview.effects"
 _OWN_MODULES = "holoview_user_effects"
-_own: dict[str, Effect] = {}
+_user_effects: dict[str, Effect] = {}
 
 
-def registry() -> Mapping[str, Effect]:
+def listed_effects() -> Mapping[str, Effect]:
     """Effects by id, sorted: the library's and those that `load_user_effects` added, as far as they are listed."""
     return MappingProxyType({name: one for name, one in _everything().items() if one.listed})
 
 
-def effect(name: str) -> Effect:
+def get_effect(name: str) -> Effect:
     """The effect of an id; UserError with near matches when there is none."""
     known = _everything()
     if name not in known:
-        raise UserError(f"effects.{name}", "unknown effect", remedy=near_matches(name, known))
+        raise UserError(f"effects.{name}", "unknown effect", remedy=suggest_matches(name, known))
     return known[name]
 
 
@@ -57,18 +57,18 @@ def load_user_effects(path: str | os.PathLike[str]) -> list[Effect]:
         _check(one, str(file))
         if one.id in _library():
             raise UserError(str(file), f'the id "{one.id}" is in use', expected="an id of its own")
-    _own.update({one.id: one for one in found})
+    _user_effects.update({one.id: one for one in found})
     sys.modules[module.__name__] = module
     return found
 
 
-def is_own(one: Effect) -> bool:
+def is_user_effect(one: Effect) -> bool:
     """Whether an effect comes from a user's file."""
     return type(one).__module__.startswith(_OWN_MODULES)
 
 
 def _everything() -> Mapping[str, Effect]:
-    return dict(sorted({**_library(), **_own}.items()))
+    return dict(sorted({**_library(), **_user_effects}.items()))
 
 
 @cache
@@ -89,7 +89,7 @@ def _effects_of(module: ModuleType) -> Iterator[Effect]:
 
 def _check(one: Effect, where: str) -> None:
     """UserError unless everything that an effect must state is there."""
-    for name in ("id", "cause", "finding", "parameters", "where"):
+    for name in ("id", "cause", "finding", "parameters", "acts_on"):
         if not getattr(one, name, None):
             raise UserError(where, f"{type(one).__name__} has no `{name}`", expected="every field that Effect lists")
     for p in one.parameters:

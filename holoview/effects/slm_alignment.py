@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from holoview.effects.effect import Effect, Needs
 from holoview.effects.parameter import Parameter, Values
-from holoview.effects.search import square
+from holoview.effects.search import square_grid
 from holoview.system import System
 
 if TYPE_CHECKING:
@@ -31,14 +31,14 @@ class SlmAlignment(Effect):
         ),
         Parameter("magnification", "Relative enlargement.", low=-0.2, high=0.2, prior=5e-3, scan=(-0.03, 0.03, 0.005)),
     )
-    where = ("modulator 2",)
+    acts_on = ("modulator 2",)
     needs = Needs(modulators=2, fourier=False)
 
-    def starts(self, system: System) -> Iterable[dict[str, float]]:
+    def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         pitch = system.modulators[0].pitch_m
-        return [*square("shift_y", "shift_x", 1.5 * pitch, 0.5 * pitch), *super().starts(system)]
+        return [*square_grid("shift_y", "shift_x", 1.5 * pitch, 0.5 * pitch), *super().starting_points(system)]
 
-    def seat(self, pose: Pose, v: Values) -> Pose:
+    def slm2_pose(self, pose: Pose, v: Values) -> Pose:
         return dataclasses.replace(
             pose,
             shift_m=(pose.shift_m[0] + v["shift_y"], pose.shift_m[1] + v["shift_x"]),
@@ -46,5 +46,5 @@ class SlmAlignment(Effect):
             magnification=pose.magnification * (1 + v["magnification"]),
         )
 
-    def words(self, system: System, v: Values) -> dict[str, str]:
+    def finding_fields(self, system: System, v: Values) -> dict[str, str]:
         return {"percent": f"{100 * v['magnification']:.3g} %"}

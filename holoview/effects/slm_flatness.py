@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from holoview.effects.effect import Effect
 from holoview.effects.parameter import Parameter, Values
 from holoview.system import System
-from holoview.units import short
+from holoview.units import format_rounded
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import Surface
+    from holoview.effects.places import ModulatorContext
 
 _TERMS = range(4, 12)  # Noll: defocus, astigmatism, coma, trefoil, spherical
 _COMMON = (4, 5, 6)
@@ -42,15 +42,17 @@ class SlmFlatness(Effect):
     cause = "A modulator isn't flat (backplane or cover glass): it adds a static wavefront."
     finding = "The modulators aren't flat: {rms} r.m.s. of wavefront."
     parameters = (*_terms(1), *_terms(2))
-    where = ("modulator 1", "modulator 2")
+    acts_on = ("modulator 1", "modulator 2")
     order = 2
 
-    def path(self, path_m: Tensor, at: Surface, v: Values) -> Tensor:
-        terms = {noll: value for noll in _TERMS if (value := v[f"z{noll}_{at.number + 1}"])}
-        return path_m + at.zernike(path_m, terms) if terms else path_m
+    def optical_path(self, path_m: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        terms = {noll: value for noll in _TERMS if (value := v[f"z{noll}_{context.number + 1}"])}
+        return path_m + context.zernike(path_m, terms) if terms else path_m
 
-    def words(self, system: System, v: Values) -> dict[str, str]:
+    def finding_fields(self, system: System, v: Values) -> dict[str, str]:
         squares = [sum(v[f"z{noll}_{m + 1}"] ** 2 for noll in _TERMS) for m in range(len(system.modulators))]
         names = ("modulator 1", "modulator 2")
-        parts = [f"{short(math.sqrt(s), 'nm', 3)} ({name})" for s, name in zip(squares, names, strict=False) if s]
+        parts = [
+            f"{format_rounded(math.sqrt(s), 'nm', 3)} ({name})" for s, name in zip(squares, names, strict=False) if s
+        ]
         return {"rms": " and ".join(parts) or "0 nm"}

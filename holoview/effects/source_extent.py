@@ -39,16 +39,16 @@ class SourceExtent(Effect):
         ),
         Parameter("outline", "From a Gaussian spot over a disc to a square.", low=-1.0, high=1.0, prior=0.5, fine=True),
     )
-    where = ("source",)
+    acts_on = ("source",)
 
     def bench(self, system: System, v: Values) -> System:
         if v["radius"] == 0:
             return system
-        spread = v["radius"] * spot(self.side(system, v["radius"]), v["outline"])
+        spread = v["radius"] * spot_directions(self.directions_per_side(system, v["radius"]), v["outline"])
         directions = (system.source.directions_rad[:, None] + spread[None]).reshape(-1, 2)
         return dataclasses.replace(system, source=dataclasses.replace(system.source, directions_rad=directions))
 
-    def side(self, system: System, radius_rad: float) -> int:
+    def directions_per_side(self, system: System, radius_rad: float) -> int:
         """How many directions there are along a side of the grid."""
         far = float(system.planes_m.max()) + (system.gap_m or 0.0)
         shortest, panel = float(system.wavelengths_m.min()), system.modulators[0]
@@ -58,7 +58,7 @@ class SourceExtent(Effect):
         return min(max(math.ceil(across) + 2, _FEWEST), _MOST)
 
 
-def spot(side: int, outline: float) -> NDArray[np.float64]:
+def spot_directions(side: int, outline: float) -> NDArray[np.float64]:
     """(side², 2) points of equal weight, for a radius of 1: variance 1/4 each way, whatever the outline."""
     middles = (2 * np.arange(side) + 1) / side - 1
     v, u = (a.ravel() for a in np.meshgrid(middles, middles, indexing="ij"))

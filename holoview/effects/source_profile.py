@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 from holoview.effects.effect import Effect
 from holoview.effects.parameter import Parameter, Values
-from holoview.effects.search import square
+from holoview.effects.search import square_grid
 from holoview.system import System
-from holoview.units import short
+from holoview.units import format_rounded
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import Surface
+    from holoview.effects.places import ModulatorContext
 
 
 class SourceProfile(Effect):
@@ -32,23 +32,23 @@ class SourceProfile(Effect):
         Parameter("slope_y", "Slope of the amplitude's logarithm in y.", low=-8.0, high=8.0, prior=0.2),
         Parameter("slope_x", "Slope of the amplitude's logarithm in x.", low=-8.0, high=8.0, prior=0.2),
     )
-    where = ("source",)
+    acts_on = ("source",)
 
-    def starts(self, system: System) -> Iterable[dict[str, float]]:
-        return [{"fall": fall} for fall in (0.2, 0.5, 1.0, 2.0, 4.0)] + square("slope_y", "slope_x", 0.5, 0.5)
+    def starting_points(self, system: System) -> Iterable[dict[str, float]]:
+        return [{"fall": fall} for fall in (0.2, 0.5, 1.0, 2.0, 4.0)] + square_grid("slope_y", "slope_x", 0.5, 0.5)
 
-    def transmission(self, light: Tensor, at: Surface, v: Values) -> Tensor:
-        y, x = (place / at.half_width() for place in at.places(light))
+    def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        y, x = (place / context.half_width() for place in context.positions(transmission))
         logarithm = v["slope_y"] * y + v["slope_x"] * x - v["fall"] * (y * y + x * x)
-        return light * logarithm.exp()
+        return transmission * logarithm.exp()
 
-    def words(self, system: System, v: Values) -> dict[str, str]:
+    def finding_fields(self, system: System, v: Values) -> dict[str, str]:
         half = max(system.modulators[0].shape) * system.modulators[0].pitch_m / 2
         fall, slopes = v["fall"], (v["slope_y"], v["slope_x"])
         if fall <= 0.02:
             return {"shape": "brighter on one side" if any(slopes) else "brighter towards the edge"}
-        centre = [short(slope / (2 * fall) * half, "um", 3) for slope in slopes]
-        waist = short(half / fall**0.5, "mm", 3)
+        centre = [format_rounded(slope / (2 * fall) * half, "um", 3) for slope in slopes]
+        waist = format_rounded(half / fall**0.5, "mm", 3)
         return {
             "shape": f"a Gaussian beam of waist {waist} (1/e of amplitude), centred at y = {centre[0]}, x = {centre[1]}"
         }

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from holoview.effects.effect import Effect
 from holoview.effects.parameter import Parameter, Values
 from holoview.system import System
-from holoview.units import short
+from holoview.units import format_rounded
 
 
 class Stroke(Effect):
@@ -25,7 +25,7 @@ class Stroke(Effect):
             "difference", "Half the relative difference of the two strokes.", low=-0.5, high=0.5, prior=0.05, fine=True
         ),
     )
-    where = ("modulator 1", "modulator 2")
+    acts_on = ("modulator 1", "modulator 2")
 
     def bench(self, system: System, v: Values) -> System:
         modulators = tuple(
@@ -34,6 +34,9 @@ class Stroke(Effect):
         )
         return dataclasses.replace(system, modulators=modulators)
 
-    def words(self, system: System, v: Values) -> Mapping[str, str]:
-        strokes = [short(m.stroke_m, "nm") for m in self.bench(system, v).modulators]
-        return {"strokes": " and ".join(dict.fromkeys(strokes)), "nominal": short(system.modulators[0].stroke_m, "nm")}
+    def finding_fields(self, system: System, v: Values) -> Mapping[str, str]:
+        strokes = [format_rounded(m.stroke_m, "nm") for m in self.bench(system, v).modulators]
+        return {
+            "strokes": " and ".join(dict.fromkeys(strokes)),
+            "nominal": format_rounded(system.modulators[0].stroke_m, "nm"),
+        }

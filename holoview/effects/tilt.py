@@ -7,9 +7,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from holoview.effects.effect import Effect, Facts
+from holoview.effects.effect import DataProperties, Effect
 from holoview.effects.parameter import Parameter, Values
-from holoview.effects.search import square
+from holoview.effects.search import square_grid
 from holoview.system import System
 
 
@@ -23,13 +23,13 @@ class Tilt(Effect):
         Parameter("tilt_y", "Angle added in y.", "mrad", low=-0.1, high=0.1, prior=1e-3),
         Parameter("tilt_x", "Angle added in x.", "mrad", low=-0.1, high=0.1, prior=1e-3),
     )
-    where = ("source",)
+    acts_on = ("source",)
 
-    def equal_to(self, facts: Facts) -> tuple[str, ...]:
+    def degeneracies(self, facts: DataProperties) -> tuple[str, ...]:
         return ("camera_alignment",) if facts.is_fourier else ()
 
-    def starts(self, system: System) -> Iterable[dict[str, float]]:
-        return square("tilt_y", "tilt_x", reach=7.5e-3, step=1.5e-3)
+    def starting_points(self, system: System) -> Iterable[dict[str, float]]:
+        return square_grid("tilt_y", "tilt_x", reach=7.5e-3, step=1.5e-3)
 
     def bench(self, system: System, v: Values) -> System:
         directions = system.source.directions_rad + np.array([v["tilt_y"], v["tilt_x"]])

@@ -11,7 +11,7 @@ from holoview.system import System
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import Surface
+    from holoview.effects.places import ModulatorContext
 
 
 class Undiffracted(Effect):
@@ -28,16 +28,16 @@ class Undiffracted(Effect):
         Parameter("difference", "Half of what modulator 1 has more.", low=-0.5, high=0.5, prior=0.05, fine=True),
         Parameter("quadrature", "Its part out of phase.", low=-0.9, high=0.9, prior=0.05, fine=True),
     )
-    where = ("modulator 1", "modulator 2")
+    acts_on = ("modulator 1", "modulator 2")
 
-    def transmission(self, light: Tensor, at: Surface, v: Values) -> Tensor:
-        amount = self.amount(at.number, v)
-        return (1 - abs(amount)) * light + amount
+    def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        amount = self.unmodulated_amplitude(context.number, v)
+        return (1 - abs(amount)) * transmission + amount
 
-    def amount(self, modulator: int, v: Values) -> complex:
+    def unmodulated_amplitude(self, modulator: int, v: Values) -> complex:
         """Amplitude that a modulator (0, 1) leaves as it is."""
         return complex(v["share"] + (-1) ** modulator * v["difference"], v["quadrature"])
 
-    def words(self, system: System, v: Values) -> dict[str, str]:
-        sizes = [f"{abs(self.amount(n, v)):.3g}" for n in range(len(system.modulators))]
+    def finding_fields(self, system: System, v: Values) -> dict[str, str]:
+        sizes = [f"{abs(self.unmodulated_amplitude(n, v)):.3g}" for n in range(len(system.modulators))]
         return {"size": " and ".join(dict.fromkeys(sizes))}

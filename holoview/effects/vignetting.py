@@ -12,7 +12,7 @@ from holoview.system import System
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import Sensor
+    from holoview.effects.places import CameraContext
 
 
 class Vignetting(Effect):
@@ -25,11 +25,11 @@ class Vignetting(Effect):
         Parameter("fall_y", "Share lost at the upper and lower edge.", low=-1.0, high=0.95, prior=0.1),
         Parameter("fall_x", "Share lost at the left and right edge.", low=-1.0, high=0.95, prior=0.1),
     )
-    where = ("camera",)
+    acts_on = ("camera",)
 
-    def starts(self, system: System) -> Iterable[dict[str, float]]:
+    def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         return [{"fall_y": fall, "fall_x": fall} for fall in (-0.15, -0.05, 0.05, 0.15, 0.25, 0.35)]
 
-    def image(self, image: Tensor, at: Sensor, v: Values) -> Tensor:
-        y, x = at.places(image)
+    def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:
+        y, x = context.positions(image)
         return image * (1 - v["fall_y"] * y.square() - v["fall_x"] * x.square()).clamp_min(0)

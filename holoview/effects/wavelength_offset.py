@@ -18,7 +18,7 @@ class WavelengthOffset(Effect):
             "offset", "Added to every wavelength.", "nm", low=-50e-9, high=50e-9, prior=2e-9, scan=(-18e-9, 18e-9, 2e-9)
         ),
     )
-    where = ("source",)
+    acts_on = ("source",)
 
     def bench(self, system: System, v: Values) -> System:
         return system.with_(wavelengths=system.wavelengths_m + v["offset"])

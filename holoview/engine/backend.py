@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from holoview.engine.frame import Executor
-from holoview.errors import UserError, near_matches
+from holoview.errors import UserError, suggest_matches
 from holoview.plan import Plan
 
 BACKENDS = ("auto", "wgpu", "torch", "torch64")
@@ -21,14 +21,14 @@ def open_executor(
     """
     if backend not in BACKENDS:
         raise UserError(
-            "backend", f'"{backend}"', expected=" or ".join(BACKENDS), remedy=near_matches(backend, BACKENDS)
+            "backend", f'"{backend}"', expected=" or ".join(BACKENDS), remedy=suggest_matches(backend, BACKENDS)
         )
     from holoview.engine.torch import TorchExecutor  # here, as importing torch takes a second
-    from holoview.optics.slots import make_slots
+    from holoview.optics.slots import make_frame_inputs
 
     if backend == "torch64":
-        return TorchExecutor(plan, make_slots(plan, drive), double=True), "torch, complex128"
-    slots = make_slots(plan, drive)
+        return TorchExecutor(plan, make_frame_inputs(plan, drive), double=True), "torch, complex128"
+    slots = make_frame_inputs(plan, drive)
     if backend == "torch":
         return TorchExecutor(plan, slots), "torch, complex64"
     from holoview.engine.wgpu import WgpuExecutor  # here, so that torch alone needs no WebGPU library

@@ -19,7 +19,7 @@ from holoview.errors import UserError
 from holoview.plan import Plan
 
 Field = TypeVar("Field")
-Progress = Callable[[int, int], None]
+ProgressCallback = Callable[[int, int], None]
 
 
 class Executor(Protocol[Field]):
@@ -68,7 +68,7 @@ class Executor(Protocol[Field]):
         """What the observer sees, XYZ (plane, y, x, 3)."""
 
 
-def last_spectrum(executor: Executor[Field], wavelength: int, frame: int, source: int) -> Field:
+def spectrum_behind_modulators(executor: Executor[Field], wavelength: int, frame: int, source: int) -> Field:
     """The spectrum behind the last modulator: what every focal plane is computed from."""
     system = executor.plan.system
     field = executor.modulate(executor.illuminate(wavelength, source), frame, 0, wavelength)
@@ -86,14 +86,14 @@ def run_stages(executor: Executor[Field], wavelength: int) -> None:
         executor.clear(plane)
     for frame in plan.lit(wavelength):
         for source in range(len(plan.slopes)):
-            spectrum = last_spectrum(executor, wavelength, frame, source)
+            spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
             for plane in planes:
                 seen = executor.field(executor.transmit(spectrum, 1, wavelength, float(plan.planes_m[plane])))
                 executor.accumulate(seen, plane, float(plan.weights[frame, wavelength]))
 
 
-def focal_stack(
-    executor: Executor[Field], progress: Progress | None = None
+def compute_focal_stack(
+    executor: Executor[Field], progress: ProgressCallback | None = None
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Intensity (plane, wavelength, y, x) of a whole frame, and XYZ (plane, y, x, 3) that the observer sees.
 

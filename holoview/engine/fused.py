@@ -18,31 +18,31 @@ from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from holoview.engine.inputs import FrameInputs
+from holoview.engine.inputs import DeviceTables
 from holoview.engine.kernels import (
-    BETWEEN,
+    FIELD_TO_FIELD,
     KERNELS,
-    Constants,
-    Kernels,
-    Variant,
-    field_numbers,
-    variants,
+    FusedKernels,
+    KernelVariant,
+    Switches,
+    field_samples,
+    required_variants,
     works_in_place,
 )
-from holoview.engine.layouts import BATCH
+from holoview.engine.layouts import DISPATCH_PARAMS
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.lines import Strategy
-from holoview.gpu.recorder import Pass, Recorder
+from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.plan import Plan
 
 if TYPE_CHECKING:
-    from holoview.optics.slots import FrameSlots
+    from holoview.optics.slots import AnyFrameInputs
 
 _COMPLEX64, _COMPLEX32, _F32 = 8, 4, 4
 
 
 @dataclass(frozen=True)
-class Span:
+class WavelengthSpan:
     """What one dispatch computes: neighbouring wavelengths of a frame, lit from one source."""
 
     frame: int
@@ -52,7 +52,7 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Rows:
+class BufferRegion:
     """Where fields of a span are: the buffer, and the number of the first field in it."""
 
     buffer: Buffer
@@ -70,29 +70,29 @@ class FusedFrame:
     def __init__(
         self,
         plan: Plan,
-        slots: FrameSlots,
+        inputs: AnyFrameInputs,
         device: Device,
         *,
         half: bool = False,
-        together: int = 1,
+        max_wavelengths: int = 1,
         strategy: Strategy = "passes",
-        shaders: Kernels | None = None,
+        fused_kernels: FusedKernels | None = None,
     ) -> None:
-        self.device, self.grid, self.together = device, plan.grid, together
+        self.device, self.grid, self.max_wavelengths = device, plan.grid, max_wavelengths
         grid = plan.grid
-        self.field_bytes = field_numbers(grid) * (_COMPLEX32 if half else _COMPLEX64)
-        self.kernels: Counter[str] = Counter()
-        self.shaders = Kernels(device, grid, half=half) if shaders is None else shaders
+        self.field_bytes = field_samples(grid) * (_COMPLEX32 if half else _COMPLEX64)
+        self.dispatch_counts: Counter[str] = Counter()
+        self.fused_kernels = FusedKernels(device, grid, half=half) if fused_kernels is None else fused_kernels
         self.strategy = strategy
-        self._passes: dict[Hashable, list[Pass]] = {}
+        self._passes: dict[Hashable, list[Dispatch]] = {}
         size = f"{grid.padded[1]} x {grid.shape[0]}"
         self._work = self._working_memory()
-        self._scratch = [self.rows(f"rows of the field {i}, {size}") for i in (0, 1)]
-        self.inputs = FrameInputs(device, plan, slots)
+        self._scratch = [self.allocate_fields(f"rows of the field {i}, {size}") for i in (0, 1)]
+        self.tables = DeviceTables(device, plan, inputs)
 
-    def rows(self, label: str, fields: int | None = None) -> Rows:
+    def allocate_fields(self, label: str, fields: int | None = None) -> BufferRegion:
         """New storage for the rows of `fields` fields, those of a span by default."""
-        return Rows(self.device.buffer(self.field_bytes * (fields or self.together), label))
+        return BufferRegion(self.device.buffer(self.field_bytes * (fields or self.max_wavelengths), label))
 
     @property
     def memory_bytes(self) -> int:
@@ -102,7 +102,7 @@ class FusedFrame:
     @property
     def traffic_bytes(self) -> int:
         """Bytes that the kernels read and write for one field, from the source to the intensity."""
-        modulators = len(self.inputs.plan.system.modulators)
+        modulators = len(self.tables.plan.system.modulators)
         opd = modulators * math.prod(self.grid.shape) * _F32 // self.grid.upsample**2
         rows = (4 * modulators) * self.field_bytes
         return rows + opd + math.prod(self.grid.shape) * _F32
@@ -118,97 +118,114 @@ class FusedFrame:
         self._passes.clear()
         self._work = self._working_memory()
 
-    def variants(self) -> frozenset[Variant]:
+    def required_variants(self) -> frozenset[KernelVariant]:
         """The kernels that the plan needs."""
-        wavelengths = range(len(self.inputs.plan.system.wavelengths_m))
-        glass = [{self.inputs.pupil(relay, w)[0] for w in wavelengths} for relay in (0, 1)]
-        return variants(self.inputs.plan, glass, [self.inputs.slots.is_dense(modulator) for modulator in (0, 1)])
+        wavelengths = range(len(self.tables.plan.system.wavelengths_m))
+        glass = [{self.tables.pupil(relay, w)[0] for w in wavelengths} for relay in (0, 1)]
+        return required_variants(
+            self.tables.plan, glass, [self.tables.inputs.is_sampled(modulator) for modulator in (0, 1)]
+        )
 
     # --- kernels ----------------------------------------------------------------------------------------------------
 
-    def first(self, recorder: Recorder, span: Span, target: Rows | None = None) -> Rows:
+    def record_first_modulator(
+        self, recorder: CommandRecorder, span: WavelengthSpan, target: BufferRegion | None = None
+    ) -> BufferRegion:
         """Records light behind modulator 1, transformed along x."""
         target = target or self._scratch[0]
-        inputs = self.inputs
+        inputs = self.tables
         tilted = inputs.is_tilted(span.source, range(span.wavelength, span.wavelength + span.count))
         is_dense, dense = inputs.dense(span.frame, 0, span.wavelength)
         tables = [inputs.table("waves"), inputs.table("lights", 0), inputs.table("opd", span.frame, 0), dense]
-        self._run(recorder, "light", span, None, target, tables, (("is_tilted", tilted), ("is_dense", is_dense)))
+        self._record_kernel(
+            recorder, "light", span, None, target, tables, (("is_tilted", tilted), ("is_dense", is_dense))
+        )
         return target
 
-    def second(self, recorder: Recorder, span: Span, first: Rows, target: Rows | None = None) -> Rows:
+    def record_second_modulator(
+        self, recorder: CommandRecorder, span: WavelengthSpan, first: BufferRegion, target: BufferRegion | None = None
+    ) -> BufferRegion:
         """Records light behind modulator 2, transformed along x; with one modulator that is `first`."""
-        if self.inputs.plan.system.gap_m is None:
+        if self.tables.plan.system.gap_m is None:
             return first
         target = target or (self._scratch[0] if self.works_in_place else self._scratch[1])
         self._propagate(recorder, span, 0, first, target)
-        is_dense, dense = self.inputs.dense(span.frame, 1, span.wavelength)
-        tables = [self.inputs.table("lights", 1), self.inputs.table("opd", span.frame, 1), dense]
-        self._run(recorder, "modulate", span, target, target, tables, (("is_dense", is_dense),))
+        is_dense, dense = self.tables.dense(span.frame, 1, span.wavelength)
+        tables = [self.tables.table("lights", 1), self.tables.table("opd", span.frame, 1), dense]
+        self._record_kernel(recorder, "modulate", span, target, target, tables, (("is_dense", is_dense),))
         return target
 
-    def observe(
-        self, recorder: Recorder, span: Span, second: Rows, intensity: Rows, *, weight: float = 1.0, adds: bool = False
+    def record_intensity(
+        self,
+        recorder: CommandRecorder,
+        span: WavelengthSpan,
+        second: BufferRegion,
+        intensity: BufferRegion,
+        *,
+        weight: float = 1.0,
+        adds: bool = False,
     ) -> None:
         """Records weight·|field|² at the plane of relay 1 into slices of `intensity`, added to what is there or not."""
         seen = self._scratch[1] if second != self._scratch[1] else self._scratch[0]
         self._propagate(recorder, span, 1, second, seen)
-        self._run(recorder, "observe", span, seen, intensity, [], (("adds", adds),), weight=weight)
+        self._record_kernel(recorder, "observe", span, seen, intensity, [], (("adds", adds),), weight=weight)
 
-    def _propagate(self, recorder: Recorder, span: Span, relay: int, source: Rows, target: Rows) -> None:
-        has_pupil, pupil = self.inputs.pupil(relay, span.wavelength)
-        tables = [self.inputs.table("paths", relay), self.inputs.table("stops", relay), pupil]
-        self._run(recorder, "propagate", span, source, target, tables, (("has_pupil", has_pupil),))
+    def _propagate(
+        self, recorder: CommandRecorder, span: WavelengthSpan, relay: int, source: BufferRegion, target: BufferRegion
+    ) -> None:
+        has_pupil, pupil = self.tables.pupil(relay, span.wavelength)
+        tables = [self.tables.table("paths", relay), self.tables.table("stops", relay), pupil]
+        self._record_kernel(recorder, "propagate", span, source, target, tables, (("has_pupil", has_pupil),))
 
-    def _run(
+    def _record_kernel(
         self,
-        recorder: Recorder,
+        recorder: CommandRecorder,
         kernel: str,
-        span: Span,
-        source: Rows | None,
-        target: Rows,
+        span: WavelengthSpan,
+        source: BufferRegion | None,
+        target: BufferRegion,
         tables: Sequence[Buffer],
-        constants: Constants = (),
+        constants: Switches = (),
         *,
         weight: float = 0.0,
     ) -> None:
         key = (kernel, span, source, target, *tables, constants, weight)
         if key not in self._passes:
-            batch = BATCH.pack(
-                wave=span.source * len(self.inputs.plan.system.wavelengths_m) + span.wavelength,
+            batch = DISPATCH_PARAMS.pack(
+                wave=span.source * len(self.tables.plan.system.wavelengths_m) + span.wavelength,
                 wavelength=span.wavelength,
                 source_field=source.first if source else 0,
                 target_field=target.first,
                 work_field=source.first if source and kernel == "observe" else target.first,
                 weight=weight,
             )
-            two = kernel in BETWEEN and source != target
+            two = kernel in FIELD_TO_FIELD and source != target
             rows = [source.buffer, target.buffer] if source and two else [(source or target).buffer, None]
             out = [target.buffer] if kernel == "observe" else []
             buffers = [self.device.uniform(batch, f"batch of {kernel}"), *rows, *tables, *out]
-            transform = self.shaders.transform((kernel, constants, two), self.strategy)
+            transform = self.fused_kernels.transform((kernel, constants, two), self.strategy)
             lines = self.grid.shape[0] if transform.axis == "x" else self.grid.padded[1]
             self._passes[key] = transform.bind(buffers, lines, span.count, self._work)
         for step in self._passes[key]:
             recorder.add(step)
-        self.kernels[kernel] += 1
+        self.dispatch_counts[kernel] += 1
 
     def _working_memory(self) -> Buffer | None:
         """What the transforms need besides the rows, if anything. Raises UserError for a size that has no transform."""
-        transforms = (self.shaders.transform((kernel, (), False), self.strategy) for kernel in KERNELS)
-        nbytes = self.together * max(transform.work_bytes for transform in transforms)
+        transforms = (self.fused_kernels.transform((kernel, (), False), self.strategy) for kernel in KERNELS)
+        nbytes = self.max_wavelengths * max(transform.work_bytes for transform in transforms)
         size = f"{self.grid.padded[1]} x {self.grid.padded[0]}"
         return self.device.buffer(nbytes, f"padded field, {size}") if nbytes else None
 
 
-def spans_of(lit: Iterable[tuple[int, int]], together: int) -> list[Span]:
+def group_into_spans(lit: Iterable[tuple[int, int]], max_wavelengths: int) -> list[WavelengthSpan]:
     """(frame, wavelength) in order as spans: neighbouring wavelengths of a frame, as many as may be `together`."""
-    spans: list[Span] = []
+    spans: list[WavelengthSpan] = []
     for frame, wavelength in lit:
         last = spans[-1] if spans else None
         follows = last is not None and (last.frame, last.wavelength + last.count) == (frame, wavelength)
-        if last is not None and follows and wavelength % together:
+        if last is not None and follows and wavelength % max_wavelengths:
             spans[-1] = replace(last, count=last.count + 1)
         else:
-            spans.append(Span(frame, 0, wavelength))
+            spans.append(WavelengthSpan(frame, 0, wavelength))
     return spans

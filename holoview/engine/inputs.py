@@ -13,42 +13,52 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from holoview.engine.layouts import LIGHT, PATH, WAVE
-from holoview.engine.values import column_stops, dense_values, light_values, path_values, wave_values
+from holoview.engine.layouts import MODULATOR, PLANE_WAVE, PROPAGATION
+from holoview.engine.values import (
+    column_support,
+    dense_transmission,
+    modulator_uniform,
+    plane_wave_uniform,
+    propagation_uniform,
+)
 from holoview.gpu.device import Buffer, Device
 from holoview.plan import Plan
 
 if TYPE_CHECKING:
-    from holoview.optics.slots import FrameSlots
+    from holoview.optics.slots import AnyFrameInputs
 
 _STOPS_BYTES = 8
 
 Key = tuple[str | int, ...]
-Identity = Hashable
+Fingerprint = Hashable
 """Equal for equal inputs."""
 
 
-class FrameInputs:
+class DeviceTables:
     """Tables of a plan and its slots: waves; lights, paths, samples of modulators; paths, stops, pupils of relays."""
 
-    def __init__(self, device: Device, plan: Plan, slots: FrameSlots) -> None:
-        self.plan, self.slots = plan, slots
+    def __init__(self, device: Device, plan: Plan, inputs: AnyFrameInputs) -> None:
+        self.plan, self.inputs = plan, inputs
         self._device = device
         self._tables: dict[Key, Buffer] = {}
         self._digests: dict[Key, tuple[bytes, ...]] = {}
         self._items: dict[Key, list[bytes]] = {}
         self._no_table = device.upload(np.zeros(1, np.complex64), "no table")
         self._fill_slots()
-        self.use(plan, slots)
+        self.set_plan(plan, inputs)
 
-    def use(self, plan: Plan, slots: FrameSlots) -> None:
+    def set_plan(self, plan: Plan, inputs: AnyFrameInputs) -> None:
         """Go on with another plan of the same grid and the same numbers of wavelengths, frames and sources."""
-        changed = slots is not self.slots
-        self.plan, self.slots = plan, slots
+        changed = inputs is not self.inputs
+        self.plan, self.inputs = plan, inputs
         wavelengths, sources = range(len(plan.system.wavelengths_m)), range(len(plan.slopes))
-        self._fill(("waves",), [WAVE.pack(**wave_values(plan, w, s)) for s in sources for w in wavelengths])
+        self._fill(
+            ("waves",), [PLANE_WAVE.pack(**plane_wave_uniform(plan, w, s)) for s in sources for w in wavelengths]
+        )
         for modulator in range(len(plan.system.modulators)):
-            self._fill(("lights", modulator), [LIGHT.pack(**light_values(plan, modulator, w)) for w in wavelengths])
+            self._fill(
+                ("lights", modulator), [MODULATOR.pack(**modulator_uniform(plan, modulator, w)) for w in wavelengths]
+            )
         if changed:
             self._fill_slots()
         if plan.system.gap_m is not None:
@@ -57,12 +67,12 @@ class FrameInputs:
     def set_distance(self, relay: int, distance_m: float, wavelengths: Iterable[int] | None = None) -> None:
         """Where relay 0 (the gap) or 1 (to a plane) leads, at all wavelengths or some, for all that isn't submitted."""
         grid, count = self.plan.grid, len(self.plan.system.wavelengths_m)
-        paths = list(self._items.get(("paths", relay), [bytes(PATH.size)] * count))
+        paths = list(self._items.get(("paths", relay), [bytes(PROPAGATION.size)] * count))
         stops = list(self._items.get(("stops", relay), [bytes(_STOPS_BYTES * (grid.padded[1] // 2 + 1))] * count))
         for wavelength in range(count) if wavelengths is None else wavelengths:
             step = self.plan.transfer(relay, wavelength, distance_m)
-            paths[wavelength] = PATH.pack(**path_values(step))
-            stops[wavelength] = column_stops(step, grid).tobytes()
+            paths[wavelength] = PROPAGATION.pack(**propagation_uniform(step))
+            stops[wavelength] = column_support(step, grid).tobytes()
         for name, items in (("paths", paths), ("stops", stops)):
             self._items[name, relay] = items
             self._fill((name, relay), items)
@@ -89,20 +99,24 @@ class FrameInputs:
 
     # --- what results depend on -------------------------------------------------------------------------------------
 
-    def rows_of(self, frame: int, source: int, wavelength: int) -> tuple[Identity, Identity]:
+    def field_fingerprints(self, frame: int, source: int, wavelength: int) -> tuple[Fingerprint, Fingerprint]:
         """What the light behind the first and behind the last modulator is computed from."""
         number = source * len(self.plan.system.wavelengths_m) + wavelength
-        first = (self._digests[("waves",)][number], *self._modulator(0, frame, wavelength))
+        first = (self._digests[("waves",)][number], *self._modulator_fingerprint(0, frame, wavelength))
         if self.plan.system.gap_m is None:
             return first, first
-        return first, (first, self.plane_of(wavelength, relay=0), *self._modulator(1, frame, wavelength))
+        return first, (
+            first,
+            self.relay_fingerprint(wavelength, relay=0),
+            *self._modulator_fingerprint(1, frame, wavelength),
+        )
 
-    def plane_of(self, wavelength: int, relay: int = 1) -> Identity:
+    def relay_fingerprint(self, wavelength: int, relay: int = 1) -> Fingerprint:
         """What the way through a relay is computed from: to the plane, or over the gap."""
         tables = tuple(self._digests[name, relay][wavelength] for name in ("paths", "stops"))
         return (*tables, self._digests.get(("pupil", relay, wavelength)))
 
-    def _modulator(self, modulator: int, frame: int, wavelength: int) -> tuple[Identity, ...]:
+    def _modulator_fingerprint(self, modulator: int, frame: int, wavelength: int) -> tuple[Fingerprint, ...]:
         dense = self._digests.get(("dense", frame, modulator, wavelength))
         return dense or (self._digests["lights", modulator][wavelength], self._digests["opd", frame, modulator])
 
@@ -112,10 +126,10 @@ class FrameInputs:
         """Optical paths and pupils."""
         for frame in range(self.plan.system.frames):
             for modulator, panel in enumerate(self.plan.system.modulators):
-                maps = self.slots.strokes(frame, modulator, panel.stroke_m)
+                maps = self.inputs.stroke_fractions(frame, modulator, panel.stroke_m)
                 self._fill(("opd", frame, modulator), [maps.tobytes()])
                 self._fill_dense(frame, modulator)
-        for relay, pupils in enumerate(self.slots.pupils):
+        for relay, pupils in enumerate(self.inputs.pupils):
             for wavelength, pupil in enumerate(pupils):
                 key = ("pupil", relay, wavelength)
                 if pupil is not None:
@@ -127,8 +141,8 @@ class FrameInputs:
         """Transmissions of a modulator's samples at the wavelengths that are lit, where effects give it any."""
         for wavelength in range(len(self.plan.system.wavelengths_m)):
             key = ("dense", frame, modulator, wavelength)
-            if self.slots.is_dense(modulator) and self.plan.weights[frame, wavelength] > 0:
-                self._fill(key, [dense_values(self.slots, frame, modulator, wavelength).tobytes()])
+            if self.inputs.is_sampled(modulator) and self.plan.weights[frame, wavelength] > 0:
+                self._fill(key, [dense_transmission(self.inputs, frame, modulator, wavelength).tobytes()])
             else:
                 self._drop(key)
 

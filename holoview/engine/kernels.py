@@ -11,60 +11,60 @@ from collections.abc import Iterable, Sequence
 from typing import Literal
 
 from holoview.engine.display import padded_pixels
-from holoview.engine.layouts import BATCH, GRID, LIGHT, PATH, WAVE
+from holoview.engine.layouts import DISPATCH_PARAMS, GRID, MODULATOR, PLANE_WAVE, PROPAGATION
 from holoview.gpu.device import Device
 from holoview.gpu.fft_codegen import Direction
-from holoview.gpu.layout import Struct
-from holoview.gpu.lines import ROW_PADDING, Axis, Hooks, LineTransform, Stage, Strategy, storage
-from holoview.gpu.shader import Generated
-from holoview.gpu.warm import warm_up
+from holoview.gpu.layout import WgslStruct
+from holoview.gpu.lines import ROW_PADDING, Axis, Hooks, LineFft, Strategy, TransformShader, storage_shader
+from holoview.gpu.shader import GeneratedWgsl
+from holoview.gpu.warm import precompile
 from holoview.plan import Grid, Plan
 
-Constants = tuple[tuple[str, bool], ...]
-Variant = tuple[str, Constants, bool]
+Switches = tuple[tuple[str, bool], ...]
+KernelVariant = tuple[str, Switches, bool]
 """A kernel, its switches, and whether it reads one buffer and writes another, or works in place."""
 TILE_X, TILE_Y = 4, 16
 """Samples of the tiles that fields lie in: see `shaders/frame/rows.wgsl`."""
 
-KERNELS: dict[str, tuple[Axis, tuple[Direction, ...], tuple[Struct, ...]]] = {
-    "light": ("x", ("forward",), (WAVE, LIGHT)),
-    "propagate": ("y", ("forward", "inverse"), (PATH,)),
-    "modulate": ("x", ("inverse", "forward"), (LIGHT,)),
+KERNELS: dict[str, tuple[Axis, tuple[Direction, ...], tuple[WgslStruct, ...]]] = {
+    "light": ("x", ("forward",), (PLANE_WAVE, MODULATOR)),
+    "propagate": ("y", ("forward", "inverse"), (PROPAGATION,)),
+    "modulate": ("x", ("inverse", "forward"), (MODULATOR,)),
     "observe": ("x", ("inverse",), ()),
 }
 """Axis and directions of the transform, and the structs that its hooks take."""
-_SHARES: dict[str, Literal["load", "middle"]] = {"light": "load", "modulate": "middle"}
+_SHARED_HOOK: dict[str, Literal["load", "middle"]] = {"light": "load", "modulate": "middle"}
 """Hooks that take what the samples of a modulator's pixel have in common."""
-BETWEEN = ("propagate", "modulate")
+FIELD_TO_FIELD = ("propagate", "modulate")
 """Kernels that read fields and write fields: in place, or from one buffer to another."""
 
 
-class Kernels:
+class FusedKernels:
     """The kernels for one grid; `half` stores fields as f16. Each is generated once."""
 
     def __init__(self, device: Device, grid: Grid, *, half: bool = False) -> None:
         self.device, self.grid, self.half = device, grid, half
-        self._transforms: dict[tuple[Variant, Strategy], LineTransform] = {}
+        self._transforms: dict[tuple[KernelVariant, Strategy], LineFft] = {}
 
-    def transform(self, variant: Variant, strategy: Strategy) -> LineTransform:
+    def transform(self, variant: KernelVariant, strategy: Strategy) -> LineFft:
         """A kernel by a strategy. Raises UserError for a size that it can't transform."""
         key = (variant, strategy)
         if key not in self._transforms:
             kernel, constants, two = variant
             options = {"half": self.half, "two": two}
-            self._transforms[key] = transform_of(self.device, self.grid, kernel, constants, strategy, **options)
+            self._transforms[key] = make_transform(self.device, self.grid, kernel, constants, strategy, **options)
         return self._transforms[key]
 
-    def stages(self, strategy: Strategy, variants: Iterable[Variant]) -> list[Stage]:
+    def shaders(self, strategy: Strategy, variants: Iterable[KernelVariant]) -> list[TransformShader]:
         """All their shaders, such as to compile them somewhere else."""
-        return [stage for variant in sorted(variants) for stage in self.transform(variant, strategy).stages]
+        return [stage for variant in sorted(variants) for stage in self.transform(variant, strategy).shaders]
 
-    def warm_up(self, strategy: Strategy, plan: Plan) -> None:
+    def precompile(self, strategy: Strategy, plan: Plan) -> None:
         """Has the device compile what a plan without pupils needs, and doesn't wait for it where drivers allow that."""
-        needed = variants(plan, [{False}, {False}], [False, False])
+        needed = required_variants(plan, [{False}, {False}], [False, False])
         if not works_in_place(strategy):
             needed -= {("propagate", constants, False) for _, constants, _ in needed}
-        warm_up(self.device, self.stages(strategy, needed))
+        precompile(self.device, self.shaders(strategy, needed))
 
 
 def works_in_place(strategy: Strategy) -> bool:
@@ -72,31 +72,33 @@ def works_in_place(strategy: Strategy) -> bool:
     return strategy != "passes"
 
 
-def variants(plan: Plan, glass: Sequence[Iterable[bool]], dense: Sequence[bool]) -> frozenset[Variant]:
+def required_variants(
+    plan: Plan, has_pupil: Sequence[Iterable[bool]], dense: Sequence[bool]
+) -> frozenset[KernelVariant]:
     """The kernels that a plan needs. glass: for each relay, whether it has a pupil, at whichever wavelengths; dense:
     for each modulator, whether effects give its samples a transmission."""
-    found: set[Variant] = {
+    found: set[KernelVariant] = {
         ("light", (("is_tilted", bool(slope.any())), ("is_dense", dense[0])), False)
         for slope in plan.slopes.reshape(-1, 2)
     }
-    found |= {("propagate", (("has_pupil", has),), True) for has in glass[1]}
+    found |= {("propagate", (("has_pupil", has),), True) for has in has_pupil[1]}
     found |= {("observe", (("adds", source > 0),), False) for source in range(min(len(plan.slopes), 2))}
     if plan.system.gap_m is not None:
-        found |= {("propagate", (("has_pupil", has),), two) for has in glass[0] for two in (False, True)}
+        found |= {("propagate", (("has_pupil", has),), two) for has in has_pupil[0] for two in (False, True)}
         found.add(("modulate", (("is_dense", dense[1]),), False))
     return frozenset(found)
 
 
-def transform_of(
+def make_transform(
     device: Device,
     grid: Grid,
     kernel: str,
-    constants: Constants,
+    constants: Switches,
     strategy: Strategy,
     *,
     half: bool = False,
-    two: bool = False,
-) -> LineTransform:
+    separate_buffers: bool = False,
+) -> LineFft:
     """A fused kernel: the transform of an axis between the hooks of `shaders/frame/<kernel>.wgsl`.
 
     half: fields are stored as f16. two: they are read from one buffer and written to another, else in place.
@@ -107,15 +109,15 @@ def transform_of(
     own_work = has_room and not half  # passes that round to f16 one after the other would cost 12 dB
     work = ("frame/work.wgsl",) if own_work else ()
     parts = (
-        Generated("structs", GRID.wgsl + BATCH.wgsl + "".join(layout.wgsl for layout in layouts)),
-        Generated("grid", _grid_wgsl(grid, strategy)),
-        storage(device, half=half),
-        f"frame/rows_{'two' if two else 'one'}.wgsl",
+        GeneratedWgsl("structs", GRID.wgsl + DISPATCH_PARAMS.wgsl + "".join(layout.wgsl for layout in layouts)),
+        GeneratedWgsl("grid", _grid_wgsl(grid, strategy)),
+        storage_shader(device, half=half),
+        f"frame/rows_{'two' if separate_buffers else 'one'}.wgsl",
         *work,
         f"frame/{kernel}.wgsl",
     )
-    hooks = Hooks(kernel, parts, constants, own_work, _SHARES.get(kernel), grid.upsample)
-    return LineTransform(device, axis, grid.padded, steps, hooks, strategy)
+    hooks = Hooks(kernel, parts, constants, own_work, _SHARED_HOOK.get(kernel), grid.upsample)
+    return LineFft(device, axis, grid.padded, steps, hooks, strategy)
 
 
 def row_stride(grid: Grid) -> int:
@@ -123,7 +125,7 @@ def row_stride(grid: Grid) -> int:
     return _rounded(grid.padded[1], TILE_X) + ROW_PADDING
 
 
-def field_numbers(grid: Grid) -> int:
+def field_samples(grid: Grid) -> int:
     """Complex numbers that the rows of a field take."""
     return _rounded(grid.shape[0], TILE_Y) * row_stride(grid)
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from holoview.gpu.layout import Struct
+from holoview.gpu.layout import WgslStruct
 
-GRID = Struct(
+GRID = WgslStruct(
     "Grid",
     [
         ("padded", "vec2<u32>"),  # (y, x) of the grid that is transformed
@@ -14,7 +14,7 @@ GRID = Struct(
         ("upsample", "u32"),  # samples a modulator pixel and axis
     ],
 )
-WAVE = Struct(
+PLANE_WAVE = WgslStruct(
     "Wave",
     [
         ("slope_y", "vec2<u32>"),  # turns a sample: 32 bits and 16 guard bits
@@ -22,8 +22,8 @@ WAVE = Struct(
         ("start", "u32"),  # phase of the first sample, 2³² to the turn
     ],
 )
-LIGHT = Struct("Light", [("waves", "f32")])  # a modulator's stroke in wavelengths
-PATH = Struct(
+MODULATOR = WgslStruct("Light", [("waves", "f32")])  # a modulator's stroke in wavelengths
+PROPAGATION = WgslStruct(
     "Path",
     [
         ("paraxial_y", "vec2<u32>"),  # frac(z·λ/2·df²): 32 bits and 16 guard bits
@@ -32,7 +32,7 @@ PATH = Struct(
         ("waves", "f32"),  # z/λ
     ],
 )
-BATCH = Struct(
+DISPATCH_PARAMS = WgslStruct(
     "Batch",
     [
         ("wave", "u32"),  # number of the first field's illumination
@@ -43,16 +43,18 @@ BATCH = Struct(
         ("weight", "f32"),  # of the intensity
     ],
 )
-WEIGHT = Struct("Weight", [("weight", "f32")])
-BLEND = Struct(
+WEIGHT = WgslStruct("Weight", [("weight", "f32")])
+BLEND = WgslStruct(
     "Blend",
     [
         ("quads", "u32"),  # fours of pixels in an intensity
         ("count", "u32"),  # intensities that are blended
     ],
 )
-SHARE = Struct("Share", [("xyz", "vec3<f32>"), ("slice", "u32")])  # of one intensity: its weight and where it is
-SCREEN = Struct(
+BLEND_TERM = WgslStruct(
+    "Share", [("xyz", "vec3<f32>"), ("slice", "u32")]
+)  # of one intensity: its weight and where it is
+SRGB_ENCODING = WgslStruct(
     "Screen",
     [
         ("from_x", "vec4<f32>"),  # linear sRGB of X, of Y and of Z, exposure included
@@ -62,7 +64,7 @@ SCREEN = Struct(
         ("pitch", "u32"),  # pixels from row to row of the picture
     ],
 )
-VIEWPORT = Struct(
+VIEWPORT = WgslStruct(
     "Viewport",
     [
         ("first", "vec4<f32>"),  # of XYZ: exposed channel = dot(xyz) + w, black 0 to white 1

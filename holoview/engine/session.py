@@ -25,36 +25,36 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.engine.display import Display
-from holoview.engine.fused import Span
-from holoview.engine.inputs import Identity
-from holoview.engine.kernels import Kernels
-from holoview.engine.pace import Pace
-from holoview.engine.results import Results, Settings, is_clear
-from holoview.engine.work import Job, Submitter, exposures, work_left
+from holoview.engine.display import Compositor
+from holoview.engine.fused import WavelengthSpan
+from holoview.engine.inputs import Fingerprint
+from holoview.engine.kernels import FusedKernels
+from holoview.engine.pace import StrategySelector
+from holoview.engine.results import RenderSettings, ResultCache, has_no_dense_maps
+from holoview.engine.work import Submission, Submitter, intensity_submissions, pending_submissions
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.lines import Strategy
-from holoview.gpu.timer import Timer
-from holoview.optics.plain import plain_slots
+from holoview.gpu.timer import GpuTimer
+from holoview.optics.plain import plain_frame_inputs
 from holoview.plan import Plan, make_plan
 from holoview.system import System
 
 if TYPE_CHECKING:
-    from holoview.optics.slots import FrameSlots
+    from holoview.optics.slots import AnyFrameInputs
 
 BUDGET_BYTES = 2**30
 """Device memory for results that are kept, unless another budget is given."""
 
 
 @dataclass(frozen=True)
-class Step:
+class UpdateProgress:
     """Progress of an update: `done` of `total` submissions."""
 
     done: int
     total: int
 
 
-class FrameSession:
+class IncrementalRenderer:
     """One drive of one system at one focal plane, on a device, ready for edits.
 
     After `edit`, either `update` computes what is stale, or the caller goes through `steps`, a small submission each,
@@ -79,21 +79,21 @@ class FrameSession:
         exposure_stops: float = 0.0,
         budget_bytes: int = BUDGET_BYTES,
         half: bool = False,
-        together: int = 1,
+        max_wavelengths: int = 1,
         strategy: Strategy | Literal["auto"] = "auto",
     ) -> None:
         self.device = device
-        self._settings, self._half = Settings(budget_bytes, together), half
+        self._settings, self._half = RenderSettings(budget_bytes, max_wavelengths), half
         self._drive, self._generation = drive, 0
         self._submitter = Submitter(device)
         self.plane_m = float(system.planes_m[0]) if plane_m is None else plane_m
         self.exposure_stops = exposure_stops
         self._plan = make_plan(system, [*system.planes_m, self.plane_m])
-        self._pace = Pace(device, strategy)
-        shaders = self._warmed_up(self._plan)  # first, as making slots may have to import torch
-        self._slots = _make_slots(self._plan, drive)
+        self._pace = StrategySelector(device, strategy)
+        shaders = self._precompile(self._plan)  # first, as making slots may have to import torch
+        self._slots = _make_inputs(self._plan, drive)
         self._results = self._opened(self._plan, self._slots, shaders)
-        self._take(self._pace.strategy_for(self._results.frame.variants()))
+        self._apply_strategy(self._pace.strategy_for(self._results.frame.required_variants()))
 
     @property
     def system(self) -> System:
@@ -101,24 +101,24 @@ class FrameSession:
         return self._plan.nominal
 
     @property
-    def kernels(self) -> Counter[str]:
+    def dispatch_counts(self) -> Counter[str]:
         """How many fused kernels were dispatched, by name; `composite` and `show` among them."""
-        return self._results.frame.kernels
+        return self._results.frame.dispatch_counts
 
     @property
-    def display(self) -> Display:
+    def compositor(self) -> Compositor:
         """What makes pictures, of which it tells the layout."""
-        return self._results.display
+        return self._results.compositor
 
     @property
-    def seen(self) -> Buffer:
+    def xyz_buffer(self) -> Buffer:
         """XYZ on the device, f32, (y, x, 4)."""
-        return self._results.seen
+        return self._results.xyz_buffer
 
     @property
-    def picture(self) -> Buffer:
+    def srgb_buffer(self) -> Buffer:
         """The picture on the device, 8-bit RGBA, `display.pitch` pixels a row."""
-        return self._results.picture
+        return self._results.srgb_buffer
 
     @property
     def memory_bytes(self) -> int:
@@ -131,12 +131,12 @@ class FrameSession:
         return self._results.frame.traffic_bytes
 
     @property
-    def timer(self) -> Timer | None:
+    def timer(self) -> GpuTimer | None:
         """Takes the time of all dispatches on the device, where one is set."""
         return self._submitter.timer
 
     @timer.setter
-    def timer(self, timer: Timer | None) -> None:
+    def timer(self, timer: GpuTimer | None) -> None:
         self._submitter.timer = timer
 
     @property
@@ -161,41 +161,43 @@ class FrameSession:
         plan, slots = self._plan, self._slots
         if system is not None or plane_m is not None:
             plan = make_plan(given, [*given.planes_m, plane])
-        if drive is not None or _slots_of(plan) != _slots_of(self._plan):
-            slots = _make_slots(plan, self._drive if drive is None else drive)
+        if drive is not None or _inputs_fingerprint(plan) != _inputs_fingerprint(self._plan):
+            slots = _make_inputs(plan, self._drive if drive is None else drive)
         if _structure(plan, slots) == _structure(self._plan, self._slots):
-            self._results.use(plan, slots, float(plan.planes_m[-1]))
+            self._results.set_plan(plan, slots, float(plan.planes_m[-1]))
         else:
-            self._results = self._opened(plan, slots, self._warmed_up(plan))
+            self._results = self._opened(plan, slots, self._precompile(plan))
         self._generation += 1
         self._plan, self._slots, self.plane_m = plan, slots, plane
         self._drive = self._drive if drive is None else drive
         self.exposure_stops = self.exposure_stops if exposure_stops is None else exposure_stops
-        self._take(self._pace.strategy_for(self._results.frame.variants()))
+        self._apply_strategy(self._pace.strategy_for(self._results.frame.required_variants()))
 
-    def poll(self) -> bool:
+    def poll_strategy(self) -> bool:
         """Whether the transforms have just become faster: call it now and then, such as once a drawn frame.
 
         It never waits. Where the strategy is "auto", the first call begins to look for a faster one, in a process of
         its own. Results stay valid; an update that has begun goes on.
         """
-        return self._take(self._pace.poll(self._plan.grid.padded, self._results.frame))
+        return self._apply_strategy(self._pace.poll(self._plan.grid.padded, self._results.frame))
 
     def close(self) -> None:
         """Ends the search for a faster strategy; the session stays of use."""
         self._pace.close()
 
-    def update(self, *, picture: bool = True) -> None:
+    def update(self, *, with_srgb: bool = True) -> None:
         """Computes all that is stale, but not the picture without `picture`."""
-        for _ in self.steps(picture=picture):
+        for _ in self.steps(with_srgb=with_srgb):
             pass
 
-    def forget(self) -> None:
+    def invalidate(self) -> None:
         """Everything is stale: the next update begins at the light source."""
         self._generation += 1
-        self._results.forget()
+        self._results.invalidate()
 
-    def steps(self, *, picture: bool = True, wait: bool = False, slice_s: float | None = None) -> Iterator[Step]:
+    def steps(
+        self, *, with_srgb: bool = True, wait: bool = False, slice_s: float | None = None
+    ) -> Iterator[UpdateProgress]:
         """Computes what is stale, a submission a step; with `wait`, a step ends when the device has done it.
 
         With `slice_s`, a submission is cut into several of about so many seconds, waited for, and several steps have
@@ -203,24 +205,24 @@ class FrameSession:
         computed: what it has done stays, and the next one goes on from there.
         """
         self._generation += 1
-        generation, work = self._generation, self._left(picture)
+        generation, work = self._generation, self._left(with_srgb)
         for done, job in enumerate(work, start=1):
             if slice_s is None:
                 self._submitter.submit(job, wait=wait)
             else:
-                for _ in self._submitter.slices(job, slice_s):
-                    yield Step(done - 1, len(work))
+                for _ in self._submitter.submit_sliced(job, slice_s):
+                    yield UpdateProgress(done - 1, len(work))
                     if generation != self._generation:
                         return
-            yield Step(done, len(work))
+            yield UpdateProgress(done, len(work))
             if generation != self._generation:
                 return
 
-    def pending(self, *, picture: bool = True) -> int:
+    def pending_count(self, *, with_srgb: bool = True) -> int:
         """How many submissions are left to do."""
-        return len(self._left(picture))
+        return len(self._left(with_srgb))
 
-    def stack(self, planes_m: Sequence[float]) -> NDArray[np.float32]:
+    def xyz_stack(self, planes_m: Sequence[float]) -> NDArray[np.float32]:
         """XYZ (plane, y, x, 3) at several planes, sharing all up to the second rows; the session's plane stays."""
         before, out = self.plane_m, []
         try:
@@ -234,43 +236,43 @@ class FrameSession:
 
     def xyz(self) -> NDArray[np.float32]:
         """What the observer saw at the last update, XYZ (y, x, 3)."""
-        return self.display.xyz(self.seen)
+        return self.compositor.download_xyz(self.xyz_buffer)
 
     def srgb8(self) -> NDArray[np.uint8]:
         """The picture of the last update, sRGB (y, x, 3), 8 bit."""
-        return self.display.srgb8(self.picture)
+        return self.compositor.download_srgb8(self.srgb_buffer)
 
     def intensity(self, wavelength: int) -> NDArray[np.float32]:
         """Intensity (y, x) of a wavelength as the bench is now: frames and sources averaged, amplitudes applied."""
         total = np.zeros(self._plan.grid.shape, np.float32)
         for frame in self._plan.lit(wavelength):
             lit = (frame, wavelength)
-            if not self._results.is_fresh(lit):
+            if not self._results.is_current(lit):
                 self._generation += 1
-                for job in exposures(self._results, self._plan, Span(frame, 0, wavelength)):
+                for job in intensity_submissions(self._results, self._plan, WavelengthSpan(frame, 0, wavelength)):
                     self._submitter.submit(job)
             total += np.float32(self._plan.weights[lit]) * self._results.intensity(lit)
         return total
 
     # --- what has to be done ----------------------------------------------------------------------------------------
 
-    def _left(self, picture: bool) -> list[Job]:
+    def _left(self, picture: bool) -> list[Submission]:
         """What has to be submitted, in order."""
-        return work_left(self._results, self._plan, self.exposure_stops, picture=picture)
+        return pending_submissions(self._results, self._plan, self.exposure_stops, picture=picture)
 
-    def _warmed_up(self, plan: Plan) -> Kernels:
+    def _precompile(self, plan: Plan) -> FusedKernels:
         """The shaders for the grid of a plan, which are being compiled."""
-        shaders = Kernels(self.device, plan.grid, half=self._half)
-        shaders.warm_up(self._pace.start(plan.grid.padded), plan)
+        shaders = FusedKernels(self.device, plan.grid, half=self._half)
+        shaders.precompile(self._pace.initial_strategy(plan.grid.padded), plan)
         return shaders
 
-    def _opened(self, plan: Plan, slots: FrameSlots, shaders: Kernels) -> Results:
+    def _opened(self, plan: Plan, slots: AnyFrameInputs, shaders: FusedKernels) -> ResultCache:
         """Memory on the device for the results of a plan, none of which is known yet."""
-        results = Results(plan, slots, shaders, self._settings, self._pace.start(plan.grid.padded))
-        results.frame.inputs.set_distance(1, float(plan.planes_m[-1]))
+        results = ResultCache(plan, slots, shaders, self._settings, self._pace.initial_strategy(plan.grid.padded))
+        results.frame.tables.set_distance(1, float(plan.planes_m[-1]))
         return results
 
-    def _take(self, strategy: Strategy) -> bool:
+    def _apply_strategy(self, strategy: Strategy) -> bool:
         """Computes by that strategy from now on; whether it is another one."""
         if strategy == self.strategy:
             return False
@@ -278,21 +280,21 @@ class FrameSession:
         return True
 
 
-def _make_slots(plan: Plan, drive: Any) -> FrameSlots:
-    plain = plain_slots(plan, drive) if isinstance(drive, np.ndarray) else None
+def _make_inputs(plan: Plan, drive: Any) -> AnyFrameInputs:
+    plain = plain_frame_inputs(plan, drive) if isinstance(drive, np.ndarray) else None
     if plain is not None:
         return plain
-    from holoview.optics.slots import make_slots  # here, as it imports torch, which takes a second
+    from holoview.optics.slots import make_frame_inputs  # here, as it imports torch, which takes a second
 
-    return make_slots(plan, drive)
+    return make_frame_inputs(plan, drive)
 
 
-def _structure(plan: Plan, slots: FrameSlots) -> Identity:
+def _structure(plan: Plan, slots: AnyFrameInputs) -> Fingerprint:
     """What decides how much memory is taken, and what the kernels are compiled for."""
-    return plan.grid, plan.weights.shape, len(plan.slopes), len(plan.system.modulators), is_clear(slots)
+    return plan.grid, plan.weights.shape, len(plan.slopes), len(plan.system.modulators), has_no_dense_maps(slots)
 
 
-def _slots_of(plan: Plan) -> Identity:
+def _inputs_fingerprint(plan: Plan) -> Fingerprint:
     """What the slots of a drive depend on."""
     system = plan.system
     bench = (system.modulators, system.relay1, system.relay2, system.wavelengths_m.tobytes(), plan.grid, system.frames)

@@ -7,10 +7,10 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.engine.frame import run_stages
-from holoview.optics.propagate import relay_response
-from holoview.optics.resample import upsampled
+from holoview.optics.propagate import relay_transfer_function
+from holoview.optics.resample import upsample_nearest
 from holoview.optics.slm import phasor
-from holoview.optics.slots import Slots
+from holoview.optics.slots import FrameInputs
 from holoview.optics.source import plane_wave
 from holoview.plan import Plan
 
@@ -18,14 +18,14 @@ from holoview.plan import Plan
 class TorchExecutor:
     """Runs the stages of a frame in torch. Transfer functions are built in float64."""
 
-    def __init__(self, plan: Plan, slots: Slots, *, double: bool = False, device: str = "cpu") -> None:
+    def __init__(self, plan: Plan, inputs: FrameInputs, *, double: bool = False, device: str = "cpu") -> None:
         self.plan = plan
-        self.slots = slots
+        self.inputs = inputs
         self._device = torch.device(device)
         self._dtype = torch.complex128 if double else torch.complex64
         self._real = torch.float64 if double else torch.float32
         self._transfers: dict[tuple[int, float], torch.Tensor] = {}
-        self._transfers_of = -1
+        self._cached_wavelength = -1
         self._intensity = [self._dark() for _ in plan.planes_m]
         self._xyz = torch.zeros(len(plan.planes_m), *plan.grid.shape, 3, dtype=self._real, device=self._device)
 
@@ -39,12 +39,12 @@ class TorchExecutor:
 
     def modulate(self, field: torch.Tensor, frame: int, modulator: int, wavelength: int) -> torch.Tensor:
         """field × exp(2πi·opd/λ), or × the transmission that effects give the modulator, (y, x)."""
-        dense = self.slots.transmission(frame, modulator, wavelength)
+        dense = self.inputs.transmission(frame, modulator, wavelength)
         if dense is not None:
             return field * dense.to(self._dtype).to(self._device)
-        opd = self.slots.opd_m[frame, modulator].to(self._device)
+        opd = self.inputs.opd_m[frame, modulator].to(self._device)
         pixels = phasor(opd, float(self.plan.system.wavelengths_m[wavelength]), self._dtype)
-        return field * upsampled(pixels, self.plan.grid.upsample)
+        return field * upsample_nearest(pixels, self.plan.grid.upsample)
 
     def spectrum(self, field: torch.Tensor) -> torch.Tensor:
         """Forward FFT of the field in the middle of the padded grid, (P_y, P_x)."""
@@ -86,7 +86,7 @@ class TorchExecutor:
         """What the observer sees, XYZ (plane, y, x, 3)."""
         return self._xyz.cpu().numpy().copy()
 
-    def differentiable(self) -> torch.Tensor:
+    def intensity_tensor(self) -> torch.Tensor:
         """Intensity (plane, wavelength, y, x) as a tensor through which gradients reach the slots' optical paths."""
         stacks = []
         for wavelength in range(len(self.plan.system.wavelengths_m)):
@@ -99,12 +99,12 @@ class TorchExecutor:
 
     def transfer(self, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
         """H × pupil of a relay, (P_y, P_x); kept for the frames and sources of one wavelength."""
-        if wavelength != self._transfers_of:
+        if wavelength != self._cached_wavelength:
             self._transfers.clear()
-            self._transfers_of = wavelength
+            self._cached_wavelength = wavelength
         key = (relay, distance_m)
         if key not in self._transfers:
             step = self.plan.transfer(relay, wavelength, distance_m)
-            pupil = self.slots.pupils[relay][wavelength]
-            self._transfers[key] = relay_response(step, self.plan.grid, pupil, self._dtype, self._device)
+            pupil = self.inputs.pupils[relay][wavelength]
+            self._transfers[key] = relay_transfer_function(step, self.plan.grid, pupil, self._dtype, self._device)
         return self._transfers[key]

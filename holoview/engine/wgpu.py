@@ -14,17 +14,24 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.engine.display import Display
-from holoview.engine.fused import FusedFrame, Rows, Span
-from holoview.engine.layouts import GRID, LIGHT, PATH, WAVE, WEIGHT
-from holoview.engine.values import Values, column_stops, dense_values, light_values, path_values, wave_values
+from holoview.engine.display import Compositor
+from holoview.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
+from holoview.engine.layouts import GRID, MODULATOR, PLANE_WAVE, PROPAGATION, WEIGHT
+from holoview.engine.values import (
+    UniformValues,
+    column_support,
+    dense_transmission,
+    modulator_uniform,
+    plane_wave_uniform,
+    propagation_uniform,
+)
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.fft import FftPlan
-from holoview.gpu.layout import Struct
-from holoview.gpu.recorder import Pass, Recorder
-from holoview.gpu.shader import Generated, link
-from holoview.gpu.tune import remembered
-from holoview.optics.slots import Slots
+from holoview.gpu.layout import WgslStruct
+from holoview.gpu.recorder import CommandRecorder, Dispatch
+from holoview.gpu.shader import GeneratedWgsl, link
+from holoview.gpu.tune import remembered_strategy
+from holoview.optics.slots import FrameInputs
 from holoview.plan import Plan
 
 _WORKGROUP = 64
@@ -41,55 +48,59 @@ class GpuField:
 class WgpuExecutor:
     """Runs a frame on a device, fused or stage by stage. Raises UserError when the grid exceeds the device's limits."""
 
-    def __init__(self, plan: Plan, slots: Slots, device: Device) -> None:
-        self.plan, self.slots, self.device = plan, slots, device
-        self._fused = FusedFrame(plan, slots, device, strategy=remembered(device, plan.grid.padded))
-        self._display = Display(device, plan.grid.shape)
+    def __init__(self, plan: Plan, inputs: FrameInputs, device: Device) -> None:
+        self.plan, self.inputs, self.device = plan, inputs, device
+        self._fused = FusedFrame(plan, inputs, device, strategy=remembered_strategy(device, plan.grid.padded))
+        self._display = Compositor(device, plan.grid.shape)
         planes = range(len(plan.planes_m))
-        self._intensity = [self._display.intensities(1, f"intensity of plane {i}") for i in planes]
-        self._xyz = [self._display.seen(f"XYZ of plane {i}") for i in planes]
-        self._kept: dict[Hashable, Buffer] = {}
-        self._passes: dict[Hashable, Pass] = {}
-        self._recorder: Recorder | None = None
+        self._intensity = [self._display.intensity_buffer(1, f"intensity of plane {i}") for i in planes]
+        self._xyz = [self._display.xyz_buffer(f"XYZ of plane {i}") for i in planes]
+        self._buffers: dict[Hashable, Buffer] = {}
+        self._passes: dict[Hashable, Dispatch] = {}
+        self._recorder: CommandRecorder | None = None
 
     def run(self, wavelength: int) -> None:
         """Leaves each plane's intensity at one wavelength in the executor, averaged over frames and sources."""
-        rounds = [Span(f, s, wavelength) for f in self.plan.lit(wavelength) for s in range(len(self.plan.slopes))]
+        rounds = [
+            WavelengthSpan(f, s, wavelength) for f in self.plan.lit(wavelength) for s in range(len(self.plan.slopes))
+        ]
         for plane in range(len(self._intensity) if not rounds else 0):
             self.clear(plane)
         for number, span in enumerate(rounds):
             recorder = self._recording()
-            second = self._fused.second(recorder, span, self._fused.first(recorder, span))
+            second = self._fused.record_second_modulator(
+                recorder, span, self._fused.record_first_modulator(recorder, span)
+            )
             weight = float(self.plan.weights[span.frame, wavelength])
             for plane, distance_m in enumerate(self.plan.planes_m.tolist()):
                 self.submit()  # what is recorded still goes to the plane before
-                self._fused.inputs.set_distance(1, distance_m, [wavelength])
-                target = Rows(self._intensity[plane])
-                self._fused.observe(self._recording(), span, second, target, weight=weight, adds=number > 0)
+                self._fused.tables.set_distance(1, distance_m, [wavelength])
+                target = BufferRegion(self._intensity[plane])
+                self._fused.record_intensity(self._recording(), span, second, target, weight=weight, adds=number > 0)
 
     # --- stage by stage ---------------------------------------------------------------------------------------------
 
     def illuminate(self, wavelength: int, source: int) -> GpuField:
         """The plane wave that falls on the first modulator."""
         key = ("wave", wavelength, source)
-        wave = self._uniform(key, WAVE, lambda: wave_values(self.plan, wavelength, source))
-        self._run(key, "stage/illuminate.wgsl", WAVE, [wave], [self._fields[0]], self.plan.grid.padded)
+        wave = self._uniform(key, PLANE_WAVE, lambda: plane_wave_uniform(self.plan, wavelength, source))
+        self._record_stage(key, "stage/illuminate.wgsl", PLANE_WAVE, [wave], [self._fields[0]], self.plan.grid.padded)
         return GpuField(0)
 
     def modulate(self, field: GpuField, frame: int, modulator: int, wavelength: int) -> GpuField:
         """field × exp(2πi·opd/λ), or × the transmission that effects give the modulator; zero outside it."""
-        values = lambda: light_values(self.plan, modulator, wavelength)  # noqa: E731
-        light = self._uniform(("light", modulator, wavelength), LIGHT, values)
+        values = lambda: modulator_uniform(self.plan, modulator, wavelength)  # noqa: E731
+        light = self._uniform(("light", modulator, wavelength), MODULATOR, values)
         stroke_m = self.plan.system.modulators[modulator].stroke_m
-        opd = self._stored(("opd", frame, modulator), lambda: self.slots.strokes(frame, modulator, stroke_m))
-        is_dense, table = self.slots.is_dense(modulator), self._no_table
+        opd = self._stored(("opd", frame, modulator), lambda: self.inputs.stroke_fractions(frame, modulator, stroke_m))
+        is_dense, table = self.inputs.is_sampled(modulator), self._no_table
         if is_dense:
-            samples = partial(dense_values, self.slots, frame, modulator, wavelength)
+            samples = partial(dense_transmission, self.inputs, frame, modulator, wavelength)
             table = self._stored(("dense", frame, modulator, wavelength), samples)
         key = ("modulate", frame, modulator, wavelength, field.number)
         buffers = [opd, table, self._fields[field.number]]
         constants = {"is_dense": is_dense}
-        self._run(key, "stage/modulate.wgsl", LIGHT, [light], buffers, self.plan.grid.padded, constants)
+        self._record_stage(key, "stage/modulate.wgsl", MODULATOR, [light], buffers, self.plan.grid.padded, constants)
         return field
 
     def spectrum(self, field: GpuField) -> GpuField:
@@ -101,16 +112,16 @@ class WgpuExecutor:
         """spectrum × H × pupil, into the other field."""
         step = self.plan.transfer(relay, wavelength, distance_m)
         key = ("transmit", relay, wavelength, distance_m, spectrum.number)
-        path = self._uniform(key[:4], PATH, lambda: path_values(step))
-        stops = self._stored(("stops", *key[1:4]), lambda: column_stops(step, self.plan.grid))
-        pupil = self.slots.pupils[relay][wavelength]
+        path = self._uniform(key[:4], PROPAGATION, lambda: propagation_uniform(step))
+        stops = self._stored(("stops", *key[1:4]), lambda: column_support(step, self.plan.grid))
+        pupil = self.inputs.pupils[relay][wavelength]
         glass = self._no_table
         if pupil is not None:
             glass = self._stored(("pupil", relay, wavelength), lambda: pupil.cpu().numpy().astype(np.complex64))
         target = 1 - spectrum.number
         buffers = [*self._frequencies, stops, glass, self._fields[spectrum.number], self._fields[target]]
         constants = {"has_pupil": pupil is not None}
-        self._run(key, "stage/transmit.wgsl", PATH, [path], buffers, self.plan.grid.padded, constants)
+        self._record_stage(key, "stage/transmit.wgsl", PROPAGATION, [path], buffers, self.plan.grid.padded, constants)
         return GpuField(target, is_spectrum=True)
 
     def field(self, spectrum: GpuField) -> GpuField:
@@ -127,7 +138,7 @@ class WgpuExecutor:
         share = self._uniform(("weight", weight), WEIGHT, lambda: {"weight": weight})
         key = ("accumulate", field.number, plane, weight)
         buffers = [self._fields[field.number], self._intensity[plane]]
-        self._run(key, "stage/accumulate.wgsl", WEIGHT, [share], buffers, self.plan.grid.shape)
+        self._record_stage(key, "stage/accumulate.wgsl", WEIGHT, [share], buffers, self.plan.grid.shape)
 
     # --- what is seen -----------------------------------------------------------------------------------------------
 
@@ -151,7 +162,7 @@ class WgpuExecutor:
     def xyz(self) -> NDArray[np.floating]:
         """What the observer sees, XYZ (plane, y, x, 3) float32."""
         self.submit()
-        return np.stack([self._display.xyz(seen) for seen in self._xyz])
+        return np.stack([self._display.download_xyz(seen) for seen in self._xyz])
 
     def submit(self, wait: bool = False) -> None:
         """Runs what was recorded."""
@@ -208,28 +219,28 @@ class WgpuExecutor:
     def _rows(self) -> tuple[int, int]:
         return self.plan.grid.offset[0], self.plan.grid.shape[0]
 
-    def _recording(self) -> Recorder:
+    def _recording(self) -> CommandRecorder:
         if self._recorder is None:
-            self._recorder = Recorder(self.device, "frame")
+            self._recorder = CommandRecorder(self.device, "frame")
         return self._recorder
 
-    def _uniform(self, key: Hashable, layout: Struct, values: Callable[[], Values]) -> Buffer:
+    def _uniform(self, key: Hashable, layout: WgslStruct, values: Callable[[], UniformValues]) -> Buffer:
         """The uniform of that key; its values are made at the first call only."""
-        if key not in self._kept:
-            self._kept[key] = self.device.uniform(layout.pack(**values()), layout.name)
-        return self._kept[key]
+        if key not in self._buffers:
+            self._buffers[key] = self.device.uniform(layout.pack(**values()), layout.name)
+        return self._buffers[key]
 
     def _stored(self, key: Hashable, array: Callable[[], NDArray[np.generic]]) -> Buffer:
         """The storage buffer of that key; its array is made at the first call only."""
-        if key not in self._kept:
-            self._kept[key] = self.device.upload(np.ascontiguousarray(array()), str(key))
-        return self._kept[key]
+        if key not in self._buffers:
+            self._buffers[key] = self.device.upload(np.ascontiguousarray(array()), str(key))
+        return self._buffers[key]
 
-    def _run(
+    def _record_stage(
         self,
         key: Hashable,
         shader: str,
-        layout: Struct,
+        layout: WgslStruct,
         uniforms: Sequence[Buffer],
         buffers: Sequence[Buffer],
         shape: tuple[int, int],
@@ -237,8 +248,10 @@ class WgpuExecutor:
     ) -> None:
         """Records one stage over `shape` samples (y, x), bound once for each key."""
         if key not in self._passes:
-            source = link(Generated("Grid", GRID.wgsl), Generated(layout.name, layout.wgsl), shader)
+            source = link(GeneratedWgsl("Grid", GRID.wgsl), GeneratedWgsl(layout.name, layout.wgsl), shader)
             pipeline = self.device.pipeline(source, constants)
             workgroups = (-(-shape[1] // _WORKGROUP), shape[0], 1)
-            self._passes[key] = Pass.bind(self.device, pipeline, [[self._grid, *uniforms], list(buffers)], workgroups)
+            self._passes[key] = Dispatch.bind(
+                self.device, pipeline, [[self._grid, *uniforms], list(buffers)], workgroups
+            )
         self._recording().add(self._passes[key])

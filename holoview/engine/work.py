@@ -9,42 +9,44 @@ from functools import partial
 
 import numpy as np
 
-from holoview.engine.fused import Span, spans_of
-from holoview.engine.results import Results
+from holoview.engine.fused import WavelengthSpan, group_into_spans
+from holoview.engine.results import ResultCache
 from holoview.gpu.device import Device
-from holoview.gpu.recorder import Recorder, Score
-from holoview.gpu.timer import Timer
+from holoview.gpu.recorder import CommandRecorder, SlicedRecorder
+from holoview.gpu.timer import GpuTimer
 from holoview.plan import Plan
 
-Job = Callable[[Recorder], None]
+Submission = Callable[[CommandRecorder], None]
 
 _MOST_DISPATCHES = 256.0  # in a slice
 
 
-def work_left(results: Results, plan: Plan, exposure_stops: float, *, picture: bool) -> list[Job]:
+def pending_submissions(results: ResultCache, plan: Plan, exposure_stops: float, *, picture: bool) -> list[Submission]:
     """What has to be submitted, in order: intensities that stay, their blend, those that don't, the picture."""
     lit = [(int(f), int(w)) for f, w in np.argwhere(plan.weights > 0)]
     weights = {key: plan.weights[key] * plan.colour_weights[key[1]] for key in lit}
-    seen_of = tuple((results.identity(key), weights[key].tobytes()) for key in lit)
-    work: list[Job] = []
-    together = results.frame.together
-    for run in spans_of([key for key in lit if results.is_housed(key) and not results.is_fresh(key)], together):
-        work += exposures(results, plan, run)
-    if results.seen_of != seen_of:
-        homeless = spans_of([key for key in lit if not results.is_housed(key)], together)
-        work.append(partial(results.blend, weights, None if homeless else seen_of))
+    seen_of = tuple((results.intensity_fingerprint(key), weights[key].tobytes()) for key in lit)
+    work: list[Submission] = []
+    together = results.frame.max_wavelengths
+    for run in group_into_spans(
+        [key for key in lit if results.is_resident(key) and not results.is_current(key)], together
+    ):
+        work += intensity_submissions(results, plan, run)
+    if results.xyz_fingerprint != seen_of:
+        homeless = group_into_spans([key for key in lit if not results.is_resident(key)], together)
+        work.append(partial(results.composite_resident, weights, None if homeless else seen_of))
         for run in homeless:
-            work += exposures(results, plan, run)
-            work.append(partial(results.add, run, weights, seen_of if run is homeless[-1] else None))
+            work += intensity_submissions(results, plan, run)
+            work.append(partial(results.composite_transient, run, weights, seen_of if run is homeless[-1] else None))
     picture_of = (seen_of, exposure_stops)
-    if picture and results.picture_of != picture_of:
-        work.append(partial(results.show, exposure_stops, picture_of))
+    if picture and results.srgb_fingerprint != picture_of:
+        work.append(partial(results.encode_srgb, exposure_stops, picture_of))
     return work
 
 
-def exposures(results: Results, plan: Plan, run: Span) -> list[Job]:
+def intensity_submissions(results: ResultCache, plan: Plan, run: WavelengthSpan) -> list[Submission]:
     """What makes the intensities of a run of wavelengths: a submission a source."""
-    return [partial(results.expose, replace(run, source=source)) for source in range(len(plan.slopes))]
+    return [partial(results.accumulate_intensity, replace(run, source=source)) for source in range(len(plan.slopes))]
 
 
 class Submitter:
@@ -53,25 +55,25 @@ class Submitter:
     def __init__(self, device: Device) -> None:
         self._device = device
         self._dispatches = 1.0
-        self.timer: Timer | None = None
+        self.timer: GpuTimer | None = None
 
-    def submit(self, job: Job, *, wait: bool = False) -> None:
+    def submit(self, job: Submission, *, wait: bool = False) -> None:
         """All of a job at once; with `wait`, until the device has done it."""
-        recorder = Recorder(self._device, "frame", self.timer)
+        recorder = CommandRecorder(self._device, "frame", self.timer)
         job(recorder)
         recorder.submit(wait=wait)
 
-    def slices(self, job: Job, slice_s: float) -> Iterator[None]:
+    def submit_sliced(self, job: Submission, slice_s: float) -> Iterator[None]:
         """A job in slices, as many dispatches at a time as took about `slice_s` so far; yields between them."""
-        score = Score(self._device, "frame", self.timer)
+        score = SlicedRecorder(self._device, "frame", self.timer)
         job(score)
         while True:
-            count, begun = max(min(round(self._dispatches), score.left), 1), time.perf_counter()
-            score.play(count, wait=True)
+            count, begun = max(min(round(self._dispatches), score.remaining), 1), time.perf_counter()
+            score.submit_next(count, wait=True)
             spent = max(time.perf_counter() - begun, 1e-6)
             self._dispatches = min(
                 max(count * slice_s / spent, self._dispatches / 2), 2 * self._dispatches, _MOST_DISPATCHES
             )
-            if score.left == 0:
+            if score.remaining == 0:
                 return
             yield

@@ -13,11 +13,11 @@ from typing import Any
 
 import wgpu
 
-from holoview.errors import UserError, near_matches
+from holoview.errors import UserError, suggest_matches
 
 MIB = 2**20
 
-NEEDED_LIMITS: Mapping[str, int] = {
+REQUIRED_LIMITS: Mapping[str, int] = {
     "max-storage-buffers-per-shader-stage": 8,
     "max-compute-invocations-per-workgroup": 256,
     "max-compute-workgroup-size-x": 256,
@@ -93,7 +93,7 @@ def _runtime_folder() -> Iterator[None]:
             del os.environ["XDG_RUNTIME_DIR"]
 
 
-def adapters() -> list[AdapterInfo]:
+def list_adapters() -> list[AdapterInfo]:
     """The adapters of this machine, best first."""
     return [AdapterInfo.of(native) for native in native_adapters()]
 
@@ -117,13 +117,13 @@ def choose_adapter(found: Sequence[Any], name: str | None = None) -> Any:
     fitting = [native for native in found if name.lower() in native.info["device"].lower()]
     if not fitting:
         names = {native.info["device"] for native in found}
-        raise UserError("adapter", f"no adapter is called '{name}'", remedy=near_matches(name, names))
+        raise UserError("adapter", f"no adapter is called '{name}'", remedy=suggest_matches(name, names))
     return min(fitting, key=lambda native: AdapterInfo.of(native).rank)
 
 
 def missing_limits(limits: Mapping[str, int]) -> list[str]:
     """The names of the needed limits that `limits` falls short of."""
-    return [name for name, needed in NEEDED_LIMITS.items() if limits.get(name, 0) < needed]
+    return [name for name, needed in REQUIRED_LIMITS.items() if limits.get(name, 0) < needed]
 
 
 def check_limits(info: AdapterInfo, limits: Mapping[str, int]) -> None:
@@ -133,6 +133,6 @@ def check_limits(info: AdapterInfo, limits: Mapping[str, int]) -> None:
         raise UserError(
             f"adapter {info.label}",
             ", ".join(f"{name} is {limits.get(name, 0)}" for name in short),
-            expected=", ".join(f"{name} of at least {NEEDED_LIMITS[name]}" for name in short),
+            expected=", ".join(f"{name} of at least {REQUIRED_LIMITS[name]}" for name in short),
             remedy="choose another adapter, update its driver, or use --backend torch",
         )

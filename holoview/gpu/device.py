@@ -15,10 +15,10 @@ import wgpu
 from numpy.typing import DTypeLike, NDArray
 
 from holoview.errors import UserError
-from holoview.gpu.adapter import MIB, AdapterInfo, adapters, check_limits, choose_adapter, native_adapters
+from holoview.gpu.adapter import MIB, AdapterInfo, check_limits, choose_adapter, list_adapters, native_adapters
 from holoview.gpu.shader import ShaderSource, compile_error
 
-__all__ = ["AdapterInfo", "Buffer", "Device", "DeviceLost", "Pipeline", "adapters", "open_device"]
+__all__ = ["AdapterInfo", "Buffer", "Device", "DeviceLost", "Pipeline", "list_adapters", "open_device"]
 
 Constants = Mapping[str, int | float | bool]
 SUBGROUP, TIMESTAMPS, INT64 = "subgroup", "timestamp-query", "shader-int64"
@@ -156,7 +156,7 @@ class Device:
 
     def _layout(self, source: ShaderSource) -> Any:
         """All buffers that the shader declares, so that one declaration serves entry points that don't use them all."""
-        declared = source.buffers()
+        declared = source.buffer_bindings()
         if declared is None:
             return "auto"
         groups = []

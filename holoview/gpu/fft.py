@@ -19,15 +19,24 @@ from numpy.typing import NDArray
 
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.fft_codegen import Axis, Direction
-from holoview.gpu.lines import ROW_PADDING, Hooks, LineTransform, Stage, Strategy, check_strategy, frequencies, storage
-from holoview.gpu.recorder import Pass, Recorder
+from holoview.gpu.lines import (
+    ROW_PADDING,
+    Hooks,
+    LineFft,
+    Strategy,
+    TransformShader,
+    check_strategy,
+    spectrum_frequencies,
+    storage_shader,
+)
+from holoview.gpu.recorder import CommandRecorder, Dispatch
 
 Complex = NDArray[np.complex64]
-Rows = tuple[int, int]
+RowRange = tuple[int, int]
 _COMPLEX_BYTES = 8
 
 
-def batches(device: Device, fields: int, field_bytes: int) -> list[range]:
+def batch_ranges(device: Device, fields: int, field_bytes: int) -> list[range]:
     """The numbers of `fields` fields in parts, each as large as one buffer of the device can be; one at least."""
     limit = min(device.limits[name] for name in ("max-storage-buffer-binding-size", "max-buffer-size"))
     most = max(limit // field_bytes, 1)
@@ -60,17 +69,17 @@ class FftPlan:
         self.buffer_bytes = batch * ny * self.stride * _COMPLEX_BYTES
         check_strategy(device, "x", nx, strategy)
         check_strategy(device, "y", ny, strategy)
-        self.frequency_y, self.frequency_x = frequencies(ny, strategy), frequencies(nx, strategy)
-        self._bound: WeakKeyDictionary[Buffer, dict[tuple[Direction, Rows], list[Pass]]] = WeakKeyDictionary()
+        self.frequency_y, self.frequency_x = spectrum_frequencies(ny, strategy), spectrum_frequencies(nx, strategy)
+        self._bound: WeakKeyDictionary[Buffer, dict[tuple[Direction, RowRange], list[Dispatch]]] = WeakKeyDictionary()
 
-    def forward(self, recorder: Recorder, buffer: Buffer, rows: Rows | None = None) -> None:
+    def forward(self, recorder: CommandRecorder, buffer: Buffer, rows: RowRange | None = None) -> None:
         """Record the forward transform of `buffer`, in place.
 
         With rows = (first, count), all other rows have to be zero, and the passes along x leave them alone.
         """
         self._record(recorder, buffer, "forward", rows)
 
-    def inverse(self, recorder: Recorder, buffer: Buffer, rows: Rows | None = None) -> None:
+    def inverse(self, recorder: CommandRecorder, buffer: Buffer, rows: RowRange | None = None) -> None:
         """Record the inverse transform of `buffer`, in place.
 
         With rows = (first, count), only these rows are worth reading afterwards: the passes along x skip the others.
@@ -96,11 +105,11 @@ class FftPlan:
         return spectrum[..., rows[:, None], columns]
 
     @property
-    def stages(self) -> list[Stage]:
+    def shaders(self) -> list[TransformShader]:
         """The shaders of both directions."""
-        return [stage for transform in (*self._forward, *self._inverse) for stage in transform.stages]
+        return [stage for transform in (*self._forward, *self._inverse) for stage in transform.shaders]
 
-    def _record(self, recorder: Recorder, buffer: Buffer, direction: Direction, rows: Rows | None) -> None:
+    def _record(self, recorder: CommandRecorder, buffer: Buffer, direction: Direction, rows: RowRange | None) -> None:
         ny = self.shape[0]
         chosen = (0, ny) if rows is None else rows
         if chosen[0] < 0 or chosen[1] < 1 or sum(chosen) > ny:
@@ -113,7 +122,7 @@ class FftPlan:
         for step in bound[direction, chosen]:
             recorder.add(step)
 
-    def _bind(self, buffer: Buffer, direction: Direction, rows: Rows) -> list[Pass]:
+    def _bind(self, buffer: Buffer, direction: Direction, rows: RowRange) -> list[Dispatch]:
         bound = []
         for transform in self._forward if direction == "forward" else self._inverse:
             first, count = rows if transform.axis == "x" else (0, self.shape[1])
@@ -121,14 +130,14 @@ class FftPlan:
         return bound
 
     @cached_property
-    def _forward(self) -> list[LineTransform]:
+    def _forward(self) -> list[LineFft]:
         return [self._along("x", "forward"), self._along("y", "forward")]
 
     @cached_property
-    def _inverse(self) -> list[LineTransform]:
+    def _inverse(self) -> list[LineFft]:
         return [self._along("y", "inverse"), self._along("x", "inverse", 1 / (self.shape[0] * self.shape[1]))]
 
-    def _along(self, axis: Axis, direction: Direction, scale: float = 1.0) -> LineTransform:
+    def _along(self, axis: Axis, direction: Direction, scale: float = 1.0) -> LineFft:
         constants = (("row_stride", self.stride), ("field_stride", self.stride * self.shape[0]), ("scale", scale))
-        hooks = Hooks("FFT", (storage(self._device), "fft/buffer.wgsl"), constants, own_work=True)
-        return LineTransform(self._device, axis, self.shape, (direction,), hooks, self.strategy)
+        hooks = Hooks("FFT", (storage_shader(self._device), "fft/buffer.wgsl"), constants, has_work_hooks=True)
+        return LineFft(self._device, axis, self.shape, (direction,), hooks, self.strategy)

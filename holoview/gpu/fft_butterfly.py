@@ -15,7 +15,7 @@ Sign = Literal[-1, 1]
 _EXACT = 1e-12
 
 
-class Emitter:
+class WgslEmitter:
     """Collects WGSL statements and names the values they define."""
 
     def __init__(self) -> None:
@@ -50,17 +50,17 @@ class Emitter:
             return self.times_i(a, 1 if imaginary > 0 else -1)
         if abs(abs(real) - abs(imaginary)) < _EXACT:
             turned = self.times_i(a, 1 if imaginary > 0 else -1)
-            return self.let(f"({turned} {'+' if real > 0 else '-'} {a}) * {literal(abs(real))}")
-        return self.let(f"cmul({a}, vec2f({literal(real)}, {literal(imaginary)}))")
+            return self.let(f"({turned} {'+' if real > 0 else '-'} {a}) * {wgsl_float(abs(real))}")
+        return self.let(f"cmul({a}, vec2f({wgsl_float(real)}, {wgsl_float(imaginary)}))")
 
 
-def literal(value: float) -> str:
+def wgsl_float(value: float) -> str:
     """A WGSL float with more digits than f32 holds."""
     text = f"{value:.12g}"
     return text if set(text) & set(".e") else f"{text}.0"
 
 
-def emit_dft(code: Emitter, values: Sequence[str], sign: Sign) -> list[str]:
+def emit_dft(code: WgslEmitter, values: Sequence[str], sign: Sign) -> list[str]:
     """Emit X[k] = Σ x[j]·exp(sign·2πi·jk/n) over the n named values; returns the names of X in natural order."""
     n = len(values)
     if n == 1:
@@ -78,18 +78,18 @@ def emit_dft(code: Emitter, values: Sequence[str], sign: Sign) -> list[str]:
     return [rows[k % first][k // first] for k in range(n)]
 
 
-def _dft2(code: Emitter, x: Sequence[str], sign: Sign) -> list[str]:
+def _dft2(code: WgslEmitter, x: Sequence[str], sign: Sign) -> list[str]:
     return [code.add(x[0], x[1]), code.subtract(x[0], x[1])]
 
 
-def _dft3(code: Emitter, x: Sequence[str], sign: Sign) -> list[str]:
+def _dft3(code: WgslEmitter, x: Sequence[str], sign: Sign) -> list[str]:
     total, difference = code.add(x[1], x[2]), code.subtract(x[1], x[2])
     middle = code.let(f"{x[0]} - 0.5 * {total}")
-    turned = code.let(f"{literal(math.sqrt(3) / 2)} * {code.times_i(difference, sign)}")
+    turned = code.let(f"{wgsl_float(math.sqrt(3) / 2)} * {code.times_i(difference, sign)}")
     return [code.add(x[0], total), code.add(middle, turned), code.subtract(middle, turned)]
 
 
-def _dft4(code: Emitter, x: Sequence[str], sign: Sign) -> list[str]:
+def _dft4(code: WgslEmitter, x: Sequence[str], sign: Sign) -> list[str]:
     even, odd = code.add(x[0], x[2]), code.add(x[1], x[3])
     even_difference = code.subtract(x[0], x[2])
     odd_difference = code.times_i(code.subtract(x[1], x[3]), sign)
@@ -101,9 +101,9 @@ def _dft4(code: Emitter, x: Sequence[str], sign: Sign) -> list[str]:
     ]
 
 
-def _dft5(code: Emitter, x: Sequence[str], sign: Sign) -> list[str]:
-    c1, s1 = (literal(f(2 * math.pi / 5)) for f in (math.cos, math.sin))
-    c2, s2 = (literal(f(4 * math.pi / 5)) for f in (math.cos, math.sin))
+def _dft5(code: WgslEmitter, x: Sequence[str], sign: Sign) -> list[str]:
+    c1, s1 = (wgsl_float(f(2 * math.pi / 5)) for f in (math.cos, math.sin))
+    c2, s2 = (wgsl_float(f(4 * math.pi / 5)) for f in (math.cos, math.sin))
     outer, inner = code.add(x[1], x[4]), code.add(x[2], x[3])
     outer_difference, inner_difference = code.subtract(x[1], x[4]), code.subtract(x[2], x[3])
     a = code.let(f"{x[0]} + {c1} * {outer} + {c2} * {inner}")

@@ -11,14 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from holoview.gpu.fft_butterfly import Emitter, emit_dft, literal
-from holoview.gpu.layout import Struct
+from holoview.gpu.fft_butterfly import WgslEmitter, emit_dft, wgsl_float
+from holoview.gpu.layout import WgslStruct
 
 Axis = Literal["x", "y"]
 Direction = Literal["forward", "inverse"]
 
 WORKGROUP_SIZE = 64
-LINES = Struct("Lines", [("first", "u32"), ("count", "u32")])
+LINE_RANGE = WgslStruct("Lines", [("first", "u32"), ("count", "u32")])
 """The lines that a pass transforms: rows for a pass along x, columns for one along y. At `@group(0) @binding(0)`."""
 
 
@@ -40,7 +40,7 @@ class PassShape:
             raise ValueError(f"{self}: expected a radix that divides the block, and a block that divides the length")
 
     @property
-    def items(self) -> int:
+    def invocations_per_line(self) -> int:
         """Invocations a line."""
         return self.length // self.radix
 
@@ -57,7 +57,7 @@ def pass_shapes(axis: Axis, length: int, factors: tuple[int, ...]) -> list[PassS
     return shapes
 
 
-def merged(shapes: list[PassShape], steps: Sequence[Direction]) -> list[tuple[PassShape, tuple[Direction, ...]]]:
+def merge_passes(shapes: list[PassShape], steps: Sequence[Direction]) -> list[tuple[PassShape, tuple[Direction, ...]]]:
     """The passes of all steps; where one step ends on the block on which the next begins, one pass does both."""
     out: list[tuple[PassShape, tuple[Direction, ...]]] = []
     for step in steps:
@@ -69,7 +69,7 @@ def merged(shapes: list[PassShape], steps: Sequence[Direction]) -> list[tuple[Pa
     return out
 
 
-def generate_pass(
+def generate_pass_shader(
     shape: PassShape, steps: Sequence[Direction], *, load: str = "load", store: str = "store", begin: bool = True
 ) -> str:
     """The WGSL of a pass, to be linked after the hooks that it calls; its entry point is `main`.
@@ -79,7 +79,7 @@ def generate_pass(
     Bind a `LINES` uniform at group 0, binding 0, and dispatch `spread(workgroups_of(shape, lines), device)` workgroups
     along x and y, with the fields along z.
     """
-    code = Emitter()
+    code = WgslEmitter()
     places = [_place(shape, k) for k in range(shape.radix)]
     if begin:
         code.lines.append("begin(across, field);")
@@ -90,7 +90,7 @@ def generate_pass(
 
 
 def emit_steps(
-    code: Emitter, shape: PassShape, values: list[str], steps: Sequence[Direction], places: Sequence[str]
+    code: WgslEmitter, shape: PassShape, values: list[str], steps: Sequence[Direction], places: Sequence[str]
 ) -> list[str]:
     """Emit what a pass does with its values, whose positions are `places`, where `offset` is in scope."""
     twiddles = _emit_twiddles(code, shape)
@@ -102,21 +102,23 @@ def emit_steps(
     return values
 
 
-def workgroups_of(shape: PassShape, lines: int) -> int:
+def pass_workgroups(shape: PassShape, lines: int) -> int:
     """Workgroups that `lines` lines need."""
-    return -(-shape.items * lines // WORKGROUP_SIZE)
+    return -(-shape.invocations_per_line * lines // WORKGROUP_SIZE)
 
 
 def _prologue(shape: PassShape, steps: Sequence[Direction]) -> str:
     """Declarations, and which values are this invocation's: neighbours in a workgroup are neighbours along x."""
     stride = shape.block // shape.radix
     if shape.axis == "x":
-        split = f"let item = flat % {shape.items}u;\n    let line = flat / {shape.items}u;"
+        split = (
+            f"let item = flat % {shape.invocations_per_line}u;\n    let line = flat / {shape.invocations_per_line}u;"
+        )
     else:
         split = "let item = flat / lines.count;\n    let line = flat % lines.count;"
     return f"""//#include "lib/complex.wgsl"
 
-{LINES.wgsl}
+{LINE_RANGE.wgsl}
 @group(0) @binding(0) var<uniform> lines: Lines;
 
 // {" and ".join(steps)} pass along {shape.axis}: {shape.length} points, blocks of {shape.block}, radix {shape.radix}
@@ -127,7 +129,7 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {{
     let flat = (workgroup.y * workgroups.x + workgroup.x) * {WORKGROUP_SIZE}u + local;
-    if (flat >= {shape.items}u * lines.count) {{
+    if (flat >= {shape.invocations_per_line}u * lines.count) {{
         return;
     }}
     {split}
@@ -143,7 +145,7 @@ def _place(shape: PassShape, k: int) -> str:
     return f"vec3u({along}, across, field)" if shape.axis == "x" else f"vec3u(across, {along}, field)"
 
 
-def _emit_twiddles(code: Emitter, shape: PassShape) -> list[str]:
+def _emit_twiddles(code: WgslEmitter, shape: PassShape) -> list[str]:
     """Names of w⁰ … w^(r−1), w = exp(−2πi·offset/block); none where the offset is always 0.
 
     w, w², w⁴, … are evaluated directly, and the others are products of these: a chain of powers from w alone would
@@ -157,20 +159,20 @@ def _emit_twiddles(code: Emitter, shape: PassShape) -> list[str]:
         highest = 1 << (k.bit_length() - 1)
         if k == highest:
             # offset·k is below 2^13 and exact, so that the angle is rounded once
-            powers.append(code.let(f"cis(f32(offset * {k}u) * {literal(-1 / shape.block)})"))
+            powers.append(code.let(f"cis(f32(offset * {k}u) * {wgsl_float(-1 / shape.block)})"))
         else:
             powers.append(code.let(f"cmul({powers[highest]}, {powers[k - highest]})"))
     return powers
 
 
-def _emit_step(code: Emitter, values: list[str], twiddles: list[str], step: Direction) -> list[str]:
+def _emit_step(code: WgslEmitter, values: list[str], twiddles: list[str], step: Direction) -> list[str]:
     """Forward: transform, then twiddle. Inverse: the same backwards, with conjugates."""
     if step == "inverse":
         return emit_dft(code, _twiddled(code, values, twiddles, "cmul_conj"), 1)
     return _twiddled(code, emit_dft(code, values, -1), twiddles, "cmul")
 
 
-def _twiddled(code: Emitter, values: list[str], twiddles: list[str], product: str) -> list[str]:
+def _twiddled(code: WgslEmitter, values: list[str], twiddles: list[str], product: str) -> list[str]:
     if not twiddles:
         return values
     pairs = zip(values[1:], twiddles[1:], strict=True)

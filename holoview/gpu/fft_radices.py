@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.errors import UserError
-from holoview.grid import frequency_indices, good_size, is_good_size
+from holoview.grid import frequency_indices, is_fast_length, next_fast_length
 
 MAX_RADIX = 32
 MAX_LENGTH = 8192
@@ -29,8 +29,8 @@ def radices(n: int) -> tuple[int, ...]:
     """
     if n > MAX_LENGTH:
         raise UserError("FFT size", f"{n} points a side", expected=f"at most {MAX_LENGTH}", remedy="lower the size")
-    if not is_good_size(n):
-        remedy = f"the next good size is {good_size(n)}"
+    if not is_fast_length(n):
+        remedy = f"the next good size is {next_fast_length(n)}"
         raise UserError("FFT size", f"{n} points a side", expected="a product of 2, 3 and 5", remedy=remedy)
     return min(_factorisations(n, MAX_RADIX), key=lambda found: (len(found), sum(found)))
 

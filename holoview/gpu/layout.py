@@ -21,7 +21,7 @@ _ARRAY = re.compile(r"array<\s*(.+?)\s*,\s*(\d+)\s*>")
 _ARRAY_ALIGNMENT = 16
 
 
-class Struct:
+class WgslStruct:
     """A WGSL struct of scalars (u32, i32, f32), vectors (vec2<f32> or vec2f, …) and arrays of vec4.
 
     `fields` are (name, WGSL type) in order. `dtype` is the same layout as a numpy dtype, padding included: an array

@@ -38,27 +38,35 @@ from numpy.typing import NDArray
 
 from holoview.errors import UserError
 from holoview.gpu.device import INT64, SUBGROUP, Buffer, Constants, Device, Pipeline
-from holoview.gpu.fft_codegen import LINES, Axis, Direction, generate_pass, merged, pass_shapes, workgroups_of
+from holoview.gpu.fft_codegen import (
+    LINE_RANGE,
+    Axis,
+    Direction,
+    generate_pass_shader,
+    merge_passes,
+    pass_shapes,
+    pass_workgroups,
+)
 from holoview.gpu.fft_radices import frequency_order, frequency_wgsl, radices
-from holoview.gpu.lines_subgroup import MOST_REGISTERS, generate_line, lanes_of, workgroups_for
-from holoview.gpu.lines_workgroup import generate_tile, tile_of
-from holoview.gpu.recorder import Pass, Recorder, spread
-from holoview.gpu.shader import Generated, ShaderSource, link
+from holoview.gpu.lines_subgroup import MOST_REGISTERS, generate_subgroup_shader, lanes_per_line, subgroup_workgroups
+from holoview.gpu.lines_workgroup import fit_tile, generate_workgroup_shader
+from holoview.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
+from holoview.gpu.shader import GeneratedWgsl, ShaderSource, link
 from holoview.grid import frequency_indices
 
 __all__ = [
     "STRATEGIES",
     "Axis",
     "Hooks",
-    "LineTransform",
+    "LineFft",
     "Strategy",
-    "frequencies",
-    "has_subgroups",
-    "storage",
-    "strategies",
+    "spectrum_frequencies",
+    "storage_shader",
+    "supported_strategies",
+    "supports_subgroup_strategy",
 ]
 
-Part = str | Generated
+Part = str | GeneratedWgsl
 Strategy = Literal["passes", "workgroup", "subgroup"]
 STRATEGIES: tuple[Strategy, ...] = ("passes", "workgroup", "subgroup")
 ROW_PADDING = 8
@@ -67,8 +75,8 @@ _COMPLEX_BYTES, _WORD = 8, 4
 _WORKGROUP_MEMORY = "max-compute-workgroup-storage-size"
 
 _UNSHARED = {
-    "load": Generated("load", "fn load(at: vec3u) -> vec2f { return load_with(at, joint(at)); }\n"),
-    "middle": Generated(
+    "load": GeneratedWgsl("load", "fn load(at: vec3u) -> vec2f { return load_with(at, joint(at)); }\n"),
+    "middle": GeneratedWgsl(
         "middle", "fn middle(at: vec3u, value: vec2f) -> vec2f { return middle_with(at, value, joint(at)); }\n"
     ),
 }
@@ -94,13 +102,13 @@ class Hooks:
     name: str
     parts: tuple[Part, ...]
     constants: tuple[tuple[str, int | float | bool], ...] = ()
-    own_work: bool = False
-    shares: Literal["load", "middle"] | None = None
-    neighbours: int = 1
+    has_work_hooks: bool = False
+    shared_hook: Literal["load", "middle"] | None = None
+    shared_points: int = 1
 
 
 @dataclass(frozen=True)
-class Stage:
+class TransformShader:
     """One shader of a transform; `workgroups` are those that so many lines need."""
 
     source: ShaderSource
@@ -110,7 +118,7 @@ class Stage:
     uses_work: bool = False
 
 
-class LineTransform:
+class LineFft:
     """Transforms along `axis` of fields of `shape` (ny, nx), by `steps` such as ("forward", "inverse").
 
     `work_bytes` is what a field needs between the shaders of a transform. `stages` are these shaders. Raises UserError
@@ -131,52 +139,54 @@ class LineTransform:
         self._strategy = strategy
         check_strategy(device, axis, self._length, strategy)
         build = {"passes": self._passes, "workgroup": self._workgroup, "subgroup": self._subgroup}
-        self.stages = build[strategy]()
+        self.shaders = build[strategy]()
         self.work_bytes = 0
-        if any(stage.uses_work for stage in self.stages):
+        if any(stage.uses_work for stage in self.shaders):
             self.work_bytes = shape[0] * (shape[1] + ROW_PADDING) * _COMPLEX_BYTES
 
     def bind(
         self, resources: Sequence[Buffer | None], lines: int, fields: int, work: Buffer | None = None, *, first: int = 0
-    ) -> list[Pass]:
+    ) -> list[Dispatch]:
         """Lines first … first + lines − 1 of so many fields, with `resources` in `@group(1)` of the hooks."""
-        chosen = self._device.uniform(LINES.pack(first=first, count=lines), "lines")
+        chosen = self._device.uniform(LINE_RANGE.pack(first=first, count=lines), "lines")
         bound = []
-        for stage in self.stages:
+        for stage in self.shaders:
             groups = [[chosen], resources if stage.uses_hooks else [], [work] if stage.uses_work else []]
-            across, down = spread(stage.workgroups(lines), self._device)
-            bound.append(Pass.bind(self._device, self._pipeline(stage), groups, (across, down, fields)))
+            across, down = workgroup_grid(stage.workgroups(lines), self._device)
+            bound.append(Dispatch.bind(self._device, self._pipeline(stage), groups, (across, down, fields)))
         return bound
 
     def compile(self) -> None:
         """Compiles now rather than when it is first bound."""
-        for stage in self.stages:
+        for stage in self.shaders:
             self._pipeline(stage)
 
-    def _pipeline(self, stage: Stage) -> Pipeline:
+    def _pipeline(self, stage: TransformShader) -> Pipeline:
         return self._device.pipeline(stage.source, stage.constants)
 
-    def _subgroup(self) -> list[Stage]:
-        lanes = lanes_of(self._length, subgroup_lanes(self._device))
+    def _subgroup(self) -> list[TransformShader]:
+        lanes = lanes_per_line(self._length, subgroup_size(self._device))
         assert lanes is not None
-        text = generate_line(self.axis, self._length, lanes, self._steps, self._hooks.shares, self._hooks.neighbours)
-        return [Stage(self._linked(text), dict(self._hooks.constants), partial(workgroups_for, lanes))]
+        text = generate_subgroup_shader(
+            self.axis, self._length, lanes, self._steps, self._hooks.shared_hook, self._hooks.shared_points
+        )
+        return [TransformShader(self._linked(text), dict(self._hooks.constants), partial(subgroup_workgroups, lanes))]
 
-    def _workgroup(self) -> list[Stage]:
-        tile = tile_of(self.axis, self._length, self._device.limits[_WORKGROUP_MEMORY])
+    def _workgroup(self) -> list[TransformShader]:
+        tile = fit_tile(self.axis, self._length, self._device.limits[_WORKGROUP_MEMORY])
         assert tile is not None
-        text = generate_tile(tile, self._steps)
-        return [Stage(self._linked(text), dict(self._hooks.constants), tile.workgroups)]
+        text = generate_workgroup_shader(tile, self._steps)
+        return [TransformShader(self._linked(text), dict(self._hooks.constants), tile.workgroups)]
 
-    def _passes(self) -> list[Stage]:
-        passes = merged(pass_shapes(self.axis, self._length, radices(self._length)), self._steps)
-        stages, last, own = [], len(passes) - 1, self._hooks.own_work
+    def _passes(self) -> list[TransformShader]:
+        passes = merge_passes(pass_shapes(self.axis, self._length, radices(self._length)), self._steps)
+        stages, last, own = [], len(passes) - 1, self._hooks.has_work_hooks
         row = self.shape[1] + ROW_PADDING
         for number, (shape, directions) in enumerate(passes):
             uses_hooks = own or number in (0, last) or len(directions) > 1
             uses_work = not own and last > 0
             load, store = "load" if number == 0 else "load_work", "store" if number == last else "store_work"
-            text = generate_pass(shape, directions, load=load, store=store, begin=uses_hooks)
+            text = generate_pass_shader(shape, directions, load=load, store=store, begin=uses_hooks)
             parts: list[Part] = ["fft/work.wgsl"] if uses_work else []
             constants: dict[str, int | float | bool] = {}
             if uses_work:
@@ -184,16 +194,16 @@ class LineTransform:
             if uses_hooks:
                 constants |= dict(self._hooks.constants)
             source = self._linked(text, f", block {shape.block}", parts, uses_hooks)
-            stages.append(Stage(source, constants, partial(workgroups_of, shape), uses_hooks, uses_work))
+            stages.append(TransformShader(source, constants, partial(pass_workgroups, shape), uses_hooks, uses_work))
         return stages
 
     def _linked(self, text: str, which: str = "", parts: Sequence[Part] = (), uses_hooks: bool = True) -> ShaderSource:
         """The hooks, if they are used, and a generated shader after them."""
         name = f"{self._hooks.name}: {'-'.join(self._steps)} along {self.axis}{which}, {self._strategy}"
-        before: Sequence[Part] = (Generated("frequencies", self._frequencies()), *self._hooks.parts)
-        if self._hooks.shares is not None and self._strategy != "subgroup":
-            before = (*before, _UNSHARED[self._hooks.shares])
-        return link(*parts, *(before if uses_hooks else ()), Generated(name, text))
+        before: Sequence[Part] = (GeneratedWgsl("frequencies", self._frequencies()), *self._hooks.parts)
+        if self._hooks.shared_hook is not None and self._strategy != "subgroup":
+            before = (*before, _UNSHARED[self._hooks.shared_hook])
+        return link(*parts, *(before if uses_hooks else ()), GeneratedWgsl(name, text))
 
     def _frequencies(self) -> str:
         ny, nx = self.shape
@@ -201,7 +211,7 @@ class LineTransform:
         return function("frequency_y", ny) + function("frequency_x", nx)
 
 
-def strategies(device: Device, shape: tuple[int, int]) -> tuple[Strategy, ...]:
+def supported_strategies(device: Device, shape: tuple[int, int]) -> tuple[Strategy, ...]:
     """The strategies by which a device can transform fields of a shape (ny, nx) along both axes.
 
     Raises UserError for a size that can't be transformed at all.
@@ -210,17 +220,17 @@ def strategies(device: Device, shape: tuple[int, int]) -> tuple[Strategy, ...]:
     return tuple(s for s in STRATEGIES if _has(device, "y", ny, s) and _has(device, "x", nx, s))
 
 
-def has_subgroups(device: Device, shape: tuple[int, int]) -> bool:
+def supports_subgroup_strategy(device: Device, shape: tuple[int, int]) -> bool:
     """Whether the device can transform such fields by the subgroup strategy."""
-    return "subgroup" in strategies(device, shape)
+    return "subgroup" in supported_strategies(device, shape)
 
 
-def frequencies(n: int, strategy: Strategy) -> NDArray[np.int32]:
+def spectrum_frequencies(n: int, strategy: Strategy) -> NDArray[np.int32]:
     """Signed frequency index at each position of the spectrum of n points, shape (n,)."""
     return frequency_indices(n).astype(np.int32) if strategy == "subgroup" else frequency_order(n)
 
 
-def storage(device: Device, *, half: bool = False) -> str:
+def storage_shader(device: Device, *, half: bool = False) -> str:
     """The shader file that says how complex numbers lie in a buffer: `Stored`, `stored(vec2f)`, `restored(Stored)`.
 
     half: as f16, 4 bytes each instead of 8. Else they are the same bytes on every device, but accessed in the way that
@@ -232,14 +242,16 @@ def storage(device: Device, *, half: bool = False) -> str:
     return "fft/stored_u64.wgsl" if is_wide else "fft/stored_f32.wgsl"
 
 
-def subgroup_lanes(device: Device) -> int:
+def subgroup_size(device: Device) -> int:
     """How many lanes a subgroup of the device has, asked of a shader; 1 where it can't shuffle."""
     if SUBGROUP not in device.features:
         return 1
     if device not in _LANES:
         out = device.buffer(_WORD, "lanes")
-        step = Pass.bind(device, device.pipeline(link(Generated("lanes", _COUNT_LANES))), [[], [out]], (1, 1, 1))
-        recorder = Recorder(device)
+        step = Dispatch.bind(
+            device, device.pipeline(link(GeneratedWgsl("lanes", _COUNT_LANES))), [[], [out]], (1, 1, 1)
+        )
+        recorder = CommandRecorder(device)
         recorder.add(step)
         recorder.submit()
         _LANES[device] = int(device.download(out, np.uint32, (1,))[0])
@@ -249,9 +261,9 @@ def subgroup_lanes(device: Device) -> int:
 def _has(device: Device, axis: Axis, n: int, strategy: Strategy) -> bool:
     radices(n)  # the sizes that any strategy can transform
     if strategy == "workgroup":
-        return tile_of(axis, n, device.limits[_WORKGROUP_MEMORY]) is not None
+        return fit_tile(axis, n, device.limits[_WORKGROUP_MEMORY]) is not None
     if strategy == "subgroup":
-        return lanes_of(n, subgroup_lanes(device)) is not None
+        return lanes_per_line(n, subgroup_size(device)) is not None
     return True
 
 
@@ -259,7 +271,7 @@ def check_strategy(device: Device, axis: Axis, n: int, strategy: Strategy) -> No
     """Raise UserError unless the device can transform n points by the strategy."""
     if _has(device, axis, n, strategy):
         return
-    lanes, memory = subgroup_lanes(device), device.limits[_WORKGROUP_MEMORY]
+    lanes, memory = subgroup_size(device), device.limits[_WORKGROUP_MEMORY]
     expected = {
         "workgroup": f"a line that fits {memory} bytes of workgroup memory",
         "subgroup": f"{lanes} lanes or fewer, a power of two, that divide the length and hold at most {MOST_REGISTERS} "

@@ -20,8 +20,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from holoview.gpu.fft_butterfly import Emitter, emit_dft, literal
-from holoview.gpu.fft_codegen import LINES, Direction
+from holoview.gpu.fft_butterfly import WgslEmitter, emit_dft, wgsl_float
+from holoview.gpu.fft_codegen import LINE_RANGE, Direction
 
 MOST_LINES, MOST_INVOCATIONS = 4, 128
 """Of a workgroup: four columns are 32 bytes wide, the least that GPUs read at a time."""
@@ -29,7 +29,7 @@ MOST_REGISTERS = 256
 """Complex registers of a lane: more would spill on any adapter."""
 
 
-def lanes_of(n: int, largest: int) -> int | None:
+def lanes_per_line(n: int, largest: int) -> int | None:
     """The most lanes, a power of two up to `largest`, that can share a line of n points; None when there are none.
 
     They have to divide n, and to leave each lane at least as many registers as there are lanes and at most 256.
@@ -42,14 +42,14 @@ def lanes_of(n: int, largest: int) -> int | None:
     return None
 
 
-def generate_line(
-    axis: str, n: int, lanes: int, steps: Sequence[Direction], shares: str | None = None, neighbours: int = 1
+def generate_subgroup_shader(
+    axis: str, n: int, lanes: int, steps: Sequence[Direction], shared_hook: str | None = None, shared_points: int = 1
 ) -> str:
     """The WGSL of a transform of lines of n points along `axis`, to be linked after its hooks; its entry is `main`.
 
     shares: the hook, "load" or "middle", that takes what `neighbours` points have in common.
     """
-    code = _Line(axis, n, lanes, shares, neighbours)
+    code = _Line(axis, n, lanes, shared_hook, shared_points)
     points: list[str] | None = None
     spectrum: Iterable[list[str]] | None = None
     for step in steps:
@@ -67,7 +67,7 @@ def generate_line(
     return f"{_prologue(axis, n, lanes, steps)}{body}}}\n"
 
 
-def workgroups_for(lanes: int, lines: int) -> int:
+def subgroup_workgroups(lanes: int, lines: int) -> int:
     """Workgroups that so many lines need."""
     return -(-lines // _lines_a_workgroup(lanes))
 
@@ -76,7 +76,7 @@ def _lines_a_workgroup(lanes: int) -> int:
     return max(min(MOST_LINES, MOST_INVOCATIONS // lanes), 1)
 
 
-class _Line(Emitter):
+class _Line(WgslEmitter):
     """Statements on the registers of a line: its points, or the groups of its spectrum, one after the other."""
 
     def __init__(self, axis: str, n: int, lanes: int, shares: str | None, neighbours: int) -> None:
@@ -194,7 +194,7 @@ class _Line(Emitter):
         for k in range(1, self.registers):
             highest = 1 << (k.bit_length() - 1)
             if k == highest:
-                powers.append(self.let(f"cis(f32(lane * {k}u) * {literal(-1 / self.n)})"))
+                powers.append(self.let(f"cis(f32(lane * {k}u) * {wgsl_float(-1 / self.n)})"))
             else:
                 powers.append(self.let(f"cmul({powers[highest]}, {powers[k - highest]})"))
         return powers
@@ -209,7 +209,7 @@ def _prologue(axis: str, n: int, lanes: int, steps: Sequence[Direction]) -> str:
     lines = _lines_a_workgroup(lanes)
     return f"""//#include "lib/complex.wgsl"
 
-{LINES.wgsl}
+{LINE_RANGE.wgsl}
 @group(0) @binding(0) var<uniform> lines: Lines;
 
 // {" and ".join(steps)} transform along {axis}: {n} points in {n // lanes} registers of {lanes} lanes

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from holoview.gpu.fft_butterfly import Emitter
-from holoview.gpu.fft_codegen import LINES, Axis, Direction, PassShape, emit_steps, merged, pass_shapes
+from holoview.gpu.fft_butterfly import WgslEmitter
+from holoview.gpu.fft_codegen import LINE_RANGE, Axis, Direction, PassShape, emit_steps, merge_passes, pass_shapes
 from holoview.gpu.fft_radices import radices
 
 LEAST_INVOCATIONS, MOST_INVOCATIONS = 64, 256
@@ -24,7 +24,7 @@ _BANKS = 16
 
 
 @dataclass(frozen=True)
-class Tile:
+class WorkgroupTile:
     """A workgroup: `lines` lines of `length` points along `axis`, with `threads` invocations each."""
 
     axis: Axis
@@ -42,12 +42,12 @@ class Tile:
         return -(-lines // self.lines)
 
 
-def tile_of(axis: Axis, n: int, memory_bytes: int) -> Tile | None:
+def fit_tile(axis: Axis, n: int, memory_bytes: int) -> WorkgroupTile | None:
     """The workgroup for lines of n points, or None where not even one line fits `memory_bytes`.
 
     Raises UserError for a length that can't be transformed.
     """
-    items = [shape.items for shape in pass_shapes("x", n, radices(n))]
+    items = [shape.invocations_per_line for shape in pass_shapes("x", n, radices(n))]
     threads = min(max(items, default=1), MOST_INVOCATIONS)
     wanted = COLUMNS if axis == "y" else 1
     while wanted * threads < LEAST_INVOCATIONS:
@@ -57,12 +57,12 @@ def tile_of(axis: Axis, n: int, memory_bytes: int) -> Tile | None:
         return None
     while wanted > fitting or wanted * threads > MOST_INVOCATIONS:
         wanted //= 2
-    return Tile(axis, n, threads, wanted)
+    return WorkgroupTile(axis, n, threads, wanted)
 
 
-def generate_tile(tile: Tile, steps: Sequence[Direction]) -> str:
+def generate_workgroup_shader(tile: WorkgroupTile, steps: Sequence[Direction]) -> str:
     """The WGSL of the transforms of a tile, to be linked after its hooks; its entry is `main`."""
-    passes = merged(pass_shapes("x", tile.length, radices(tile.length)), steps)
+    passes = merge_passes(pass_shapes("x", tile.length, radices(tile.length)), steps)
     body: list[str] = []
     for number, (shape, directions) in enumerate(passes):
         body += _pass(tile, shape, directions, is_first=number == 0, is_last=number == len(passes) - 1)
@@ -70,9 +70,11 @@ def generate_tile(tile: Tile, steps: Sequence[Direction]) -> str:
     return f"{_prologue(tile, steps)}{text}}}\n"
 
 
-def _pass(tile: Tile, shape: PassShape, steps: tuple[Direction, ...], *, is_first: bool, is_last: bool) -> list[str]:
+def _pass(
+    tile: WorkgroupTile, shape: PassShape, steps: tuple[Direction, ...], *, is_first: bool, is_last: bool
+) -> list[str]:
     """Statements of one pass, in a loop where invocations have several items or some have none."""
-    code = Emitter()
+    code = WgslEmitter()
     stride = shape.block // shape.radix
     code.lines += [f"let offset = item % {stride}u;", f"let start = (item / {stride}u) * {shape.block}u + offset;"]
     places = [f"start + {k * stride}u" for k in range(shape.radix)]
@@ -83,15 +85,15 @@ def _pass(tile: Tile, shape: PassShape, steps: tuple[Direction, ...], *, is_firs
         code.lines += ["if (is_real) {", *(f"    store({_at(tile, p)}, {value});" for p, value in pairs), "}"]
     else:
         code.lines += [f"tile[slot({p}, across)] = {value};" for p, value in pairs]
-    whole = shape.items == tile.threads
+    whole = shape.invocations_per_line == tile.threads
     head = ["{", "    let item = thread;"]
     if not whole:
-        head = [f"for (var item = thread; item < {shape.items}u; item += {tile.threads}u) {{"]
+        head = [f"for (var item = thread; item < {shape.invocations_per_line}u; item += {tile.threads}u) {{"]
     barrier = [] if is_last else ["workgroupBarrier();"]
     return [*head, *(f"    {line}" for line in code.lines), "}", *barrier]
 
 
-def _at(tile: Tile, along: str) -> str:
+def _at(tile: WorkgroupTile, along: str) -> str:
     return f"vec3u({along}, line, field)" if tile.axis == "x" else f"vec3u(line, {along}, field)"
 
 
@@ -99,7 +101,7 @@ def _pitch(n: int) -> int:
     return n + -(-n // _BANKS)
 
 
-def _prologue(tile: Tile, steps: Sequence[Direction]) -> str:
+def _prologue(tile: WorkgroupTile, steps: Sequence[Direction]) -> str:
     """Declarations, and which line is this invocation's. One beyond the last line helps it: barriers need them all."""
     size = tile.threads * tile.lines
     if tile.axis == "x":
@@ -110,7 +112,7 @@ def _prologue(tile: Tile, steps: Sequence[Direction]) -> str:
         slot = f"(along + along / {_BANKS}u) * {tile.lines}u + across"
     return f"""//#include "lib/complex.wgsl"
 
-{LINES.wgsl}
+{LINE_RANGE.wgsl}
 @group(0) @binding(0) var<uniform> lines: Lines;
 
 var<workgroup> tile: array<vec2f, {tile.pitch * tile.lines}>;

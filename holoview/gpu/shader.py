@@ -34,7 +34,7 @@ class ShaderError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Generated:
+class GeneratedWgsl:
     """WGSL made by code rather than read from a file; `name` stands for the file in errors."""
 
     name: str
@@ -49,11 +49,11 @@ class ShaderSource:
     text: str
     origins: tuple[tuple[str, int], ...] = field(compare=False, repr=False)
 
-    def origin(self, line: int) -> tuple[str, int]:
+    def source_location(self, line: int) -> tuple[str, int]:
         """File and line of line `line` of the linked text, counted from 1."""
         return self.origins[min(max(line, 1), len(self.origins)) - 1]
 
-    def buffers(self) -> dict[int, dict[int, str]] | None:
+    def buffer_bindings(self) -> dict[int, dict[int, str]] | None:
         """WebGPU's buffer type of each binding of each group that is declared, used or not.
 
         None where the shader binds something else than buffers, such as a texture.
@@ -67,7 +67,7 @@ class ShaderSource:
         return groups
 
 
-def link(*parts: str | Generated, label: str = "", root: Path | None = None) -> ShaderSource:
+def link(*parts: str | GeneratedWgsl, label: str = "", root: Path | None = None) -> ShaderSource:
     """Join shader files (names below the shader folder, or below `root`) and generated text, in this order.
 
     A file that is named or included several times appears once, before its first use.
@@ -75,12 +75,12 @@ def link(*parts: str | Generated, label: str = "", root: Path | None = None) -> 
     """
     linker = _Linker(root or data_dir("shaders"))
     for part in parts:
-        if isinstance(part, Generated):
+        if isinstance(part, GeneratedWgsl):
             linker.add_text(part.name, part.text)
         else:
             linker.add_file(part, included_by=(part, 0))
     last = parts[-1] if parts else "nothing"
-    name = label or (last.name if isinstance(last, Generated) else last)
+    name = label or (last.name if isinstance(last, GeneratedWgsl) else last)
     return ShaderSource(name, "\n".join(linker.lines) + "\n", (*linker.origins, (name, 0)))
 
 
@@ -121,16 +121,16 @@ def compile_error(source: ShaderSource, message: str) -> ShaderError:
     place = _LOCATION.search(message)
     if place is None:
         return ShaderError(f"{source.label}: {message.strip()}", source.label, 0)
-    file, line = source.origin(int(place[1]))
+    file, line = source.source_location(int(place[1]))
     lines = source.text.splitlines()
     quoted = lines[min(int(place[1]), len(lines)) - 1].strip()
 
     def place_in_origin(match: re.Match[str]) -> str:
-        name, number = source.origin(int(match[1]))
+        name, number = source.source_location(int(match[1]))
         return f"{name}:{number}:{match[2]}"
 
     def line_in_origin(match: re.Match[str]) -> str:
-        return str(source.origin(int(match[1]))[1])
+        return str(source.source_location(int(match[1]))[1])
 
     located = _LOCATION.sub(place_in_origin, _GUTTER.sub(line_in_origin, message))
     return ShaderError(f"{file}:{line}: {quoted}\n{located.strip()}", file, line)

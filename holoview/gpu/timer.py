@@ -15,7 +15,7 @@ _MOST_QUERIES = 4096
 _TIMESTAMP_BYTES = 8
 
 
-class Timer:
+class GpuTimer:
     """Sums the time of the compute passes of those recorders that it is given to.
 
     Raises UserError where the device wasn't opened with timestamp queries.
@@ -33,7 +33,7 @@ class Timer:
         self._resolved = device.raw.create_buffer(size=self._count * _TIMESTAMP_BYTES, usage=usage)
         self._used = 0
 
-    def next_pass(self) -> dict[str, Any] | None:
+    def timestamp_writes(self) -> dict[str, Any] | None:
         """The `timestamp_writes` of the next compute pass; None when all queries are in use."""
         if self._used + 2 > self._count:
             return None
@@ -41,7 +41,7 @@ class Timer:
         begin = {"beginning_of_pass_write_index": self._used - 2, "end_of_pass_write_index": self._used - 1}
         return {"query_set": self._queries, **begin}
 
-    def seconds(self) -> float:
+    def take_seconds(self) -> float:
         """Time of all passes since the last call, once they have run; passes count one by one, gaps don't."""
         if not self._used:
             return 0.0

@@ -24,12 +24,12 @@ from types import TracebackType
 
 from holoview.errors import UserError
 from holoview.gpu.device import Device
-from holoview.gpu.lines import Stage, Strategy, strategies
+from holoview.gpu.lines import Strategy, TransformShader, supported_strategies
 from holoview.gpu.shader import ShaderError
-from holoview.gpu.tune_process import Answer, Helper
-from holoview.gpu.tune_store import Memory, Tuning
+from holoview.gpu.tune_process import Message, TuningProcess
+from holoview.gpu.tune_store import TuningResult, TuningStore
 
-__all__ = ["BUDGET_S", "FftChoice", "Memory", "Tuning", "remembered"]
+__all__ = ["BUDGET_S", "FftTuner", "TuningResult", "TuningStore", "remembered_strategy"]
 
 BUDGET_S = 120.0
 """Processor time that the helper may take in all: more isn't worth the energy."""
@@ -40,7 +40,7 @@ _PAUSE_S = 0.02
 _LATE, _FAILED = "too slow to compile", "the driver failed"
 
 
-class FftChoice:
+class FftTuner:
     """The strategy to use for fields of `shape` (ny, nx) on a device: one from the start, and maybe a faster one later.
 
     shaders: all stages that the caller runs with a strategy; they are compiled before `current` becomes it.
@@ -55,23 +55,23 @@ class FftChoice:
         self,
         device: Device,
         shape: tuple[int, int],
-        shaders: Callable[[Strategy], Iterable[Stage]] = lambda strategy: (),
+        shaders: Callable[[Strategy], Iterable[TransformShader]] = lambda strategy: (),
         *,
-        memory: Memory | None = None,
-        anew: bool = False,
+        store: TuningStore | None = None,
+        remeasure: bool = False,
         budget_s: float = BUDGET_S,
     ) -> None:
         self._device, self._shape, self._shaders = device, shape, shaders
-        self._memory = Memory() if memory is None else memory
-        self._offered = strategies(device, shape)
+        self._memory = TuningStore() if store is None else store
+        self._offered = supported_strategies(device, shape)
         self._budget_s, self._until = budget_s, time.monotonic() + _SLOWDOWN * budget_s
         self._current: Strategy = "passes"
         self._coming: Strategy | None = None
-        self._stages: list[Stage] = []
-        self._helper: Helper | None = None
+        self._stages: list[TransformShader] = []
+        self._helper: TuningProcess | None = None
         self._builder: _Builder | None = None
-        known = None if anew else self._memory.recall(device.info, shape)
-        self.tuning = Tuning({}, {}, {}) if known is None else known
+        known = None if remeasure else self._memory.load(device.info, shape)
+        self.tuning = TuningResult({}, {}, {}) if known is None else known
         self._begin()
 
     @property
@@ -87,10 +87,10 @@ class FftChoice:
     def poll(self) -> bool:
         """Look how far the helper is, without waiting for it; whether `current` has changed."""
         before = self._current
-        while self._helper is not None and (answer := self._helper.answer()) is not None:
-            self._take(answer)
+        while self._helper is not None and (answer := self._helper.next_answer()) is not None:
+            self._handle_answer(answer)
         if self._helper is not None and (self._helper.has_ended or time.monotonic() > self._until):
-            self._give_up(_FAILED if self._helper.has_ended and not self._helper.was_late else _LATE)
+            self._give_up(_FAILED if self._helper.has_ended and not self._helper.hit_time_limit else _LATE)
         if self._builder is not None and not self._builder.is_alive():
             self._switch(self._builder)
         return self._current != before
@@ -111,7 +111,7 @@ class FftChoice:
             self._builder.join()
             self._builder = None
 
-    def __enter__(self) -> FftChoice:
+    def __enter__(self) -> FftTuner:
         return self
 
     def __exit__(
@@ -130,24 +130,24 @@ class FftChoice:
     def _begin(self) -> None:
         """Have the strategies timed, or go on with what is remembered of them."""
         if not [strategy for strategy in self._unknown if strategy != "passes"]:
-            self._settle()
+            self._prepare_fastest()
             return
         offered = [strategy for strategy in self._offered if strategy not in self.tuning.refused]
-        self.tuning = Tuning({}, {}, self.tuning.refused)
-        self._helper = Helper(self._device.info.name, self._budget_s)
-        self._helper.ask({"do": "time", "strategies": offered, "shape": self._shape})
+        self.tuning = TuningResult({}, {}, self.tuning.refused)
+        self._helper = TuningProcess(self._device.info.name, self._budget_s)
+        self._helper.send({"do": "time", "strategies": offered, "shape": self._shape})
 
-    def _take(self, answer: Answer) -> None:
+    def _handle_answer(self, answer: Message) -> None:
         """Make use of an answer of the helper."""
         if self._coming is not None:
             self._build()
             return
-        self.tuning = self.tuning.updated(answer)
+        self.tuning = self.tuning.with_answer(answer)
         if not self._unknown:
-            self._memory.remember(self._device.info, self._shape, self.tuning)
-            self._settle()
+            self._memory.save(self._device.info, self._shape, self.tuning)
+            self._prepare_fastest()
 
-    def _settle(self) -> None:
+    def _prepare_fastest(self) -> None:
         """Make the fastest strategy ready, if it isn't the one that is in use."""
         best = self.tuning.best
         if best == self._current or best not in self._offered:
@@ -157,8 +157,8 @@ class FftChoice:
             self.close()
         else:
             self._coming, self._stages = best, list(self._shaders(best))
-            self._helper = self._helper or Helper(self._device.info.name, self._budget_s)
-            self._helper.ask({"do": "compile", "shaders": [_described(stage) for stage in self._stages]})
+            self._helper = self._helper or TuningProcess(self._device.info.name, self._budget_s)
+            self._helper.send({"do": "compile", "shaders": [_described(stage) for stage in self._stages]})
 
     def _build(self) -> None:
         """The driver has all shaders on disk: make pipelines of them here."""
@@ -186,13 +186,13 @@ class FftChoice:
 
     def _refuse(self, strategy: Strategy, reason: str) -> None:
         self.tuning = self.tuning.without(strategy, reason)
-        self._memory.remember(self._device.info, self._shape, self.tuning)
+        self._memory.save(self._device.info, self._shape, self.tuning)
 
 
 class _Builder(threading.Thread):
     """Builds pipelines, which a device keeps. Not a daemon: a program mustn't end in the middle of a native call."""
 
-    def __init__(self, device: Device, stages: Iterable[Stage]) -> None:
+    def __init__(self, device: Device, stages: Iterable[TransformShader]) -> None:
         super().__init__(name="pipelines")
         self._device, self._stages = device, stages
         self.has_failed = False
@@ -206,15 +206,19 @@ class _Builder(threading.Thread):
             self.has_failed = True
 
 
-def remembered(device: Device, shape: tuple[int, int], memory: Memory | None = None) -> Strategy:
+def remembered_strategy(device: Device, shape: tuple[int, int], store: TuningStore | None = None) -> Strategy:
     """The fastest strategy for fields of `shape` that is known to need no waiting; "passes" where none is known."""
-    known = None if device.info.is_cpu else (Memory() if memory is None else memory).recall(device.info, shape)
-    if known is None or known.best not in strategies(device, shape) or not _compiles_at_once(device, known, known.best):
+    known = None if device.info.is_cpu else (TuningStore() if store is None else store).load(device.info, shape)
+    if (
+        known is None
+        or known.best not in supported_strategies(device, shape)
+        or not _compiles_at_once(device, known, known.best)
+    ):
         return "passes"
     return known.best
 
 
-def _compiles_at_once(device: Device, tuning: Tuning, strategy: Strategy) -> bool:
+def _compiles_at_once(device: Device, tuning: TuningResult, strategy: Strategy) -> bool:
     """Whether compiling takes no time that counts.
 
     Where shaders run on the processor, it may only have been fast because the driver's cache held them.
@@ -222,6 +226,6 @@ def _compiles_at_once(device: Device, tuning: Tuning, strategy: Strategy) -> boo
     return tuning.compile_seconds.get(strategy, _AT_ONCE_S) < _AT_ONCE_S and not device.info.is_cpu
 
 
-def _described(stage: Stage) -> Answer:
+def _described(stage: TransformShader) -> Message:
     """A stage for the helper."""
     return {"label": stage.source.label, "text": stage.source.text, "constants": dict(stage.constants)}

@@ -16,10 +16,10 @@ from typing import Any
 
 _COMMAND = ("-m", "holoview.gpu.tune_worker")
 _PATIENCE_S = 2.0
-Answer = dict[str, Any]
+Message = dict[str, Any]
 
 
-class Helper:
+class TuningProcess:
     """Runs `tune_worker.py` on the adapter of a name, for at most so many seconds of processor time.
 
     A thread collects the answers, so that asking never waits.
@@ -28,7 +28,7 @@ class Helper:
     def __init__(self, adapter: str, budget_s: float) -> None:
         package = str(Path(__file__).resolve().parents[2])
         path = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH", "")]))
-        self._answers: SimpleQueue[Answer] = SimpleQueue()
+        self._answers: SimpleQueue[Message] = SimpleQueue()
         self._process = subprocess.Popen(
             [sys.executable, *_COMMAND],
             stdin=subprocess.PIPE,
@@ -41,7 +41,7 @@ class Helper:
         self._reader = threading.Thread(target=_collect, args=(self._process, self._answers), daemon=True)
         self._reader.start()
         self._end = weakref.finalize(self, _kill, self._process, self._reader)
-        self.ask({"adapter": adapter, "budget_s": budget_s})
+        self.send({"adapter": adapter, "budget_s": budget_s})
 
     @property
     def has_ended(self) -> bool:
@@ -49,18 +49,18 @@ class Helper:
         return not self._reader.is_alive() and self._process.poll() is not None and self._answers.empty()
 
     @property
-    def was_late(self) -> bool:
+    def hit_time_limit(self) -> bool:
         """Whether it ended because its time was up."""
         return sys.platform != "win32" and self._process.poll() in (-signal.SIGXCPU, -signal.SIGKILL)
 
-    def ask(self, request: Answer) -> None:
+    def send(self, request: Message) -> None:
         """Hand over a request; a helper that has ended answers none."""
         assert self._process.stdin is not None
         with contextlib.suppress(OSError, ValueError):
             self._process.stdin.write(json.dumps(request) + "\n")
             self._process.stdin.flush()
 
-    def answer(self) -> Answer | None:
+    def next_answer(self) -> Message | None:
         """The next answer, if there is one by now."""
         with contextlib.suppress(Empty):
             return self._answers.get_nowait()
@@ -71,7 +71,7 @@ class Helper:
         self._end()
 
 
-def _collect(process: subprocess.Popen[str], answers: SimpleQueue[Answer]) -> None:
+def _collect(process: subprocess.Popen[str], answers: SimpleQueue[Message]) -> None:
     """Answers, until there are no more."""
     assert process.stdout is not None
     with contextlib.suppress(OSError, ValueError):

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from holoview.errors import UserError
-from holoview.files import replacing
+from holoview.files import atomic_write
 from holoview.gpu.adapter import AdapterInfo
 from holoview.gpu.lines import STRATEGIES, Strategy
 
@@ -27,7 +27,7 @@ _FILE = "fft-strategies.json"
 
 
 @dataclass(frozen=True)
-class Tuning:
+class TuningResult:
     """Seconds that a forward and an inverse FFT take by each strategy, and seconds that compiling them took.
 
     A strategy that wasn't compiled within the budget, failed, or gave wrong results, is in `refused` with the reason.
@@ -43,33 +43,33 @@ class Tuning:
         offered = {s: t for s, t in self.seconds.items() if s not in self.refused}
         return min(offered, key=lambda s: offered[s]) if offered else "passes"
 
-    def without(self, strategy: Strategy, reason: str) -> Tuning:
+    def without(self, strategy: Strategy, reason: str) -> TuningResult:
         """The same with a strategy refused."""
-        return Tuning(self.seconds, self.compile_seconds, {**self.refused, strategy: reason})
+        return TuningResult(self.seconds, self.compile_seconds, {**self.refused, strategy: reason})
 
-    def updated(self, answer: Mapping[str, Any]) -> Tuning:
+    def with_answer(self, answer: Mapping[str, Any]) -> TuningResult:
         """The same with what an answer of the helper says of its strategy."""
         strategy = answer["strategy"]
         if "refused" in answer:
             return self.without(strategy, answer["refused"])
         parts = [{**old, strategy: answer[name]} if name in answer else old for name, old in self._times()]
-        return Tuning(parts[0], parts[1], self.refused)
+        return TuningResult(parts[0], parts[1], self.refused)
 
     def _times(self) -> list[tuple[str, Mapping[Strategy, float]]]:
         return [("seconds", self.seconds), ("compile_seconds", self.compile_seconds)]
 
 
-class Memory:
+class TuningStore:
     """Tunings in a file below `folder`, by default that of the user's caches."""
 
     def __init__(self, folder: Path | None = None) -> None:
         self.path = (cache_dir() if folder is None else folder) / _FILE
 
-    def recall(self, info: AdapterInfo, shape: tuple[int, int]) -> Tuning | None:
+    def load(self, info: AdapterInfo, shape: tuple[int, int]) -> TuningResult | None:
         """What is known about an adapter and a shape (ny, nx)."""
         return _tuning(self._entries().get(_key(info, shape)))
 
-    def remember(self, info: AdapterInfo, shape: tuple[int, int], tuning: Tuning) -> None:
+    def save(self, info: AdapterInfo, shape: tuple[int, int], tuning: TuningResult) -> None:
         """Keep a tuning for the next time, where that is possible."""
         entry = {
             "seconds": dict(tuning.seconds),
@@ -79,7 +79,7 @@ class Memory:
         entries = {**self._entries(), _key(info, shape): entry}
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with replacing(self.path) as beside:
+            with atomic_write(self.path) as beside:
                 beside.write_text(json.dumps(entries, indent=1, sort_keys=True), encoding="utf-8")
         except (OSError, UserError):
             return  # a folder that can't be written to, or a full disk: it is measured again next time
@@ -108,7 +108,7 @@ def _key(info: AdapterInfo, shape: tuple[int, int]) -> str:
     return json.dumps([FORMAT, info.name, info.backend, info.driver, version("wgpu"), *shape])
 
 
-def _tuning(entry: object) -> Tuning | None:
+def _tuning(entry: object) -> TuningResult | None:
     """A tuning from JSON, if it is one."""
     if not isinstance(entry, dict):
         return None
@@ -117,7 +117,7 @@ def _tuning(entry: object) -> Tuning | None:
         return None
     if not all(isinstance(reason, str) for reason in cast("dict[str, Any]", refused).values()):
         return None
-    return Tuning(
+    return TuningResult(
         cast("dict[Strategy, float]", seconds),
         cast("dict[Strategy, float]", compiled),
         cast("dict[Strategy, str]", refused),

@@ -34,10 +34,10 @@ if sys.platform != "win32":
 from holoview.errors import UserError
 from holoview.gpu.device import Buffer, Device, open_device
 from holoview.gpu.fft import FftPlan
-from holoview.gpu.lines import Stage, Strategy
-from holoview.gpu.recorder import Recorder
+from holoview.gpu.lines import Strategy, TransformShader
+from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.shader import ShaderError, ShaderSource
-from holoview.gpu.warm import warm_up
+from holoview.gpu.warm import precompile
 
 LARGEST_ERROR = 7e-7
 """Relative L2 of a forward FFT, against float64: a strategy that a driver makes wrong isn't offered."""
@@ -49,18 +49,18 @@ def main() -> int:
     """Answers what it is asked on standard input."""
     lines = iter(sys.stdin)
     settings = json.loads(next(lines))
-    _limit(settings["budget_s"])
+    _limit_cpu_time(settings["budget_s"])
     device = open_device(settings["adapter"])
     for line in lines:
         request = json.loads(line)
         if request["do"] == "time":
-            _time(device, request["strategies"], (request["shape"][0], request["shape"][1]))
+            _time_strategies(device, request["strategies"], (request["shape"][0], request["shape"][1]))
         else:
             _compile(device, request["shaders"])
     return 0
 
 
-def _limit(budget_s: float) -> None:
+def _limit_cpu_time(budget_s: float) -> None:
     """Give way to other programs, and end after so much processor time, where the system knows such things."""
     if sys.platform != "win32":
         with contextlib.suppress(OSError, ValueError):
@@ -69,7 +69,7 @@ def _limit(budget_s: float) -> None:
             resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(budget_s), math.ceil(budget_s) + 1))
 
 
-def _time(device: Device, strategies: Sequence[Strategy], shape: tuple[int, int]) -> None:
+def _time_strategies(device: Device, strategies: Sequence[Strategy], shape: tuple[int, int]) -> None:
     """Compiles, checks and times strategies, and says of each what came out."""
     plans: dict[Strategy, tuple[FftPlan, Buffer]] = {}
     field = _field(shape)
@@ -81,25 +81,25 @@ def _time(device: Device, strategies: Sequence[Strategy], shape: tuple[int, int]
             buffer = device.upload(plan.pack(field), strategy)
             spectrum = _transformed(device, plan, buffer)
         except (UserError, ShaderError) as error:
-            _answer(strategy=strategy, refused=str(error))
+            _send(strategy=strategy, refused=str(error))
             continue
-        _answer(strategy=strategy, compile_seconds=time.perf_counter() - start)
+        _send(strategy=strategy, compile_seconds=time.perf_counter() - start)
         wrong = float(np.linalg.norm(spectrum - expected) / np.linalg.norm(expected))
         if wrong <= LARGEST_ERROR:
             plans[strategy] = plan, buffer
         else:
-            _answer(strategy=strategy, refused=f"wrong by {wrong:.1e} (relative L2)")
+            _send(strategy=strategy, refused=f"wrong by {wrong:.1e} (relative L2)")
     for strategy, seconds in _seconds(device, plans).items():
-        _answer(strategy=strategy, seconds=seconds)
+        _send(strategy=strategy, seconds=seconds)
 
 
 def _transformed(device: Device, plan: FftPlan, buffer: Buffer) -> NDArray[np.complexfloating]:
     """The spectrum in natural order; `buffer` holds the field again, and both directions are compiled."""
-    recorder = Recorder(device)
+    recorder = CommandRecorder(device)
     plan.forward(recorder, buffer)
     recorder.submit()
     spectrum = plan.natural_order(plan.download(buffer))[0]
-    recorder = Recorder(device)
+    recorder = CommandRecorder(device)
     plan.inverse(recorder, buffer)
     recorder.submit(wait=True)
     return spectrum
@@ -110,7 +110,7 @@ def _seconds(device: Device, plans: dict[Strategy, tuple[FftPlan, Buffer]]) -> d
     taken: dict[Strategy, list[float]] = {strategy: [] for strategy in plans}
     for _ in range(_ROUNDS):
         for strategy, (plan, buffer) in plans.items():
-            recorder = Recorder(device)
+            recorder = CommandRecorder(device)
             for _ in range(_PAIRS):
                 plan.forward(recorder, buffer)
                 plan.inverse(recorder, buffer)
@@ -124,9 +124,12 @@ def _compile(device: Device, shaders: Sequence[dict[str, Any]]) -> None:
     """Compiles shaders, and waits until they have run."""
     start = time.perf_counter()
     sources = (ShaderSource(shader["label"], shader["text"], ((shader["label"], 0),)) for shader in shaders)
-    warm_up(device, [Stage(s, given["constants"], lambda lines: 1) for s, given in zip(sources, shaders, strict=True)])
+    precompile(
+        device,
+        [TransformShader(s, given["constants"], lambda lines: 1) for s, given in zip(sources, shaders, strict=True)],
+    )
     device.wait()
-    _answer(compile_seconds=time.perf_counter() - start)
+    _send(compile_seconds=time.perf_counter() - start)
 
 
 def _field(shape: tuple[int, int]) -> NDArray[np.complex64]:
@@ -135,7 +138,7 @@ def _field(shape: tuple[int, int]) -> NDArray[np.complex64]:
     return field
 
 
-def _answer(**values: object) -> None:
+def _send(**values: object) -> None:
     print(json.dumps(values), flush=True)
 
 

@@ -9,22 +9,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from holoview.gpu.device import Buffer, Device
-from holoview.gpu.lines import Stage
-from holoview.gpu.recorder import Pass, Recorder
+from holoview.gpu.lines import TransformShader
+from holoview.gpu.recorder import CommandRecorder, Dispatch
 
 _BYTES = 1 << 16
 
 
-def warm_up(device: Device, stages: Iterable[Stage]) -> None:
+def precompile(device: Device, stages: Iterable[TransformShader]) -> None:
     """Compile shaders; one that is compiled when it first runs need not be when this returns.
 
     Raises ShaderError and UserError as `Device.pipeline` does.
     """
-    recorder = Recorder(device, "shaders")
+    recorder = CommandRecorder(device, "shaders")
     for stage in stages:
-        declared = stage.source.buffers() or {}
+        declared = stage.source.buffer_bindings() or {}
         groups = [_memory(device, declared.get(number, {})) for number in range(max(declared, default=-1) + 1)]
-        recorder.add(Pass.bind(device, device.pipeline(stage.source, stage.constants), groups, (1, 1, 1)))
+        recorder.add(Dispatch.bind(device, device.pipeline(stage.source, stage.constants), groups, (1, 1, 1)))
     recorder.submit()
 
 

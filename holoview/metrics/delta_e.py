@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from holoview.colour import D65_WHITE, SRGB_TO_XYZ, colour_science, gamut_map
+from holoview.colour import D65_WHITE, SRGB_TO_XYZ, gamut_map, import_colour_science
 from holoview.errors import UserError
 
 
@@ -36,7 +36,7 @@ def delta_e_map_xyz(image: ArrayLike, target: ArrayLike) -> NDArray[np.float64]:
     found, wanted = np.asarray(image, dtype=np.float64), np.asarray(target, dtype=np.float64)
     if found.shape != wanted.shape or found.shape[-1:] != (3,) or found.size == 0:
         raise UserError("image", f"shape {found.shape}", expected=f"(…, 3) as the target, {wanted.shape}, not empty")
-    science = colour_science()
+    science = import_colour_science()
     white_xy = D65_WHITE[:2] / D65_WHITE.sum()
     lab, target_lab = (science.XYZ_to_Lab(xyz, illuminant=white_xy) for xyz in (found, wanted))
     difference: NDArray[np.float64] = np.asarray(science.delta_E(lab, target_lab, method="CIE 2000"), dtype=np.float64)

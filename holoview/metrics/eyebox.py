@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from holoview.errors import UserError
 
-CENTRE = 8
+CENTRE_DIVISOR = 8
 """The centre whose share is reported is 1/CENTRE of the eyebox wide and high."""
 
 
@@ -54,7 +54,7 @@ def eyebox_uniformity(eyebox: ArrayLike, blocks: int = 8, envelope: ArrayLike | 
     return EyeboxUniformity(
         coefficient_of_variation=float(means.std() / means.mean()),
         uniformity=float(means.min() / means.mean()),
-        centre_share=float(light[_centre(light.shape[0]), _centre(light.shape[1])].mean() / light.mean()),
+        centre_share=float(light[_central_slice(light.shape[0]), _central_slice(light.shape[1])].mean() / light.mean()),
     )
 
 
@@ -81,8 +81,8 @@ def _block_means(light: NDArray[np.float64], blocks: int) -> NDArray[np.float64]
     return means
 
 
-def _centre(n: int) -> slice:
+def _central_slice(n: int) -> slice:
     """The central 1/CENTRE of n samples, at least one, around zero frequency at n//2."""
-    width = max(1, round(n / CENTRE))
+    width = max(1, round(n / CENTRE_DIVISOR))
     start = n // 2 - width // 2
     return slice(start, start + width)

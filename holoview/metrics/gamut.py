@@ -34,11 +34,11 @@ def gamut_area(xy: ArrayLike) -> float:
     points = np.asarray(xy, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
         raise UserError("chromaticities", f"shape {points.shape}", expected="finite values of shape (n, 2)")
-    corners = hull(points)
+    corners = convex_hull(points)
     return _polygon_area(corners) if len(corners) > 2 else 0.0
 
 
-def hull(xy: ArrayLike) -> NDArray[np.float64]:
+def convex_hull(xy: ArrayLike) -> NDArray[np.float64]:
     """Corners (m, 2) of the convex hull of points (n, 2), counter-clockwise; both ends of a line, or a single point."""
     ordered = sorted({(float(x), float(y)) for x, y in np.asarray(xy, dtype=np.float64)})
     if len(ordered) < 3:

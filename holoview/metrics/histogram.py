@@ -29,7 +29,7 @@ class SpeckleHistogram:
 
     edges: Floats
     density: Floats
-    patterns: float
+    pattern_count: float
 
     @cached_property
     def centres(self) -> Floats:
@@ -37,23 +37,23 @@ class SpeckleHistogram:
         return (self.edges[1:] + self.edges[:-1]) / 2
 
     @cached_property
-    def developed(self) -> Floats:
+    def fully_developed_density(self) -> Floats:
         """Fully developed speckle of one laser, at the centres."""
         return speckle_density(self.centres)
 
     @cached_property
-    def expected(self) -> Floats:
+    def expected_density(self) -> Floats:
         """As many independent patterns as `patterns` says, at the centres."""
-        return speckle_density(self.centres, self.patterns)
+        return speckle_density(self.centres, self.pattern_count)
 
 
-def speckle_density(relative: ArrayLike, patterns: float = 1.0) -> Floats:
+def speckle_density(relative_intensity: ArrayLike, pattern_count: float = 1.0) -> Floats:
     """Probability density of I/Ī in the sum of independent, equally bright speckle patterns; needn't be whole."""
-    return np.asarray(stats.gamma.pdf(relative, patterns, scale=1 / patterns), dtype=np.float64)
+    return np.asarray(stats.gamma.pdf(relative_intensity, pattern_count, scale=1 / pattern_count), dtype=np.float64)
 
 
 def speckle_histogram(
-    luminance: NDArray[np.floating], region: Region, patterns: float = 1.0, bins: int = 60, most: float = 4.0
+    luminance: NDArray[np.floating], region: Region, pattern_count: float = 1.0, bins: int = 60, max_ratio: float = 4.0
 ) -> SpeckleHistogram:
     """The histogram of a region of (y, x) over its mean, up to `most` times that. Raises UserError if it is dark."""
     x, y, width, height = region
@@ -61,5 +61,5 @@ def speckle_histogram(
     mean = float(values.mean()) if values.size else 0.0
     if not mean > 0:
         raise UserError("region", "no light in it", remedy="choose a brighter region")
-    counts, edges = np.histogram(values / mean, bins=bins, range=(0.0, most))
-    return SpeckleHistogram(edges, counts / (values.size * (edges[1] - edges[0])), patterns)
+    counts, edges = np.histogram(values / mean, bins=bins, range=(0.0, max_ratio))
+    return SpeckleHistogram(edges, counts / (values.size * (edges[1] - edges[0])), pattern_count)

@@ -34,7 +34,7 @@ def psnr(image: ArrayLike, target: ArrayLike, peak: float = 1.0) -> float:
 
     Raises UserError when the shapes differ.
     """
-    found, wanted = _pair(image, target)
+    found, wanted = _checked_pair(image, target)
     error = float(np.mean((found - wanted) ** 2))
     return float(20.0 * np.log10(peak) - 10.0 * np.log10(error)) if error != 0.0 else float("inf")
 
@@ -44,8 +44,8 @@ def psnr_linear_srgb(image: ArrayLike, target: ArrayLike) -> Psnr:
 
     Raises UserError when the shapes differ or aren't those of images.
     """
-    found, wanted = _stacks(image, target)
-    return _per_plane(gamut_map(found), gamut_map(wanted))
+    found, wanted = _as_stacks(image, target)
+    return _psnr_per_plane(gamut_map(found), gamut_map(wanted))
 
 
 def psnr_xyz(image: ArrayLike, target: ArrayLike) -> Psnr:
@@ -53,7 +53,7 @@ def psnr_xyz(image: ArrayLike, target: ArrayLike) -> Psnr:
 
     Raises UserError when the shapes differ or aren't those of images.
     """
-    return _per_plane(*_stacks(image, target))
+    return _psnr_per_plane(*_as_stacks(image, target))
 
 
 def psnr_luminance(image: ArrayLike, target: ArrayLike) -> Psnr:
@@ -61,25 +61,25 @@ def psnr_luminance(image: ArrayLike, target: ArrayLike) -> Psnr:
 
     Raises UserError when the shapes differ or aren't those of images.
     """
-    found, wanted = _stacks(image, target)
-    return _per_plane(found[..., 1], wanted[..., 1])
+    found, wanted = _as_stacks(image, target)
+    return _psnr_per_plane(found[..., 1], wanted[..., 1])
 
 
-def _pair(image: ArrayLike, target: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _checked_pair(image: ArrayLike, target: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     found, wanted = np.asarray(image, dtype=np.float64), np.asarray(target, dtype=np.float64)
     if found.shape != wanted.shape or found.size == 0:
         raise UserError("image", f"shape {found.shape}", expected=f"the target's shape, {wanted.shape}, not empty")
     return found, wanted
 
 
-def _stacks(image: ArrayLike, target: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _as_stacks(image: ArrayLike, target: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Both as (plane, y, x, 3)."""
-    found, wanted = _pair(image, target)
+    found, wanted = _checked_pair(image, target)
     if found.ndim not in (3, 4) or found.shape[-1] != 3:
         raise UserError("image", f"shape {found.shape}", expected="(y, x, 3) or (plane, y, x, 3)")
     return found.reshape(-1, *found.shape[-3:]), wanted.reshape(-1, *wanted.shape[-3:])
 
 
-def _per_plane(stack: NDArray[np.float64], target: NDArray[np.float64]) -> Psnr:
+def _psnr_per_plane(stack: NDArray[np.float64], target: NDArray[np.float64]) -> Psnr:
     planes = tuple(psnr(found, wanted) for found, wanted in zip(stack, target, strict=True))
     return Psnr(mean_db=sum(planes) / len(planes), planes_db=planes)

@@ -54,13 +54,13 @@ def speckle_contrast(
     image = np.asarray(intensity, dtype=np.float64)
     if image.ndim != 2 or image.size == 0:
         raise UserError("image", f"shape {image.shape}", expected="one channel, (y, x)", remedy="take its luminance")
-    window = _window(region, image.shape[1], image.shape[0])
+    window = _region_slices(region, image.shape[1], image.shape[0])
     values = image[window].ravel()
     if target is not None:
         wanted = np.asarray(target, dtype=np.float64)
         if wanted.shape != image.shape:
             raise UserError("target", f"shape {wanted.shape}", expected=f"the image's shape, {image.shape}")
-        values = _without_structure(values, wanted[window].ravel())
+        values = _ratio_to_target(values, wanted[window].ravel())
     mean = float(values.mean()) if values.size > 1 else 0.0
     if not mean > 0.0:
         raise UserError(
@@ -83,7 +83,7 @@ def independent_patterns(contrast: float) -> float:
     return 1.0 / contrast**2 if contrast > 0.0 else float("inf")
 
 
-def _window(region: Region | None, width: int, height: int) -> tuple[slice, slice]:
+def _region_slices(region: Region | None, width: int, height: int) -> tuple[slice, slice]:
     """The region as slices of (y, x), checked against the image."""
     if region is None:
         return slice(None), slice(None)
@@ -97,7 +97,7 @@ def _window(region: Region | None, width: int, height: int) -> tuple[slice, slic
     return slice(y, y + h), slice(x, x + w)
 
 
-def _without_structure(values: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+def _ratio_to_target(values: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
     """The ratio image I/(g·T) of the pixels whose target isn't too dark; empty where there is none."""
     bright = (target > 0.0) & (target >= TARGET_FLOOR * target.mean())
     values, target = values[bright], target[bright]

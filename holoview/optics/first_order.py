@@ -17,7 +17,7 @@ from holoview.plan import Grid
 
 Floats = NDArray[np.float64]
 
-BLOCKS = 8
+EYEBOX_BLOCKS = 8
 """Blocks along each side of the eyebox."""
 
 
@@ -28,7 +28,7 @@ class FirstOrder:
     bins: tuple[NDArray[np.int64], NDArray[np.int64]]
     envelopes: tuple[Floats, Floats]
 
-    def block_matrix(self, axis: int, blocks: int = BLOCKS) -> Floats:
+    def block_matrix(self, axis: int, blocks: int = EYEBOX_BLOCKS) -> Floats:
         """(blocks, bins): takes powers along an axis to means of blocks, the envelope divided out.
 
         Blocks differ by a bin in size where their number doesn't divide the bins; there are no more than bins.

@@ -15,21 +15,22 @@ from holoview.plan import Plan
 
 
 @dataclass(frozen=True)
-class PlainSlots:
-    """drive (frame, modulator, y, x) in 0…1 of the stroke; the rest is `Slots` where nothing has to be said.
+class PlainFrameInputs:
+    """drive (frame, modulator, y, x) in 0…1 of the stroke; the rest is `FrameInputs` where nothing has to be said.
 
-    pupils[relay][wavelength]: None, as no relay apodises or aberrates. light: None, as optical paths say it all.
+    pupils[relay][wavelength]: None, as no relay apodises or aberrates. sampled_transmissions: None, as optical paths
+    say it all.
     """
 
     drive: NDArray[np.floating]
     pupils: tuple[tuple[None, ...], ...]
-    light: None = None
+    sampled_transmissions: None = None
 
-    def strokes(self, frame: int, modulator: int, stroke_m: float) -> NDArray[np.float32]:
+    def stroke_fractions(self, frame: int, modulator: int, stroke_m: float) -> NDArray[np.float32]:
         """Optical paths of a modulator's pixels (y, x) in strokes: the drive itself."""
         return np.ascontiguousarray(self.drive[frame, modulator], dtype=np.float32)
 
-    def is_dense(self, modulator: int) -> bool:
+    def is_sampled(self, modulator: int) -> bool:
         """No modulator is."""
         return False
 
@@ -38,7 +39,7 @@ class PlainSlots:
         return
 
 
-def plain_slots(plan: Plan, drive: NDArray[np.floating]) -> PlainSlots | None:
+def plain_frame_inputs(plan: Plan, drive: NDArray[np.floating]) -> PlainFrameInputs | None:
     """The slots of a plan for a drive (frame, modulator, y, x), or None where something shapes them.
 
     Raises UserError as `make_slots` does.
@@ -48,19 +49,19 @@ def plain_slots(plan: Plan, drive: NDArray[np.floating]) -> PlainSlots | None:
     has_pupils = any(relay.aberration_m or relay.apodisation_na is not None for relay in relays)
     if has_levels or has_pupils or plan.nominal.effects or plan.moments != (1.0,):
         return None
-    check_numbers(drive)
+    check_drive_dtype(drive)
     low, high = (float(drive.min()), float(drive.max())) if drive.size else (0.0, 0.0)
-    check_values(plan, drive.shape, low, high)
-    return PlainSlots(drive, ((None,) * len(plan.system.wavelengths_m),) * len(relays))
+    check_drive_range(plan, drive.shape, low, high)
+    return PlainFrameInputs(drive, ((None,) * len(plan.system.wavelengths_m),) * len(relays))
 
 
-def check_numbers(drive: NDArray[np.generic]) -> None:
+def check_drive_dtype(drive: NDArray[np.generic]) -> None:
     """UserError unless a drive is of real numbers."""
     if drive.dtype.kind not in "fiub":
         raise UserError("drive", f"values of type {drive.dtype}", expected="real numbers, 0 to 1 of the stroke")
 
 
-def check_values(plan: Plan, shape: tuple[int, ...], low: float, high: float) -> None:
+def check_drive_range(plan: Plan, shape: tuple[int, ...], low: float, high: float) -> None:
     """UserError unless a drive of that shape, with values from `low` to `high`, fits the system."""
     expected = plan.nominal.drive_shape
     if shape != expected:

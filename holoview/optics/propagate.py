@@ -20,10 +20,10 @@ def transfer_function(transfer: Transfer, grid: Grid, dtype: torch.dtype, device
     H is even in both frequencies: one quadrant is evaluated and the rest gathered from it.
     """
     ky, kx = (torch.from_numpy(frequency_indices(p)).to(device) for p in grid.padded)
-    return transfer_at(transfer, ky, kx, dtype)
+    return transfer_function_at(transfer, ky, kx, dtype)
 
 
-def transfer_at(transfer: Transfer, ky: torch.Tensor, kx: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
+def transfer_function_at(transfer: Transfer, ky: torch.Tensor, kx: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
     """H at rows ky (A,) and columns kx (B,) of signed frequency indices, (A, B) complex."""
     rows, ky, kx = ky % len(transfer.support), ky.abs(), kx.abs()
     sine_y, sine_x = (
@@ -37,7 +37,7 @@ def transfer_at(transfer: Transfer, ky: torch.Tensor, kx: torch.Tensor, dtype: t
     return quadrant[ky][:, kx] * support_mask(transfer, kx, chosen=rows)
 
 
-def phase_slope(wavelength_m: float, grid: Grid) -> torch.Tensor:
+def phase_wavelength_derivative(wavelength_m: float, grid: Grid) -> torch.Tensor:
     """∂(phase of H)/∂λ per metre of distance, rad/m², (P_y, P_x) float64; zero for evanescent waves.
 
     The phase is −2πz·(1 − r)/λ with r = √(1 − A) and A = |λu|², so its slope is −(2πz/λ²)·(1 − r)/r.
@@ -51,7 +51,7 @@ def phase_slope(wavelength_m: float, grid: Grid) -> torch.Tensor:
     return torch.where(a < 1, (-2 * math.pi / wavelength_m**2) * a / (root * (1 + root)), 0)
 
 
-def relay_response(
+def relay_transfer_function(
     transfer: Transfer, grid: Grid, pupil: torch.Tensor | None, dtype: torch.dtype, device: torch.device
 ) -> torch.Tensor:
     """H × pupil of a relay, (P_y, P_x): what a spectrum is multiplied by on its way. A clear relay has no pupil."""

@@ -14,7 +14,9 @@ from holoview.optics.zernike import zernike
 from holoview.plan import Plan
 
 
-def pupil(plan: Plan, relay: int, wavelength: int, dtype: torch.dtype, device: torch.device) -> torch.Tensor | None:
+def nominal_pupil(
+    plan: Plan, relay: int, wavelength: int, dtype: torch.dtype, device: torch.device
+) -> torch.Tensor | None:
     """(P_y, P_x) complex pupil in `fftfreq` order, or None for a relay with neither aberration nor apodisation.
 
     The pupil lies at direction sines λu: its radius in frequency shrinks with the wavelength, its OPD is that of the

@@ -47,7 +47,7 @@ def phasor(opd_m: torch.Tensor, wavelength_m: float, dtype: torch.dtype) -> torc
     return torch.complex(torch.cos(phase), torch.sin(phase))
 
 
-def pixel_response(padded: int, upsample: int, slope: float) -> torch.Tensor:
+def pixel_spectrum(padded: int, upsample: int, slope: float) -> torch.Tensor:
     """Spectrum of one pixel along one side, (padded,) complex128: Σ_j exp(2πi·j·(slope − k/padded)), j < upsample.
 
     The FFT of an upsampled pattern is the FFT of its pixels, repeated `upsample` times, times this: a quarter of the
@@ -57,13 +57,13 @@ def pixel_response(padded: int, upsample: int, slope: float) -> torch.Tensor:
     return torch.exp(2j * math.pi * torch.outer(torch.arange(upsample, dtype=torch.float64), turns)).sum(dim=0)
 
 
-def pooled(samples: torch.Tensor, factor: int) -> torch.Tensor:
+def sum_pool(samples: torch.Tensor, factor: int) -> torch.Tensor:
     """The adjoint of `upsampled`: the sum of the samples of each pixel, in the last two axes. Real or complex."""
     lines = summed([samples[..., i::factor, :] for i in range(factor)])
     return summed([lines[..., i::factor] for i in range(factor)])
 
 
-def folded(spectrum: torch.Tensor, factor: int) -> torch.Tensor:
+def fold_spectrum(spectrum: torch.Tensor, factor: int) -> torch.Tensor:
     """The adjoint of repeating a spectrum `factor` times along each of the last two axes: the sum of its repeats."""
     rows = summed(list(spectrum.chunk(factor, dim=-2)))
     return summed(list(rows.chunk(factor, dim=-1)))

@@ -12,16 +12,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.effects.dense import DenseLight, added_pupil
+from holoview.effects.dense import SampledTransmissions, effects_pupil
 from holoview.errors import UserError
-from holoview.optics.plain import PlainSlots, check_numbers, check_values
-from holoview.optics.pupil import pupil
+from holoview.optics.plain import PlainFrameInputs, check_drive_dtype, check_drive_range
+from holoview.optics.pupil import nominal_pupil
 from holoview.optics.slm import optical_path
 from holoview.plan import Plan
 
 
 @dataclass(frozen=True)
-class Slots:
+class FrameInputs:
     """opd_m (frame, modulator, y, x) float64: optical path of each modulator pixel, m; what was sent, where `light` is.
 
     pupils[relay][wavelength]: (P_y, P_x) complex128 or None where the relay neither apodises nor aberrates.
@@ -30,36 +30,40 @@ class Slots:
 
     opd_m: torch.Tensor
     pupils: tuple[tuple[torch.Tensor | None, ...], ...]
-    light: Lights | None = None
+    sampled_transmissions: TransmissionSource | None = None
 
-    def strokes(self, frame: int, modulator: int, stroke_m: float) -> NDArray[np.float32]:
+    def stroke_fractions(self, frame: int, modulator: int, stroke_m: float) -> NDArray[np.float32]:
         """Optical paths of a modulator's pixels (y, x) in strokes, so that a float32 drive stays exact."""
         return np.ascontiguousarray((self.opd_m[frame, modulator] / stroke_m).float().cpu().numpy())
 
-    def is_dense(self, modulator: int) -> bool:
+    def is_sampled(self, modulator: int) -> bool:
         """Whether a modulator's transmission isn't exp(2πi·opd/λ) of its pixels."""
-        return self.light is not None and self.light.is_dense(modulator)
+        return self.sampled_transmissions is not None and self.sampled_transmissions.is_sampled(modulator)
 
     def transmission(self, frame: int, modulator: int, wavelength: int) -> torch.Tensor | None:
         """Complex128 transmission of a modulator's samples (y, x), or None: exp(2πi·opd/λ) of its pixels."""
-        return None if self.light is None else self.light.samples(frame, modulator, wavelength)
+        return (
+            None
+            if self.sampled_transmissions is None
+            else self.sampled_transmissions.sampled_transmission(frame, modulator, wavelength)
+        )
 
 
-FrameSlots = Slots | PlainSlots
+AnyFrameInputs = FrameInputs | PlainFrameInputs
 """What the shaders take."""
 
 
-class Lights(Protocol):
+class TransmissionSource(Protocol):
     """What makes dense transmissions of modulators."""
 
-    def is_dense(self, modulator: int) -> bool:
+    def is_sampled(self, modulator: int) -> bool:
         """Whether that modulator's is."""
 
-    def samples(self, frame: int, modulator: int, wavelength: int) -> torch.Tensor | None:
+    def sampled_transmission(self, frame: int, modulator: int, wavelength: int) -> torch.Tensor | None:
         """Complex128 transmission of a modulator's samples (y, x); None where its pixels' optical paths say it all."""
 
 
-def make_slots(plan: Plan, drive: torch.Tensor | NDArray[np.floating]) -> Slots:
+def make_frame_inputs(plan: Plan, drive: torch.Tensor | NDArray[np.floating]) -> FrameInputs:
     """The slots of a plan for a drive (frame, modulator, y, x) in 0…1 of the stroke.
 
     Raises UserError when the drive's shape doesn't fit the system, or when it leaves 0…1.
@@ -67,29 +71,29 @@ def make_slots(plan: Plan, drive: torch.Tensor | NDArray[np.floating]) -> Slots:
     patterns = drive if isinstance(drive, torch.Tensor) else _as_tensor(drive)
     check_drive(plan, patterns)
     patterns = patterns.double()
-    pupils = tuple(tuple(relay_pupil(plan, r, i) for i in range(len(plan.system.wavelengths_m))) for r in (0, 1))
-    return Slots(optical_paths(plan, patterns), pupils, _lights(plan, patterns))
+    pupils = tuple(tuple(pupil_with_effects(plan, r, i) for i in range(len(plan.system.wavelengths_m))) for r in (0, 1))
+    return FrameInputs(exposure_optical_paths(plan, patterns), pupils, _lights(plan, patterns))
 
 
-def relay_pupil(plan: Plan, relay: int, wavelength: int) -> torch.Tensor | None:
+def pupil_with_effects(plan: Plan, relay: int, wavelength: int) -> torch.Tensor | None:
     """(P_y, P_x) complex128 pupil of a relay with its effects; None where it neither apodises nor aberrates."""
-    own = pupil(plan, relay, wavelength, torch.complex128, torch.device("cpu"))
+    own = nominal_pupil(plan, relay, wavelength, torch.complex128, torch.device("cpu"))
     if not plan.nominal.effects:
         return own
-    added = added_pupil(plan, relay, wavelength)
+    added = effects_pupil(plan, relay, wavelength)
     if own is None or added is None:
         return added if own is None else own
     return own * added
 
 
-def _lights(plan: Plan, drive: torch.Tensor) -> Lights | None:
+def _lights(plan: Plan, drive: torch.Tensor) -> TransmissionSource | None:
     if not plan.nominal.effects:
         return None
-    light = DenseLight(plan, drive)
-    return light if light.is_any_dense else None
+    light = SampledTransmissions(plan, drive)
+    return light if light.is_any_sampled else None
 
 
-def optical_paths(plan: Plan, drive: torch.Tensor) -> torch.Tensor:
+def exposure_optical_paths(plan: Plan, drive: torch.Tensor) -> torch.Tensor:
     """Optical path (frame, modulator, y, x) of a drive at each moment, nominal but for the strokes, m."""
     modulators = plan.system.modulators
     paths = torch.stack([optical_path(drive[:, i], modulator) for i, modulator in enumerate(modulators)], dim=1)
@@ -101,7 +105,7 @@ def optical_paths(plan: Plan, drive: torch.Tensor) -> torch.Tensor:
 
 def _as_tensor(drive: NDArray[np.floating]) -> torch.Tensor:
     values = np.asarray(drive)
-    check_numbers(values)
+    check_drive_dtype(values)
     return torch.from_numpy(np.array(values, order="C"))
 
 
@@ -110,4 +114,4 @@ def check_drive(plan: Plan, drive: torch.Tensor) -> None:
     if drive.is_complex():
         raise UserError("drive", "complex numbers", expected="real numbers, 0 to 1 of the modulator's stroke")
     low, high = (float(x) for x in torch.aminmax(drive.detach())) if drive.numel() else (0.0, 0.0)
-    check_values(plan, tuple(drive.shape), low, high)
+    check_drive_range(plan, tuple(drive.shape), low, high)

@@ -9,7 +9,7 @@ import torch
 
 def zernike(noll: int, radius: torch.Tensor, angle: torch.Tensor) -> torch.Tensor:
     """Zernike polynomial Z_j (Noll index ≥ 1) with unit r.m.s. over the unit disc; zero outside it."""
-    n, m = noll_orders(noll)
+    n, m = noll_to_nm(noll)
     radial = torch.zeros_like(radius)
     for k in range((n - abs(m)) // 2 + 1):
         numerator = (-1) ** k * math.factorial(n - k)
@@ -24,7 +24,7 @@ def zernike(noll: int, radius: torch.Tensor, angle: torch.Tensor) -> torch.Tenso
     return torch.where(radius <= 1, term, torch.zeros_like(term))
 
 
-def noll_orders(noll: int) -> tuple[int, int]:
+def noll_to_nm(noll: int) -> tuple[int, int]:
     """Radial order n and azimuthal order m of Noll's index: m > 0 is a cosine, m < 0 a sine."""
     n = 0
     while (n + 1) * (n + 2) // 2 < noll:

@@ -12,21 +12,21 @@ import math
 
 import torch
 
-from holoview.grid import good_size
+from holoview.grid import next_fast_length
 
 Tensor = torch.Tensor
 _BY_MATRIX = 160  # frequencies and samples up to which one product of matrices is faster
 
 
-def fourier_sums(values: Tensor, first: float, step: float, count: int) -> Tensor:
+def chirp_z_transform(values: Tensor, first: float, step: float, count: int) -> Tensor:
     """Sums along the last axis of `values` (…, n), complex: (…, count). Frequencies in cycles a sample."""
     n = values.shape[-1]
     if max(n, count) <= _BY_MATRIX:
-        return values @ fourier_matrix(n, first, step, count).to(values.dtype).to(values.device).T
+        return values @ dft_matrix(n, first, step, count).to(values.dtype).to(values.device).T
     j = torch.arange(n, dtype=torch.float64)
     k = torch.arange(count, dtype=torch.float64)
     lags = torch.arange(-(n - 1), count, dtype=torch.float64)
-    length = good_size(n + count - 1)
+    length = next_fast_length(n + count - 1)
     before = _turned(-(first * j + 0.5 * step * j * j))
     after = _turned((first + k * step) * ((n - 1) / 2) - 0.5 * step * k * k)
     chirp = torch.fft.fft(_turned(0.5 * step * lags * lags), n=length)
@@ -34,7 +34,7 @@ def fourier_sums(values: Tensor, first: float, step: float, count: int) -> Tenso
     return torch.fft.ifft(whole)[..., n - 1 : n - 1 + count] * after.to(values.dtype)
 
 
-def fourier_matrix(n: int, first: float, step: float, count: int) -> Tensor:
+def dft_matrix(n: int, first: float, step: float, count: int) -> Tensor:
     """(count, n) complex128: exp(−2πi·frequency·place) of each frequency and sample."""
     frequencies = first + step * torch.arange(count, dtype=torch.float64)
     places = torch.arange(n, dtype=torch.float64) - (n - 1) / 2

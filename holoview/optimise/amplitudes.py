@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from holoview.optimise.team import ALONE, Team
+from holoview.optimise.team import SINGLE_PROCESS, ProcessGroup
 
 Tensor = torch.Tensor
 Floats = NDArray[np.float64]
@@ -23,25 +23,30 @@ Floats = NDArray[np.float64]
 _EIGEN_FLOOR = 1e-6
 
 
-class AmplitudeProblem:
+class AmplitudeLeastSquares:
     """Gathers the planes; colours (laser, channel) are those of unit amplitude and intensity, of everybody's lasers."""
 
-    def __init__(self, colours: Floats, team: Team = ALONE) -> None:
-        self._colours, self._team = colours, team
-        self._mine = team.part(len(colours))
-        self._gram, self._right = np.zeros((len(colours), len(colours))), np.zeros(len(colours))
+    def __init__(self, laser_channels: Floats, group: ProcessGroup = SINGLE_PROCESS) -> None:
+        self._laser_channels, self._group = laser_channels, group
+        self._own_rows = group.shard(len(laser_channels))
+        self._gram, self._right_hand_side = (
+            np.zeros((len(laser_channels), len(laser_channels))),
+            np.zeros(len(laser_channels)),
+        )
 
-    def add(self, intensity: Tensor, target: Tensor, weight: float = 1.0) -> None:
+    def add_plane(self, intensity: Tensor, target: Tensor, weight: float = 1.0) -> None:
         """Adds a plane: intensity (own laser, …) at unit amplitude and target (channel, …) of equal trailing shape."""
         images, wanted = intensity.flatten(1), target.flatten(1)
-        for theirs, others in self._team.passing(images, len(self._colours)):
-            self._gram[self._mine, theirs] += weight * (images @ others.T).cpu().double().numpy()
+        for theirs, others in self._group.broadcast_shards(images, len(self._laser_channels)):
+            self._gram[self._own_rows, theirs] += weight * (images @ others.T).cpu().double().numpy()
         seen = (images @ wanted.T).cpu().double().numpy()
-        self._right[self._mine] += weight * np.einsum("lc,lc->l", self._colours[self._mine], seen)
+        self._right_hand_side[self._own_rows] += weight * np.einsum(
+            "lc,lc->l", self._laser_channels[self._own_rows], seen
+        )
 
-    def join(self) -> None:
+    def all_reduce(self) -> None:
         """Gives everybody all rows, when all planes are there."""
-        self._team.add(torch.from_numpy(self._gram), torch.from_numpy(self._right))
+        self._group.all_reduce_sum(torch.from_numpy(self._gram), torch.from_numpy(self._right_hand_side))
 
     @property
     def is_dark(self) -> bool:
@@ -50,19 +55,19 @@ class AmplitudeProblem:
 
     def solve(self) -> Floats:
         """Amplitudes (laser,) ≥ 0 that bring the sum of the lasers' images nearest to the target."""
-        return _non_negative(self._gram * (self._colours @ self._colours.T), self._right)
+        return _solve_nnls(self._gram * (self._laser_channels @ self._laser_channels.T), self._right_hand_side)
 
 
-def _non_negative(gram: Floats, right: Floats) -> Floats:
+def _solve_nnls(gram: Floats, right_hand_side: Floats) -> Floats:
     """argmin over a ≥ 0 of aᵀGa − 2bᵀa, by NNLS on a square root of G, in units where G's diagonal is 1.
 
     Where no laser gives any light, none is on.
     """
     if not np.any(gram):
-        return np.zeros_like(right)
+        return np.zeros_like(right_hand_side)
     scale = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(gram / scale[:, None] / scale[None, :])
     values = np.maximum(values, _EIGEN_FLOOR * values[-1])
     root = np.sqrt(values)[:, None] * vectors.T
-    amplitudes, _ = nnls(root, (vectors.T @ (right / scale)) / np.sqrt(values))
+    amplitudes, _ = nnls(root, (vectors.T @ (right_hand_side / scale)) / np.sqrt(values))
     return np.asarray(amplitudes) / scale

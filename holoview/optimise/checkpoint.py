@@ -37,12 +37,12 @@ _FORMAT = TensorFormat(
         *("drive", "first", "second", "best_drive", "amplitudes", "best_amplitudes", "wavelengths"),
         *("best_wavelengths", "amplitude_moments", "wavelength_moments", "steps"),
     ),
-    texts=("system", "settings", "progress", "target"),
+    metadata_keys=("system", "settings", "progress", "target"),
 )
 
 
 @dataclass(frozen=True)
-class Progress:
+class CheckpointProgress:
     """How far an optimisation has come: iteration to do next, seconds spent, the best so far, and the eyebox."""
 
     iteration: int
@@ -59,7 +59,7 @@ class Checkpoint:
     system: System
     settings: Settings
     target: str
-    progress: Progress
+    progress: CheckpointProgress
     tensors: dict[str, NDArray[np.floating]]
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -70,9 +70,9 @@ class Checkpoint:
             "progress": json.dumps(dataclasses.asdict(self.progress)),
             "target": self.target,
         }
-        _FORMAT.write(path, self.tensors, texts)
+        _FORMAT.to_toml(path, self.tensors, texts)
 
-    def check(self, system: System, settings: Settings, target: str, where: str) -> None:
+    def check_matches(self, system: System, settings: Settings, target: str, where: str) -> None:
         """UserError that names what differs, unless the checkpoint is of this system, settings and target."""
         mine, given = (tomllib.loads(preset.dumps(s)) for s in (self.system, system))
         differing = [key for key in {**mine, **given} if mine.get(key) != given.get(key)]
@@ -89,12 +89,12 @@ class Checkpoint:
 
 def load_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     """Reads a checkpoint. Raises UserError when it is missing, damaged, or no checkpoint."""
-    tensors, texts = _FORMAT.read(path)
+    tensors, texts = _FORMAT.parse(path)
     system = preset.loads(texts["system"], f"{path}: system")
     try:
         written = json.loads(texts["settings"]).items()
         settings: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in written}
-        progress = Progress(**json.loads(texts["progress"]))
+        progress = CheckpointProgress(**json.loads(texts["progress"]))
         return Checkpoint(system, Settings(**settings), texts["target"], progress, tensors)
     except UserError:
         raise
@@ -102,7 +102,7 @@ def load_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
         raise UserError(str(path), f"can't be read: {error}", expected=_FORMAT.what) from error
 
 
-def digest(stack: NDArray[np.floating]) -> str:
+def target_digest(stack: NDArray[np.floating]) -> str:
     """A fingerprint of a target stack."""
     values = np.ascontiguousarray(stack, dtype=np.float32)
     return hashlib.sha256(repr(values.shape).encode() + values.tobytes()).hexdigest()

@@ -15,36 +15,38 @@ from typing import TYPE_CHECKING
 
 import torch
 
-from holoview.optics.resample import upsampled
+from holoview.optics.resample import upsample_nearest
 from holoview.optics.slm import phasor
 from holoview.optics.source import plane_wave
 
 if TYPE_CHECKING:
-    from holoview.optimise.model import Model
+    from holoview.optimise.model import ForwardModel
 
 Tensor = torch.Tensor
 
 
-def chromatic_slope(model: Model, i: int, arriving: Tensor) -> float:
+def beam_wavelength_gradient(model: ForwardModel, i: int, incident_adjoint: Tensor) -> float:
     """∂L/∂λ (1/m) of beam i but for its modulators; arriving (P_y, P_x): c_V, of the spectrum at modulator 2."""
-    beam, responses = model.beams[i], model.responses
-    assert model.far is not None
-    total = -_sum(responses.phase_slope(beam.wavelength) * (model.far[i] * model.spectra[i]).imag)
-    total += _glass(model, 1, beam.wavelength, model.carried[i] * model.spectra[i])
+    beam, responses = model.beams[i], model.transfer_functions
+    assert model.z_weighted_adjoint is not None
+    total = -_sum_to_float(
+        responses.phase_derivative(beam.wavelength) * (model.z_weighted_adjoint[i] * model.spectra[i]).imag
+    )
+    total += _pupil_term(model, 1, beam.wavelength, model.adjoint_spectra[i] * model.spectra[i])
     gap_m = model.plan.system.gap_m
     if gap_m is not None:
-        product = model.arriving(i, torch.empty_like(arriving)).mul_(arriving)
-        total -= gap_m * _sum(responses.phase_slope(beam.wavelength) * product.imag)
-        total += _glass(model, 0, beam.wavelength, product)
-    return total + _oblique(model, i, arriving)
+        product = model.incident_spectrum(i, torch.empty_like(incident_adjoint)).mul_(incident_adjoint)
+        total -= gap_m * _sum_to_float(responses.phase_derivative(beam.wavelength) * product.imag)
+        total += _pupil_term(model, 0, beam.wavelength, product)
+    return total + _oblique_illumination_term(model, i, incident_adjoint)
 
 
-def _glass(model: Model, relay: int, wavelength: int, product: Tensor) -> float:
-    slope = model.responses.glass_slope(relay, wavelength)
-    return 0.0 if slope is None else _sum((slope * product).real)
+def _pupil_term(model: ForwardModel, relay: int, wavelength: int, product: Tensor) -> float:
+    slope = model.transfer_functions.log_pupil_derivative(relay, wavelength)
+    return 0.0 if slope is None else _sum_to_float((slope * product).real)
 
 
-def _oblique(model: Model, i: int, arriving: Tensor) -> float:
+def _oblique_illumination_term(model: ForwardModel, i: int, arriving: Tensor) -> float:
     """Through the illumination: its phase 2π·s·n has ∂s/∂λ = −s/λ at sample n, counted from the grid's centre."""
     beam, plan = model.beams[i], model.plan
     slopes = plan.slopes[beam.source, beam.wavelength]
@@ -52,14 +54,14 @@ def _oblique(model: Model, i: int, arriving: Tensor) -> float:
         return 0.0
     λ = float(plan.system.wavelengths_m[beam.wavelength])
     gap_m = plan.system.gap_m
-    back = arriving if gap_m is None else arriving * model.responses.gap(beam.wavelength)
+    back = arriving if gap_m is None else arriving * model.transfer_functions.across_gap(beam.wavelength)
     conjugate = torch.fft.fft2(back)[plan.grid.inside]
-    pixels = upsampled(phasor(model.opd_m[beam.frame, 0], λ, model.complex), plan.grid.upsample)
-    product = conjugate * plane_wave(plan, beam.wavelength, beam.source, model.complex, model.device) * pixels
+    pixels = upsample_nearest(phasor(model.opd_m[beam.frame, 0], λ, model.complex_dtype), plan.grid.upsample)
+    product = conjugate * plane_wave(plan, beam.wavelength, beam.source, model.complex_dtype, model.device) * pixels
     rows, columns = (torch.arange(n, dtype=torch.float64) - (n - 1) / 2 for n in plan.grid.shape)
     turns = (slopes[0] * rows[:, None] + slopes[1] * columns[None, :]).to(product.imag)
-    return 2 * math.pi / λ * _sum(turns * product.imag)
+    return 2 * math.pi / λ * _sum_to_float(turns * product.imag)
 
 
-def _sum(values: Tensor) -> float:
+def _sum_to_float(values: Tensor) -> float:
     return float(values.sum())

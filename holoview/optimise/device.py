@@ -7,7 +7,7 @@ import torch
 from holoview.errors import UserError
 
 
-def find_device(name: str = "auto") -> str:
+def resolve_torch_device(name: str = "auto") -> str:
     """A torch device that works: "cpu", "cuda", "cuda:1", "mps"; "auto" is CUDA, else MPS, else the processor.
 
     Raises UserError, with those that there are, when it isn't available or can't transform complex numbers.

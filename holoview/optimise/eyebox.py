@@ -13,35 +13,35 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.optics.first_order import first_order
-from holoview.optics.propagate import relay_response
-from holoview.optics.slots import relay_pupil
-from holoview.optimise.model import Model
+from holoview.optics.propagate import relay_transfer_function
+from holoview.optics.slots import pupil_with_effects
+from holoview.optimise.model import ForwardModel
 
 Tensor = torch.Tensor
 Floats = NDArray[np.float64]
 
 
-class Eyebox:
+class EyeboxPenalty:
     """Judges and evens out the spectra of a model, behind the stops of the last relay."""
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: ForwardModel) -> None:
         self._model = model
         order = first_order(model.plan.grid)
         self._rows, self._columns = (torch.from_numpy(bins).to(model.device) for bins in order.bins)
-        self._down, self._across = (
-            torch.from_numpy(order.block_matrix(axis)).to(model.real).to(model.device) for axis in (0, 1)
+        self._row_blocks, self._column_blocks = (
+            torch.from_numpy(order.block_matrix(axis)).to(model.real_dtype).to(model.device) for axis in (0, 1)
         )
-        self._stops = {λ: self._stop(λ) for λ in {beam.wavelength for beam in model.beams}}
+        self._stop_transmittances = {λ: self._stop_transmittance(λ) for λ in {beam.wavelength for beam in model.beams}}
 
-    def blocks(self, amplitudes: Floats) -> Tensor:
+    def block_means(self, amplitudes: Floats) -> Tensor:
         """Mean light (wavelength, blocks, blocks) for laser amplitudes (frame, wavelength); the present spectra."""
         model = self._model
-        sides = (len(self._down), len(self._across))
-        light = torch.zeros(amplitudes.shape[1], *sides, dtype=model.real, device=model.device)
+        sides = (len(self._row_blocks), len(self._column_blocks))
+        light = torch.zeros(amplitudes.shape[1], *sides, dtype=model.real_dtype, device=model.device)
         for i, beam in enumerate(model.beams):
-            power = self._order(model.spectra[i]).abs().square() * self._stops[beam.wavelength]
+            power = self._first_order(model.spectra[i]).abs().square() * self._stop_transmittances[beam.wavelength]
             weight = float(amplitudes[beam.frame, beam.wavelength])
-            light[beam.wavelength] += weight * (self._down @ power @ self._across.T)
+            light[beam.wavelength] += weight * (self._row_blocks @ power @ self._column_blocks.T)
         return light
 
     def variation(self, blocks: Tensor) -> float:
@@ -63,18 +63,20 @@ class Eyebox:
             factor = float(amplitudes[beam.frame, beam.wavelength])
             if factor == 0.0:
                 continue
-            slope = self._down.T @ slopes[beam.wavelength] @ self._across
-            pull = self._order(model.spectra[i]).conj() * (2 * factor * slope * self._stops[beam.wavelength])
-            model.carried[i].index_put_((self._rows[:, None], self._columns[None, :]), pull, accumulate=True)
+            slope = self._row_blocks.T @ slopes[beam.wavelength] @ self._column_blocks
+            pull = self._first_order(model.spectra[i]).conj() * (
+                2 * factor * slope * self._stop_transmittances[beam.wavelength]
+            )
+            model.adjoint_spectra[i].index_put_((self._rows[:, None], self._columns[None, :]), pull, accumulate=True)
         return scale * float((square.flatten()[lit] - 1).sum())
 
-    def _order(self, spectrum: Tensor) -> Tensor:
+    def _first_order(self, spectrum: Tensor) -> Tensor:
         return spectrum[self._rows[:, None], self._columns[None, :]]
 
-    def _stop(self, wavelength: int) -> Tensor:
+    def _stop_transmittance(self, wavelength: int) -> Tensor:
         """Transmission of the last relay's stops and apodisation over the order; at no distance only they are left."""
         plan, cpu = self._model.plan, torch.device("cpu")
-        glass = relay_pupil(plan, 1, wavelength)
-        response = relay_response(plan.transfer(1, wavelength, 0.0), plan.grid, glass, torch.complex128, cpu)
+        glass = pupil_with_effects(plan, 1, wavelength)
+        response = relay_transfer_function(plan.transfer(1, wavelength, 0.0), plan.grid, glass, torch.complex128, cpu)
         passed = response.abs().square()[self._rows.cpu()[:, None], self._columns.cpu()[None, :]]
-        return passed.to(self._model.real).to(self._model.device)
+        return passed.to(self._model.real_dtype).to(self._model.device)

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.errors import UserError
-from holoview.optimise.losses import Loss, encoded, encoded_slope, find_loss
+from holoview.optimise.losses import LossSpace, find_loss_space, torch_srgb_encode, torch_srgb_encode_derivative
 from holoview.optimise.settings import Region, Settings
 from holoview.plan import Plan
 
@@ -17,7 +17,7 @@ Tensor = torch.Tensor
 
 
 @dataclass(frozen=True)
-class Judged:
+class PlaneLoss:
     """What a plane adds to the loss, and its PSNR (dB) clipped to 0…1: of linear sRGB, or of the only channel."""
 
     loss: float
@@ -31,26 +31,33 @@ class Objective:
     """
 
     def __init__(
-        self, loss: Loss, colours: Tensor, target: Tensor, weights: NDArray[np.float64], region: Region | None
+        self,
+        loss: LossSpace,
+        wavelength_channels: Tensor,
+        target: Tensor,
+        weights: NDArray[np.float64],
+        region: Region | None,
     ):
-        self.loss, self.colours, self.target = loss, colours, target
+        self.loss, self.wavelength_channels, self.target = loss, wavelength_channels, target
         self.plane_weights = weights
         rows, columns = target.shape[-2:]
         x, y, width, height = region or (0, 0, columns, rows)
-        self.inside = (slice(y, y + height), slice(x, x + width))
+        self.region_slices = (slice(y, y + height), slice(x, x + width))
         low, high = torch.aminmax(target)
-        matrix = loss.rgb
-        self._bounded = bool(low >= 0 and high <= 1) and matrix is not None and np.allclose(matrix, np.eye(3))
-        self._rgb = None if matrix is None or np.allclose(matrix, np.eye(3)) else torch.as_tensor(matrix).to(target)
+        matrix = loss.to_rgb
+        self._target_in_srgb_range = (
+            bool(low >= 0 and high <= 1) and matrix is not None and np.allclose(matrix, np.eye(3))
+        )
+        self._to_rgb = None if matrix is None or np.allclose(matrix, np.eye(3)) else torch.as_tensor(matrix).to(target)
 
-    def judge(self, plane: int, image: Tensor) -> Judged:
+    def evaluate_plane(self, plane: int, image: Tensor) -> PlaneLoss:
         """Judges a plane's image (channel, y, x), and overwrites it with ∂L/∂image."""
-        part, wanted = (t[(..., *self.inside)] for t in (image, self.target[plane]))
+        part, wanted = (t[(..., *self.region_slices)] for t in (image, self.target[plane]))
         psnr_db = self._psnr_db(part, wanted)
         share = float(self.plane_weights[plane]) / (len(self.target) * part.numel())
-        if self.loss.encoded:
-            slope = encoded_slope(part)
-            part.copy_(encoded(part)).sub_(encoded(wanted))
+        if self.loss.is_encoded:
+            slope = torch_srgb_encode_derivative(part)
+            part.copy_(torch_srgb_encode(part)).sub_(torch_srgb_encode(wanted))
         else:
             slope = None
             part.sub_(wanted)
@@ -58,27 +65,27 @@ class Objective:
         part.mul_(2 * share)
         if slope is not None:
             part.mul_(slope)
-        self._clear_outside(image)
-        return Judged(loss, psnr_db)
+        self._zero_outside_region(image)
+        return PlaneLoss(loss, psnr_db)
 
     def picture(self, image: Tensor) -> NDArray[np.floating]:
         """An image (channel, y, x) as linear sRGB (y, x, 3); grey where there is only one channel."""
         if len(image) == 1:
             image = image.expand(3, -1, -1)
-        elif self._rgb is not None:
-            image = torch.einsum("rc,cyx->ryx", self._rgb, image)
+        elif self._to_rgb is not None:
+            image = torch.einsum("rc,cyx->ryx", self._to_rgb, image)
         return image.movedim(0, -1).cpu().numpy().copy()
 
     def _psnr_db(self, part: Tensor, wanted: Tensor) -> float:
         shown, known = part, wanted
-        if self._rgb is not None:
-            shown, known = (torch.einsum("rc,cyx->ryx", self._rgb, t) for t in (part, wanted))
-        error = shown.clamp(0, 1).sub_(known if self._bounded else known.clamp(0, 1))
+        if self._to_rgb is not None:
+            shown, known = (torch.einsum("rc,cyx->ryx", self._to_rgb, t) for t in (part, wanted))
+        error = shown.clamp(0, 1).sub_(known if self._target_in_srgb_range else known.clamp(0, 1))
         mean = float(torch.linalg.vector_norm(error)) ** 2 / error.numel()
         return float(-10 * np.log10(max(mean, 1e-20)))
 
-    def _clear_outside(self, image: Tensor) -> None:
-        rows, columns = self.inside
+    def _zero_outside_region(self, image: Tensor) -> None:
+        rows, columns = self.region_slices
         image[:, : rows.start].zero_()
         image[:, rows.stop :].zero_()
         image[:, rows, : columns.start].zero_()
@@ -98,18 +105,22 @@ def make_objective(
         raise UserError("target", f"a stack of shape {stack.shape}", expected=f"(plane, y, x, 3) = {expected}")
     if not np.isfinite(stack).all() or not np.any(stack > 0):
         raise UserError("target", "no light, or not a number somewhere", expected="finite values, some above 0")
-    loss = find_loss(settings.loss_for(plan.system.observer))
+    loss = find_loss_space(settings.loss_for(plan.system.observer))
     dtype = torch.float64 if double else torch.float32
-    channels = np.ascontiguousarray(np.moveaxis(loss.channels(stack), -1, 1))
+    channels = np.ascontiguousarray(np.moveaxis(loss.channels_of_rgb(stack), -1, 1))
     target = torch.as_tensor(channels, dtype=dtype).to(device)
     return Objective(
-        loss, colours_of(loss, plan, target), target, _plane_weights(settings, planes), _region(settings, shape)
+        loss,
+        channels_of_wavelengths(loss, plan, target),
+        target,
+        _plane_weights(settings, planes),
+        _region(settings, shape),
     )
 
 
-def colours_of(loss: Loss, plan: Plan, like: Tensor) -> Tensor:
+def channels_of_wavelengths(loss: LossSpace, plan: Plan, like: Tensor) -> Tensor:
     """Channels (wavelength, channel) of unit intensity at each wavelength."""
-    return torch.as_tensor(loss.colours(plan.colour_weights).copy()).to(like.dtype).to(like.device)
+    return torch.as_tensor(loss.channels_of_xyz(plan.colour_weights).copy()).to(like.dtype).to(like.device)
 
 
 def _plane_weights(settings: Settings, planes: int) -> NDArray[np.float64]:

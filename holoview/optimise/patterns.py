@@ -11,17 +11,17 @@ from scipy import ndimage
 
 from holoview.optics.slm import nearest_level
 from holoview.optimise.adam import Adam
-from holoview.optimise.quantise import neighbours
+from holoview.optimise.quantise import steps_to_neighbour_level
 from holoview.optimise.settings import Settings
 from holoview.system import System
 
 Tensor = torch.Tensor
 
 _SMOOTH_PIXELS = 8.0  # width of the filter of a smooth start
-_SMOOTH_RAD = 0.5  # r.m.s. phase of it
+_SMOOTH_RMS_RAD = 0.5  # r.m.s. phase of it
 
 
-def first_drive(system: System, settings: Settings) -> Tensor:
+def initial_drive(system: System, settings: Settings) -> Tensor:
     """Patterns (frame, modulator, y, x) in 0…1 to begin with.
 
     random: uniform over the stroke, which fills the eyebox with speckle. smooth: half the stroke with a little
@@ -32,7 +32,7 @@ def first_drive(system: System, settings: Settings) -> Tensor:
     if settings.begin == "random":
         return drive
     noise = ndimage.gaussian_filter(drive.numpy() - 0.5, (0, 0, _SMOOTH_PIXELS, _SMOOTH_PIXELS), mode="wrap")
-    noise *= _drive_per_rad(system, _SMOOTH_RAD) / noise.std()
+    noise *= _drive_per_rad(system, _SMOOTH_RMS_RAD) / noise.std()
     return torch.from_numpy(np.clip(0.5 + noise, 0, 1).astype(np.float32))
 
 
@@ -43,7 +43,7 @@ def _drive_per_rad(system: System, phase_rad: float) -> NDArray[np.float64]:
     return (phase_rad * middle / (2 * math.pi * strokes)).reshape(1, -1, 1, 1)
 
 
-class Patterns:
+class PatternVariables:
     """Drive patterns under Adam, held inside the stroke."""
 
     def __init__(self, system: System, settings: Settings, drive: Tensor) -> None:
@@ -52,23 +52,25 @@ class Patterns:
         self._modulators = system.modulators
         strokes = torch.tensor([modulator.stroke_m for modulator in system.modulators], dtype=torch.float32)
         self._stroke_m = strokes.reshape(1, -1, 1, 1).to(drive.device)
-        self._step = torch.from_numpy(_drive_per_rad(system, settings.step_rad).astype(np.float32)).to(drive.device)
+        self._step_size = torch.from_numpy(_drive_per_rad(system, settings.step_rad).astype(np.float32)).to(
+            drive.device
+        )
 
-    def shown(self) -> Tensor:
+    def displayed_drive(self) -> Tensor:
         """The stroke fractions that the modulators show for the present drive."""
         columns = [nearest_level(self.drive[:, i], modulator) for i, modulator in enumerate(self._modulators)]
         return torch.stack(columns, dim=1)
 
-    def path_m(self, shown: Tensor) -> Tensor:
+    def optical_path_m(self, shown: Tensor) -> Tensor:
         """Optical path (m) of stroke fractions."""
         return shown * self._stroke_m
 
-    def jump_m(self) -> Tensor | None:
+    def level_step_m(self) -> Tensor | None:
         """Optical path to the neighbouring level of each pixel; None on modulators without levels."""
-        jumps = neighbours(self.drive, self._modulators)
+        jumps = steps_to_neighbour_level(self.drive, self._modulators)
         return None if jumps is None else jumps * self._stroke_m
 
-    def move(self, gradient: Tensor, fall: float) -> None:
+    def step(self, gradient: Tensor, scale: float) -> None:
         """One step against ∂L/∂opd (consumed), `fall` times the first step's size."""
-        step = self.adam.direction(gradient.mul_(self._stroke_m))
-        self.drive = (self.drive - fall * self._step * step).clamp_(0, 1)
+        step = self.adam.unit_step(gradient.mul_(self._stroke_m))
+        self.drive = (self.drive - scale * self._step_size * step).clamp_(0, 1)

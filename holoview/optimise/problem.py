@@ -12,16 +12,16 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.errors import UserError
-from holoview.optimise.amplitudes import AmplitudeProblem
-from holoview.optimise.eyebox import Eyebox
-from holoview.optimise.memory import keeps_fields, needs_memory
-from holoview.optimise.objective import colours_of, make_objective
-from holoview.optimise.quantise import Jumps, own_cost
+from holoview.optimise.amplitudes import AmplitudeLeastSquares
+from holoview.optimise.eyebox import EyeboxPenalty
+from holoview.optimise.memory import memory_guard, should_keep_fields
+from holoview.optimise.objective import channels_of_wavelengths, make_objective
+from holoview.optimise.quantise import LevelSteps, gauss_newton_diagonal
 from holoview.optimise.settings import Settings
-from holoview.optimise.team import ALONE, Team, share_out, with_lasers
-from holoview.optimise.threads import suited_threads
-from holoview.optimise.traced import model_for
-from holoview.optimise.wavelengths import check_observer, colour_slopes
+from holoview.optimise.team import SINGLE_PROCESS, ProcessGroup, shard_lasers, with_only_lasers
+from holoview.optimise.threads import limit_torch_threads
+from holoview.optimise.traced import make_forward_model
+from holoview.optimise.wavelengths import channel_wavelength_derivatives, check_wavelength_search
 from holoview.plan import Plan, make_plan
 from holoview.system import System
 
@@ -30,25 +30,27 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Wanted:
+class EvaluationRequest:
     """What an evaluation shall bring beside loss and PSNR."""
 
-    gradient: bool = False
-    amplitudes: bool = False  # their closed form
-    eyebox: bool = False
-    amplitude_slopes: bool = False  # with the gradient, for losses without a closed form
-    chromatic: bool = False  # the gradient with respect to the wavelengths
-    jump_m: Tensor | None = None  # take slopes to neighbouring levels, this far from those shown, for the gradient
-    stiffness: float = 0.0  # share of a jump's own cost that counts
+    path_gradient: bool = False
+    optimal_amplitudes: bool = False  # their closed form
+    eyebox_variation: bool = False
+    amplitude_gradient: bool = False  # with the gradient, for losses without a closed form
+    wavelength_gradient: bool = False  # the gradient with respect to the wavelengths
+    level_step_m: Tensor | None = (
+        None  # take slopes to neighbouring levels, this far from those shown, for the gradient
+    )
+    curvature_weight: float = 0.0  # share of a jump's own cost that counts
 
     @property
-    def products(self) -> bool:
+    def needs_image_products(self) -> bool:
         """Whether Σ ∂L/∂image·intensity is needed."""
-        return self.amplitude_slopes or self.chromatic
+        return self.amplitude_gradient or self.wavelength_gradient
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class LossEvaluation:
     """loss and PSNR (dB, mean over planes); what wasn't wanted is None.
 
     gradient: ∂L/∂opd (frame, modulator, y, x). amplitude_slopes: ∂(image loss)/∂amplitude, solved: amplitudes of least
@@ -59,11 +61,11 @@ class Evaluation:
     loss: float
     psnr_db: float
     picture: Callable[[], NDArray[np.floating]]
-    gradient: Tensor | None = None
-    amplitude_slopes: Floats | None = None
-    solved: Floats | None = None
-    chromatic: Floats | None = None
-    eyebox: float | None = None
+    path_gradient: Tensor | None = None
+    amplitude_gradient: Floats | None = None
+    optimal_amplitudes: Floats | None = None
+    wavelength_gradient: Floats | None = None
+    eyebox_variation: float | None = None
 
 
 class Problem:
@@ -78,115 +80,125 @@ class Problem:
         stack: NDArray[np.floating],
         settings: Settings,
         device: str = "cpu",
-        team: Team = ALONE,
+        group: ProcessGroup = SINGLE_PROCESS,
     ) -> None:
-        self.system, self.settings, self.team = system, settings, team
+        self.system, self.settings, self.group = system, settings, group
         plan = self._plan_of(system, settings)
         _check_effects(plan, settings)
-        parts = share_out(plan, team)
+        parts = shard_lasers(plan, group)
         self.lasers = [laser for part in parts for laser in part]
-        self._mine = team.part(len(self.lasers))
-        plan = with_lasers(plan, parts[team.rank])
-        self._needs_memory = partial(needs_memory, chromatic="wavelengths" in settings.free)
+        self._own_lasers = group.shard(len(self.lasers))
+        plan = with_only_lasers(plan, parts[group.rank])
+        self._memory_guard = partial(memory_guard, free_wavelengths="wavelengths" in settings.free)
         self.objective = make_objective(plan, stack, settings, device=device)
         if "wavelengths" in settings.free:
-            check_observer(system.observer, settings)
+            check_wavelength_search(system.observer, settings)
         self.samples = int(np.prod(plan.grid.padded))
-        with self._needs_memory(plan, device), suited_threads(self.samples):
-            self.model = model_for(plan, device=device, keep=keeps_fields(plan))
-            self._intensity = torch.empty(len(self.model.lasers), *plan.grid.shape, device=self.model.device)
-            self._images = torch.empty(2, *self.objective.target.shape[1:], device=self.model.device)
-            self.eyebox = Eyebox(self.model)
-            self._transmissions: dict[int, tuple[float, float]] = {}
+        with self._memory_guard(plan, device), limit_torch_threads(self.samples):
+            self.model = make_forward_model(plan, device=device, keep_fields=should_keep_fields(plan))
+            self._intensity_buffer = torch.empty(len(self.model.lasers), *plan.grid.shape, device=self.model.device)
+            self._image_buffers = torch.empty(2, *self.objective.target.shape[1:], device=self.model.device)
+            self.eyebox = EyeboxPenalty(self.model)
+            self._transmittance_cache: dict[int, tuple[float, float]] = {}
 
-    def use_wavelengths(self, wavelengths_m: Floats) -> None:
+    def set_wavelengths(self, wavelengths_m: Floats) -> None:
         """Goes on with other wavelengths, on the same grid."""
         self.system = self.system.edit({"wavelengths": wavelengths_m})
         plan = replace(make_plan(self.system), grid=self.model.plan.grid)
-        self.model.use(with_lasers(plan, self.model.lasers))
-        self.objective.colours = colours_of(self.objective.loss, plan, self.objective.target)
-        self.eyebox = Eyebox(self.model)
+        self.model.set_plan(with_only_lasers(plan, self.model.lasers))
+        self.objective.wavelength_channels = channels_of_wavelengths(self.objective.loss, plan, self.objective.target)
+        self.eyebox = EyeboxPenalty(self.model)
 
-    def evaluate(self, opd_m: Tensor, amplitudes: Floats, wanted: Wanted) -> Evaluation:
+    def evaluate(self, opd_m: Tensor, amplitudes: Floats, request: EvaluationRequest) -> LossEvaluation:
         """The loss of optical paths (frame, modulator, y, x) and laser amplitudes (frame, wavelength)."""
-        with self._needs_memory(self.model.plan, str(self.model.device)), suited_threads(self.samples):
-            return self._evaluate(opd_m, amplitudes, wanted)
+        with self._memory_guard(self.model.plan, str(self.model.device)), limit_torch_threads(self.samples):
+            return self._evaluate(opd_m, amplitudes, request)
 
-    def _evaluate(self, opd_m: Tensor, amplitudes: Floats, wanted: Wanted) -> Evaluation:
-        model, objective, intensity = self.model, self.objective, self._intensity
-        model.forward(opd_m, chromatic=wanted.chromatic)
-        colours, weights = self._colours(), self._weights(amplitudes)
-        problem = AmplitudeProblem(colours, self.team)
-        share = torch.as_tensor((colours * weights[:, None])[self._mine]).to(intensity)
+    def _evaluate(self, opd_m: Tensor, amplitudes: Floats, wanted: EvaluationRequest) -> LossEvaluation:
+        model, objective, intensity = self.model, self.objective, self._intensity_buffer
+        model.forward(opd_m, wavelength_gradient=wanted.wavelength_gradient)
+        colours, weights = self._laser_channels(), self._laser_amplitudes(amplitudes)
+        problem = AmplitudeLeastSquares(colours, self.group)
+        share = torch.as_tensor((colours * weights[:, None])[self._own_lasers]).to(intensity)
         products = torch.zeros(objective.target.shape[1], len(self.lasers), dtype=torch.float64)
         judged, middle = [], len(objective.target) // 2
         for plane in range(len(objective.target)):
-            model.see(plane, intensity)
-            image = self._images[0]
+            model.plane_intensity(plane, intensity)
+            image = self._image_buffers[0]
             torch.mm(share.T, intensity.flatten(1), out=image.flatten(1))
-            self.team.add(image)
+            self.group.all_reduce_sum(image)
             if plane == middle:
-                self._images[1].copy_(image)
-            if wanted.amplitudes:
-                inside = (..., *objective.inside)
+                self._image_buffers[1].copy_(image)
+            if wanted.optimal_amplitudes:
+                inside = (..., *objective.region_slices)
                 weight = float(objective.plane_weights[plane])
-                problem.add(intensity[inside], objective.target[plane][inside], weight)
-            judged.append(objective.judge(plane, image))
-            if wanted.gradient:
-                if wanted.products:
-                    products[:, self._mine] += (image.flatten(1) @ intensity.flatten(1).T).cpu().double()
+                problem.add_plane(intensity[inside], objective.target[plane][inside], weight)
+            judged.append(objective.evaluate_plane(plane, image))
+            if wanted.path_gradient:
+                if wanted.needs_image_products:
+                    products[:, self._own_lasers] += (image.flatten(1) @ intensity.flatten(1).T).cpu().double()
                 torch.mm(share, image.flatten(1), out=intensity.flatten(1))
-                model.answer(plane, intensity)
-        found = Evaluation(
+                model.backpropagate_plane(plane, intensity)
+        found = LossEvaluation(
             loss=sum(j.loss for j in judged),
             psnr_db=float(np.mean([j.psnr_db for j in judged])),
-            picture=lambda: objective.picture(self._images[1]),
-            solved=self._solved(problem) if wanted.amplitudes else None,
+            picture=lambda: objective.picture(self._image_buffers[1]),
+            optimal_amplitudes=self._solve_amplitudes(problem) if wanted.optimal_amplitudes else None,
         )
         found = self._with_eyebox(found, amplitudes, wanted)
-        return self._with_gradients(found, products, weights, opd_m, wanted) if wanted.gradient else found
+        return self._with_gradients(found, products, weights, opd_m, wanted) if wanted.path_gradient else found
 
-    def _with_eyebox(self, found: Evaluation, amplitudes: Floats, wanted: Wanted) -> Evaluation:
-        if not wanted.eyebox and self.settings.eyebox == 0:
+    def _with_eyebox(self, found: LossEvaluation, amplitudes: Floats, wanted: EvaluationRequest) -> LossEvaluation:
+        if not wanted.eyebox_variation and self.settings.eyebox == 0:
             return found
-        blocks = self.eyebox.blocks(amplitudes)
-        self.team.add(blocks)
+        blocks = self.eyebox.block_means(amplitudes)
+        self.group.all_reduce_sum(blocks)
         variation = self.eyebox.variation(blocks)
         if not math.isfinite(variation):
-            raise _nothing_passes()
+            raise _no_light_error()
         loss = found.loss
         if self.settings.eyebox > 0:
             loss += self.eyebox.add_penalty(blocks, amplitudes, self.settings.eyebox)
-        return replace(found, loss=loss, eyebox=variation)
+        return replace(found, loss=loss, eyebox_variation=variation)
 
     def _with_gradients(
-        self, found: Evaluation, products: Tensor, weights: Floats, opd_m: Tensor, wanted: Wanted
-    ) -> Evaluation:
+        self, found: LossEvaluation, products: Tensor, weights: Floats, opd_m: Tensor, wanted: EvaluationRequest
+    ) -> LossEvaluation:
         """products (channel, laser): Σ ∂L/∂image·intensity, of this process's lasers."""
         gradient = torch.zeros_like(opd_m)
         model = self.model
-        chromatic = torch.zeros(len(self.system.wavelengths_m), dtype=torch.float64) if wanted.chromatic else None
-        jumps = None if wanted.jump_m is None else Jumps(wanted.jump_m, wanted.stiffness * self._own_costs(weights))
-        model.finish(gradient, chromatic, jumps)
-        self.team.add(gradient, *([products] if wanted.products else []), *([] if chromatic is None else [chromatic]))
+        chromatic = (
+            torch.zeros(len(self.system.wavelengths_m), dtype=torch.float64) if wanted.wavelength_gradient else None
+        )
+        jumps = (
+            None
+            if wanted.level_step_m is None
+            else LevelSteps(wanted.level_step_m, wanted.curvature_weight * self._step_curvatures(weights))
+        )
+        model.accumulate_gradients(gradient, chromatic, jumps)
+        self.group.all_reduce_sum(
+            gradient, *([products] if wanted.needs_image_products else []), *([] if chromatic is None else [chromatic])
+        )
         pulls = products.numpy()
         if chromatic is not None:
-            colour = colour_slopes(self.objective.loss, self.system.wavelengths_m, self.system.observer)
+            colour = channel_wavelength_derivatives(
+                self.objective.loss, self.system.wavelengths_m, self.system.observer
+            )
             for laser, (_, λ) in enumerate(self.lasers):
                 chromatic[λ] += float(weights[laser] * (colour[λ] @ pulls[:, laser]) / self.system.frames)
         return replace(
             found,
-            gradient=gradient,
-            amplitude_slopes=self._table(np.einsum("lc,cl->l", self._colours(), pulls))
-            if wanted.amplitude_slopes
+            path_gradient=gradient,
+            amplitude_gradient=self._per_frame_table(np.einsum("lc,cl->l", self._laser_channels(), pulls))
+            if wanted.amplitude_gradient
             else None,
-            chromatic=None if chromatic is None else chromatic.numpy(),
+            wavelength_gradient=None if chromatic is None else chromatic.numpy(),
         )
 
-    def _solved(self, problem: AmplitudeProblem) -> Floats:
-        problem.join()
+    def _solve_amplitudes(self, problem: AmplitudeLeastSquares) -> Floats:
+        problem.all_reduce()
         if problem.is_dark:
-            raise _nothing_passes()
+            raise _no_light_error()
         found = problem.solve()
         if not np.any(found > 0):
             raise UserError(
@@ -195,34 +207,36 @@ class Problem:
                 expected="light in the region that these lasers can show",
                 remedy="change the target, the region or the lasers",
             )
-        return self._table(found)
+        return self._per_frame_table(found)
 
-    def _own_costs(self, weights: Floats) -> Tensor:
+    def _step_curvatures(self, weights: Floats) -> Tensor:
         """κ of each own laser at each modulator; light that stops absorb costs nothing, in its field and its own."""
         grid = self.model.plan.grid
-        inside = self.objective.target[0, 0][self.objective.inside].numel()
-        squares = np.mean((self._colours() * weights[:, None])[self._mine] ** 2, axis=1)
+        inside = self.objective.target[0, 0][self.objective.region_slices].numel()
+        squares = np.mean((self._laser_channels() * weights[:, None])[self._own_lasers] ** 2, axis=1)
         rows = []
         for (_, λ), square in zip(self.model.lasers, squares, strict=True):
-            first, last = self._transmission(λ)
-            cost = own_cost(float(square), grid.upsample, inside, self.model.sources)
-            rows.append([cost * first * last, cost * last * last] if self.model.two else [cost * last * last])
+            first, last = self._transmittance(λ)
+            cost = gauss_newton_diagonal(float(square), grid.upsample, inside, self.model.source_count)
+            rows.append(
+                [cost * first * last, cost * last * last] if self.model.has_second_modulator else [cost * last * last]
+            )
         return torch.tensor(rows)
 
-    def _transmission(self, wavelength: int) -> tuple[float, float]:
-        if wavelength not in self._transmissions:
-            self._transmissions[wavelength] = self.model.responses.transmission(wavelength)
-        return self._transmissions[wavelength]
+    def _transmittance(self, wavelength: int) -> tuple[float, float]:
+        if wavelength not in self._transmittance_cache:
+            self._transmittance_cache[wavelength] = self.model.transfer_functions.transmittances(wavelength)
+        return self._transmittance_cache[wavelength]
 
-    def _colours(self) -> Floats:
+    def _laser_channels(self) -> Floats:
         """Channels (laser, channel) that a laser adds at unit amplitude and intensity: frames are averaged."""
-        table = self.objective.colours.cpu().double().numpy()
+        table = self.objective.wavelength_channels.cpu().double().numpy()
         return table[[λ for _, λ in self.lasers]] / self.system.frames
 
-    def _weights(self, amplitudes: Floats) -> Floats:
+    def _laser_amplitudes(self, amplitudes: Floats) -> Floats:
         return np.array([amplitudes[laser] for laser in self.lasers])
 
-    def _table(self, values: Floats) -> Floats:
+    def _per_frame_table(self, values: Floats) -> Floats:
         """Values of the lasers that are on as a table (frame, wavelength); zero for the others."""
         table = np.zeros((self.system.frames, len(self.system.wavelengths_m)))
         for laser, value in zip(self.lasers, values, strict=True):
@@ -260,5 +274,5 @@ def _check_effects(plan: Plan, settings: Settings) -> None:
         raise UserError("free", "wavelengths on a bench with effects", remedy="free patterns and amplitudes only")
 
 
-def _nothing_passes() -> UserError:
+def _no_light_error() -> UserError:
     return UserError("relay2", "no light passes its stops", remedy="widen iris_na, or narrow dc_block_na")

@@ -27,19 +27,19 @@ from holoview.system import Modulator
 Tensor = torch.Tensor
 
 
-_LAST_STIFFNESS = 0.3
+_FINAL_CURVATURE_WEIGHT = 0.3
 
 
 @dataclass(frozen=True)
-class Jumps:
+class LevelSteps:
     """The optical path (m) to each pixel's neighbouring level, (frame, modulator, y, x), 0 on continuous modulators;
     and κ of each laser at each modulator (laser, modulator), times its present share."""
 
     path_m: Tensor
-    cost: Tensor
+    curvature: Tensor
 
 
-def neighbours(drive: Tensor, modulators: tuple[Modulator, ...]) -> Tensor | None:
+def steps_to_neighbour_level(drive: Tensor, modulators: tuple[Modulator, ...]) -> Tensor | None:
     """The signed way (stroke fraction) from the level shown to the neighbour on the drive's side; None without levels.
 
     drive (frame, modulator, y, x) in 0…1. A drive on a level looks upwards, on the last level downwards: never 0, but
@@ -51,18 +51,18 @@ def neighbours(drive: Tensor, modulators: tuple[Modulator, ...]) -> Tensor | Non
     for i, modulator in enumerate(modulators):
         if modulator.levels is not None:
             levels = torch.tensor(modulator.levels, dtype=drive.dtype, device=drive.device)
-            jumps[:, i] = _jump(drive[:, i], levels)
+            jumps[:, i] = _step_to_neighbour(drive[:, i], levels)
     return jumps
 
 
-def _jump(drive: Tensor, levels: Tensor) -> Tensor:
+def _step_to_neighbour(drive: Tensor, levels: Tensor) -> Tensor:
     below = torch.bucketize(drive.contiguous(), levels[1:-1].contiguous(), right=True)
     low, high = levels[below], levels[below + 1]
     shows_low = drive <= (low + high) / 2
     return torch.where(shows_low, high - low, low - high)
 
 
-def own_cost(weight_squared: float, upsample: int, samples: int, sources: int = 1) -> float:
+def gauss_newton_diagonal(weight_squared: float, upsample: int, sample_count: int, source_count: int = 1) -> float:
     """κ of one laser: ΔL = κ·|Δp|² on average, when a pixel's field alone changes by Δp and its images were random.
 
     L is the mean over planes, channels and `samples` of squared residuals; weight_squared: mean over channels of the
@@ -70,24 +70,26 @@ def own_cost(weight_squared: float, upsample: int, samples: int, sources: int = 
     where it beats with unit intensity: Σ (2·w·Re(E*·ΔE))² = 2·w²·u²·|Δp|² a plane, with E the field there. Sources that
     share the intensity beat independently: their mean has that much less.
     """
-    return 2.0 * upsample**2 * weight_squared / (samples * sources)
+    return 2.0 * upsample**2 * weight_squared / (sample_count * source_count)
 
 
-def stiffness(progress: float) -> float:
+def curvature_weight(progress: float) -> float:
     """The share of a jump's own cost that counts, at progress 0…1."""
-    return _LAST_STIFFNESS * progress**2
+    return _FINAL_CURVATURE_WEIGHT * progress**2
 
 
-def path_slope(product: Tensor, jump_m: Tensor, wavelength_m: float, cost: float) -> Tensor:
+def secant_gradient(product: Tensor, step_m: Tensor, wavelength_m: float, curvature: float) -> Tensor:
     """∂L/∂opd of one beam (1/m), real, for pixels whose neighbouring level is jump_m away.
 
     product: complex P, summed over the samples of each pixel; jump_m of its shape; cost: s·κ. The tangent,
     −(2π/λ)·Im P, for small jumps, the secant from half a turn on, and between them a mean weighted by sin²(φ/2): pixels
     that can nearly reach every phase do better when they move freely.
     """
-    half = (math.pi / wavelength_m) * jump_m
+    half = (math.pi / wavelength_m) * step_m
     turn = 2 * math.pi / wavelength_m
     # sin(φ/2)/jump = (π/λ)·sinc: finite at 0
-    secant = torch.sinc(half / math.pi) * ((product.real - 2 * cost) * torch.sin(half) + product.imag * torch.cos(half))
+    secant = torch.sinc(half / math.pi) * (
+        (product.real - 2 * curvature) * torch.sin(half) + product.imag * torch.cos(half)
+    )
     share = torch.sin(half.abs().clamp_max(math.pi / 2)).square()
     return torch.lerp(product.imag, secant, share).mul_(-turn)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from holoview.errors import UserError, near_matches
+from holoview.errors import UserError, suggest_matches
 
 Region = tuple[int, int, int, int]
 """x, y, width, height in samples of the simulated image."""
 
-UNKNOWNS = ("patterns", "amplitudes", "wavelengths")
-STARTS = ("random", "smooth")
+VARIABLES = ("patterns", "amplitudes", "wavelengths")
+INITIAL_PATTERNS = ("random", "smooth")
 
 
 @dataclass(frozen=True)
@@ -56,12 +56,14 @@ class Settings:
         if not 0 <= self.eyebox < math.inf:
             raise UserError("eyebox", str(self.eyebox), expected="a weight of 0 or more")
         for name in self.free:
-            if name not in UNKNOWNS:
-                raise UserError("free", f'"{name}"', expected=", ".join(UNKNOWNS), remedy=near_matches(name, UNKNOWNS))
+            if name not in VARIABLES:
+                raise UserError(
+                    "free", f'"{name}"', expected=", ".join(VARIABLES), remedy=suggest_matches(name, VARIABLES)
+                )
         if not self.free:
-            raise UserError("free", "nothing", expected=f"at least one of {', '.join(UNKNOWNS)}")
-        if self.begin not in STARTS:
-            raise UserError("begin", f'"{self.begin}"', expected=" or ".join(STARTS))
+            raise UserError("free", "nothing", expected=f"at least one of {', '.join(VARIABLES)}")
+        if self.begin not in INITIAL_PATTERNS:
+            raise UserError("begin", f'"{self.begin}"', expected=" or ".join(INITIAL_PATTERNS))
         self._check_area()
         self._check_wavelengths()
 

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from holoview.errors import UserError
 from holoview.hologram import Hologram
 from holoview.optics.slots import check_drive
-from holoview.optimise.checkpoint import Checkpoint, Progress, digest
-from holoview.optimise.patterns import first_drive
-from holoview.optimise.problem import Evaluation, Problem, Wanted
+from holoview.optimise.checkpoint import Checkpoint, CheckpointProgress, target_digest
+from holoview.optimise.patterns import initial_drive
+from holoview.optimise.problem import EvaluationRequest, LossEvaluation, Problem
 from holoview.optimise.settings import Settings
-from holoview.optimise.state import State
-from holoview.optimise.team import ALONE, Team
-from holoview.optimise.unknowns import Unknowns
+from holoview.optimise.state import IterationState
+from holoview.optimise.team import SINGLE_PROCESS, ProcessGroup
+from holoview.optimise.unknowns import OptimisationVariables
 from holoview.system import System
 
 _DEFAULT = Settings()
@@ -38,8 +38,8 @@ def iterate(
     resume: Checkpoint | None = None,
     *,
     device: str = "cpu",
-    team: Team = ALONE,
-) -> Iterator[State]:
+    team: ProcessGroup = SINGLE_PROCESS,
+) -> Iterator[IterationState]:
     """Optimises for a focal stack (plane, y, x, 3) in linear sRGB at the system's planes; a state an iteration.
 
     start: a drive (frame, modulator, y, x) to begin with; as the settings say when None. resume: a checkpoint to go on
@@ -47,10 +47,10 @@ def iterate(
     share the lasers; each is given the same arguments, and asks for as many states.
     Raises UserError when the stack, the drive or the checkpoint doesn't fit, and when memory runs out.
     """
-    return _Solver(system, stack, settings, start, resume, device, team).states()
+    return _Optimiser(system, stack, settings, start, resume, device, team).states()
 
 
-class _Solver:
+class _Optimiser:
     def __init__(
         self,
         system: System,
@@ -59,26 +59,26 @@ class _Solver:
         start: NDArray[np.float32] | None,
         resume: Checkpoint | None,
         device: str,
-        team: Team,
+        group: ProcessGroup,
     ) -> None:
-        self.system, self.settings, self.target = system, settings, digest(stack)
+        self.system, self.settings, self.target_digest = system, settings, target_digest(stack)
         if resume is not None:
-            resume.check(system, settings, self.target, "checkpoint")
-        self.problem = Problem(system, stack, settings, device, team)
-        drive = first_drive(system, settings) if start is None else torch.tensor(start, dtype=torch.float32)
+            resume.check_matches(system, settings, self.target_digest, "checkpoint")
+        self.problem = Problem(system, stack, settings, device, group)
+        drive = initial_drive(system, settings) if start is None else torch.tensor(start, dtype=torch.float32)
         check_drive(self.problem.model.plan, drive)
-        self.unknowns = Unknowns(system, settings, drive.to(device))
+        self.variables = OptimisationVariables(system, settings, drive.to(device))
         self.best: Hologram | None = None
-        self.progress = Progress(0, 0.0, math.inf, -math.inf, math.nan)
+        self.progress = CheckpointProgress(0, 0.0, math.inf, -math.inf, math.nan)
         if resume is not None:
-            self._go_on(resume)
-        elif self.unknowns.wavelengths_moved:
-            self.problem.use_wavelengths(self.unknowns.wavelengths_m)
+            self._resume(resume)
+        elif self.variables.wavelengths_adjusted:
+            self.problem.set_wavelengths(self.variables.wavelengths_m)
 
-    def states(self) -> Iterator[State]:
+    def states(self) -> Iterator[IterationState]:
         started = time.perf_counter() - self.progress.seconds
         for iteration in range(self.progress.iteration, self.settings.iterations + 1):
-            shown = self.unknowns.patterns.shown()
+            shown = self.variables.patterns.displayed_drive()
             found = self._evaluate(shown, iteration)
             if not math.isfinite(found.loss):
                 raise UserError(
@@ -87,11 +87,11 @@ class _Solver:
             best = (self.progress.best_loss, self.progress.best_psnr_db)
             if found.loss < best[0] or self.best is None:
                 best, self.best = (found.loss, found.psnr_db), self._hologram(shown)
-            if iteration < self.settings.iterations and self.unknowns.move(found, iteration):
-                self.problem.use_wavelengths(self.unknowns.wavelengths_m)
-            eyebox = self.progress.eyebox if found.eyebox is None else found.eyebox
-            self.progress = Progress(iteration + 1, time.perf_counter() - started, *best, eyebox)
-            yield State(
+            if iteration < self.settings.iterations and self.variables.step(found, iteration):
+                self.problem.set_wavelengths(self.variables.wavelengths_m)
+            eyebox = self.progress.eyebox if found.eyebox_variation is None else found.eyebox_variation
+            self.progress = CheckpointProgress(iteration + 1, time.perf_counter() - started, *best, eyebox)
+            yield IterationState(
                 iteration=iteration,
                 iterations=self.settings.iterations,
                 loss=found.loss,
@@ -104,20 +104,20 @@ class _Solver:
                 checkpoint=self._checkpoint,
             )
 
-    def _evaluate(self, shown: torch.Tensor, iteration: int) -> Evaluation:
+    def _evaluate(self, shown: torch.Tensor, iteration: int) -> LossEvaluation:
         """The iteration's evaluation; the last one is made twice, so that its amplitudes are the best for it."""
-        unknowns, path_m = self.unknowns, self.unknowns.patterns.path_m(shown)
-        wanted = unknowns.wanted(iteration)
+        unknowns, path_m = self.variables, self.variables.patterns.optical_path_m(shown)
+        wanted = unknowns.evaluation_request(iteration)
         if iteration < self.settings.iterations:
             return self.problem.evaluate(path_m, unknowns.amplitudes, wanted)
-        if wanted.amplitudes:
-            found = self.problem.evaluate(path_m, unknowns.amplitudes, Wanted(amplitudes=True))
-            assert found.solved is not None
-            unknowns.amplitudes = found.solved
-        return self.problem.evaluate(path_m, unknowns.amplitudes, Wanted(eyebox=True))
+        if wanted.optimal_amplitudes:
+            found = self.problem.evaluate(path_m, unknowns.amplitudes, EvaluationRequest(optimal_amplitudes=True))
+            assert found.optimal_amplitudes is not None
+            unknowns.amplitudes = found.optimal_amplitudes
+        return self.problem.evaluate(path_m, unknowns.amplitudes, EvaluationRequest(eyebox_variation=True))
 
     def _hologram(self, shown: torch.Tensor) -> Hologram:
-        changes = {"wavelengths": self.unknowns.wavelengths_m, "amplitudes": self.unknowns.amplitudes}
+        changes = {"wavelengths": self.variables.wavelengths_m, "amplitudes": self.variables.amplitudes}
         return Hologram(shown.cpu().numpy().copy(), self.system.edit(changes))
 
     def _checkpoint(self) -> Checkpoint:
@@ -127,12 +127,14 @@ class _Solver:
             "best_amplitudes": np.array(self.best.system.amplitudes),
             "best_wavelengths": np.array(self.best.system.wavelengths_m),
         }
-        return Checkpoint(self.system, self.settings, self.target, self.progress, self.unknowns.tensors() | best)
+        return Checkpoint(
+            self.system, self.settings, self.target_digest, self.progress, self.variables.state_dict() | best
+        )
 
-    def _go_on(self, resume: Checkpoint) -> None:
+    def _resume(self, resume: Checkpoint) -> None:
         kept = resume.tensors
-        self.unknowns.load(kept)
+        self.variables.load_state_dict(kept)
         changes = {"wavelengths": kept["best_wavelengths"], "amplitudes": kept["best_amplitudes"]}
         self.best = Hologram(kept["best_drive"].astype(np.float32), self.system.edit(changes))
         self.progress = resume.progress
-        self.problem.use_wavelengths(self.unknowns.wavelengths_m)
+        self.problem.set_wavelengths(self.variables.wavelengths_m)

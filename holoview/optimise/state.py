@@ -13,7 +13,7 @@ from holoview.optimise.checkpoint import Checkpoint
 
 
 @dataclass(frozen=True)
-class State:
+class IterationState:
     """Where the optimisation stands after an iteration; `best` is the hologram of least loss so far.
 
     psnr_db: of linear sRGB clipped to 0…1, mean over planes (of luminance where only that is optimised).

@@ -28,7 +28,7 @@ _RANK, _SIZE, _LOCAL_RANK = "RANK", "WORLD_SIZE", "LOCAL_RANK"  # torchrun sets 
 
 
 @dataclass(frozen=True)
-class Team:
+class ProcessGroup:
     """This process's place among `size` of them; alone, nothing is sent. device: where what is sent has to be."""
 
     rank: int = 0
@@ -36,16 +36,16 @@ class Team:
     device: str = "cpu"
 
     @property
-    def leads(self) -> bool:
+    def is_main(self) -> bool:
         """Whether this is the one process that talks and writes files."""
         return self.rank == 0
 
-    def part(self, count: int, rank: int | None = None) -> slice:
+    def shard(self, total: int, rank: int | None = None) -> slice:
         """Which of `count` things a process has (this one when None): neighbours, as equally many as can be."""
         mine = self.rank if rank is None else rank
-        return slice(count * mine // self.size, count * (mine + 1) // self.size)
+        return slice(total * mine // self.size, total * (mine + 1) // self.size)
 
-    def add(self, *tensors: Tensor) -> None:
+    def all_reduce_sum(self, *tensors: Tensor) -> None:
         """Each becomes its sum over the processes, in place."""
         if self.size == 1:
             return
@@ -55,42 +55,44 @@ class Team:
             if total is not tensor:
                 tensor.copy_(total)
 
-    def passing(self, mine: Tensor, count: int) -> Iterator[tuple[slice, Tensor]]:
+    def broadcast_shards(self, own_rows: Tensor, total: int) -> Iterator[tuple[slice, Tensor]]:
         """Everybody's part of `count` rows, one process after the other: its place and its rows (n, …)."""
         if self.size == 1:
-            yield slice(0, count), mine
+            yield slice(0, total), own_rows
             return
         for rank in range(self.size):
-            place = self.part(count, rank)
+            place = self.shard(total, rank)
             length = place.stop - place.start
-            rows = mine.contiguous() if rank == self.rank else mine.new_empty(length, *mine.shape[1:])
+            rows = own_rows.contiguous() if rank == self.rank else own_rows.new_empty(length, *own_rows.shape[1:])
             dist.broadcast(rows, src=rank)
             yield place, rows
 
-    def any(self, flag: bool) -> bool:
+    def any_rank(self, flag: bool) -> bool:
         """Whether it holds for any process: what they have to agree on, such as when to stop."""
         count = torch.tensor([float(flag)])
-        self.add(count)
+        self.all_reduce_sum(count)
         return bool(count > 0)
 
 
-ALONE = Team()
+SINGLE_PROCESS = ProcessGroup()
 """One process that does everything."""
 
 
-def share_out(plan: Plan, team: Team) -> list[list[Laser]]:
+def shard_lasers(plan: Plan, group: ProcessGroup) -> list[list[Laser]]:
     """The lasers that are on, process by process. Raises UserError for more processes than lasers.
 
     Those of one wavelength stay together, because transfer functions take the most memory; frame by frame in each part,
     as a model has them.
     """
     lit = sorted(((int(frame), int(λ)) for frame, λ in np.argwhere(plan.weights > 0)), key=lambda laser: laser[1])
-    if len(lit) < team.size:
-        raise UserError("processes", f"{team.size} of them for {len(lit)} lasers", expected="a laser for each at least")
-    return [sorted(lit[team.part(len(lit), rank)]) for rank in range(team.size)]
+    if len(lit) < group.size:
+        raise UserError(
+            "processes", f"{group.size} of them for {len(lit)} lasers", expected="a laser for each at least"
+        )
+    return [sorted(lit[group.shard(len(lit), rank)]) for rank in range(group.size)]
 
 
-def with_lasers(plan: Plan, lasers: Sequence[Laser]) -> Plan:
+def with_only_lasers(plan: Plan, lasers: Sequence[Laser]) -> Plan:
     """The plan with only some of its lasers on."""
     weights = np.zeros_like(plan.weights)
     for laser in lasers:
@@ -99,7 +101,7 @@ def with_lasers(plan: Plan, lasers: Sequence[Laser]) -> Plan:
 
 
 @contextmanager
-def joined(device: str) -> Iterator[Team]:
+def torchrun_group(device: str) -> Iterator[ProcessGroup]:
     """This process as one of those that torchrun started, until the block ends; device: of torch, with its number.
 
     Raises UserError when it was started alone.
@@ -115,11 +117,11 @@ def joined(device: str) -> Iterator[Team]:
     on_cuda = device.startswith("cuda")
     dist.init_process_group("nccl" if on_cuda else "gloo")
     try:
-        yield Team(dist.get_rank(), dist.get_world_size(), device if on_cuda else "cpu")
+        yield ProcessGroup(dist.get_rank(), dist.get_world_size(), device if on_cuda else "cpu")
     finally:
         dist.destroy_process_group()
 
 
-def device_of_part(device: str) -> str:
+def device_for_rank(device: str) -> str:
     """Which of a machine's CUDA devices this process takes, unless one was chosen; others stay as they are."""
     return f"cuda:{os.environ.get(_LOCAL_RANK, '0')}" if device == "cuda" else device

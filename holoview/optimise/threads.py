@@ -8,15 +8,15 @@ from contextlib import contextmanager
 
 import torch
 
-LEAST_SAMPLES = 1 << 17
+MIN_SAMPLES_FOR_THREADS = 1 << 17
 """Below this many samples of a padded field, starting threads costs more than they save."""
 
 
 @contextmanager
-def suited_threads(samples: int) -> Iterator[None]:
+def limit_torch_threads(samples: int) -> Iterator[None]:
     """One torch thread inside the block for fields of few samples; the caller's number otherwise."""
     before = torch.get_num_threads()
-    chosen = 1 if samples < LEAST_SAMPLES and "OMP_NUM_THREADS" not in os.environ else before
+    chosen = 1 if samples < MIN_SAMPLES_FOR_THREADS and "OMP_NUM_THREADS" not in os.environ else before
     if chosen != before:
         torch.set_num_threads(chosen)
     try:

@@ -6,15 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from holoview.colour import LMS_TO_XYZ, cone_slopes, observer_weights
+from holoview.colour import LMS_TO_XYZ, cone_fundamental_derivatives, observer_weights
 from holoview.errors import UserError
-from holoview.optimise.losses import Loss
+from holoview.optimise.losses import LossSpace
 from holoview.optimise.settings import Settings
 
 Floats = NDArray[np.float64]
 
 
-def allowed(wavelengths_m: Floats, settings: Settings) -> Floats:
+def project_wavelengths(wavelengths_m: Floats, settings: Settings) -> Floats:
     """The nearest wavelengths that are in range and spaced, in the same order by size.
 
     With x_i rising and spacing s, x_i − i·s must rise too: the nearest such sequence is an isotonic regression.
@@ -37,7 +37,7 @@ def allowed(wavelengths_m: Floats, settings: Settings) -> Floats:
     return out
 
 
-def check_observer(observer: str, settings: Settings) -> None:
+def check_wavelength_search(observer: str, settings: Settings) -> None:
     """UserError for an observer whose response has no slopes here, and for a range where it is unknown."""
     if observer not in ("eye", "mono"):
         raise UserError(
@@ -52,12 +52,12 @@ def check_observer(observer: str, settings: Settings) -> None:
         raise error.inside("wavelength range: ") from error
 
 
-def colour_slopes(loss: Loss, wavelengths_m: Floats, observer: str) -> Floats:
+def channel_wavelength_derivatives(loss: LossSpace, wavelengths_m: Floats, observer: str) -> Floats:
     """∂(channels of unit intensity)/∂λ, (wavelength, channel), 1/m, through the eye's cone fundamentals.
 
     Zero for a mono camera, which sees every wavelength alike.
     """
-    if loss.flat or observer == "mono":
+    if loss.ignores_wavelength or observer == "mono":
         return np.zeros((len(wavelengths_m), len(loss.matrix)))
-    slopes: Floats = cone_slopes(wavelengths_m) @ (loss.matrix @ LMS_TO_XYZ).T
+    slopes: Floats = cone_fundamental_derivatives(wavelengths_m) @ (loss.matrix @ LMS_TO_XYZ).T
     return slopes

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-_PAPER, _INK, _FAINT = (24, 24, 27), (240, 240, 240), (170, 170, 178)
-_MARGIN, _TITLE, _HEAD, _CAPTION = 16, 26, 22, 17
+_BACKGROUND, _TEXT_COLOUR, _CAPTION_COLOUR = (24, 24, 27), (240, 240, 240), (170, 170, 178)
+_MARGIN_PX, _TITLE_PX, _COLUMN_TITLE_PX, _CAPTION_PX = 16, 26, 22, 17
 
 
 @dataclass(frozen=True)
-class Tile:
+class CaptionedTile:
     """A picture (y, x, 3) of 8-bit sRGB and the caption under it."""
 
     pixels: NDArray[np.uint8]
@@ -22,26 +22,31 @@ class Tile:
 
 
 def contact_sheet(
-    title: str, heads: Sequence[str], rows: Sequence[Sequence[Tile]], width: int = 480
+    title: str, column_titles: Sequence[str], rows: Sequence[Sequence[CaptionedTile]], width: int = 480
 ) -> NDArray[np.uint8]:
     """The sheet (y, x, 3): each row of tiles scaled to `width` pixels a tile, one head over each column."""
     scaled = [[_scaled(tile.pixels, width) for tile in row] for row in rows]
-    columns = len(heads)
-    line = _CAPTION + _MARGIN
+    columns = len(column_titles)
+    line = _CAPTION_PX + _MARGIN_PX
     heights = [max(picture.height for picture in row) + line for row in scaled]
-    top = 3 * _MARGIN + _TITLE + _HEAD
-    size = (columns * (width + _MARGIN) + _MARGIN, top + sum(heights) + _MARGIN)
-    sheet = Image.new("RGB", size, _PAPER)
+    top = 3 * _MARGIN_PX + _TITLE_PX + _COLUMN_TITLE_PX
+    size = (columns * (width + _MARGIN_PX) + _MARGIN_PX, top + sum(heights) + _MARGIN_PX)
+    sheet = Image.new("RGB", size, _BACKGROUND)
     draw = ImageDraw.Draw(sheet)
-    draw.text((_MARGIN, _MARGIN), title, _INK, _font(_TITLE))
-    for column, head in enumerate(heads):
-        draw.text((_MARGIN + column * (width + _MARGIN), 2 * _MARGIN + _TITLE), head, _INK, _font(_HEAD))
+    draw.text((_MARGIN_PX, _MARGIN_PX), title, _TEXT_COLOUR, _font(_TITLE_PX))
+    for column, head in enumerate(column_titles):
+        draw.text(
+            (_MARGIN_PX + column * (width + _MARGIN_PX), 2 * _MARGIN_PX + _TITLE_PX),
+            head,
+            _TEXT_COLOUR,
+            _font(_COLUMN_TITLE_PX),
+        )
     y = top
     for row, pictures, height in zip(rows, scaled, heights, strict=True):
         for column, (tile, picture) in enumerate(zip(row, pictures, strict=True)):
-            x = _MARGIN + column * (width + _MARGIN)
+            x = _MARGIN_PX + column * (width + _MARGIN_PX)
             sheet.paste(picture, (x, y))
-            draw.text((x, y + picture.height + 4), tile.caption, _FAINT, _font(_CAPTION))
+            draw.text((x, y + picture.height + 4), tile.caption, _CAPTION_COLOUR, _font(_CAPTION_PX))
         y += height
     return np.asarray(sheet)
 

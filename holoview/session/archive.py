@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from holoview import preset
 from holoview.errors import UserError
-from holoview.files import replacing, to_disk
-from holoview.session.history import Step
-from holoview.session.look import Look, Side
-from holoview.session.state import State, frozen
-from holoview.session.wanted import Wanted
+from holoview.files import atomic_write, fsync
+from holoview.session.history import HistoryStep
+from holoview.session.look import ComparisonSide, ViewSettings
+from holoview.session.state import Document, as_readonly_drive
+from holoview.session.wanted import TargetSpec
 from holoview.system import System
 from holoview.targets.build import Placement
 from holoview.targets.picture import Picture
@@ -36,21 +36,21 @@ _ARRAY = TensorFormat("holoview-object", "1", "patterns or a picture of a saved 
 
 
 @dataclass(frozen=True, eq=False)
-class Document:
+class SessionData:
     """All of a session that is saved; `unfinished` is what a running optimisation has found."""
 
-    steps: tuple[Step, ...]
+    steps: tuple[HistoryStep, ...]
     position: int
-    snapshots: Mapping[str, State]
-    unfinished: State | None = None
+    snapshots: Mapping[str, Document]
+    unfinished: Document | None = None
 
     @property
-    def present(self) -> State:
+    def present(self) -> Document:
         """The current state."""
-        return self.steps[self.position].state
+        return self.steps[self.position].document
 
 
-class Archive:
+class SessionArchive:
     """Writes documents into a folder, again and again; what hasn't changed isn't written again."""
 
     def __init__(self, folder: Path) -> None:
@@ -59,20 +59,20 @@ class Archive:
         self._names: dict[int, tuple[weakref.ref[Any], str]] = {}
         self._systems: dict[System, str] = {}
 
-    def write(self, document: Document, facts: Mapping[str, Any]) -> None:
+    def write(self, document: SessionData, metadata: Mapping[str, Any]) -> None:
         """Writes the document; `facts` go into session.json beside it. Raises UserError when the disk refuses."""
         self._objects.mkdir(parents=True, exist_ok=True)
         systems: dict[str, str] = {}
         targets: dict[str, Any] = {}
 
-        def written(state: State) -> dict[str, Any]:
-            return self._written(state, systems, targets)
+        def written(state: Document) -> dict[str, Any]:
+            return self._document_table(state, systems, targets)
 
-        steps = [{"label": s.label, "when": s.when, **written(s.state)} for s in document.steps]
+        steps = [{"label": s.label, "when": s.when, **written(s.document)} for s in document.steps]
         table = {
             "format": FORMAT,
             "version": VERSION,
-            **facts,
+            **metadata,
             "position": document.position,
             "steps": steps,
             "snapshots": {name: written(state) for name, state in document.snapshots.items()},
@@ -81,42 +81,42 @@ class Archive:
             "targets": targets,
         }
         text = json.dumps(table)
-        with replacing(self.folder / _FILE) as temporary:
+        with atomic_write(self.folder / _FILE) as temporary:
             temporary.write_text(text, encoding="utf-8")
-            to_disk(temporary)
-        to_disk(self.folder)
+            fsync(temporary)
+        fsync(self.folder)
         for path in self._objects.glob("*.safetensors"):
             if path.stem not in text:
                 path.unlink(missing_ok=True)
 
-    def _written(self, state: State, systems: dict[str, str], targets: dict[str, Any]) -> dict[str, Any]:
+    def _document_table(self, state: Document, systems: dict[str, str], targets: dict[str, Any]) -> dict[str, Any]:
         if state.system not in self._systems:
             self._systems[state.system] = preset.dumps(state.system)
         toml = self._systems[state.system]
         key = hashlib.sha256(toml.encode()).hexdigest()[:16]
         systems[key] = toml
         wanted = None
-        if state.wanted is not None:
-            wanted = str(id(state.wanted))
-            targets.setdefault(wanted, self._target(state.wanted))
+        if state.target_spec is not None:
+            wanted = str(id(state.target_spec))
+            targets.setdefault(wanted, self._target_table(state.target_spec))
         return {
             "system": key,
-            "drive": self._object(state.drive),
+            "drive": self._store_array(state.drive),
             "wanted": wanted,
-            "look": _look_table(state.look),
+            "look": _look_table(state.view_settings),
             "origin": state.origin,
             "path": None if state.path is None else str(state.path),
         }
 
-    def _target(self, wanted: Wanted) -> dict[str, Any]:
+    def _target_table(self, wanted: TargetSpec) -> dict[str, Any]:
         table = {key: getattr(wanted, key) for key in ("title", "brightness", "saturation", "space")}
         placement = asdict(wanted.placement)
         table["placement"] = placement | {"depth": None if placement["depth"] is None else str(placement["depth"])}
         if isinstance(wanted.source, Path):
             return table | {"stack": str(wanted.source)}
-        return table | {"picture": self._object(wanted.source.rgb), "source": wanted.source.source}
+        return table | {"picture": self._store_array(wanted.source.rgb), "source": wanted.source.source}
 
-    def _object(self, array: NDArray[np.float32]) -> str:
+    def _store_array(self, array: NDArray[np.float32]) -> str:
         """The name of an array's file, written if it isn't there yet."""
         known = self._names.get(id(array))
         if known is None or known[0]() is not array:
@@ -125,13 +125,13 @@ class Archive:
             self._names[id(array)] = known
         path = self._objects / f"{known[1]}.safetensors"
         if not path.is_file():
-            _ARRAY.write(path, {"array": array}, {})
-            to_disk(path)
-            to_disk(self._objects)
+            _ARRAY.to_toml(path, {"array": array}, {})
+            fsync(path)
+            fsync(self._objects)
         return known[1]
 
 
-def read_facts(folder: Path) -> dict[str, Any]:
+def read_metadata(folder: Path) -> dict[str, Any]:
     """session.json of a folder. Raises UserError when it is missing, damaged, or of another version."""
     path = folder / _FILE
     try:
@@ -145,24 +145,26 @@ def read_facts(folder: Path) -> dict[str, Any]:
     return dict(table)
 
 
-def read_document(folder: Path) -> tuple[Document, list[str]]:
+def read_session(folder: Path) -> tuple[SessionData, list[str]]:
     """The document of a folder, and in words what of it couldn't be read. Raises UserError when nothing could be."""
-    table = read_facts(folder)
+    table = read_metadata(folder)
     reader = _Reader(folder, table)
-    steps: list[Step] = []
+    steps: list[HistoryStep] = []
     position = 0
     for index, entry in enumerate(table["steps"]):
-        state = reader.state(entry, f'step "{entry["label"]}"')
+        state = reader.document(entry, f'step "{entry["label"]}"')
         if state is not None:
-            steps.append(Step(entry["label"], state, entry["when"]))
+            steps.append(HistoryStep(entry["label"], state, entry["when"]))
         if index <= table["position"]:
             position = max(len(steps) - 1, 0)
     if not steps:
         raise UserError(str(folder), "no step of it can be read", expected="a saved session")
-    snapshots = {name: reader.state(entry, f'snapshot "{name}"') for name, entry in table["snapshots"].items()}
-    unfinished = None if table["unfinished"] is None else reader.state(table["unfinished"], "unfinished optimisation")
+    snapshots = {name: reader.document(entry, f'snapshot "{name}"') for name, entry in table["snapshots"].items()}
+    unfinished = (
+        None if table["unfinished"] is None else reader.document(table["unfinished"], "unfinished optimisation")
+    )
     kept = {name: state for name, state in snapshots.items() if state is not None}
-    return Document(tuple(steps), position, kept, unfinished), reader.lost
+    return SessionData(tuple(steps), position, kept, unfinished), reader.unreadable
 
 
 class _Reader:
@@ -172,12 +174,12 @@ class _Reader:
         self._folder, self._table = folder, table
         self._arrays: dict[str, NDArray[np.float32]] = {}
         self._systems: dict[str, System] = {}
-        self._targets: dict[str, Wanted] = {}
-        self.lost: list[str] = []
+        self._targets: dict[str, TargetSpec] = {}
+        self.unreadable: list[str] = []
 
-    def state(self, entry: Mapping[str, Any], what: str) -> State | None:
+    def document(self, entry: Mapping[str, Any], what: str) -> Document | None:
         try:
-            return State(
+            return Document(
                 self._system(entry["system"]),
                 self._array(entry["drive"]),
                 _look(entry["look"]),
@@ -186,7 +188,7 @@ class _Reader:
                 None if entry["path"] is None else Path(entry["path"]),
             )
         except (UserError, KeyError, TypeError, ValueError) as error:
-            self.lost.append(f"{what}: {error}")
+            self.unreadable.append(f"{what}: {error}")
             return None
 
     def _system(self, key: str) -> System:
@@ -196,11 +198,11 @@ class _Reader:
 
     def _array(self, name: str) -> NDArray[np.float32]:
         if name not in self._arrays:
-            tensors, _ = _ARRAY.read(self._folder / "objects" / f"{name}.safetensors")
-            self._arrays[name] = frozen(tensors["array"])
+            tensors, _ = _ARRAY.parse(self._folder / "objects" / f"{name}.safetensors")
+            self._arrays[name] = as_readonly_drive(tensors["array"])
         return self._arrays[name]
 
-    def _target(self, key: str) -> Wanted:
+    def _target(self, key: str) -> TargetSpec:
         if key not in self._targets:
             table = self._table["targets"][key]
             plain = {name: table[name] for name in ("title", "brightness", "saturation", "space")}
@@ -208,25 +210,25 @@ class _Reader:
             source = (
                 Path(table["stack"]) if "stack" in table else Picture(self._array(table["picture"]), table["source"])
             )
-            self._targets[key] = Wanted(source, placement=Placement(**table["placement"]), **plain)
+            self._targets[key] = TargetSpec(source, placement=Placement(**table["placement"]), **plain)
         return self._targets[key]
 
 
 # --- the look -------------------------------------------------------------------------------------------------------
 
 
-def _look_table(look: Look) -> dict[str, Any]:
+def _look_table(look: ViewSettings) -> dict[str, Any]:
     table = asdict(look)
     return table | {"muted": sorted(look.muted)}
 
 
-def _look(table: Mapping[str, Any]) -> Look:
+def _look(table: Mapping[str, Any]) -> ViewSettings:
     """The look of a table; a field that isn't there has its default."""
     values: dict[str, Any] = {}
-    for field in fields(Look):
+    for field in fields(ViewSettings):
         if field.name in table:
             value = table[field.name]
             values[field.name] = tuple(value) if isinstance(value, list) else value
-    values |= {key: Side(**values[key]) for key in ("a", "b") if key in values}
+    values |= {key: ComparisonSide(**values[key]) for key in ("a", "b") if key in values}
     values["muted"] = frozenset(values.get("muted", ()))
-    return Look(**values)
+    return ViewSettings(**values)

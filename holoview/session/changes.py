@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from holoview.session.state import State
+from holoview.session.state import Document
 
-KINDS = ("system", "drive", "look", "target", "jobs", "messages", "snapshots", "history")
+CHANGE_KINDS = ("system", "drive", "look", "target", "jobs", "messages", "snapshots", "history")
 
 
 @dataclass(frozen=True)
@@ -28,21 +28,21 @@ class Listeners:
         self._all.append(listener)
         return lambda: self._all.remove(listener)
 
-    def tell(self, *kinds: str) -> None:
+    def notify(self, *kinds: str) -> None:
         """Tells all of them."""
         for listener in list(self._all):
             listener(Change(frozenset(kinds)))
 
 
-def kinds_between(before: State, after: State) -> list[str]:
+def changed_kinds(before: Document, after: Document) -> list[str]:
     """Which kinds an edit of the document has changed."""
     kinds = []
     if before.system != after.system:
         kinds += ["system", "target"]
     if before.drive is not after.drive or before.origin != after.origin or before.path != after.path:
         kinds.append("drive")
-    if before.wanted is not after.wanted:
+    if before.target_spec is not after.target_spec:
         kinds.append("target")
-    if before.look != after.look:
+    if before.view_settings != after.view_settings:
         kinds.append("look")
     return kinds

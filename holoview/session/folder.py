@@ -8,9 +8,9 @@ from typing import Any
 
 import platformdirs
 
-from holoview.files import replacing
+from holoview.files import atomic_write
 
-MOST_RECENT = 20
+MAX_RECENT_FILES = 20
 
 
 def state_folder() -> Path:
@@ -41,16 +41,16 @@ class Preferences:
         text = json.dumps(self._values | {key: value}, indent=1)
         self._values[key] = value
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(self._path) as temporary:
+        with atomic_write(self._path) as temporary:
             temporary.write_text(text, encoding="utf-8")
 
     @property
-    def recent(self) -> tuple[Path, ...]:
+    def recent_files(self) -> tuple[Path, ...]:
         """Files opened last, newest first, those that are still there."""
         return tuple(path for path in map(Path, self.get("recent", [])) if path.exists())
 
-    def remember(self, path: Path) -> None:
+    def add_recent_file(self, path: Path) -> None:
         """Puts a file first among the recent ones."""
         name = str(path.resolve())
         others = [other for other in self.get("recent", []) if other != name]
-        self.set("recent", [name, *others][:MOST_RECENT])
+        self.set("recent", [name, *others][:MAX_RECENT_FILES])

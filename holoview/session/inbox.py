@@ -8,7 +8,7 @@ from queue import Empty, SimpleQueue
 Call = Callable[[], None]
 
 
-class Inbox:
+class CallQueue:
     """Calls in the order in which they came."""
 
     def __init__(self) -> None:
@@ -23,7 +23,7 @@ class Inbox:
         """From any thread."""
         self._waiting.put(call)
 
-    def taken(self) -> Iterator[Call]:
+    def drain(self) -> Iterator[Call]:
         """The calls that wait, and those that come meanwhile."""
         while True:
             try:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 T = TypeVar("T")
-Deliver = Callable[[Callable[[], None]], None]
+CallOnOwner = Callable[[Callable[[], None]], None]
 """Hands a call to the owner's thread."""
 
 
@@ -19,7 +19,7 @@ class Cancelled(Exception):
     """Raised inside a job's work where it should end."""
 
 
-class Control:
+class JobControl:
     """What a job's work reports to and asks."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
@@ -44,7 +44,7 @@ class Control:
         if self._stop.is_set():
             raise Cancelled
 
-    def rest(self, seconds: float) -> None:
+    def sleep(self, seconds: float) -> None:
         """Waits, but not once the job was cancelled."""
         self._stop.wait(seconds)
         self.check()
@@ -57,22 +57,22 @@ class Control:
         """The work goes on."""
         self._go.set()
 
-    def stop(self) -> None:
+    def cancel(self) -> None:
         """The work ends at its next check."""
         self._stop.set()
         self._go.set()
 
 
-class Job:
+class BackgroundJob:
     """A piece of work in the background.
 
     status: "running", "paused", "done", "cancelled" or "failed"; it changes on the owner's thread once the work ended.
     """
 
-    def __init__(self, title: str, deliver: Deliver, wake: Callable[[], None]) -> None:
+    def __init__(self, title: str, deliver: CallOnOwner, wake: Callable[[], None]) -> None:
         self.title, self.status = title, "running"
         self.error: BaseException | None = None
-        self.control = Control(wake)
+        self.control = JobControl(wake)
         self._deliver, self._began = deliver, time.monotonic()
         self._ended = threading.Event()
 
@@ -114,13 +114,15 @@ class Job:
 
     def cancel(self) -> None:
         """Ends it without a result."""
-        self.control.stop()
+        self.control.cancel()
 
     def join(self, timeout_s: float | None = None) -> bool:
         """Waits until the work has ended; its result is delivered at the owner's next poll."""
         return self._ended.wait(timeout_s)
 
-    def start(self, work: Callable[[Control], T], end: Callable[[str, T | None, BaseException | None], None]) -> None:
+    def start(
+        self, work: Callable[[JobControl], T], end: Callable[[str, T | None, BaseException | None], None]
+    ) -> None:
         """Runs the work on a thread, then `end(status, result, error)` on the owner's."""
 
         def run() -> None:
@@ -141,42 +143,42 @@ class Job:
         end(status, result, error)
 
 
-class Jobs:
+class JobManager:
     """The jobs of a session: those that run, and those that ended a while ago."""
 
     def __init__(
-        self, deliver: Deliver, wake: Callable[[], None], failed: Callable[[BaseException, str], None]
+        self, deliver: CallOnOwner, wake: Callable[[], None], on_error: Callable[[BaseException, str], None]
     ) -> None:
-        self._deliver, self._wake, self._failed = deliver, wake, failed
-        self.all: list[Job] = []
+        self._deliver, self._wake, self._failed = deliver, wake, on_error
+        self.all: list[BackgroundJob] = []
 
     @property
-    def active(self) -> list[Job]:
+    def active(self) -> list[BackgroundJob]:
         """Those that haven't ended, oldest first."""
         return [job for job in self.all if job.is_active]
 
     def start(
         self,
         title: str,
-        work: Callable[[Control], T],
-        done: Callable[[T], None] | None = None,
+        work: Callable[[JobControl], T],
+        on_result: Callable[[T], None] | None = None,
         *,
-        ended: Callable[[], None] = lambda: None,
-        job: Job | None = None,
-    ) -> Job:
+        on_end: Callable[[], None] = lambda: None,
+        job: BackgroundJob | None = None,
+    ) -> BackgroundJob:
         """Runs `work` on a thread; on the owner's then `ended`, however it ended, and `done` with its result.
 
         A failure becomes a message. job: what it is shown as; one with the title when None.
         """
-        job = job or Job(title, self._deliver, self._wake)
+        job = job or BackgroundJob(title, self._deliver, self._wake)
         self.all = [*self.active, *[old for old in self.all if not old.is_active][-20:], job]
 
         def end(status: str, result: T | None, error: BaseException | None) -> None:
-            ended()
+            on_end()
             if error is not None:
                 self._failed(error, job.title)
-            elif status == "done" and done is not None:
-                done(result)  # type: ignore[arg-type]
+            elif status == "done" and on_result is not None:
+                on_result(result)  # type: ignore[arg-type]
 
         job.start(work, end)
         return job
@@ -194,7 +196,7 @@ class Jobs:
             job.join(max(until - time.monotonic(), 0.0))
 
 
-def describe_job(job: Job) -> str:
+def format_job(job: BackgroundJob) -> str:
     """A job in a line: title, share, what it says, and what is left."""
     left = job.seconds_left
     parts = [f"{job.title} {job.fraction:.0%}", job.note, "" if left is None else f"{left:.0f} s left"]

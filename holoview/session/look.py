@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from holoview.errors import UserError, near_matches
+from holoview.errors import UserError, suggest_matches
 
 Region = tuple[int, int, int, int]
 """x, y, width, height in samples of the simulated image."""
@@ -16,31 +16,31 @@ Line = tuple[float, float, float, float]
 
 CHANNELS = ("colour", "luminance", "R", "G", "B", "X", "Y", "Z", "L", "M", "S")
 FALSE_COLOURS = ("", "cubehelix", "hue")
-COMPARES = ("off", "hold", "wipe", "side-by-side", "difference")
+COMPARISON_MODES = ("off", "hold", "wipe", "side-by-side", "difference")
 PAGES = ("image", "planes", "phase", "spectrum", "target")
-DERIVED = ("phase", "spectrum")
+DERIVED_PAGES = ("phase", "spectrum")
 """Pages of pictures that aren't the image of a side."""
-SPECKLE_STOPS = -1.5
+SPECKLE_EXPOSURE_STOPS = -1.5
 """An exposure at which random patterns, which are as bright as white in the mean, show their speckle unclipped."""
-MOST_STOPS = 60.0  # 2^60 is past anything to see, and its square still far inside a float64
+MAX_EXPOSURE_STOPS = 60.0  # 2^60 is past anything to see, and its square still far inside a float64
 _KINDS = ("now", "target", "snapshot", "preset")
 
 
-def _one_of(key: str, value: str, options: tuple[str, ...]) -> None:
+def _check_choice(key: str, value: str, options: tuple[str, ...]) -> None:
     if value not in options:
         expected = ", ".join(f'"{option}"' for option in options)
-        raise UserError(key, f'"{value}"', expected=expected, remedy=near_matches(value, options))
+        raise UserError(key, f'"{value}"', expected=expected, remedy=suggest_matches(value, options))
 
 
 @dataclass(frozen=True)
-class Side:
+class ComparisonSide:
     """One side of a comparison: the hologram as it is now, its target, a pinned snapshot, or another preset."""
 
     kind: str = "now"
     name: str = ""
 
     def __post_init__(self) -> None:
-        _one_of("side", self.kind, _KINDS)
+        _check_choice("side", self.kind, _KINDS)
         if (self.kind in ("snapshot", "preset")) != bool(self.name):
             raise UserError(f"side {self.kind}", f'name "{self.name}"', expected="a name for a snapshot or a preset")
 
@@ -50,11 +50,11 @@ class Side:
         return self.name if self.name else {"now": "Now", "target": "Target"}[self.kind]
 
 
-NOW, TARGET = Side("now"), Side("target")
+NOW, TARGET = ComparisonSide("now"), ComparisonSide("target")
 
 
 @dataclass(frozen=True)
-class Look:
+class ViewSettings:
     """How the light at a focal plane becomes what is on the screen.
 
     plane_m: distance of the focal plane. exposure_stops: brighter by 2^stops. gamma: on top of the sRGB curve; 1
@@ -79,8 +79,8 @@ class Look:
     page: str = "image"
     frame: int = 0
     modulator: int = 0
-    a: Side = NOW
-    b: Side = TARGET
+    a: ComparisonSide = NOW
+    b: ComparisonSide = TARGET
     compare: str = "off"
     wipe: float = 0.5
     region: Region | None = None
@@ -92,14 +92,18 @@ class Look:
         for key, options in (
             ("channel", CHANNELS),
             ("false_colour", FALSE_COLOURS),
-            ("compare", COMPARES),
+            ("compare", COMPARISON_MODES),
             ("page", PAGES),
         ):
-            _one_of(key, getattr(self, key), options)
+            _check_choice(key, getattr(self, key), options)
         if not 0 <= self.plane_m < math.inf:
             raise UserError("plane", f"{self.plane_m:g} m", expected="a distance of 0 or more behind the modulator")
-        if not abs(self.exposure_stops) <= MOST_STOPS:
-            raise UserError("exposure", f"{self.exposure_stops:g}", expected=f"from -{MOST_STOPS:g} to {MOST_STOPS:g}")
+        if not abs(self.exposure_stops) <= MAX_EXPOSURE_STOPS:
+            raise UserError(
+                "exposure",
+                f"{self.exposure_stops:g}",
+                expected=f"from -{MAX_EXPOSURE_STOPS:g} to {MAX_EXPOSURE_STOPS:g}",
+            )
         if not 0.1 <= self.gamma <= 10:
             raise UserError("gamma", f"{self.gamma:g}", expected="from 0.1 to 10")
         if not self.low < self.high:
@@ -109,19 +113,19 @@ class Look:
         if not (0 <= self.wipe <= 1 and 0 <= self.zoom < math.inf):
             raise UserError("wipe and zoom", f"{self.wipe:g} and {self.zoom:g}", expected="0 to 1, and 0 or more")
 
-    def with_(self, **changes: Any) -> Look:
+    def with_(self, **changes: Any) -> ViewSettings:
         """A copy with some fields changed. Raises UserError for an unknown field or an impossible value."""
         known = {field.name for field in dataclasses.fields(self)}
         for key in changes:
             if key not in known:
-                raise UserError(key, "unknown field of the look", remedy=near_matches(key, known))
+                raise UserError(key, "unknown field of the look", remedy=suggest_matches(key, known))
         return dataclasses.replace(self, **changes)
 
-    def with_side(self, old: Side, new: Side) -> Look:
+    def with_side_replaced(self, old: ComparisonSide, new: ComparisonSide) -> ViewSettings:
         """A copy that compares with `new` wherever this one does with `old`."""
         return self.with_(**{key: new for key in ("a", "b") if getattr(self, key) == old})
 
-    def inside(self, lasers: int, shape: tuple[int, int], frames: int, modulators: int) -> Look:
+    def clamped_to(self, lasers: int, shape: tuple[int, int], frames: int, modulators: int) -> ViewSettings:
         """The look with whatever pointed outside a changed bench brought back inside or dropped."""
         muted = frozenset(laser for laser in self.muted if laser < lasers)
         solo = self.solo if self.solo is not None and self.solo < lasers else None
@@ -137,11 +141,11 @@ class Look:
         )
 
 
-def side_of(look: Look) -> Side:
+def displayed_side(view_settings: ViewSettings) -> ComparisonSide:
     """The side that is shown where a single one is: A of a comparison, else the hologram, or its target."""
-    if look.page == "target":
+    if view_settings.page == "target":
         return TARGET
-    return NOW if look.compare == "off" or look.page != "image" else look.a
+    return NOW if view_settings.compare == "off" or view_settings.page != "image" else view_settings.a
 
 
 def _clipped(region: Region | None, shape: tuple[int, int]) -> Region | None:

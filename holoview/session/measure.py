@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class RegionFigures:
+class RegionMetrics:
     """A region's figures; psnr_db and delta_e need a target, and then contrast is that of the ratio to the target.
 
     contrast: of the luminance; raw_contrast: with the picture's own structure in it. mean: luminance, 1 is white.
@@ -35,14 +35,14 @@ class RegionFigures:
     contrast: float
     raw_contrast: float
     mean: float
-    pixels: int
+    n_pixels: int
     psnr_db: float | None = None
     delta_e: float | None = None
 
 
 def measure_region(
     xyz: NDArray[np.floating], region: Region, target: NDArray[np.floating] | None = None
-) -> RegionFigures:
+) -> RegionMetrics:
     """Figures of a region (x, y, w, h) of XYZ (y, x, 3), beside a target (y, x, 3) in linear sRGB.
 
     Raises UserError for a region outside, one without light, and a target of another shape.
@@ -50,15 +50,15 @@ def measure_region(
     luminance = np.asarray(xyz)[..., 1]
     raw = speckle_contrast(luminance, region)
     if target is None:
-        return RegionFigures(raw.contrast, raw.contrast, raw.mean, raw.n_pixels)
+        return RegionMetrics(raw.contrast, raw.contrast, raw.mean, raw.n_pixels)
     if target.shape != xyz.shape:
         raise UserError("target", f"shape {target.shape}", expected=f"the image's shape, {xyz.shape}")
-    found, wanted = gamut_map(xyz_to_linear_srgb(cut(xyz, region))), gamut_map(cut(target, region))
-    return RegionFigures(
+    found, wanted = gamut_map(xyz_to_linear_srgb(crop(xyz, region))), gamut_map(crop(target, region))
+    return RegionMetrics(
         contrast=_structure_free(luminance, region, target, raw.contrast),
         raw_contrast=raw.contrast,
         mean=raw.mean,
-        pixels=raw.n_pixels,
+        n_pixels=raw.n_pixels,
         psnr_db=psnr(found, wanted),
         delta_e=delta_e_linear_srgb(found, wanted),
     )
@@ -69,12 +69,12 @@ def _structure_free(
 ) -> float:
     """Contrast of the ratio to the target; the plain one where the target is black in the region."""
     wanted = np.asarray(target) @ SRGB_TO_XYZ[1]
-    if not np.any(cut(wanted, region) > 0):
+    if not np.any(crop(wanted, region) > 0):
         return otherwise
     return speckle_contrast(luminance, region, wanted).contrast
 
 
-def cut(image: NDArray[np.floating], region: Region) -> NDArray[np.floating]:
+def crop(image: NDArray[np.floating], region: Region) -> NDArray[np.floating]:
     """The region (x, y, w, h) of an image (y, x, …)."""
     x, y, width, height = region
     return image[y : y + height, x : x + width]
@@ -83,16 +83,18 @@ def cut(image: NDArray[np.floating], region: Region) -> NDArray[np.floating]:
 # --- lasers ---------------------------------------------------------------------------------------------------------
 
 
-def luminances(system: System) -> Floats:
+def laser_luminances(system: System) -> Floats:
     """Mean luminance (frame, wavelength) that each laser adds to an evenly lit image: amplitude/frames × Y."""
     visible = np.maximum(observer_weights(system.observer, system.wavelengths_m)[:, 1], 0.0)
     power: Floats = system.amplitudes / system.frames * visible
     return power
 
 
-def patterns_expected(system: System) -> float:
+def independent_pattern_count(system: System) -> float:
     """Independent speckle patterns in the luminance if every laser, frame and source has its own: (Σm)²/Σm²."""
-    means = np.repeat(luminances(system).ravel(), len(system.source.directions_rad)) / len(system.source.directions_rad)
+    means = np.repeat(laser_luminances(system).ravel(), len(system.source.directions_rad)) / len(
+        system.source.directions_rad
+    )
     return float(means.sum() ** 2 / np.square(means).sum()) if np.any(means > 0) else 1.0
 
 
@@ -122,14 +124,14 @@ def contrast_by_wavelength(
     target (y, x, 3) linear sRGB: its structure is divided out, which is right for greys only, because a colour isn't
     equally bright in every laser. Raises UserError when no laser lights the region.
     """
-    means = luminances(system)
+    means = laser_luminances(system)
     visible = np.maximum(observer_weights(system.observer, system.wavelengths_m)[:, 1], 0.0)
     order = [int(i) for i in np.argsort(-means.sum(axis=0), kind="stable") if means[:, i].sum() > 0]
     known = None if target is None else np.asarray(target) @ SRGB_TO_XYZ[1]
     total, measured, independent, sources = 0.0, [], [], len(system.source.directions_rad)
     for count, wavelength in enumerate(order, start=1):
-        total = total + visible[wavelength] * np.asarray(cut(intensity(wavelength), region), dtype=np.float64)
-        wanted = None if known is None or not np.any(cut(known, region) > 0) else cut(known, region)
+        total = total + visible[wavelength] * np.asarray(crop(intensity(wavelength), region), dtype=np.float64)
+        wanted = None if known is None or not np.any(crop(known, region) > 0) else crop(known, region)
         measured.append(speckle_contrast(total, target=wanted).contrast)
         some = means[:, order[:count]]
         independent.append(float(np.sqrt(np.square(some).sum() / sources) / some.sum()))
@@ -142,14 +144,14 @@ def contrast_by_wavelength(
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class LineProfile:
     """Values (n, channel) along a line, at distances (n,) in metres from its start."""
 
     distance_m: Floats
     values: Floats
 
 
-def line_profile(image: NDArray[np.floating], line: Line, pitch_m: float) -> Profile:
+def line_profile(image: NDArray[np.floating], line: Line, pitch_m: float) -> LineProfile:
     """Values of an image (y, x) or (y, x, channel) along a line, a sample apart, linear between samples.
 
     Raises UserError for a line that leaves the image.
@@ -164,7 +166,7 @@ def line_profile(image: NDArray[np.floating], line: Line, pitch_m: float) -> Pro
     where = np.stack([y0 + (y1 - y0) * along, x0 + (x1 - x0) * along])
     channels = np.asarray(image, dtype=np.float64).reshape(rows, columns, -1)
     values = [ndimage.map_coordinates(channels[..., i], where, order=1) for i in range(channels.shape[2])]
-    return Profile(along * length * pitch_m, np.stack(values, axis=-1))
+    return LineProfile(along * length * pitch_m, np.stack(values, axis=-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +180,7 @@ class PixelValues:
     intensity: Floats | None = None
 
 
-def pixel_at(
+def sample_pixel(
     x: int, y: int, xyz: NDArray[np.floating], intensity: NDArray[np.floating] | None = None
 ) -> PixelValues | None:
     """The values at a sample of XYZ (y, x, 3) and intensity (wavelength, y, x); None outside the image."""

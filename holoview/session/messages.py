@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from holoview.errors import UserError
 
-KEPT = 200
+MAX_MESSAGES = 200
 
 
 @dataclass(frozen=True)
@@ -23,11 +23,11 @@ class Message:
     when: float = 0.0
 
 
-class Messages:
+class MessageLog:
     """The last messages, oldest first."""
 
     def __init__(self, changed: Callable[[], None] = lambda: None, clock: Callable[[], float] = time.time) -> None:
-        self._kept: deque[Message] = deque(maxlen=KEPT)
+        self._kept: deque[Message] = deque(maxlen=MAX_MESSAGES)
         self._changed, self._clock = changed, clock
 
     @property

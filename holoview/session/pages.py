@@ -8,11 +8,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.engine.frame import last_spectrum
+from holoview.engine.frame import spectrum_behind_modulators
 from holoview.engine.torch import TorchExecutor
 from holoview.optics.first_order import first_order
 from holoview.optics.slm import optical_path
-from holoview.optics.slots import make_slots
+from holoview.optics.slots import make_frame_inputs
 from holoview.plan import make_plan
 from holoview.session.state import Drive
 from holoview.system import System
@@ -35,14 +35,14 @@ def eyebox_xyz(system: System, drive: Drive, check: Callable[[], None] = lambda:
     may raise.
     """
     plan = make_plan(system.edit({"propagation": "periodic"}))
-    executor, order = TorchExecutor(plan, make_slots(plan, drive)), first_order(plan.grid)
+    executor, order = TorchExecutor(plan, make_frame_inputs(plan, drive)), first_order(plan.grid)
     rows, columns = order.bins
     seen = np.zeros((len(rows), len(columns), 3))
     for wavelength in range(len(system.wavelengths_m)):
         for frame in plan.lit(wavelength):
             for source in range(len(plan.slopes)):
                 check()
-                spectrum = last_spectrum(executor, wavelength, frame, source)
+                spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
                 passed = executor.transmit(spectrum, 1, wavelength, float(system.planes_m[0]))
                 power = passed.abs().square().numpy()[np.ix_(rows, columns)]
                 share = float(plan.weights[frame, wavelength]) / len(plan.slopes)

@@ -18,9 +18,9 @@ _HELIX = np.array([[-0.14861, 1.78277], [-0.29227, -0.90649], [1.97294, 0.0]])  
 
 
 @cache
-def palette(name: str) -> NDArray[np.uint8]:
+def colour_map(name: str) -> NDArray[np.uint8]:
     """The table (256, 3) of 8-bit sRGB. Raises KeyError for another name than NAMES."""
-    tables = {"grey": _grey, "cubehelix": _cubehelix, "hue": _hue, "signed": _signed}
+    tables = {"grey": _grey, "cubehelix": _cubehelix, "hue": _hue, "signed": _diverging}
     table = np.rint(255 * np.clip(tables[name](np.linspace(0.0, 1.0, _COUNT)), 0, 1)).astype(np.uint8)
     table.setflags(write=False)
     return table
@@ -42,7 +42,7 @@ def _hue(share: NDArray[np.float64]) -> NDArray[np.float64]:
     return 0.5 + 0.5 * np.cos(2 * np.pi * (share[:, None] - np.array([0.0, 1 / 3, 2 / 3])))
 
 
-def _signed(share: NDArray[np.float64]) -> NDArray[np.float64]:
+def _diverging(share: NDArray[np.float64]) -> NDArray[np.float64]:
     below, above = np.clip(2 * share, 0, 1)[:, None], np.clip(2 - 2 * share, 0, 1)[:, None]
     blue, red = np.array([0.13, 0.30, 0.70]), np.array([0.72, 0.12, 0.16])
     return np.where(share[:, None] < 0.5, blue + (1 - blue) * below, red + (1 - red) * above)

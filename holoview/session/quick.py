@@ -16,13 +16,13 @@ from holoview.colour import observer_weights
 from holoview.system import System
 
 
-def quick_version(system: System, most_lasers: int | None = None) -> System:
+def make_quick_system(system: System, most_lasers: int | None = None) -> System:
     """The cheaper bench; where more than `most_lasers` of its (frame, laser) pairs are lit, only three are."""
-    amplitudes = system.amplitudes if most_lasers is None else fewer_lasers(system, most_lasers)
+    amplitudes = system.amplitudes if most_lasers is None else reduced_amplitudes(system, most_lasers)
     return system.edit({"upsample": 1, "propagation": "periodic", "amplitudes": amplitudes})
 
 
-def fewer_lasers(system: System, most: int) -> NDArray[np.float64]:
+def reduced_amplitudes(system: System, most: int) -> NDArray[np.float64]:
     """Amplitudes (frame, wavelength) with three entries above zero where more than `most` are; nearly the same XYZ.
 
     Those that span the most colours are kept, so that the image has all of its hues, and the XYZ of an evenly lit one

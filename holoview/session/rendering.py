@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.engine.session import FrameSession
+from holoview.engine.session import IncrementalRenderer
 from holoview.errors import UserError
 from holoview.gpu.device import open_device
 from holoview.session.state import Drive
@@ -17,7 +17,7 @@ from holoview.view import simulate
 Xyz = NDArray[np.floating]
 
 
-def planes_seen(
+def render_planes(
     system: System, drive: Drive, planes_m: Sequence[float], check: Callable[[], None] = lambda: None
 ) -> Iterator[Xyz]:
     """XYZ (y, x, 3) at each plane, one after the other; `check` is called between steps and may raise.
@@ -25,7 +25,7 @@ def planes_seen(
     On the first adapter that there is, else by torch. What planes share is computed once on an adapter.
     """
     try:
-        session = FrameSession(system, drive, open_device(), plane_m=float(planes_m[0]))
+        session = IncrementalRenderer(system, drive, open_device(), plane_m=float(planes_m[0]))
     except UserError:
         for plane_m in planes_m:
             check()
@@ -33,6 +33,6 @@ def planes_seen(
         return
     for plane_m in planes_m:
         session.edit(plane_m=float(plane_m))
-        for _ in session.steps(picture=False, wait=True):
+        for _ in session.steps(with_srgb=False, wait=True):
             check()
         yield session.xyz()

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from holoview import preset
-from holoview.session.look import Side
-from holoview.session.state import Drive, State
+from holoview.session.look import ComparisonSide
+from holoview.session.state import Document, Drive
 from holoview.system import System
 from holoview.view import random_drive
 
@@ -20,7 +20,7 @@ class Scene:
     drive: Drive
 
 
-def scene_of(side: Side, shown: State, snapshots: Mapping[str, State]) -> Scene | None:
+def resolve_scene(side: ComparisonSide, shown: Document, snapshots: Mapping[str, Document]) -> Scene | None:
     """What to render for a side; None for the target, which isn't rendered, and for a snapshot that is gone.
 
     shown: the state that is drawn for "now". Another preset is taken at this bench's pixel count, with random

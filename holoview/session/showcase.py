@@ -7,17 +7,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from holoview.optimise.device import find_device
-from holoview.optimise.memory import on_compact_grid
+from holoview.optimise.device import resolve_torch_device
+from holoview.optimise.memory import with_compact_grid
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.scheme import with_scheme
-from holoview.session.jobs import Control, Job
-from holoview.session.look import SPECKLE_STOPS, Side
+from holoview.session.jobs import BackgroundJob, JobControl
+from holoview.session.look import SPECKLE_EXPOSURE_STOPS, ComparisonSide
 from holoview.session.measure import measure_region
-from holoview.session.rendering import planes_seen
-from holoview.session.session import Session
-from holoview.session.state import State
+from holoview.session.rendering import render_planes
+from holoview.session.session import EditingSession
+from holoview.session.state import Document
 from holoview.system import System
 from holoview.view import random_drive
 
@@ -26,82 +26,86 @@ NAMES = ("Simultaneous, 3 wavelengths", "HoloChrome, 8 wavelengths")
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ComparedScheme:
     """One of the two: its name, its state, and the speckle contrast of the region."""
 
     name: str
-    state: State
+    document: Document
     contrast: float
 
 
 @dataclass(frozen=True, eq=False)
-class Showcase:
+class SchemeComparison:
     """Both sides, and in words how they came about."""
 
-    left: Shown
-    right: Shown
-    how: str
+    left: ComparedScheme
+    right: ComparedScheme
+    method: str
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """The comparison in a line."""
         sides = "; ".join(f"{shown.name}: speckle contrast {shown.contrast:.3f}" for shown in (self.left, self.right))
-        return f"{sides} ({self.how})"
+        return f"{sides} ({self.method})"
 
 
-class ShowcaseJob(Job):
+class SchemeComparisonJob(BackgroundJob):
     """The job; `result` once it is done."""
 
-    result: Showcase | None = None
+    result: SchemeComparison | None = None
 
 
-def showcase(session: Session, iterations: int = 0) -> ShowcaseJob:
+def start_scheme_comparison(session: EditingSession, iterations: int = 0) -> SchemeComparisonJob:
     """Pins both and shows them side by side: with random patterns, or optimised for the target by `iterations`.
 
     Without a target random patterns are taken, and the result says so.
     """
-    begun = session.state
+    begun = session.document
     target = session.target_at()
-    iterations = iterations if begun.wanted is not None else 0
-    job = ShowcaseJob("Compare schemes", session.deliver, session.wake)
+    iterations = iterations if begun.target_spec is not None else 0
+    job = SchemeComparisonJob("Compare schemes", session.call_on_owner, session.wake)
 
-    def work(control: Control) -> Showcase:
+    def work(control: JobControl) -> SchemeComparison:
         shown = []
         for number, (scheme, name) in enumerate(zip(SCHEMES, NAMES, strict=True)):
             control.report(number, 2, name)
             state = _state(begun, with_scheme(begun.system, scheme), iterations, control, number)
-            (xyz,) = planes_seen(state.system, state.drive, [state.look.plane_m], control.check)
+            (xyz,) = render_planes(state.system, state.drive, [state.view_settings.plane_m], control.check)
             structure = target if iterations else None
-            shown.append(Shown(name, state, measure_region(xyz, begun.region, structure).contrast))
+            shown.append(ComparedScheme(name, state, measure_region(xyz, begun.measured_region, structure).contrast))
         control.report(2, 2)
         how = f"{iterations} iterations each, structure of the target divided out" if iterations else "random patterns"
-        return Showcase(shown[0], shown[1], how)
+        return SchemeComparison(shown[0], shown[1], how)
 
-    def done(result: Showcase) -> None:
+    def done(result: SchemeComparison) -> None:
         job.result = result
         for old in [pinned for pinned in session.snapshots if pinned.startswith(NAMES)]:
             session.unpin(old)
         names = [f"{shown.name}: contrast {shown.contrast:.2f}" for shown in (result.left, result.right)]
         a, b = (
-            Side("snapshot", session.pin(name, shown.state))
+            ComparisonSide("snapshot", session.pin(name, shown.document))
             for name, shown in zip(names, (result.left, result.right), strict=True)
         )
-        stops = session.look.exposure_stops if iterations else min(session.look.exposure_stops, SPECKLE_STOPS)
-        session.look_at("Compare schemes", a=a, b=b, compare="side-by-side", page="image", exposure_stops=stops)
-        session.messages.post(result.words)
+        stops = (
+            session.view_settings.exposure_stops
+            if iterations
+            else min(session.view_settings.exposure_stops, SPECKLE_EXPOSURE_STOPS)
+        )
+        session.edit_view("Compare schemes", a=a, b=b, compare="side-by-side", page="image", exposure_stops=stops)
+        session.messages.post(result.summary)
 
     session.jobs.start(job.title, work, done, job=job)
     return job
 
 
-def _state(begun: State, system: System, iterations: int, control: Control, number: int) -> State:
+def _state(begun: Document, system: System, iterations: int, control: JobControl, number: int) -> Document:
     """The scheme with random patterns, or with those found in some iterations."""
     if not iterations:
         return replace(begun, system=system, drive=random_drive(system), origin="random patterns", path=None)
-    assert begun.wanted is not None
+    assert begun.target_spec is not None
     found, settings = None, Settings(iterations=iterations)
-    stack = begun.wanted.build(system).stack
-    for found in iterate(on_compact_grid(system), stack, settings, device=find_device("auto")):
+    stack = begun.target_spec.build(system).stack
+    for found in iterate(with_compact_grid(system), stack, settings, device=resolve_torch_device("auto")):
         control.report(number + found.iteration / iterations, 2, f"iteration {found.iteration}")
     assert found is not None
     lasers = {"wavelengths": found.best.system.wavelengths_m, "amplitudes": found.best.system.amplitudes}

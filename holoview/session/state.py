@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.errors import UserError
-from holoview.session.look import Look, Region
+from holoview.session.look import Region, ViewSettings
 from holoview.system import System
 
 if TYPE_CHECKING:
-    from holoview.session.wanted import Wanted
+    from holoview.session.wanted import TargetSpec
 
 Drive = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class Document:
     """What is edited and undone as a whole.
 
     drive (frame, modulator, y, x) float32 in 0…1, read-only. wanted: the target's recipe. origin: where the patterns
@@ -30,8 +30,8 @@ class State:
 
     system: System
     drive: Drive
-    look: Look
-    wanted: Wanted | None = None
+    view_settings: ViewSettings
+    target_spec: TargetSpec | None = None
     origin: str = ""
     path: Path | None = None
 
@@ -40,28 +40,28 @@ class State:
             raise UserError(
                 "patterns", f"shape {self.drive.shape}", expected=f"{self.system.drive_shape} (frame, modulator, y, x)"
             )
-        object.__setattr__(self, "drive", frozen(self.drive))
+        object.__setattr__(self, "drive", as_readonly_drive(self.drive))
         frames, modulators = self.system.drive_shape[:2]
         count = len(self.system.wavelengths_m)
-        object.__setattr__(self, "look", self.look.inside(count, self.shape, frames, modulators))
+        object.__setattr__(self, "look", self.view_settings.clamped_to(count, self.image_shape, frames, modulators))
 
     @property
-    def shape(self) -> tuple[int, int]:
+    def image_shape(self) -> tuple[int, int]:
         """Rows and columns of the simulated image."""
         upsample = self.system.sampling.upsample
         rows, columns = self.system.modulators[0].shape
         return rows * upsample, columns * upsample
 
     @property
-    def region(self) -> Region:
+    def measured_region(self) -> Region:
         """Where speckle is measured: the region that was drawn, else the central half."""
-        rows, columns = self.shape
-        return self.look.region or (columns // 4, rows // 4, columns // 2, rows // 2)
+        rows, columns = self.image_shape
+        return self.view_settings.region or (columns // 4, rows // 4, columns // 2, rows // 2)
 
     @property
     def lit_system(self) -> System:
         """The bench with the lasers switched off that are muted or aren't the solo one."""
-        look, count = self.look, len(self.system.wavelengths_m)
+        look, count = self.view_settings, len(self.system.wavelengths_m)
         if look.solo is None and not look.muted:
             return self.system
         on = np.array([i == look.solo if look.solo is not None else i not in look.muted for i in range(count)])
@@ -70,14 +70,14 @@ class State:
             raise UserError("lasers", "none is left on", remedy="solo or unmute one that has power")
         return self.system.edit({"amplitudes": amplitudes})
 
-    def edited(self, changes: dict[str, Any]) -> State:
+    def with_changes(self, changes: dict[str, Any]) -> Document:
         """A copy with some fields changed; patterns that no longer fit a changed bench are made to fit.
 
         Raises UserError when the result is impossible.
         """
         system = changes.get("system", self.system)
         if "drive" not in changes and system.drive_shape != self.drive.shape:
-            drive, note = fitted(self.drive, system.drive_shape)
+            drive, note = fit_drive(self.drive, system.drive_shape)
             changes = {**changes, "drive": drive}
             changes.setdefault("origin", f"{self.origin}; {note}" if self.origin else note)
         state = replace(self, **changes)
@@ -85,9 +85,9 @@ class State:
         return state
 
 
-def is_same(one: State, other: State) -> bool:
+def is_same_document(one: Document, other: Document) -> bool:
     """Whether two states are equal; patterns and targets are compared by identity, which is what edits share."""
-    if one.drive is not other.drive or one.wanted is not other.wanted:
+    if one.drive is not other.drive or one.target_spec is not other.target_spec:
         return False
     return all(
         getattr(one, field.name) == getattr(other, field.name)
@@ -96,7 +96,7 @@ def is_same(one: State, other: State) -> bool:
     )
 
 
-def frozen(drive: NDArray[np.floating]) -> Drive:
+def as_readonly_drive(drive: NDArray[np.floating]) -> Drive:
     """A read-only float32 drive; itself where it is one already."""
     if drive.dtype == np.float32 and not drive.flags.writeable:
         return drive
@@ -105,7 +105,7 @@ def frozen(drive: NDArray[np.floating]) -> Drive:
     return copy
 
 
-def fitted(drive: Drive, shape: tuple[int, int, int, int], seed: int = 0) -> tuple[Drive, str]:
+def fit_drive(drive: Drive, shape: tuple[int, int, int, int], seed: int = 0) -> tuple[Drive, str]:
     """Patterns for a bench of another shape, and in words what was done.
 
     Frames are repeated or dropped, a second modulator's pattern dropped or begun at random; patterns of another pixel

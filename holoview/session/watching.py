@@ -6,18 +6,18 @@ from collections.abc import Callable
 from pathlib import Path
 from threading import Event, Thread
 
-INTERVAL_S = 0.4
+POLL_INTERVAL_S = 0.4
 _Mark = tuple[int, int, int] | None
 
 
-class Watch:
+class FileWatcher:
     """Calls `changed` from its thread when a file is another one than before and stays the same for an interval.
 
     A file that is missing for a while, since programs write beside it and rename, is waited for. The same content
     again counts as a change, because someone wrote it.
     """
 
-    def __init__(self, path: Path, changed: Callable[[], None], interval_s: float = INTERVAL_S) -> None:
+    def __init__(self, path: Path, changed: Callable[[], None], interval_s: float = POLL_INTERVAL_S) -> None:
         self.path = path
         self._changed, self._interval_s = changed, interval_s
         self._end = Event()

@@ -13,18 +13,18 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
-from holoview.study.study import Plot
+from holoview.study.study import StudyFigure
 
 _SIZE = (6.4, 4.0)
 _DPI = 150
-_SMALL = 8
-_LEVEL_LABELS = 5
+_SMALL_FONT_PT = 8
+_MAX_LEVEL_LABELS = 5
 """As many labels stand side by side without being turned."""
-_ROOMY_BARS = 10
+_MAX_TWO_DECIMAL_BARS = 10
 """As many bars are wide enough for two decimals over each."""
 
 
-def figure_of(plot: Plot) -> Figure:
+def make_figure(plot: StudyFigure) -> Figure:
     """The drawn figure."""
     figure = Figure(figsize=_SIZE, layout="constrained")
     FigureCanvasAgg(figure)
@@ -32,9 +32,9 @@ def figure_of(plot: Plot) -> Figure:
     return figure
 
 
-def drawn(plot: Plot) -> dict[str, bytes]:
+def render_figure(plot: StudyFigure) -> dict[str, bytes]:
     """The figure as PNG and as PDF, by these names."""
-    figure, kinds = figure_of(plot), {"png": io.BytesIO(), "pdf": io.BytesIO()}
+    figure, kinds = make_figure(plot), {"png": io.BytesIO(), "pdf": io.BytesIO()}
     for kind, buffer in kinds.items():
         figure.savefig(buffer, format=kind, dpi=_DPI)
     return {kind: buffer.getvalue() for kind, buffer in kinds.items()}
@@ -45,17 +45,17 @@ def data_uri(png: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
-def bars(labels: Sequence[str], values: Mapping[str, Sequence[float]], axis: str) -> Callable[[Figure], None]:
+def bar_chart(labels: Sequence[str], values: Mapping[str, Sequence[float]], axis: str) -> Callable[[Figure], None]:
     """Groups of bars, a group a label and a colour a name in `values`, all in the unit of the axis."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         places, width = np.arange(len(labels)), 0.8 / len(values)
-        digits = "%.2f" if len(labels) * len(values) <= _ROOMY_BARS else "%.1f"
+        digits = "%.2f" if len(labels) * len(values) <= _MAX_TWO_DECIMAL_BARS else "%.1f"
         for i, (name, heights) in enumerate(values.items()):
             group = axes.bar(places + (i - (len(values) - 1) / 2) * width, heights, width, label=name)
-            axes.bar_label(group, fmt=digits, fontsize=_SMALL)
-        _name_bars(axes, labels, places)
+            axes.bar_label(group, fmt=digits, fontsize=_SMALL_FONT_PT)
+        _label_bars(axes, labels, places)
         axes.set_ylabel(axis)
         if len(values) > 1:
             _legend(figure, len(values))
@@ -63,21 +63,21 @@ def bars(labels: Sequence[str], values: Mapping[str, Sequence[float]], axis: str
     return draw
 
 
-def panels(labels: Sequence[str], values: Mapping[str, Sequence[float]]) -> Callable[[Figure], None]:
+def bar_panels(labels: Sequence[str], values: Mapping[str, Sequence[float]]) -> Callable[[Figure], None]:
     """Bars of quantities that have nothing in common but their labels, a panel each with its name over it."""
 
     def draw(figure: Figure) -> None:
         panes = figure.subplots(1, len(values), squeeze=False)[0]
         for axes, (name, heights) in zip(panes, values.items(), strict=True):
             places = np.arange(len(labels))
-            axes.bar_label(axes.bar(places, heights), fmt="%.2g", fontsize=_SMALL)
-            _name_bars(axes, labels, places)
+            axes.bar_label(axes.bar(places, heights), fmt="%.2g", fontsize=_SMALL_FONT_PT)
+            _label_bars(axes, labels, places)
             axes.set_title(name, fontsize=10)
 
     return draw
 
 
-def lines(
+def line_plot(
     curves: Mapping[str, tuple[Sequence[float] | NDArray[np.floating], Sequence[float] | NDArray[np.floating]]],
     x_axis: str,
     y_axis: str,
@@ -123,16 +123,16 @@ def heat_map(
 
 def _legend(figure: Figure, count: int) -> None:
     """Above the axes, where it hides nothing."""
-    figure.legend(loc="outside upper center", ncols=count if count <= 3 else 2, fontsize=_SMALL, frameon=False)
+    figure.legend(loc="outside upper center", ncols=count if count <= 3 else 2, fontsize=_SMALL_FONT_PT, frameon=False)
 
 
-def _name_bars(axes: Axes, labels: Sequence[str], places: NDArray[np.integer]) -> None:
+def _label_bars(axes: Axes, labels: Sequence[str], places: NDArray[np.integer]) -> None:
     """Level where they fit; turned far enough that none runs into its neighbour otherwise."""
-    room = sum(map(len, labels)) <= 10 * _LEVEL_LABELS
-    if room and len(labels) <= _LEVEL_LABELS:
-        axes.set_xticks(places, labels, fontsize=_SMALL)
+    room = sum(map(len, labels)) <= 10 * _MAX_LEVEL_LABELS
+    if room and len(labels) <= _MAX_LEVEL_LABELS:
+        axes.set_xticks(places, labels, fontsize=_SMALL_FONT_PT)
     else:
-        axes.set_xticks(places, labels, rotation=35, ha="right", rotation_mode="anchor", fontsize=_SMALL)
+        axes.set_xticks(places, labels, rotation=35, ha="right", rotation_mode="anchor", fontsize=_SMALL_FONT_PT)
     axes.margins(y=0.12)
 
 

@@ -6,13 +6,13 @@ import pkgutil
 from functools import cache
 from importlib import import_module
 
-from holoview.errors import UserError, near_matches
+from holoview.errors import UserError, suggest_matches
 from holoview.study import studies
 from holoview.study.study import Study
 
 
 @cache
-def registry() -> dict[str, Study]:
+def studies_by_name() -> dict[str, Study]:
     """Every study, by name."""
     modules = (import_module(f"{studies.__name__}.{found.name}") for found in pkgutil.iter_modules(studies.__path__))
     found: list[Study] = [module.STUDY for module in modules]
@@ -21,7 +21,7 @@ def registry() -> dict[str, Study]:
 
 def find_study(name: str) -> Study:
     """The study of a name. Raises UserError with near matches."""
-    if name not in registry():
-        known = ", ".join(registry())
-        raise UserError(f'study "{name}"', "unknown", expected=known, remedy=near_matches(name, registry()))
-    return registry()[name]
+    if name not in studies_by_name():
+        known = ", ".join(studies_by_name())
+        raise UserError(f'study "{name}"', "unknown", expected=known, remedy=suggest_matches(name, studies_by_name()))
+    return studies_by_name()[name]

@@ -16,76 +16,81 @@ import numpy as np
 from PIL import Image
 
 from holoview import __version__
-from holoview.files import replacing
+from holoview.files import atomic_write
 from holoview.pictures import write_png
-from holoview.study.plots import data_uri, drawn
-from holoview.study.scale import QUICK, Scale
-from holoview.study.study import Claim, Findings, Picture, Study
+from holoview.study.plots import data_uri, render_figure
+from holoview.study.scale import QUICK, StudyScale
+from holoview.study.study import Claim, Findings, Study, StudyPicture
 
 _LIBRARIES = ("numpy", "torch", "colour-science")
 
 
-def write_report(folder: Path, study: Study, scale: Scale, seed: int, findings: Findings) -> Path:
+def write_report(folder: Path, study: Study, scale: StudyScale, seed: int, findings: Findings) -> Path:
     """Writes report.html, numbers.csv (and numbers.parquet where pyarrow is installed) and the figures."""
-    figures = {plot.name: drawn(plot) for plot in findings.plots}
+    figures = {plot.name: render_figure(plot) for plot in findings.plots}
     for name, kinds in figures.items():
         for kind, content in kinds.items():
-            with replacing(folder / f"{name}.{kind}") as temporary:
+            with atomic_write(folder / f"{name}.{kind}") as temporary:
                 temporary.write_bytes(content)
     for picture in findings.pictures:
         write_png(folder / f"{picture.name}.png", picture.pixels, {"holoview.caption": picture.caption})
     _write_numbers(folder, findings.rows)
     path = folder / "report.html"
-    with replacing(path) as temporary:
-        temporary.write_text(_page(study, scale, seed, findings, figures), encoding="utf-8")
+    with atomic_write(path) as temporary:
+        temporary.write_text(_render_html(study, scale, seed, findings, figures), encoding="utf-8")
     return path
 
 
-def versions() -> str:
+def version_summary() -> str:
     """What the numbers were computed with."""
     libraries = ", ".join(f"{name} {version(name)}" for name in _LIBRARIES)
     return f"holoview {__version__}, Python {platform.python_version()}, {libraries}, {platform.platform()}"
 
 
-def claims_table(claims: Sequence[Claim]) -> list[str]:
+def format_claims(claims: Sequence[Claim]) -> list[str]:
     """Claims as lines of text, in columns."""
-    table = [("claim", "paper", "here", "verdict"), *((c.claim, c.paper, c.here, _verdict(c)) for c in claims)]
+    table = [
+        ("claim", "paper", "here", "verdict"),
+        *((c.claim, c.published, c.measured, _format_verdict(c)) for c in claims),
+    ]
     widths = [max(len(row[i]) for row in table) for i in range(3)]
     lines = ["  ".join([*(cell.ljust(w) for cell, w in zip(row[:3], widths, strict=True)), row[3]]) for row in table]
     return [line.rstrip() for line in lines]
 
 
-def _verdict(claim: Claim) -> str:
+def _format_verdict(claim: Claim) -> str:
     return f"{claim.verdict}: {claim.reason}" if claim.reason else claim.verdict
 
 
-def _page(study: Study, scale: Scale, seed: int, findings: Findings, figures: Mapping[str, Mapping[str, bytes]]) -> str:
+def _render_html(
+    study: Study, scale: StudyScale, seed: int, findings: Findings, figures: Mapping[str, Mapping[str, bytes]]
+) -> str:
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     template = environment.from_string(files(__package__).joinpath("report.html").read_text(encoding="utf-8"))
     columns = list(findings.rows[0]) if findings.rows else []
     return template.render(
         title=study.title,
-        shows=study.shows,
-        scale=f"Scale {scale.name}: {study.size(scale)}; seed {seed}.",
-        reduced=study.reduced if scale is QUICK else "",
+        shows=study.summary,
+        scale=f"Scale {scale.name}: {study.describe_size(scale)}; seed {seed}.",
+        reduced=study.quick_note if scale is QUICK else "",
         claims=findings.claims,
         plots=[{"uri": data_uri(figures[plot.name]["png"]), "caption": plot.caption} for plot in findings.plots],
         pictures=[{"uri": data_uri(_png(picture)), "caption": picture.caption} for picture in findings.pictures],
         notes=findings.notes,
         columns=columns,
-        rows=[[_cell(row.get(name)) for name in columns] for row in findings.rows],
+        rows=[[_format_cell(row.get(name)) for name in columns] for row in findings.rows],
         command=f"holoview study {study.name} --scale {scale.name} --seed {seed}",
-        versions=versions(),
+        versions=version_summary(),
     )
 
 
-def _png(picture: Picture) -> bytes:
+def _png(picture: StudyPicture) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(picture.pixels)).save(buffer, format="PNG")
     return buffer.getvalue()
 
 
-def _cell(value: Any) -> str:
+def _format_cell(value: Any) -> str:
     if value is None:
         return ""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
@@ -94,7 +99,7 @@ def _cell(value: Any) -> str:
 def _write_numbers(folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     if not rows:
         return
-    with replacing(folder / "numbers.csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(folder / "numbers.csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
@@ -102,5 +107,5 @@ def _write_numbers(folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         from pyarrow import Table, parquet
     except ImportError:
         return
-    with replacing(folder / "numbers.parquet") as temporary:
+    with atomic_write(folder / "numbers.parquet") as temporary:
         parquet.write_table(Table.from_pylist([dict(row) for row in rows]), temporary)

@@ -10,14 +10,14 @@ import numpy as np
 from PIL import Image
 
 from holoview.errors import UserError
-from holoview.files import replacing
+from holoview.files import atomic_write
 from holoview.pictures import write_png
-from holoview.study.study import Job, Outcome
+from holoview.study.study import JobResult, StudyJob
 
 _FORMAT = "holoview-result"
 
 
-class Store:
+class ResultStore:
     """The results in a folder, by the keys of their jobs."""
 
     def __init__(self, folder: Path) -> None:
@@ -28,7 +28,7 @@ class Store:
             remedy = "choose another folder"
             raise UserError(str(folder), f"can't be made: {error.strerror}", remedy=remedy) from error
 
-    def find(self, job: Job) -> Outcome | None:
+    def load(self, job: StudyJob) -> JobResult | None:
         """The result of a job; None when there is none, or not a whole one: then it is to be done again."""
         path = self._path(job)
         try:
@@ -36,11 +36,11 @@ class Store:
             if kept["format"] != _FORMAT:
                 return None
             pictures = {name: _read(self.folder / file) for name, file in kept["pictures"].items()}
-            return Outcome(kept["numbers"], pictures)
+            return JobResult(kept["numbers"], pictures)
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
 
-    def keep(self, job: Job, outcome: Outcome) -> None:
+    def save(self, job: StudyJob, outcome: JobResult) -> None:
         """Writes a result; its JSON comes last, so that what has one is whole."""
         files: dict[str, str] = {}
         for name, pixels in outcome.pictures.items():
@@ -54,10 +54,10 @@ class Store:
             "numbers": outcome.numbers,
             "pictures": files,
         }
-        with replacing(self._path(job)) as temporary:
+        with atomic_write(self._path(job)) as temporary:
             temporary.write_text(json.dumps(kept, indent=1), encoding="utf-8")
 
-    def _path(self, job: Job) -> Path:
+    def _path(self, job: StudyJob) -> Path:
         return self.folder / f"{job.key}.json"
 
 

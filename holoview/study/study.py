@@ -18,17 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview import __version__
-from holoview.study.scale import Scale
+from holoview.study.scale import StudyScale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Report = Callable[[str], None]
+StatusCallback = Callable[[str], None]
 """Called by a job now and then, with a few words on how far it is."""
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
+class StudyJob:
     """One piece of work of a study. `settings` hold numbers, texts, None, and lists and tables of these."""
 
     study: str
@@ -44,7 +44,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class JobResult:
     """What came out of a job: numbers (JSON), and pictures (y, x, 3) of 8-bit sRGB by name."""
 
     numbers: dict[str, Any]
@@ -56,14 +56,14 @@ class Claim:
     """A number of the paper beside ours. verdict: "reproduces", "direction only", "doesn't reproduce", or "shown"."""
 
     claim: str
-    paper: str
-    here: str
+    published: str
+    measured: str
     verdict: str
     reason: str = ""
 
 
 @dataclass(frozen=True)
-class Plot:
+class StudyFigure:
     """A figure: `draw` fills an empty one."""
 
     name: str
@@ -72,7 +72,7 @@ class Plot:
 
 
 @dataclass(frozen=True)
-class Picture:
+class StudyPicture:
     """A picture of a result, with its caption."""
 
     name: str
@@ -86,8 +86,8 @@ class Findings:
 
     rows: Sequence[Mapping[str, Any]]
     claims: Sequence[Claim] = ()
-    plots: Sequence[Plot] = ()
-    pictures: Sequence[Picture] = ()
+    plots: Sequence[StudyFigure] = ()
+    pictures: Sequence[StudyPicture] = ()
     notes: Sequence[str] = ()
 
 
@@ -96,29 +96,29 @@ class Study(ABC):
 
     name: str
     title: str
-    shows: str
+    summary: str
     """What it shows, and the figure of the paper, in a sentence or two."""
-    reduced: str
+    quick_note: str
     """What --quick changes, beside the size."""
     revision: int = 1
     """Raised when what a job computes is changed: results of before are then not found again."""
 
-    def job(self, label: str, settings: Mapping[str, Any]) -> Job:
+    def make_job(self, label: str, settings: Mapping[str, Any]) -> StudyJob:
         """A job of this study."""
-        return Job(self.name, label, settings, self.revision)
+        return StudyJob(self.name, label, settings, self.revision)
 
-    def size(self, scale: Scale) -> str:
+    def describe_size(self, scale: StudyScale) -> str:
         """How large its jobs are at a scale, in words; overridden where nothing is optimised."""
-        return scale.words
+        return scale.description
 
     @abstractmethod
-    def jobs(self, scale: Scale, seed: int) -> list[Job]:
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         """The jobs at a scale."""
 
     @abstractmethod
-    def work(self, settings: Mapping[str, Any], report: Report) -> Outcome:
+    def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         """Does a job. Depends on nothing but its settings."""
 
     @abstractmethod
-    def findings(self, results: Sequence[tuple[Job, Outcome]]) -> Findings:
+    def analyse(self, results: Sequence[tuple[StudyJob, JobResult]]) -> Findings:
         """What the results of all jobs show."""

@@ -18,11 +18,11 @@ import holoview as hv
 from holoview.colour import to_srgb8
 from holoview.files import data_dir
 from holoview.hologram import Hologram
-from holoview.optimise.device import find_device
-from holoview.optimise.state import State
+from holoview.optimise.device import resolve_torch_device
+from holoview.optimise.state import IterationState
 from holoview.scheme import with_scheme
-from holoview.score import eyebox_of, halfway, score
-from holoview.study.study import Job, Outcome, Report
+from holoview.score import eyebox_uniformity_of, measure_image_quality, plane_midpoints
+from holoview.study.study import JobResult, StatusCallback, StudyJob
 from holoview.system import System
 from holoview.targets.build import Placement
 from holoview.view import View
@@ -30,7 +30,7 @@ from holoview.view import View
 _BASE = "holochrome-8"
 _PLANES_M = (9e-3, 11e-3)
 _REPORT_EVERY = 10
-WORDS = {
+METRIC_LABELS = {
     "psnr_db": "at the planes",
     "between_db": "halfway between them",
     "speckle_contrast": "speckle contrast σ/μ",
@@ -40,17 +40,17 @@ WORDS = {
 }
 """What numbers are called in plots."""
 
-Settings = Mapping[str, Any]
+JobSettings = Mapping[str, Any]
 
 
-def bench_of(settings: Settings) -> System:
+def job_system(settings: JobSettings) -> System:
     """The bench of a job, on a periodic grid."""
     planes = np.linspace(*_PLANES_M, settings["planes"]) if settings["planes"] > 1 else np.array([np.mean(_PLANES_M)])
     base = hv.load(_BASE).with_(shape=settings["shape"], propagation="periodic", planes=planes)
     return with_scheme(base, settings["scheme"]).edit(settings.get("set", {}))
 
 
-def target_of(system: System, settings: Settings, planes_m: NDArray[np.float64]) -> NDArray[np.float32]:
+def job_target(system: System, settings: JobSettings, planes_m: NDArray[np.float64]) -> NDArray[np.float32]:
     """The focal stack (plane, y, x, 3) of a job's target, linear sRGB."""
     name = settings["target"]
     depth = data_dir("assets") / "still-life-depth.png" if name == "still-life" else None
@@ -58,29 +58,29 @@ def target_of(system: System, settings: Settings, planes_m: NDArray[np.float64])
     return hv.target_for(system, data_dir("assets") / f"{name}.png", Placement(depth=depth), **options).stack
 
 
-def optimised(
-    system: System, stack: NDArray[np.floating], settings: Settings, report: Report, label: str = ""
-) -> State:
+def optimise_job(
+    system: System, stack: NDArray[np.floating], settings: JobSettings, status: StatusCallback, label: str = ""
+) -> IterationState:
     """The last state of the job's optimisation."""
     options = hv.Settings(iterations=settings["iterations"], seed=settings["seed"], **_options(settings))
-    state: State | None = None
-    for state in hv.iterate(system, stack, options, device=find_device()):
+    state: IterationState | None = None
+    for state in hv.iterate(system, stack, options, device=resolve_torch_device()):
         if state.iteration % _REPORT_EVERY == 0:
-            report(f"{label}{state.iteration}/{state.iterations}, {state.psnr_db:.1f} dB")
+            status(f"{label}{state.iteration}/{state.iterations}, {state.psnr_db:.1f} dB")
     assert state is not None
     return state
 
 
-def scored_hologram(settings: Settings, report: Report) -> Outcome:
+def run_hologram_job(settings: JobSettings, status: StatusCallback) -> JobResult:
     """Optimises, and scores at the planes and between them. Pictures: the middle plane shown, and wanted."""
-    system = bench_of(settings)
+    system = job_system(settings)
     count = len(system.planes_m)
-    planes_m = np.concatenate([system.planes_m, halfway(system.planes_m)])
-    wanted = target_of(system, settings, planes_m)
-    state = optimised(system, wanted[:count], settings, report)
+    planes_m = np.concatenate([system.planes_m, plane_midpoints(system.planes_m)])
+    wanted = job_target(system, settings, planes_m)
+    state = optimise_job(system, wanted[:count], settings, status)
     view = hv.simulate(state.best.system, state.best.drive, planes_m, backend="torch")
-    numbers = scores(state.best, view.at(range(count)), wanted[:count])
-    between = [score(view.at([i]), wanted[i : i + 1]).psnr.mean_db for i in range(count, len(planes_m))]
+    numbers = hologram_metrics(state.best, view.at(range(count)), wanted[:count])
+    between = [measure_image_quality(view.at([i]), wanted[i : i + 1]).psnr.mean_db for i in range(count, len(planes_m))]
     numbers |= {
         "between_db": float(np.mean(between)) if between else None,
         "seconds": state.seconds,
@@ -88,67 +88,75 @@ def scored_hologram(settings: Settings, report: Report) -> Outcome:
     }
     middle = count // 2
     pictures = {"shown": view.srgb8[middle], "wanted": to_srgb8(np.asarray(wanted[middle]))}
-    return Outcome(numbers, pictures)
+    return JobResult(numbers, pictures)
 
 
-def scores(hologram: Hologram, view: View, wanted: NDArray[np.floating]) -> dict[str, Any]:
+def hologram_metrics(hologram: Hologram, view: View, target: NDArray[np.floating]) -> dict[str, Any]:
     """Fidelity, colour, speckle, and the eyebox beside them."""
-    quality, eyebox = score(view, wanted), eyebox_of(hologram)
+    quality, eyebox = measure_image_quality(view, target), eyebox_uniformity_of(hologram)
     return {
         "psnr_db": quality.psnr.mean_db,
         "luminance_psnr_db": quality.psnr_luminance.mean_db,
         "delta_e": quality.delta_e,
-        "speckle_contrast": quality.contrast,
+        "speckle_contrast": quality.mean_speckle_contrast,
         "eyebox_variation": eyebox.coefficient_of_variation,
         "eyebox_uniformity": eyebox.uniformity,
         "eyebox_centre_share": eyebox.centre_share,
     }
 
 
-def _options(settings: Settings) -> dict[str, Any]:
+def _options(settings: JobSettings) -> dict[str, Any]:
     """Options of the optimisation; lists, as JSON has them, back to tuples."""
     given = settings.get("options", {})
     return {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
 
 
-def mean_of(results: Sequence[tuple[Job, Outcome]], key: str, **settings: Any) -> float:
+def mean_number(results: Sequence[tuple[StudyJob, JobResult]], key: str, **settings: Any) -> float:
     """The mean of a number over all jobs with these settings; NaN when there is none."""
-    values = [outcome.numbers[key] for job, outcome in results if has(job, **settings)]
+    values = [outcome.numbers[key] for job, outcome in results if has_settings(job, **settings)]
     return float(np.mean(values)) if values else float("nan")
 
 
-def mean_curve(results: Sequence[tuple[Job, Outcome]], key: str, **settings: Any) -> NDArray[np.float64]:
+def mean_curve(results: Sequence[tuple[StudyJob, JobResult]], key: str, **settings: Any) -> NDArray[np.float64]:
     """The mean of lists of numbers, point by point, over all jobs with these settings."""
-    return np.asarray(np.mean([o.numbers[key] for j, o in results if has(j, **settings)], axis=0), dtype=np.float64)
+    return np.asarray(
+        np.mean([o.numbers[key] for j, o in results if has_settings(j, **settings)], axis=0), dtype=np.float64
+    )
 
 
-def has(job: Job, **settings: Any) -> bool:
+def has_settings(job: StudyJob, **settings: Any) -> bool:
     """Whether a job has these settings."""
     return all(job.settings.get(key) == value for key, value in settings.items())
 
 
-def gains(results: Sequence[tuple[Job, Outcome]], better: Settings, worse: Settings, key: str) -> NDArray[np.float64]:
+def paired_gains(
+    results: Sequence[tuple[StudyJob, JobResult]], better: JobSettings, worse: JobSettings, key: str
+) -> NDArray[np.float64]:
     """What `better` has more of a number than `worse`, for each target and seed that both have."""
     tables = []
     for settings in (better, worse):
-        found = {(j.settings["target"], j.settings["seed"]): o.numbers[key] for j, o in results if has(j, **settings)}
+        found = {
+            (j.settings["target"], j.settings["seed"]): o.numbers[key]
+            for j, o in results
+            if has_settings(j, **settings)
+        }
         tables.append(found)
     return np.array([tables[0][case] - tables[1][case] for case in sorted(set(tables[0]) & set(tables[1]))])
 
 
-def row(job: Job, outcome: Outcome, names: Sequence[str]) -> dict[str, Any]:
+def table_row(job: StudyJob, outcome: JobResult, names: Sequence[str]) -> dict[str, Any]:
     """A row of the raw table: some of the job's settings, and all its numbers that are single."""
     single = {key: value for key, value in outcome.numbers.items() if not isinstance(value, list | dict)}
-    return {name: _cell(job.settings.get(name)) for name in names} | single
+    return {name: _table_cell(job.settings.get(name)) for name in names} | single
 
 
-def _cell(setting: Any) -> Any:
+def _table_cell(setting: Any) -> Any:
     """Tables and lists as text, which every format of a table holds."""
     return json.dumps(setting) if isinstance(setting, list | dict) else setting
 
 
-def means(
-    results: Sequence[tuple[Job, Outcome]], keys: Sequence[str], cases: Sequence[Settings]
+def mean_by_case(
+    results: Sequence[tuple[StudyJob, JobResult]], keys: Sequence[str], cases: Sequence[JobSettings]
 ) -> dict[str, list[float]]:
     """The mean of some numbers in each case, by what the number is called in plots."""
-    return {WORDS[key]: [mean_of(results, key, **case) for case in cases] for key in keys}
+    return {METRIC_LABELS[key]: [mean_number(results, key, **case) for case in cases] for key in keys}

@@ -15,9 +15,9 @@ from holoview.errors import UserError
 from holoview.plan import make_plan
 from holoview.system import System
 from holoview.targets.defocus import Aperture, diffraction_half_angle
-from holoview.targets.focal_stack import Target, check_brightness, picture_stack
-from holoview.targets.picture import Picture, fit, read_depth, read_picture
-from holoview.targets.saturation import check_saturation, scaled_saturation
+from holoview.targets.focal_stack import Target, check_brightness, render_focal_stack
+from holoview.targets.picture import Picture, read_depth, read_picture, resize_to_cover
+from holoview.targets.saturation import check_saturation, scale_saturation
 
 
 @dataclass(frozen=True)
@@ -60,15 +60,15 @@ def target_for(
         raise ValueError(f"space {space!r} with a Picture, which is linear sRGB: give it to read_picture")
     source = picture if isinstance(picture, Picture) else read_picture(picture, space)
     grid = make_plan(system).grid
-    depth_m = _depth(system, placement, source, grid.shape)
-    rgb = scaled_saturation(fit(source.rgb, grid.shape), saturation)
+    depth_m = _scene_depth(system, placement, source, grid.shape)
+    rgb = scale_saturation(resize_to_cover(source.rgb, grid.shape), saturation)
     planes_m = np.asarray(system.planes_m if planes is None else planes, dtype=np.float64)
-    half_angle, aperture = _blur(system)
-    stack = picture_stack(rgb, depth_m, planes_m, grid.pitch_m, half_angle, aperture)
-    return Target.of(stack, planes_m, source.source, brightness, source.notes)
+    half_angle, aperture = _blur_cone(system)
+    stack = render_focal_stack(rgb, depth_m, planes_m, grid.pitch_m, half_angle, aperture)
+    return Target.from_stack(stack, planes_m, source.source, brightness, source.notes)
 
 
-def _depth(
+def _scene_depth(
     system: System, placement: Placement, source: Picture, shape: tuple[int, int]
 ) -> float | NDArray[np.floating]:
     first, last = float(system.planes_m.min()), float(system.planes_m.max())
@@ -88,22 +88,24 @@ def _depth(
     _check_inside(farthest, first, last, "the farthest depth")
     if nearest > farthest:
         raise UserError(
-            "depth range", f"{units.short(nearest, 'mm')} to {units.short(farthest, 'mm')}", expected="near to far"
+            "depth range",
+            f"{units.format_rounded(nearest, 'mm')} to {units.format_rounded(farthest, 'mm')}",
+            expected="near to far",
         )
-    return nearest + fit(depth, shape).astype(np.float64) * (farthest - nearest)
+    return nearest + resize_to_cover(depth, shape).astype(np.float64) * (farthest - nearest)
 
 
 def _check_inside(at_m: float, first: float, last: float, what: str) -> None:
     if not first <= at_m <= last:
         raise UserError(
             what,
-            units.short(at_m, "mm"),
-            expected=f"inside the planes, {units.short(first, 'mm')} to {units.short(last, 'mm')}",
+            units.format_rounded(at_m, "mm"),
+            expected=f"inside the planes, {units.format_rounded(first, 'mm')} to {units.format_rounded(last, 'mm')}",
             remedy="move it, or change planes",
         )
 
 
-def _blur(system: System) -> tuple[float, Aperture]:
+def _blur_cone(system: System) -> tuple[float, Aperture]:
     """Half angle and shape of the cone that reaches an image point: the modulator's first order, or a smaller iris."""
     angle = diffraction_half_angle(float(np.median(system.wavelengths_m)), system.modulators[0].pitch_m)
     iris = system.relay2.iris_na

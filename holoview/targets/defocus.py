@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 Aperture = Literal["square", "disc"]
-_STRIPS = 64
+_STRIPS_PER_PIXEL = 64
 
 
 def diffraction_half_angle(wavelength_m: float, pitch_m: float) -> float:
@@ -36,7 +36,7 @@ def blur_radius_px(distance_m: float, half_angle_rad: float, pitch_m: float) -> 
     return abs(distance_m) * math.tan(half_angle_rad) / pitch_m
 
 
-def kernel(radius_px: float, aperture: Aperture) -> NDArray[np.float64]:
+def blur_kernel(radius_px: float, aperture: Aperture) -> NDArray[np.float64]:
     """The blur of a point, shape (2r + 1, 2r + 1) with r = ceil(radius − ½), summing to 1.
 
     A radius below half a pixel is a single sample: nothing is blurred. A square of radius R reaches R in x and y, a
@@ -47,17 +47,17 @@ def kernel(radius_px: float, aperture: Aperture) -> NDArray[np.float64]:
     if reach == 0:
         return np.ones((1, 1))
     if aperture == "square":
-        line = _overlap(np.array([radius_px]), reach)[0]
+        line = _pixel_overlap(np.array([radius_px]), reach)[0]
         shape = np.outer(line, line)
     else:
-        across = (np.arange((2 * reach + 1) * _STRIPS) + 0.5) / _STRIPS - 0.5 - reach
+        across = (np.arange((2 * reach + 1) * _STRIPS_PER_PIXEL) + 0.5) / _STRIPS_PER_PIXEL - 0.5 - reach
         chords = np.sqrt(np.maximum(radius_px**2 - across**2, 0))
-        strips = _overlap(chords, reach).reshape(2 * reach + 1, _STRIPS, -1).sum(axis=1)
+        strips = _pixel_overlap(chords, reach).reshape(2 * reach + 1, _STRIPS_PER_PIXEL, -1).sum(axis=1)
         shape = strips + strips.T
     return np.asarray(shape / shape.sum())
 
 
-def frame_share(
+def kernel_share_in_frame(
     blur: NDArray[np.float64], shape: tuple[int, int], window: tuple[slice, slice] = (slice(None), slice(None))
 ) -> NDArray[np.float32]:
     """Share of the kernel inside a frame of `shape` (y, x), for the pixels in `window`; 1 away from the borders."""
@@ -72,7 +72,7 @@ def frame_share(
     return np.asarray(inside, dtype=np.float32)
 
 
-class Blurrer:
+class FftConvolver:
     """One picture (channel, y, x) to be convolved with many kernels: its spectrum is computed once.
 
     It is padded with zeros by `reach`, the largest kernel radius to come, so that nothing wraps around.
@@ -84,7 +84,7 @@ class Blurrer:
         self._size = [fft.next_fast_len(max(n, reach + 1) + reach, real=True) for n in picture.shape[1:]]
         self._spectrum: NDArray[np.complex64] | None = None
 
-    def blurred(self, blur: NDArray[np.float64]) -> NDArray[np.float32]:
+    def convolve(self, blur: NDArray[np.float64]) -> NDArray[np.float32]:
         """The picture convolved with `blur`, same shape; light from outside the frame is missing, not wrapped."""
         reach = blur.shape[0] // 2
         if reach == 0:
@@ -100,7 +100,7 @@ class Blurrer:
         return np.asarray(full[:, : self._picture.shape[1], : self._picture.shape[2]], dtype=np.float32)
 
 
-def _overlap(half_widths: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
+def _pixel_overlap(half_widths: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
     """Length of [−h, h] inside each pixel [k − ½, k + ½], k = −reach … reach; shape (len(h), 2·reach + 1)."""
     k = np.arange(-reach, reach + 1)
     h = half_widths[:, None]

@@ -18,7 +18,7 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from holoview.errors import UserError
-from holoview.targets.samples import MOST_PIXELS, Chromaticities, Raster, by_number, too_large
+from holoview.targets.samples import MAX_PIXELS, Chromaticities, Raster, natural_sort_key, too_large_error
 
 _RGB = ("R", "G", "B")
 
@@ -34,35 +34,35 @@ class _Part:
     name: str
     channels: tuple[str, ...]
     primaries: Chromaticities | None
-    display: _Window
-    data: _Window
+    display_window: _Window
+    data_window: _Window
 
     @property
-    def covers(self) -> bool:
+    def data_covers_display(self) -> bool:
         """Whether there are data wherever the picture is."""
-        spans = zip(self.data, self.display, strict=True)
+        spans = zip(self.data_window, self.display_window, strict=True)
         return all(data[0] <= display[0] and data[1] >= display[1] for data, display in spans)
 
 
 @dataclass(frozen=True)
-class _Place:
+class _ImageLocation:
     """Where a picture is: the part's index and the channels' names."""
 
     part: int
-    colours: tuple[str, ...]
+    colour_channels: tuple[str, ...]
     page: str = ""
     notes: tuple[str, ...] = ()
 
     @property
     def alpha(self) -> str:
         """The alpha that belongs to the colours, where there is one: "A" to "R", "0.A" to "0.R"."""
-        layer, dot, _ = self.colours[0].rpartition(".")
+        layer, dot, _ = self.colour_channels[0].rpartition(".")
         return f"{layer}{dot}A"
 
 
 def exr_count(path: Path) -> int:
     """How many pictures the file holds, by its headers. Raises UserError when none, ValueError if damaged."""
-    return len(_places(path, _headers(path)))
+    return len(_locate_images(path, _headers(path)))
 
 
 def exr_pictures(path: Path) -> Iterator[Raster]:
@@ -71,7 +71,7 @@ def exr_pictures(path: Path) -> Iterator[Raster]:
     Raises UserError for channels that aren't a picture, RuntimeError and ValueError for damaged files.
     """
     parts = _headers(path)
-    places = _places(path, parts)
+    places = _locate_images(path, parts)
     with OpenEXR.File(str(path), separate_channels=True) as file:  # closing it empties its channels
         if len(file.parts) != len(parts):  # the library leaves out parts that end too early
             raise ValueError(f"{len(file.parts)} of {len(parts)} parts are whole")
@@ -79,26 +79,28 @@ def exr_pictures(path: Path) -> Iterator[Raster]:
             yield _raster(dict(file.channels(place.part)), place, parts[place.part])
 
 
-def _raster(channels: Mapping[str, Any], place: _Place, part: _Part) -> Raster:
+def _raster(channels: Mapping[str, Any], place: _ImageLocation, part: _Part) -> Raster:
     planes = {name: channel.pixels for name, channel in channels.items()}
-    values = np.stack([_whole(planes[name], part) for name in place.colours], axis=-1)
+    values = np.stack([_in_display_window(planes[name], part) for name in place.colour_channels], axis=-1)
     alpha = planes.get(place.alpha)
-    if alpha is None and not part.covers:
-        alpha = np.ones_like(planes[place.colours[0]])
-    coverage = None if alpha is None else _whole(alpha, part)
-    stated = part.primaries if len(place.colours) == 3 else None
+    if alpha is None and not part.data_covers_display:
+        alpha = np.ones_like(planes[place.colour_channels[0]])
+    coverage = None if alpha is None else _in_display_window(alpha, part)
+    stated = part.primaries if len(place.colour_channels) == 3 else None
     return Raster(values, coverage, False, premultiplied=True, notes=place.notes, page=place.page, primaries=stated)
 
 
-def _whole(pixels: NDArray[Any], part: _Part) -> NDArray[np.float64]:
+def _in_display_window(pixels: NDArray[Any], part: _Part) -> NDArray[np.float64]:
     """The display window (y, x) of a channel that is stored in the data window; 0 where nothing is."""
-    seen, shown = zip(*(_overlap(part.data[axis], part.display[axis]) for axis in (1, 0)), strict=True)
-    whole = np.zeros([last - first for first, last in reversed(part.display)])
+    seen, shown = zip(
+        *(_overlap_slices(part.data_window[axis], part.display_window[axis]) for axis in (1, 0)), strict=True
+    )
+    whole = np.zeros([last - first for first, last in reversed(part.display_window)])
     whole[shown] = pixels[seen]
     return whole
 
 
-def _overlap(data: _Span, display: _Span) -> tuple[slice, slice]:
+def _overlap_slices(data: _Span, display: _Span) -> tuple[slice, slice]:
     """What both spans share, counted from the start of each."""
     first = max(data[0], display[0])
     last = max(min(data[1], display[1]), first)
@@ -119,8 +121,8 @@ def _part(path: Path, header: Mapping[str, Any]) -> _Part:
         raise UserError(str(path), found, expected="R, G, B at full size", remedy="export as RGB")
     display, data = _window(header["displayWindow"]), _window(header["dataWindow"])
     for (left, right), (top, bottom) in (display, data):
-        if (right - left) * (bottom - top) > MOST_PIXELS:
-            raise too_large(path, right - left, bottom - top)
+        if (right - left) * (bottom - top) > MAX_PIXELS:
+            raise too_large_error(path, right - left, bottom - top)
     stated = header.get("chromaticities")
     numbers = [] if stated is None else [float(number) for number in stated]
     pairs = tuple(zip(numbers[0::2], numbers[1::2], strict=True)) or None
@@ -133,56 +135,56 @@ def _window(corners: tuple[Sequence[int], Sequence[int]]) -> _Window:
     return (int(left), int(right) + 1), (int(top), int(bottom) + 1)
 
 
-def _places(path: Path, parts: Sequence[_Part]) -> list[_Place]:
+def _locate_images(path: Path, parts: Sequence[_Part]) -> list[_ImageLocation]:
     """The pictures in their order; at least one."""
     if len(parts) == 1:
-        return _in_layers(path, parts[0])
-    coloured = [(index, _colours(part.channels)) for index, part in enumerate(parts)]
-    grey = [(index, _grey(part.channels)) for index, part in enumerate(parts)]
+        return _locate_layers(path, parts[0])
+    coloured = [(index, _rgb_channels(part.channels)) for index, part in enumerate(parts)]
+    grey = [(index, _grey_channel(part.channels)) for index, part in enumerate(parts)]
     found = [entry for entry in coloured if entry[1]] or [entry for entry in grey if entry[1]]
     if not found:
-        raise _no_picture(path, parts[0].channels)
+        raise _no_picture_error(path, parts[0].channels)
     if all(_has_number(parts[index].name) for index, _ in found):
-        found.sort(key=lambda entry: by_number(parts[entry[0]].name))
-    notes = _left_out([part.name for index, part in enumerate(parts) if index not in dict(found)])
+        found.sort(key=lambda entry: natural_sort_key(parts[entry[0]].name))
+    notes = _ignored_note([part.name for index, part in enumerate(parts) if index not in dict(found)])
     return [
-        _Place(index, colours, f'part "{parts[index].name}"' if len(found) > 1 else "", notes)
+        _ImageLocation(index, colours, f'part "{parts[index].name}"' if len(found) > 1 else "", notes)
         for index, colours in found
     ]
 
 
-def _in_layers(path: Path, part: _Part) -> list[_Place]:
+def _locate_layers(path: Path, part: _Part) -> list[_ImageLocation]:
     """One part's only picture, or a picture for each of its numbered layers."""
-    colours, layers = _colours(part.channels) or _grey(part.channels), _layers(part.channels)
+    colours, layers = _rgb_channels(part.channels) or _grey_channel(part.channels), _rgb_layers(part.channels)
     if colours:
-        return [_Place(0, colours, notes=_left_out(layers if colours == _RGB else ()))]
+        return [_ImageLocation(0, colours, notes=_ignored_note(layers if colours == _RGB else ()))]
     if not layers or not all(_has_number(layer) for layer in layers):
-        raise _no_picture(path, part.channels)
-    ordered = sorted(layers, key=by_number)
-    return [_Place(0, tuple(f"{layer}.{c}" for c in _RGB), f'layer "{layer}"') for layer in ordered]
+        raise _no_picture_error(path, part.channels)
+    ordered = sorted(layers, key=natural_sort_key)
+    return [_ImageLocation(0, tuple(f"{layer}.{c}" for c in _RGB), f'layer "{layer}"') for layer in ordered]
 
 
-def _left_out(names: Sequence[str]) -> tuple[str, ...]:
+def _ignored_note(names: Sequence[str]) -> tuple[str, ...]:
     return (f"left out: {', '.join(names)}",) if names else ()
 
 
-def _layers(channels: Iterable[str]) -> list[str]:
+def _rgb_layers(channels: Iterable[str]) -> list[str]:
     """Names of the layers that have R, G and B."""
     names = set(channels)
     prefixes = sorted({name[:-2] for name in names if name.endswith(".R")})
     return [prefix for prefix in prefixes if {f"{prefix}.G", f"{prefix}.B"} <= names]
 
 
-def _colours(channels: Iterable[str]) -> tuple[str, ...]:
+def _rgb_channels(channels: Iterable[str]) -> tuple[str, ...]:
     """Names of R, G and B: bare, or those of the only layer that has them; none otherwise."""
     names = tuple(channels)
     if set(_RGB) <= set(names):
         return _RGB
-    layers = _layers(names)
+    layers = _rgb_layers(names)
     return tuple(f"{layers[0]}.{colour}" for colour in _RGB) if len(layers) == 1 else ()
 
 
-def _grey(channels: Iterable[str]) -> tuple[str, ...]:
+def _grey_channel(channels: Iterable[str]) -> tuple[str, ...]:
     """The one channel of a grey or depth file; none when there are others."""
     plain = tuple(name for name in channels if name != "A")
     return plain if len(plain) == 1 else ()
@@ -192,7 +194,7 @@ def _has_number(name: str) -> bool:
     return any(character.isdecimal() for character in name)
 
 
-def _no_picture(path: Path, channels: Iterable[str]) -> UserError:
+def _no_picture_error(path: Path, channels: Iterable[str]) -> UserError:
     return UserError(
         str(path),
         f"has the channels {', '.join(channels) or '(none)'}",

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from holoview.errors import UserError
-from holoview.targets.defocus import Aperture, Blurrer, blur_radius_px, frame_share, kernel
+from holoview.targets.defocus import Aperture, FftConvolver, blur_kernel, blur_radius_px, kernel_share_in_frame
 
-MOST_LAYERS = 24
+MAX_LAYERS = 24
 _LAYER_STEP_PX = 1.0  # half a pixel either way is no blur; finer cuts are further from a real lens, seams add up
 
 
@@ -59,7 +59,7 @@ class Target:
             )
 
     @classmethod
-    def of(
+    def from_stack(
         cls,
         stack: NDArray[np.float32],
         planes_m: Sequence[float] | NDArray[np.floating],
@@ -79,7 +79,7 @@ def check_brightness(brightness: float) -> None:
         raise UserError("brightness", f"{brightness:g}", expected="a positive number", remedy="1 changes nothing")
 
 
-def picture_stack(
+def render_focal_stack(
     rgb_linear: NDArray[np.float32],
     depth_m: float | NDArray[np.floating],
     planes_m: Sequence[float] | NDArray[np.floating],
@@ -100,20 +100,20 @@ def picture_stack(
 
     Raises ValueError for wrong shapes, an unknown aperture, or numbers that aren't finite (positive where due).
     """
-    depth = _checked(rgb_linear, depth_m, planes_m, pitch_m, half_angle_rad, aperture)
+    depth = _checked_depth(rgb_linear, depth_m, planes_m, pitch_m, half_angle_rad, aperture)
     planes = np.asarray(planes_m, dtype=np.float64)
-    labels, distances = _cut(depth, layers or _layer_count(depth, half_angle_rad, pitch_m))
+    labels, distances = _split_layers(depth, layers or _layer_count(depth, half_angle_rad, pitch_m))
     shape = labels.shape
     radii = np.array([[blur_radius_px(z - d, half_angle_rad, pitch_m) for z in planes] for d in distances])
     reach = max(math.ceil(float(radii.max()) - 0.5), 0)
     total = np.zeros((len(planes), 4, *shape), dtype=np.float32)
     for layer in reversed(range(len(distances))):
-        window = _window(labels == layer, 2 * reach + 2)
-        content = _continued(rgb_linear[window], labels[window], layer, 2 * reach + 1)
-        picture = Blurrer(content, reach)
+        window = _bounding_window(labels == layer, 2 * reach + 2)
+        content = _inpaint_occluded(rgb_linear[window], labels[window], layer, 2 * reach + 1)
+        picture = FftConvolver(content, reach)
         for plane, radius in enumerate(radii[layer]):
-            blur = kernel(float(radius), aperture)
-            over = picture.blurred(blur) / frame_share(blur, (shape[0], shape[1]), window)
+            blur = blur_kernel(float(radius), aperture)
+            over = picture.convolve(blur) / kernel_share_in_frame(blur, (shape[0], shape[1]), window)
             part = total[(plane, slice(None), *window)]
             part *= 1 - np.clip(over[3], 0, 1)
             part += over
@@ -121,7 +121,7 @@ def picture_stack(
     return np.ascontiguousarray(np.moveaxis(light, 1, -1))
 
 
-def _checked(
+def _checked_depth(
     rgb: NDArray[np.float32],
     depth_m: float | NDArray[np.floating],
     planes_m: Sequence[float] | NDArray[np.floating],
@@ -147,10 +147,10 @@ def _checked(
 
 def _layer_count(depth: NDArray[np.float64], half_angle_rad: float, pitch_m: float) -> int:
     spread_px = blur_radius_px(float(np.ptp(depth)), half_angle_rad, pitch_m)
-    return min(max(math.ceil(spread_px / _LAYER_STEP_PX), 1), MOST_LAYERS)
+    return min(max(math.ceil(spread_px / _LAYER_STEP_PX), 1), MAX_LAYERS)
 
 
-def _cut(depth: NDArray[np.float64], count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _split_layers(depth: NDArray[np.float64], count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Layer (y, x) of each pixel, 0 nearest, and each layer's mean depth; layers without pixels are left out."""
     low, spread = float(depth.min()), float(np.ptp(depth))
     if spread == 0:
@@ -162,7 +162,7 @@ def _cut(depth: NDArray[np.float64], count: int) -> tuple[NDArray[np.int64], NDA
     return labels, sums / np.bincount(labels.ravel(), minlength=len(used))
 
 
-def _window(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
+def _bounding_window(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
     """The smallest rectangle about the mask, widened by `margin` inside the frame."""
     spans = []
     for axis, size in enumerate(mask.shape):
@@ -171,7 +171,9 @@ def _window(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
     return spans[0], spans[1]
 
 
-def _continued(rgb: NDArray[np.float32], labels: NDArray[np.int64], layer: int, reach: int) -> NDArray[np.float32]:
+def _inpaint_occluded(
+    rgb: NDArray[np.float32], labels: NDArray[np.int64], layer: int, reach: int
+) -> NDArray[np.float32]:
     """The layer's light and coverage (4, y, x), continued by up to `reach` pixels beneath the nearer layers.
 
     A hidden pixel belongs to whichever of this and the farther layers is seen nearest to it, and takes the colour found

@@ -19,11 +19,11 @@ from PIL import Image
 
 from holoview.colour import srgb_decode
 from holoview.errors import UserError
-from holoview.targets.raster import decode, decode_all, signature
+from holoview.targets.raster import file_format, read_raster, read_rasters
 from holoview.targets.samples import Raster
-from holoview.targets.spaces import SPACES, to_linear_srgb
+from holoview.targets.spaces import COLOUR_SPACES, to_linear_srgb
 
-__all__ = ["SPACES", "Picture", "fit", "read_depth", "read_picture", "read_pictures"]
+__all__ = ["COLOUR_SPACES", "Picture", "read_depth", "read_picture", "read_pictures", "resize_to_cover"]
 
 _DEPTH_FILES = "a grey PNG, TIFF or OpenEXR picture or a numpy .npy array"
 
@@ -46,22 +46,22 @@ def read_picture(path: str | os.PathLike[str], space: str = "srgb") -> Picture:
     Raises UserError when the file is missing, a folder, no picture, truncated, without pixels, holds NaN or infinity,
     or isn't three channels of float where XYZ is asked for.
     """
-    return _picture(Path(path), decode(Path(path)), space)
+    return _to_picture(Path(path), read_raster(Path(path)), space)
 
 
 def read_pictures(path: str | os.PathLike[str], space: str = "srgb") -> Iterator[Picture]:
     """Every picture of a file (TIFF pages, OpenEXR parts or layers), one after the other, as `read_picture` does."""
-    for raster in decode_all(Path(path)):
-        yield _picture(Path(path), raster, space)
+    for raster in read_rasters(Path(path)):
+        yield _to_picture(Path(path), raster, space)
 
 
-def _picture(file: Path, raster: Raster, space: str) -> Picture:
+def _to_picture(file: Path, raster: Raster, space: str) -> Picture:
     where = f"{file}, {raster.page}" if raster.page else str(file)
     _refuse_non_finite(where, raster.values)
     notes = list(raster.notes)
     light = srgb_decode(raster.values) if raster.encoded else raster.values
     if raster.alpha is not None:
-        light = _over_black(where, raster, light)
+        light = _composite_over_black(where, raster, light)
         notes.append("alpha composited over black")
     light, note = to_linear_srgb(where, raster, light, space)
     notes += [note] if note else []
@@ -87,7 +87,7 @@ def read_depth(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     Raises UserError for the faults of `read_picture`, for colours, transparency, and float values outside 0…1.
     """
     file = Path(path)
-    values = _load_array(file) if signature(file) == "NPY" else _grey(file, decode(file))
+    values = _load_array(file) if file_format(file) == "NPY" else _single_channel(file, read_raster(file))
     if values.ndim != 2 or values.size == 0:
         raise UserError(str(file), f"holds an array of shape {values.shape}", expected="depths of shape (y, x)")
     _refuse_non_finite(str(file), values)
@@ -102,7 +102,7 @@ def read_depth(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     return values.astype(np.float32)
 
 
-def fit(array: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
+def resize_to_cover(array: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
     """`array` scaled to cover `shape` (y, x) and cropped about its centre.
 
     Light, (y, x, channel), is averaged over the source's area, which is right because it is linear, with a filter
@@ -138,7 +138,7 @@ def _nearest(count: int, start: float, scale: float, size: int) -> NDArray[np.in
     return np.clip(index, 0, size - 1)
 
 
-def _over_black(where: str, raster: Raster, light: NDArray[np.float64]) -> NDArray[np.float64]:
+def _composite_over_black(where: str, raster: Raster, light: NDArray[np.float64]) -> NDArray[np.float64]:
     """Light through its coverage; premultiplied files carry it already, but encoded ones must shed it for the curve."""
     assert raster.alpha is not None
     _refuse_non_finite(where, raster.alpha)
@@ -151,7 +151,7 @@ def _over_black(where: str, raster: Raster, light: NDArray[np.float64]) -> NDArr
     return srgb_decode(np.clip(straight, 0, 1)) * alpha
 
 
-def _grey(file: Path, raster: Raster) -> NDArray[np.float64]:
+def _single_channel(file: Path, raster: Raster) -> NDArray[np.float64]:
     if raster.alpha is not None and (raster.alpha < 1).any():
         raise UserError(str(file), "is partly transparent", expected="a depth everywhere", remedy="remove its alpha")
     if (raster.values != raster.values[..., :1]).any():

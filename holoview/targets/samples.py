@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from holoview.errors import UserError
 
-MOST_PIXELS = 1 << 27
+MAX_PIXELS = 1 << 27
 
 Chromaticities = tuple[tuple[float, float], ...]
 """CIE (x, y) of red, green, blue and white."""
@@ -37,16 +37,16 @@ class Raster:
     primaries: Chromaticities | None = None
 
 
-def unit(samples: NDArray[Any], full: int | None = None) -> NDArray[np.float64]:
+def integers_to_unit_range(samples: NDArray[Any], full_scale: int | None = None) -> NDArray[np.float64]:
     """Unsigned integers over their full range, so 0…1; floats untouched."""
     if samples.dtype.kind in "fb":
         return samples.astype(np.float64)
     if samples.dtype.kind != "u":
         raise ValueError(f"samples of type {samples.dtype} have no fixed white")
-    return samples / float(full if full is not None else np.iinfo(samples.dtype).max)
+    return samples / float(full_scale if full_scale is not None else np.iinfo(samples.dtype).max)
 
 
-def split(
+def split_alpha(
     values: NDArray[np.float64],
     *,
     encoded: bool,
@@ -64,12 +64,12 @@ def split(
     return Raster(cube[..., :colours], alpha, encoded, premultiplied, notes, page)
 
 
-def too_large(path: Path, width: int = 0, height: int = 0) -> UserError:
+def too_large_error(path: Path, width: int = 0, height: int = 0) -> UserError:
     """The error for a picture of more pixels than can be meant."""
     size = f"{width} × {height} pixels" if width else "too many pixels"
-    return UserError(str(path), f"has {size}", expected=f"at most {MOST_PIXELS}", remedy="scale it down first")
+    return UserError(str(path), f"has {size}", expected=f"at most {MAX_PIXELS}", remedy="scale it down first")
 
 
-def by_number(name: str) -> list[tuple[int, str]]:
+def natural_sort_key(name: str) -> list[tuple[int, str]]:
     """A key that sorts plane-2 before plane-10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights
 from holoview.errors import UserError
 
-_LOCUS_M = np.arange(390, 701) * 1e-9  # beyond, the locus' ends stay where they are
-_PURPLES = 512
+_LOCUS_WAVELENGTHS_M = np.arange(390, 701) * 1e-9  # beyond, the locus' ends stay where they are
+_PURPLE_LINE_POINTS = 512
 
 
-def scaled_saturation(rgb_linear: NDArray[np.floating], factor: float) -> NDArray[np.float32]:
+def scale_saturation(rgb_linear: NDArray[np.floating], factor: float) -> NDArray[np.float32]:
     """Linear sRGB (…, 3), inside or outside 0…1, with its chroma in LCHuv (white D65) times `factor`; float32.
 
     0 is the grey of the same luminance, 1 changes nothing, more than 1 is more colourful, as far as a light of that hue
@@ -42,10 +42,10 @@ def scaled_saturation(rgb_linear: NDArray[np.floating], factor: float) -> NDArra
         return rgb.astype(np.float32)
     x, y, z = np.moveaxis(rgb @ SRGB_TO_XYZ.T, -1, 0)
     lit = y * (x + 15 * y + 3 * z) > 0
-    u, v = _chromaticity(np.where(lit, x, D65_WHITE[0]), np.where(lit, y, 1), np.where(lit, z, D65_WHITE[2]))
-    white_u, white_v = _chromaticity(*D65_WHITE)
+    u, v = _uv_chromaticity(np.where(lit, x, D65_WHITE[0]), np.where(lit, y, 1), np.where(lit, z, D65_WHITE[2]))
+    white_u, white_v = _uv_chromaticity(*D65_WHITE)
     du, dv = u - white_u, v - white_v
-    reach = factor if factor < 1 else np.clip(_furthest(du, dv), 1, factor)
+    reach = factor if factor < 1 else np.clip(_max_factor(du, dv), 1, factor)
     u, v = white_u + reach * du, white_v + reach * dv
     mixed = min(factor, 1.0)
     scaled_x = np.where(lit, y * 9 * u / (4 * v), mixed * x + (1 - mixed) * y * D65_WHITE[0])
@@ -62,7 +62,7 @@ def check_saturation(factor: float) -> None:
         )
 
 
-def _chromaticity(
+def _uv_chromaticity(
     x: NDArray[np.float64] | float, y: NDArray[np.float64] | float, z: NDArray[np.float64] | float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """CIE 1976 u′, v′."""
@@ -70,19 +70,19 @@ def _chromaticity(
     return 4 * x / total, 9 * y / total
 
 
-def _furthest(du: NDArray[np.float64], dv: NDArray[np.float64]) -> NDArray[np.float64]:
+def _max_factor(du: NDArray[np.float64], dv: NDArray[np.float64]) -> NDArray[np.float64]:
     """The factor on each (u′ − u′ₙ, v′ − v′ₙ) that leads to the purest light of its hue; infinite for neutrals."""
-    hues, radii = _purest()
+    hues, radii = _spectral_boundary()
     radius = np.interp(np.arctan2(dv, du), hues, radii, period=2 * np.pi)
     distance = np.hypot(du, dv)
     return np.divide(radius, distance, out=np.full_like(radius, np.inf), where=distance > 1e-12 * radius)
 
 
 @cache
-def _purest() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _spectral_boundary() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Hue angle (rad) and distance from white, in (u′, v′), of the spectral locus and the line of purples."""
-    u, v = _chromaticity(*observer_weights("cie1931", _LOCUS_M).T)
-    purples = np.linspace(0, 1, _PURPLES)
-    locus_u = np.append(u, u[-1] + purples * (u[0] - u[-1])) - _chromaticity(*D65_WHITE)[0]
-    locus_v = np.append(v, v[-1] + purples * (v[0] - v[-1])) - _chromaticity(*D65_WHITE)[1]
+    u, v = _uv_chromaticity(*observer_weights("cie1931", _LOCUS_WAVELENGTHS_M).T)
+    purples = np.linspace(0, 1, _PURPLE_LINE_POINTS)
+    locus_u = np.append(u, u[-1] + purples * (u[0] - u[-1])) - _uv_chromaticity(*D65_WHITE)[0]
+    locus_v = np.append(v, v[-1] + purples * (v[0] - v[-1])) - _uv_chromaticity(*D65_WHITE)[1]
     return np.arctan2(locus_v, locus_u), np.hypot(locus_u, locus_v)

@@ -13,7 +13,7 @@ from holoview.colour import D65_WHITE, XYZ_TO_SRGB, xyz_to_linear_srgb
 from holoview.errors import UserError
 from holoview.targets.samples import Chromaticities, Raster
 
-SPACES = ("srgb", "xyz")
+COLOUR_SPACES = ("srgb", "xyz")
 """What the three channels of a float file may be: linear sRGB, or CIE XYZ with Y = 1 the display's white (D65)."""
 
 _XYZ_PRIMARIES = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
@@ -31,8 +31,8 @@ def to_linear_srgb(
     `space` "xyz" wins over what the file states. Raises UserError, located at `where`, for another space, for XYZ that
     isn't three channels of float, and for primaries that can't make white.
     """
-    if space not in SPACES:
-        raise UserError("space", f'"{space}"', expected=" or ".join(SPACES))
+    if space not in COLOUR_SPACES:
+        raise UserError("space", f'"{space}"', expected=" or ".join(COLOUR_SPACES))
     stated = raster.primaries
     if space == "xyz":
         if raster.encoded or light.shape[-1] != 3:

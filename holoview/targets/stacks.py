@@ -14,14 +14,14 @@ from holoview.errors import UserError
 from holoview.plan import make_plan
 from holoview.system import System
 from holoview.targets.focal_stack import Target, check_brightness
-from holoview.targets.picture import Picture, fit, read_picture, read_pictures
+from holoview.targets.picture import Picture, read_picture, read_pictures, resize_to_cover
 from holoview.targets.raster import picture_count
-from holoview.targets.samples import by_number
-from holoview.targets.saturation import check_saturation, scaled_saturation
+from holoview.targets.samples import natural_sort_key
+from holoview.targets.saturation import check_saturation, scale_saturation
 
-_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 
-_Source = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
+_StackSource = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
 
 
 def is_stack(path: str | os.PathLike[str]) -> bool:
@@ -32,7 +32,7 @@ def is_stack(path: str | os.PathLike[str]) -> bool:
     return Path(path).is_dir() or picture_count(Path(path)) > 1
 
 
-def stack_for(
+def target_from_stack(
     system: System,
     path: str | os.PathLike[str],
     *,
@@ -50,13 +50,13 @@ def stack_for(
     """
     check_brightness(brightness)
     check_saturation(saturation)
-    pictures = _fitted(path, make_plan(system).grid.shape, space, len(system.planes_m))
-    stack = np.stack([scaled_saturation(picture.rgb, saturation) for picture in pictures])
-    return Target.of(stack, tuple(system.planes_m), str(path), brightness, _common(pictures))
+    pictures = _read_resized(path, make_plan(system).grid.shape, space, len(system.planes_m))
+    stack = np.stack([scale_saturation(picture.rgb, saturation) for picture in pictures])
+    return Target.from_stack(stack, tuple(system.planes_m), str(path), brightness, _merge_notes(pictures))
 
 
 def read_stack(
-    source: _Source, shape: tuple[int, int], space: str = "srgb", pictures: int | None = None
+    source: _StackSource, shape: tuple[int, int], space: str = "srgb", pictures: int | None = None
 ) -> NDArray[np.float32]:
     """A ready focal stack as (plane, y, x, 3) linear light fitted to `shape` (y, x).
 
@@ -64,19 +64,21 @@ def read_stack(
 
     Raises UserError when there are none or another number, when one can't be read, or when their sizes differ.
     """
-    return np.stack([picture.rgb for picture in _fitted(source, shape, space, pictures)])
+    return np.stack([picture.rgb for picture in _read_resized(source, shape, space, pictures)])
 
 
-def _fitted(source: _Source, shape: tuple[int, int], space: str, wanted: int | None) -> list[Picture]:
+def _read_resized(
+    source: _StackSource, shape: tuple[int, int], space: str, expected_count: int | None
+) -> list[Picture]:
     """The stack's pictures, fitted one by one as they are read."""
-    where, count, pictures = _opened(source, space)
+    where, count, pictures = _open_source(source, space)
     if count == 0:
-        raise UserError(where, "holds no pictures", expected=f"one a plane ({', '.join(_PICTURES)})")
-    if wanted not in (None, count):
+        raise UserError(where, "holds no pictures", expected=f"one a plane ({', '.join(_IMAGE_SUFFIXES)})")
+    if expected_count not in (None, count):
         raise UserError(
             where,
             f"holds {count} picture{'s' * (count > 1)}",
-            expected=f"one for each of {wanted} plane{'s' * (wanted != 1)}",
+            expected=f"one for each of {expected_count} plane{'s' * (expected_count != 1)}",
             remedy="change the planes (--set planes=…) or the stack",
         )
     first: Picture | None = None
@@ -84,28 +86,28 @@ def _fitted(source: _Source, shape: tuple[int, int], space: str, wanted: int | N
     for picture in pictures:
         first = first or picture
         _check_size(picture, first)
-        fitted.append(replace(picture, rgb=fit(picture.rgb, shape)))
+        fitted.append(replace(picture, rgb=resize_to_cover(picture.rgb, shape)))
     return fitted
 
 
-def _opened(source: _Source, space: str) -> tuple[str, int, Iterator[Picture]]:
+def _open_source(source: _StackSource, space: str) -> tuple[str, int, Iterator[Picture]]:
     """What to call the stack, how many pictures it holds, and the pictures, read when their turn comes."""
     if isinstance(source, str | os.PathLike):
         where, path = str(source), Path(source)
         if not path.is_dir():
             return where, picture_count(path), read_pictures(path, space)
-        files = _files_in(path)
+        files = _image_files(path)
     else:
         where, files = "focal stack", [Path(file) for file in source]
     return where, len(files), (read_picture(file, space) for file in files)
 
 
-def _files_in(folder: Path) -> list[Path]:
+def _image_files(folder: Path) -> list[Path]:
     try:
-        files = [f for f in folder.iterdir() if f.suffix.lower() in _PICTURES and not f.name.startswith(".")]
+        files = [f for f in folder.iterdir() if f.suffix.lower() in _IMAGE_SUFFIXES and not f.name.startswith(".")]
     except OSError as error:
         raise UserError(str(folder), f"can't be read: {error.strerror}", remedy="check its permissions") from error
-    return sorted(files, key=lambda f: by_number(f.name))
+    return sorted(files, key=lambda f: natural_sort_key(f.name))
 
 
 def _check_size(picture: Picture, first: Picture) -> None:
@@ -119,7 +121,7 @@ def _check_size(picture: Picture, first: Picture) -> None:
         )
 
 
-def _common(pictures: Sequence[Picture]) -> tuple[str, ...]:
+def _merge_notes(pictures: Sequence[Picture]) -> tuple[str, ...]:
     """The pictures' notes, those that all share once, the others with the picture they are about."""
     shared = [note for note in pictures[0].notes if all(note in picture.notes for picture in pictures)]
     single = [f"{Path(p.source).name}: {note}" for p in pictures for note in p.notes if note not in shared]

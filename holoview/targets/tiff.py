@@ -10,9 +10,9 @@ import numpy as np
 import tifffile
 
 from holoview.errors import UserError
-from holoview.targets.samples import MOST_PIXELS, Raster, split, too_large, unit
+from holoview.targets.samples import MAX_PIXELS, Raster, integers_to_unit_range, split_alpha, too_large_error
 
-_COLOURS = (
+_PHOTOMETRICS = (
     tifffile.PHOTOMETRIC.MINISWHITE,
     tifffile.PHOTOMETRIC.MINISBLACK,
     tifffile.PHOTOMETRIC.RGB,
@@ -59,15 +59,15 @@ def _next_offset(file: tifffile.TiffFile, page: tifffile.TiffPage) -> int:
 
 def _raster(path: Path, page: tifffile.TiffPage, name: str) -> Raster:
     """One page: grey, palette or RGB, with or without alpha, samples side by side or in planes."""
-    if page.imagewidth * page.imagelength > MOST_PIXELS:
-        raise too_large(path, page.imagewidth, page.imagelength)
+    if page.imagewidth * page.imagelength > MAX_PIXELS:
+        raise too_large_error(path, page.imagewidth, page.imagelength)
     if page.imagewidth * page.imagelength == 0:
         raise UserError(str(path), f"has no pixels: {page.imagewidth} × {page.imagelength}")
     photometric, axes = page.photometric, page.axes
     if axes not in ("YX", "YXS", "SYX"):
         remedy = "export a plain TIFF"
         raise UserError(str(path), f"has the TIFF layout {axes}", expected="one flat picture", remedy=remedy)
-    if photometric not in _COLOURS:
+    if photometric not in _PHOTOMETRICS:
         colours = getattr(photometric, "name", photometric)
         raise UserError(str(path), f"has {colours} colours", expected="grey or RGB", remedy="export it as RGB")
     samples = np.asarray(page.asarray())
@@ -76,8 +76,8 @@ def _raster(path: Path, page: tifffile.TiffPage, name: str) -> Raster:
         samples, full, axes = np.asarray(page.colormap)[:, samples], None, "SYX"
     if axes == "SYX":
         samples = np.moveaxis(samples, 0, -1)
-    encoded, values = samples.dtype.kind != "f", unit(samples, full)
+    encoded, values = samples.dtype.kind != "f", integers_to_unit_range(samples, full)
     if photometric == tifffile.PHOTOMETRIC.MINISWHITE and encoded:
         values = 1 - values
     premultiplied = tifffile.EXTRASAMPLE.ASSOCALPHA in page.extrasamples
-    return split(values, encoded=encoded, premultiplied=premultiplied, page=name)
+    return split_alpha(values, encoded=encoded, premultiplied=premultiplied, page=name)

@@ -13,19 +13,19 @@ import torch
 
 from holoview import preset
 from holoview.bench import first_image, frame_bars
-from holoview.bench.choices import Tuned
+from holoview.bench.choices import TuningReport
 from holoview.bench.device_time import device_time
-from holoview.bench.timing import Sample, interleaved
-from holoview.bench.torch_loop import TorchLoop
+from holoview.bench.timing import JobTimings, time_interleaved
+from holoview.bench.torch_loop import TorchBaseline
 from holoview.cli import main
-from holoview.engine.frame import focal_stack
-from holoview.engine.session import FrameSession
+from holoview.engine.frame import compute_focal_stack
+from holoview.engine.session import IncrementalRenderer
 from holoview.engine.torch import TorchExecutor
 from holoview.gpu.device import TIMESTAMPS, Device
-from holoview.gpu.lines import strategies
-from holoview.gpu.timer import Timer
-from holoview.gpu.tune import Tuning
-from holoview.optics.slots import make_slots
+from holoview.gpu.lines import supported_strategies
+from holoview.gpu.timer import GpuTimer
+from holoview.gpu.tune import TuningResult
+from holoview.optics.slots import make_frame_inputs
 from holoview.plan import make_plan
 from holoview.system import System
 from holoview.view import random_drive
@@ -45,8 +45,8 @@ def test_the_torch_loop_computes_what_the_reference_executor_computes(batched: b
         changes = changes | {"modulators": [{"pitch": "8 um", "shape": [24, 32], "stroke": "825 nm"}]}
     system = _system(**changes)
     plan, drive = make_plan(system, [0.01]), random_drive(system)
-    expected = focal_stack(TorchExecutor(plan, make_slots(plan, drive), double=True))[1][0]
-    found = TorchLoop(plan, make_slots(plan, drive), batched=batched)().movedim(0, -1).numpy()
+    expected = compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, drive), double=True))[1][0]
+    found = TorchBaseline(plan, make_frame_inputs(plan, drive), batched=batched)().movedim(0, -1).numpy()
     assert np.linalg.norm(found - expected) <= TOLERANCE * np.linalg.norm(expected)
 
 
@@ -57,26 +57,26 @@ def test_the_torch_loop_refuses_a_bench_that_it_has_no_code_for(changes: dict[st
     system = _system(**changes)
     plan = make_plan(system)
     with pytest.raises(ValueError, match="expected a periodic grid"):
-        TorchLoop(plan, make_slots(plan, random_drive(system)), batched=False)
+        TorchBaseline(plan, make_frame_inputs(plan, random_drive(system)), batched=False)
 
 
 def test_each_round_runs_every_job_once_and_warm_up_is_not_timed() -> None:
     ran: list[str] = []
-    samples = interleaved({name: lambda name=name: ran.append(name) for name in "ab"}, rounds=3, warm_up=1)  # type: ignore[misc]
+    samples = time_interleaved({name: lambda name=name: ran.append(name) for name in "ab"}, rounds=3, warm_up=1)  # type: ignore[misc]
     assert ran == list("abababab")
     assert all(len(sample.seconds) == 3 for sample in samples.values())
-    assert Sample((0.003, 0.001, 0.002)).median_ms == pytest.approx(2.0)
-    assert Sample((0.003, 0.001, 0.002)).minimum_ms == pytest.approx(1.0)
+    assert JobTimings((0.003, 0.001, 0.002)).median_ms == pytest.approx(2.0)
+    assert JobTimings((0.003, 0.001, 0.002)).minimum_ms == pytest.approx(1.0)
 
 
 @pytest.mark.gpu
 def test_bars_are_ratios_of_jobs_that_did_the_work(device: Device) -> None:
     threads = torch.get_num_threads()
-    found = frame_bars.measure(_system(), device, rounds=1, strategy="passes")
+    found = frame_bars.benchmark_frame(_system(), device, rounds=1, strategy="passes")
     assert torch.get_num_threads() == threads
-    assert all(math.isfinite(bar.value) and bar.value > 0 for bar in found.bars)
-    error = next(bar for bar in found.bars if "error" in bar.name)
-    assert error.holds
+    assert all(math.isfinite(bar.value) and bar.value > 0 for bar in found.criteria)
+    error = next(bar for bar in found.criteria if "error" in bar.name)
+    assert error.is_met
     assert found.wavelengths == 8
     field = 48 * (64 + 8) * 8
     pixels = 48 * 64 * 4
@@ -87,14 +87,14 @@ def test_bars_are_ratios_of_jobs_that_did_the_work(device: Device) -> None:
 def test_a_timer_counts_the_time_on_the_device_and_no_more(device: Device) -> None:
     if TIMESTAMPS not in device.features:
         pytest.skip("this adapter has no timestamp queries")
-    session = FrameSession(_system(), random_drive(_system()), device)
+    session = IncrementalRenderer(_system(), random_drive(_system()), device)
     session.update()
-    session.timer = timer = Timer(device)
-    assert timer.seconds() == 0.0
-    session.forget()
+    session.timer = timer = GpuTimer(device)
+    assert timer.take_seconds() == 0.0
+    session.invalidate()
     session.update()
-    assert 1e-6 < timer.seconds() < 10.0
-    assert timer.seconds() == 0.0
+    assert 1e-6 < timer.take_seconds() < 10.0
+    assert timer.take_seconds() == 0.0
     timed = device_time(_system(), device, rounds=1, strategy="passes")
     assert timed.frame_ms == pytest.approx(8 * timed.wavelength_ms)
     assert timed.as_dict()["share_of_copy"] > 0
@@ -131,13 +131,15 @@ def test_tuning_shows_what_the_choice_rests_on(
     grids = json.loads(capsys.readouterr().out)["grids"]
     assert [grid["size"] for grid in grids] == [[64, 48], [128, 96]]
     for grid in grids:
-        assert set(grid["seconds"]) | set(grid["refused"]) == set(strategies(device, tuple(grid["size"][::-1])))
+        assert set(grid["seconds"]) | set(grid["refused"]) == set(
+            supported_strategies(device, tuple(grid["size"][::-1]))
+        )
         assert grid["chosen"] == min(grid["seconds"], key=lambda name: grid["seconds"][name])
 
 
 def test_a_choice_is_told_with_its_reasons() -> None:
-    tuning = Tuning({"passes": 0.02, "subgroup": 0.01}, {"passes": 0.5}, {"workgroup": "wrong by 1e-3"})
-    lines = Tuned((48, 64), "subgroup", tuning).lines()
+    tuning = TuningResult({"passes": 0.02, "subgroup": 0.01}, {"passes": 0.5}, {"workgroup": "wrong by 1e-3"})
+    lines = TuningReport((48, 64), "subgroup", tuning).format_lines()
     assert lines[0] == "64 x 48: subgroup"
     assert "20.00 ms an FFT and its inverse" in lines[1] and "0.50 s to compile" in lines[1]
     assert lines[3].endswith("refused: wrong by 1e-3")

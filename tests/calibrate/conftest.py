@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import pytest
 
-from holoview.calibrate.held_out import HeldOut, hold_out
-from holoview.calibrate.layout import layout_for
-from holoview.calibrate.settings import Settings
-from holoview.calibrate.train import State, train
-from holoview.captures.make import Session, make_captures
+from holoview.calibrate.held_out import DataSplit, split_captures
+from holoview.calibrate.layout import map_layout_for
+from holoview.calibrate.settings import CalibrationSettings
+from holoview.calibrate.train import TrainingState, train
+from holoview.captures.make import AcquisitionSettings, make_captures
 from holoview.captures.session import Captures
-from holoview.effects.learned import Layout
+from holoview.effects.learned import MapLayout
 from holoview.system import Modulator, Relay, System
 
 SHAPE = (36, 48)
@@ -35,9 +35,9 @@ class Learnt:
 
     hidden: dict[str, dict[str, float]]
     captures: Captures
-    split: HeldOut
-    layout: Layout
-    states: list[State]
+    split: DataSplit
+    layout: MapLayout
+    states: list[TrainingState]
 
 
 def bench(wavelengths: int = 3, planes: tuple[float, ...] = (3e-3,)) -> System:
@@ -57,7 +57,7 @@ def bench(wavelengths: int = 3, planes: tuple[float, ...] = (3e-3,)) -> System:
 
 def session(each: int = 7, seed: int = 1, **changes: object) -> Captures:
     """Captures of the small bench with all its faults."""
-    return make_captures(bench(**changes), TRUTH, Session(each=each, seed=seed))  # type: ignore[arg-type]
+    return make_captures(bench(**changes), TRUTH, AcquisitionSettings(captures_per_condition=each, seed=seed))  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def small() -> Captures:
 def learnt() -> Learnt:
     """What 25 epochs learn from 17 of 21 captures."""
     captures = session()
-    split = hold_out(captures)
-    layout = layout_for(captures, split.train)
-    states = list(train(captures, {}, split, layout, Settings(epochs=25, batch=2)))
+    split = split_captures(captures)
+    layout = map_layout_for(captures, split.train)
+    states = list(train(captures, {}, split, layout, CalibrationSettings(epochs=25, batch=2)))
     return Learnt(TRUTH, captures, split, layout, states)

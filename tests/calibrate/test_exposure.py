@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from holoview.calibrate.exposure import Limits, plan_exposures
+from holoview.calibrate.exposure import ExposureLimits, plan_exposures
 from holoview.captures.session import Captures
 from holoview.errors import UserError
 
@@ -39,12 +39,12 @@ def test_limits_are_kept_and_what_they_cost_is_said(small: Captures) -> None:
     counts = dict(zip(small.wavelengths_m, (500.0, 1000.0, 2000.0), strict=True))
     captures = _lit(small, counts)
     room = 0.9 * (captures.camera.saturation - BLACK)
-    long = plan_exposures(captures, limits=Limits(exposures_s=(0.1, 1.0)))
+    long = plan_exposures(captures, limits=ExposureLimits(exposures_s=(0.1, 1.0)))
     for line in long:  # the shortest exposure is too long for full power: power comes down
         assert line.exposure_s == 0.1
         assert line.power == pytest.approx(room / (counts[line.wavelength_m] / 5e-3) / 0.1, rel=0.01)
-    assert "dim at" in plan_exposures(captures, limits=Limits(exposures_s=(1e-4, 1e-3)))[0].note
-    assert "too bright" in plan_exposures(captures, limits=Limits((0.5, 1.0), (1.0, 2.0)))[2].note
+    assert "dim at" in plan_exposures(captures, limits=ExposureLimits(exposures_s=(1e-4, 1e-3)))[0].note
+    assert "too bright" in plan_exposures(captures, limits=ExposureLimits((0.5, 1.0), (1.0, 2.0)))[2].note
 
 
 def test_a_clipped_first_capture_is_no_measurement(small: Captures) -> None:
@@ -68,6 +68,6 @@ def test_a_dark_picture_replaces_the_nominal_black(small: Captures) -> None:
 
 def test_limits_that_cannot_be_are_refused(small: Captures) -> None:
     with pytest.raises(UserError, match="powers"):
-        Limits(powers=(1.0, 0.5))
+        ExposureLimits(powers=(1.0, 0.5))
     with pytest.raises(UserError, match="headroom"):
         plan_exposures(small, headroom=1.5)

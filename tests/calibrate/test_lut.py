@@ -8,36 +8,38 @@ import numpy as np
 import pytest
 
 from holoview.calibrate.lut import fit_lut
-from holoview.calibrate.sweep import Sweep, read_sweep
+from holoview.calibrate.sweep import EfficiencySweep, read_sweep
 from holoview.errors import UserError
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "lcos_820nm_first_order_power.csv"
 LEVELS = np.arange(128.0)
 
 
-def _sweep(stroke_pi: float, gamma: float, seed: int, noise: float = 0.01, contrast: float = 0.0) -> Sweep:
+def _sweep(stroke_pi: float, gamma: float, seed: int, noise: float = 0.01, contrast: float = 0.0) -> EfficiencySweep:
     """P = b + a·(1 + c·x)·sin²(φ/2) with φ = stroke·x^γ and white noise of that share of a."""
     x = LEVELS / LEVELS[-1]
     power = 20 + 2000 * (1 + contrast * x) * np.sin(stroke_pi * np.pi * x**gamma / 2) ** 2
-    return Sweep(LEVELS, power + np.random.default_rng(seed).normal(0, 2000 * noise, len(x)))
+    return EfficiencySweep(LEVELS, power + np.random.default_rng(seed).normal(0, 2000 * noise, len(x)))
 
 
 @pytest.mark.parametrize(("stroke_pi", "gamma"), [(1.5, 0.8), (2.6, 1.4), (3.4, 1.0)])
 def test_a_known_stroke_is_inside_its_interval_and_the_table_follows_the_truth(stroke_pi: float, gamma: float) -> None:
     lut = fit_lut(_sweep(stroke_pi, gamma, seed=3))
-    low, high = (bound / np.pi for bound in lut.interval)
+    low, high = (bound / np.pi for bound in lut.stroke_interval)
     # four half intervals: beyond 7.8 sigma chance is nil; a wrong branch is off by π
     assert lut.fit.stroke / np.pi == pytest.approx(stroke_pi, abs=4 * (high - low) / 2)
     assert high - low < 0.1
-    assert lut.fit.rms < 0.015  # the noise is 0.01 of full power
+    assert lut.fit.relative_rms < 0.015  # the noise is 0.01 of full power
     truth = (LEVELS / LEVELS[-1]) ** gamma
-    assert np.abs(lut.fractions - truth).max() < 0.05  # the phase has no slope at extrema: noise^½ = 0.1 rad of 5
+    assert (
+        np.abs(lut.stroke_fractions - truth).max() < 0.05
+    )  # the phase has no slope at extrema: noise^½ = 0.1 rad of 5
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     inside = 0
     for seed in range(4):
-        low, high = fit_lut(_sweep(2.3, 1.2, seed, noise=0.02)).interval
+        low, high = fit_lut(_sweep(2.3, 1.2, seed, noise=0.02)).stroke_interval
         inside += low <= 2.3 * np.pi <= high
     assert inside >= 3  # 95 % each: fewer than three of four has a chance of 0.014
 
@@ -50,7 +52,7 @@ def test_contrast_that_changes_is_found_only_where_it_does() -> None:
 
 
 def test_levels_rise_strictly_as_a_modulator_states_them() -> None:
-    fractions = fit_lut(_sweep(2.6, 1.4, seed=1)).fractions
+    fractions = fit_lut(_sweep(2.6, 1.4, seed=1)).stroke_fractions
     assert fractions[0] == 0.0
     assert fractions[-1] == 1.0
     assert (np.diff(fractions) > 0).all()
@@ -62,7 +64,7 @@ def test_a_real_modulator_at_820_nm() -> None:
     lut = fit_lut(read_sweep(REAL))
     assert lut.rms_linear_2pi == pytest.approx(0.33, abs=0.01)
     assert lut.rms_linear_free == pytest.approx(0.22, abs=0.01)
-    assert lut.fit.rms < 0.03  # what a monotone table was known to leave
+    assert lut.fit.relative_rms < 0.03  # what a monotone table was known to leave
     # read off the curve: maxima at levels 168 and 238, a null at 208, and 0.43 of full power after the second maximum
     assert 3.4 < lut.fit.stroke / np.pi < 3.7
     null = 160 + int(lut.sweep.power[160:230].argmin())

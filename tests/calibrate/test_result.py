@@ -13,49 +13,53 @@ import torch
 
 import holoview as hv
 from holoview import preset
-from holoview.calibrate.material import Material
-from holoview.calibrate.model import Model
-from holoview.calibrate.pictures import draw_all
-from holoview.calibrate.response import laser_response
-from holoview.calibrate.result import Calibration, bench_for
-from holoview.calibrate.score import Score, score
+from holoview.calibrate.material import TrainingData
+from holoview.calibrate.model import CalibrationModel
+from holoview.calibrate.pictures import plot_calibration
+from holoview.calibrate.response import fit_laser_response
+from holoview.calibrate.result import CalibrationResult, starting_bench
+from holoview.calibrate.score import PredictionScore, score_predictions
 from holoview.captures.predict import Predictor
 from holoview.captures.session import Captures
-from holoview.effects.learned import Learned
-from holoview.effects.learned_file import read_learned, write_learned
-from holoview.effects.registry import effect, registry
+from holoview.effects.learned import LearnedMaps
+from holoview.effects.learned_file import read_calibration, write_calibration
+from holoview.effects.registry import get_effect, listed_effects
 from holoview.errors import UserError
 
 
 @pytest.fixture(scope="module")
-def model(learnt: Any) -> Model:
-    model = Model(learnt.captures, learnt.layout, {})
-    model.use(learnt.states[-1].best.tensors)
+def model(learnt: Any) -> CalibrationModel:
+    model = CalibrationModel(learnt.captures, learnt.layout, {})
+    model.set_maps(learnt.states[-1].best.tensors)
     return model
 
 
 @pytest.fixture(scope="module")
-def scored(learnt: Any, model: Model) -> Score:
-    return score(Material(learnt.captures), learnt.split, model.nominal, model.signals, lambda *_: None)
+def scored(learnt: Any, model: CalibrationModel) -> PredictionScore:
+    return score_predictions(
+        TrainingData(learnt.captures), learnt.split, model.predict_nominal, model.predict, lambda *_: None
+    )
 
 
 @pytest.fixture(scope="module")
-def saved(learnt: Any, scored: Score, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def saved(learnt: Any, scored: PredictionScore, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("calibrated")
-    bench = bench_for(learnt.captures, None, "mine")
-    Calibration(learnt.captures, bench, learnt.states[-1].best, scored, normalised=True).save(folder / "mine.toml")
+    bench = starting_bench(learnt.captures, None, "mine")
+    CalibrationResult(learnt.captures, bench, learnt.states[-1].best, scored, normalise_amplitudes=True).save(
+        folder / "mine.toml"
+    )
     return folder / "mine.toml"
 
 
-def test_scores_rise_on_what_was_held_out_at_every_wavelength(scored: Score) -> None:
-    assert scored.of("captures").after.chi2 < 2 < 50 < scored.of("captures").before.chi2
-    assert all(row.gain_db > 6 for row in scored.rows)
+def test_scores_rise_on_what_was_held_out_at_every_wavelength(scored: PredictionScore) -> None:
+    assert scored.overall("captures").after.chi2 < 2 < 50 < scored.overall("captures").before.chi2
+    assert all(row.psnr_gain_db > 6 for row in scored.rows)
     assert {row.wavelength_m for row in scored.rows if row.group == "train"} == {None, 460e-9, 532e-9, 638e-9}
 
 
-def test_the_lasers_law_is_the_hidden_one(learnt: Any, scored: Score) -> None:
-    exponent, sigma = scored.response.common
-    assert scored.response.is_bent
+def test_the_lasers_law_is_the_hidden_one(learnt: Any, scored: PredictionScore) -> None:
+    exponent, sigma = scored.response.common_exponent
+    assert scored.response.is_nonlinear
     assert exponent == pytest.approx(learnt.hidden["laser_power"]["exponent"], abs=max(4 * sigma, 0.01))
 
 
@@ -79,7 +83,7 @@ def test_frames_are_what_the_predictor_expects(saved: Path, learnt: Any, backend
     one = system.edit({"effects": table, "wavelengths": [float(captures.wavelength_m[3])], "amplitudes": [[1.0]]})
     frame = hv.simulate(one, captures.drive(3)[None].astype(np.float32), backend=backend).intensity[0, 0]
     alone = dataclasses.replace(captures, power=np.ones(len(captures)), exposure_s=np.ones(len(captures)))
-    expected = Predictor(alone, double=True)([3], table).signal[0].numpy()
+    expected = Predictor(alone, double_precision=True)([3], table).signal[0].numpy()
     # single precision through four transforms; the predictor in double against the executor
     assert np.abs(frame - expected).max() < (1e-4 if backend == "torch" else 1e-6) * expected.max()
 
@@ -93,49 +97,49 @@ def test_maps_that_are_missing_damaged_or_of_another_bench_are_named(saved: Path
     with pytest.raises(UserError, match="can't be read"):
         hv.make_plan(preset.load(tmp_path / "mine.toml"))
     single = dataclasses.replace(learnt.layout, modulators=1, warp_nodes=(0, 0), noll1=())
-    write_learned(tmp_path / "mine.safetensors", Learned.nominal(single), {})
+    write_calibration(tmp_path / "mine.safetensors", LearnedMaps.nominal(single), {})
     with pytest.raises(UserError, match="maps of 1 modulators"):
         hv.make_plan(preset.load(tmp_path / "mine.toml"))
 
 
 def test_a_file_of_maps_with_nan_is_refused(learnt: Any, tmp_path: Path) -> None:
-    maps = Learned.nominal(learnt.layout)
+    maps = LearnedMaps.nominal(learnt.layout)
     maps.tensors["warp_m"][0, 0, 0] = math.nan
-    write_learned(tmp_path / "m.safetensors", maps, {})
+    write_calibration(tmp_path / "m.safetensors", maps, {})
     with pytest.raises(UserError, match="warp_m: holds NaN"):
-        read_learned(tmp_path / "m.safetensors")
+        read_calibration(tmp_path / "m.safetensors")
 
 
 def test_maps_of_zeros_change_nothing(learnt: Any) -> None:
-    model = Model(learnt.captures, learnt.layout, {}, double=True)
-    model.use(Learned.nominal(learnt.layout, torch.float64).tensors)
-    nominal, mapped = model.nominal([0])[0], model.signals([0])[0]
+    model = CalibrationModel(learnt.captures, learnt.layout, {}, double=True)
+    model.set_maps(LearnedMaps.nominal(learnt.layout, torch.float64).tensors)
+    nominal, mapped = model.predict_nominal([0])[0], model.predict([0])[0]
     # the warp's interpolation and a blur of a thousandth of a pixel are all that is left
     assert float((nominal - mapped).abs().max() / nominal.max()) < 1e-4
 
 
 def test_calibrated_is_no_cause_to_be_searched() -> None:
-    assert "calibrated" not in registry()
-    assert effect("calibrated").id == "calibrated"
+    assert "calibrated" not in listed_effects()
+    assert get_effect("calibrated").id == "calibrated"
 
 
-def test_pictures_are_drawn_of_everything(learnt: Any, model: Model, tmp_path: Path) -> None:
-    material, best = Material(learnt.captures), learnt.states[-1].best
-    drawn = draw_all(tmp_path, material, best, learnt.split, model.nominal, model.signals)
+def test_pictures_are_drawn_of_everything(learnt: Any, model: CalibrationModel, tmp_path: Path) -> None:
+    material, best = TrainingData(learnt.captures), learnt.states[-1].best
+    drawn = plot_calibration(tmp_path, material, best, learnt.split, model.predict_nominal, model.predict)
     assert {path.name for path in drawn} == {"source.png", "lut.png", "warp.png", "pupils.png", "residual.png"}
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in drawn)
 
 
 def test_a_preset_that_contradicts_the_captures_is_refused(learnt: Any) -> None:
     nominal = learnt.captures.system()
-    assert bench_for(learnt.captures, nominal.edit({"effects.tilt.tilt_x": 1e-3}), "").effect_values
+    assert starting_bench(learnt.captures, nominal.edit({"effects.tilt.tilt_x": 1e-3}), "").effect_values
     with pytest.raises(UserError, match=r"preset: gap: 2 mm; expected 1 mm"):
-        bench_for(learnt.captures, nominal.edit({"gap": 2e-3}), "")
+        starting_bench(learnt.captures, nominal.edit({"gap": 2e-3}), "")
 
 
 def test_a_power_that_never_changed_tells_no_exponent(small: Captures) -> None:
     same = dataclasses.replace(small, power=np.ones(len(small)))
-    response = laser_response(same, np.arange(len(small)), np.full(len(small), 2.0))
-    assert response.common == (0.0, math.inf)
-    assert not response.is_bent
+    response = fit_laser_response(same, np.arange(len(small)), np.full(len(small), 2.0))
+    assert response.common_exponent == (0.0, math.inf)
+    assert not response.is_nonlinear
     assert response.scale == pytest.approx([2.0, 2.0, 2.0])

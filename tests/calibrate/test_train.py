@@ -12,15 +12,15 @@ import pytest
 import torch
 
 from holoview.calibrate.checkpoint import load_checkpoint
-from holoview.calibrate.held_out import hold_out
-from holoview.calibrate.layout import layout_for
-from holoview.calibrate.model import Model
-from holoview.calibrate.settings import Settings
-from holoview.calibrate.train import State, train
-from holoview.captures.make import Session, nominal_session
+from holoview.calibrate.held_out import split_captures
+from holoview.calibrate.layout import map_layout_for
+from holoview.calibrate.model import CalibrationModel
+from holoview.calibrate.settings import CalibrationSettings
+from holoview.calibrate.train import TrainingState, train
+from holoview.captures.make import AcquisitionSettings, blank_captures
 from holoview.captures.session import Captures
-from holoview.effects.learned import Learned
-from holoview.effects.places import Surface
+from holoview.effects.learned import LearnedMaps
+from holoview.effects.places import ModulatorContext
 from holoview.errors import UserError
 from holoview.system import System
 
@@ -70,7 +70,7 @@ def test_pupils_hold_the_hidden_zernike_terms_and_how_they_change_with_the_wavel
 
 
 def test_the_source_has_the_hidden_profile(learnt: Any) -> None:
-    at = Surface(0, 532e-9, 825e-9, PITCH, SHAPE, 2)
+    at = ModulatorContext(0, 532e-9, 825e-9, PITCH, SHAPE, 2)
     found = learnt.states[-1].best.source(at).abs().log().numpy()
     y, x = ((np.arange(n) - (n - 1) / 2) / (SHAPE[1] / 2) for n in SHAPE)
     truth = -0.3 * (y[:, None] ** 2 + x[None, :] ** 2) + 0.15 * x[None, :]
@@ -80,16 +80,16 @@ def test_the_source_has_the_hidden_profile(learnt: Any) -> None:
 
 
 def test_gradients_are_those_of_finite_differences(small: Captures) -> None:
-    split = hold_out(small)
+    split = split_captures(small)
     layout = dataclasses.replace(
-        layout_for(small, split.train),
+        map_layout_for(small, split.train),
         source_nodes=(3, 3),
         pupil_nodes=(3, 3),
         warp_nodes=(2, 3),
         noll1=(4, 7),
         noll2=(3, 8),
     )
-    model = Model(small, layout, {}, double=True)
+    model = CalibrationModel(small, layout, {}, double=True)
     random = torch.Generator().manual_seed(5)
     scale = {"source_opd_m": 5e-8, "warp_m": 2e-6, "zernike1_m": 5e-8, "zernike2_m": 5e-8}
     tensors = {
@@ -100,8 +100,8 @@ def test_gradients_are_those_of_finite_differences(small: Captures) -> None:
     probe = torch.randn(small.shape, dtype=torch.float64, generator=random)
 
     def loss() -> torch.Tensor:
-        model.use(tensors)
-        return (model.signals([1], grad=True)[0] * probe).sum()
+        model.set_maps(tensors)
+        return (model.predict([1], grad=True)[0] * probe).sum()
 
     for tensor in tensors.values():
         tensor.requires_grad_()
@@ -119,14 +119,14 @@ def test_gradients_are_those_of_finite_differences(small: Captures) -> None:
 
 
 def test_resuming_goes_on_bit_for_bit(small: Captures, tmp_path: Path) -> None:
-    split = hold_out(small)
-    layout, settings = layout_for(small, split.train), Settings(epochs=4, batch=2)
+    split = split_captures(small)
+    layout, settings = map_layout_for(small, split.train), CalibrationSettings(epochs=4, batch=2)
 
-    def states(stop: int, resume: Path | None = None) -> list[State]:
+    def states(stop: int, resume: Path | None = None) -> list[TrainingState]:
         found = []
         kept = None if resume is None else load_checkpoint(resume)
         for state in train(small, {}, split, layout, settings, kept):
-            found.append(dataclasses.replace(state, best=_copied(state.best)))
+            found.append(dataclasses.replace(state, best=_copied(state.best_maps)))
             if state.epoch == stop:
                 state.checkpoint().save(tmp_path / "c.safetensors")
                 break
@@ -135,22 +135,22 @@ def test_resuming_goes_on_bit_for_bit(small: Captures, tmp_path: Path) -> None:
     whole = states(4)
     states(2)
     rest = states(4, resume=tmp_path / "c.safetensors")
-    assert [state.chi2 for state in whole[3:]] == [state.chi2 for state in rest]
-    for name, tensor in whole[-1].best.tensors.items():
-        assert torch.equal(tensor, rest[-1].best.tensors[name]), name
+    assert [state.validation_chi2 for state in whole[3:]] == [state.validation_chi2 for state in rest]
+    for name, tensor in whole[-1].best_maps.tensors.items():
+        assert torch.equal(tensor, rest[-1].best_maps.tensors[name]), name
 
 
 def test_a_checkpoint_of_something_else_is_refused(small: Captures, tmp_path: Path) -> None:
-    split = hold_out(small)
-    layout = layout_for(small, split.train)
-    state = next(train(small, {}, split, layout, Settings(epochs=2)))
+    split = split_captures(small)
+    layout = map_layout_for(small, split.train)
+    state = next(train(small, {}, split, layout, CalibrationSettings(epochs=2)))
     state.checkpoint().save(tmp_path / "c.safetensors")
     kept = load_checkpoint(tmp_path / "c.safetensors")
     other = dataclasses.replace(small, power=small.power * 1.5)
     for captures, known, settings, said in (
-        (other, {}, Settings(epochs=2), "the captures"),
-        (small, {"gap": {"gap_error": 1e-4}}, Settings(epochs=2), "the known effects"),
-        (small, {}, Settings(epochs=3), "epochs"),
+        (other, {}, CalibrationSettings(epochs=2), "the captures"),
+        (small, {"gap": {"gap_error": 1e-4}}, CalibrationSettings(epochs=2), "the known effects"),
+        (small, {}, CalibrationSettings(epochs=3), "epochs"),
     ):
         with pytest.raises(UserError, match=f"{said} differ"):
             next(train(captures, known, split, layout, settings, kept))
@@ -158,17 +158,19 @@ def test_a_checkpoint_of_something_else_is_refused(small: Captures, tmp_path: Pa
 
 def test_too_few_captures_are_refused(small: Captures) -> None:
     with pytest.raises(UserError, match="1 capture; expected at least 4"):
-        hold_out(small.subset([0]))
+        split_captures(small.subset([0]))
 
 
 def test_planes_and_wavelengths_are_held_out_whole(make_bench: Callable[..., System]) -> None:
     rng = np.random.default_rng(0)
-    captures = nominal_session(make_bench(4, planes=(2e-3, 3e-3, 4e-3)), Session(each=3), rng)
-    split = hold_out(captures)
-    assert set(captures.distance_m[split.planes]) == {3e-3}
-    assert len(set(captures.wavelength_m[split.wavelengths])) == 1
+    captures = blank_captures(
+        make_bench(4, planes=(2e-3, 3e-3, 4e-3)), AcquisitionSettings(captures_per_condition=3), rng
+    )
+    split = split_captures(captures)
+    assert set(captures.distance_m[split.unseen_planes]) == {3e-3}
+    assert len(set(captures.wavelength_m[split.unseen_wavelengths])) == 1
     assert 3e-3 not in captures.distance_m[split.train]
-    assert not set(captures.wavelength_m[split.train]) & set(captures.wavelength_m[split.wavelengths])
+    assert not set(captures.wavelength_m[split.train]) & set(captures.wavelength_m[split.unseen_wavelengths])
     everything = np.concatenate(list(split.groups().values()))
     assert sorted(everything) == list(range(len(captures)))
 
@@ -176,8 +178,8 @@ def test_planes_and_wavelengths_are_held_out_whole(make_bench: Callable[..., Sys
 def test_settings_that_cannot_be_are_refused() -> None:
     for wrong in ({"epochs": 0}, {"batch": 0}, {"rate": 0.0}, {"rate": float("nan")}):
         with pytest.raises(UserError, match=next(iter(wrong))):
-            Settings(**wrong)  # type: ignore[arg-type]
+            CalibrationSettings(**wrong)  # type: ignore[arg-type]
 
 
-def _copied(learned: Learned) -> Learned:
-    return Learned(learned.layout, {name: tensor.clone() for name, tensor in learned.tensors.items()})
+def _copied(learned: LearnedMaps) -> LearnedMaps:
+    return LearnedMaps(learned.layout, {name: tensor.clone() for name, tensor in learned.tensors.items()})

@@ -6,9 +6,9 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.captures.band import Band
-from holoview.captures.cache import Cache, NoCache
-from holoview.optics.propagate import support_mask, transfer_at, transfer_function
+from holoview.captures.band import FrequencyBand
+from holoview.captures.cache import InvariantCache, TensorCache
+from holoview.optics.propagate import support_mask, transfer_function, transfer_function_at
 
 SHAPE, PADDED = (12, 15), (24, 30)
 
@@ -19,8 +19,8 @@ def _field() -> torch.Tensor:
 
 @pytest.mark.parametrize("reach", [(5, 4), (11, 3), (12, 15), (0, 0), (40, 2)])
 def test_the_spectrum_is_cut_out_of_the_whole_one(reach: tuple[int, int]) -> None:
-    band, field = Band(PADDED, reach), _field()
-    ky, kx = band.indices
+    band, field = FrequencyBand(PADDED, reach), _field()
+    ky, kx = band.frequency_indices
     whole = torch.fft.fft2(torch.nn.functional.pad(field, (0, 15, 0, 12)))
     torch.testing.assert_close(band.forward(field), whole[ky][:, kx])
     kept = torch.zeros(PADDED, dtype=torch.complex128)
@@ -29,7 +29,7 @@ def test_the_spectrum_is_cut_out_of_the_whole_one(reach: tuple[int, int]) -> Non
 
 
 def test_forward_and_inverse_are_adjoint_but_for_the_scale() -> None:
-    band, field = Band(PADDED, (5, 4)), _field()
+    band, field = FrequencyBand(PADDED, (5, 4)), _field()
     spectrum = torch.randn(11, 9, dtype=torch.complex128, generator=torch.Generator().manual_seed(1))
     left = torch.vdot(band.forward(field).flatten(), spectrum.flatten())
     right = torch.vdot(field.flatten(), band.inverse(spectrum, SHAPE).flatten()) * 24 * 30
@@ -41,10 +41,10 @@ def test_a_band_holds_all_that_a_relay_lets_through(na: float | None) -> None:
     system = hv.load("holochrome-8").edit({"shape": [20, 28], "relay2.iris_na": na})
     plan = hv.make_plan(system)
     step = plan.transfer(1, 0, 0.01)
-    band = Band.of(step, plan.grid)
+    band = FrequencyBand.from_transfer(step, plan.grid)
     whole = transfer_function(step, plan.grid, torch.complex128, torch.device("cpu"))
-    ky, kx = band.indices
-    assert torch.equal(transfer_at(step, ky, kx, torch.complex128), whole[ky][:, kx])
+    ky, kx = band.frequency_indices
+    assert torch.equal(transfer_function_at(step, ky, kx, torch.complex128), whole[ky][:, kx])
     assert int((whole[ky][:, kx] != 0).sum()) == int((whole != 0).sum())
     assert bool(support_mask(step, kx.abs(), ky % plan.grid.padded[0]).any(dim=0).all())  # and no column more
 
@@ -56,9 +56,9 @@ def test_the_longest_unused_results_go_first() -> None:
         made.append(name)
         return torch.zeros(10, dtype=torch.float64)
 
-    cache = Cache(200)
+    cache = TensorCache(200)
     for name in ("a", "b", "a", "c", "a", "b"):
         cache.get(name, lambda name=name: make(name))  # type: ignore[misc]
     assert made == ["a", "b", "c", "b"]
-    nothing = NoCache(cache)
+    nothing = InvariantCache(cache)
     assert nothing.get("a", lambda: torch.zeros(1)) is not nothing.get("a", lambda: torch.zeros(1))

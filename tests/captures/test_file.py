@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from holoview.captures import Camera, Captures, Panel, read_captures, write_captures
+from holoview.captures import Camera, Captures, SlmSpec, read_captures, write_captures
 from holoview.errors import UserError
 
 Edit = Callable[[h5py.File], None]
@@ -26,7 +26,7 @@ def _captures(modulators: int = 2) -> Captures:
         distance_m=np.full(3, 4e-3),
         power=np.array([1.0, 0.5, 0.25]),
         exposure_s=np.full(3, 0.01),
-        panels=(Panel(8e-6, 16, 780e-9),) * modulators,
+        slms=(SlmSpec(8e-6, 16, 780e-9),) * modulators,
         camera=Camera(4e-6, 12, 4.0, 3.0, 64.0),
         gap_m=1e-3 if two else None,
         iris1_na=0.03 if two else None,

@@ -10,7 +10,7 @@ import pytest
 
 import holoview as hv
 from holoview.captures import Captures
-from holoview.captures.make import Nuisances, Session, make_captures
+from holoview.captures.make import AcquisitionSettings, Nuisances, make_captures
 from holoview.captures.patterns import random_levels
 from holoview.captures.predict import Predictor
 from holoview.errors import UserError
@@ -29,9 +29,9 @@ def _chi2(captures: Captures, effects: dict[str, dict[str, float]], finer: int =
     found = []
     for image, signal in zip(captures.images, prediction.signal.double().numpy(), strict=True):
         valid = image < captures.camera.saturation
-        seen, expected = image[valid] - prediction.offset, signal[valid]
+        seen, expected = image[valid] - prediction.black_level, signal[valid]
         expected = expected * (expected @ seen) / (expected @ expected)
-        found.append(np.mean((seen - expected) ** 2 / captures.camera.variance(expected)))
+        found.append(np.mean((seen - expected) ** 2 / captures.camera.noise_variance(expected)))
     return np.array(found)
 
 
@@ -45,7 +45,7 @@ SCATTER = 5 * (2 / (64 * 80)) ** 0.5
     ids=["none", "gap", "two"],
 )
 def test_the_effects_explain_the_pictures_to_their_noise(effects: dict[str, dict[str, float]]) -> None:
-    captures = make_captures(_system(), effects, Session(each=4))
+    captures = make_captures(_system(), effects, AcquisitionSettings(captures_per_condition=4))
     assert _chi2(captures, effects) == pytest.approx(np.ones(8), abs=SCATTER)
     if effects:
         assert _chi2(captures, {}).max() > 2
@@ -53,13 +53,13 @@ def test_the_effects_explain_the_pictures_to_their_noise(effects: dict[str, dict
 
 def test_effects_of_the_preset_are_there_and_not_in_the_nominal_bench() -> None:
     system = _system().edit({"effects.gap.gap_error": 1e-4})
-    captures = make_captures(system, {}, Session(each=1))
+    captures = make_captures(system, {}, AcquisitionSettings(captures_per_condition=1))
     assert captures.gap_m == _system().gap_m
     assert _chi2(captures, {"gap": {"gap_error": 1e-4}}) == pytest.approx(np.ones(2), abs=SCATTER)
 
 
 def test_pictures_are_well_exposed_and_each_wavelength_has_its_own_scale() -> None:
-    captures = make_captures(_system(), {}, Session(each=8))
+    captures = make_captures(_system(), {}, AcquisitionSettings(captures_per_condition=8))
     bright = np.quantile(captures.images, 0.999, axis=(1, 2))
     assert np.all(bright > 0.6 * 4095) and np.all(bright < 0.95 * 4095)
     assert np.all((captures.power >= 0.5) & (captures.power <= 1.0)) and len(np.unique(captures.power)) > 8
@@ -85,17 +85,24 @@ def test_patterns_go_from_smooth_to_rough_and_use_the_range() -> None:
     ("nuisances", "least"),
     [
         (Nuisances(prnu=0.05), 2.0),
-        (Nuisances(camera_m=1e-6), 2.0),
-        (Nuisances(wavelength_m=0.3e-9), 1.2),
+        (Nuisances(camera_jitter_m=1e-6), 2.0),
+        (Nuisances(wavelength_jitter_m=0.3e-9), 1.2),
     ],
     ids=["prnu", "camera", "wavelength"],
 )
 def test_what_varies_is_beyond_the_noise(nuisances: Nuisances, least: float) -> None:
-    assert _chi2(make_captures(_system(), {}, Session(each=4, nuisances=nuisances)), {}).max() > least
+    assert (
+        _chi2(
+            make_captures(_system(), {}, AcquisitionSettings(captures_per_condition=4, nuisances=nuisances)), {}
+        ).max()
+        > least
+    )
 
 
 def test_exposure_jitter_is_all_in_the_gain() -> None:
-    captures = make_captures(_system(), {}, Session(each=8, nuisances=Nuisances(exposure=0.05)))
+    captures = make_captures(
+        _system(), {}, AcquisitionSettings(captures_per_condition=8, nuisances=Nuisances(exposure_jitter=0.05))
+    )
     assert _chi2(captures, {}) == pytest.approx(np.ones(16), abs=SCATTER)
     light = Predictor(captures)(range(16)).signal.mean(dim=(1, 2)).double().numpy()
     scale = ((captures.images.mean(axis=(1, 2)) - 64) / light)[:8]
@@ -103,14 +110,16 @@ def test_exposure_jitter_is_all_in_the_gain() -> None:
 
 
 def test_finer_data_need_the_finer_model() -> None:
-    captures = make_captures(_system(), {}, Session(each=4, finer=2))
+    captures = make_captures(_system(), {}, AcquisitionSettings(captures_per_condition=4, finer=2))
     assert _chi2(captures, {}, finer=2) == pytest.approx(np.ones(8), abs=SCATTER)
     assert _chi2(captures, {}).max() > 20
 
 
 def test_a_fourier_bench_is_measured_too() -> None:
     one = _system(**{"modulators": _system().modulators[:1], "gap": None, "relay1.iris_na": None})
-    session = Session(each=2, focal_length_m=0.2, camera_pitch_m=10e-6, camera_shape=(61, 81))
+    session = AcquisitionSettings(
+        captures_per_condition=2, focal_length_m=0.2, camera_pitch_m=10e-6, camera_shape=(61, 81)
+    )
     captures = make_captures(one, {"distance": {"distance_error": 1e-3}}, session)
     assert captures.is_fourier and captures.shape == (61, 81) and not captures.distance_m.any()
     found = _chi2(captures, {"distance": {"distance_error": 1e-3}})
@@ -127,10 +136,10 @@ def test_a_fourier_bench_is_measured_too() -> None:
 )
 def test_a_nominal_bench_that_a_file_cant_hold_is_refused(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(UserError, match=words):
-        make_captures(_system(**changes), {}, Session(each=1))
+        make_captures(_system(**changes), {}, AcquisitionSettings(captures_per_condition=1))
 
 
 def test_a_bench_without_light_is_told() -> None:
-    dark = dataclasses.replace(Session(each=1), black_level=4094.9)
+    dark = dataclasses.replace(AcquisitionSettings(captures_per_condition=1), black_level=4094.9)
     with pytest.raises(UserError, match="no light reaches the camera"):
         make_captures(_system(), {"camera_black": {"black": 10.0}}, dark)

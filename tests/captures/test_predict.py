@@ -11,8 +11,8 @@ import torch
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.captures import Camera, Captures, Panel, read_captures
-from holoview.captures.near import NearField
+from holoview.captures import Camera, Captures, SlmSpec, read_captures
+from holoview.captures.near import NearFieldModel
 from holoview.captures.predict import Predictor, predict
 from holoview.errors import UserError
 
@@ -53,7 +53,7 @@ def _session(count: int = 3, modulators: int = 2) -> Captures:
         distance_m=np.full(count, 3e-3),
         power=np.linspace(1.0, 0.5, count),
         exposure_s=np.full(count, 0.01),
-        panels=(Panel(8e-6, 16, 780e-9),) * modulators,
+        slms=(SlmSpec(8e-6, 16, 780e-9),) * modulators,
         camera=Camera(4e-6, 12, 4.0, 3.0, 64.0),
         gap_m=1e-3 if modulators == 2 else None,
         iris1_na=0.03 if modulators == 2 else None,
@@ -63,7 +63,7 @@ def _session(count: int = 3, modulators: int = 2) -> Captures:
 
 def _executed(captures: Captures, k: int, effects: dict[str, dict[str, float]]) -> NDArray[np.floating]:
     """What the reference executor computes of a capture."""
-    system = captures.system([captures.wavelength_m[k]], [captures.distance_m[k]]).edit({"effects": effects})
+    system = captures.nominal_system([captures.wavelength_m[k]], [captures.distance_m[k]]).edit({"effects": effects})
     view = hv.simulate(system, captures.drive(k)[None], backend="torch64")
     return view.intensity[0].sum(axis=0) * captures.power[k] * captures.exposure_s[k]
 
@@ -71,21 +71,21 @@ def _executed(captures: Captures, k: int, effects: dict[str, dict[str, float]]) 
 @pytest.mark.parametrize("name", ["none", *NEAR])
 def test_it_is_what_the_reference_executor_computes(name: str) -> None:
     captures, effects = _session(), {name: NEAR[name]} if name in NEAR else {}
-    found = Predictor(captures, double=True)([1], effects).signal[0].numpy()
+    found = Predictor(captures, double_precision=True)([1], effects).signal[0].numpy()
     np.testing.assert_allclose(found, _executed(captures, 1, effects), rtol=1e-9, atol=1e-9 * found.max())
 
 
 @pytest.mark.parametrize("name", [n for n in NEAR if n not in ("gap", "slm_alignment", "iris1", "aberration1")])
 def test_one_modulator_too(name: str) -> None:
     captures = _session(modulators=1)
-    found = Predictor(captures, double=True)([0], {name: NEAR[name]}).signal[0].numpy()
+    found = Predictor(captures, double_precision=True)([0], {name: NEAR[name]}).signal[0].numpy()
     np.testing.assert_allclose(found, _executed(captures, 0, {name: NEAR[name]}), rtol=1e-9, atol=1e-9 * found.max())
 
 
 def test_all_effects_together() -> None:
     captures = _session()
     some = {name: NEAR[name] for name in ("gap", "lut", "crosstalk", "slm_alignment", "undiffracted", "iris2", "tilt")}
-    found = Predictor(captures, double=True)([2], some).signal[0].numpy()
+    found = Predictor(captures, double_precision=True)([2], some).signal[0].numpy()
     np.testing.assert_allclose(found, _executed(captures, 2, some), rtol=1e-9, atol=1e-9 * found.max())
 
 
@@ -107,8 +107,8 @@ def test_what_is_kept_never_stands_for_something_else() -> None:
 
 def test_a_picture_of_many_fields_is_kept_though_they_push_each_other_out(monkeypatch: pytest.MonkeyPatch) -> None:
     computed: list[int] = []
-    intensity = NearField.intensity
-    monkeypatch.setattr(NearField, "intensity", lambda *given: computed.append(1) or intensity(*given))
+    intensity = NearFieldModel.intensity
+    monkeypatch.setattr(NearFieldModel, "intensity", lambda *given: computed.append(1) or intensity(*given))
     predictor, effects = Predictor(_session(), cache_mb=1), {"source_extent": {"radius": 2e-3}}
     first = predictor([0, 1, 2], effects).signal
     many = len(computed)
@@ -141,9 +141,11 @@ def test_captures_of_an_independent_program_are_explained_to_their_noise(
     found = predict(captures, [capture], effects)
     image, signal = captures.images[capture].astype(float), found.signal[0].double().numpy()
     valid = image < captures.camera.saturation
-    seen, signal = image[valid] - found.offset, signal[valid]
+    seen, signal = image[valid] - found.black_level, signal[valid]
     signal = signal * (signal @ seen) / (signal @ signal)
-    assert np.mean((seen - signal) ** 2 / captures.camera.variance(signal)) == pytest.approx(1.0, abs=CHI2_TOLERANCE)
+    assert np.mean((seen - signal) ** 2 / captures.camera.noise_variance(signal)) == pytest.approx(
+        1.0, abs=CHI2_TOLERANCE
+    )
 
 
 def test_a_grating_on_a_fourier_bench_sends_its_orders_where_the_grating_equation_says() -> None:
@@ -160,12 +162,12 @@ def test_a_grating_on_a_fourier_bench_sends_its_orders_where_the_grating_equatio
         distance_m=np.zeros(1),
         power=np.ones(1),
         exposure_s=np.ones(1),
-        panels=(Panel(pitch, 2, λ / 2),),
+        panels=(SlmSpec(pitch, 2, λ / 2),),
         camera=Camera(20e-6, 12, 4.0, 3.0, 64.0),
         iris2_na=None,
         focal_length_m=f,
     )
-    image = Predictor(captures, double=True)([0]).signal[0]
+    image = Predictor(captures, double_precision=True)([0]).signal[0]
     away = round(λ * f / (4 * pitch) / 20e-6)  # 100 pixels
     assert away == 100
     order = np.unravel_index(int(image.argmax()), image.shape)
@@ -183,13 +185,13 @@ def test_gradients_reach_what_an_own_effect_holds() -> None:
         id = "map"
         cause = finding = "A map."
         parameters = (Parameter("on", "Whether it acts."),)
-        where = ("modulator 1",)
+        acts_on = ("modulator 1",)
         values_m = torch.zeros(SHAPE, dtype=torch.float64, requires_grad=True)
 
-        def path(self, path_m, at, v):  # type: ignore[no-untyped-def]
+        def optical_path(self, path_m, context, v):  # type: ignore[no-untyped-def]
             return path_m + self.values_m
 
-    predictor = Predictor(_session(), extra=[Map()], double=True)
+    predictor = Predictor(_session(), extra_effects=[Map()], double_precision=True)
     loss = predictor([0], {"map": {"on": 1.0}}, grad=True).signal.square().sum()
     (gradient,) = torch.autograd.grad(loss, Map.values_m)
     step = torch.randn(SHAPE, generator=torch.Generator().manual_seed(2)).double() * 1e-12
@@ -204,14 +206,16 @@ def test_gradients_reach_what_an_own_effect_holds() -> None:
 def test_a_camera_with_other_pixels_sees_the_same_light() -> None:
     """Pixels twice as large have the mean of four; a picture cut out is part of the whole."""
     captures = _session(1)
-    whole = Predictor(captures, double=True)([0]).signal[0]
+    whole = Predictor(captures, double_precision=True)([0]).signal[0]
     coarse = dataclasses.replace(
         captures, images=np.zeros((1, *SHAPE), np.uint16), camera=dataclasses.replace(captures.camera, pitch_m=8e-6)
     )
     binned = whole.reshape(SHAPE[0], 2, SHAPE[1], 2).mean(dim=(1, 3))
-    torch.testing.assert_close(Predictor(coarse, double=True)([0]).signal[0], binned, rtol=1e-7, atol=1e-9)
+    torch.testing.assert_close(Predictor(coarse, double_precision=True)([0]).signal[0], binned, rtol=1e-7, atol=1e-9)
     cut = dataclasses.replace(captures, images=np.zeros((1, 20, 30), np.uint16))
-    torch.testing.assert_close(Predictor(cut, double=True)([0]).signal[0], whole[10:30, 13:43], rtol=1e-7, atol=1e-9)
+    torch.testing.assert_close(
+        Predictor(cut, double_precision=True)([0]).signal[0], whole[10:30, 13:43], rtol=1e-7, atol=1e-9
+    )
 
 
 def test_a_bench_that_cant_be_names_the_effect() -> None:
@@ -223,17 +227,17 @@ def test_a_turned_camera_sees_the_light_beside_the_modulator_too() -> None:
     """By a tiny angle the picture is the same, out to the corners of a camera larger than the modulator."""
     captures = _session(1)
     large = dataclasses.replace(captures, images=np.zeros((1, 56, 72), np.uint16))
-    straight = Predictor(large, double=True)([0]).signal[0]
-    turned = Predictor(large, double=True)([0], {"camera_alignment": {"rotation": 1e-9}}).signal[0]
+    straight = Predictor(large, double_precision=True)([0]).signal[0]
+    turned = Predictor(large, double_precision=True)([0], {"camera_alignment": {"rotation": 1e-9}}).signal[0]
     # cubic interpolation at twice the sampling: seen 0.3 %
     assert float((turned - straight).norm() / straight.norm()) < 0.01
     torch.testing.assert_close(
-        straight[8:48, 8:64], Predictor(captures, double=True)([0]).signal[0], rtol=1e-7, atol=1e-9
+        straight[8:48, 8:64], Predictor(captures, double_precision=True)([0]).signal[0], rtol=1e-7, atol=1e-9
     )
 
 
 def test_beyond_what_is_computed_there_is_no_light() -> None:
     captures = dataclasses.replace(_session(1), images=np.zeros((1, 120, 150), np.uint16))
-    signal = Predictor(captures, double=True)([0]).signal[0]
+    signal = Predictor(captures, double_precision=True)([0]).signal[0]
     assert not bool(signal[:20].any()) and not bool(signal[:, -15:].any())  # of 80 × 120 padded samples
     assert bool(signal[40:80, 50:100].all())

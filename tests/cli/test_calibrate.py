@@ -13,7 +13,7 @@ import pytest
 
 from holoview import preset
 from holoview.captures import write_captures
-from holoview.captures.make import Session, make_captures
+from holoview.captures.make import AcquisitionSettings, make_captures
 from holoview.system import Modulator, Relay, System
 
 SHAPE = (24, 32)
@@ -35,7 +35,12 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     path = tmp_path_factory.mktemp("captures") / "c.h5"
     write_captures(
-        path, make_captures(system, {"slm_alignment": {"shift_y": 6e-6}, "crosstalk": {"sigma": 0.5}}, Session(each=4))
+        path,
+        make_captures(
+            system,
+            {"slm_alignment": {"shift_y": 6e-6}, "crosstalk": {"sigma": 0.5}},
+            AcquisitionSettings(captures_per_condition=4),
+        ),
     )
     return path
 

@@ -13,7 +13,7 @@ import tifffile
 from PIL import Image
 
 from holoview.captures import Captures, read_captures
-from holoview.captures.folder import BENCH, TABLE
+from holoview.captures.folder import BENCH_FILE, TABLE_FILE
 
 Run = Callable[..., Any]
 SMALL = (
@@ -51,7 +51,7 @@ def test_noise_is_that_of_the_camera(holoview: Run) -> None:
         valid = image < captures.camera.saturation
         seen = image[valid] - captures.camera.black_level
         expected = expected[valid] * (expected[valid] @ seen) / (expected[valid] @ expected[valid])
-        chi2 = np.mean((seen - expected) ** 2 / captures.camera.variance(expected))
+        chi2 = np.mean((seen - expected) ** 2 / captures.camera.noise_variance(expected))
         assert chi2 == pytest.approx(1.0, abs=5 * (2 / seen.size) ** 0.5)  # 5 σ of χ²/n
 
 
@@ -88,10 +88,10 @@ def _folder(captures: Captures, path: Path) -> Path:
         λ, z = captures.wavelength_m[k] * 1e9, captures.distance_m[k] * 1e3
         said = f"{λ:.9g} nm,{z:.9g} mm,{captures.power[k]!r},{captures.exposure_s[k]!r}".replace("np.float64", "")
         lines.append(f"seen{k}.tif,sent0-{k}.png,sent1-{k}.png,{said.replace('(', '').replace(')', '')}")
-    (path / TABLE).write_text("\n".join(lines), encoding="utf-8")
-    slm = f'pitch = "8 um"\nnum_levels = {captures.panels[0].num_levels}\nopd_range = "825 nm"\n'
+    (path / TABLE_FILE).write_text("\n".join(lines), encoding="utf-8")
+    slm = f'pitch = "8 um"\nnum_levels = {captures.slms[0].num_levels}\nopd_range = "825 nm"\n'
     camera = captures.camera
-    (path / BENCH).write_text(
+    (path / BENCH_FILE).write_text(
         f'[slm1]\n{slm}[slm2]\n{slm}[camera]\npitch = "4 um"\nbit_depth = 12\nelectrons_per_count = '
         f"{camera.electrons_per_count!r}\nread_noise = 3.0\nblack_level = 64\n"
         '[geometry]\ngap = "2 mm"\niris1_na = 0.03\niris2_na = 0.03\n',
@@ -107,20 +107,20 @@ def test_a_folder_of_pictures_becomes_the_same_session(holoview: Run, tmp_path: 
     found = read_captures("b.h5")
     assert np.array_equal(found.images, captures.images) and np.array_equal(found.levels, captures.levels)
     assert found.wavelength_m == pytest.approx(captures.wavelength_m) and found.camera == captures.camera
-    assert (found.gap_m, found.panels) == (captures.gap_m, captures.panels)
+    assert (found.gap_m, found.slms) == (captures.gap_m, captures.slms)
 
 
 @pytest.mark.parametrize(
     ("name", "old", "new", "words"),
     [
-        (TABLE, "520", "x20", "line"),
-        (TABLE, "seen0.tif", "gone.tif", "gone.tif: no such file"),
-        (TABLE, "exposure", "time", "exposure: is missing"),
-        (TABLE, "3 mm", "3", "has no unit"),
-        (BENCH, 'pitch = "4 um"\n', "", "camera.pitch: is missing"),
-        (BENCH, "[geometry]", "[geometri]", "did you mean geometry"),
-        (BENCH, "bit_depth = 12", "bit_depth = ", "can't be read"),
-        (BENCH, "bit_depth = 12", "bit_depth = 8", "expected 0 to 255"),
+        (TABLE_FILE, "520", "x20", "line"),
+        (TABLE_FILE, "seen0.tif", "gone.tif", "gone.tif: no such file"),
+        (TABLE_FILE, "exposure", "time", "exposure: is missing"),
+        (TABLE_FILE, "3 mm", "3", "has no unit"),
+        (BENCH_FILE, 'pitch = "4 um"\n', "", "camera.pitch: is missing"),
+        (BENCH_FILE, "[geometry]", "[geometri]", "did you mean geometry"),
+        (BENCH_FILE, "bit_depth = 12", "bit_depth = ", "can't be read"),
+        (BENCH_FILE, "bit_depth = 12", "bit_depth = 8", "expected 0 to 255"),
     ],
 )
 def test_what_is_wrong_in_a_folder_is_named(

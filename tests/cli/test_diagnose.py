@@ -19,7 +19,7 @@ from PIL import Image
 
 from holoview import preset
 from holoview.captures import Captures, write_captures
-from holoview.captures.make import Session, make_captures
+from holoview.captures.make import AcquisitionSettings, make_captures
 from holoview.cli import main
 from holoview.effects import registry
 from holoview.system import Modulator, Relay, System
@@ -46,7 +46,9 @@ def _system() -> System:
 @pytest.fixture(scope="module")
 def measured() -> Captures:
     """Twelve captures of a bench whose gap is longer than it should be."""
-    return make_captures(_system(), {"gap": {"gap_error": GAP_ERROR_M}}, Session(each=6, seed=3))
+    return make_captures(
+        _system(), {"gap": {"gap_error": GAP_ERROR_M}}, AcquisitionSettings(captures_per_condition=6, seed=3)
+    )
 
 
 @pytest.fixture
@@ -316,7 +318,9 @@ def test_an_own_effect_may_be_the_cause_and_its_file_is_said_to_be_run(
 ) -> None:
     own("image + v['share'] * image.mean()")
     registry.load_user_effects(tmp_path / "haze.py")
-    captures = make_captures(_system(), {"haze": {"share": 0.15}}, Session(each=6, seed=4))
+    captures = make_captures(
+        _system(), {"haze": {"share": 0.15}}, AcquisitionSettings(captures_per_condition=6, seed=4)
+    )
     write_captures(tmp_path / "hazy.h5", captures)
     outcome = holoview("diagnose", "hazy.h5", "--effects", "haze.py", "--workers", 1, "--json", "d.json")
     assert outcome.code == 0, outcome.err

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.captures.make import Session
+from holoview.captures.make import AcquisitionSettings
 from holoview.captures.make import make_captures as measure
-from holoview.captures.session import Camera, Captures, Panel
-from holoview.diagnose.bench import Bench, PerThread, same_physics
-from holoview.diagnose.extend import Known
-from holoview.diagnose.measured import measured
-from holoview.diagnose.split import roughness, split
-from holoview.diagnose.team import Team
-from holoview.effects.registry import registry
+from holoview.captures.session import Camera, Captures, SlmSpec
+from holoview.diagnose.bench import PerThreadPredictor, SearchContext, equivalent_effects
+from holoview.diagnose.extend import PredictorWithKnownEffects
+from holoview.diagnose.measured import prepare_captures
+from holoview.diagnose.split import pattern_roughness, split_captures
+from holoview.diagnose.team import WorkerPool
+from holoview.effects.registry import listed_effects
 from holoview.system import Modulator, Relay, System
 
-MakeBench = Callable[..., Bench]
+MakeBench = Callable[..., SearchContext]
 
 SHAPE = (32, 40)
 
@@ -53,7 +53,7 @@ def pictures(count: int = 4, seed: int = 0, **changes: Any) -> Captures:
         distance_m=np.full(count, 4e-3),
         power=np.ones(count),
         exposure_s=np.ones(count),
-        panels=(Panel(8e-6, 16, 825e-9),) * 2,
+        slms=(SlmSpec(8e-6, 16, 825e-9),) * 2,
         camera=Camera(4e-6, 12, 4.0, 3.0, 64.0),
         gap_m=1e-3,
         iris1_na=0.03,
@@ -71,11 +71,11 @@ def make_captures() -> Callable[..., Captures]:
 @pytest.fixture(scope="session")
 def nominal() -> Captures:
     """A small session of a bench without faults."""
-    return measure(small_system(), {}, Session(each=6, seed=5))
+    return measure(small_system(), {}, AcquisitionSettings(captures_per_condition=6, seed=5))
 
 
 @pytest.fixture(scope="session")
-def bench(nominal: Captures) -> Bench:
+def bench(nominal: Captures) -> SearchContext:
     """What a search would work with on these captures."""
     return _bench(nominal)
 
@@ -83,17 +83,19 @@ def bench(nominal: Captures) -> Bench:
 @pytest.fixture
 def make_bench() -> MakeBench:
     """What a search would work with on captures of a small session with faults {effect: {parameter: value}}."""
-    return lambda faults=None: _bench(measure(small_system(), faults or {}, Session(each=6, seed=5)))
+    return lambda faults=None: _bench(
+        measure(small_system(), faults or {}, AcquisitionSettings(captures_per_condition=6, seed=5))
+    )
 
 
-def _bench(captures: Captures) -> Bench:
-    effects, facts = dict(registry()), captures.facts()
-    return Bench(
-        measured=measured(captures),
-        system=captures.system(),
+def _bench(captures: Captures) -> SearchContext:
+    effects, facts = dict(listed_effects()), captures.data_properties()
+    return SearchContext(
+        data=prepare_captures(captures),
+        system=captures.nominal_system(),
         effects=effects,
-        split=split(captures, roughness(captures)),
-        predict=PerThread(partial(Known, captures, {})),
-        team=Team(1),
-        equals=same_physics(effects, facts),
+        split=split_captures(captures, pattern_roughness(captures)),
+        predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, captures, {})),
+        workers=WorkerPool(1),
+        equivalents=equivalent_effects(effects, facts),
     )

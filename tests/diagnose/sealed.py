@@ -8,11 +8,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from holoview.captures.make import Nuisances, Session, make_captures
+from holoview.captures.make import AcquisitionSettings, Nuisances, make_captures
 from holoview.captures.session import Captures
 from holoview.diagnose.diagnosis import Diagnosis
-from holoview.diagnose.draw import draw_effect
-from holoview.effects.registry import registry
+from holoview.diagnose.draw import sample_effect
+from holoview.effects.registry import listed_effects
 from holoview.system import System
 
 Truth = dict[str, dict[str, float]]
@@ -40,17 +40,17 @@ class Sealed:
         nuisances: Nuisances | None = None,
     ) -> None:
         rng = np.random.default_rng(seed)
-        library = registry()
+        library = listed_effects()
         chosen = [str(n) for n in rng.choice(sorted(among), count, replace=False)] if among else []
-        self.__truth = {name: draw_effect(library[name], system, rng.uniform(*sizes), rng) for name in chosen}
-        session = Session(each=6, seed=seed, nuisances=nuisances or Nuisances())
+        self.__truth = {name: sample_effect(library[name], system, rng.uniform(*sizes), rng) for name in chosen}
+        session = AcquisitionSettings(captures_per_condition=6, seed=seed, nuisances=nuisances or Nuisances())
         self.captures: Captures = make_captures(system, self.__truth, session)
 
     def without_the_cause(self, among: Sequence[str]) -> list[str]:
         """Effects of which none is the hidden one, nor the same physics."""
-        library, facts = registry(), self.captures.facts()
-        hidden = {other for name in self.__truth for other in (name, *library[name].equal_to(facts))}
-        return [name for name in among if name not in hidden and not hidden & set(library[name].equal_to(facts))]
+        library, facts = listed_effects(), self.captures.data_properties()
+        hidden = {other for name in self.__truth for other in (name, *library[name].degeneracies(facts))}
+        return [name for name in among if name not in hidden and not hidden & set(library[name].degeneracies(facts))]
 
     def opened(self, verdict: Diagnosis) -> Truth:
         """The truth, once there is a verdict."""

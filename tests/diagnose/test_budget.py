@@ -8,42 +8,42 @@ import json
 import numpy as np
 import pytest
 
-from holoview.captures.make import Session, make_captures
+from holoview.captures.make import AcquisitionSettings, make_captures
 from holoview.diagnose import diagnose as whole
-from holoview.diagnose.beams import affordable, beams, has_many, most_beams
-from holoview.diagnose.bench import Bench
+from holoview.diagnose.beams import incoherent_field_count, is_costly, max_field_count, without_costly_fits
+from holoview.diagnose.bench import SearchContext
 from holoview.diagnose.decide import Verdict
-from holoview.diagnose.search import Trial
-from holoview.effects.registry import registry
+from holoview.diagnose.search import CandidateFit
+from holoview.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeBench, small_system
 
 TWO = {"gap": {"gap_error": 2e-4}, "stroke": {"stroke_error": 0.2}}
 FEW = ["gap", "stroke", "tilt"]
 
 
-def _trial(**values: dict[str, float]) -> Trial:
-    return Trial(tuple(values), values, 0.0)
+def _trial(**values: dict[str, float]) -> CandidateFit:
+    return CandidateFit(tuple(values), values, 0.0)
 
 
 def test_fields_are_counted_for_captures_wavelengths_directions_and_moments(make_bench: MakeBench) -> None:
     bench = make_bench()
-    assert bench.predict.fields == 0
-    bench.predict(np.array([0, 1]), {})
-    bench.predict(np.array([0]), {})  # kept, and counted all the same
-    assert bench.predict.fields == 3
+    assert bench.predictor.fields_requested == 0
+    bench.predictor(np.array([0, 1]), {})
+    bench.predictor(np.array([0]), {})  # kept, and counted all the same
+    assert bench.predictor.fields_requested == 3
     flicker = {"flicker": {"depth": 0.1}}
-    assert beams(bench, flicker) == most_beams(bench, registry()["flicker"]) == 6
-    before = bench.predict.fields
-    bench.predict(np.array([0]), flicker)
-    assert bench.predict.fields == before + 6
+    assert incoherent_field_count(bench, flicker) == max_field_count(bench, listed_effects()["flicker"]) == 6
+    before = bench.predictor.fields_requested
+    bench.predictor(np.array([0]), flicker)
+    assert bench.predictor.fields_requested == before + 6
 
 
 def test_a_bench_is_spent_beyond_its_fields(make_bench: MakeBench) -> None:
     bench = dataclasses.replace(make_bench(), most_fields=2)
-    bench.predict(np.array([0, 1]), {})
-    assert not bench.is_spent
-    bench.predict(np.array([0]), {})
-    assert bench.is_spent
+    bench.predictor(np.array([0, 1]), {})
+    assert not bench.budget_exhausted
+    bench.predictor(np.array([0]), {})
+    assert bench.budget_exhausted
 
 
 def test_many_fields_pay_only_where_nothing_simpler_does_as_well(make_bench: MakeBench) -> None:
@@ -52,14 +52,14 @@ def test_many_fields_pay_only_where_nothing_simpler_does_as_well(make_bench: Mak
         ({"bandwidth": {"sigma": 3e-9}}, [many, simple]),
         ({"stroke": {"stroke_error": 0.2}}, [simple]),
     ):
-        bench: Bench = make_bench(fault)
-        assert has_many(bench, many) and not has_many(bench, simple)
-        assert affordable(bench, [many, simple], bench.coarse_comparison(bench.split.fine, 0.0)) == kept
+        bench: SearchContext = make_bench(fault)
+        assert is_costly(bench, many) and not is_costly(bench, simple)
+        assert without_costly_fits(bench, [many, simple], bench.data_weighted_comparison(bench.split.fine, 0.0)) == kept
 
 
 def test_a_search_that_was_ended_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    captures = make_captures(small_system(), TWO, Session(each=6, seed=1))
-    effects = [registry()[name] for name in FEW]
+    captures = make_captures(small_system(), TWO, AcquisitionSettings(captures_per_condition=6, seed=1))
+    effects = [listed_effects()[name] for name in FEW]
     monkeypatch.setattr(whole, "_MOST_FIELDS", 200)
     short = whole.diagnose(captures, effects, workers=1, free_maps=False)
     assert short.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
@@ -70,8 +70,8 @@ def test_a_search_that_was_ended_says_so(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_the_end_does_not_depend_on_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    captures = make_captures(small_system(), TWO, Session(each=6, seed=2))
-    effects = [registry()[name] for name in FEW]
+    captures = make_captures(small_system(), TWO, AcquisitionSettings(captures_per_condition=6, seed=2))
+    effects = [listed_effects()[name] for name in FEW]
     monkeypatch.setattr(whole, "_MOST_FIELDS", 1000)
     found = [whole.diagnose(captures, effects, workers=n, free_maps=False).as_json() for n in (1, 3)]
     first, second = ({k: v for k, v in one.items() if k != "seconds"} for one in found)

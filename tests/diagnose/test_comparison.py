@@ -13,9 +13,9 @@ from scipy.ndimage import gaussian_filter
 
 from holoview.captures.session import Captures
 from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.measured import Measured, measured
+from holoview.diagnose.measured import PreparedCaptures, prepare_captures
 from holoview.diagnose.noise import model_variance
-from holoview.diagnose.resample import moved
+from holoview.diagnose.resample import shift_images
 from tests.diagnose.conftest import SHAPE, pictures
 
 COUNT = 8
@@ -25,7 +25,7 @@ SIZE = (2 * SHAPE[0], 2 * SHAPE[1])
 @dataclass(frozen=True)
 class Seen:
     signal: NDArray[np.float32]
-    offset: float = 64.0
+    black_level: float = 64.0
 
 
 class Fake:
@@ -40,24 +40,24 @@ class Fake:
         shift = np.array([aim.get("shift_y", 0.0), aim.get("shift_x", 0.0)]) / 4e-6
         signal = self.speckle[indices]
         if shift.any():
-            signal = moved(signal, np.tile(shift, (len(indices), 1)))
+            signal = shift_images(signal, np.tile(shift, (len(indices), 1)))
         return Seen(signal, 64.0 + values.get("black", {}).get("counts", 0.0))
 
 
 def _session(gain: NDArray[np.float64], shift: NDArray[np.float64], black: float = 0.0) -> tuple[Captures, Fake]:
     """Noisy pictures of the speckle with a gain and a movement a capture."""
     rng, fake = np.random.default_rng(4), Fake()
-    signal = 1000.0 * gain[:, None, None] * moved(fake.speckle, shift)
+    signal = 1000.0 * gain[:, None, None] * shift_images(fake.speckle, shift)
     electrons = rng.poisson(np.maximum(signal, 0) * 4.0) + 3.0 * rng.standard_normal(signal.shape)
     images = np.clip(np.rint(electrons / 4.0 + 64 + black), 0, 4094).astype(np.uint16)
     return pictures(COUNT, images=images), fake
 
 
 def _comparison(captures: Captures, fake: Fake, shifts: bool = False, black: float = 0.0) -> Comparison:
-    seen: Measured = measured(captures)
+    seen: PreparedCaptures = prepare_captures(captures)
     variance = model_variance(captures.camera, np.maximum(seen.light - black, 0))
     smooth = gaussian_filter(variance, (0, 3, 3))
-    return Comparison(fake, seen, np.arange(COUNT), smooth, shifts=shifts)
+    return Comparison(fake, seen, np.arange(COUNT), smooth, fit_shifts=shifts)
 
 
 STILL = np.zeros((COUNT, 2))
@@ -68,35 +68,35 @@ SCATTER = 0.05
 def test_any_gain_fits_and_is_told() -> None:
     gain = np.random.default_rng(5).uniform(0.5, 2.0, COUNT)
     captures, fake = _session(gain, STILL)
-    fitted = _comparison(captures, fake).fit({})
+    fitted = _comparison(captures, fake).fit_gains({})
     assert fitted.gain / 1000 == pytest.approx(gain, rel=2e-3)  # 2640 pixels of some 4000 electrons
-    assert _comparison(captures, fake).chi2({}) == pytest.approx(1.0, abs=SCATTER)
+    assert _comparison(captures, fake).chi2_per_pixel({}) == pytest.approx(1.0, abs=SCATTER)
 
 
 def test_a_black_level_that_is_off_is_not_a_gain() -> None:
     captures, fake = _session(np.ones(COUNT), STILL, black=150.0)
     comparison = _comparison(captures, fake, black=150.0)
-    assert comparison.chi2({}) > 1.3
-    assert comparison.chi2({"black": {"counts": 150.0}}) == pytest.approx(1.0, abs=SCATTER)
+    assert comparison.chi2_per_pixel({}) > 1.3
+    assert comparison.chi2_per_pixel({"black": {"counts": 150.0}}) == pytest.approx(1.0, abs=SCATTER)
 
 
 def test_movements_without_direction_are_taken_out() -> None:
     shift = 0.15 * np.random.default_rng(6).standard_normal((COUNT, 2))
     shift -= shift.mean(axis=0)
     captures, fake = _session(np.ones(COUNT), shift)
-    assert _comparison(captures, fake).chi2({}) > 1.3
+    assert _comparison(captures, fake).chi2_per_pixel({}) > 1.3
     shaken = _comparison(captures, fake, shifts=True)
-    assert shaken.chi2({}) == pytest.approx(1.0, abs=SCATTER)
-    found = shaken.fit({}).shift
+    assert shaken.chi2_per_pixel({}) == pytest.approx(1.0, abs=SCATTER)
+    found = shaken.fit_gains({}).shift
     assert found is not None and found == pytest.approx(shift, abs=0.02)
 
 
 def test_a_movement_that_all_share_stays_in() -> None:
     captures, fake = _session(np.ones(COUNT), np.tile([0.2, -0.15], (COUNT, 1)))
     comparison = _comparison(captures, fake, shifts=True)
-    assert comparison.chi2({}) > 1.3
+    assert comparison.chi2_per_pixel({}) > 1.3
     aimed = {"camera_alignment": {"shift_y": 0.2 * 4e-6, "shift_x": -0.15 * 4e-6}}
-    assert comparison.chi2(aimed) == pytest.approx(1.0, abs=SCATTER)
+    assert comparison.chi2_per_pixel(aimed) == pytest.approx(1.0, abs=SCATTER)
 
 
 def test_pixels_that_arent_trusted_weigh_nothing() -> None:
@@ -104,5 +104,5 @@ def test_pixels_that_arent_trusted_weigh_nothing() -> None:
     images = captures.images.copy()
     images[:, 30:34, 30:34] = captures.camera.saturation
     spoilt = pictures(COUNT, images=images)
-    assert _comparison(spoilt, fake).count == _comparison(captures, fake).count - 16 * COUNT
-    assert _comparison(spoilt, fake).chi2({}) == pytest.approx(1.0, abs=SCATTER)
+    assert _comparison(spoilt, fake).pixel_count == _comparison(captures, fake).pixel_count - 16 * COUNT
+    assert _comparison(spoilt, fake).chi2_per_pixel({}) == pytest.approx(1.0, abs=SCATTER)

@@ -8,21 +8,21 @@ from typing import Any
 import pytest
 
 from holoview.diagnose.decide import Decision, Verdict, decide
-from holoview.diagnose.judge import Judged, Selection
-from holoview.diagnose.search import Trial
+from holoview.diagnose.judge import HeldOutScore, SearchResult
+from holoview.diagnose.search import CandidateFit
 
 PIXELS = 100_000.0
 EQUALS = {"distance": frozenset({"aberration2"}), "aberration2": frozenset({"distance"})}
 
 
-def _judged(causes: str, chi2: float) -> Judged:
+def _judged(causes: str, chi2: float) -> HeldOutScore:
     names = tuple(causes.split())
-    return Judged(Trial(names, {n: {"x": 1.0} for n in names}, chi2 * PIXELS), chi2, (chi2,), chi2)
+    return HeldOutScore(CandidateFit(names, {n: {"x": 1.0} for n in names}, chi2 * PIXELS), chi2, (chi2,), chi2)
 
 
 def _decided(nominal: float, *tried: tuple[str, float]) -> Decision:
     comparison: Any = SimpleNamespace(count=PIXELS)
-    selection = Selection(_judged("", nominal), tuple(_judged(*t) for t in tried), comparison, comparison)
+    selection = SearchResult(_judged("", nominal), tuple(_judged(*t) for t in tried), comparison, comparison)
     return decide(selection, EQUALS)
 
 

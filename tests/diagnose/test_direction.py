@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.diagnose.direction import stands_out
+from holoview.diagnose.direction import mean_is_significant
 
 
 @pytest.mark.parametrize("captures", [2, 4, 8])
 def test_jitter_seldom_has_a_direction(captures: int) -> None:
     """One in a hundred by construction: of 20000 draws 200 ± 14."""
     draws = np.random.default_rng(0).standard_normal((captures, 20000))
-    assert stands_out(draws, 0.01).mean() == pytest.approx(0.01, rel=0.25)
+    assert mean_is_significant(draws, 0.01).mean() == pytest.approx(0.01, rel=0.25)
 
 
 def test_what_all_share_has_one() -> None:
     jitter = 0.02 * np.random.default_rng(1).standard_normal((8, 2))
-    assert stands_out(jitter + np.array([0.3, 0.0]), 1e-4).tolist() == [True, False]
+    assert mean_is_significant(jitter + np.array([0.3, 0.0]), 1e-4).tolist() == [True, False]
 
 
 def test_a_single_capture_moves_as_all_do() -> None:
-    assert stands_out(np.array([[0.1, 0.0]]), 1e-4).all()
+    assert mean_is_significant(np.array([[0.1, 0.0]]), 1e-4).all()

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from holoview.diagnose.display import display_gain
-from holoview.diagnose.extend import combined, extended, nominal_of
+from holoview.diagnose.extend import add_effect_values, extended_system, with_preset_geometry
 from holoview.errors import UserError
 from tests.diagnose.conftest import pictures, small_system
 
@@ -31,22 +31,22 @@ def test_what_only_the_camera_does_buys_nothing() -> None:
 def test_errors_add_to_what_is_known_and_stay_in_bounds() -> None:
     known = {"gap": {"gap_error": 1e-4}, "lut": {"gamma1": 1.2}}
     found = {"gap": {"gap_error": 2e-4}, "lut": {"gamma1": 1.1}, "stroke": {"stroke_error": 0.1}}
-    both = combined(known, found)
+    both = add_effect_values(known, found)
     assert both["gap"]["gap_error"] == pytest.approx(3e-4)
     assert both["lut"]["gamma1"] == pytest.approx(1.3)  # from the identity, 1
     assert both["stroke"] == {"stroke_error": 0.1} and known["gap"]["gap_error"] == 1e-4
-    assert combined({"gap": {"gap_error": 4e-3}}, {"gap": {"gap_error": 4e-3}})["gap"]["gap_error"] == 5e-3
+    assert add_effect_values({"gap": {"gap_error": 4e-3}}, {"gap": {"gap_error": 4e-3}})["gap"]["gap_error"] == 5e-3
 
 
 def test_an_extended_bench_has_the_causes_on_and_its_nominal_geometry() -> None:
-    system = extended(small_system(), GAP)
+    system = extended_system(small_system(), GAP)
     assert system.effect_values["gap"]["gap_error"] == 0.5e-3 and system.gap_m == 1e-3
-    assert extended(small_system(), {}) == small_system()
+    assert extended_system(small_system(), {}) == small_system()
 
 
 def test_a_preset_gives_the_geometry_and_what_is_known() -> None:
     system = small_system(**{"gap": "1.2 mm", "effects.gap.gap_error": "0.1 mm"})
-    captures, known, _ = nominal_of(pictures(), system, "mine")
+    captures, known, _ = with_preset_geometry(pictures(), system, "mine")
     assert captures.gap_m == pytest.approx(1.2e-3) and known["gap"]["gap_error"] == pytest.approx(1e-4)
 
 
@@ -56,4 +56,4 @@ def test_a_preset_gives_the_geometry_and_what_is_known() -> None:
 )
 def test_a_preset_of_another_bench_is_refused(changes: dict[str, object], words: str) -> None:
     with pytest.raises(UserError, match=words):
-        nominal_of(pictures(), small_system(**changes), "mine")
+        with_preset_geometry(pictures(), small_system(**changes), "mine")

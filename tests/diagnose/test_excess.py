@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.diagnose.excess import Bin, Excess, excess
+from holoview.diagnose.excess import ExcessBin, ExcessBreakdown, break_down_excess
 from tests.diagnose.conftest import SHAPE, pictures
 
 COUNT = 8
@@ -17,7 +17,7 @@ PIXELS = COUNT * SIZE[0] * SIZE[1]
 ROUGH = np.arange(COUNT, dtype=float)
 
 
-def _excess(more: np.ndarray | float) -> Excess:
+def _excess(more: np.ndarray | float) -> ExcessBreakdown:
     """Of white noise plus an error in σ."""
     rng = np.random.default_rng(0)
     residual = (rng.standard_normal((COUNT, *SIZE)) + more).astype(np.float32)
@@ -28,21 +28,21 @@ def _excess(more: np.ndarray | float) -> Excess:
         indices=np.arange(COUNT), weight=ones, pixels=ones.sum((1, 2)).astype(float), count=float(PIXELS)
     )
     fitted: Any = SimpleNamespace(residual=residual, expected=expected, squares=np.square(residual).sum((1, 2)))
-    return excess(captures, comparison, fitted, ROUGH)
+    return break_down_excess(captures, comparison, fitted, ROUGH)
 
 
-def _bins(found: Excess) -> list[tuple[Bin, ...]]:
+def _bins(found: ExcessBreakdown) -> list[tuple[ExcessBin, ...]]:
     return [found.wavelength, found.plane, found.smoothness, found.radius, found.frequency, found.brightness]
 
 
-def _named(bins: tuple[Bin, ...], part: str) -> Bin:
+def _named(bins: tuple[ExcessBin, ...], part: str) -> ExcessBin:
     return next(b for b in bins if part in b.name)
 
 
 def test_noise_lives_nowhere() -> None:
     """χ²/n = 1 in every class, to five σ of the smallest class, a sixteenth of the pixels."""
     for bins in _bins(_excess(0.0)):
-        assert [b.chi2 for b in bins] == pytest.approx([1.0] * len(bins), abs=5 * (32 / PIXELS) ** 0.5)
+        assert [b.chi2_per_pixel for b in bins] == pytest.approx([1.0] * len(bins), abs=5 * (32 / PIXELS) ** 0.5)
 
 
 def test_classes_hold_all_of_the_residual() -> None:
@@ -55,8 +55,10 @@ def test_an_error_of_one_wavelength_is_found_there() -> None:
     more = np.zeros((COUNT, 1, 1))
     more[::2] = 3.0
     found = _excess(more).wavelength
-    assert _named(found, "450 nm").share > 0.99 and _named(found, "450 nm").chi2 == pytest.approx(10.0, rel=0.05)
-    assert _named(found, "600 nm").chi2 == pytest.approx(1.0, abs=0.05)
+    assert _named(found, "450 nm").share > 0.99 and _named(found, "450 nm").chi2_per_pixel == pytest.approx(
+        10.0, rel=0.05
+    )
+    assert _named(found, "600 nm").chi2_per_pixel == pytest.approx(1.0, abs=0.05)
 
 
 def test_an_error_of_one_plane_and_of_rough_patterns_too() -> None:
@@ -70,7 +72,7 @@ def test_an_error_of_one_plane_and_of_rough_patterns_too() -> None:
 def test_an_error_of_the_corners_grows_with_the_radius() -> None:
     y, x = np.meshgrid(*(np.linspace(-1, 1, n) for n in SIZE), indexing="ij")
     found = _excess(3.0 * (np.hypot(y, x) > 1.2)[None]).radius
-    assert found[-1].share > 0.8 and found[0].chi2 == pytest.approx(1.0, abs=0.05)
+    assert found[-1].share > 0.8 and found[0].chi2_per_pixel == pytest.approx(1.0, abs=0.05)
 
 
 @pytest.mark.parametrize(("cycles", "band"), [(0.05, 0), (0.2, 1), (0.3, 2), (0.45, 3)])

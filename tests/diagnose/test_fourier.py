@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from holoview.captures.make import Session, make_captures
+from holoview.captures.make import AcquisitionSettings, make_captures
 from holoview.captures.session import Captures
 from holoview.diagnose.decide import Verdict
 from holoview.diagnose.diagnose import diagnose
-from holoview.effects.registry import registry
+from holoview.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
 
 SATURATED = 9  # pixels each way about the zero order
@@ -20,7 +20,9 @@ SATURATED = 9  # pixels each way about the zero order
 def _measured(effects: dict[str, dict[str, float]], seed: int) -> Captures:
     """Captures with a zero order that fills its pixels."""
     system = small_system(1)
-    session = Session(each=6, seed=seed, focal_length_m=0.1, camera_pitch_m=20e-6, camera_shape=(101, 121))
+    session = AcquisitionSettings(
+        captures_per_condition=6, seed=seed, focal_length_m=0.1, camera_pitch_m=20e-6, camera_shape=(101, 121)
+    )
     captures = make_captures(system, effects, session)
     images = captures.images.copy()
     middle = tuple(slice(n // 2 - SATURATED // 2, n // 2 + SATURATED // 2 + 1) for n in captures.shape)
@@ -37,24 +39,24 @@ def _measured(effects: dict[str, dict[str, float]], seed: int) -> Captures:
     ids=["stroke", "a camera that is turned and too large"],
 )
 def test_it_is_diagnosed_beside_its_saturated_zero_order(effects: dict[str, dict[str, float]], seed: int) -> None:
-    few = [registry()[n] for n in ("stroke", "camera_alignment", "camera_blur", "distance", "crosstalk", "tilt")]
+    few = [listed_effects()[n] for n in ("stroke", "camera_alignment", "camera_blur", "distance", "crosstalk", "tilt")]
     found = diagnose(_measured(effects, seed), few, workers=1, free_maps=False)
     assert found.verdict is Verdict.EXPLAINED and [c.effect for c in found.causes] == list(effects)
     (cause,) = found.causes
     for name, true in effects[cause.effect].items():
         interval = cause.intervals[name]
         assert abs(interval.value - true) <= 3 * interval.half_width  # as for hidden faults
-    assert found.after.chi2 == pytest.approx(1.0, abs=0.05) and found.before.chi2 > 2
+    assert found.after.chi2_per_pixel == pytest.approx(1.0, abs=0.05) and found.before.chi2_per_pixel > 2
 
 
 def test_a_zero_order_that_is_saturated_isnt_a_fault() -> None:
-    few = [registry()[n] for n in ("stroke", "undiffracted", "camera_black", "dc_block", "camera_gamma")]
+    few = [listed_effects()[n] for n in ("stroke", "undiffracted", "camera_black", "dc_block", "camera_gamma")]
     found = diagnose(_measured({}, 3), few, workers=1, free_maps=False)
     assert found.verdict is Verdict.CONSISTENT and not found.causes
 
 
 def test_what_such_a_bench_cant_show_is_said() -> None:
     captures = _measured({}, 4)
-    shown = [one for one in registry().values() if not one.needs.missing(captures.facts())]
+    shown = [one for one in listed_effects().values() if not one.needs.unmet_by(captures.data_properties())]
     assert {"gap", "slm_alignment", "iris1", "aberration1", "aberration2"}.isdisjoint(e.id for e in shown)
     assert np.all(captures.images[:, 50, 60] == captures.camera.saturation)

@@ -8,16 +8,16 @@ import torch
 
 from holoview.captures.predict import Predictor
 from holoview.captures.session import Captures
-from holoview.diagnose.freeform import FreeCamera, FreeMaps, FreeModulator, FreeRelay, FreeSource, lives_in
+from holoview.diagnose.freeform import FreeCamera, FreeMaps, FreeModulator, FreeRelay, FreeSource, likely_locations
 
 MAPS = [FreeSource(), FreeModulator(0), FreeModulator(1), FreeRelay(0), FreeRelay(1), FreeCamera()]
 
 
 @pytest.mark.parametrize("maps", MAPS, ids=lambda m: m.id)
 def test_maps_of_zero_are_no_maps(nominal: Captures, maps: FreeMaps) -> None:
-    maps.load(np.zeros(maps.count))
-    plain = Predictor(nominal, double=True)([0]).signal
-    mapped = Predictor(nominal, extra=[maps], double=True)([0], {maps.id: {"on": 1.0}}).signal
+    maps.set_from_vector(np.zeros(maps.parameter_count))
+    plain = Predictor(nominal, double_precision=True)([0]).signal
+    mapped = Predictor(nominal, extra_effects=[maps], double_precision=True)([0], {maps.id: {"on": 1.0}}).signal
     torch.testing.assert_close(mapped, plain, rtol=1e-9, atol=1e-12)
 
 
@@ -25,14 +25,14 @@ def test_maps_of_zero_are_no_maps(nominal: Captures, maps: FreeMaps) -> None:
 def test_every_number_of_a_map_has_its_slope(nominal: Captures, maps: FreeMaps) -> None:
     """Autograd's directional derivative of the light is a central difference's."""
     rng = np.random.default_rng(0)
-    at, way = 0.3 * rng.standard_normal(maps.count), rng.standard_normal(maps.count)
-    predictor, on = Predictor(nominal, extra=[maps], double=True), {maps.id: {"on": 1.0}}
+    at, way = 0.3 * rng.standard_normal(maps.parameter_count), rng.standard_normal(maps.parameter_count)
+    predictor, on = Predictor(nominal, extra_effects=[maps], double_precision=True), {maps.id: {"on": 1.0}}
 
     def light(x: np.ndarray) -> float:
-        maps.load(x)
+        maps.set_from_vector(x)
         return float(predictor([1], on, grad=True).signal.square().sum())
 
-    leaves = maps.load(at, grad=True)
+    leaves = maps.set_from_vector(at, grad=True)
     total = predictor([1], on, grad=True).signal.square().sum()
     gradients = torch.autograd.grad(total, leaves, allow_unused=True)
     flat = np.concatenate(
@@ -44,12 +44,14 @@ def test_every_number_of_a_map_has_its_slope(nominal: Captures, maps: FreeMaps) 
     h = 1e-5
     slope = (light(at + h * way) - light(at - h * way)) / (2 * h)
     assert float(flat @ way) == pytest.approx(slope, rel=1e-4)
-    maps.load(np.zeros(maps.count))
+    maps.set_from_vector(np.zeros(maps.parameter_count))
 
 
 def test_only_places_that_explain_much_are_named() -> None:
-    from holoview.diagnose.freeform import Freed
+    from holoview.diagnose.freeform import FreeMapFit
 
-    freed = [Freed(place, share, MAPS[0], {}) for place, share in (("camera", 0.9), ("source", 0.7), ("relay 1", 0.2))]
-    assert lives_in(freed) == {"camera": 0.9, "source": 0.7}
-    assert lives_in([Freed("camera", 0.05, MAPS[0], {})]) == {} and lives_in([]) == {}
+    freed = [
+        FreeMapFit(place, share, MAPS[0], {}) for place, share in (("camera", 0.9), ("source", 0.7), ("relay 1", 0.2))
+    ]
+    assert likely_locations(freed) == {"camera": 0.9, "source": 0.7}
+    assert likely_locations([FreeMapFit("camera", 0.05, MAPS[0], {})]) == {} and likely_locations([]) == {}

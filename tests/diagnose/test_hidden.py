@@ -13,15 +13,15 @@ from holoview.captures.make import Nuisances
 from holoview.diagnose.decide import Verdict
 from holoview.diagnose.diagnose import diagnose
 from holoview.diagnose.diagnosis import Diagnosis
-from holoview.effects.registry import registry
+from holoview.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
 from tests.diagnose.sealed import TURN, Sealed, Truth, taken
 
 SLOW = ("bandwidth", "source_extent", "flicker")  # many fields for a picture: left to the benchmark
 UNSEEN = ("laser_power", "wavelength_offset")  # too few powers; one plane, in which it looks like a distance
-EVERY = [name for name in registry() if name not in SLOW + UNSEEN]
+EVERY = [name for name in listed_effects() if name not in SLOW + UNSEEN]
 FEW = ["camera_black", "camera_blur", "camera_gamma", "crosstalk", "distance", "gap", "stroke", "tilt", "vignetting"]
-JITTER = Nuisances(exposure=0.003, prnu=0.01, camera_m=0.5e-6, wavelength_m=0.05e-9)
+JITTER = Nuisances(exposure_jitter=0.003, prnu=0.01, camera_jitter_m=0.5e-6, wavelength_jitter_m=0.05e-9)
 
 SINGLES = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]
 PAIRS = [0, 1, 2]
@@ -37,7 +37,7 @@ LEAST_GAIN_DB = 0.5
 
 def _diagnosed(sealed: Sealed, among: list[str] | None = None) -> tuple[Diagnosis, Truth]:
     """The verdict, then the truth."""
-    library = registry()
+    library = listed_effects()
     effects = None if among is None else [library[name] for name in among]
     found = diagnose(sealed.captures, effects, workers=1, free_maps=False)
     return found, sealed.opened(found)
@@ -48,13 +48,13 @@ def _check_causes(found: Diagnosis, truth: Truth) -> None:
     assert {cause.effect for cause in found.causes} == set(truth)
     assert found.verdict is Verdict.EXPLAINED
     for cause in found.causes:
-        even = {p.name for p in registry()[cause.effect].parameters if p.even}
+        even = {p.name for p in listed_effects()[cause.effect].parameters if p.even}
         for name, true in truth[cause.effect].items():
             interval = cause.intervals[name]
             seen, wanted = (abs(interval.value), abs(true)) if name in even else (interval.value, true)
             assert abs(seen - wanted) <= FAIL_AT * interval.half_width, (cause.effect, name, true, interval)
-        assert cause.gain_db > LEAST_GAIN_DB and cause.after.chi2 < cause.before.chi2
-    assert found.after.chi2 < 1.05 < found.before.chi2
+        assert cause.gain_db > LEAST_GAIN_DB and cause.after.chi2_per_pixel < cause.before.chi2_per_pixel
+    assert found.after.chi2_per_pixel < 1.05 < found.before.chi2_per_pixel
 
 
 @pytest.mark.parametrize("seed", taken(SINGLES, 4))

@@ -10,8 +10,8 @@ from holoview.captures import read_captures
 from holoview.diagnose.decide import Verdict
 from holoview.diagnose.diagnose import diagnose
 from holoview.diagnose.diagnosis import Diagnosis
-from holoview.diagnose.ways import Way
-from holoview.effects.registry import registry
+from holoview.diagnose.ways import SamplingConfig
+from holoview.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, write_session
 from tests.diagnose.sealed import taken
 
@@ -30,7 +30,7 @@ FAULTS: list[tuple[Faults, str, dict[str, float]]] = [
 
 def _diagnosed(path: Path, faults: Faults, seed: int) -> Diagnosis:
     file = write_session(path / "c.h5", Laboratory(faults=faults, seed=seed, each=4))
-    return diagnose(read_captures(file), [registry()[n] for n in FEW], workers=1, free_maps=False)
+    return diagnose(read_captures(file), [listed_effects()[n] for n in FEW], workers=1, free_maps=False)
 
 
 @pytest.mark.parametrize("case", taken(range(len(FAULTS)), 1))
@@ -49,15 +49,15 @@ def test_sampling_and_padding_alone_are_never_a_cause(tmp_path: Path, seed: int)
     """The camera's pixels integrate, the model's don't: a blur helps, other samples help more, and are told."""
     found = _diagnosed(tmp_path, Faults(), seed)
     assert found.verdict in (Verdict.CONSISTENT, Verdict.UNEXPLAINED) and not found.causes
-    assert found.before.chi2 > 5
+    assert found.before.chi2_per_pixel > 5
     assert any("--finer 2 --padding 3 --points 2" in note for note in found.notes)
 
 
 def test_with_its_samples_the_nominal_bench_predicts_them(tmp_path: Path) -> None:
     file = write_session(tmp_path / "c.h5", Laboratory(seed=0, each=4))
-    same = Way(finer=2, padding=3, points=2)
-    found = diagnose(read_captures(file), [registry()[n] for n in FEW], workers=1, free_maps=False, way=same)
-    assert found.before.chi2 < 1.2
+    same = SamplingConfig(finer=2, padding=3, points=2)
+    found = diagnose(read_captures(file), [listed_effects()[n] for n in FEW], workers=1, free_maps=False, sampling=same)
+    assert found.before.chi2_per_pixel < 1.2
     assert found.verdict in (Verdict.CONSISTENT, Verdict.UNEXPLAINED) and not found.causes
 
 
@@ -65,7 +65,7 @@ def test_with_its_samples_the_nominal_bench_predicts_them(tmp_path: Path) -> Non
 def test_what_no_effect_describes_is_not_explained(tmp_path: Path) -> None:
     """A spiral phase plate on the source."""
     found = _diagnosed(tmp_path, Faults(vortex=1.0), 3)
-    assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY) and found.after.chi2 > 1.1
+    assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY) and found.after.chi2_per_pixel > 1.1
 
 
 def _sample(name: str) -> Diagnosis:
@@ -78,7 +78,7 @@ def _sample(name: str) -> Diagnosis:
 def test_a_sample_without_faults_is_consistent() -> None:
     found = _sample("sample_consistent")
     assert found.verdict is Verdict.CONSISTENT and not found.causes
-    assert found.before.chi2 == pytest.approx(1.0, abs=0.02)  # 8 held-out captures: √(2/n) = 0.0025
+    assert found.before.chi2_per_pixel == pytest.approx(1.0, abs=0.02)  # 8 held-out captures: √(2/n) = 0.0025
 
 
 def test_a_sample_with_a_longer_gap_says_so() -> None:

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from holoview.diagnose.levenberg import (
-    Bounds,
     Minimum,
-    Residuals,
+    ResidualVector,
+    SearchDomain,
     Vector,
     golden_section,
     jacobian,
     levenberg_marquardt,
-    profile_width,
+    profile_half_width,
 )
 
 
-def _bounds(count: int, reach: float = 10.0, step: float = 1e-3) -> Bounds:
-    return Bounds(np.full(count, -reach), np.full(count, reach), np.full(count, step))
+def _bounds(count: int, reach: float = 10.0, step: float = 1e-3) -> SearchDomain:
+    return SearchDomain(np.full(count, -reach), np.full(count, reach), np.full(count, step))
 
 
 def _line(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -39,7 +39,7 @@ def test_a_bound_holds_one_parameter_and_the_others_are_solved_without_it() -> N
     a, b = _line(np.random.default_rng(1))
     exact = np.linalg.lstsq(a, b, rcond=None)[0]
     held = exact[0] + 0.5
-    bounds = Bounds(np.array([held, -10.0, -10.0]), np.full(3, 10.0), np.full(3, 1e-3))
+    bounds = SearchDomain(np.array([held, -10.0, -10.0]), np.full(3, 10.0), np.full(3, 1e-3))
     found = levenberg_marquardt(
         lambda x: (a @ x - b).astype(np.float32), np.array([2.0, 0, 0]), bounds, iterations=20, tolerance=1e-9
     )
@@ -62,10 +62,10 @@ def test_rosenbrocks_valley_is_followed_to_its_end() -> None:
 def test_slopes_are_taken_away_from_a_bound() -> None:
     """Beyond the bound the function says something else, which must not be looked at."""
 
-    def function(x: Vector) -> Residuals:
+    def function(x: Vector) -> ResidualVector:
         return np.array([3 * x[0] if x[0] <= 1 else np.nan], np.float32)
 
-    bounds = Bounds(np.zeros(1), np.ones(1), np.full(1, 0.25))
+    bounds = SearchDomain(np.zeros(1), np.ones(1), np.full(1, 0.25))
     slopes = jacobian(function, np.ones(1), function(np.ones(1)), bounds)
     assert slopes == pytest.approx(np.array([[3.0]]))
 
@@ -73,7 +73,7 @@ def test_slopes_are_taken_away_from_a_bound() -> None:
 def test_a_jump_is_found_without_slopes() -> None:
     """|x − 0.3| in steps of 1/16: flat between, so no slope points anywhere. 14 evaluations narrow 2 to 2·0.618¹¹."""
 
-    def function(x: Vector) -> Residuals:
+    def function(x: Vector) -> ResidualVector:
         return np.array([np.floor(abs(x[0] - 0.3) * 16) / 16], np.float32)
 
     found = golden_section(function, np.zeros(1), _bounds(1), 0, 1.0)
@@ -85,9 +85,9 @@ def test_the_width_of_a_parabola_is_the_root_of_its_rise(rise: float) -> None:
     """cost = (x/σ)²: it has risen by r at σ·√r. Six bisections leave 1/64 of a step's doubling."""
     sigma = 0.05
 
-    def function(x: Vector) -> Residuals:
+    def function(x: Vector) -> ResidualVector:
         return np.array([x[0] / sigma], np.float32)
 
     at = Minimum(np.zeros(1), 0.0, function(np.zeros(1)), 1)
-    bounds = Bounds(np.full(1, -5.0), np.full(1, 5.0), np.full(1, 0.2))
-    assert profile_width(function, at, 0, bounds, rise) == pytest.approx(sigma * rise**0.5, rel=1 / 32)
+    bounds = SearchDomain(np.full(1, -5.0), np.full(1, 5.0), np.full(1, 0.2))
+    assert profile_half_width(function, at, 0, bounds, rise) == pytest.approx(sigma * rise**0.5, rel=1 / 32)

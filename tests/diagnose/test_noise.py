@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from holoview.captures.session import Camera, Captures
-from holoview.diagnose.measured import BORDER, measured
-from holoview.diagnose.noise import blind_variance, fixed_pattern, model_variance, with_mismatch
+from holoview.diagnose.measured import BORDER, prepare_captures
+from holoview.diagnose.noise import add_model_error, estimate_prnu, model_variance, neighbour_variance
 
 Make = Callable[..., Captures]
 CAMERA = Camera(4e-6, 12, 4.0, 3.0, 64.0)
@@ -34,7 +34,7 @@ def test_a_pixel_says_nothing_about_its_own_weight(make_captures: Make) -> None:
     images = captures.images.copy()
     images[0, 20, 20] += 3000
     raised = dataclasses.replace(captures, images=images)
-    before, after = (blind_variance(measured(c), np.array([0]))[0] for c in (captures, raised))
+    before, after = (neighbour_variance(prepare_captures(c), np.array([0]))[0] for c in (captures, raised))
     changed = np.abs(after / before - 1) > 1e-4  # running sums in float32 differ in their last digits
     assert not changed[20, 20] and np.count_nonzero(changed) == 8
 
@@ -42,7 +42,7 @@ def test_a_pixel_says_nothing_about_its_own_weight(make_captures: Make) -> None:
 def test_a_model_that_is_off_is_forgiven_its_share_of_the_mean_light() -> None:
     light = np.full((2, 4, 4), 100.0, np.float32)
     light[1] = 300.0
-    found = with_mismatch(np.ones((2, 4, 4), np.float32), light, 0.1)
+    found = add_model_error(np.ones((2, 4, 4), np.float32), light, 0.1)
     assert found[0] == pytest.approx(np.full((4, 4), 1 + 10.0**2)) and found[1, 0, 0] == pytest.approx(1 + 30.0**2)
 
 
@@ -56,7 +56,7 @@ def _fixed(pattern: float, error: float, seed: int = 0) -> float:
         true = expected * (1 + error * rng.standard_normal(expected.shape))
         sets.append((_counts(rng, true * sensitivity) - expected, expected))
     usable = [np.ones((8, 80, 100), bool)] * 2
-    return fixed_pattern([r.astype(np.float32) for r, _ in sets], [e.astype(np.float32) for _, e in sets], usable)
+    return estimate_prnu([r.astype(np.float32) for r, _ in sets], [e.astype(np.float32) for _, e in sets], usable)
 
 
 def test_pixels_that_differ_are_measured() -> None:
@@ -75,7 +75,7 @@ def test_what_cant_be_trusted_is_left_out(make_captures: Make) -> None:
     images = captures.images.copy()
     images[2, 30, 30] = captures.camera.saturation
     images[:, 25, 33] = 700  # a stuck pixel
-    usable = measured(dataclasses.replace(captures, images=images)).usable
+    usable = prepare_captures(dataclasses.replace(captures, images=images)).usable
     assert not usable[2, 30, 30] and usable[1, 30, 30]
     assert not usable[:, 25, 33].any()
     rows, columns = captures.shape

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.diagnose.power import centred, gain_spread, only_power, power_law
-from holoview.effects.registry import registry
+from holoview.diagnose.power import centre_per_wavelength, changes_only_power, fit_power_law, gain_spread
+from holoview.effects.registry import listed_effects
 from tests.diagnose.conftest import pictures
 
-LAW = registry()["laser_power"]
+LAW = listed_effects()["laser_power"]
 COUNT = 32
 POWER = np.random.default_rng(0).choice([0.3, 0.5, 0.7, 1.0], COUNT)
 SCALE = np.resize([2.0, 0.7], COUNT)  # of the wavelengths
@@ -25,19 +25,19 @@ def _gain(exponent: float, seed: int) -> np.ndarray:
 def test_a_power_law_is_read_off_the_gains(exponent: float) -> None:
     """Its σ follows from the regression of log gain on centred log power."""
     captures = pictures(COUNT, power=POWER)
-    found = power_law(LAW, captures, _gain(exponent, 1))
+    found = fit_power_law(LAW, captures, _gain(exponent, 1))
     assert found is not None
     interval = found.intervals["laser_power", "exponent"]
-    expected = JITTER / np.linalg.norm(centred(captures, np.log(POWER)))
+    expected = JITTER / np.linalg.norm(centre_per_wavelength(captures, np.log(POWER)))
     assert interval.sigma == pytest.approx(expected, rel=0.4)  # of 29 degrees of freedom: √(1/58) = 13 %, 3 σ
     assert abs(interval.value - exponent) < 4 * expected
-    assert found.after == pytest.approx(JITTER, rel=0.4) and found.before > 5 * found.after
+    assert found.spread_after == pytest.approx(JITTER, rel=0.4) and found.spread_before > 5 * found.spread_after
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     """200 draws of a 95 % interval: 190 ± 3.1; three of these, and a little for 1.96 in place of Student's 2.05."""
     captures = pictures(COUNT, power=POWER)
-    found = [power_law(LAW, captures, _gain(0.1, seed)) for seed in range(200)]
+    found = [fit_power_law(LAW, captures, _gain(0.1, seed)) for seed in range(200)]
     inside = 0
     for law in found:
         assert law is not None
@@ -49,9 +49,9 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_jitter_alone_is_no_law(seed: int) -> None:
     captures = pictures(COUNT, power=POWER)
-    assert power_law(LAW, captures, _gain(0.0, seed)) is None
+    assert fit_power_law(LAW, captures, _gain(0.0, seed)) is None
     assert gain_spread(captures, _gain(0.0, seed)) == pytest.approx(JITTER, rel=0.4)
 
 
 def test_only_the_law_of_power_leaves_pictures_as_they_are() -> None:
-    assert [name for name, one in registry().items() if only_power(one)] == ["laser_power"]
+    assert [name for name, one in listed_effects().items() if changes_only_power(one)] == ["laser_power"]

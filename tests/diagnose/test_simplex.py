@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.diagnose.levenberg import Bounds, Minimum, Vector, cost_of_residual, levenberg_marquardt
-from holoview.diagnose.simplex import downhill
+from holoview.diagnose.levenberg import Minimum, SearchDomain, Vector, levenberg_marquardt, sum_of_squares
+from holoview.diagnose.simplex import nelder_mead
 
 ANGLES = np.linspace(0, 2 * np.pi, 400, endpoint=False)
 TRUE = np.array([2.0, -1.6, -1.9])
-BOUNDS = Bounds(np.full(3, -20.0), np.full(3, 20.0), np.full(3, 0.4))
+BOUNDS = SearchDomain(np.full(3, -20.0), np.full(3, 20.0), np.full(3, 0.4))
 WITHIN = 0.02
 """Of a prior: a tenth of the last simplex's spread and more."""
 
@@ -24,13 +24,13 @@ def _circles(x: Vector) -> np.ndarray:
 
 def _start(x: Vector) -> Minimum:
     residual = _circles(x)
-    return Minimum(x, cost_of_residual(residual), residual, 1)
+    return Minimum(x, sum_of_squares(residual), residual, 1)
 
 
 def test_the_edge_of_a_circle_is_found() -> None:
-    found = downhill(_circles, _start(np.zeros(3)), BOUNDS, np.ones(3, dtype=bool), 0.5, 200)
+    found = nelder_mead(_circles, _start(np.zeros(3)), BOUNDS, np.ones(3, dtype=bool), 0.5, 200)
     assert found.x == pytest.approx(TRUE, abs=WITHIN)
-    assert found.cost == cost_of_residual(found.residual) and found.evaluations <= 202
+    assert found.cost == sum_of_squares(found.residual) and found.evaluations <= 202
 
 
 def test_least_squares_stop_before_it() -> None:
@@ -40,11 +40,11 @@ def test_least_squares_stop_before_it() -> None:
 
 
 def test_axes_that_are_held_stay_and_bounds_hold() -> None:
-    narrow = Bounds(np.full(3, -1.0), np.full(3, 1.0), BOUNDS.step)
-    found = downhill(_circles, _start(np.zeros(3)), narrow, np.array([True, False, True]), 0.5, 100)
+    narrow = SearchDomain(np.full(3, -1.0), np.full(3, 1.0), BOUNDS.step)
+    found = nelder_mead(_circles, _start(np.zeros(3)), narrow, np.array([True, False, True]), 0.5, 100)
     assert found.x[1] == 0.0 and (np.abs(found.x) <= 1.0).all()
 
 
 def test_what_nothing_improves_stays() -> None:
     best = _start(TRUE)
-    assert downhill(_circles, best, BOUNDS, np.ones(3, dtype=bool), 0.5, 50) is best
+    assert nelder_mead(_circles, best, BOUNDS, np.ones(3, dtype=bool), 0.5, 50) is best

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from holoview.captures.session import Captures
-from holoview.diagnose.split import roughness, split
+from holoview.diagnose.split import pattern_roughness, split_captures
 
 Make = Callable[..., Captures]
 
@@ -21,7 +21,7 @@ def test_roughness_is_the_mean_squared_step() -> None:
     chequers = 15 * (np.indices(SHAPE).sum(axis=0) % 2)
     flat = np.zeros(SHAPE)
     levels = np.stack([np.stack([p, p]) for p in (np.minimum(ramp, 15), chequers, flat)]).astype(np.uint8)
-    rough = roughness(pictures(3, levels=levels))
+    rough = pattern_roughness(pictures(3, levels=levels))
     steps = np.diff(ramp.astype(float), axis=1) / 15
     assert rough == pytest.approx([np.mean(steps**2), 2.0, 0.0])
 
@@ -30,7 +30,7 @@ def test_roughness_is_the_mean_squared_step() -> None:
 @pytest.mark.parametrize("wavelengths", [1, 2, 4, 10])
 def test_no_capture_is_fitted_and_judged(make_captures: Make, count: int, wavelengths: int) -> None:
     captures = make_captures(count, wavelength_m=np.resize(np.linspace(450e-9, 640e-9, wavelengths), count))
-    found = split(captures, np.random.default_rng(count).uniform(size=count))
+    found = split_captures(captures, np.random.default_rng(count).uniform(size=count))
     assert len(found.coarse) and len(found.fine) and len(found.held_out)
     assert not set(found.held_out) & (set(found.rough) | set(found.fine) | set(found.coarse))
     assert len(found.coarse) <= 6 and len(found.fine) <= 12 and len(found.rough) <= 18 and len(found.held_out) <= 16
@@ -39,7 +39,7 @@ def test_no_capture_is_fitted_and_judged(make_captures: Make, count: int, wavele
 def test_the_smoothest_of_each_wavelength_come_first(make_captures: Make) -> None:
     captures = make_captures(16)
     rough = np.random.default_rng(1).permutation(16).astype(float)
-    found = split(captures, rough)
+    found = split_captures(captures, rough)
     for wavelength in captures.wavelengths_m:
         own = np.flatnonzero(captures.wavelength_m == wavelength)
         assert own[rough[own].argmin()] in found.coarse
@@ -50,6 +50,6 @@ def test_the_smoothest_of_each_wavelength_come_first(make_captures: Make) -> Non
 
 def test_every_plane_is_fitted_and_judged(make_captures: Make) -> None:
     captures = make_captures(32, distance_m=np.resize(np.repeat([3e-3, 5e-3], 2), 32))
-    found = split(captures, np.random.default_rng(2).uniform(size=32))
+    found = split_captures(captures, np.random.default_rng(2).uniform(size=32))
     for indices in (found.fine, found.held_out):
         assert set(captures.distance_m[indices]) == {3e-3, 5e-3}

@@ -11,10 +11,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-from holoview.diagnose.team import Team
+from holoview.diagnose.team import WorkerPool
 from holoview.errors import UserError
 
-TEAMS = [Team(1), Team(3, forks=False), Team(3, forks=True)]
+TEAMS = [WorkerPool(1), WorkerPool(3, use_processes=False), WorkerPool(3, use_processes=True)]
 
 
 def _late(number: int) -> np.ndarray:
@@ -41,7 +41,7 @@ def _odd() -> None:
 
 
 @pytest.mark.parametrize("team", TEAMS)
-def test_results_come_in_order_and_are_counted(team: Team) -> None:
+def test_results_come_in_order_and_are_counted(team: WorkerPool) -> None:
     told: list[int] = []
     results = team.run([partial(_late, k) for k in range(5)], told.append)
     assert [int(r[0]) for r in results] == [0, 1, 2, 3, 4]
@@ -50,25 +50,25 @@ def test_results_come_in_order_and_are_counted(team: Team) -> None:
 
 
 @pytest.mark.parametrize("team", TEAMS)
-def test_the_first_mistake_in_order_is_raised(team: Team) -> None:
+def test_the_first_mistake_in_order_is_raised(team: WorkerPool) -> None:
     with pytest.raises(UserError, match="here: 3; expected less"):
         team.run([partial(_fails, k) for k in range(6)])
 
 
 def test_processes_are_copies() -> None:
-    found = Team(2, forks=True).run([os.getpid] * 6)
+    found = WorkerPool(2, use_processes=True).run([os.getpid] * 6)
     assert os.getpid() not in found and 1 <= len(set(found)) <= 2
-    assert set(Team(2, forks=False).run([os.getpid] * 6)) == {os.getpid()}
+    assert set(WorkerPool(2, use_processes=False).run([os.getpid] * 6)) == {os.getpid()}
 
 
 def test_an_exception_that_cant_be_sent_is_told_in_words() -> None:
     with pytest.raises(RuntimeError, match="Odd: very odd"):
-        Team(2, forks=True).run([_odd, _odd])
+        WorkerPool(2, use_processes=True).run([_odd, _odd])
 
 
 def test_workers_that_died_are_told() -> None:
     with pytest.raises(UserError, match=r"one died.*--workers 1"):
-        Team(2, forks=True).run([partial(os._exit, 3)] * 4)
+        WorkerPool(2, use_processes=True).run([partial(os._exit, 3)] * 4)
 
 
 def test_an_interrupt_ends_the_workers() -> None:
@@ -76,10 +76,12 @@ def test_an_interrupt_ends_the_workers() -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        Team(2, forks=True).run([partial(time.sleep, 0.01), *[partial(time.sleep, 3600)] * 3], interrupted)
+        WorkerPool(2, use_processes=True).run(
+            [partial(time.sleep, 0.01), *[partial(time.sleep, 3600)] * 3], interrupted
+        )
     assert not multiprocessing.active_children()
 
 
 def test_workers_dont_hear_ctrl_c() -> None:
     """The parent does, and ends them."""
-    assert Team(2, forks=True).run([partial(signal.getsignal, signal.SIGINT)] * 2) == [signal.SIG_IGN] * 2
+    assert WorkerPool(2, use_processes=True).run([partial(signal.getsignal, signal.SIGINT)] * 2) == [signal.SIG_IGN] * 2

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.diagnose.search import Trial
-from holoview.diagnose.uncertainty import Tangent, canonical_correlation, intervals
-from holoview.diagnose.unknowns import Unknowns, unknowns
+from holoview.diagnose.search import CandidateFit
+from holoview.diagnose.uncertainty import LocalJacobian, canonical_correlation, confidence_intervals
+from holoview.diagnose.unknowns import FreeParameters, free_parameters_of
 from holoview.effects.effect import Effect
 from holoview.effects.parameter import Parameter
 
@@ -18,11 +18,11 @@ class Two(Effect):
     id = "two"
     cause = finding = "Two numbers."
     parameters = (Parameter("a", "One.", prior=2.0), Parameter("b", "Another.", prior=0.5))
-    where = ("camera",)
+    acts_on = ("camera",)
 
 
-def _free() -> Unknowns:
-    return unknowns([Two()])
+def _free() -> FreeParameters:
+    return free_parameters_of([Two()])
 
 
 def _drawn(rng: np.random.Generator, slopes: np.ndarray, error: float) -> tuple[float, float, np.ndarray]:
@@ -42,9 +42,9 @@ def test_intervals_hold_the_truth_as_often_as_they_say(error: float) -> None:
     inside = 0
     for _ in range(200):
         a, b, rest = _drawn(rng, slopes, error)
-        trial = Trial(("two",), {"two": {"a": a, "b": b}}, 0.0)
-        at = Tangent(_free(), slopes, rest, CAPTURES)
-        found = intervals(trial, at, None)  # type: ignore[arg-type]
+        trial = CandidateFit(("two",), {"two": {"a": a, "b": b}}, 0.0)
+        at = LocalJacobian(_free(), slopes, rest, CAPTURES)
+        found = confidence_intervals(trial, at, None)  # type: ignore[arg-type]
         inside += abs(a) <= found["two", "a"].half_width
         inside += abs(b) <= found["two", "b"].half_width
     assert inside >= 380 - 4 * 4.4
@@ -54,8 +54,8 @@ def test_a_number_that_nothing_depends_on_is_unknown() -> None:
     slopes = np.zeros((2, CAPTURES * PIXELS), np.float32)
     slopes[0] = 1.0
     rest = np.random.default_rng(1).standard_normal(CAPTURES * PIXELS).astype(np.float32)
-    trial = Trial(("two",), {"two": {"a": 1.0, "b": 1.0}}, 0.0)
-    found = intervals(trial, Tangent(_free(), slopes, rest, CAPTURES), None)  # type: ignore[arg-type]
+    trial = CandidateFit(("two",), {"two": {"a": 1.0, "b": 1.0}}, 0.0)
+    found = confidence_intervals(trial, LocalJacobian(_free(), slopes, rest, CAPTURES), None)  # type: ignore[arg-type]
     assert np.isfinite(found["two", "a"].sigma) and found["two", "b"].sigma == float("inf")
 
 

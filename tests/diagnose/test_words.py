@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from holoview.diagnose.uncertainty import Interval
-from holoview.diagnose.words import in_words
+from holoview.diagnose.words import format_value
 
 
 @pytest.mark.parametrize(
@@ -19,4 +19,4 @@ from holoview.diagnose.words import in_words
     ],
 )
 def test_the_interval_gives_the_digits(effect: str, parameter: str, value: float, half: float, words: str) -> None:
-    assert in_words(effect, parameter, Interval(value, half / 2, half)) == words
+    assert format_value(effect, parameter, Interval(value, half / 2, half)) == words

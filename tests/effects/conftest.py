@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from holoview.captures.predict import Predictor
-from holoview.captures.session import Camera, Captures, Panel
+from holoview.captures.session import Camera, Captures, SlmSpec
 
 SHAPE = (20, 28)
 PITCH = 8e-6
@@ -28,7 +28,7 @@ def session(count: int = 2, modulators: int = 2, **changes: Any) -> Captures:
         distance_m=np.full(count, 3e-3),
         power=np.ones(count),
         exposure_s=np.ones(count),
-        panels=(Panel(PITCH, 16, 780e-9),) * modulators,
+        slms=(SlmSpec(PITCH, 16, 780e-9),) * modulators,
         camera=Camera(PITCH / 2, 12, 4.0, 3.0, 64.0),
         gap_m=1e-3 if two else None,
         iris1_na=0.03 if two else None,
@@ -46,7 +46,7 @@ def fourier(count: int = 2, **changes: Any) -> Captures:
 
 def signals(captures: Captures, effects: dict[str, dict[str, float]] | None = None) -> torch.Tensor:
     """Predicted signals of all captures, float64."""
-    return Predictor(captures, double=True)(range(len(captures)), effects or {}).signal
+    return Predictor(captures, double_precision=True)(range(len(captures)), effects or {}).signal
 
 
 @pytest.fixture

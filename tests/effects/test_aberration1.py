@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from holoview.captures.session import Captures
-from holoview.effects.places import Aperture
-from holoview.effects.registry import effect
+from holoview.effects.places import RelayContext
+from holoview.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 SINE = torch.linspace(-0.03, 0.03, 401).double()
@@ -17,8 +17,8 @@ SINE = torch.linspace(-0.03, 0.03, 401).double()
 
 def _opd(wavelength_m: float, **values: float) -> torch.Tensor:
     """Optical path over the iris, from the pupil's phase (of less than half a wave)."""
-    one, at = effect("aberration1"), Aperture(0, wavelength_m, SINE[:, None], SINE[None], 0.03)
-    pupil = one.pupil(torch.ones(401, 401, dtype=torch.complex128), at, one.values(values))
+    one, at = get_effect("aberration1"), RelayContext(0, wavelength_m, SINE[:, None], SINE[None], 0.03)
+    pupil = one.pupil(torch.ones(401, 401, dtype=torch.complex128), at, one.parameter_values(values))
     return (pupil.angle() * wavelength_m / (2 * torch.pi))[at.radius <= 1]
 
 
@@ -28,7 +28,7 @@ def test_defocus_is_a_wrong_gap(make_session: Make, predicted: Predicted) -> Non
     coefficient = -metres * 0.03**2 / (4 * 3**0.5)
     same = predicted(captures, {"aberration1": {"z4": coefficient}})
     torch.testing.assert_close(same, predicted(captures, {"gap": {"gap_error": metres}}), rtol=1e-2, atol=1e-3)
-    assert "gap" in effect("aberration1").equals
+    assert "gap" in get_effect("aberration1").degenerate_with
 
 
 @pytest.mark.parametrize("noll", range(4, 12))

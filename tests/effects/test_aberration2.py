@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from holoview.captures.session import Captures
-from holoview.effects.places import Aperture
-from holoview.effects.registry import effect
+from holoview.effects.places import RelayContext
+from holoview.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 SINE = torch.linspace(-0.03, 0.03, 401).double()
@@ -17,8 +17,8 @@ SINE = torch.linspace(-0.03, 0.03, 401).double()
 
 def _opd(wavelength_m: float, **values: float) -> torch.Tensor:
     """Optical path over the iris, from the pupil's phase (of less than half a wave)."""
-    one, at = effect("aberration2"), Aperture(1, wavelength_m, SINE[:, None], SINE[None], 0.03)
-    pupil = one.pupil(torch.ones(401, 401, dtype=torch.complex128), at, one.values(values))
+    one, at = get_effect("aberration2"), RelayContext(1, wavelength_m, SINE[:, None], SINE[None], 0.03)
+    pupil = one.pupil(torch.ones(401, 401, dtype=torch.complex128), at, one.parameter_values(values))
     return (pupil.angle() * wavelength_m / (2 * torch.pi))[at.radius <= 1]
 
 
@@ -30,7 +30,7 @@ def test_defocus_is_a_wrong_distance(make_session: Make, predicted: Predicted) -
     torch.testing.assert_close(
         same, predicted(captures, {"distance": {"distance_error": metres}}), rtol=1e-2, atol=1e-3
     )
-    assert "distance" in effect("aberration2").equals
+    assert "distance" in get_effect("aberration2").degenerate_with
 
 
 @pytest.mark.parametrize("noll", range(4, 12))

@@ -10,7 +10,7 @@ import torch
 
 import holoview as hv
 from holoview.captures.session import Captures
-from holoview.effects.registry import effect
+from holoview.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 
@@ -18,8 +18,8 @@ Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 @pytest.mark.parametrize("sigma", [0.5e-9, 4e-9, 9e-9])
 @pytest.mark.parametrize("top", [0.0, 0.4, 1.0])
 def test_each_wavelength_becomes_a_line_of_that_width(sigma: float, top: float) -> None:
-    one, system = effect("bandwidth"), hv.load("holochrome-8")
-    found = one.bench(system, one.values({"sigma": sigma, "top": top}))
+    one, system = get_effect("bandwidth"), hv.load("holochrome-8")
+    found = one.bench(system, one.parameter_values({"sigma": sigma, "top": top}))
     lines = found.wavelengths_m.reshape(8, -1)
     weights = found.amplitudes[0].reshape(8, -1)
     assert weights.sum(axis=1) == pytest.approx(system.amplitudes[0])

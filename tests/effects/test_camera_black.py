@@ -13,5 +13,5 @@ from holoview.captures.session import Captures
 def test_it_adds_counts(make_session: Callable[..., Captures]) -> None:
     predict = Predictor(make_session(1))
     found = predict([0], {"camera_black": {"black": 12.5}})
-    assert found.offset == 64.0 + 12.5
+    assert found.black_level == 64.0 + 12.5
     assert torch.equal(found.signal, predict([0]).signal)

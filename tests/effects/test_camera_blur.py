@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from holoview.effects.places import Sensor
-from holoview.effects.registry import effect
+from holoview.effects.places import CameraContext
+from holoview.effects.registry import get_effect
 
 TAILS = 5e-4
 """Light beyond the picture's 20 pixels each way: samples of so narrow a Gaussian ring."""
@@ -16,8 +16,8 @@ TAILS = 5e-4
 def test_a_point_spreads_by_the_variance(sigma: float) -> None:
     image = torch.zeros(41, 41).double()
     image[20, 20] = 5.0
-    one = effect("camera_blur")
-    found = one.image(image, Sensor(4e-6, (41, 41)), one.values({"sigma": sigma}))
+    one = get_effect("camera_blur")
+    found = one.image(image, CameraContext(4e-6, (41, 41)), one.parameter_values({"sigma": sigma}))
     x = (torch.arange(41) - 20).double()
     assert float(found.sum()) == pytest.approx(5.0, rel=TAILS)
     assert float((found.sum(dim=0) * x**2).sum() / 5) == pytest.approx(sigma**2, abs=20**2 * TAILS)

@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from holoview.effects import registry as module
-from holoview.effects.apply import Applied
-from holoview.effects.places import Sensor
-from holoview.effects.registry import load_user_effects, registry
+from holoview.effects.apply import TorchEffects
+from holoview.effects.places import CameraContext
+from holoview.effects.registry import listed_effects, load_user_effects
 from holoview.preset import loads
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "effects.md").read_text(encoding="utf-8")
@@ -26,10 +26,10 @@ def test_the_complete_example_is_complete(tmp_path: Path, monkeypatch: pytest.Mo
     (tmp_path / "haze.py").write_text(_blocks("python")[0], encoding="utf-8")
     (haze,) = load_user_effects(tmp_path / "haze.py")
     image = torch.tensor([[0.0, 4.0]])
-    found = Applied({"haze": {"share": 0.2}}).image(image, Sensor(4e-6, (1, 2)))
+    found = TorchEffects({"haze": {"share": 0.2}}).image(image, CameraContext(4e-6, (1, 2)))
     assert found.tolist()[0] == pytest.approx([0.4, 3.6])
     assert haze.finding.format(share="0.2") == "A share 0.2 of the light is scattered over the whole picture."
-    assert len(list(haze.parameters[0].values())) == 8
+    assert len(list(haze.parameters[0].scan_values())) == 8
 
 
 def test_the_preset_can_be_read() -> None:
@@ -42,7 +42,7 @@ def test_the_preset_can_be_read() -> None:
 
 
 def test_every_effect_and_hook_is_named() -> None:
-    missing = [name for name in registry() if f"`{name}`" not in TEXT]
+    missing = [name for name in listed_effects() if f"`{name}`" not in TEXT]
     assert not missing
     from holoview.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS
 

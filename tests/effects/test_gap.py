@@ -8,7 +8,7 @@ from collections.abc import Callable
 import torch
 
 from holoview.captures.session import Captures
-from holoview.effects.registry import effect
+from holoview.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 
@@ -20,4 +20,7 @@ def test_it_adds_to_the_gap(make_session: Make, predicted: Predicted) -> None:
 
 
 def test_it_says_how_long_the_gap_is(make_session: Make) -> None:
-    assert effect("gap").sentence(make_session().system(), {"gap_error": 0.11e-3}) == "The gap is 1.11 mm, not 1 mm."
+    assert (
+        get_effect("gap").format_finding(make_session().system(), {"gap_error": 0.11e-3})
+        == "The gap is 1.11 mm, not 1 mm."
+    )

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from holoview.captures.session import Captures
-from holoview.effects.places import Aperture
-from holoview.effects.registry import effect
+from holoview.effects.places import RelayContext
+from holoview.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 
@@ -23,10 +23,10 @@ def test_it_changes_the_radius(make_session: Make, predicted: Predicted) -> None
 
 
 def test_off_the_centre_another_disc_passes(make_session: Make) -> None:
-    one = effect("iris1")
-    values = one.values({"radius_error": 0.1, "decentre_y": 0.5, "decentre_x": -0.25})
+    one = get_effect("iris1")
+    values = one.parameter_values({"radius_error": 0.1, "decentre_y": 0.5, "decentre_x": -0.25})
     sine = torch.linspace(-0.06, 0.06, 1201).double()
-    at = Aperture(0, 520e-9, sine[:, None], sine[None], 0.03)
+    at = RelayContext(0, 520e-9, sine[:, None], sine[None], 0.03)
     passes = one.pupil(torch.ones(1201, 1201).double(), at, values)
     area = float(passes.sum()) * 1e-4**2
     assert area == pytest.approx(torch.pi * 0.033**2, rel=2e-3)
@@ -37,5 +37,5 @@ def test_off_the_centre_another_disc_passes(make_session: Make) -> None:
 
 
 def test_it_says_how_wide_it_is(make_session: Make) -> None:
-    said = effect("iris1").sentence(make_session().system(), {"radius_error": -0.2})
+    said = get_effect("iris1").format_finding(make_session().system(), {"radius_error": -0.2})
     assert said == "The iris of relay 1 has an aperture of 0.024, not 0.03."

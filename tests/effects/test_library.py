@@ -10,8 +10,8 @@ import torch
 import holoview as hv
 from holoview.captures.predict import Predictor
 from holoview.captures.session import Captures
-from holoview.effects.effect import Facts
-from holoview.effects.registry import registry
+from holoview.effects.effect import DataProperties
+from holoview.effects.registry import listed_effects
 from holoview.errors import UserError
 
 IDS = [
@@ -44,28 +44,28 @@ IDS = [
     "ghost",
 ]
 PLACES = {"source", "modulator 1", "relay 1", "modulator 2", "relay 2", "camera"}
-RICH = Facts(wavelengths=4, planes=2, powers=5, modulators=2, irises=(True, True), is_fourier=False)
+RICH = DataProperties(wavelengths=4, planes=2, powers=5, modulators=2, irises=(True, True), is_fourier=False)
 
 Make = Callable[..., Captures]
 
 
 def _off(name: str) -> dict[str, float]:
-    return {p.name: p.identity for p in registry()[name].parameters}
+    return {p.name: p.identity for p in listed_effects()[name].parameters}
 
 
 def test_the_library_has_every_id_that_files_may_hold() -> None:
-    assert set(IDS) <= set(registry())
+    assert set(IDS) <= set(listed_effects())
 
 
 @pytest.mark.parametrize("name", IDS)
 def test_an_effect_states_what_others_need_to_know(name: str) -> None:
-    one = registry()[name]
+    one = listed_effects()[name]
     assert one.id == name
-    assert one.cause.endswith(".") and set(one.where) <= PLACES
-    assert all(other in registry() for other in (*one.equal_to(RICH), *one.equals))
+    assert one.cause.endswith(".") and set(one.acts_on) <= PLACES
+    assert all(other in listed_effects() for other in (*one.degeneracies(RICH), *one.degenerate_with))
     for p in one.parameters:
         assert p.low <= p.identity <= p.high and p.prior > 0 and p.doc.endswith(".")
-        assert p.read(p.write(p.identity), name) == p.identity
+        assert p.parse(p.to_toml(p.identity), name) == p.identity
         inside = min(p.identity + p.prior, p.high)
         assert p.from_fit(p.to_fit(inside)) == pytest.approx(inside, rel=1e-12)
 
@@ -74,10 +74,10 @@ def test_an_effect_states_what_others_need_to_know(name: str) -> None:
 def test_an_effect_at_its_identity_changes_no_bit_near_by(name: str, make_session: Make) -> None:
     predict = Predictor(make_session(1))
     assert torch.equal(predict([0], {name: _off(name)}).signal, predict([0]).signal)
-    assert predict([0], {name: _off(name)}).offset == predict([0]).offset
+    assert predict([0], {name: _off(name)}).black_level == predict([0]).black_level
 
 
-@pytest.mark.parametrize("name", [n for n in IDS if registry()[n].needs.fourier])
+@pytest.mark.parametrize("name", [n for n in IDS if listed_effects()[n].needs.fourier])
 def test_an_effect_at_its_identity_changes_no_bit_far_away(name: str, make_fourier: Make) -> None:
     predict = Predictor(make_fourier(1))
     assert torch.equal(predict([0], {name: _off(name)}).signal, predict([0]).signal)
@@ -86,21 +86,21 @@ def test_an_effect_at_its_identity_changes_no_bit_far_away(name: str, make_fouri
 @pytest.mark.parametrize("name", IDS)
 def test_every_start_of_a_search_is_a_bench_that_can_be_and_differs(name: str, make_session: Make) -> None:
     captures = make_session(1, power=torch.tensor([0.5]).double().numpy())
-    predict, one = Predictor(captures), registry()[name]
-    starts = list(one.starts(captures.system()))
+    predict, one = Predictor(captures), listed_effects()[name]
+    starts = list(one.starting_points(captures.nominal_system()))
     plain = predict([0])
     for values in (starts or [{p.name: p.prior for p in one.parameters}])[:: max(1, len(starts) // 4)]:
         assert all(p.low <= values.get(p.name, p.identity) <= p.high for p in one.parameters)
         changed = predict([0], {name: values})
-        same = torch.equal(changed.signal, plain.signal) and changed.offset == plain.offset
+        same = torch.equal(changed.signal, plain.signal) and changed.black_level == plain.black_level
         assert not same or name == "dispersion", values  # which is nothing at its reference alone
-        assert "{" not in one.sentence(captures.system(), values)
+        assert "{" not in one.format_finding(captures.nominal_system(), values)
 
 
 @pytest.mark.parametrize("name", IDS)
 def test_a_value_out_of_bounds_is_refused_with_the_key(name: str) -> None:
     system = hv.load("holochrome-8")
-    for p in registry()[name].parameters:
+    for p in listed_effects()[name].parameters:
         if p.high < float("inf"):
             with pytest.raises(UserError, match=f"effects.{name}.{p.name}"):
                 system.edit({f"effects.{name}.{p.name}": p.high + 1.0 + abs(p.high)})
@@ -119,5 +119,5 @@ def test_a_value_out_of_bounds_is_refused_with_the_key(name: str) -> None:
 def test_an_effect_says_what_data_it_lacks(name: str, facts: dict[str, int], words: str) -> None:
     from dataclasses import replace
 
-    assert registry()[name].needs.missing(RICH) == ""
-    assert words in registry()[name].needs.missing(replace(RICH, **facts))
+    assert listed_effects()[name].needs.unmet_by(RICH) == ""
+    assert words in listed_effects()[name].needs.unmet_by(replace(RICH, **facts))

@@ -5,16 +5,16 @@ from __future__ import annotations
 import pytest
 import torch
 
-from holoview.effects.places import Surface
-from holoview.effects.registry import effect
+from holoview.effects.places import ModulatorContext
+from holoview.effects.registry import get_effect
 
 SHARE = torch.linspace(0, 1, 16, dtype=torch.float64)[None]
 
 
 def _response(number: int = 0, **values: float) -> torch.Tensor:
-    one = effect("lut")
-    at = Surface(number, 520e-9, 780e-9, 8e-6, (1, 16), 2)
-    return one.response(SHARE, at, one.values(values))[0]
+    one = get_effect("lut")
+    at = ModulatorContext(number, 520e-9, 780e-9, 8e-6, (1, 16), 2)
+    return one.stroke_response(SHARE, at, one.parameter_values(values))[0]
 
 
 def test_gamma_bends_the_response_of_its_own_modulator() -> None:
@@ -29,10 +29,12 @@ def test_a_knot_moves_its_level_alone() -> None:
 
 
 def test_between_knots_the_correction_is_linear() -> None:
-    one = effect("lut")
-    at = Surface(0, 520e-9, 780e-9, 8e-6, (1, 1), 2)
+    one = get_effect("lut")
+    at = ModulatorContext(0, 520e-9, 780e-9, 8e-6, (1, 1), 2)
     halfway = torch.tensor([[4.5 / 15]], dtype=torch.float64)
-    assert float(one.response(halfway, at, one.values({"level1_04": 0.06}))) == pytest.approx(4.5 / 15 + 0.03)
+    assert float(one.stroke_response(halfway, at, one.parameter_values({"level1_04": 0.06}))) == pytest.approx(
+        4.5 / 15 + 0.03
+    )
 
 
 def test_levels_never_fall() -> None:
@@ -43,4 +45,4 @@ def test_levels_never_fall() -> None:
 def test_a_wrong_middle_is_told_in_words() -> None:
     import holoview as hv
 
-    assert "0.25 and 0.50" in effect("lut").sentence(hv.load("holochrome-8"), {"gamma1": 2.0})
+    assert "0.25 and 0.50" in get_effect("lut").format_finding(hv.load("holochrome-8"), {"gamma1": 2.0})

@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from holoview.effects import registry as module
-from holoview.effects.places import Sensor
-from holoview.effects.registry import effect, load_user_effects, registry
+from holoview.effects.places import CameraContext
+from holoview.effects.registry import get_effect, listed_effects, load_user_effects
 from holoview.errors import UserError
 
 OWN = """
@@ -36,8 +36,8 @@ def test_a_users_own_effect_is_one_like_any_other(tmp_path: Path) -> None:
     file = tmp_path / "haze.py"
     file.write_text(OWN, encoding="utf-8")
     assert [one.id for one in load_user_effects(file)] == ["haze"]
-    assert "haze" in registry()
-    assert effect("haze").parameters[0].name == "share"
+    assert "haze" in listed_effects()
+    assert get_effect("haze").parameters[0].name == "share"
 
 
 @pytest.mark.parametrize(
@@ -56,14 +56,14 @@ def test_a_file_that_cant_serve_is_refused_and_adds_nothing(tmp_path: Path, text
     file.write_text(text, encoding="utf-8")
     with pytest.raises(UserError, match=words):
         load_user_effects(file)
-    assert "haze" not in registry()
+    assert "haze" not in listed_effects()
 
 
 def test_a_missing_file_and_an_unknown_effect_are_named(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no such file"):
         load_user_effects(tmp_path / "none.py")
     with pytest.raises(UserError, match="did you mean gap"):
-        effect("gapp")
+        get_effect("gapp")
 
 
 @pytest.mark.parametrize(
@@ -71,10 +71,10 @@ def test_a_missing_file_and_an_unknown_effect_are_named(tmp_path: Path) -> None:
     [("image + nothing", "its image failed: NameError"), ("None", "its image returned nothing")],
 )
 def test_a_hook_that_fails_is_told_by_the_effects_name(tmp_path: Path, wrong: str, words: str) -> None:
-    from holoview.effects.apply import Applied
+    from holoview.effects.apply import TorchEffects
 
     file = tmp_path / "haze.py"
     file.write_text(OWN.replace('image + v["share"] * image.mean()', wrong), encoding="utf-8")
     load_user_effects(file)
     with pytest.raises(UserError, match=f"effects.haze: {words}"):
-        Applied({"haze": {"share": 0.1}}).image(torch.ones(2, 2), Sensor(4e-6, (2, 2)))
+        TorchEffects({"haze": {"share": 0.1}}).image(torch.ones(2, 2), CameraContext(4e-6, (2, 2)))

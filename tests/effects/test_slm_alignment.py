@@ -9,11 +9,11 @@ import pytest
 import torch
 
 from holoview.captures.session import Captures
-from holoview.effects.places import Pose, Surface
-from holoview.effects.registry import effect
+from holoview.effects.places import ModulatorContext, Pose
+from holoview.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
-AT = Surface(1, 520e-9, 780e-9, 8e-6, (12, 16), 2)
+AT = ModulatorContext(1, 520e-9, 780e-9, 8e-6, (12, 16), 2)
 
 
 def test_a_shift_by_a_pixel_moves_the_pattern_by_a_pixel() -> None:
@@ -30,7 +30,7 @@ def test_a_shift_by_a_pixel_moves_the_pattern_by_a_pixel() -> None:
     ],
 )
 def test_a_ramp_turns_and_grows_about_the_centre(pose: Pose, expected: Callable[..., torch.Tensor]) -> None:
-    y, x = AT.places(torch.zeros(24, 32).double())
+    y, x = AT.positions(torch.zeros(24, 32).double())
     ramp = x.expand(24, 32)
     found = AT.warped(ramp, pose)
     torch.testing.assert_close(found[8:-8, 8:-8], expected(y, x).expand(24, 32)[8:-8, 8:-8], rtol=1e-6, atol=1e-12)
@@ -47,5 +47,7 @@ def test_only_modulator_2_moves(make_session: Make, predicted: Predicted) -> Non
 
 
 def test_it_says_where_the_modulator_is(make_session: Make) -> None:
-    said = effect("slm_alignment").sentence(make_session().system(), {"shift_y": 4.8e-6, "magnification": 0.01})
+    said = get_effect("slm_alignment").format_finding(
+        make_session().system(), {"shift_y": 4.8e-6, "magnification": 0.01}
+    )
     assert said.startswith("Modulator 2 is shifted by 4.8 um (y) and 0 um (x)") and said.endswith("magnified by 1 %.")

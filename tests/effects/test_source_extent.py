@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from holoview.captures.session import Captures
-from holoview.effects.registry import effect
-from holoview.effects.source_extent import spot
+from holoview.effects.registry import get_effect
+from holoview.effects.source_extent import spot_directions
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 
@@ -18,8 +18,8 @@ Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 @pytest.mark.parametrize("radius", [0.2e-3, 2e-3, 5e-3])
 @pytest.mark.parametrize("outline", [-1.0, -0.3, 0.0, 0.5, 1.0])
 def test_directions_have_the_mean_and_variance_of_a_disc(radius: float, outline: float, make_session: Make) -> None:
-    one = effect("source_extent")
-    system = one.bench(make_session().system(), one.values({"radius": radius, "outline": outline}))
+    one = get_effect("source_extent")
+    system = one.bench(make_session().system(), one.parameter_values({"radius": radius, "outline": outline}))
     found = system.source.directions_rad
     assert np.abs(found.mean(axis=0)).max() < 1e-12
     assert (found**2).mean(axis=0) == pytest.approx([radius**2 / 4] * 2, rel=1e-9)  # ∫y²·2πr dr/(πR²)
@@ -28,7 +28,7 @@ def test_directions_have_the_mean_and_variance_of_a_disc(radius: float, outline:
 
 def test_outlines_are_what_they_are_called() -> None:
     side = 41
-    disc, square, gauss = (spot(side, outline) for outline in (0.0, 1.0, -1.0))
+    disc, square, gauss = (spot_directions(side, outline) for outline in (0.0, 1.0, -1.0))
     assert np.hypot(*disc.T).max() == pytest.approx(1.0, abs=1.5 / side)
     assert np.abs(square).max() == pytest.approx(0.75**0.5, abs=1 / side)  # half a side: its square over 3 is 1/4
     inner = np.hypot(*disc.T) < 0.5
@@ -38,10 +38,13 @@ def test_outlines_are_what_they_are_called() -> None:
 
 
 def test_as_many_directions_as_the_speckle_asks_for(make_session: Make, make_fourier: Make) -> None:
-    """Near by, it moves by 4 mm × 2 × 2 mrad over speckle of 520 nm/0.06; behind a lens by the aperture over λ."""
-    one = effect("source_extent")
-    assert one.side(make_session().system(), 2e-3) == 4  # 16 µm / 8.7 µm = 1.85, two more
-    assert one.side(make_fourier().system(), 2e-3) == 4  # 2 × 2 mrad × 28 × 8 µm / 520 nm = 1.72, two more
+    """Near by, it moves by 4 mm × 2 × 2 mrad over speckle of 520 nm/0.06; behind a lens by the aperture over λ.
+
+    16 µm / 8.7 µm = 1.85 and 2 × 2 mrad × 28 × 8 µm / 520 nm = 1.72: two directions more than either.
+    """
+    one = get_effect("source_extent")
+    assert one.directions_per_side(make_session().system(), 2e-3) == 4
+    assert one.directions_per_side(make_fourier().system(), 2e-3) == 4
 
 
 def test_speckle_washes_out(make_session: Make, predicted: Predicted) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import torch
 
 from holoview.captures.session import Captures
-from holoview.effects.registry import effect
+from holoview.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 
@@ -22,5 +22,5 @@ def test_both_strokes_grow_and_differ(make_session: Make, predicted: Predicted) 
 
 
 def test_it_says_what_the_stroke_is(make_session: Make) -> None:
-    said = effect("stroke").sentence(make_session().system(), {"stroke_error": -0.5})
+    said = get_effect("stroke").format_finding(make_session().system(), {"stroke_error": -0.5})
     assert said == "The stroke is 390 nm, not 780 nm."

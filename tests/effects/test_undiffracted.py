@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures.session import Captures, Panel
-from holoview.effects.places import Surface
-from holoview.effects.registry import effect
+from holoview.captures.session import Captures, SlmSpec
+from holoview.effects.places import ModulatorContext
+from holoview.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 
@@ -18,7 +18,7 @@ Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 def test_the_zero_order_has_the_amplitude_that_isnt_modulated(make_fourier: Make, predicted: Predicted) -> None:
     levels = np.zeros((1, 1, 20, 28), np.uint8)
     levels[..., ::2] = 1
-    captures = make_fourier(1, levels=levels, panels=(Panel(8e-6, 2, 260e-9),))  # 0 and half a wave
+    captures = make_fourier(1, levels=levels, panels=(SlmSpec(8e-6, 2, 260e-9),))  # 0 and half a wave
     values = {"share": 0.3, "quadrature": 0.1}
     dark, light = (float(predicted(captures, e)[0, 30, 40]) for e in ({}, {"undiffracted": values}))
     assert dark == pytest.approx(0.0, abs=1e-20)
@@ -26,9 +26,9 @@ def test_the_zero_order_has_the_amplitude_that_isnt_modulated(make_fourier: Make
 
 
 def test_the_first_modulator_may_leave_more_than_the_second() -> None:
-    one = effect("undiffracted")
-    v = one.values({"share": 0.2, "difference": 0.05})
+    one = get_effect("undiffracted")
+    v = one.parameter_values({"share": 0.2, "difference": 0.05})
     light = torch.full((2, 2), 1j, dtype=torch.complex128)
     for number, amount in ((0, 0.25), (1, 0.15)):
-        at = Surface(number, 520e-9, 780e-9, 8e-6, (2, 2), 2)
+        at = ModulatorContext(number, 520e-9, 780e-9, 8e-6, (2, 2), 2)
         torch.testing.assert_close(one.transmission(light, at, v), (1 - amount) * light + amount)

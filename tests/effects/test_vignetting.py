@@ -5,14 +5,16 @@ from __future__ import annotations
 import pytest
 import torch
 
-from holoview.effects.places import Sensor
-from holoview.effects.registry import effect
+from holoview.effects.places import CameraContext
+from holoview.effects.registry import get_effect
 
 
 def test_the_edges_lose_their_share() -> None:
-    one = effect("vignetting")
+    one = get_effect("vignetting")
     found = one.image(
-        torch.ones(201, 301).double(), Sensor(4e-6, (201, 301)), one.values({"fall_y": 0.2, "fall_x": 0.4})
+        torch.ones(201, 301).double(),
+        CameraContext(4e-6, (201, 301)),
+        one.parameter_values({"fall_y": 0.2, "fall_x": 0.4}),
     )
     assert float(found[100, 150]) == 1.0
     assert float(found[0, 150]) == pytest.approx(0.8, abs=0.003)

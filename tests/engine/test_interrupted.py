@@ -7,7 +7,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from holoview.engine.session import FrameSession
+from holoview.engine.session import IncrementalRenderer
 from holoview.gpu.device import Device
 from holoview.system import Modulator, System
 from holoview.view import random_drive
@@ -34,30 +34,30 @@ EDITS = [
 
 
 def _fresh(device: Device, system: System, drive: np.ndarray, plane_m: float) -> np.ndarray:
-    session = FrameSession(system, drive, device, plane_m=plane_m)
-    session.update(picture=False)
+    session = IncrementalRenderer(system, drive, device, plane_m=plane_m)
+    session.update(with_srgb=False)
     return session.xyz()
 
 
 @pytest.mark.parametrize("budget", [2**30, 0], ids=["all is kept", "nothing is kept"])
 def test_whatever_is_dropped_half_done_the_next_update_is_right(device: Device, budget: int) -> None:
     dice, drive = np.random.default_rng(5), random_drive(BENCH, 1)
-    session = FrameSession(BENCH, drive, device, budget_bytes=budget)
+    session = IncrementalRenderer(BENCH, drive, device, budget_bytes=budget)
     system, plane_m = BENCH, 3e-3
     for turn in range(24):
         system = system.edit(EDITS[dice.integers(len(EDITS))])
         plane_m = float(dice.choice([3e-3, 4e-3]))
         session.edit(system=system, plane_m=plane_m)
         if turn % 6 != 5:
-            for _ in islice(session.steps(picture=False, slice_s=A_DISPATCH), int(dice.integers(1, 40))):
+            for _ in islice(session.steps(with_srgb=False, slice_s=A_DISPATCH), int(dice.integers(1, 40))):
                 pass
             continue
-        session.update(picture=False)
+        session.update(with_srgb=False)
         np.testing.assert_array_equal(session.xyz(), _fresh(device, system, drive, plane_m))
 
 
 def test_another_iterator_ends_the_one_before(device: Device) -> None:
-    session = FrameSession(BENCH, random_drive(BENCH, 1), device)
+    session = IncrementalRenderer(BENCH, random_drive(BENCH, 1), device)
     first = session.steps(slice_s=A_DISPATCH)
     next(first)
     second = session.steps(slice_s=A_DISPATCH)
@@ -68,7 +68,7 @@ def test_another_iterator_ends_the_one_before(device: Device) -> None:
 
 
 def test_an_intensity_that_is_asked_for_in_between_ends_an_update(device: Device) -> None:
-    session = FrameSession(BENCH, random_drive(BENCH, 1), device)
+    session = IncrementalRenderer(BENCH, random_drive(BENCH, 1), device)
     steps = session.steps(slice_s=A_DISPATCH)
     next(steps)
     wanted = session.intensity(2)

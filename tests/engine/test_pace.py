@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from holoview.engine import pace
-from holoview.engine.session import FrameSession
+from holoview.engine.session import IncrementalRenderer
 from holoview.gpu.device import Device
-from holoview.gpu.lines import Stage, Strategy
+from holoview.gpu.lines import Strategy, TransformShader
 from holoview.system import Modulator, System
 from holoview.view import random_drive
 
@@ -36,7 +36,9 @@ class _Choice:
     made: list[_Choice]
     found: Strategy = "workgroup"
 
-    def __init__(self, device: Device, shape: tuple[int, int], shaders: Callable[[Strategy], Iterable[Stage]]) -> None:
+    def __init__(
+        self, device: Device, shape: tuple[int, int], shaders: Callable[[Strategy], Iterable[TransformShader]]
+    ) -> None:
         self.shape, self.shaders = shape, list(shaders(self.found))
         self.current: Strategy = "passes"
         self.is_settled = self.is_closed = False
@@ -61,27 +63,27 @@ def choices(monkeypatch: pytest.MonkeyPatch) -> list[_Choice]:
     return made
 
 
-def _open(device: Device, system: System = SYSTEM, **settings: Any) -> FrameSession:
-    session = FrameSession(system, random_drive(system), device, **settings)
+def _open(device: Device, system: System = SYSTEM, **settings: Any) -> IncrementalRenderer:
+    session = IncrementalRenderer(system, random_drive(system), device, **settings)
     session.update()
     return session
 
 
-def _cost(session: FrameSession) -> dict[str, int]:
-    before = Counter(session.kernels)
+def _cost(session: IncrementalRenderer) -> dict[str, int]:
+    before = Counter(session.dispatch_counts)
     session.update()
-    return dict(session.kernels - before)
+    return dict(session.dispatch_counts - before)
 
 
 def test_a_session_goes_on_by_the_faster_strategy_with_all_that_it_has(device: Device, choices: list[_Choice]) -> None:
     session = _open(device)
     assert session.strategy == "passes" and not choices
-    assert not session.poll() and not session.poll()
+    assert not session.poll_strategy() and not session.poll_strategy()
     (search,) = choices
     assert search.shape == (64, 128) and len(search.shaders) == len(KERNELS)
     search.end()
     shown = session.xyz()
-    assert session.poll() and session.strategy == "workgroup" and search.is_closed
+    assert session.poll_strategy() and session.strategy == "workgroup" and search.is_closed
     assert _cost(session) == {}
     session.edit(plane_m=4e-3)
     cost = _cost(session)
@@ -89,7 +91,7 @@ def test_a_session_goes_on_by_the_faster_strategy_with_all_that_it_has(device: D
     session.edit(plane_m=3e-3)
     assert "light" not in _cost(session)
     assert np.linalg.norm(session.xyz() - shown) <= AGREEMENT * np.linalg.norm(shown)
-    assert not session.poll() and len(choices) == 1
+    assert not session.poll_strategy() and len(choices) == 1
 
 
 KERNELS = ("light", "propagate in place", "propagate elsewhere", "modulate", "observe")
@@ -97,12 +99,12 @@ KERNELS = ("light", "propagate in place", "propagate elsewhere", "modulate", "ob
 
 def test_an_update_goes_on_when_the_strategy_changes(device: Device, choices: list[_Choice]) -> None:
     expected = _open(device, strategy="passes").xyz()
-    session = FrameSession(SYSTEM, random_drive(SYSTEM), device)
-    session.poll()
+    session = IncrementalRenderer(SYSTEM, random_drive(SYSTEM), device)
+    session.poll_strategy()
     choices[0].end()
     steps = session.steps()
     next(steps)
-    assert session.poll()
+    assert session.poll_strategy()
     assert len(list(steps)) == 3
     assert np.linalg.norm(session.xyz() - expected) <= AGREEMENT * np.linalg.norm(expected)
 
@@ -111,18 +113,18 @@ def test_kernels_that_are_not_compiled_yet_are_taken_from_passes_until_they_are(
     device: Device, choices: list[_Choice]
 ) -> None:
     session = _open(device)
-    session.poll()
+    session.poll_strategy()
     choices[0].end()
-    session.poll()
+    session.poll_strategy()
     tilted = SYSTEM.edit({"source": {"directions": [[0.0, 0.01]]}})
     session.edit(system=tilted)
     assert session.strategy == "passes"
-    assert not session.poll() and len(choices) == 2
+    assert not session.poll_strategy() and len(choices) == 2
     session.edit(system=SYSTEM)
     assert session.strategy == "workgroup"
     session.edit(system=tilted)
     choices[1].end()
-    assert session.poll() and session.strategy == "workgroup"
+    assert session.poll_strategy() and session.strategy == "workgroup"
     session.edit(system=SYSTEM)
     assert session.strategy == "workgroup" and len(choices) == 2
 
@@ -131,10 +133,10 @@ def test_another_grid_begins_anew_and_ends_the_search_for_the_one_before(
     device: Device, choices: list[_Choice]
 ) -> None:
     session = _open(device)
-    session.poll()
+    session.poll_strategy()
     session.edit(system=SYSTEM.edit({"upsample": 1}))
     assert choices[0].is_closed and session.strategy == "passes"
-    session.poll()
+    session.poll_strategy()
     assert choices[1].shape == (32, 64)
     session.close()
     assert choices[1].is_closed
@@ -142,7 +144,7 @@ def test_another_grid_begins_anew_and_ends_the_search_for_the_one_before(
 
 def test_a_named_strategy_stays(device: Device, choices: list[_Choice]) -> None:
     session = _open(device, strategy="workgroup")
-    assert not session.poll() and session.strategy == "workgroup" and not choices
+    assert not session.poll_strategy() and session.strategy == "workgroup" and not choices
 
 
 def test_what_is_remembered_to_compile_at_once_is_taken_from_the_start(

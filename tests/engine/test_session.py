@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
-from holoview.engine.frame import focal_stack
-from holoview.engine.session import FrameSession
+from holoview.engine.frame import compute_focal_stack
+from holoview.engine.session import IncrementalRenderer
 from holoview.engine.torch import TorchExecutor
 from holoview.errors import UserError
 from holoview.gpu.device import Device, DeviceLost, open_device
-from holoview.gpu.lines import has_subgroups
-from holoview.optics.slots import make_slots
+from holoview.gpu.lines import supports_subgroup_strategy
+from holoview.optics.slots import make_frame_inputs
 from holoview.plan import make_plan
 from holoview.system import Modulator, System
 from holoview.view import random_drive
@@ -71,7 +71,7 @@ EDITS: dict[str, tuple[dict[str, Any], dict[str, int]]] = {
 """An edit, and the kernels that it costs."""
 
 
-def _edited(session: FrameSession, drive: np.ndarray, change: dict[str, Any]) -> dict[str, Any]:
+def _edited(session: IncrementalRenderer, drive: np.ndarray, change: dict[str, Any]) -> dict[str, Any]:
     """The arguments of `edit`."""
     out = dict(change)
     if "system" in out:
@@ -83,14 +83,14 @@ def _edited(session: FrameSession, drive: np.ndarray, change: dict[str, Any]) ->
     return out
 
 
-def _cost(session: FrameSession, act: Callable[[], None]) -> dict[str, int]:
-    before = Counter(session.kernels)
+def _cost(session: IncrementalRenderer, act: Callable[[], None]) -> dict[str, int]:
+    before = Counter(session.dispatch_counts)
     act()
-    return dict(session.kernels - before)
+    return dict(session.dispatch_counts - before)
 
 
-def _open(device: Device, system: System = SYSTEM, **settings: Any) -> FrameSession:
-    session = FrameSession(system, random_drive(system), device, **settings)
+def _open(device: Device, system: System = SYSTEM, **settings: Any) -> IncrementalRenderer:
+    session = IncrementalRenderer(system, random_drive(system), device, **settings)
     session.update()
     return session
 
@@ -99,7 +99,7 @@ def _open(device: Device, system: System = SYSTEM, **settings: Any) -> FrameSess
 def test_an_edit_costs_only_the_kernels_that_depend_on_it(device: Device, name: str) -> None:
     change, expected = EDITS[name]
     session, drive = _open(device), random_drive(SYSTEM)
-    assert session.kernels == ALL
+    assert session.dispatch_counts == ALL
     session.edit(system=SYSTEM.edit({"gap": "0.9 mm"}))  # that it is edited makes the first rows worth keeping
     session.update()
     session.edit(system=SYSTEM)
@@ -117,7 +117,7 @@ def test_after_an_edit_a_session_shows_what_a_fresh_one_shows(device: Device, na
     session.edit(**edit)
     session.update()
     given = {"drive": drive, "system": SYSTEM} | edit
-    fresh = FrameSession(given.pop("system"), given.pop("drive"), device, **given)
+    fresh = IncrementalRenderer(given.pop("system"), given.pop("drive"), device, **given)
     fresh.update()
     assert np.array_equal(session.xyz(), fresh.xyz())
     assert np.array_equal(session.srgb8(), fresh.srgb8())
@@ -148,7 +148,7 @@ def _error(found: np.ndarray, expected: np.ndarray) -> float:
 def _reference(system: System, planes_m: list[float]) -> np.ndarray:
     """XYZ (plane, y, x, 3) by torch in complex128."""
     plan = make_plan(system, planes_m)
-    return focal_stack(TorchExecutor(plan, make_slots(plan, random_drive(system)), double=True))[1]
+    return compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, random_drive(system)), double=True))[1]
 
 
 @pytest.mark.parametrize("together", [1, 2, 3])
@@ -166,14 +166,14 @@ def test_a_session_shows_what_torch_computes_in_double_precision(device: Device,
 def test_wavelengths_computed_together_or_one_by_one_are_the_same_bit_for_bit(device: Device) -> None:
     alone, together = _open(device), _open(device, together=3)
     assert np.array_equal(alone.xyz(), together.xyz())
-    assert together.kernels["light"] == 2  # three wavelengths of the first frame, two of the second
+    assert together.dispatch_counts["light"] == 2  # three wavelengths of the first frame, two of the second
 
 
 def test_a_stack_is_what_each_plane_shows_and_shares_the_second_rows(device: Device) -> None:
     session, planes_m = _open(device), [3e-3, 3.5e-3, 4e-3]
     cost: dict[str, int] = {}
     stacks = []
-    cost = _cost(session, lambda: stacks.append(session.stack(planes_m)))
+    cost = _cost(session, lambda: stacks.append(session.xyz_stack(planes_m)))
     assert _error(stacks[0], _reference(SYSTEM, planes_m)) <= TOLERANCE
     assert cost == {name: 2 * count for name, count in FROM_SECOND.items()}  # the first plane was there
     assert session.plane_m == 3e-3
@@ -200,7 +200,7 @@ def test_exposure_is_in_stops_of_light(device: Device) -> None:
 
 
 def test_an_update_can_be_dropped_and_gone_on_with(device: Device) -> None:
-    session = FrameSession(SYSTEM, random_drive(SYSTEM), device)
+    session = IncrementalRenderer(SYSTEM, random_drive(SYSTEM), device)
     steps = session.steps(wait=True)
     done = [next(steps) for _ in range(3)]
     assert [step.done for step in done] == [1, 2, 3] and done[0].total == LIT + 2
@@ -236,7 +236,7 @@ def test_transforms_in_subgroups_show_the_same(device: Device, name: str) -> Non
     system = SYSTEM.edit({"shape": [32, 64], **BENCHES[name], "sampling.propagation": "periodic"})
     if "modulators" in BENCHES[name]:
         system = system.edit({"shape": [32, 64]})
-    if not has_subgroups(device, (64, 128)):
+    if not supports_subgroup_strategy(device, (64, 128)):
         pytest.skip("the lanes of this adapter exchange nothing")
     shown = [_open(device, system, strategy=strategy).xyz() for strategy in ("passes", "subgroup")]
     assert _error(shown[1], shown[0]) <= TOLERANCE
@@ -246,7 +246,7 @@ def test_another_grid_is_computed_from_the_start(device: Device) -> None:
     session = _open(device)
     session.edit(system=SYSTEM.edit({"upsample": 1}))
     session.update()
-    assert session.kernels == ALL
+    assert session.dispatch_counts == ALL
     assert session.xyz().shape == (25, 32, 3)
 
 
@@ -276,7 +276,7 @@ def test_a_lost_device_is_told_at_the_next_step(device: Device, wgpu_log: list[s
     lost = open_device(device.info.name)
     session = _open(lost)
     lost.raw.destroy()
-    session.forget()
+    session.invalidate()
     for act in (session.update, session.xyz, lambda: session.edit(plane_m=5e-3)):
         with pytest.raises(DeviceLost, match="reopen the device"):
             act()

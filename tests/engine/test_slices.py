@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.engine.session import FrameSession
+from holoview.engine.session import IncrementalRenderer
 from holoview.gpu.device import Device
-from holoview.gpu.recorder import Score
+from holoview.gpu.recorder import SlicedRecorder
 from holoview.system import Modulator, System
 from holoview.view import random_drive
 
@@ -27,8 +27,8 @@ SHORT_S = 1e-9  # a dispatch at a time
 LONG_S = 10.0
 
 
-def _open(device: Device, system: System = SYSTEM, **options: Any) -> FrameSession:
-    return FrameSession(system, random_drive(system), device, strategy="passes", **options)
+def _open(device: Device, system: System = SYSTEM, **options: Any) -> IncrementalRenderer:
+    return IncrementalRenderer(system, random_drive(system), device, strategy="passes", **options)
 
 
 @pytest.mark.parametrize("slice_s", [SHORT_S, LONG_S])
@@ -70,12 +70,12 @@ def test_work_dropped_between_slices_leaves_nothing_that_counts(
 
 
 def test_what_follows_a_score_is_called_at_its_end_only(device: Device) -> None:
-    score, calls = Score(device), []
+    score, calls = SlicedRecorder(device), []
     buffers = [device.buffer(16, f"buffer {i}") for i in range(3)]
     for buffer in buffers:
         score.clear(buffer)
-    score.then(lambda: calls.append("done"))
-    score.play(2)
-    assert (score.left, calls) == (1, [])
-    score.play(2, wait=True)
-    assert (score.left, calls) == (0, ["done"])
+    score.on_submit(lambda: calls.append("done"))
+    score.submit_next(2)
+    assert (score.remaining, calls) == (1, [])
+    score.submit_next(2, wait=True)
+    assert (score.remaining, calls) == (0, ["done"])

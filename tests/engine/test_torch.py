@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.engine.frame import focal_stack
+from holoview.engine.frame import compute_focal_stack
 from holoview.engine.torch import TorchExecutor
-from holoview.optics.slots import make_slots
+from holoview.optics.slots import make_frame_inputs
 from holoview.plan import make_plan
 from holoview.system import Modulator, Relay, System
 
@@ -36,7 +36,7 @@ def _drive(system: System, seed: int = 0) -> np.ndarray:
 
 def _simulated(system: System, drive: np.ndarray, double: bool = True) -> np.ndarray:
     plan = make_plan(system)
-    return focal_stack(TorchExecutor(plan, make_slots(plan, drive), double=double))[0]
+    return compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, drive), double=double))[0]
 
 
 # --- the formulas ---------------------------------------------------------------------------------------------------
@@ -183,8 +183,8 @@ def test_a_constant_added_to_a_pattern_changes_nothing() -> None:
 def test_one_wavelength_can_be_recomputed_alone_in_any_order() -> None:
     system = _system()
     plan = make_plan(system)
-    executor = TorchExecutor(plan, make_slots(plan, _drive(system)))
-    whole, _ = focal_stack(executor)
+    executor = TorchExecutor(plan, make_frame_inputs(plan, _drive(system)))
+    whole, _ = compute_focal_stack(executor)
     for wavelength in (1, 0, 1):
         executor.run(wavelength)
         alone = np.stack([executor.intensity(plane) for plane in range(2)])
@@ -194,7 +194,9 @@ def test_one_wavelength_can_be_recomputed_alone_in_any_order() -> None:
 def test_progress_counts_the_wavelengths() -> None:
     system, seen = _system(), []
     plan = make_plan(system)
-    focal_stack(TorchExecutor(plan, make_slots(plan, _drive(system))), lambda done, total: seen.append((done, total)))
+    compute_focal_stack(
+        TorchExecutor(plan, make_frame_inputs(plan, _drive(system))), lambda done, total: seen.append((done, total))
+    )
     assert seen == [(1, 2), (2, 2)]
 
 
@@ -202,16 +204,16 @@ def test_progress_counts_the_wavelengths() -> None:
 def test_the_composite_is_the_observers_sum_over_wavelengths(double: bool, tolerance: float) -> None:
     system = _system()
     plan = make_plan(system)
-    executor = TorchExecutor(plan, make_slots(plan, _drive(system)), double=double)
-    intensity, xyz = focal_stack(executor)
+    executor = TorchExecutor(plan, make_frame_inputs(plan, _drive(system)), double=double)
+    intensity, xyz = compute_focal_stack(executor)
     expected = np.moveaxis(intensity.astype(float), 1, -1) @ plan.colour_weights
     assert np.linalg.norm(xyz - expected) <= tolerance * np.linalg.norm(expected)
-    np.testing.assert_array_equal(focal_stack(executor)[1], xyz)  # a second frame starts from black
+    np.testing.assert_array_equal(compute_focal_stack(executor)[1], xyz)  # a second frame starts from black
 
 
 def test_transmitting_leaves_the_spectrum_for_the_next_plane() -> None:
     plan = make_plan(_system())
-    executor = TorchExecutor(plan, make_slots(plan, _drive(plan.system)))
+    executor = TorchExecutor(plan, make_frame_inputs(plan, _drive(plan.system)))
     spectrum = executor.spectrum(executor.illuminate(0, 0))
     before = spectrum.clone()
     executor.transmit(spectrum, 1, 0, 3e-3)
@@ -223,8 +225,8 @@ def test_gradients_reach_the_drive() -> None:
     plan, start = make_plan(system), torch.from_numpy(_drive(system))
 
     def total(drive: torch.Tensor) -> torch.Tensor:
-        slots = make_slots(plan, drive)
-        return TorchExecutor(plan, slots, double=True).differentiable().square().sum()
+        slots = make_frame_inputs(plan, drive)
+        return TorchExecutor(plan, slots, double=True).intensity_tensor().square().sum()
 
     drive = start.clone().requires_grad_()
     (gradient,) = torch.autograd.grad(total(drive), drive)
@@ -239,5 +241,5 @@ def test_gradients_reach_the_drive() -> None:
 def test_what_gradients_flow_through_is_the_intensity_itself() -> None:
     system = _system()
     plan = make_plan(system)
-    executor = TorchExecutor(plan, make_slots(plan, _drive(system)), double=True)
-    np.testing.assert_array_equal(executor.differentiable().numpy(), focal_stack(executor)[0])
+    executor = TorchExecutor(plan, make_frame_inputs(plan, _drive(system)), double=True)
+    np.testing.assert_array_equal(executor.intensity_tensor().numpy(), compute_focal_stack(executor)[0])

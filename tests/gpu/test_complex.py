@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from holoview.gpu.device import Device
-from holoview.gpu.recorder import Pass, Recorder
-from holoview.gpu.shader import Generated, link
+from holoview.gpu.recorder import CommandRecorder, Dispatch
+from holoview.gpu.shader import GeneratedWgsl, link
 
 pytestmark = pytest.mark.gpu
 
@@ -31,9 +31,9 @@ fn main(@builtin(global_invocation_id) id: vec3u) {{
 }}
 """
     source, target = device.upload(given, "given"), device.buffer(8 * COUNT, "found")
-    pipeline = device.pipeline(link(Generated(expression, text)))
-    recorder = Recorder(device)
-    recorder.add(Pass.bind(device, pipeline, [[], [source, target]], (COUNT // 64, 1, 1)))
+    pipeline = device.pipeline(link(GeneratedWgsl(expression, text)))
+    recorder = CommandRecorder(device)
+    recorder.add(Dispatch.bind(device, pipeline, [[], [source, target]], (COUNT // 64, 1, 1)))
     recorder.submit()
     return device.download(target, np.complex64, (COUNT,)).astype(np.complex128)
 

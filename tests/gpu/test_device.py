@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 import holoview.gpu
 from holoview.errors import UserError
 from holoview.gpu import device as device_module
-from holoview.gpu.adapter import MIB, NEEDED_LIMITS, AdapterInfo, adapters, check_limits, choose_adapter
+from holoview.gpu.adapter import MIB, REQUIRED_LIMITS, AdapterInfo, check_limits, choose_adapter, list_adapters
 from holoview.gpu.device import Device, DeviceLost, open_device
-from holoview.gpu.recorder import Pass, Recorder, check_workgroups, spread
-from holoview.gpu.shader import Generated, link
+from holoview.gpu.recorder import CommandRecorder, Dispatch, check_workgroups, workgroup_grid
+from holoview.gpu.shader import GeneratedWgsl, link
 
 gpu = pytest.mark.gpu
 
@@ -29,7 +29,7 @@ class FakeAdapter:
 
     def __init__(self, name: str, kind: str, backend: str = "Vulkan", **limits: int) -> None:
         self.info = {"device": name, "adapter_type": kind, "backend_type": backend, "description": "driver 1.2"}
-        self.limits = {**NEEDED_LIMITS, **{key.replace("_", "-"): value for key, value in limits.items()}}
+        self.limits = {**REQUIRED_LIMITS, **{key.replace("_", "-"): value for key, value in limits.items()}}
 
 
 class FullMemory:
@@ -124,7 +124,11 @@ def test_the_package_knows_no_optics() -> None:
 
 
 def _fake_device(raw: Any = None) -> Device:
-    limits = {**NEEDED_LIMITS, "max-uniform-buffer-binding-size": 65536, "max-compute-workgroups-per-dimension": 65535}
+    limits = {
+        **REQUIRED_LIMITS,
+        "max-uniform-buffer-binding-size": 65536,
+        "max-compute-workgroups-per-dimension": 65535,
+    }
     return Device(raw, AdapterInfo.of(CPU), limits)
 
 
@@ -150,15 +154,15 @@ def test_a_dispatch_beyond_the_limit_is_refused_with_its_size() -> None:
 
 @pytest.mark.parametrize("workgroups", [1, 65535, 65536, 1_000_001])
 def test_many_workgroups_are_spread_over_two_axes_with_few_to_spare(workgroups: int) -> None:
-    across, down = spread(workgroups, _fake_device())
+    across, down = workgroup_grid(workgroups, _fake_device())
     assert across <= 65535
     assert 0 <= across * down - workgroups < down
 
 
 @gpu
 def test_the_device_that_opens_is_one_of_those_listed(device: Device) -> None:
-    assert device.info in adapters()
-    assert device.limits["max-storage-buffer-binding-size"] >= NEEDED_LIMITS["max-storage-buffer-binding-size"]
+    assert device.info in list_adapters()
+    assert device.limits["max-storage-buffer-binding-size"] >= REQUIRED_LIMITS["max-storage-buffer-binding-size"]
 
 
 @gpu
@@ -196,15 +200,15 @@ fn main() { counter[0] = counter[0] * 10u + step; }
 """
 
 
-def _counting(device: Device, counter: Any, step: int) -> Pass:
-    pipeline = device.pipeline(link(Generated("count", COUNT_UP)), {"step": step})
-    return Pass.bind(device, pipeline, [[], [counter]], (1, 1, 1))
+def _counting(device: Device, counter: Any, step: int) -> Dispatch:
+    pipeline = device.pipeline(link(GeneratedWgsl("count", COUNT_UP)), {"step": step})
+    return Dispatch.bind(device, pipeline, [[], [counter]], (1, 1, 1))
 
 
 @gpu
 def test_passes_and_copies_run_in_the_order_recorded(device: Device) -> None:
     counter, kept = device.upload(np.array([9], np.uint32), "counter"), device.buffer(4, "kept")
-    recorder = Recorder(device)
+    recorder = CommandRecorder(device)
     recorder.clear(counter)
     recorder.add(_counting(device, counter, 1))
     recorder.add(_counting(device, counter, 2))
@@ -218,7 +222,7 @@ def test_passes_and_copies_run_in_the_order_recorded(device: Device) -> None:
 @gpu
 def test_a_pipeline_is_compiled_once_for_the_same_source_and_constants(device: Device) -> None:
     first, again, other = (
-        device.pipeline(link(Generated("count", COUNT_UP)), {"step": step}, "main") for step in (5, 5, 6)
+        device.pipeline(link(GeneratedWgsl("count", COUNT_UP)), {"step": step}, "main") for step in (5, 5, 6)
     )
     assert first is again
     assert first is not other
@@ -226,7 +230,7 @@ def test_a_pipeline_is_compiled_once_for_the_same_source_and_constants(device: D
 
 @gpu
 def test_a_recorder_runs_once(device: Device) -> None:
-    recorder = Recorder(device)
+    recorder = CommandRecorder(device)
     recorder.submit()
     with pytest.raises(RuntimeError, match="runs once"):
         recorder.submit()
@@ -236,7 +240,7 @@ def test_a_recorder_runs_once(device: Device) -> None:
 def test_a_lost_device_raises_instead_of_ending_the_process(wgpu_log: list[str]) -> None:
     device = open_device()
     buffer = device.buffer(4, "kept")
-    recorder = Recorder(device)
+    recorder = CommandRecorder(device)
     recorder.clear(buffer)
     device.raw.destroy()
     for use in (
@@ -245,7 +249,7 @@ def test_a_lost_device_raises_instead_of_ending_the_process(wgpu_log: list[str])
         lambda: device.download(buffer, np.uint32, (1,)),
         lambda: device.write(buffer, bytes(4)),
         lambda: device.buffer(4, "new"),
-        lambda: device.pipeline(link(Generated("count", COUNT_UP))),
+        lambda: device.pipeline(link(GeneratedWgsl("count", COUNT_UP))),
     ):
         with pytest.raises(DeviceLost, match="reopen"):
             use()

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from holoview.errors import UserError
 from holoview.gpu.device import Device
-from holoview.gpu.fft import FftPlan, Rows
+from holoview.gpu.fft import FftPlan, RowRange
 from holoview.gpu.fft_radices import MAX_LENGTH, MAX_RADIX, frequency_order, frequency_wgsl, radices
-from holoview.gpu.recorder import Pass, Recorder
-from holoview.gpu.shader import Generated, link
-from holoview.grid import frequency_indices, is_good_size
+from holoview.gpu.recorder import CommandRecorder, Dispatch
+from holoview.gpu.shader import GeneratedWgsl, link
+from holoview.grid import frequency_indices, is_fast_length
 
 TOLERANCE = 7e-7
 """Relative L2 error against float64 that the plan promises; 2.5e-7 is the worst seen at these sizes."""
@@ -37,10 +37,10 @@ def _fields(plan_shape: tuple[int, int], batch: int = 1, seed: int = 1) -> Compl
     return fields
 
 
-def _run(plan: FftPlan, device: Device, fields: Complex, *steps: str, rows: Rows | None = None) -> Complex:
+def _run(plan: FftPlan, device: Device, fields: Complex, *steps: str, rows: RowRange | None = None) -> Complex:
     """The fields after transforms by name, as they lie in the buffer."""
     buffer = device.upload(plan.pack(fields), "fields")
-    recorder = Recorder(device)
+    recorder = CommandRecorder(device)
     for step in steps:
         getattr(plan, step)(recorder, buffer, rows)
     recorder.submit()
@@ -57,7 +57,7 @@ def _difference(found: Complex, expected: Complex) -> float:
 
 
 def test_every_good_length_has_few_and_even_radices() -> None:
-    for n in filter(is_good_size, range(1, MAX_LENGTH + 1)):
+    for n in filter(is_fast_length, range(1, MAX_LENGTH + 1)):
         found = radices(n)
         assert math.prod(found) == n
         assert all(radix <= MAX_RADIX for radix in found)
@@ -131,7 +131,7 @@ def test_a_tilt_lands_where_the_plan_says_its_frequency_is(device: Device, frequ
 
 @pytest.mark.gpu
 @pytest.mark.parametrize("rows", [(0, 96), (0, 1), (95, 1), (13, 40)])
-def test_forward_of_some_rows_is_that_of_a_field_with_zeros_elsewhere(device: Device, rows: Rows) -> None:
+def test_forward_of_some_rows_is_that_of_a_field_with_zeros_elsewhere(device: Device, rows: RowRange) -> None:
     first, count = rows
     plan, fields = FftPlan(device, (96, 64), batch=2), _fields((96, 64), 2)
     fields[:, :first] = fields[:, first + count :] = 0
@@ -143,7 +143,7 @@ def test_forward_of_some_rows_is_that_of_a_field_with_zeros_elsewhere(device: De
 def test_inverse_of_some_rows_is_right_in_these_rows(device: Device) -> None:
     plan, fields = FftPlan(device, (96, 64), batch=2), _fields((96, 64), 2)
     buffer = device.upload(plan.pack(fields), "fields")
-    recorder = Recorder(device)
+    recorder = CommandRecorder(device)
     plan.forward(recorder, buffer)
     plan.inverse(recorder, buffer, rows=(13, 40))
     recorder.submit()
@@ -158,7 +158,7 @@ def test_padding_and_rows_that_are_left_out_stay_as_they_were(device: Device) ->
     packed = plan.pack(_fields((30, 32)))
     packed[:, :, 32:] = 7
     buffer = device.upload(packed, "fields")
-    recorder = Recorder(device)
+    recorder = CommandRecorder(device)
     plan.forward(recorder, buffer)
     recorder.submit()
     assert np.all(device.download(buffer, np.complex64, packed.shape)[:, :, 32:] == 7)
@@ -173,7 +173,7 @@ def test_a_dispatch_that_is_spread_over_two_axes_reaches_every_value_once(device
 
 @pytest.mark.gpu
 def test_wrong_buffers_and_rows_are_refused(device: Device) -> None:
-    plan, recorder = FftPlan(device, (4, 5)), Recorder(device)
+    plan, recorder = FftPlan(device, (4, 5)), CommandRecorder(device)
     with pytest.raises(ValueError, match="small: 8 bytes, expected at least 416"):
         plan.forward(recorder, device.buffer(8, "small"))
     for rows in ((-1, 2), (0, 0), (3, 2)):
@@ -190,7 +190,9 @@ def test_the_shader_knows_the_frequency_at_each_position(device: Device, n: int)
         "fn main(@builtin(workgroup_id) id: vec3u) { found[id.x] = frequency(id.x); }\n"
     )
     found = device.buffer(4 * n, "found")
-    recorder = Recorder(device)
-    recorder.add(Pass.bind(device, device.pipeline(link(Generated("frequency", text))), [[], [found]], (n, 1, 1)))
+    recorder = CommandRecorder(device)
+    recorder.add(
+        Dispatch.bind(device, device.pipeline(link(GeneratedWgsl("frequency", text))), [[], [found]], (n, 1, 1))
+    )
     recorder.submit()
     assert np.array_equal(device.download(found, np.int32, (n,)), frequency_order(n))

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from holoview.errors import UserError
 from holoview.gpu.device import INT64, SUBGROUP, Device
-from holoview.gpu.fft import FftPlan, batches
-from holoview.gpu.lines import STRATEGIES, Strategy, storage, strategies
-from holoview.gpu.lines_workgroup import MOST_INVOCATIONS, tile_of
-from holoview.gpu.recorder import Recorder
+from holoview.gpu.fft import FftPlan, batch_ranges
+from holoview.gpu.lines import STRATEGIES, Strategy, storage_shader, supported_strategies
+from holoview.gpu.lines_workgroup import MOST_INVOCATIONS, fit_tile
+from holoview.gpu.recorder import CommandRecorder
 
 TOLERANCE = 4e-7
 """Relative L2 error against float64 of one direction or both; 2.9e-7 is the worst seen, and the bar is 6e-7."""
@@ -53,7 +53,7 @@ def _transformed(device: Device, strategy: Strategy, fields: Complex) -> tuple[C
     buffer = device.upload(plan.pack(fields), "fields")
     out = []
     for transform in (plan.forward, plan.inverse):
-        recorder = Recorder(device)
+        recorder = CommandRecorder(device)
         transform(recorder, buffer)
         recorder.submit()
         out.append(plan.download(buffer).astype(np.complex128))
@@ -74,7 +74,7 @@ def test_strategies_agree_with_torch_and_with_each_other(
     fields = _fields(shape, batch, seed)
     expected = torch.fft.fft2(torch.from_numpy(fields).to(torch.complex128)).numpy()
     spectra = {}
-    for strategy in strategies(device, shape):
+    for strategy in supported_strategies(device, shape):
         spectra[strategy], back = _transformed(device, strategy, fields)
         assert _difference(spectra[strategy], expected) < TOLERANCE, strategy
         assert _difference(back, fields) < TOLERANCE, strategy
@@ -86,13 +86,13 @@ def test_strategies_agree_with_torch_and_with_each_other(
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_some_rows_are_those_of_a_field_with_zeros_elsewhere(device: Device, strategy: Strategy) -> None:
     shape, rows = (48, 64), (13, 20)
-    if strategy not in strategies(device, shape):
+    if strategy not in supported_strategies(device, shape):
         pytest.skip("not on this adapter")
     fields = _fields(shape, 1, seed=5)
     fields[:, : rows[0]] = fields[:, sum(rows) :] = 0
     plan = FftPlan(device, shape, strategy=strategy)
     buffer = device.upload(plan.pack(fields), "fields")
-    recorder = Recorder(device)
+    recorder = CommandRecorder(device)
     plan.forward(recorder, buffer, rows)
     plan.inverse(recorder, buffer, rows)
     recorder.submit()
@@ -103,7 +103,7 @@ def test_some_rows_are_those_of_a_field_with_zeros_elsewhere(device: Device, str
 @pytest.mark.gpu
 def test_an_adapter_without_subgroups_has_the_other_strategies(device: Device) -> None:
     narrow = _Narrow(device, {SUBGROUP})
-    assert strategies(narrow, (64, 64)) == ("passes", "workgroup")
+    assert supported_strategies(narrow, (64, 64)) == ("passes", "workgroup")
     with pytest.raises(UserError, match=r"'subgroup': 64 points along x on .*adapter whose lanes.*use 'passes'"):
         FftPlan(narrow, (64, 64), strategy="subgroup")
 
@@ -111,12 +111,12 @@ def test_an_adapter_without_subgroups_has_the_other_strategies(device: Device) -
 @pytest.mark.gpu
 def test_every_strategy_says_which_sizes_it_has(device: Device) -> None:
     narrow = _Narrow(device, set())
-    assert strategies(narrow, (8192, 3125)) == ("passes",)
-    assert "workgroup" in strategies(narrow, (1024, 768))
+    assert supported_strategies(narrow, (8192, 3125)) == ("passes",)
+    assert "workgroup" in supported_strategies(narrow, (1024, 768))
     with pytest.raises(UserError, match=r"'workgroup': 8192 points along y on .*16384 bytes of workgroup memory"):
         FftPlan(narrow, (8192, 64), strategy="workgroup")
     with pytest.raises(UserError, match="next good size is 8"):
-        strategies(device, (7, 64))
+        supported_strategies(device, (7, 64))
 
 
 @pytest.mark.gpu
@@ -124,7 +124,7 @@ def test_fields_lie_in_the_same_bytes_however_a_device_reads_them(device: Device
     if INT64 not in device.features:
         pytest.skip("an adapter without 64 bits")
     narrow = _Narrow(device, {INT64})
-    assert storage(narrow) == "fft/stored_f32.wgsl"
+    assert storage_shader(narrow) == "fft/stored_f32.wgsl"
     fields = _fields((12, 30), 2, seed=3)
     spectra = [_transformed(each, "passes", fields)[0] for each in (device, narrow)]
     assert np.array_equal(*spectra)
@@ -135,7 +135,7 @@ def test_fields_lie_in_the_same_bytes_however_a_device_reads_them(device: Device
     [("x", 1024, 32768, 2, 32), ("y", 1024, 32768, 2, 32), ("y", 1024, 49152, 4, 32), ("x", 8192, 131072, 1, 256)],
 )
 def test_a_workgroup_holds_as_many_lines_as_fit(axis: str, n: int, memory: int, lines: int, threads: int) -> None:
-    tile = tile_of("x" if axis == "x" else "y", n, memory)
+    tile = fit_tile("x" if axis == "x" else "y", n, memory)
     assert tile is not None and (tile.lines, tile.threads) == (lines, threads)
     assert 8 * tile.pitch * tile.lines <= memory and tile.lines * tile.threads <= MOST_INVOCATIONS
     assert tile.workgroups(5 * lines + 1) == 6
@@ -144,9 +144,9 @@ def test_a_workgroup_holds_as_many_lines_as_fit(axis: str, n: int, memory: int, 
 @pytest.mark.gpu
 def test_batches_fit_a_buffer(device: Device) -> None:
     limit = device.limits["max-storage-buffer-binding-size"]
-    parts = batches(device, 7, limit // 3)
+    parts = batch_ranges(device, 7, limit // 3)
     assert [len(part) for part in parts] == [3, 3, 1]
     assert [number for part in parts for number in part] == list(range(7))
-    assert batches(device, 2, 2 * limit) == [range(1), range(1, 2)]
+    assert batch_ranges(device, 2, 2 * limit) == [range(1), range(1, 2)]
     with pytest.raises(UserError, match="at most"):
         device.buffer(2 * limit, "a field that is too large")

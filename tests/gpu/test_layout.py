@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from holoview.gpu.device import Device
-from holoview.gpu.layout import Struct
-from holoview.gpu.recorder import Pass, Recorder
-from holoview.gpu.shader import Generated, link
+from holoview.gpu.layout import WgslStruct
+from holoview.gpu.recorder import CommandRecorder, Dispatch
+from holoview.gpu.shader import GeneratedWgsl, link
 
-MIXED = Struct(
+MIXED = WgslStruct(
     "Mixed",
     [
         ("count", "u32"),
@@ -28,7 +28,7 @@ MIXED = Struct(
 WORDS = {"u32": 1, "i32": 1, "f32": 1, "vec3<f32>": 3, "vec2<u32>": 2, "vec4<f32>": 4, "vec3i": 3, "vec2f": 2}
 
 
-def _expressions(struct: Struct) -> list[str]:
+def _expressions(struct: WgslStruct) -> list[str]:
     """A WGSL f32 expression for every number in the struct, in order of fields."""
     found = []
     for name, wgsl_type in struct.fields:
@@ -41,7 +41,7 @@ def _expressions(struct: Struct) -> list[str]:
     return found
 
 
-def _numbered(struct: Struct) -> tuple[dict[str, np.ndarray], int]:
+def _numbered(struct: WgslStruct) -> tuple[dict[str, np.ndarray], int]:
     """Values for the fields that count up from 1 through the whole struct."""
     values, total = {}, 0
     for name, _ in struct.fields:
@@ -72,21 +72,21 @@ def test_a_shader_reads_back_every_field_as_packed(device: Device, space: str) -
     packed = MIXED.pack(**values)
     given = device.uniform(packed, "given") if space == "uniform" else device.upload(np.frombuffer(packed), "given")
     echo = device.buffer(4 * total, "echo")
-    pipeline = device.pipeline(link(Generated("echo", text)))
-    recorder = Recorder(device)
-    recorder.add(Pass.bind(device, pipeline, [[given], [echo]], (1, 1, 1)))
+    pipeline = device.pipeline(link(GeneratedWgsl("echo", text)))
+    recorder = CommandRecorder(device)
+    recorder.add(Dispatch.bind(device, pipeline, [[given], [echo]], (1, 1, 1)))
     recorder.submit()
     assert device.download(echo, np.float32, (total,)).tolist() == list(range(1, total + 1))
 
 
 def test_the_size_is_rounded_up_to_the_widest_alignment() -> None:
-    assert Struct("A", [("a", "f32"), ("b", "vec4f"), ("c", "f32")]).size == 48
-    assert Struct("B", [("a", "vec3f"), ("b", "f32")]).size == 16
-    assert Struct("C", [("a", "f32"), ("b", "u32"), ("c", "i32")]).size == 12
+    assert WgslStruct("A", [("a", "f32"), ("b", "vec4f"), ("c", "f32")]).size == 48
+    assert WgslStruct("B", [("a", "vec3f"), ("b", "f32")]).size == 16
+    assert WgslStruct("C", [("a", "f32"), ("b", "u32"), ("c", "i32")]).size == 12
 
 
 def test_an_array_of_structs_is_packed_at_the_size_of_the_struct() -> None:
-    struct = Struct("Pair", [("a", "vec2f"), ("b", "u32")])
+    struct = WgslStruct("Pair", [("a", "vec2f"), ("b", "u32")])
     packed = np.frombuffer(struct.pack_array([{"a": (1, 2), "b": 3}, {"a": (4, 5), "b": 6}]), struct.dtype)
     assert packed["b"].tolist() == [3, 6]
     assert packed["a"].tolist() == [[1, 2], [4, 5]]
@@ -103,10 +103,10 @@ def test_an_array_of_structs_is_packed_at_the_size_of_the_struct() -> None:
 )
 def test_values_that_do_not_fit_the_struct_are_refused(values: dict[str, object], complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
-        Struct("P", [("n", "u32"), ("v", "vec2f")]).pack(**values)
+        WgslStruct("P", [("n", "u32"), ("v", "vec2f")]).pack(**values)
 
 
 @pytest.mark.parametrize("wgsl_type", ["f64", "vec5f", "array<f32, 4>", "array<vec2f, 4>", "bool"])
 def test_a_type_that_a_uniform_cannot_hold_is_refused(wgsl_type: str) -> None:
     with pytest.raises(ValueError, match=r"expected|must be"):
-        Struct("P", [("a", wgsl_type)])
+        WgslStruct("P", [("a", wgsl_type)])

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from holoview.gpu.device import Device
 from holoview.gpu.fft_codegen import Direction
-from holoview.gpu.lines import Axis, Hooks, LineTransform, Strategy, strategies
-from holoview.gpu.lines_subgroup import MOST_REGISTERS, generate_line, lanes_of, workgroups_for
-from holoview.gpu.recorder import Recorder
-from holoview.gpu.shader import Generated
+from holoview.gpu.lines import Axis, Hooks, LineFft, Strategy, supported_strategies
+from holoview.gpu.lines_subgroup import MOST_REGISTERS, generate_subgroup_shader, lanes_per_line, subgroup_workgroups
+from holoview.gpu.recorder import CommandRecorder
+from holoview.gpu.shader import GeneratedWgsl
 
 pytestmark = pytest.mark.gpu
 
@@ -55,10 +55,10 @@ def _run(device: Device, strategy: Strategy, axis: Axis, steps: tuple[Direction,
     if at_start:
         text = text.replace("given[index_of(p)]", f"given[index_of({natural})]")
     text = text.replace("NY", str(ny)).replace("NX", str(nx))
-    transform = LineTransform(device, axis, (ny, nx), steps, Hooks("test", (Generated("hooks", text),)), strategy)
+    transform = LineFft(device, axis, (ny, nx), steps, Hooks("test", (GeneratedWgsl("hooks", text),)), strategy)
     buffers = [device.upload(given, "given"), device.buffer(given.nbytes, "found")]
     work = device.buffer(FIELDS * transform.work_bytes, "work") if transform.work_bytes else None
-    recorder = Recorder(device)
+    recorder = CommandRecorder(device)
     for step in transform.bind(buffers, ny if axis == "x" else nx, FIELDS, work):
         recorder.add(step)
     recorder.submit()
@@ -83,7 +83,7 @@ def test_a_transform_is_that_of_numpy(device: Device, shape: tuple[int, int]) ->
     given = _given(shape)
     for axis, steps in product(AXES, STEPS):
         expected = _expected(axis, steps, given)
-        for strategy in strategies(device, shape):
+        for strategy in supported_strategies(device, shape):
             found = _run(device, strategy, axis, steps, given)
             assert np.linalg.norm(found - expected) <= TOLERANCE * np.linalg.norm(expected), (strategy, axis, steps)
 
@@ -102,12 +102,12 @@ def test_a_transform_is_that_of_numpy(device: Device, shape: tuple[int, int]) ->
     ],
 )
 def test_a_line_belongs_to_as_many_lanes_as_its_length_allows(n: int, largest: int, lanes: int | None) -> None:
-    assert lanes_of(n, largest) == lanes
+    assert lanes_per_line(n, largest) == lanes
     if lanes is not None:
         assert n % lanes == 0 and lanes <= n // lanes <= MOST_REGISTERS
 
 
 def test_the_last_workgroup_stores_no_line_twice() -> None:
-    assert workgroups_for(8, 9) == 3
-    text = generate_line("x", 64, 8, ("forward",))
+    assert subgroup_workgroups(8, 9) == 3
+    text = generate_subgroup_shader("x", 64, 8, ("forward",))
     assert "if (is_real) {" in text and text.count("store(") == 8

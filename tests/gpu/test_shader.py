@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from holoview.gpu.device import Device
-from holoview.gpu.shader import Generated, ShaderError, link
+from holoview.gpu.shader import GeneratedWgsl, ShaderError, link
 
 GENERAL_SHADERS = ["lib/complex.wgsl", "lib/fixed.wgsl"]
 
@@ -30,8 +30,8 @@ def test_an_included_file_appears_once_and_before_its_use(folder: Path) -> None:
 
 
 def test_each_linked_line_knows_its_file_and_line(folder: Path) -> None:
-    source = link("main.wgsl", Generated("made", "// made\nfn four() {}"), root=folder)
-    found = {source.origin(number): line for number, line in enumerate(source.text.splitlines(), start=1)}
+    source = link("main.wgsl", GeneratedWgsl("made", "// made\nfn four() {}"), root=folder)
+    found = {source.source_location(number): line for number, line in enumerate(source.text.splitlines(), start=1)}
     assert found["lib/one.wgsl", 2].startswith("fn one")
     assert found["lib/two.wgsl", 2].startswith("fn two")
     assert found["main.wgsl", 4].startswith("fn three")
@@ -65,7 +65,7 @@ def test_a_compile_error_names_file_line_source_and_complaint(
     device: Device, folder: Path, broken: str, complaint: str, wgpu_log: list[str]
 ) -> None:
     (folder / "lib" / "one.wgsl").write_text(f"// a line before\n{broken}\n")
-    entry = Generated("entry", "@compute @workgroup_size(1) fn main() { _ = three(); }")
+    entry = GeneratedWgsl("entry", "@compute @workgroup_size(1) fn main() { _ = three(); }")
     with pytest.raises(ShaderError, match=complaint) as caught:
         device.pipeline(link("main.wgsl", entry, root=folder))
     assert caught.value.file == "lib/one.wgsl"
@@ -77,7 +77,7 @@ def test_a_compile_error_names_file_line_source_and_complaint(
 
 @pytest.mark.gpu
 def test_a_constant_that_the_shader_lacks_is_our_fault_too(device: Device) -> None:
-    source = link(Generated("entry", "@compute @workgroup_size(1) fn main() {}"))
+    source = link(GeneratedWgsl("entry", "@compute @workgroup_size(1) fn main() {}"))
     with pytest.raises(ShaderError, match=r"^entry: "):
         device.pipeline(source, {"no_such_constant": 1})
 
@@ -85,5 +85,5 @@ def test_a_constant_that_the_shader_lacks_is_our_fault_too(device: Device) -> No
 @pytest.mark.gpu
 @pytest.mark.parametrize("name", GENERAL_SHADERS)
 def test_every_general_shader_compiles_by_itself(device: Device, name: str) -> None:
-    source = link(name, Generated("entry", "@compute @workgroup_size(1) fn nothing() {}"))
+    source = link(name, GeneratedWgsl("entry", "@compute @workgroup_size(1) fn nothing() {}"))
     device.raw.create_shader_module(code=source.text)

@@ -19,15 +19,15 @@ from holoview.gpu import tune, tune_process, tune_worker
 from holoview.gpu.adapter import AdapterInfo
 from holoview.gpu.device import Device
 from holoview.gpu.fft import FftPlan
-from holoview.gpu.lines import Stage, Strategy, strategies
-from holoview.gpu.recorder import Recorder
+from holoview.gpu.lines import Strategy, TransformShader, supported_strategies
+from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.shader import ShaderError
-from holoview.gpu.tune import FftChoice, Memory, Tuning, remembered
+from holoview.gpu.tune import FftTuner, TuningResult, TuningStore, remembered_strategy
 from holoview.gpu.tune_store import cache_dir
 
 SHAPE = (64, 64)
 INFO = AdapterInfo("adapter", "CPU", "Vulkan", "driver 1")
-KNOWN = Tuning({"passes": 3.0, "workgroup": 2.0, "subgroup": 1.0}, {"passes": 0.1, "subgroup": 9.0}, {})
+KNOWN = TuningResult({"passes": 3.0, "workgroup": 2.0, "subgroup": 1.0}, {"passes": 0.1, "subgroup": 9.0}, {})
 
 
 class _Script:
@@ -64,8 +64,8 @@ def script(monkeypatch: pytest.MonkeyPatch) -> type[_Script]:
 
 
 @pytest.fixture
-def memory(tmp_path: Path) -> Memory:
-    return Memory(tmp_path / "cache")
+def memory(tmp_path: Path) -> TuningStore:
+    return TuningStore(tmp_path / "cache")
 
 
 @pytest.fixture
@@ -83,25 +83,25 @@ def _timed(**seconds: float) -> list[dict[str, Any]]:
 # --- memory ---------------------------------------------------------------------------------------------------------
 
 
-def test_a_tuning_is_remembered_by_adapter_driver_and_size(memory: Memory) -> None:
-    memory.remember(INFO, SHAPE, KNOWN)
-    memory.remember(INFO, (32, 32), KNOWN.without("subgroup", "wrong"))
-    assert memory.recall(INFO, SHAPE) == KNOWN
+def test_a_tuning_is_remembered_by_adapter_driver_and_size(memory: TuningStore) -> None:
+    memory.save(INFO, SHAPE, KNOWN)
+    memory.save(INFO, (32, 32), KNOWN.without("subgroup", "wrong"))
+    assert memory.load(INFO, SHAPE) == KNOWN
     assert KNOWN.best == "subgroup"
-    other = memory.recall(INFO, (32, 32))
+    other = memory.load(INFO, (32, 32))
     assert other is not None and other.best == "workgroup" and other.refused == {"subgroup": "wrong"}
-    assert memory.recall(replace(INFO, driver="driver 2"), SHAPE) is None
-    assert memory.recall(replace(INFO, name="another"), SHAPE) is None
-    assert memory.recall(INFO, (64, 32)) is None
+    assert memory.load(replace(INFO, driver="driver 2"), SHAPE) is None
+    assert memory.load(replace(INFO, name="another"), SHAPE) is None
+    assert memory.load(INFO, (64, 32)) is None
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", "\udcff", "[" * 100_000, "nan"])
-def test_a_file_that_makes_no_sense_counts_as_not_there(memory: Memory, text: str) -> None:
+def test_a_file_that_makes_no_sense_counts_as_not_there(memory: TuningStore, text: str) -> None:
     memory.path.parent.mkdir(parents=True)
     memory.path.write_bytes(text.encode("utf-8", "surrogateescape"))
-    assert memory.recall(INFO, SHAPE) is None
-    memory.remember(INFO, SHAPE, KNOWN)
-    assert memory.recall(INFO, SHAPE) == KNOWN
+    assert memory.load(INFO, SHAPE) is None
+    memory.save(INFO, SHAPE, KNOWN)
+    assert memory.load(INFO, SHAPE) == KNOWN
 
 
 @pytest.mark.parametrize(
@@ -118,18 +118,18 @@ def test_a_file_that_makes_no_sense_counts_as_not_there(memory: Memory, text: st
         {"seconds": {}, "compile_seconds": {}, "refused": ["subgroup"]},
     ],
 )
-def test_an_entry_that_is_not_as_expected_counts_as_not_there(memory: Memory, entry: object) -> None:
-    memory.remember(INFO, SHAPE, KNOWN)
+def test_an_entry_that_is_not_as_expected_counts_as_not_there(memory: TuningStore, entry: object) -> None:
+    memory.save(INFO, SHAPE, KNOWN)
     (key,) = json.loads(memory.path.read_text())
     memory.path.write_text(json.dumps({key: entry}))
-    assert memory.recall(INFO, SHAPE) is None
+    assert memory.load(INFO, SHAPE) is None
 
 
 def test_a_folder_that_can_not_be_made_is_no_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    memory = Memory(tmp_path / "file" / "cache")
-    memory.remember(INFO, SHAPE, KNOWN)
-    assert memory.recall(INFO, SHAPE) is None
+    memory = TuningStore(tmp_path / "file" / "cache")
+    memory.save(INFO, SHAPE, KNOWN)
+    assert memory.load(INFO, SHAPE) is None
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
@@ -147,25 +147,25 @@ def test_the_memory_is_among_the_caches_of_the_user(tmp_path: Path, monkeypatch:
 @pytest.mark.gpu
 @pytest.mark.usefixtures("offers_all")
 def test_it_starts_on_passes_and_switches_once_all_is_compiled(
-    device: Device, memory: Memory, script: type[_Script]
+    device: Device, memory: TuningStore, script: type[_Script]
 ) -> None:
     asked: list[Strategy] = []
 
-    def shaders(strategy: Strategy) -> list[Stage]:
+    def shaders(strategy: Strategy) -> list[TransformShader]:
         asked.append(strategy)
-        return FftPlan(device, SHAPE).stages
+        return FftPlan(device, SHAPE).shaders
 
-    choice = FftChoice(device, SHAPE, shaders, memory=memory)
+    choice = FftTuner(device, SHAPE, shaders, store=memory)
     assert choice.current == "passes" and not choice.is_settled and not choice.poll()
     script.answers += _timed(passes=3.0, workgroup=1.0, subgroup=2.0)
     assert not choice.poll()
     assert asked == ["workgroup"]
     assert [request["do"] for request in script.asked] == ["time", "compile"]
-    assert len(script.asked[1]["shaders"]) == len(FftPlan(device, SHAPE).stages)
+    assert len(script.asked[1]["shaders"]) == len(FftPlan(device, SHAPE).shaders)
     script.answers.append({"compile_seconds": 5.0})
     assert choice.current == "passes"
     assert choice.wait() == "workgroup" and choice.is_settled and not choice.poll()
-    found = memory.recall(device.info, SHAPE)
+    found = memory.load(device.info, SHAPE)
     assert found is not None and found.seconds == {"passes": 3.0, "workgroup": 1.0, "subgroup": 2.0}
     assert (script.started, script.closed) == (1, 1)  # type: ignore[attr-defined]
 
@@ -173,56 +173,56 @@ def test_it_starts_on_passes_and_switches_once_all_is_compiled(
 @pytest.mark.gpu
 @pytest.mark.usefixtures("offers_all")
 def test_what_is_remembered_is_not_timed_again_unless_asked(
-    device: Device, memory: Memory, script: type[_Script]
+    device: Device, memory: TuningStore, script: type[_Script]
 ) -> None:
-    memory.remember(device.info, SHAPE, KNOWN)
-    with FftChoice(device, SHAPE, memory=memory) as choice:
+    memory.save(device.info, SHAPE, KNOWN)
+    with FftTuner(device, SHAPE, store=memory) as choice:
         assert [request["do"] for request in script.asked] == ["compile"]
         assert choice.current == "passes"
-    with FftChoice(device, SHAPE, memory=memory, anew=True):
+    with FftTuner(device, SHAPE, store=memory, remeasure=True):
         assert script.asked[-1]["do"] == "time"
-    memory.remember(device.info, SHAPE, Tuning({"passes": 1.0, "workgroup": 2.0, "subgroup": 2.0}, {}, {}))
-    assert FftChoice(device, SHAPE, memory=memory).is_settled
+    memory.save(device.info, SHAPE, TuningResult({"passes": 1.0, "workgroup": 2.0, "subgroup": 2.0}, {}, {}))
+    assert FftTuner(device, SHAPE, store=memory).is_settled
 
 
 @pytest.mark.gpu
 @pytest.mark.usefixtures("offers_all")
 def test_a_gpu_that_compiles_at_once_starts_on_the_fastest(
-    device: Device, memory: Memory, script: type[_Script]
+    device: Device, memory: TuningStore, script: type[_Script]
 ) -> None:
     gpu = Device(device.raw, replace(device.info, kind="DiscreteGPU"), device.limits)
-    memory.remember(gpu.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 0.1}))
-    choice = FftChoice(gpu, SHAPE, memory=memory)
+    memory.save(gpu.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 0.1}))
+    choice = FftTuner(gpu, SHAPE, store=memory)
     assert choice.current == "subgroup" and choice.is_settled
     assert script.started == 0  # type: ignore[attr-defined]
 
 
 @pytest.mark.gpu
 @pytest.mark.usefixtures("offers_all")
-def test_without_waiting_only_what_compiles_at_once_is_taken(device: Device, memory: Memory) -> None:
+def test_without_waiting_only_what_compiles_at_once_is_taken(device: Device, memory: TuningStore) -> None:
     gpu = Device(device.raw, replace(device.info, kind="DiscreteGPU"), device.limits)
-    assert remembered(gpu, SHAPE, memory) == "passes"
-    memory.remember(gpu.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 9.0}))
-    assert remembered(gpu, SHAPE, memory) == "passes"
-    memory.remember(gpu.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 0.1}))
-    assert remembered(gpu, SHAPE, memory) == "subgroup"
+    assert remembered_strategy(gpu, SHAPE, memory) == "passes"
+    memory.save(gpu.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 9.0}))
+    assert remembered_strategy(gpu, SHAPE, memory) == "passes"
+    memory.save(gpu.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 0.1}))
+    assert remembered_strategy(gpu, SHAPE, memory) == "subgroup"
     processor = Device(device.raw, replace(device.info, kind="CPU"), device.limits)
-    memory.remember(processor.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 0.1}))
-    assert remembered(processor, SHAPE, memory) == "passes"
-    memory.remember(gpu.info, SHAPE, replace(KNOWN.without("subgroup", "wrong"), compile_seconds={"workgroup": 0.1}))
-    assert remembered(gpu, SHAPE, memory) == "workgroup"
+    memory.save(processor.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 0.1}))
+    assert remembered_strategy(processor, SHAPE, memory) == "passes"
+    memory.save(gpu.info, SHAPE, replace(KNOWN.without("subgroup", "wrong"), compile_seconds={"workgroup": 0.1}))
+    assert remembered_strategy(gpu, SHAPE, memory) == "workgroup"
 
 
 @pytest.mark.gpu
 @pytest.mark.usefixtures("offers_all")
 def test_a_strategy_that_is_late_is_refused_now_and_later(
-    device: Device, memory: Memory, script: type[_Script]
+    device: Device, memory: TuningStore, script: type[_Script]
 ) -> None:
     script.answers += _timed(passes=3.0, workgroup=2.0)[:2]
-    choice = FftChoice(device, SHAPE, memory=memory, budget_s=0.0)
+    choice = FftTuner(device, SHAPE, store=memory, budget_s=0.0)
     assert choice.wait() == "passes"
     assert choice.tuning.refused == {"subgroup": "too slow to compile"}
-    FftChoice(device, SHAPE, memory=memory).close()
+    FftTuner(device, SHAPE, store=memory).close()
     assert script.asked[-1]["strategies"] == ["passes", "workgroup"]
 
 
@@ -230,70 +230,72 @@ def test_a_strategy_that_is_late_is_refused_now_and_later(
 @pytest.mark.usefixtures("offers_all")
 @pytest.mark.parametrize(("was_late", "reason"), [(False, "the driver failed"), (True, "too slow to compile")])
 def test_shaders_that_end_the_helper_are_refused(
-    device: Device, memory: Memory, script: type[_Script], was_late: bool, reason: str
+    device: Device, memory: TuningStore, script: type[_Script], was_late: bool, reason: str
 ) -> None:
-    memory.remember(device.info, SHAPE, KNOWN)
+    memory.save(device.info, SHAPE, KNOWN)
     script.ends, script.was_late = True, was_late
-    assert FftChoice(device, SHAPE, memory=memory).wait() == "passes"
-    found = memory.recall(device.info, SHAPE)
+    assert FftTuner(device, SHAPE, store=memory).wait() == "passes"
+    found = memory.load(device.info, SHAPE)
     assert found is not None and found.refused == {"subgroup": reason} and found.best == "workgroup"
 
 
 @pytest.mark.gpu
 @pytest.mark.usefixtures("offers_all")
 def test_a_helper_that_does_not_even_start_is_tried_again(
-    device: Device, memory: Memory, script: type[_Script]
+    device: Device, memory: TuningStore, script: type[_Script]
 ) -> None:
     script.ends = True
-    assert FftChoice(device, SHAPE, memory=memory).wait() == "passes"
-    assert memory.recall(device.info, SHAPE) is None
+    assert FftTuner(device, SHAPE, store=memory).wait() == "passes"
+    assert memory.load(device.info, SHAPE) is None
 
 
 @pytest.mark.gpu
 @pytest.mark.usefixtures("offers_all")
 def test_pipelines_that_fail_here_leave_what_works(
-    device: Device, memory: Memory, script: type[_Script], monkeypatch: pytest.MonkeyPatch
+    device: Device, memory: TuningStore, script: type[_Script], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(self: Device, source: object, constants: object) -> None:
         raise ShaderError("no", "file", 1)
 
-    memory.remember(device.info, SHAPE, KNOWN)
+    memory.save(device.info, SHAPE, KNOWN)
     monkeypatch.setattr(Device, "pipeline", fails)
     script.answers.append({"compile_seconds": 5.0})
-    choice = FftChoice(device, SHAPE, lambda strategy: FftPlan(device, SHAPE).stages, memory=memory)
+    choice = FftTuner(device, SHAPE, lambda strategy: FftPlan(device, SHAPE).shaders, store=memory)
     assert choice.wait() == "passes"
     assert choice.tuning.refused == {"subgroup": "the driver failed"}
 
 
 @pytest.mark.gpu
-def test_nothing_is_started_where_there_is_no_choice(device: Device, memory: Memory, script: type[_Script]) -> None:
+def test_nothing_is_started_where_there_is_no_choice(
+    device: Device, memory: TuningStore, script: type[_Script]
+) -> None:
     lengths = (8192, 3125)
-    if strategies(device, lengths) == ("passes",):
-        choice = FftChoice(device, lengths, memory=memory)
+    if supported_strategies(device, lengths) == ("passes",):
+        choice = FftTuner(device, lengths, store=memory)
         assert choice.is_settled and choice.current == "passes"
         assert script.started == 0  # type: ignore[attr-defined]
     with pytest.raises(UserError, match="next good size"):
-        FftChoice(device, (7, 64), memory=memory)
+        FftTuner(device, (7, 64), store=memory)
 
 
 @pytest.mark.gpu
-def test_a_helper_times_and_compiles_what_then_runs_here(device: Device, memory: Memory) -> None:
+def test_a_helper_times_and_compiles_what_then_runs_here(device: Device, memory: TuningStore) -> None:
     """The whole way, with a process: whatever it chooses is ready, and its timing is that of all on offer."""
-    plans = {strategy: FftPlan(device, SHAPE, strategy=strategy) for strategy in strategies(device, SHAPE)}
-    with FftChoice(device, SHAPE, lambda strategy: plans[strategy].stages, memory=memory) as choice:
+    plans = {strategy: FftPlan(device, SHAPE, strategy=strategy) for strategy in supported_strategies(device, SHAPE)}
+    with FftTuner(device, SHAPE, lambda strategy: plans[strategy].shaders, store=memory) as choice:
         chosen = choice.wait()
-    known = memory.recall(device.info, SHAPE)
+    known = memory.load(device.info, SHAPE)
     assert known is not None and not known.refused
     assert set(known.seconds) == set(known.compile_seconds) == set(plans)
     assert chosen == known.best
-    recorder = Recorder(device)
+    recorder = CommandRecorder(device)
     plans[chosen].forward(recorder, device.buffer(plans[chosen].buffer_bytes, "fields"))
     recorder.submit(wait=True)
 
 
 @pytest.mark.gpu
-def test_a_helper_that_is_not_needed_any_more_ends(device: Device, memory: Memory) -> None:
-    choice = FftChoice(device, SHAPE, memory=memory)
+def test_a_helper_that_is_not_needed_any_more_ends(device: Device, memory: TuningStore) -> None:
+    choice = FftTuner(device, SHAPE, store=memory)
     if choice.is_settled:
         pytest.skip("an adapter without a choice")
     assert choice._helper is not None
@@ -315,11 +317,11 @@ def test_a_strategy_that_a_driver_makes_wrong_is_refused(
             return sorted_spectrum
 
     monkeypatch.setattr(tune_worker, "FftPlan", Wrong)
-    tune_worker._time(device, ("passes", "workgroup"), (1, 64))
+    tune_worker._time_strategies(device, ("passes", "workgroup"), (1, 64))
     answers = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    tuning = Tuning({}, {}, {})
+    tuning = TuningResult({}, {}, {})
     for answer in answers:
-        tuning = tuning.updated(answer)
+        tuning = tuning.with_answer(answer)
     assert set(tuning.seconds) == {"passes"} and set(tuning.compile_seconds) == {"passes", "workgroup"}
     assert tuning.refused["workgroup"].startswith("wrong by")
 
@@ -328,9 +330,9 @@ def test_a_strategy_that_a_driver_makes_wrong_is_refused(
 def test_the_system_ends_a_helper_whose_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
     program = "from holoview.gpu.tune_worker import _limit\n_limit(1)\nwhile True: pass"
     monkeypatch.setattr(tune_process, "_COMMAND", ("-c", program))
-    helper = tune_process.Helper("any", budget_s=1.0)
+    helper = tune_process.TuningProcess("any", budget_s=1.0)
     while not helper.has_ended:
         time.sleep(0.02)
-    assert helper.was_late and helper.answer() is None
-    helper.ask({"do": "nothing"})
+    assert helper.hit_time_limit and helper.next_answer() is None
+    helper.send({"do": "nothing"})
     helper.close()

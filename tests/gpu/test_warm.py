@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from holoview.gpu.device import Device
-from holoview.gpu.lines import Stage
-from holoview.gpu.shader import Generated, ShaderError, link
-from holoview.gpu.warm import warm_up
+from holoview.gpu.lines import TransformShader
+from holoview.gpu.shader import GeneratedWgsl, ShaderError, link
+from holoview.gpu.warm import precompile
 
 pytestmark = pytest.mark.gpu
 
@@ -19,18 +19,18 @@ LEFT_OUT = """
 """
 
 
-def _stage(text: str) -> Stage:
-    return Stage(link(Generated("probe", text)), {}, lambda lines: lines)
+def _stage(text: str) -> TransformShader:
+    return TransformShader(link(GeneratedWgsl("probe", text)), {}, lambda lines: lines)
 
 
 def test_numbers_of_bindings_and_groups_may_be_left_out(device: Device) -> None:
-    warm_up(device, [_stage(LEFT_OUT), _stage(LEFT_OUT.replace("@group(1)", "@group(2)"))])
+    precompile(device, [_stage(LEFT_OUT), _stage(LEFT_OUT.replace("@group(1)", "@group(2)"))])
     device.wait()
 
 
 def test_a_pipeline_that_was_compiled_ahead_is_the_one_that_is_used(device: Device) -> None:
     stage = _stage(LEFT_OUT.replace("factor.x", "factor.y"))
-    warm_up(device, [stage])
+    precompile(device, [stage])
     made = []
     device_compile, device._compile = device._compile, lambda *given: made.append(given)  # type: ignore[method-assign]
     try:
@@ -42,4 +42,4 @@ def test_a_pipeline_that_was_compiled_ahead_is_the_one_that_is_used(device: Devi
 
 def test_a_shader_that_is_wrong_is_told(device: Device) -> None:
     with pytest.raises(ShaderError, match="probe"):
-        warm_up(device, [_stage("@compute @workgroup_size(1) fn main() { nonsense(); }")])
+        precompile(device, [_stage("@compute @workgroup_size(1) fn main() { nonsense(); }")])

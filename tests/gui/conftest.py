@@ -17,10 +17,10 @@ from rendercanvas.offscreen import OffscreenRenderCanvas
 
 from holoview import preset
 from holoview.app.app import App
-from holoview.app.hand import Hand
+from holoview.app.hand import InputDriver
 from holoview.app.run import SCRIPT_FRAME_S
 from holoview.gpu.device import Device
-from holoview.session.session import Session
+from holoview.session.session import EditingSession
 from holoview.system import System
 
 SIZE = (640, 400)
@@ -35,7 +35,7 @@ def small_bench(**changes: Any) -> System:
     return preset.load("holochrome-8").edit({"shape": [64, 96], **lasers, **changes})
 
 
-class Gui(Hand):
+class Gui(InputDriver):
     """A hand, and ImGui's test engine for widgets by name."""
 
     def __init__(self, app: App, engine: dict[str, Any]) -> None:
@@ -43,7 +43,7 @@ class Gui(Hand):
         self._engine = engine
 
     @property
-    def session(self) -> Session:
+    def session(self) -> EditingSession:
         """The session that is edited."""
         return self.app.session
 
@@ -56,17 +56,17 @@ class Gui(Hand):
         """Runs a script of ImGui's test engine, e.g. lambda ctx: ctx.item_click("Lasers/White")."""
         from imgui_bundle import hello_imgui, imgui
 
-        self.frames(3)  # tests are registered a few frames late
+        self.draw_frames(3)  # tests are registered a few frames late
         self._engine["script"] = script
         engine, test = hello_imgui.get_imgui_test_engine(), self._engine["test"]
         imgui.test_engine.queue_test(engine, test)
         for _ in range(_FRAMES):
-            self.frames()
+            self.draw_frames()
             if imgui.test_engine.is_test_queue_empty(engine):
                 break
         status = test.output.status
         assert status == imgui.test_engine.TestStatus.success, test.output.log.get_text()
-        self.frames(2)
+        self.draw_frames(2)
 
 
 @pytest.fixture
@@ -78,12 +78,12 @@ def make_gui(device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
         box: dict[str, Any] = {"script": lambda ctx: None}
         canvas = OffscreenRenderCanvas(size=size, pixel_ratio=more.pop("pixel_ratio", 1.0))
         tests = (lambda: _register(box)) if engine else None
-        session = Session(system or small_bench())
-        app = App(session, device, canvas, frame_s=SCRIPT_FRAME_S, tests=tests, **more)
-        app.loader.quick = False  # no optimisation that nobody asked for
+        session = EditingSession(system or small_bench())
+        app = App(session, device, canvas, frame_s=SCRIPT_FRAME_S, register_tests=tests, **more)
+        app.loader.optimises_new_targets = False  # no optimisation that nobody asked for
         opened.append(app)
         gui = Gui(app, box)
-        gui.frames(4)
+        gui.draw_frames(4)
         return gui
 
     yield make
@@ -115,7 +115,7 @@ def _register(box: dict[str, Any]) -> None:
 def gui(make_gui: Callable[..., Gui]) -> Gui:
     """A viewer of the small bench whose first image is there."""
     opened = make_gui()
-    opened.settle()
+    opened.draw_until_idle()
     return opened
 
 

@@ -15,33 +15,33 @@ from rendercanvas.offscreen import OffscreenRenderCanvas
 
 from holoview.app import run
 from holoview.app.app import App
-from holoview.app.desktop import join_desktop
-from holoview.app.hand import Hand
+from holoview.app.desktop import connect_desktop
+from holoview.app.hand import InputDriver
 from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.gpu.device import Device
-from holoview.session.autosave import Store
-from holoview.session.session import Session
+from holoview.session.autosave import SessionStore
+from holoview.session.session import EditingSession
 from tests.gui.conftest import SIZE, small_bench
 
 pytestmark = pytest.mark.gpu
 
 
 @pytest.fixture
-def start(device: Device, tmp_path: Path) -> Iterator[Callable[[], Hand]]:
+def start(device: Device, tmp_path: Path) -> Iterator[Callable[[], InputDriver]]:
     """Starts the viewer as `holoview view` does, with a folder of its own; the one before is closed."""
     opened: list[App] = []
 
-    def started() -> Hand:
+    def started() -> InputDriver:
         for app in opened:
             app.close()
         opened.clear()
         canvas = OffscreenRenderCanvas(size=SIZE)
-        app = run._begin(Session(small_bench()), device, canvas, Store(tmp_path), [])
-        app.loader.quick = False
+        app = run._open_app(EditingSession(small_bench()), device, canvas, SessionStore(tmp_path), [])
+        app.loader.optimises_new_targets = False
         opened.append(app)
-        hand = Hand(app)
-        hand.frames(4)
+        hand = InputDriver(app)
+        hand.draw_frames(4)
         return hand
 
     yield started
@@ -53,13 +53,13 @@ def _is_visible(title: str) -> bool:
     return bool(hello_imgui.get_runner_params().docking_params.dockable_window_of_name(title).is_visible)
 
 
-def test_theme_and_layout_come_back_and_hints_come_once(start: Callable[[], Hand]) -> None:
+def test_theme_and_layout_come_back_and_hints_come_once(start: Callable[[], InputDriver]) -> None:
     hand = start()
     first = hand.app
     assert "? shows all keys" in first.session.messages.all[0].text
     first.set_theme("Light")
     hello_imgui.get_runner_params().docking_params.dockable_window_of_name("Gamut").is_visible = False
-    hand.frames(3)
+    hand.draw_frames(3)
     again = start().app
     assert again.theme == "Light" and not _is_visible("Gamut") and _is_visible("Lasers")
     assert list(again.session.messages.all) == []
@@ -68,8 +68,8 @@ def test_theme_and_layout_come_back_and_hints_come_once(start: Callable[[], Hand
 def test_recent_files_are_in_the_menu(make_gui: Callable[..., Any], tmp_path: Path) -> None:
     picture = tmp_path / "red.png"
     Image.fromarray(np.full((8, 8, 3), (200, 10, 10), np.uint8)).save(picture)
-    store = Store(tmp_path / "store")
-    store.preferences.remember(picture)
+    store = SessionStore(tmp_path / "store")
+    store.preferences.add_recent_file(picture)
     gui = make_gui(engine=True, panels=(ImagePanel, FilesPanel), store=store)
     gui.engine(lambda ctx: ctx.menu_click(f"//##MainMenuBar/File/Recent/1 {picture.name}"))
     assert gui.session.wait(30)
@@ -86,7 +86,7 @@ def test_files_dropped_on_the_window_are_opened_and_text_goes_to_the_clipboard(g
         set_clipboard_string=lambda window, text: held.append(text),
         get_clipboard_string=lambda window: held[-1].encode(),
     )
-    join_desktop(gui.app, glfw, window=None)
+    connect_desktop(gui.app, glfw, window=None)
     dropped[0](None, [str(picture)])
     assert gui.session.wait(30)
     assert gui.session.wanted is not None and gui.session.wanted.title == "red.png"

@@ -10,7 +10,7 @@ import pytest
 
 from holoview.app.panels.effects import EffectsPanel
 from holoview.app.panels.image import ImagePanel
-from holoview.effects.registry import registry
+from holoview.effects.registry import listed_effects
 from holoview.session.look import NOW
 from tests.gui.conftest import small_bench
 
@@ -36,7 +36,7 @@ def test_every_effect_of_the_library_has_a_switch(make_gui: Callable[..., Any]) 
     lines = [name for name in gui.app.rects if name.startswith("effect ")]
     for line in lines[::-1]:  # from below, so that sliders that open don't move what is next
         gui.click(gui.where(line, 0.1))
-    assert set(gui.session.system.effect_values) == set(registry())
+    assert set(gui.session.system.effect_values) == set(listed_effects())
     gui.app.commands.run("Switch off all effects")
     assert gui.session.system == small_bench(**IRISES)
 
@@ -47,7 +47,7 @@ def test_an_effect_changes_the_image_and_undo_brings_it_back(make: Callable[...,
     plain = gui.app.sides.xyz(NOW).copy()
     gui.engine(_switch("gap"))
     gui.settle()
-    common = registry()["gap"].parameters[0].prior
+    common = listed_effects()["gap"].parameters[0].prior
     assert gui.session.system.effect_values == {"gap": {"gap_error": common}}
     assert np.abs(gui.app.sides.xyz(NOW) - plain).mean() > 0.01
     steps = len(gui.session.history)

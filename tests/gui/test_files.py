@@ -18,10 +18,10 @@ from holoview.app.panels.history import HistoryPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.errors import UserError
 from holoview.hologram import Hologram, load_hologram
-from holoview.session.autosave import Store
+from holoview.session.autosave import SessionStore
 from holoview.session.look import NOW
-from holoview.session.session import Session
-from holoview.session.tone import pixels
+from holoview.session.session import EditingSession
+from holoview.session.tone import tone_map
 from holoview.view import random_drive
 from tests.gui.conftest import small_bench
 
@@ -82,7 +82,7 @@ def test_the_view_is_saved_as_it_is_seen(gui: Any, tmp_path: Path) -> None:
     gui.settle()
     _save_as(gui, "Save view…", "view")
     with Image.open(tmp_path / "view.png") as picture:
-        assert np.array_equal(np.asarray(picture), pixels(gui.app.sides.xyz(NOW), gui.session.look))
+        assert np.array_equal(np.asarray(picture), tone_map(gui.app.sides.xyz(NOW), gui.session.look))
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ def test_the_image_is_copied_and_a_picture_pasted(gui: Any, monkeypatch: pytest.
     copied: list[np.ndarray] = []
     monkeypatch.setattr(files, "copy_picture", copied.append)
     gui.key("Ctrl+Shift+C")
-    assert np.array_equal(copied[0], pixels(gui.app.sides.xyz(NOW), gui.session.look))
+    assert np.array_equal(copied[0], tone_map(gui.app.sides.xyz(NOW), gui.session.look))
     monkeypatch.setattr(files, "paste_picture", lambda: copied[0])
     gui.key("Ctrl+V")
     assert gui.session.wanted is not None and gui.session.wanted.title == "pasted picture"
@@ -198,9 +198,9 @@ def test_the_list_of_edits_goes_anywhere(gui: Any) -> None:
 @pytest.fixture
 def crashed(make_gui: Callable[..., Any], tmp_path: Path) -> Any:
     """A viewer that starts beside a session whose program is gone."""
-    store = Store(tmp_path)
-    lost = Session(small_bench())
-    autosave = store.attach(lost)
+    store = SessionStore(tmp_path)
+    lost = EditingSession(small_bench())
+    autosave = store.start_autosave(lost)
     lost.change("Gap", {"gap": 4e-3})
     assert autosave.flush()
     (autosave.folder / "lock.json").write_text('{"pid": 999999999, "since": 0}')

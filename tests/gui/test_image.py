@@ -9,10 +9,10 @@ import pytest
 
 from holoview.app.panels.image import ImagePanel
 from holoview.app.readout import describe_pixel
-from holoview.session.look import NOW, Look, Side
-from holoview.session.opening import pasted
-from holoview.session.palettes import palette
-from holoview.session.tone import compared, pixels
+from holoview.session.look import NOW, ComparisonSide, ViewSettings
+from holoview.session.opening import target_from_pixels
+from holoview.session.palettes import colour_map
+from holoview.session.tone import compose_comparison, tone_map
 
 pytestmark = pytest.mark.gpu
 
@@ -45,9 +45,9 @@ def test_one_to_one_the_panel_shows_what_the_reference_makes_of_xyz(gui: Any) ->
         gui.session.edit("Look", look=plain.with_(**ONE_TO_ONE, **look))
         gui.settle()
         seen, _ = _shown(gui)
-        expected = pixels(gui.app.sides.xyz(NOW), gui.session.look)
+        expected = tone_map(gui.app.sides.xyz(NOW), gui.session.look)
         assert seen.shape == expected.shape
-        table = palette(look.get("false_colour") or "grey").astype(int)
+        table = colour_map(look.get("false_colour") or "grey").astype(int)
         step = LEVEL * np.abs(np.diff(table, axis=0)).max()
         assert np.abs(seen.astype(int) - expected).max() <= step, look
 
@@ -61,7 +61,7 @@ def test_smaller_than_one_to_one_a_pixel_is_the_mean_light_of_what_it_covers(gui
     xyz = gui.app.sides.xyz(NOW)
     means = xyz.reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3))
     seen = gui.app.seen()[top : top + rows, left : left + columns]
-    assert np.abs(seen.astype(int) - pixels(means, gui.session.look)).max() <= LEVEL
+    assert np.abs(seen.astype(int) - tone_map(means, gui.session.look)).max() <= LEVEL
 
 
 def test_the_wheel_zooms_about_the_pointer(gui: Any) -> None:
@@ -125,16 +125,16 @@ def pinned(gui: Any) -> Any:
     """A viewer in which A is now and B a snapshot of another plane."""
     name = gui.session.pin()
     gui.session.change("Gap", {"gap": "4 mm"})
-    gui.session.look_at("Look", b=Side("snapshot", name), **ONE_TO_ONE)
+    gui.session.look_at("Look", b=ComparisonSide("snapshot", name), **ONE_TO_ONE)
     gui.settle()
     return gui
 
 
 def _both(gui: Any) -> tuple[np.ndarray, np.ndarray]:
-    look: Look = gui.session.look
+    look: ViewSettings = gui.session.look
     a, b = gui.app.sides.xyz(look.a), gui.app.sides.xyz(look.b)
     assert np.abs(a - b).mean() > 0.01
-    return pixels(a, look).astype(int), pixels(b, look).astype(int)
+    return tone_map(a, look).astype(int), tone_map(b, look).astype(int)
 
 
 def test_wipe_shows_a_left_of_the_line_and_b_right_of_it(pinned: Any) -> None:
@@ -176,7 +176,7 @@ def test_a_difference_acts_on_exposed_channels(pinned: Any) -> None:
     difference = np.abs(xyz_to_linear_srgb(a - b)) * 2.0**look.exposure_stops
     expected = np.rint(255 * srgb_encode(np.clip(difference, 0, 1)))
     assert np.abs(_shown(pinned)[0] - expected).max() <= LEVEL
-    assert np.abs(compared(a, b, look) - expected).max() <= LEVEL, "and so it is saved"
+    assert np.abs(compose_comparison(a, b, look) - expected).max() <= LEVEL, "and so it is saved"
 
 
 def test_side_by_side_shows_the_same_part_of_both(pinned: Any) -> None:
@@ -187,7 +187,7 @@ def test_side_by_side_shows_the_same_part_of_both(pinned: Any) -> None:
     rows, columns = (side // 2 for side in pinned.session.state.shape)
     half = frame.size[0] // 2
     a, b = (
-        pixels(pinned.app.sides.xyz(side).reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3)), pinned.session.look)
+        tone_map(pinned.app.sides.xyz(side).reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3)), pinned.session.look)
         for side in (pinned.session.look.a, pinned.session.look.b)
     )
     assert np.abs(seen[top : top + rows, left : left + columns] - a).max() <= LEVEL
@@ -195,7 +195,7 @@ def test_side_by_side_shows_the_same_part_of_both(pinned: Any) -> None:
 
 
 def test_another_preset_can_be_a_side(gui: Any) -> None:
-    gui.session.look_at("Preset", b=Side("preset", "simultaneous"), compare="wipe", **ONE_TO_ONE)
+    gui.session.look_at("Preset", b=ComparisonSide("preset", "simultaneous"), compare="wipe", **ONE_TO_ONE)
     gui.settle()
     a, b = _both(gui)
     assert a.shape == b.shape
@@ -216,7 +216,7 @@ def test_the_phase_page_shows_a_pattern_as_turns_of_hue(gui: Any) -> None:
     waves = system.modulators[0].stroke_m / np.sort(system.wavelengths_m)[1]
     gui.session.look_at("Look", zoom=1.0)
     turns = (drive[0, 0] * waves) % 1.0
-    expected = palette("hue")[np.rint(255 * turns).astype(int)].astype(int)
+    expected = colour_map("hue")[np.rint(255 * turns).astype(int)].astype(int)
     frame = gui.app.panel(ImagePanel).frame
     left, top = (round(value) for value in frame.pixel(0.0, 0.0))
     seen = gui.app.seen()[top : top + 64, left : left + 96].astype(int)
@@ -238,7 +238,7 @@ def test_the_spectrum_page_shows_where_light_leaves_to(gui: Any) -> None:
 def test_the_target_page_shows_what_is_wanted(gui: Any) -> None:
     red = np.zeros((64, 96, 3), np.uint8)
     red[..., 0] = 200
-    gui.session.edit("Target", wanted=pasted(red))
+    gui.session.edit("Target", wanted=target_from_pixels(red))
     assert gui.session.wait(30)
     seen = _paged(gui, "target")
     assert np.median(seen.reshape(-1, 3), axis=0) == pytest.approx([200, 0, 0], abs=LEVEL)

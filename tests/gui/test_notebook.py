@@ -45,9 +45,9 @@ def test_frames_are_sent_and_an_edit_by_code_is_seen(monkeypatch: pytest.MonkeyP
         viewer.session.change("Gap", {"gap": "3 mm"})
         await _frames(canvas, sent, len(sent) + 3)
         again = holoview.show(viewer.session.system, size=(320, 200))
-        assert notebook._open == [again], "one at a time"
+        assert notebook._open_viewers == [again], "one at a time"
         again.close()
-        assert notebook._open == []
+        assert notebook._open_viewers == []
         return sent, viewer.session
 
     sent, session = asyncio.run(play())

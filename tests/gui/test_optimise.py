@@ -11,8 +11,8 @@ import pytest
 
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.optimise import OptimisePanel
-from holoview.session.opening import pasted
-from holoview.session.optimising import last, running
+from holoview.session.opening import target_from_pixels
+from holoview.session.optimising import last_optimisation, running_optimisation
 
 pytestmark = pytest.mark.gpu
 
@@ -22,7 +22,7 @@ def gui(make_gui: Callable[..., Any]) -> Any:
     opened = make_gui(size=(800, 480), engine=True, panels=(ImagePanel, OptimisePanel))
     pixels = np.full((64, 96, 3), 90, np.uint8)
     pixels[16:48, 24:72] = 230
-    opened.session.edit("Target", wanted=pasted(pixels, "square"))
+    opened.session.edit("Target", wanted=target_from_pixels(pixels, "square"))
     opened.settle()
     return opened
 
@@ -39,7 +39,7 @@ def test_optimise_is_followed_kept_and_taken_back(gui: Any) -> None:
     old = gui.session.drive
     gui.app.panel(OptimisePanel).iterations = 5000
     gui.engine(lambda ctx: ctx.item_click("Optimise/Optimise##start"))
-    job = running(gui.session)
+    job = running_optimisation(gui.session)
     assert job is not None
     _until(gui, lambda: job.latest is not None and gui.session.shown.drive is not old)
     assert gui.session.drive is old, "the document changes only at the end"
@@ -56,7 +56,7 @@ def test_cancel_leaves_the_old_patterns(gui: Any) -> None:
     old = gui.session.drive
     gui.app.panel(OptimisePanel).iterations = 5000
     gui.key("Ctrl+Enter")
-    job = running(gui.session)
+    job = running_optimisation(gui.session)
     assert job is not None
     _until(gui, lambda: job.latest is not None)
     gui.engine(lambda ctx: ctx.item_click("Optimise/Cancel"))
@@ -77,7 +77,7 @@ def test_what_is_chosen_is_what_is_done(gui: Any) -> None:
     plan = panel.plan()
     assert (plan.scheme, plan.begin, plan.settings.iterations) == ("holochrome-8", "smooth", 2)
     gui.key("Ctrl+Enter")
-    _until(gui, lambda: last(gui.session) is not None and running(gui.session) is None)
+    _until(gui, lambda: last_optimisation(gui.session) is not None and running_optimisation(gui.session) is None)
     assert len(gui.session.system.wavelengths_m) == 8 and "2 iterations" in gui.session.state.origin
 
 

@@ -14,7 +14,7 @@ from holoview import load
 from holoview.app.panel import Panel
 from holoview.app.panels import ALL
 from holoview.app.panels.focus import FocusPanel
-from holoview.session.look import NOW, Side
+from holoview.session.look import NOW, ComparisonSide
 from tests.gui.conftest import small_bench
 
 pytestmark = pytest.mark.gpu
@@ -203,7 +203,7 @@ def test_pinning_keeps_the_present_state(gui: Any) -> None:
 def test_a_snapshot_is_renamed_in_its_field_and_still_compared_with(make_gui: Callable[..., Any]) -> None:
     gui = make_gui(size=(900, 900))
     first, second = gui.session.pin(), gui.session.pin()
-    gui.session.look_at("Compare", b=Side("snapshot", first))
+    gui.session.look_at("Compare", b=ComparisonSide("snapshot", first))
     gui.app.show("View")
     gui.frames(3)
 
@@ -215,7 +215,7 @@ def test_a_snapshot_is_renamed_in_its_field_and_still_compared_with(make_gui: Ca
         return list(gui.session.snapshots)
 
     assert enter(first, "before", "Enter") == ["before", second]
-    assert gui.session.look.b == Side("snapshot", "before")
+    assert gui.session.look.b == ComparisonSide("snapshot", "before")
     assert enter(second, "nothing", "Escape") == ["before", second]
     assert enter(second, " Target ", "Tab") == ["before", "Target"]
     assert gui.last_message() == ""
@@ -226,12 +226,12 @@ def test_a_snapshot_is_renamed_in_its_field_and_still_compared_with(make_gui: Ca
 def test_a_snapshot_is_forgotten_by_its_button(make_gui: Callable[..., Any]) -> None:
     gui = make_gui(size=(900, 900))
     kept, gone = gui.session.pin(), gui.session.pin()
-    gui.session.look_at("Compare", a=Side("snapshot", gone), b=Side("snapshot", kept))
+    gui.session.look_at("Compare", a=ComparisonSide("snapshot", gone), b=ComparisonSide("snapshot", kept))
     gui.app.show("View")
     gui.frames(3)
     gui.click(gui.where(f"forget {gone}"))
     assert list(gui.session.snapshots) == [kept]
-    assert (gui.session.look.a, gui.session.look.b) == (NOW, Side("snapshot", kept))
+    assert (gui.session.look.a, gui.session.look.b) == (NOW, ComparisonSide("snapshot", kept))
 
 
 # --- the app --------------------------------------------------------------------------------------------------------

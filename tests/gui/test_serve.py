@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from holoview.app.serve import Address, Guard, serve
+from holoview.app.serve import Address, TokenGuard, serve
 from holoview.errors import UserError
 
 TOKEN = "right"
@@ -38,7 +38,7 @@ def _sent(kind: str, path: str = "/", query: str = "", **headers: str) -> list[d
         "query_string": query.encode(),
         "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
     }
-    asyncio.run(Guard(_inner, TOKEN)(scope, receive, send))
+    asyncio.run(TokenGuard(_inner, TOKEN)(scope, receive, send))
     return sent
 
 

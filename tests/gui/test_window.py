@@ -18,7 +18,7 @@ from PIL import Image, ImageGrab
 
 from holoview import preset
 from holoview.hologram import load_hologram
-from holoview.session.autosave import Store
+from holoview.session.autosave import SessionStore
 from holoview.system import System
 from tests.gui.conftest import small_bench
 
@@ -167,7 +167,7 @@ def test_a_real_window_draws_answers_rests_and_saves(
     screen.drag(twin.where("image", 0.4, 0.4), twin.where("image", 0.6, 0.6))
     screen.xdotool("keyup", "shift")
     screen.wait_for(_shows_a_frame_inside(twin.app.rects["image"]))
-    saved = Store(tmp_path / "holoview")
+    saved = SessionStore(tmp_path / "holoview")
     screen.wait_until(lambda: "Optimise" in _labels(saved))  # the quick look at the picture
     screen.xdotool("key", "ctrl+Return")
     screen.wait_until(lambda: f"Optimise, {ITERATIONS} iterations" in _labels(saved))
@@ -184,12 +184,12 @@ def test_a_real_window_draws_answers_rests_and_saves(
     screen.xdotool("key", "ctrl+q")
     assert screen.viewer.wait(30) == 0, screen.log
     assert screen.log.strip() == ""
-    last = saved.last()
+    last = saved.last_session()
     assert last is not None
     session, bench = last.restore(), _tiny_bench()
     assert session.system.wavelengths_m[1] > bench.wavelengths_m[1]
-    assert session.look.plane_m > 10.2e-3
-    assert session.look.region is not None
+    assert session.view_settings.plane_m > 10.2e-3
+    assert session.view_settings.region is not None
     assert np.array_equal(load_hologram(written).drive, session.drive)
 
 
@@ -197,9 +197,9 @@ def _tiny_bench(**changes: Any) -> System:
     return small_bench(shape=[32, 48], **changes)
 
 
-def _labels(store: Store) -> str:
+def _labels(store: SessionStore) -> str:
     """What was done in the sessions that are being saved."""
-    return " ".join(step.label for saved in store._all() for step in saved.restore().history)
+    return " ".join(step.label for saved in store.saved_sessions() for step in saved.restore().history)
 
 
 def test_without_an_adapter_a_page_tells_what_to_do(display: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.colour import D65_WHITE, SRGB_TO_XYZ, colour_science
+from holoview.colour import D65_WHITE, SRGB_TO_XYZ, import_colour_science
 from holoview.errors import UserError
 from holoview.metrics.delta_e import delta_e_linear_srgb, delta_e_map_xyz, delta_e_xyz
 
@@ -49,8 +49,8 @@ def test_linear_srgb_is_clipped_and_a_map_holds_each_pixel() -> None:
     pixels = delta_e_map_xyz(*clipped)
     assert pixels.shape == (4, 5)
     assert delta_e_linear_srgb(one, other) == pytest.approx(pixels.mean(), rel=1e-12)
-    lab = [colour_science().XYZ_to_Lab(x[2, 3], [0.3127, 0.3290]) for x in clipped]
-    assert pixels[2, 3] == pytest.approx(colour_science().delta_E(*lab, method="CIE 2000"), rel=1e-12)
+    lab = [import_colour_science().XYZ_to_Lab(x[2, 3], [0.3127, 0.3290]) for x in clipped]
+    assert pixels[2, 3] == pytest.approx(import_colour_science().delta_E(*lab, method="CIE 2000"), rel=1e-12)
 
 
 def test_images_of_different_shapes_are_refused() -> None:

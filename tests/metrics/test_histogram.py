@@ -16,8 +16,8 @@ def test_the_histogram_follows_the_law_of_as_many_patterns(patterns: int) -> Non
     drawn = np.random.default_rng(2).gamma(patterns, 1 / patterns, (256, 256))
     histogram = speckle_histogram(drawn, WHOLE, patterns, bins=20)
     assert np.sum(histogram.density) * (histogram.edges[1] - histogram.edges[0]) == pytest.approx(1.0, abs=0.03)
-    assert np.abs(histogram.density - histogram.expected).max() < 0.03
-    assert np.allclose(histogram.developed, np.exp(-histogram.centres), rtol=1e-12)
+    assert np.abs(histogram.density - histogram.expected_density).max() < 0.03
+    assert np.allclose(histogram.fully_developed_density, np.exp(-histogram.centres), rtol=1e-12)
 
 
 @pytest.mark.parametrize("patterns", [1.0, 2.5, 8.0])

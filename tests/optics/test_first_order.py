@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from holoview.metrics.eyebox import eyebox_uniformity
-from holoview.optics.first_order import BLOCKS, first_order
-from holoview.optics.slm import pixel_response
+from holoview.optics.first_order import EYEBOX_BLOCKS, first_order
+from holoview.optics.slm import pixel_spectrum
 from holoview.plan import Grid
 
 SHAPES = [(32, 48), (40, 54), (50, 18)]
@@ -40,13 +40,13 @@ def test_the_envelope_is_the_power_spectrum_of_a_pixel(upsample: int) -> None:
     grid = _grid((36, 60), upsample)
     order = first_order(grid)
     for n, bins, envelope in zip(grid.padded, order.bins, order.envelopes, strict=True):
-        power = pixel_response(n, upsample, 0.0).abs().square().numpy()[bins] / upsample**2
+        power = pixel_spectrum(n, upsample, 0.0).abs().square().numpy()[bins] / upsample**2
         np.testing.assert_allclose(envelope, power, rtol=1e-12)
         edge = 1.0 if upsample == 1 else (1 / (upsample * math.sin(math.pi / (2 * upsample)))) ** 2
         assert envelope.min() == pytest.approx(edge, rel=0.1)  # at the order's edge, less half a bin
 
 
-@pytest.mark.parametrize("blocks", [1, 4, BLOCKS])
+@pytest.mark.parametrize("blocks", [1, 4, EYEBOX_BLOCKS])
 @pytest.mark.parametrize("padded", SHAPES, ids=str)
 def test_blocks_are_plain_means_without_the_envelope(padded: tuple[int, int], blocks: int) -> None:
     grid = _grid(padded)
@@ -66,7 +66,7 @@ def test_blocks_are_those_of_the_metric(padded: tuple[int, int]) -> None:
     order = first_order(_grid(padded))
     power = np.random.default_rng(1).random([len(bins) for bins in order.bins])
     blocks = order.block_matrix(0) @ power @ order.block_matrix(1).T
-    expected = eyebox_uniformity(power, BLOCKS, np.outer(*order.envelopes)).coefficient_of_variation
+    expected = eyebox_uniformity(power, EYEBOX_BLOCKS, np.outer(*order.envelopes)).coefficient_of_variation
     assert blocks.std() / blocks.mean() == pytest.approx(expected, rel=1e-12)
 
 

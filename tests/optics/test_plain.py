@@ -11,8 +11,8 @@ import pytest
 
 from holoview import preset
 from holoview.errors import UserError
-from holoview.optics.plain import plain_slots
-from holoview.optics.slots import make_slots
+from holoview.optics.plain import plain_frame_inputs
+from holoview.optics.slots import make_frame_inputs
 from holoview.plan import make_plan
 from holoview.system import System
 from holoview.view import random_drive
@@ -29,14 +29,14 @@ def test_strokes_are_those_of_the_slots(dtype: type) -> None:
         np.round(random_drive(system, 3)).astype(dtype) if dtype is np.int64 else random_drive(system, 3).astype(dtype)
     )
     plan = make_plan(system)
-    plain, full = plain_slots(plan, drive), make_slots(plan, drive)
+    plain, full = plain_frame_inputs(plan, drive), make_frame_inputs(plan, drive)
     assert plain is not None
     assert plain.pupils == full.pupils
     for frame in range(2):
         for modulator, description in enumerate(system.modulators):
             np.testing.assert_array_equal(
-                plain.strokes(frame, modulator, description.stroke_m),
-                full.strokes(frame, modulator, description.stroke_m),
+                plain.stroke_fractions(frame, modulator, description.stroke_m),
+                full.stroke_fractions(frame, modulator, description.stroke_m),
             )
 
 
@@ -52,7 +52,7 @@ def test_strokes_are_those_of_the_slots(dtype: type) -> None:
 )
 def test_what_shapes_a_slot_needs_torch(change: dict[str, Any]) -> None:
     system = _bench(**change)
-    assert plain_slots(make_plan(system), random_drive(system, 0)) is None
+    assert plain_frame_inputs(make_plan(system), random_drive(system, 0)) is None
 
 
 @pytest.mark.parametrize(
@@ -72,9 +72,9 @@ def test_refusals_are_the_same(spoil: Any) -> None:
     system = _bench()
     plan, drive = make_plan(system), spoil(random_drive(system, 0))
     with pytest.raises(UserError) as full:
-        make_slots(plan, drive)
+        make_frame_inputs(plan, drive)
     with pytest.raises(UserError) as plain:
-        plain_slots(plan, drive)
+        plain_frame_inputs(plan, drive)
     assert str(plain.value) == str(full.value)
 
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from holoview.grid import positions
-from holoview.optics.propagate import phase_slope, transfer_function
+from holoview.optics.propagate import phase_wavelength_derivative, transfer_function
 from holoview.plan import Plan, make_plan
 from holoview.system import Modulator, Sampling, System
 
@@ -118,7 +118,7 @@ def _phase_per_metre(λ: float, plan: Plan) -> np.ndarray:
 @pytest.mark.parametrize(("pitch_m", "travelling"), [(4e-6, 1.0), (0.5e-6, 1.0), (0.2e-6, 0.44)])
 def test_the_phases_slope_is_what_central_differences_approach(pitch_m: float, travelling: float) -> None:
     plan, step = _plan((24, 30), pitch_m), 1e-6
-    found = phase_slope(WAVELENGTH, plan.grid).numpy()
+    found = phase_wavelength_derivative(WAVELENGTH, plan.grid).numpy()
     sides = [_phase_per_metre(WAVELENGTH * (1 + sign * step), plan) for sign in (1, -1)]
     expected = (sides[0] - sides[1]) / (2 * step * WAVELENGTH)
     inside = _phase_per_metre(WAVELENGTH, plan) != 0
@@ -133,7 +133,7 @@ def test_the_transfer_function_turns_by_the_phases_slope() -> None:
     plan, distance_m, step_m = _plan((24, 30)), 10e-3, 1e-15
     system = plan.system.edit({"wavelengths": [WAVELENGTH + step_m]})
     turned = _transfer(make_plan(system), distance_m) * _transfer(plan, distance_m).conj()
-    expected = phase_slope(WAVELENGTH, plan.grid) * distance_m
+    expected = phase_wavelength_derivative(WAVELENGTH, plan.grid) * distance_m
     # 19 000 waves of path keep 1e-11 rad, over 1e-15 m.
     torch.testing.assert_close(turned.angle() / step_m, expected, rtol=1e-5, atol=1e-3 * float(expected.abs().max()))
 

@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from holoview.optics.propagate import support_mask, transfer_function
-from holoview.optics.pupil import pupil
-from holoview.optics.zernike import noll_orders, zernike
+from holoview.optics.pupil import nominal_pupil
+from holoview.optics.zernike import noll_to_nm, zernike
 from holoview.plan import Plan, make_plan
 from holoview.system import Modulator, Relay, Sampling, System
 
@@ -64,7 +64,7 @@ def test_the_terms_that_a_preset_may_have_are_orthonormal_over_the_disc() -> Non
 
 
 def test_every_pair_of_orders_has_one_index_and_cosines_are_even() -> None:
-    orders = [noll_orders(noll) for noll in range(1, 67)]
+    orders = [noll_to_nm(noll) for noll in range(1, 67)]
     assert sorted(orders) == sorted((n, m) for n in range(11) for m in range(-n, n + 1, 2))
     assert all(noll % 2 == (m < 0) for noll, (_, m) in enumerate(orders, start=1) if m != 0)
 
@@ -76,7 +76,7 @@ def test_terms_are_zero_outside_the_disc() -> None:
 
 @pytest.mark.parametrize("relay", [Relay(), Relay(iris_na=IRIS), Relay(iris_na=IRIS, dc_block_na=0.01)], ids=str)
 def test_a_relay_that_neither_apodises_nor_aberrates_needs_no_pupil(relay: Relay) -> None:
-    assert pupil(_plan(relay), 1, 0, torch.complex128, CPU) is None
+    assert nominal_pupil(_plan(relay), 1, 0, torch.complex128, CPU) is None
 
 
 @pytest.mark.parametrize("wavelength", [0, 1])
@@ -85,7 +85,7 @@ def test_defocus_is_a_small_change_of_distance(wavelength: int) -> None:
     # −Δz·sin²θ/2 is a√3(2r² − 1) plus a constant, with r = sin θ / aperture.
     rms_m = -shift_m * aperture**2 / (4 * math.sqrt(3))
     plan = _plan(Relay(iris_na=aperture, aberration_m=((4, rms_m),)))
-    glass = pupil(plan, 1, wavelength, torch.complex128, CPU)
+    glass = nominal_pupil(plan, 1, wavelength, torch.complex128, CPU)
     assert glass is not None
     near, far = plan.transfer(1, wavelength, 9e-3), plan.transfer(1, wavelength, 9e-3 + shift_m)
     here, there = (transfer_function(step, plan.grid, torch.complex128, CPU) for step in (near, far))
@@ -99,7 +99,7 @@ def test_defocus_is_a_small_change_of_distance(wavelength: int) -> None:
 
 def test_an_aberration_is_glass_so_its_phase_falls_as_one_over_wavelength_at_equal_direction() -> None:
     plan = _plan(Relay(iris_na=IRIS, aberration_m=((1, 100e-9),)), wavelengths=["460 nm", "920 nm"], observer="mono")
-    short, long = (pupil(plan, 1, i, torch.complex128, CPU) for i in (0, 1))
+    short, long = (nominal_pupil(plan, 1, i, torch.complex128, CPU) for i in (0, 1))
     assert short is not None and long is not None
     assert float(short[0, 0].angle()) == pytest.approx(2 * math.pi * 100 / 460, abs=1e-12)
     assert float(long[0, 0].angle()) == pytest.approx(2 * math.pi * 100 / 920, abs=1e-12)
@@ -108,7 +108,7 @@ def test_an_aberration_is_glass_so_its_phase_falls_as_one_over_wavelength_at_equ
 def test_tilt_moves_the_image_against_the_slope_of_the_path() -> None:
     shift = 3  # samples
     plan = _plan(Relay(iris_na=0.02, aberration_m=((2, shift * 8e-6 * 0.02 / 2),)))
-    glass = pupil(plan, 1, 0, torch.complex128, CPU)
+    glass = nominal_pupil(plan, 1, 0, torch.complex128, CPU)
     assert glass is not None
     kx = torch.arange(24).sub(12).roll(12).abs()
     stop = support_mask(plan.transfer(1, 0, 0.0), kx)
@@ -121,7 +121,7 @@ def test_tilt_moves_the_image_against_the_slope_of_the_path() -> None:
 def test_apodisation_falls_to_one_over_e_at_its_aperture() -> None:
     λ, bins = 460e-9, 3
     aperture = bins * λ / (24 * 8e-6)
-    glass = pupil(_plan(Relay(apodisation_na=aperture)), 1, 0, torch.complex128, CPU)
+    glass = nominal_pupil(_plan(Relay(apodisation_na=aperture)), 1, 0, torch.complex128, CPU)
     assert glass is not None
     assert float(glass[0, 0].real) == 1.0
     for index in (bins, -bins):

@@ -9,7 +9,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from holoview.optics.resample import blurred, centred, warped
+from holoview.optics.resample import affine_warp, centred_indices, gaussian_blur
 
 
 def _map(dtype: torch.dtype = torch.float64) -> torch.Tensor:
@@ -20,38 +20,38 @@ def _map(dtype: torch.dtype = torch.float64) -> torch.Tensor:
 def test_a_blur_is_the_gaussian_of_scipy_with_edges_continued(sigma: float) -> None:
     smooth = gaussian_filter(_map().numpy(), 2.0)  # of noise, a sampled Gaussian would alias the highest frequencies
     expected = gaussian_filter(smooth, sigma, mode="nearest", truncate=8.0)
-    found = blurred(torch.from_numpy(smooth), sigma).numpy()
+    found = gaussian_blur(torch.from_numpy(smooth), sigma).numpy()
     np.testing.assert_allclose(found, expected, atol=5e-4 * np.abs(smooth).max())  # at the edges' kinks, σ = 0.9
 
 
 def test_a_blur_depends_on_the_square_of_a_small_width() -> None:
-    changes = [float((blurred(_map(), s) - _map()).norm()) for s in (0.01, 0.02)]
+    changes = [float((gaussian_blur(_map(), s) - _map()).norm()) for s in (0.01, 0.02)]
     assert changes[1] / changes[0] == pytest.approx(4.0, rel=1e-2)
 
 
 def test_no_blur_is_the_map_itself_to_rounding() -> None:
-    torch.testing.assert_close(blurred(_map(), 0.0), _map())
+    torch.testing.assert_close(gaussian_blur(_map(), 0.0), _map())
 
 
 def test_gradients_reach_the_width() -> None:
     variance = torch.tensor(0.5, dtype=torch.float64, requires_grad=True)
-    loss = blurred(_map(), variance.sqrt()).square().sum()
+    loss = gaussian_blur(_map(), variance.sqrt()).square().sum()
     (slope,) = torch.autograd.grad(loss, variance)
-    up, down = (float(blurred(_map(), math.sqrt(0.5 + d)).square().sum()) for d in (1e-5, -1e-5))
+    up, down = (float(gaussian_blur(_map(), math.sqrt(0.5 + d)).square().sum()) for d in (1e-5, -1e-5))
     assert float(slope) == pytest.approx((up - down) / 2e-5, rel=1e-6)
 
 
 @pytest.mark.parametrize("dtype", [torch.float64, torch.complex128])
 def test_half_a_sample_is_the_mean_of_two(dtype: torch.dtype) -> None:
     values = _map(dtype)
-    found = warped(values, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.5)))
+    found = affine_warp(values, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.5)))
     torch.testing.assert_close(found[:, :-1], (values[:, :-1] + values[:, 1:]) / 2)
     torch.testing.assert_close(found[:, -1], values[:, -1])  # beyond the edge it goes on as it was
 
 
 def test_a_warp_to_another_shape_is_about_both_centres() -> None:
-    y, x = (centred(n, torch.float64, torch.device("cpu")) for n in (18, 25))
+    y, x = (centred_indices(n, torch.float64, torch.device("cpu")) for n in (18, 25))
     ramp = 3 * y[:, None] - 2 * x[None, :]
-    found = warped(ramp, ((2.0, 0.0, 0.25), (0.0, 0.5, 1.0)), shape=(4, 6))
-    v, u = (centred(n, torch.float64, torch.device("cpu")) for n in (4, 6))
+    found = affine_warp(ramp, ((2.0, 0.0, 0.25), (0.0, 0.5, 1.0)), shape=(4, 6))
+    v, u = (centred_indices(n, torch.float64, torch.device("cpu")) for n in (4, 6))
     torch.testing.assert_close(found, 3 * (2 * v + 0.25)[:, None] - 2 * (0.5 * u + 1.0)[None, :])

@@ -8,15 +8,15 @@ from typing import Any
 import pytest
 import torch
 
-from holoview.optics.resample import upsampled
+from holoview.optics.resample import upsample_nearest
 from holoview.optics.slm import (
-    folded,
+    fold_spectrum,
     level_numbers,
     nearest_level,
     optical_path,
     phasor,
-    pixel_response,
-    pooled,
+    pixel_spectrum,
+    sum_pool,
     summed,
 )
 from holoview.system import Modulator
@@ -89,7 +89,7 @@ def test_gradients_pass_through_the_levels_as_if_the_modulator_were_continuous()
 
 def test_a_pixel_is_a_square_of_equal_samples() -> None:
     pixels = torch.arange(6.0).reshape(2, 3)
-    fine = upsampled(pixels, 3)
+    fine = upsample_nearest(pixels, 3)
     assert fine.shape == (6, 9)
     for y in range(6):
         for x in range(9):
@@ -101,14 +101,14 @@ def test_a_pixel_is_a_square_of_equal_samples() -> None:
 def test_pooling_is_the_adjoint_of_upsampling(factor: int, complex_: bool) -> None:
     make = _random_complex if complex_ else _random
     x, y = make(2, 4, 5), make(2, 4 * factor, 5 * factor, seed=2)
-    forward, back = (upsampled(x, factor).conj() * y).sum(), (x.conj() * pooled(y, factor)).sum()
+    forward, back = (upsample_nearest(x, factor).conj() * y).sum(), (x.conj() * sum_pool(y, factor)).sum()
     torch.testing.assert_close(forward, back, rtol=1e-12, atol=0)
 
 
 @pytest.mark.parametrize("factor", [1, 2, 3])
 def test_folding_is_the_adjoint_of_repeating(factor: int) -> None:
     x, y = _random_complex(2, 4, 5), _random_complex(2, 4 * factor, 5 * factor, seed=2)
-    forward, back = (x.repeat(1, factor, factor).conj() * y).sum(), (x.conj() * folded(y, factor)).sum()
+    forward, back = (x.repeat(1, factor, factor).conj() * y).sum(), (x.conj() * fold_spectrum(y, factor)).sum()
     torch.testing.assert_close(forward, back, rtol=1e-12, atol=0)
 
 
@@ -129,15 +129,15 @@ def test_the_spectrum_of_an_upsampled_pattern_is_that_of_its_pixels_repeated_tim
     pixels = _random_complex(6, 8)
     turns = [slope * torch.arange(n * factor, dtype=torch.float64) for n, slope in zip((6, 8), slopes, strict=True)]
     y, x = (torch.exp(2j * math.pi * t) for t in turns)
-    expected = torch.fft.fft2(upsampled(pixels, factor) * y[:, None] * x[None, :])
+    expected = torch.fft.fft2(upsample_nearest(pixels, factor) * y[:, None] * x[None, :])
     seen = pixels * y[::factor, None] * x[None, ::factor]
-    response = pixel_response(6 * factor, factor, slopes[0])[:, None] * pixel_response(8 * factor, factor, slopes[1])
+    response = pixel_spectrum(6 * factor, factor, slopes[0])[:, None] * pixel_spectrum(8 * factor, factor, slopes[1])
     found = torch.fft.fft2(seen).repeat(factor, factor) * response
     torch.testing.assert_close(found, expected, rtol=0, atol=1e-12 * float(expected.abs().max()))
 
 
 def test_a_pixels_spectrum_on_the_axis_is_a_dirichlet_kernel_of_its_width() -> None:
-    response = pixel_response(12, 3, 0.0)
+    response = pixel_spectrum(12, 3, 0.0)
     f = torch.arange(12, dtype=torch.float64) / 12
     expected = torch.cat([torch.tensor([3.0]).double(), torch.sin(3 * math.pi * f[1:]) / torch.sin(math.pi * f[1:])])
     torch.testing.assert_close(response.abs(), expected.abs(), rtol=0, atol=1e-14)

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from holoview.errors import UserError
-from holoview.optics.slots import make_slots
+from holoview.optics.slots import make_frame_inputs
 from holoview.plan import Plan, make_plan
 from holoview.system import Modulator, System
 
@@ -36,14 +36,14 @@ def _drive(seed: int = 0) -> np.ndarray:
 
 def test_each_modulator_turns_its_own_drive_into_its_own_path() -> None:
     drive = _drive()
-    opd = make_slots(_plan(), drive).opd_m.numpy()
+    opd = make_frame_inputs(_plan(), drive).opd_m.numpy()
     np.testing.assert_allclose(opd[:, 0], drive[:, 0] * 800e-9, rtol=1e-15)
     np.testing.assert_allclose(opd[:, 1], drive[:, 1] * 600e-9, rtol=1e-15)
 
 
 def test_a_modulator_with_levels_shows_the_nearest_ones() -> None:
     drive = _drive()
-    opd = make_slots(_plan(**{"modulators.1.levels": 3}), drive).opd_m.numpy()
+    opd = make_frame_inputs(_plan(**{"modulators.1.levels": 3}), drive).opd_m.numpy()
     np.testing.assert_allclose(opd[:, 0], drive[:, 0] * 800e-9, rtol=1e-15)
     np.testing.assert_allclose(opd[:, 1], np.round(drive[:, 1] * 2) / 2 * 600e-9, rtol=1e-15)
 
@@ -60,9 +60,9 @@ def test_any_kind_of_array_will_do_and_becomes_double_precision(kind: str) -> No
         "frozen": frozen,
         "reversed": drive[::-1].copy()[::-1],
     }
-    opd = make_slots(_plan(), kinds[kind]).opd_m
+    opd = make_frame_inputs(_plan(), kinds[kind]).opd_m
     assert opd.dtype == torch.float64
-    torch.testing.assert_close(opd, make_slots(_plan(), drive).opd_m, rtol=0, atol=0)
+    torch.testing.assert_close(opd, make_frame_inputs(_plan(), drive).opd_m, rtol=0, atol=0)
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_any_kind_of_array_will_do_and_becomes_double_precision(kind: str) -> No
 )
 def test_a_drive_of_another_shape_is_refused_with_the_shape_expected(shape: tuple[int, ...], found: str) -> None:
     with pytest.raises(UserError, match=rf"drive: an array of shape {found}; .*\(2, 2, 3, 4\)"):
-        make_slots(_plan(), np.full(shape, 0.5))
+        make_frame_inputs(_plan(), np.full(shape, 0.5))
 
 
 @pytest.mark.parametrize(("value", "found"), [(-0.01, "-0.01"), (1.01, "1.01"), (np.nan, "nan"), (np.inf, "inf")])
@@ -79,20 +79,20 @@ def test_a_drive_outside_the_stroke_is_refused(value: float, found: str) -> None
     drive = _drive()
     drive[1, 0, 2, 3] = value
     with pytest.raises(UserError, match=rf"drive: values from .*{found}.*; expected 0 to 1"):
-        make_slots(_plan(), drive)
+        make_frame_inputs(_plan(), drive)
 
 
 @pytest.mark.parametrize("drive", [np.full((2, 2, 3, 4), 0.5j), "noise"], ids=["complex", "text"])
 def test_a_drive_that_is_no_real_array_is_refused(drive: Any) -> None:
     with pytest.raises(UserError, match="drive"):
-        make_slots(_plan(), drive)
+        make_frame_inputs(_plan(), drive)
 
 
 def test_the_ends_of_the_stroke_are_allowed() -> None:
-    assert float(make_slots(_plan(), np.ones((2, 2, 3, 4))).opd_m.max()) == 800e-9
+    assert float(make_frame_inputs(_plan(), np.ones((2, 2, 3, 4))).opd_m.max()) == 800e-9
 
 
 def test_only_relays_with_glass_have_pupils() -> None:
-    slots = make_slots(_plan(**{"relay1.iris_na": 0.02, "relay2.apodisation_na": 0.02}), _drive())
+    slots = make_frame_inputs(_plan(**{"relay1.iris_na": 0.02, "relay2.apodisation_na": 0.02}), _drive())
     assert slots.pupils[0] == (None, None)
     assert all(glass is not None and glass.dtype == torch.complex128 for glass in slots.pupils[1])

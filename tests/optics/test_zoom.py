@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from holoview.optics import zoom
-from holoview.optics.zoom import fourier_matrix, fourier_sums
+from holoview.optics.zoom import chirp_z_transform, dft_matrix
 
 
 @pytest.mark.parametrize("count", [5, 40, 300])
@@ -17,20 +17,20 @@ def test_sums_are_the_sums(
 ) -> None:
     monkeypatch.setattr(zoom, "_BY_MATRIX", 0 if chirps else 1000)
     values = torch.randn(3, 37, dtype=torch.complex128, generator=torch.Generator().manual_seed(0))
-    expected = values @ fourier_matrix(37, first, step, count).T
+    expected = values @ dft_matrix(37, first, step, count).T
     torch.testing.assert_close(
-        fourier_sums(values, first, step, count), expected, rtol=0, atol=1e-9
+        chirp_z_transform(values, first, step, count), expected, rtol=0, atol=1e-9
     )  # chirps of 18000 turns
 
 
 def test_the_frequencies_of_an_fft_give_the_fft() -> None:
     values = torch.randn(16, dtype=torch.complex128, generator=torch.Generator().manual_seed(1))
     centre = torch.exp(2j * torch.pi * torch.arange(16).double() * 7.5 / 16)  # positions count from the middle
-    torch.testing.assert_close(fourier_sums(values[None], 0.0, 1 / 16, 16)[0], torch.fft.fft(values) * centre)
+    torch.testing.assert_close(chirp_z_transform(values[None], 0.0, 1 / 16, 16)[0], torch.fft.fft(values) * centre)
 
 
 def test_single_precision_keeps_six_digits_at_full_size() -> None:
     values = torch.randn(2, 1920, dtype=torch.complex64, generator=torch.Generator().manual_seed(2))
-    found = fourier_sums(values, -0.4, 0.8 / 2048, 2048)
-    expected = fourier_sums(values.to(torch.complex128), -0.4, 0.8 / 2048, 2048)
+    found = chirp_z_transform(values, -0.4, 0.8 / 2048, 2048)
+    expected = chirp_z_transform(values.to(torch.complex128), -0.4, 0.8 / 2048, 2048)
     assert float((found - expected).norm() / expected.norm()) < 2e-6

@@ -14,8 +14,8 @@ import torch
 
 from holoview.grid import positions
 from holoview.optics.propagate import transfer_function
-from holoview.optics.pupil import pupil
-from holoview.optimise.model import Model
+from holoview.optics.pupil import nominal_pupil
+from holoview.optimise.model import ForwardModel
 from holoview.optimise.objective import make_objective
 from holoview.optimise.problem import Problem
 from holoview.optimise.settings import Settings
@@ -107,7 +107,7 @@ class Plain:
 
     def _relayed(self, spectrum: torch.Tensor, relay: int, laser: int, z: float) -> torch.Tensor:
         h = transfer_function(self.plan.transfer(relay, laser, z), self.plan.grid, torch.complex128, CPU)
-        glass = pupil(self.plan, relay, laser, torch.complex128, CPU)
+        glass = nominal_pupil(self.plan, relay, laser, torch.complex128, CPU)
         return torch.fft.ifft2(spectrum * (h if glass is None else h * glass))[self.plan.grid.inside]
 
 
@@ -167,7 +167,7 @@ def double_problem(monkeypatch: pytest.MonkeyPatch) -> Callable[[System, np.ndar
     def made(system: System, stack: np.ndarray, settings: Settings) -> Problem:
         before = torch.get_default_dtype()
         with monkeypatch.context() as patch:
-            patch.setattr("holoview.optimise.traced.Model", partial(Model, double=True))
+            patch.setattr("holoview.optimise.traced.Model", partial(ForwardModel, double=True))
             patch.setattr("holoview.optimise.problem.make_objective", partial(make_objective, double=True))
             torch.set_default_dtype(torch.float64)
             try:

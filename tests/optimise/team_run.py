@@ -14,11 +14,11 @@ import numpy as np
 import torch
 
 from holoview.optimise import problem, traced
-from holoview.optimise.model import Model
+from holoview.optimise.model import ForwardModel
 from holoview.optimise.objective import make_objective
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.optimise.team import ALONE, Team, joined
+from holoview.optimise.team import SINGLE_PROCESS, ProcessGroup, torchrun_group
 from holoview.plan import make_plan
 from tests.optimise.conftest import small_bench
 
@@ -41,7 +41,7 @@ PROBES = 3
 _ROUNDING = 64 * np.finfo(np.float64).eps
 
 
-def run(case: str, team: Team, probe: int | None = None) -> dict[str, np.ndarray]:
+def run(case: str, team: ProcessGroup, probe: int | None = None) -> dict[str, np.ndarray]:
     """Losses of the iterations, and the best hologram; for a probe's seed, of a target with its last digits changed."""
     changes, settings = CASES[case]
     system = small_bench(**changes)
@@ -62,24 +62,24 @@ def run(case: str, team: Team, probe: int | None = None) -> dict[str, np.ndarray
     }
 
 
-def both(name: str, case: str, team: Team) -> dict[str, np.ndarray]:
+def both(name: str, case: str, team: ProcessGroup) -> dict[str, np.ndarray]:
     """Of the team; and of one process, if this one leads."""
     found = {f"{name}/{key}": value for key, value in run(case, team).items()}
-    alone = run(case, ALONE) if team.leads else {}
+    alone = run(case, SINGLE_PROCESS) if team.is_main else {}
     return found | {f"{name}/alone/{key}": value for key, value in alone.items()}
 
 
 def main(folder: Path) -> None:
     torch.set_num_threads(1)
-    with joined("cpu") as team:
+    with torchrun_group("cpu") as team:
         found = both("single", next(iter(CASES)), team)
         torch.set_default_dtype(torch.float64)
-        traced.Model = partial(Model, double=True)  # type: ignore[misc,assignment]
+        traced.ForwardModel = partial(ForwardModel, double=True)  # type: ignore[misc,assignment]
         problem.make_objective = partial(make_objective, double=True)
         for case in CASES:
             found |= both(case, case, team)
-        for probe in range(PROBES if team.leads else 0):
-            found |= {f"probe {probe}/{key}": value for key, value in run(PROBED, ALONE, probe).items()}
+        for probe in range(PROBES if team.is_main else 0):
+            found |= {f"probe {probe}/{key}": value for key, value in run(PROBED, SINGLE_PROCESS, probe).items()}
     np.savez(folder / f"{team.rank}.npz", **found)
 
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 from scipy.optimize import nnls
 
-from holoview.optimise.amplitudes import AmplitudeProblem
+from holoview.optimise.amplitudes import AmplitudeLeastSquares
 
 Noise = Callable[..., torch.Tensor]
 PLANES, SHAPE = 2, (9, 11)
@@ -19,9 +19,9 @@ def _solve(
     intensity: torch.Tensor, colours: torch.Tensor, target: torch.Tensor, weights: tuple[float, ...] = (1.0, 1.0)
 ) -> np.ndarray:
     """Amplitudes for intensity (laser, plane, y, x), colours (laser, channel), target (plane, channel, y, x)."""
-    problem = AmplitudeProblem(colours.double().numpy())
+    problem = AmplitudeLeastSquares(colours.double().numpy())
     for plane, weight in enumerate(weights):
-        problem.add(intensity[:, plane], target[plane], weight)
+        problem.add_plane(intensity[:, plane], target[plane], weight)
     return problem.solve()
 
 

@@ -12,10 +12,10 @@ import pytest
 
 import holoview as hv
 from holoview.errors import UserError
-from holoview.optimise.checkpoint import Checkpoint, digest, load_checkpoint
+from holoview.optimise.checkpoint import Checkpoint, load_checkpoint, target_digest
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.optimise.state import State
+from holoview.optimise.state import IterationState
 from holoview.system import System
 
 BRIEF = {"iterations": 9, "amplitudes_every": 4}
@@ -45,11 +45,11 @@ def _stack(seed: int = 0) -> np.ndarray:
 
 
 @cache
-def _uninterrupted(name: str) -> list[State]:
+def _uninterrupted(name: str) -> list[IterationState]:
     return _states(name)
 
 
-def _states(name: str, resume: Checkpoint | None = None) -> list[State]:
+def _states(name: str, resume: Checkpoint | None = None) -> list[IterationState]:
     bench, settings, _ = RUNS[name]
     return list(iterate(_system(**bench), _stack(), Settings(**(BRIEF | settings)), resume=resume))
 
@@ -62,7 +62,7 @@ def _stopped_after(iterations: int, name: str = "default") -> Checkpoint:
     return state.checkpoint()
 
 
-def _figures(states: list[State]) -> list[tuple[float, ...]]:
+def _figures(states: list[IterationState]) -> list[tuple[float, ...]]:
     return [(s.iteration, s.loss, s.psnr_db, s.best_psnr_db, s.eyebox) for s in states]
 
 
@@ -188,5 +188,15 @@ def test_a_missing_checkpoint_is_named(tmp_path: Path) -> None:
 
 def test_the_digest_knows_values_and_shape() -> None:
     stack = _stack()
-    assert digest(stack) == digest(stack.astype(np.float64))
-    assert len({digest(stack), digest(stack[:1]), digest(stack.reshape(2, 32, 24, 3)), digest(stack + 1)}) == 4
+    assert target_digest(stack) == target_digest(stack.astype(np.float64))
+    assert (
+        len(
+            {
+                target_digest(stack),
+                target_digest(stack[:1]),
+                target_digest(stack.reshape(2, 32, 24, 3)),
+                target_digest(stack + 1),
+            }
+        )
+        == 4
+    )

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from holoview.errors import UserError
-from holoview.optimise.device import find_device
+from holoview.optimise.device import resolve_torch_device
 
 
 @pytest.fixture
@@ -24,19 +24,19 @@ def _only_the_processor(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("_only_the_processor")
 def test_without_a_graphics_card_it_is_the_processor() -> None:
-    assert find_device() == find_device("auto") == find_device("cpu") == "cpu"
+    assert resolve_torch_device() == resolve_torch_device("auto") == resolve_torch_device("cpu") == "cpu"
 
 
 @pytest.mark.usefixtures("_cuda")
 def test_a_graphics_card_is_preferred() -> None:
-    assert find_device() == "cuda"
+    assert resolve_torch_device() == "cuda"
 
 
 @pytest.mark.usefixtures("_only_the_processor")
 @pytest.mark.parametrize("name", ["cuda", "cuda:1", "mps", "gpu", ""])
 def test_a_device_that_is_not_there_is_refused_with_those_that_are(name: str) -> None:
     with pytest.raises(UserError, match=f'device: "{name}" isn\'t available; expected one of cpu'):
-        find_device(name)
+        resolve_torch_device(name)
 
 
 @pytest.mark.usefixtures("_cuda")
@@ -46,4 +46,4 @@ def test_a_device_that_cannot_transform_is_refused(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(torch, "ones", broken)
     with pytest.raises(UserError, match='device: "cuda:7" doesn\'t work: no such ordinal; expected one of cuda'):
-        find_device("cuda:7")
+        resolve_torch_device("cuda:7")

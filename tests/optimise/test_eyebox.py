@@ -13,15 +13,15 @@ import torch
 import holoview as hv
 from holoview.grid import frequency_indices
 from holoview.hologram import Hologram
-from holoview.optics.propagate import relay_response
-from holoview.optics.pupil import pupil
-from holoview.optics.slots import make_slots
-from holoview.optimise.eyebox import Eyebox
-from holoview.optimise.model import Model
-from holoview.optimise.problem import Problem, Wanted
+from holoview.optics.propagate import relay_transfer_function
+from holoview.optics.pupil import nominal_pupil
+from holoview.optics.slots import make_frame_inputs
+from holoview.optimise.eyebox import EyeboxPenalty
+from holoview.optimise.model import ForwardModel
+from holoview.optimise.problem import EvaluationRequest, Problem
 from holoview.optimise.settings import Settings
 from holoview.plan import Plan, make_plan
-from holoview.score import eyebox_of
+from holoview.score import eyebox_uniformity_of
 from holoview.system import System
 
 Bench = Callable[..., System]
@@ -46,8 +46,8 @@ def _system(bench: Bench, name: str = "clear") -> System:
     return bench(**({"shape": [10, 13], "amplitudes": [[1.0, 0.5, 2.0]]} | BENCHES[name]))
 
 
-def _model(system: System) -> Model:
-    return Model(make_plan(system), double=True)
+def _model(system: System) -> ForwardModel:
+    return ForwardModel(make_plan(system), double=True)
 
 
 def _opd(system: System, noise: Noise) -> torch.Tensor:
@@ -67,8 +67,8 @@ def _penalty(plain: Any, plan: Plan, opd_m: torch.Tensor, amplitudes: torch.Tens
         envelope *= np.array(one)[:, None] if axis == 0 else np.array(one)
     total, lit = torch.zeros(()), 0
     for λ in range(len(plan.system.wavelengths_m)):
-        glass = pupil(plan, 1, λ, torch.complex128, CPU)
-        stop = relay_response(plan.transfer(1, λ, 0.0), plan.grid, glass, torch.complex128, CPU).abs().square()
+        glass = nominal_pupil(plan, 1, λ, torch.complex128, CPU)
+        stop = relay_transfer_function(plan.transfer(1, λ, 0.0), plan.grid, glass, torch.complex128, CPU).abs().square()
         light = torch.zeros(plan.grid.padded)
         for frame in range(plan.system.frames):
             for source in range(len(plan.slopes)):
@@ -95,10 +95,10 @@ def _columns(band: torch.Tensor) -> tuple[torch.Tensor, ...]:
 def test_the_variation_is_that_of_the_score(name: str, bench: Bench) -> None:
     system = _system(bench, name)
     drive, model = hv.random_drive(system), _model(system)
-    model.forward(make_slots(model.plan, drive).opd_m)
-    eyebox = Eyebox(model)
-    found = eyebox.variation(eyebox.blocks(system.amplitudes))
-    expected = eyebox_of(Hologram(drive, system)).coefficient_of_variation
+    model.forward(make_frame_inputs(model.plan, drive).opd_m)
+    eyebox = EyeboxPenalty(model)
+    found = eyebox.variation(eyebox.block_means(system.amplitudes))
+    expected = eyebox_uniformity_of(Hologram(drive, system)).coefficient_of_variation
     assert found == pytest.approx(expected, rel=1e-6)  # the score is single precision
 
 
@@ -113,9 +113,9 @@ def test_the_penalty_and_its_gradient_are_those_of_a_plain_model(
     expected.backward()
     assert opd.grad is not None
     model.forward(opd_m)
-    eyebox, gradient = Eyebox(model), torch.zeros_like(opd_m)
-    penalty = eyebox.add_penalty(eyebox.blocks(amplitudes), amplitudes, 0.7)
-    model.finish(gradient)
+    eyebox, gradient = EyeboxPenalty(model), torch.zeros_like(opd_m)
+    penalty = eyebox.add_penalty(eyebox.block_means(amplitudes), amplitudes, 0.7)
+    model.accumulate_gradients(gradient)
     assert penalty == pytest.approx(expected.item(), rel=1e-11)
     assert float((gradient - opd.grad).norm()) <= 1e-11 * float(opd.grad.norm())
     assert float(opd.grad.norm()) > 0
@@ -128,20 +128,20 @@ def test_the_gradient_of_loss_and_penalty_is_what_central_differences_approach(
     system, step_m = _system(bench, name), 1e-11
     stack = np.full((2, *make_plan(system).grid.shape, 3), 0.4)
     problem, opd_m = double_problem(system, stack, Settings(eyebox=0.5)), _opd(system, noise)
-    gradient = problem.evaluate(opd_m, system.amplitudes, Wanted(gradient=True)).gradient
+    gradient = problem.evaluate(opd_m, system.amplitudes, EvaluationRequest(path_gradient=True)).path_gradient
     assert gradient is not None
     for pixel in ((0, 0, 0, 0), (0, 1, 5, 6), (0, 0, 9, 12)):
         losses = []
         for sign in (1, -1):
             moved = opd_m.clone()
             moved[pixel] += sign * step_m
-            losses.append(problem.evaluate(moved, system.amplitudes, Wanted()).loss)
+            losses.append(problem.evaluate(moved, system.amplitudes, EvaluationRequest()).loss)
         expected = (losses[0] - losses[1]) / (2 * step_m)
         # Phase steps of 1e-4 rad leave a cubic term of the order of their square, 1e-8.
         assert float(gradient[pixel]) == pytest.approx(expected, abs=1e-7 * float(gradient.abs().max()))
 
 
-def _lit(model: Model, power: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:
+def _lit(model: ForwardModel, power: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> None:
     """Gives every beam a spectrum of that power, a function of cycles a sample (y, x)."""
     y, x = (frequency_indices(n) / n for n in model.plan.grid.padded)
     amplitude = torch.from_numpy(np.sqrt(power(y[:, None], x[None, :])))
@@ -149,7 +149,7 @@ def _lit(model: Model, power: Callable[[np.ndarray, np.ndarray], np.ndarray]) ->
         spectrum.copy_(amplitude)
 
 
-def _envelope(model: Model, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+def _envelope(model: ForwardModel, y: np.ndarray, x: np.ndarray) -> np.ndarray:
     upsample = model.plan.grid.upsample
     return (np.sinc(upsample * y) / np.sinc(y) * np.sinc(upsample * x) / np.sinc(x)) ** 2
 
@@ -159,19 +159,19 @@ def test_even_light_has_no_variation_no_penalty_and_no_gradient(name: str, bench
     system = _system(bench, name)
     model = _model(system)
     _lit(model, lambda y, x: _envelope(model, y, x))
-    eyebox = Eyebox(model)
-    blocks = eyebox.blocks(system.amplitudes)
+    eyebox = EyeboxPenalty(model)
+    blocks = eyebox.block_means(system.amplitudes)
     assert eyebox.variation(blocks) == pytest.approx(0, abs=1e-12)
     assert eyebox.add_penalty(blocks, system.amplitudes, 1.0) == pytest.approx(0, abs=1e-12)
-    assert float(model.carried.abs().max()) <= 1e-12
+    assert float(model.adjoint_spectra.abs().max()) <= 1e-12
 
 
 def test_light_in_one_block_of_sixty_four_is_the_worst(bench: Bench) -> None:
     model = _model(bench(shape=[12, 16]))
     _lit(model, lambda y, x: 1.0 * (y == 0) * (x == 0))
-    eyebox = Eyebox(model)
+    eyebox = EyeboxPenalty(model)
     amplitudes = model.plan.system.amplitudes
-    blocks = eyebox.blocks(amplitudes)
+    blocks = eyebox.block_means(amplitudes)
     assert eyebox.variation(blocks) == pytest.approx(math.sqrt(63), rel=1e-12)
     assert eyebox.add_penalty(blocks, amplitudes, 2.0) == pytest.approx(2 * 63, rel=1e-12)
 
@@ -180,8 +180,8 @@ def test_every_wavelength_counts_alike_however_bright(bench: Bench, noise: Noise
     system = _system(bench)
     model, dim = _model(system), np.array([1e-6, 1.0, 1e3])
     model.forward(_opd(system, noise))
-    eyebox = Eyebox(model)
-    found = [eyebox.add_penalty(eyebox.blocks(a), a, 1.0) for a in (system.amplitudes, system.amplitudes * dim)]
+    eyebox = EyeboxPenalty(model)
+    found = [eyebox.add_penalty(eyebox.block_means(a), a, 1.0) for a in (system.amplitudes, system.amplitudes * dim)]
     assert found[1] == pytest.approx(found[0], rel=1e-12)
 
 
@@ -192,10 +192,10 @@ def test_a_laser_that_is_switched_off_has_no_say(bench: Bench, noise: Noise) -> 
     for known in (system, two):  # once switched off by the amplitudes only, once not modelled at all
         model, gradient = _model(known), torch.zeros(system.drive_shape, dtype=torch.float64)
         model.forward(_opd(system, noise))
-        eyebox = Eyebox(model)
-        blocks = eyebox.blocks(two.amplitudes)
+        eyebox = EyeboxPenalty(model)
+        blocks = eyebox.block_means(two.amplitudes)
         penalty = eyebox.add_penalty(blocks, two.amplitudes, 1.0)
-        model.finish(gradient)
+        model.accumulate_gradients(gradient)
         found.append((penalty, eyebox.variation(blocks), gradient))
     assert found[0][:2] == pytest.approx(found[1][:2], rel=1e-12)
     torch.testing.assert_close(found[0][2], found[1][2], rtol=1e-10, atol=0)
@@ -207,11 +207,11 @@ def test_a_wavelength_that_does_not_reach_the_eyebox_leaves_the_others_their_say
     model, gradient = _model(system), torch.zeros(system.drive_shape, dtype=torch.float64)
     model.forward(_opd(system, noise))
     model.spectra[1].zero_()  # of the second wavelength
-    eyebox = Eyebox(model)
-    penalty = eyebox.add_penalty(eyebox.blocks(system.amplitudes), system.amplitudes, 1.0)
+    eyebox = EyeboxPenalty(model)
+    penalty = eyebox.add_penalty(eyebox.block_means(system.amplitudes), system.amplitudes, 1.0)
     off = system.amplitudes * [[1.0, 0.0, 1.0]]
-    assert penalty == pytest.approx(eyebox.add_penalty(eyebox.blocks(off), off, 1.0), rel=1e-12)
-    model.finish(gradient)
+    assert penalty == pytest.approx(eyebox.add_penalty(eyebox.block_means(off), off, 1.0), rel=1e-12)
+    model.accumulate_gradients(gradient)
     assert bool(torch.isfinite(gradient).all())
 
 
@@ -221,10 +221,12 @@ def test_loss_and_variation_of_an_evaluation_have_the_penalty_in_them(
     system = _system(bench)
     stack, opd_m = np.full((2, *make_plan(system).grid.shape, 3), 0.4), _opd(system, noise)
     free, half, whole = (
-        double_problem(system, stack, Settings(eyebox=w)).evaluate(opd_m, system.amplitudes, Wanted(eyebox=True))
+        double_problem(system, stack, Settings(eyebox=w)).evaluate(
+            opd_m, system.amplitudes, EvaluationRequest(eyebox_variation=True)
+        )
         for w in (0.0, 0.5, 1.0)
     )
     assert half.loss - free.loss == pytest.approx(0.5 * (whole.loss - free.loss), rel=1e-12)
     assert whole.loss > free.loss
-    assert free.eyebox == half.eyebox == whole.eyebox
+    assert free.eyebox_variation == half.eyebox_variation == whole.eyebox_variation
     assert free.psnr_db == whole.psnr_db

@@ -16,7 +16,7 @@ from torch.utils._pytree import tree_leaves
 
 from holoview.errors import UserError
 from holoview.optimise import memory
-from holoview.optimise.memory import keeps_fields, needs_memory, on_compact_grid, peak_bytes
+from holoview.optimise.memory import memory_guard, peak_bytes, should_keep_fields, with_compact_grid
 from holoview.optimise.problem import Problem
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
@@ -95,8 +95,8 @@ def test_the_estimate_is_within_a_tenth_of_what_an_optimisation_holds_at_its_pea
 ) -> None:
     if not keep:
         monkeypatch.setattr(memory, "_FIELD_BUDGET_BYTES", 0)
-    system = on_compact_grid(_system(bench, name))
-    assert keeps_fields(make_plan(system)) is keep
+    system = with_compact_grid(_system(bench, name))
+    assert should_keep_fields(make_plan(system)) is keep
     assert peak_bytes(system) == pytest.approx(_peak_of(system), rel=0.1)
 
 
@@ -110,18 +110,18 @@ def test_the_estimate_is_within_a_tenth_of_what_an_optimisation_holds_at_its_pea
     ids=["encoded", "eyebox", "wavelengths"],
 )
 def test_the_estimate_holds_for_other_settings(settings: dict[str, Any], bench: Bench) -> None:
-    system = on_compact_grid(_system(bench, "eight lasers"))
-    needed = peak_bytes(system, chromatic="wavelengths" in settings.get("free", ()))
+    system = with_compact_grid(_system(bench, "eight lasers"))
+    needed = peak_bytes(system, free_wavelengths="wavelengths" in settings.get("free", ()))
     assert needed == pytest.approx(_peak_of(system, 4, **settings), rel=0.1)
 
 
 def test_a_bench_on_twice_the_grid_is_estimated_on_the_compact_one(bench: Bench) -> None:
     system = _system(bench)
     assert system.sampling.propagation == "linear"
-    assert peak_bytes(system) == peak_bytes(on_compact_grid(system))
-    assert on_compact_grid(system).sampling.propagation == "compact"
+    assert peak_bytes(system) == peak_bytes(with_compact_grid(system))
+    assert with_compact_grid(system).sampling.propagation == "compact"
     periodic = system.edit({"propagation": "periodic"})
-    assert on_compact_grid(periodic) is periodic
+    assert with_compact_grid(periodic) is periodic
 
 
 @pytest.mark.parametrize(
@@ -137,11 +137,11 @@ def test_a_bench_on_twice_the_grid_is_estimated_on_the_compact_one(bench: Bench)
 def test_running_out_of_memory_is_said_with_what_is_needed_and_what_to_lower(
     raised: Exception, found: str, bench: Bench
 ) -> None:
-    plan = make_plan(on_compact_grid(_system(bench)))
+    plan = make_plan(with_compact_grid(_system(bench)))
     needed = f"{peak_bytes(plan.system) / 2**30:.3g} GiB"
     message = f"optimisation: needs about {needed} of memory {found}"
     pattern = f"^{re.escape(message)}.*lower shape, upsample, frames, sources"
-    with pytest.raises(UserError, match=pattern), needs_memory(plan, "cpu"):
+    with pytest.raises(UserError, match=pattern), memory_guard(plan, "cpu"):
         raise raised
 
 
@@ -149,7 +149,7 @@ def test_running_out_of_memory_is_said_with_what_is_needed_and_what_to_lower(
     "raised", [RuntimeError("shape mismatch"), ValueError("memory"), UserError("x", "y")], ids=repr
 )
 def test_other_errors_pass(raised: Exception, bench: Bench) -> None:
-    with pytest.raises(type(raised)) as caught, needs_memory(make_plan(_system(bench)), "cpu"):
+    with pytest.raises(type(raised)) as caught, memory_guard(make_plan(_system(bench)), "cpu"):
         raise raised
     assert caught.value is raised
 
@@ -161,9 +161,9 @@ def test_a_machine_that_is_too_small_is_told_before_anything_is_made(
     plan, entered = make_plan(system), []
     tiny = psutil.virtual_memory()._replace(total=1 << 20)
     monkeypatch.setattr(psutil, "virtual_memory", lambda: tiny)
-    with pytest.raises(UserError, match=r"GiB of memory of 0\.000977 GiB"), needs_memory(plan, "cpu"):
+    with pytest.raises(UserError, match=r"GiB of memory of 0\.000977 GiB"), memory_guard(plan, "cpu"):
         entered.append("cpu")
-    with needs_memory(plan, "cuda"):  # its memory is another
+    with memory_guard(plan, "cuda"):  # its memory is another
         entered.append("cuda")
     assert entered == ["cuda"]
     with pytest.raises(UserError, match="lower shape"):
@@ -171,6 +171,6 @@ def test_a_machine_that_is_too_small_is_told_before_anything_is_made(
 
 
 def test_fields_are_kept_as_long_as_they_fit(bench: Bench) -> None:
-    assert keeps_fields(make_plan(_system(bench)))
+    assert should_keep_fields(make_plan(_system(bench)))
     large = bench(shape=[2160, 3840], amplitudes=[[1.0, 1.0, 1.0]] * 3)
-    assert not keeps_fields(make_plan(large))
+    assert not should_keep_fields(make_plan(large))

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.engine.frame import focal_stack
+from holoview.engine.frame import compute_focal_stack
 from holoview.engine.torch import TorchExecutor
-from holoview.optics.slots import make_slots
-from holoview.optimise.model import Model
+from holoview.optics.slots import make_frame_inputs
+from holoview.optimise.model import ForwardModel
 from holoview.plan import Plan, make_plan
 
 Noise = Callable[..., torch.Tensor]
@@ -28,19 +28,21 @@ def _target(plan: Plan, noise: Noise) -> torch.Tensor:
     return noise(1, len(plan.planes_m), *plan.grid.shape)
 
 
-def _run(model: Model, opd_m: torch.Tensor, target: torch.Tensor, chromatic: bool = False) -> dict[str, torch.Tensor]:
+def _run(
+    model: ForwardModel, opd_m: torch.Tensor, target: torch.Tensor, chromatic: bool = False
+) -> dict[str, torch.Tensor]:
     """Intensity (plane, y, x) of one laser in one frame, and the gradients of Σ (I − target)²."""
-    seen = torch.empty(len(model.lasers), *model.plan.grid.shape, dtype=model.real)
+    seen = torch.empty(len(model.lasers), *model.plan.grid.shape, dtype=model.real_dtype)
     planes, laser = [], model.lasers.index((FRAME, LASER))
-    model.forward(opd_m, chromatic=chromatic)
+    model.forward(opd_m, wavelength_gradient=chromatic)
     for plane, wanted in enumerate(target):
-        model.see(plane, seen)
+        model.plane_intensity(plane, seen)
         planes.append(seen[laser].clone())
         slope = torch.zeros_like(seen)
         slope[laser] = 2 * (seen[laser] - wanted)
-        model.answer(plane, slope)
+        model.backpropagate_plane(plane, slope)
     gradient, slopes = torch.zeros_like(opd_m), torch.zeros(len(model.plan.system.wavelengths_m), dtype=torch.float64)
-    model.finish(gradient, slopes if chromatic else None)
+    model.accumulate_gradients(gradient, slopes if chromatic else None)
     return {"intensity": torch.stack(planes), "gradient": gradient, "chromatic": slopes}
 
 
@@ -52,7 +54,7 @@ def test_the_adjoint_is_the_gradient_that_autograd_finds(
     target, opd_m = _target(plan, noise), _opd(plan, noise).requires_grad_()
     shown = plain(plan).intensity(opd_m, FRAME, LASER)
     (expected,) = torch.autograd.grad((shown - target).square().sum(), opd_m)
-    found = _run(Model(plan, double=True, keep=keep), opd_m.detach(), target)
+    found = _run(ForwardModel(plan, double=True, keep_fields=keep), opd_m.detach(), target)
     torch.testing.assert_close(found["intensity"], shown.detach(), rtol=1e-11, atol=1e-13)
     assert float((found["gradient"] - expected).norm()) <= 1e-13 * float(expected.norm())  # measured 3e-15
     assert float(expected[FRAME].norm()) > 0
@@ -63,7 +65,7 @@ def test_the_adjoint_is_what_central_differences_approach(
     case: str, plan_of: Callable[[str], Plan], noise: Noise
 ) -> None:
     plan = plan_of(case)
-    model, target, opd_m, step_m = Model(plan, double=True), _target(plan, noise), _opd(plan, noise), 1e-11
+    model, target, opd_m, step_m = ForwardModel(plan, double=True), _target(plan, noise), _opd(plan, noise), 1e-11
     gradient = _run(model, opd_m, target)["gradient"]
     for modulator in range(len(plan.system.modulators)):
         for y, x in ((0, 0), (3, 2), (5, 6)):
@@ -83,7 +85,7 @@ def test_the_wavelengths_gradient_is_what_central_differences_approach(
 ) -> None:
     plan = plan_of(case)
     target, opd_m, step = _target(plan, noise), _opd(plan, noise), 1e-7
-    found = _run(Model(plan, double=True), opd_m, target, chromatic=True)["chromatic"]
+    found = _run(ForwardModel(plan, double=True), opd_m, target, chromatic=True)["chromatic"]
     losses = []
     for sign in (1, -1):
         λ = plan.system.wavelengths_m.copy()
@@ -101,7 +103,7 @@ def test_where_an_apodisation_lets_nothing_through_the_wavelengths_gradient_is_f
 ) -> None:
     """exp(−(sin θ/NA)²) is 0 in float64 at the corners of the spectrum, and its logarithm has no slope there."""
     plan = make_plan(plan_of("two modulators").system.edit({"relay2.apodisation_na": 0.003}))
-    found = _run(Model(plan, double=True), _opd(plan, noise), _target(plan, noise), chromatic=True)
+    found = _run(ForwardModel(plan, double=True), _opd(plan, noise), _target(plan, noise), chromatic=True)
     assert bool(torch.isfinite(found["chromatic"]).all())
     assert float(found["chromatic"][LASER]) != 0.0
 
@@ -110,7 +112,7 @@ def test_the_wavelengths_gradient_leaves_that_of_the_patterns_as_it_is(
     plan_of: Callable[[str], Plan], noise: Noise
 ) -> None:
     plan = plan_of("glass")
-    model, opd_m, target = Model(plan, double=True), _opd(plan, noise), _target(plan, noise)
+    model, opd_m, target = ForwardModel(plan, double=True), _opd(plan, noise), _target(plan, noise)
     without = _run(model, opd_m, target)["gradient"]
     assert torch.equal(_run(model, opd_m, target, chromatic=True)["gradient"], without)
 
@@ -121,8 +123,8 @@ def test_the_adjoint_in_single_precision_is_near_that_in_double(
 ) -> None:
     plan = plan_of(case)
     opd_m, target = _opd(plan, noise).float(), _target(plan, noise).float()
-    expected = _run(Model(plan, double=True), opd_m.double(), target.double(), chromatic=True)
-    found = _run(Model(plan, keep=keep), opd_m, target, chromatic=True)
+    expected = _run(ForwardModel(plan, double=True), opd_m.double(), target.double(), chromatic=True)
+    found = _run(ForwardModel(plan, keep_fields=keep), opd_m, target, chromatic=True)
     # Measured 5e-7, 1.1e-6, and 3e-6: the wavelength's gradient is a small sum of large terms of both signs.
     for name, tolerance in (("intensity", 1e-6), ("gradient", 2e-6), ("chromatic", 1e-5)):
         assert float((found[name] - expected[name]).norm()) <= tolerance * float(expected[name].norm()), name
@@ -130,14 +132,14 @@ def test_the_adjoint_in_single_precision_is_near_that_in_double(
 
 def test_the_model_sees_what_the_executor_simulates(case: str, plan_of: Callable[[str], Plan], noise: Noise) -> None:
     plan = plan_of(case)
-    slots = make_slots(plan, noise(2, *plan.system.drive_shape))
-    expected, _ = focal_stack(TorchExecutor(plan, slots, double=True))
-    model = Model(plan, double=True)
+    slots = make_frame_inputs(plan, noise(2, *plan.system.drive_shape))
+    expected, _ = compute_focal_stack(TorchExecutor(plan, slots, double=True))
+    model = ForwardModel(plan, double=True)
     seen = torch.empty(len(model.lasers), *plan.grid.shape, dtype=torch.float64)
     found = np.zeros_like(expected)
     model.forward(slots.opd_m)
     for plane in range(len(plan.planes_m)):
-        model.see(plane, seen)
+        model.plane_intensity(plane, seen)
         for (frame, laser), intensity in zip(model.lasers, seen, strict=True):
             amplitude = plan.system.amplitudes[frame, laser] / plan.system.frames
             found[plane, laser] += amplitude * intensity.numpy()
@@ -146,12 +148,12 @@ def test_the_model_sees_what_the_executor_simulates(case: str, plan_of: Callable
 
 def test_planes_may_be_seen_in_any_order_and_again(plan_of: Callable[[str], Plan], noise: Noise) -> None:
     plan = plan_of("sources")
-    model = Model(plan, double=True)
+    model = ForwardModel(plan, double=True)
     first, again = (torch.empty(len(model.lasers), *plan.grid.shape, dtype=torch.float64) for _ in range(2))
     model.forward(_opd(plan, noise))
-    model.see(2, first)
-    model.see(0, again)
-    model.see(2, again)
+    model.plane_intensity(2, first)
+    model.plane_intensity(0, again)
+    model.plane_intensity(2, again)
     assert torch.equal(again, first)
 
 
@@ -161,11 +163,11 @@ def test_a_model_that_goes_on_with_other_wavelengths_is_as_a_new_one(
     plan = plan_of(case)
     moved = replace(make_plan(plan.system.edit({"wavelengths": [471e-9, 629e-9]})), grid=plan.grid)
     opd_m, target = _opd(plan, noise), _target(plan, noise)
-    model = Model(plan, double=True)
+    model = ForwardModel(plan, double=True)
     before = _run(model, opd_m, target, chromatic=True)
-    model.use(moved)
+    model.set_plan(moved)
     found = _run(model, opd_m, target, chromatic=True)
-    expected = _run(Model(moved, double=True), opd_m, target, chromatic=True)
+    expected = _run(ForwardModel(moved, double=True), opd_m, target, chromatic=True)
     for name, part in expected.items():
         assert torch.equal(found[name], part), name
         assert not torch.equal(found[name], before[name]), name
@@ -173,7 +175,7 @@ def test_a_model_that_goes_on_with_other_wavelengths_is_as_a_new_one(
 
 def test_only_lasers_that_are_on_are_modelled(plan_of: Callable[[str], Plan]) -> None:
     plan = plan_of("sources")
-    model = Model(make_plan(plan.system.edit({"amplitudes": [[1.0, 0.0], [0.0, 2.0]]})))
+    model = ForwardModel(make_plan(plan.system.edit({"amplitudes": [[1.0, 0.0], [0.0, 2.0]]})))
     assert model.lasers == [(0, 0), (1, 1)]
     assert [(beam.laser, beam.frame, beam.wavelength, beam.source) for beam in model.beams] == [
         *((0, 0, 0, s) for s in range(3)),

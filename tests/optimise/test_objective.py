@@ -12,7 +12,7 @@ import torch
 from holoview.colour import SRGB_TO_XYZ, XYZ_TO_SRGB
 from holoview.errors import UserError
 from holoview.metrics.psnr import psnr_linear_srgb, psnr_luminance
-from holoview.optimise.losses import LOSSES
+from holoview.optimise.losses import LOSS_SPACES
 from holoview.optimise.objective import Objective, make_objective
 from holoview.optimise.settings import Settings
 from holoview.plan import make_plan
@@ -21,7 +21,7 @@ from holoview.system import System
 Bench = Callable[..., System]
 PLANES, ROWS, COLUMNS = 3, 8, 12
 REGION = (3, 1, 6, 5)
-THREE = [name for name, loss in LOSSES.items() if len(loss.matrix) == 3]
+THREE = [name for name, loss in LOSS_SPACES.items() if len(loss.matrix) == 3]
 
 
 def _system(bench: Bench, **changes: Any) -> System:
@@ -39,12 +39,12 @@ def _objective(bench: Bench, double: bool = True, **settings: Any) -> Objective:
 def _image(objective: Objective, seed: int = 1) -> torch.Tensor:
     """Channels of an image that leaves the gamut on both sides."""
     rgb = np.random.default_rng(seed).normal(0.5, 0.6, (ROWS, COLUMNS, 3))
-    return torch.from_numpy(np.ascontiguousarray(np.moveaxis(objective.loss.channels(rgb), -1, 0)))
+    return torch.from_numpy(np.ascontiguousarray(np.moveaxis(objective.loss.channels_of_rgb(rgb), -1, 0)))
 
 
 def _plain_loss(name: str, image: torch.Tensor, wanted: np.ndarray, region: Any, weight: float) -> torch.Tensor:
     """weight·mean(residual²)/planes, written out; the target from linear sRGB."""
-    matrix = torch.from_numpy(LOSSES[name].matrix @ SRGB_TO_XYZ)
+    matrix = torch.from_numpy(LOSS_SPACES[name].matrix @ SRGB_TO_XYZ)
     target = torch.einsum("cr,yxr->cyx", matrix, torch.from_numpy(wanted))
     if name == "srgb":
         image, target = (
@@ -59,7 +59,7 @@ def _plain_loss(name: str, image: torch.Tensor, wanted: np.ndarray, region: Any,
 
 @pytest.mark.parametrize("region", [None, REGION], ids=["everything", "region"])
 @pytest.mark.parametrize("weights", [None, (1.0, 4.0, 1.0)], ids=["equal", "weighted"])
-@pytest.mark.parametrize("name", LOSSES)
+@pytest.mark.parametrize("name", LOSS_SPACES)
 def test_the_loss_and_its_slope_are_those_of_the_plain_formula(
     name: str, weights: Any, region: Any, bench: Bench
 ) -> None:
@@ -70,16 +70,16 @@ def test_the_loss_and_its_slope_are_those_of_the_plain_formula(
         weight = 1.0 if weights is None else weights[plane] / 2
         expected = _plain_loss(name, plain, _stack()[plane], region or (0, 0, COLUMNS, ROWS), weight)
         expected.backward()
-        judged = objective.judge(plane, image)
+        judged = objective.evaluate_plane(plane, image)
         assert judged.loss == pytest.approx(expected.item(), rel=1e-12)
         torch.testing.assert_close(image, plain.grad, rtol=1e-12, atol=1e-16)
 
 
-@pytest.mark.parametrize("name", LOSSES)
+@pytest.mark.parametrize("name", LOSS_SPACES)
 def test_the_target_itself_is_perfect(name: str, bench: Bench) -> None:
     objective = _objective(bench, loss=name)
     image = objective.target[1].clone()
-    judged = objective.judge(1, image)
+    judged = objective.evaluate_plane(1, image)
     assert (judged.loss, judged.psnr_db) == (0.0, 200.0)
     assert not image.any()
 
@@ -89,7 +89,7 @@ def test_the_psnr_is_that_of_the_metrics(name: str, bench: Bench) -> None:
     objective = _objective(bench, loss=name)
     image = _image(objective)
     expected = psnr_linear_srgb(objective.picture(image), _stack()[2]).mean_db
-    assert objective.judge(2, image).psnr_db == pytest.approx(expected, abs=1e-10)
+    assert objective.evaluate_plane(2, image).psnr_db == pytest.approx(expected, abs=1e-10)
 
 
 @pytest.mark.parametrize("name", ["luminance", "mono"])
@@ -99,7 +99,7 @@ def test_where_only_luminance_counts_its_psnr_is_given(name: str, bench: Bench) 
     seen, wanted = np.zeros((2, ROWS, COLUMNS, 3))
     seen[..., 1], wanted[..., 1] = image[0], _stack()[2] @ SRGB_TO_XYZ[1]
     expected = psnr_luminance(seen, wanted).mean_db
-    assert objective.judge(2, image).psnr_db == pytest.approx(expected, abs=1e-10)
+    assert objective.evaluate_plane(2, image).psnr_db == pytest.approx(expected, abs=1e-10)
 
 
 def test_only_the_region_is_judged(bench: Bench) -> None:
@@ -110,7 +110,7 @@ def test_only_the_region_is_judged(bench: Bench) -> None:
     other = _image(objective, seed=7)
     other[cut] = image[cut]
     pictures = [objective.picture(image)[y : y + height, x : x + width], _stack()[0][y : y + height, x : x + width]]
-    first, second = objective.judge(0, image), objective.judge(0, other)
+    first, second = objective.evaluate_plane(0, image), objective.evaluate_plane(0, other)
     assert first == second
     assert torch.equal(image, other)
     assert first.psnr_db == pytest.approx(psnr_linear_srgb(*pictures).mean_db, abs=1e-10)
@@ -140,7 +140,7 @@ def test_a_picture_stays_as_it_was_when_the_image_is_overwritten(bench: Bench) -
     image = _image(objective)
     picture = objective.picture(image)
     before = picture.copy()
-    objective.judge(0, image)
+    objective.evaluate_plane(0, image)
     np.testing.assert_array_equal(picture, before)
 
 
@@ -160,11 +160,11 @@ def test_the_colours_of_lasers_are_those_of_the_observer(
 ) -> None:
     plan = make_plan(_system(bench, **changes))
     objective = make_objective(plan, _stack(), Settings(**settings), double=True)
-    assert objective.loss is LOSSES[name]
+    assert objective.loss is LOSS_SPACES[name]
     expected = np.ones((3, 1)) if name == "mono" else plan.colour_weights
     if name == "linear-srgb":
         expected = expected @ XYZ_TO_SRGB.T
-    np.testing.assert_allclose(objective.colours.numpy(), expected, rtol=1e-13)
+    np.testing.assert_allclose(objective.wavelength_channels.numpy(), expected, rtol=1e-13)
 
 
 def test_single_precision_is_the_default_and_near_double(bench: Bench) -> None:
@@ -172,7 +172,7 @@ def test_single_precision_is_the_default_and_near_double(bench: Bench) -> None:
     assert single.target.dtype == torch.float32
     image = _image(double)
     found, expected = image.float(), image.clone()
-    a, b = single.judge(0, found), double.judge(0, expected)
+    a, b = single.evaluate_plane(0, found), double.evaluate_plane(0, expected)
     assert a.loss == pytest.approx(b.loss, rel=1e-6)
     assert a.psnr_db == pytest.approx(b.psnr_db, abs=1e-5)
     assert float((found - expected).norm()) <= 1e-6 * float(expected.norm())

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.optimise.patterns import Patterns, first_drive
+from holoview.optimise.patterns import PatternVariables, initial_drive
 from holoview.optimise.settings import Settings
 from holoview.system import Modulator, System
 
@@ -19,7 +19,7 @@ Bench = Callable[..., System]
 
 def _start(bench: Bench, begin: str, seed: int = 0, **changes: Any) -> np.ndarray:
     system = bench(**({"shape": [96, 128], "amplitudes": [[1.0, 1.0, 1.0]] * 2} | changes))
-    drive = first_drive(system, Settings(begin=begin, seed=seed))
+    drive = initial_drive(system, Settings(begin=begin, seed=seed))
     assert drive.dtype == torch.float32
     assert tuple(drive.shape) == system.drive_shape
     return drive.numpy()
@@ -62,7 +62,7 @@ def test_modulators_of_different_strokes_begin_with_the_phases_of_equal_ones(ben
     paths = []
     for strokes in ([700e-9, 700e-9], [500e-9, 1200e-9]):
         modulators = tuple(Modulator(pitch_m=8e-6, shape=(96, 128), stroke_m=stroke) for stroke in strokes)
-        drive = first_drive(bench(modulators=modulators), Settings(begin="smooth")).double().numpy()
+        drive = initial_drive(bench(modulators=modulators), Settings(begin="smooth")).double().numpy()
         paths.append((drive - 0.5) * np.reshape(strokes, (1, 2, 1, 1)))
     np.testing.assert_allclose(paths[1], paths[0], rtol=0, atol=1e-6 * 700e-9)  # drives are float32
 
@@ -80,8 +80,8 @@ def test_a_smooth_start_stays_inside_a_short_stroke(bench: Bench) -> None:
     assert drive.min() == 0 and drive.max() == 1
 
 
-def _patterns(system: System, **settings: Any) -> Patterns:
-    return Patterns(system, Settings(**settings), torch.full(system.drive_shape, 0.5))
+def _patterns(system: System, **settings: Any) -> PatternVariables:
+    return PatternVariables(system, Settings(**settings), torch.full(system.drive_shape, 0.5))
 
 
 def test_the_first_move_is_a_step_of_the_settings_phase_against_the_gradient(bench: Bench) -> None:
@@ -90,7 +90,7 @@ def test_the_first_move_is_a_step_of_the_settings_phase_against_the_gradient(ben
     patterns = _patterns(system, step_rad=0.3)
     gradient = torch.rand(system.drive_shape, generator=torch.Generator().manual_seed(0)) - 0.5
     before, signs = patterns.drive.clone(), torch.sign(gradient)
-    patterns.move(gradient, fall=0.5)
+    patterns.step(gradient, scale=0.5)
     moved_m = (patterns.drive - before) * torch.tensor(strokes).reshape(1, -1, 1, 1)
     expected = -signs * 0.5 * 0.3 * 532e-9 / (2 * math.pi)
     torch.testing.assert_close(moved_m, expected.float(), rtol=1e-4, atol=0)  # float32 of 0.5 less a hundredth
@@ -100,7 +100,7 @@ def test_patterns_stay_inside_the_stroke(bench: Bench) -> None:
     patterns = _patterns(bench(), step_rad=3.0)
     for sign, end in ((-1, 1.0), (1, 0.0)):
         for _ in range(6):
-            patterns.move(torch.full_like(patterns.drive, 1e-9 * sign), fall=1.0)
+            patterns.step(torch.full_like(patterns.drive, 1e-9 * sign), scale=1.0)
         assert torch.equal(patterns.drive, torch.full_like(patterns.drive, end))
 
 
@@ -109,8 +109,8 @@ def test_what_is_shown_are_levels_and_what_moves_is_the_drive(bench: Bench) -> N
     drive = torch.rand(continuous.drive.shape, generator=torch.Generator().manual_seed(2))
     for patterns in (continuous, stepped):
         patterns.drive = drive.clone()
-    assert torch.equal(continuous.shown(), drive)
+    assert torch.equal(continuous.displayed_drive(), drive)
     table = torch.tensor([0, 0.2, 0.7, 1.0])
-    assert torch.equal(stepped.shown(), table[(drive[..., None] - table).abs().argmin(dim=-1)])
+    assert torch.equal(stepped.displayed_drive(), table[(drive[..., None] - table).abs().argmin(dim=-1)])
     assert torch.equal(stepped.drive, drive)
-    torch.testing.assert_close(stepped.path_m(stepped.shown()), stepped.shown() * 825e-9)
+    torch.testing.assert_close(stepped.optical_path_m(stepped.displayed_drive()), stepped.displayed_drive() * 825e-9)

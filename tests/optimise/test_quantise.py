@@ -11,10 +11,10 @@ import pytest
 import torch
 
 from holoview.optics.slm import nearest_level
-from holoview.optimise.model import Model
-from holoview.optimise.patterns import Patterns
-from holoview.optimise.problem import Problem, Wanted
-from holoview.optimise.quantise import Jumps, neighbours, own_cost, path_slope
+from holoview.optimise.model import ForwardModel
+from holoview.optimise.patterns import PatternVariables
+from holoview.optimise.problem import EvaluationRequest, Problem
+from holoview.optimise.quantise import LevelSteps, gauss_newton_diagonal, secant_gradient, steps_to_neighbour_level
 from holoview.optimise.settings import Settings
 from holoview.plan import Plan, make_plan
 from holoview.system import Modulator, System
@@ -42,7 +42,7 @@ def test_the_neighbour_is_the_next_level_on_the_side_of_the_drive(
     assert modulator.levels is not None
     table = torch.tensor(modulator.levels, dtype=dtype)
     drive = noise(0, 3, 1, 6, 7).to(dtype)
-    jumps = neighbours(drive, (modulator,))
+    jumps = steps_to_neighbour_level(drive, (modulator,))
     assert jumps is not None
     shown = nearest_level(drive, modulator)
     assert torch.equal(torch.sign(jumps), torch.sign(drive - shown))
@@ -53,27 +53,27 @@ def test_the_neighbour_is_the_next_level_on_the_side_of_the_drive(
 
 def test_a_drive_on_a_level_looks_up_and_on_the_last_one_down() -> None:
     drive = torch.tensor(LEVELS, dtype=torch.float64).reshape(1, 1, 2, 3)
-    jumps = neighbours(drive, (_modulator(LEVELS),))
+    jumps = steps_to_neighbour_level(drive, (_modulator(LEVELS),))
     assert jumps is not None
     np.testing.assert_allclose(jumps.flatten(), [0.05, 0.25, 0.05, 0.55, 0.1, -0.1], rtol=1e-12)
 
 
 def test_a_continuous_modulator_has_no_neighbours_beside_one_of_levels(noise: Noise) -> None:
     drive = noise(0, 2, 2, 6, 7)
-    jumps = neighbours(drive, (_modulator(None), _modulator(4)))
+    jumps = steps_to_neighbour_level(drive, (_modulator(None), _modulator(4)))
     assert jumps is not None
     assert not jumps[:, 0].any()
     assert bool((jumps[:, 1].abs() - 1 / 3).abs().max() < 1e-12)
-    assert neighbours(drive, (_modulator(None), _modulator(None))) is None
+    assert steps_to_neighbour_level(drive, (_modulator(None), _modulator(None))) is None
 
 
 def test_a_jump_is_made_metres_by_the_stroke(bench: Bench) -> None:
     system = bench(levels=4)
-    patterns = Patterns(system, Settings(), torch.full(system.drive_shape, 0.4))
-    jump_m = patterns.jump_m()
+    patterns = PatternVariables(system, Settings(), torch.full(system.drive_shape, 0.4))
+    jump_m = patterns.level_step_m()
     assert jump_m is not None
     torch.testing.assert_close(jump_m, torch.full(system.drive_shape, 825e-9 / 3), rtol=1e-6, atol=0)
-    assert Patterns(bench(), Settings(), torch.full(system.drive_shape, 0.4)).jump_m() is None
+    assert PatternVariables(bench(), Settings(), torch.full(system.drive_shape, 0.4)).level_step_m() is None
 
 
 # --- how steep ------------------------------------------------------------------------------------------------------
@@ -92,7 +92,7 @@ def test_from_half_a_turn_on_the_slope_is_the_change_that_the_jump_makes(noise: 
     product, share = _products(noise), noise(2, 200)
     jump_m = torch.sign(share - 0.5) * (0.5 + 2 * share) * WAVELENGTH_M
     expected = _secant(product, jump_m, 0.3)
-    found = path_slope(product, jump_m, WAVELENGTH_M, 0.3)
+    found = secant_gradient(product, jump_m, WAVELENGTH_M, 0.3)
     torch.testing.assert_close(found, expected, rtol=1e-11, atol=1e-12 * float(expected.abs().max()))
 
 
@@ -100,8 +100,8 @@ def test_a_jump_to_nowhere_has_the_tangents_slope_and_a_small_one_nearly(noise: 
     product = _products(noise)
     tangent = -2 * math.pi / WAVELENGTH_M * product.imag
     none, tiny = (torch.full((200,), jump_m, dtype=torch.float64) for jump_m in (0.0, 1e-15))
-    torch.testing.assert_close(path_slope(product, none, WAVELENGTH_M, 0.7), tangent, rtol=1e-14, atol=0)
-    near = path_slope(product, tiny, WAVELENGTH_M, 0.7)
+    torch.testing.assert_close(secant_gradient(product, none, WAVELENGTH_M, 0.7), tangent, rtol=1e-14, atol=0)
+    near = secant_gradient(product, tiny, WAVELENGTH_M, 0.7)
     assert float((near - tangent).abs().max()) <= 1e-7 * float(tangent.abs().max())  # φ = 1e-8 rad
 
 
@@ -113,13 +113,13 @@ def test_between_them_the_slope_is_their_mean_weighted_by_the_square_of_the_half
     jump_m = torch.full((200,), turns * WAVELENGTH_M, dtype=torch.float64)
     share, tangent = math.sin(math.pi * turns) ** 2, -2 * math.pi / WAVELENGTH_M * product.imag
     expected = share * _secant(product, jump_m, 0.3) + (1 - share) * tangent
-    found = path_slope(product, jump_m, WAVELENGTH_M, 0.3)
+    found = secant_gradient(product, jump_m, WAVELENGTH_M, 0.3)
     torch.testing.assert_close(found, expected, rtol=1e-11, atol=1e-12 * float(expected.abs().max()))
 
 
 def test_a_jump_of_a_whole_turn_changes_nothing(noise: Noise) -> None:
     whole = torch.full((200,), WAVELENGTH_M, dtype=torch.float64)
-    slope = path_slope(_products(noise), whole, WAVELENGTH_M, 0.7)
+    slope = secant_gradient(_products(noise), whole, WAVELENGTH_M, 0.7)
     assert float(slope.abs().max()) <= 1e-15 * 2 * math.pi / WAVELENGTH_M
 
 
@@ -147,16 +147,16 @@ def test_the_models_slope_is_that_of_the_loss_along_the_change_of_a_pixels_field
 
 def _model_slopes(plan: Plan, opd_m: torch.Tensor, target: torch.Tensor, jump_m: torch.Tensor) -> torch.Tensor:
     """The slopes of Σ (I − target)² to jumps that cost nothing by themselves."""
-    model = Model(plan, double=True)
+    model = ForwardModel(plan, double=True)
     seen, laser = torch.empty(len(model.lasers), *plan.grid.shape).double(), model.lasers.index((FRAME, LASER))
     model.forward(opd_m)
     for plane, wanted in enumerate(target):
-        model.see(plane, seen)
+        model.plane_intensity(plane, seen)
         slope = torch.zeros_like(seen)
         slope[laser] = 2 * (seen[laser] - wanted)
-        model.answer(plane, slope)
+        model.backpropagate_plane(plane, slope)
     gradient = torch.zeros_like(opd_m)
-    model.finish(gradient, jumps=Jumps(jump_m, torch.zeros(len(model.lasers), opd_m.shape[1])))
+    model.accumulate_gradients(gradient, level_steps=LevelSteps(jump_m, torch.zeros(len(model.lasers), opd_m.shape[1])))
     return gradient
 
 
@@ -164,8 +164,11 @@ def test_small_jumps_give_the_gradient(bench: Bench, noise: Noise, double_proble
     system = bench()
     stack = np.full((2, *make_plan(system).grid.shape, 3), 0.4)
     problem, opd_m = double_problem(system, stack, Settings()), noise(0, *system.drive_shape) * 825e-9
-    tiny = Wanted(gradient=True, jump_m=torch.full_like(opd_m, 1e-15), stiffness=1.0)
-    tangent, slopes = (problem.evaluate(opd_m, system.amplitudes, w).gradient for w in (Wanted(gradient=True), tiny))
+    tiny = EvaluationRequest(path_gradient=True, level_step_m=torch.full_like(opd_m, 1e-15), curvature_weight=1.0)
+    tangent, slopes = (
+        problem.evaluate(opd_m, system.amplitudes, w).path_gradient
+        for w in (EvaluationRequest(path_gradient=True), tiny)
+    )
     assert tangent is not None and slopes is not None
     assert float((slopes - tangent).norm()) <= 1e-6 * float(tangent.norm())
 
@@ -196,15 +199,15 @@ def test_a_pixels_own_cost_is_the_mean_change_of_a_loss_that_was_zero(
     seen, losses = torch.empty(1, *shape, dtype=torch.float64), []
     problem.model.forward(opd_m)
     for plane, target in enumerate(problem.objective.target):
-        problem.model.see(plane, seen)
+        problem.model.plane_intensity(plane, seen)
         target.copy_(luminance * seen)
-    assert problem.evaluate(opd_m, system.amplitudes, Wanted()).loss < 1e-25
+    assert problem.evaluate(opd_m, system.amplitudes, EvaluationRequest()).loss < 1e-25
     for y in range(2, 24, 5):
         for x in range(2, 32, 5):
             turned = opd_m.clone()
             turned[0, 0, y, x] += 532e-9 / 2  # |exp(iπ) − 1|² = 4
-            losses.append(problem.evaluate(turned, system.amplitudes, Wanted()).loss / 4)
+            losses.append(problem.evaluate(turned, system.amplitudes, EvaluationRequest()).loss / 4)
     sources = len(system.source.directions_rad)
-    expected = own_cost(luminance**2, system.sampling.upsample, int(np.prod(shape)), sources)
+    expected = gauss_newton_diagonal(luminance**2, system.sampling.upsample, int(np.prod(shape)), sources)
     # The mean of 30 pixels scatters by 2 %, and a random field's speckle is as coarse as the grid allows.
     assert float(np.mean(losses)) == pytest.approx(expected, rel=0.1)

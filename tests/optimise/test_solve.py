@@ -15,11 +15,11 @@ from holoview.colour import SRGB_TO_XYZ
 from holoview.errors import UserError
 from holoview.hologram import load_hologram
 from holoview.metrics.psnr import psnr_linear_srgb
-from holoview.optimise.losses import LOSSES
+from holoview.optimise.losses import LOSS_SPACES
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.optimise.state import State
-from holoview.score import eyebox_of
+from holoview.optimise.state import IterationState
+from holoview.score import eyebox_uniformity_of
 from holoview.system import System
 
 Bench = Callable[..., System]
@@ -28,16 +28,16 @@ EVERYTHING = ("patterns", "amplitudes", "wavelengths")
 
 
 @pytest.fixture
-def run(stack_for: Stack) -> Callable[..., list[State]]:
+def run(stack_for: Stack) -> Callable[..., list[IterationState]]:
     """All the states of twelve iterations, or of as many as the settings say."""
 
-    def states(system: System, start: np.ndarray | None = None, **settings: Any) -> list[State]:
+    def states(system: System, start: np.ndarray | None = None, **settings: Any) -> list[IterationState]:
         return list(iterate(system, stack_for(system), Settings(**{"iterations": 12, **settings}), start=start))
 
     return states
 
 
-Run = Callable[..., list[State]]
+Run = Callable[..., list[IterationState]]
 
 # --- it improves ----------------------------------------------------------------------------------------------------
 
@@ -63,7 +63,7 @@ def test_the_loss_falls_and_the_picture_gets_better(changes: dict[str, Any], ben
     assert states[-1].best_psnr_db > states[0].psnr_db
 
 
-@pytest.mark.parametrize("name", LOSSES)
+@pytest.mark.parametrize("name", LOSS_SPACES)
 def test_every_loss_falls(name: str, bench: Bench, run: Run) -> None:
     losses = [state.loss for state in run(bench(), loss=name)]
     assert min(losses) < 0.7 * losses[0]
@@ -199,7 +199,7 @@ def test_the_picture_and_the_eyebox_are_those_of_the_hologram_of_now(
         np.testing.assert_allclose(state.picture(), seen, rtol=0, atol=2e-5)  # single precision
         if state.iteration in (0, 4, 8):
             judged.append(state.iteration)
-            assert state.eyebox == pytest.approx(eyebox_of(state.best).coefficient_of_variation, rel=1e-5)
+            assert state.eyebox == pytest.approx(eyebox_uniformity_of(state.best).coefficient_of_variation, rel=1e-5)
     assert {0, 8} <= set(judged)
 
 

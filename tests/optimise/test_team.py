@@ -14,8 +14,15 @@ import pytest
 import torch
 
 from holoview.errors import UserError
-from holoview.optimise.model import Model
-from holoview.optimise.team import ALONE, Team, device_of_part, joined, share_out, with_lasers
+from holoview.optimise.model import ForwardModel
+from holoview.optimise.team import (
+    SINGLE_PROCESS,
+    ProcessGroup,
+    device_for_rank,
+    shard_lasers,
+    torchrun_group,
+    with_only_lasers,
+)
 from holoview.plan import make_plan
 from holoview.system import System
 
@@ -100,43 +107,46 @@ def test_both_hold_the_same_numbers_to_the_last_bit(case: str, results: list[dic
 
 @pytest.mark.parametrize(("count", "size"), [(3, 2), (8, 3), (24, 5), (4, 4)])
 def test_parts_cover_everything_once_and_differ_by_one_at_most(count: int, size: int) -> None:
-    parts = [range(count)[Team(rank, size).part(count)] for rank in range(size)]
+    parts = [range(count)[ProcessGroup(rank, size).shard(count)] for rank in range(size)]
     assert [i for part in parts for i in part] == list(range(count))
     assert max(map(len, parts)) - min(map(len, parts)) <= 1
 
 
 def test_frames_of_a_wavelength_stay_in_one_process_where_they_can(bench: Bench) -> None:
     plan = make_plan(bench(amplitudes=np.ones((2, 3))))
-    assert share_out(plan, Team(0, 3)) == [[(0, 0), (1, 0)], [(0, 1), (1, 1)], [(0, 2), (1, 2)]]
-    assert share_out(plan, ALONE) == [[(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2)]]
-    part = with_lasers(plan, [(0, 1), (1, 1)])
-    assert Model(part).lasers == [(0, 1), (1, 1)]
+    assert shard_lasers(plan, ProcessGroup(0, 3)) == [[(0, 0), (1, 0)], [(0, 1), (1, 1)], [(0, 2), (1, 2)]]
+    assert shard_lasers(plan, SINGLE_PROCESS) == [[(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2)]]
+    part = with_only_lasers(plan, [(0, 1), (1, 1)])
+    assert ForwardModel(part).lasers == [(0, 1), (1, 1)]
     assert part.grid == plan.grid
 
 
 def test_more_processes_than_lasers_are_refused(bench: Bench) -> None:
     with pytest.raises(UserError, match="4 of them for 3 lasers; expected a laser for each"):
-        share_out(make_plan(bench()), Team(0, 4))
+        shard_lasers(make_plan(bench()), ProcessGroup(0, 4))
 
 
 def test_a_process_that_was_started_alone_is_told_how(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("RANK", raising=False)
-    with pytest.raises(UserError, match=r"--sharded: this process was started alone; expected torchrun"), joined("cpu"):
+    with (
+        pytest.raises(UserError, match=r"--sharded: this process was started alone; expected torchrun"),
+        torchrun_group("cpu"),
+    ):
         pass
 
 
 def test_each_process_takes_a_gpu_of_its_own_unless_one_was_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LOCAL_RANK", "3")
-    assert [device_of_part(device) for device in ("cuda", "cuda:1", "cpu")] == ["cuda:3", "cuda:1", "cpu"]
+    assert [device_for_rank(device) for device in ("cuda", "cuda:1", "cpu")] == ["cuda:3", "cuda:1", "cpu"]
 
 
 def test_alone_nothing_changes() -> None:
     mine = torch.ones(3, 2)
-    ALONE.add(mine)
+    SINGLE_PROCESS.all_reduce_sum(mine)
     assert mine.equal(torch.ones(3, 2))
-    assert [(place, rows is mine) for place, rows in ALONE.passing(mine, 3)] == [(slice(0, 3), True)]
-    assert ALONE.any(True)
-    assert not ALONE.any(False)
+    assert [(place, rows is mine) for place, rows in SINGLE_PROCESS.broadcast_shards(mine, 3)] == [(slice(0, 3), True)]
+    assert SINGLE_PROCESS.any_rank(True)
+    assert not SINGLE_PROCESS.any_rank(False)
 
 
 def test_the_command_shares_the_lasers_and_writes_one_file(tmp_path: Path) -> None:

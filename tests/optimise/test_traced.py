@@ -10,12 +10,12 @@ import torch
 
 from holoview.engine.torch import TorchExecutor
 from holoview.errors import UserError
-from holoview.optics.slots import make_slots
-from holoview.optimise.model import Model
+from holoview.optics.slots import make_frame_inputs
+from holoview.optimise.model import ForwardModel
 from holoview.optimise.problem import Problem
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.optimise.traced import TracedModel
+from holoview.optimise.traced import AutogradModel
 from holoview.plan import make_plan
 from holoview.system import Modulator, System
 from holoview.view import simulate
@@ -59,25 +59,25 @@ def test_intensities_and_gradients_are_those_of_the_reference_executor(name: str
     system = _system({name: EFFECTS[name]})
     plan = make_plan(system)
     drive = _drive(system).requires_grad_()
-    shown = TorchExecutor(plan, make_slots(plan, drive), double=True).differentiable()
+    shown = TorchExecutor(plan, make_frame_inputs(plan, drive), double=True).intensity_tensor()
     wanted = torch.rand(shown.shape, generator=torch.Generator().manual_seed(5)).double()
     (expected,) = torch.autograd.grad((shown - wanted).square().sum(), drive)
 
-    model = (Model if name in FAST else TracedModel)(plan, double=True)
+    model = (ForwardModel if name in FAST else AutogradModel)(plan, double=True)
     opd_m = drive.detach() * 825e-9
     model.forward(opd_m)
     seen = torch.empty(len(model.lasers), *plan.grid.shape, dtype=torch.float64)
     found = torch.zeros_like(shown)
     for plane in range(2):
-        model.see(plane, seen)
+        model.plane_intensity(plane, seen)
         slopes = torch.empty_like(seen)
         for i, (frame, λ) in enumerate(model.lasers):
             found[plane, λ] += 0.5 * float(system.amplitudes[frame, λ]) * seen[i]
         for i, (frame, λ) in enumerate(model.lasers):
             slopes[i] = 2 * (found[plane, λ] - wanted[plane, λ]) * 0.5 * float(system.amplitudes[frame, λ])
-        model.answer(plane, slopes)
+        model.backpropagate_plane(plane, slopes)
     gradient = torch.zeros_like(opd_m)
-    model.finish(gradient)
+    model.accumulate_gradients(gradient)
     torch.testing.assert_close(found, shown.detach(), rtol=1e-9, atol=1e-12)
     difference = (gradient * 825e-9 - expected).norm() / expected.norm()
     assert float(difference) < 1e-9
@@ -87,7 +87,7 @@ def test_the_fast_model_is_taken_where_it_serves() -> None:
     stack = np.full((2, 12, 14, 3), 0.2)
     for name, values in EFFECTS.items():
         model = Problem(_system({name: values}), stack, Settings()).model
-        assert isinstance(model, TracedModel) == (name not in FAST), name
+        assert isinstance(model, AutogradModel) == (name not in FAST), name
 
 
 @pytest.mark.parametrize("name", ["crosstalk", "gap"])

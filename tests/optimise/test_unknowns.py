@@ -11,26 +11,26 @@ import pytest
 import torch
 
 from holoview.errors import UserError
-from holoview.optimise.problem import Evaluation
+from holoview.optimise.problem import LossEvaluation
 from holoview.optimise.settings import Settings
-from holoview.optimise.unknowns import Unknowns
+from holoview.optimise.unknowns import OptimisationVariables
 from holoview.system import System
 
 Bench = Callable[..., System]
 EVERYTHING = ("patterns", "amplitudes", "wavelengths")
 
 
-def _unknowns(system: System, **settings: Any) -> Unknowns:
+def _unknowns(system: System, **settings: Any) -> OptimisationVariables:
     known = Settings(**{"iterations": 40, "amplitudes_every": 5, **settings})
-    return Unknowns(system, known, torch.full(system.drive_shape, 0.5))
+    return OptimisationVariables(system, known, torch.full(system.drive_shape, 0.5))
 
 
-def _found(system: System, **parts: Any) -> Evaluation:
-    return Evaluation(loss=1.0, psnr_db=0.0, picture=lambda: np.zeros(0), **parts)
+def _found(system: System, **parts: Any) -> LossEvaluation:
+    return LossEvaluation(loss=1.0, psnr_db=0.0, picture=lambda: np.zeros(0), **parts)
 
 
-def _wanted_at(unknowns: Unknowns, what: str) -> list[int]:
-    return [i for i in range(unknowns.settings.iterations + 1) if getattr(unknowns.wanted(i), what)]
+def _wanted_at(unknowns: OptimisationVariables, what: str) -> list[int]:
+    return [i for i in range(unknowns.settings.iterations + 1) if getattr(unknowns.evaluation_request(i), what)]
 
 
 def test_amplitudes_and_eyebox_are_due_now_and_then_and_at_the_end(bench: Bench) -> None:
@@ -51,21 +51,21 @@ def test_amplitudes_that_are_not_free_are_not_asked_for(bench: Bench) -> None:
 
 def test_wavelengths_move_in_the_first_half_with_the_amplitudes_and_more_often_in_short_runs(bench: Bench) -> None:
     long, short = (_unknowns(bench(), free=EVERYTHING, iterations=n) for n in (200, 40))
-    assert long.searching == 100
+    assert long.wavelength_iterations == 100
     assert _wanted_at(long, "chromatic") == list(range(5, 100, 5))
-    assert short.searching == 20
+    assert short.wavelength_iterations == 20
     assert _wanted_at(short, "chromatic") == list(range(2, 20, 2))
 
 
 def test_modulators_of_levels_ask_for_slopes_to_their_neighbours_ever_stiffer(bench: Bench) -> None:
-    assert _unknowns(bench()).wanted(3).jump_m is None
+    assert _unknowns(bench()).evaluation_request(3).level_step_m is None
     unknowns = _unknowns(bench(levels=4))
-    jump_m = unknowns.patterns.jump_m()
+    jump_m = unknowns.patterns.level_step_m()
     assert jump_m is not None
-    wanted = [unknowns.wanted(i) for i in range(41)]
-    assert all(w.jump_m is not None and torch.equal(w.jump_m, jump_m) for w in wanted)
-    assert wanted[0].stiffness == 0
-    assert all(later.stiffness > earlier.stiffness for earlier, later in pairwise(wanted))
+    wanted = [unknowns.evaluation_request(i) for i in range(41)]
+    assert all(w.level_step_m is not None and torch.equal(w.level_step_m, jump_m) for w in wanted)
+    assert wanted[0].curvature_weight == 0
+    assert all(later.curvature_weight > earlier.curvature_weight for earlier, later in pairwise(wanted))
 
 
 def test_patterns_move_by_a_step_that_falls_to_nothing(bench: Bench) -> None:
@@ -84,16 +84,16 @@ def test_the_patterns_moments_start_over_too(bench: Bench) -> None:
     system = bench()
     unknowns = _unknowns(system, free=EVERYTHING)
     _steps(unknowns, system, range(21))
-    assert unknowns.patterns.adam.count == 1
+    assert unknowns.patterns.adam.step_count == 1
 
 
-def _steps(unknowns: Unknowns, system: System, iterations: range = range(40)) -> list[float]:
+def _steps(unknowns: OptimisationVariables, system: System, iterations: range = range(40)) -> list[float]:
     """How far the patterns move in each iteration under a gradient that changes sign every time."""
     moves = []
     for i in iterations:
         before = unknowns.patterns.drive.clone()
         gradient = torch.full(system.drive_shape, 1e-3 * (-1) ** i)
-        unknowns.move(_found(system, gradient=gradient), i)
+        unknowns.step(_found(system, gradient=gradient), i)
         moves.append(float((unknowns.patterns.drive - before).abs().max()))
     return moves
 
@@ -102,11 +102,11 @@ def test_what_is_not_free_stays(bench: Bench) -> None:
     system = bench()
     slopes = {"amplitude_slopes": np.ones((1, 3)), "gradient": torch.ones(system.drive_shape)}
     unknowns = _unknowns(system, free=("amplitudes",), loss="srgb")
-    unknowns.move(_found(system, **slopes), 1)
+    unknowns.step(_found(system, **slopes), 1)
     assert torch.equal(unknowns.patterns.drive, torch.full(system.drive_shape, 0.5))
     assert (unknowns.amplitudes < 1).all()
     unknowns = _unknowns(system, free=("patterns",), loss="srgb")
-    unknowns.move(_found(system, **slopes), 1)
+    unknowns.step(_found(system, **slopes), 1)
     np.testing.assert_array_equal(unknowns.amplitudes, system.amplitudes)
     assert (unknowns.patterns.drive < 0.5).all()
 
@@ -114,14 +114,14 @@ def test_what_is_not_free_stays(bench: Bench) -> None:
 def test_amplitudes_take_their_closed_form_where_there_is_one(bench: Bench) -> None:
     system, solved = bench(), np.array([[0.3, 0.0, 2.0]])
     unknowns = _unknowns(system, loss="srgb")
-    unknowns.move(_found(system, solved=solved, amplitude_slopes=np.ones((1, 3))), 0)
+    unknowns.step(_found(system, solved=solved, amplitude_slopes=np.ones((1, 3))), 0)
     np.testing.assert_array_equal(unknowns.amplitudes, solved)
 
 
 def test_under_a_curved_loss_amplitudes_move_by_their_logarithm(bench: Bench) -> None:
     system = bench(amplitudes=[[2.0, 0.5, 0.0]])
     unknowns = _unknowns(system, loss="srgb")
-    unknowns.move(_found(system, amplitude_slopes=np.array([[1e-3, -1.0, 0.0]])), 1)
+    unknowns.step(_found(system, amplitude_slopes=np.array([[1e-3, -1.0, 0.0]])), 1)
     # Adam's first step is one in size: 2 % down, 2 % up; a laser that is off stays off.
     np.testing.assert_allclose(unknowns.amplitudes, [[2 * np.exp(-0.02), 0.5 * np.exp(0.02), 0]], rtol=1e-9)
 
@@ -130,17 +130,17 @@ def test_a_laser_that_the_closed_form_left_nearly_dark_can_come_back(bench: Benc
     unknowns = _unknowns(bench(amplitudes=[[1.0, 1e-30, 1.0]]), loss="srgb", betas=(0.0, 0.0))
     slopes = np.array([[0.0, -1.0, 0.0]])
     for _ in range(10):
-        unknowns.move(_found(bench(), amplitude_slopes=slopes), 1)
+        unknowns.step(_found(bench(), amplitude_slopes=slopes), 1)
     assert unknowns.amplitudes[0, 1] == pytest.approx(1e-6 * np.exp(0.2), rel=1e-6)
 
 
 def test_wavelengths_move_down_their_slope_by_the_settings_step(bench: Bench) -> None:
     system = bench()
     unknowns = _unknowns(system, free=EVERYTHING, wavelength_step_m=2e-9, amplitudes_every=10)
-    assert unknowns.move(_found(system, chromatic=np.array([1.0, -1e5, 0.0])), 10)
+    assert unknowns.step(_found(system, chromatic=np.array([1.0, -1e5, 0.0])), 10)
     step_m = 2e-9 * np.sqrt(0.5)  # half way through the search
     np.testing.assert_allclose(unknowns.wavelengths_m, [460e-9 - step_m, 532e-9 + step_m, 638e-9], rtol=1e-12)
-    assert not unknowns.move(_found(system), 11)
+    assert not unknowns.step(_found(system), 11)
 
 
 def test_wavelengths_stay_in_range_and_apart(bench: Bench) -> None:
@@ -148,7 +148,7 @@ def test_wavelengths_stay_in_range_and_apart(bench: Bench) -> None:
     places = {"wavelength_range_m": (455e-9, 640e-9), "wavelength_spacing_m": 4e-9, "wavelength_step_m": 0.5e-9}
     unknowns = _unknowns(system, free=EVERYTHING, **places)
     for _ in range(30):
-        unknowns.move(_found(system, chromatic=np.array([-1.0, 1.0, -1.0])), 5)
+        unknowns.step(_found(system, chromatic=np.array([-1.0, 1.0, -1.0])), 5)
     low, middle, high = np.sort(unknowns.wavelengths_m)
     assert high == pytest.approx(640e-9, rel=1e-12)
     assert middle - low == pytest.approx(4e-9, rel=1e-6)
@@ -156,9 +156,9 @@ def test_wavelengths_stay_in_range_and_apart(bench: Bench) -> None:
 
 def test_wavelengths_begin_inside_their_range_when_they_are_free(bench: Bench) -> None:
     narrow = {"wavelength_range_m": (450e-9, 600e-9)}
-    assert not _unknowns(bench(), **narrow).wavelengths_moved
+    assert not _unknowns(bench(), **narrow).wavelengths_adjusted
     free = _unknowns(bench(), free=EVERYTHING, **narrow)
-    assert free.wavelengths_moved
+    assert free.wavelengths_adjusted
     np.testing.assert_allclose(free.wavelengths_m, [460e-9, 532e-9, 600e-9], rtol=1e-12)
     with pytest.raises(UserError, match="wavelength range"):
         _unknowns(bench(), free=EVERYTHING, wavelength_range_m=(500e-9, 501e-9))
@@ -175,20 +175,20 @@ def test_unknowns_that_are_loaded_go_on_as_those_that_were_kept(bench: Bench) ->
     settings = {"free": EVERYTHING, "loss": "srgb"}
     going_on, loaded = (_unknowns(system, **settings) for _ in range(2))
     for i in range(1, 4):
-        going_on.move(_again(found), i)
-    kept = going_on.tensors()
-    loaded.load(kept)
+        going_on.step(_again(found), i)
+    kept = going_on.state_dict()
+    loaded.load_state_dict(kept)
     before = {name: value.copy() for name, value in kept.items()}
     for i in range(4, 8):
-        going_on.move(_again(found), i)
-        loaded.move(_again(found), i)
-    for name, value in going_on.tensors().items():
-        np.testing.assert_array_equal(loaded.tensors()[name], value, err_msg=name)
+        going_on.step(_again(found), i)
+        loaded.step(_again(found), i)
+    for name, value in going_on.state_dict().items():
+        np.testing.assert_array_equal(loaded.state_dict()[name], value, err_msg=name)
         np.testing.assert_array_equal(kept[name], before[name], err_msg=name)  # what was kept is a copy
         assert (value != before[name]).any(), name
 
 
-def _again(found: Evaluation) -> Evaluation:
+def _again(found: LossEvaluation) -> LossEvaluation:
     """A copy: a move consumes the gradient."""
-    assert found.gradient is not None
-    return Evaluation(**(vars(found) | {"gradient": found.gradient.clone()}))
+    assert found.path_gradient is not None
+    return LossEvaluation(**(vars(found) | {"gradient": found.path_gradient.clone()}))

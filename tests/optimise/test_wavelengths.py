@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from holoview.errors import UserError
 from holoview.optimise.settings import Settings
-from holoview.optimise.wavelengths import allowed
+from holoview.optimise.wavelengths import project_wavelengths
 
 LOW_NM, HIGH_NM, SPACING_NM = 440.0, 660.0, 4.0
 SETTINGS = Settings(wavelength_range_m=(440e-9, 660e-9), wavelength_spacing_m=4e-9)
@@ -21,7 +21,7 @@ shares = st.lists(st.floats(0.0, 1.0), min_size=9, max_size=9)
 
 
 def _allowed_nm(values_nm: list[float]) -> np.ndarray:
-    return allowed(np.array(values_nm) * 1e-9, SETTINGS) * 1e9
+    return project_wavelengths(np.array(values_nm) * 1e-9, SETTINGS) * 1e9
 
 
 def _feasible_nm(values_nm: list[float], shares: list[float]) -> np.ndarray:
@@ -77,12 +77,14 @@ def test_it_is_a_projection_onto_a_convex_set(values: list[float], shares: list[
 
 def test_a_range_without_room_is_refused() -> None:
     narrow = Settings(wavelength_range_m=(500e-9, 507e-9), wavelength_spacing_m=4e-9)
-    known = allowed(np.array([501e-9, 503e-9]), narrow)
+    known = project_wavelengths(np.array([501e-9, 503e-9]), narrow)
     assert np.diff(known) == pytest.approx(4e-9)
     with pytest.raises(UserError, match="500 to 507 nm for 3 lasers 4 nm apart; expected at least 8 nm"):
-        allowed(np.array([501e-9, 503e-9, 505e-9]), narrow)
+        project_wavelengths(np.array([501e-9, 503e-9, 505e-9]), narrow)
 
 
 def test_a_range_that_is_just_wide_enough_holds_them_all() -> None:
     tight = Settings(wavelength_range_m=(500e-9, 508e-9), wavelength_spacing_m=4e-9)
-    np.testing.assert_allclose(allowed(np.array([501e-9, 600e-9, 400e-9]), tight) * 1e9, [504, 508, 500], rtol=1e-12)
+    np.testing.assert_allclose(
+        project_wavelengths(np.array([501e-9, 600e-9, 400e-9]), tight) * 1e9, [504, 508, 500], rtol=1e-12
+    )

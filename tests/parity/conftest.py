@@ -11,7 +11,7 @@ import pytest
 from holoview.engine.torch import TorchExecutor
 from holoview.engine.wgpu import WgpuExecutor
 from holoview.gpu.device import Device
-from holoview.optics.slots import make_slots
+from holoview.optics.slots import make_frame_inputs
 from holoview.plan import Plan, make_plan
 from holoview.system import Modulator, System
 from holoview.view import random_drive
@@ -50,7 +50,7 @@ def both(device: Device) -> Callable[[System], Both]:
 
     def opened(system: System, seed: int = 0) -> Both:
         plan, drive = make_plan(system), random_drive(system, seed)
-        reference = TorchExecutor(plan, make_slots(plan, drive), double=True)
-        return Both(plan, reference, WgpuExecutor(plan, make_slots(plan, drive), device))
+        reference = TorchExecutor(plan, make_frame_inputs(plan, drive), double=True)
+        return Both(plan, reference, WgpuExecutor(plan, make_frame_inputs(plan, drive), device))
 
     return opened

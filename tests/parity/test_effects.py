@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.engine.frame import focal_stack
+from holoview.engine.frame import compute_focal_stack
 
 pytestmark = pytest.mark.gpu
 
@@ -34,31 +34,31 @@ def test_a_frame_with_effects_is_that_of_torch(name: str, both: Opened, bench: O
     frames = {"frames": 2} if name == "several frames" else {}
     system = bench(**{"relay1.iris_na": 0.03, "relay2.iris_na": 0.03}, effects=EFFECTS[name], **frames)
     pair = both(system)
-    (expected, expected_xyz), (found, xyz) = focal_stack(pair.reference), focal_stack(pair.shaders)
+    (expected, expected_xyz), (found, xyz) = compute_focal_stack(pair.reference), compute_focal_stack(pair.shaders)
     assert found.shape == expected.shape
     for of_torch, of_shaders in ((expected, found), (expected_xyz, xyz)):
         assert np.linalg.norm(of_shaders - of_torch) <= TOLERANCE * np.linalg.norm(of_torch)
-    plain = focal_stack(both(bench(**{"relay1.iris_na": 0.03, "relay2.iris_na": 0.03}, **frames)).reference)[1]
+    plain = compute_focal_stack(both(bench(**{"relay1.iris_na": 0.03, "relay2.iris_na": 0.03}, **frames)).reference)[1]
     assert np.linalg.norm(expected_xyz - plain) > 0.02 * np.linalg.norm(plain)
 
 
 def test_a_session_goes_on_when_effects_are_edited(bench: Opened, device: Any) -> None:
     """Switched on, changed and switched off again: always what torch shows, and the nominal bench is what it tells."""
-    from holoview.engine.session import FrameSession
+    from holoview.engine.session import IncrementalRenderer
     from holoview.engine.torch import TorchExecutor
-    from holoview.optics.slots import make_slots
+    from holoview.optics.slots import make_frame_inputs
     from holoview.plan import make_plan
     from holoview.view import random_drive
 
     plain = bench(**{"relay1.iris_na": 0.03, "relay2.iris_na": 0.03})
     drive = random_drive(plain, 1)
-    session = FrameSession(plain, drive, device, plane_m=3e-3, strategy="passes")
+    session = IncrementalRenderer(plain, drive, device, plane_m=3e-3, strategy="passes")
     for effects in ({}, *EFFECTS.values(), EFFECTS["modulators"], {"crosstalk": {"sigma": 0.8}}, {}):
         system = plain.edit({"effects": effects})
         session.edit(system=system)
         assert session.system == system
         session.update()
         plan = make_plan(system, [3e-3])
-        expected = focal_stack(TorchExecutor(plan, make_slots(plan, drive), double=True))[1][0]
+        expected = compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, drive), double=True))[1][0]
         found = session.xyz()
         assert np.linalg.norm(found - expected) <= TOLERANCE * np.linalg.norm(expected), effects

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
-from holoview.engine.frame import focal_stack
+from holoview.engine.frame import compute_focal_stack
 
 pytestmark = pytest.mark.gpu
 
@@ -48,7 +48,7 @@ def test_an_intensity_is_that_of_torch_in_double_precision(
     both: Opened, bench: Opened, shape: str, plane: str, wavelength: str
 ) -> None:
     pair = both(bench(**SHAPES[shape], wavelengths=[wavelength], amplitudes=[[1.5]], planes=[plane]))
-    (expected, _), (found, _) = focal_stack(pair.reference), focal_stack(pair.shaders)
+    (expected, _), (found, _) = compute_focal_stack(pair.reference), compute_focal_stack(pair.shaders)
     assert found.shape == expected.shape and found.dtype == np.float32
     assert _error(found, expected) <= TOLERANCE
 
@@ -59,14 +59,14 @@ def test_a_frame_of_1024_x_768_is_that_of_torch_in_double_precision(both: Opened
     )
     pair = both(system)
     assert pair.plan.grid.padded == (768, 1024)
-    (expected, _), (found, _) = focal_stack(pair.reference), focal_stack(pair.shaders)
+    (expected, _), (found, _) = compute_focal_stack(pair.reference), compute_focal_stack(pair.shaders)
     assert _error(found, expected) <= TOLERANCE  # 5.2e-7
 
 
 @pytest.mark.parametrize("observer", ["eye", "cie1931", "mono"])
 def test_colours_are_those_of_torch_to_one_code_of_255(both: Opened, bench: Opened, observer: str) -> None:
     pair = both(bench(**SHAPES["384 x 250, periodic"], **COLOURS, observer=observer))
-    expected, found = (focal_stack(executor)[1] for executor in (pair.reference, pair.shaders))
+    expected, found = (compute_focal_stack(executor)[1] for executor in (pair.reference, pair.shaders))
     assert found.shape == expected.shape == (2, 250, 384, 3)
     assert _error(found, expected) <= XYZ_TOLERANCE
     codes = [to_srgb8(xyz_to_linear_srgb(xyz)).astype(int) for xyz in (expected, found)]
@@ -77,15 +77,15 @@ def test_colours_are_those_of_torch_to_one_code_of_255(both: Opened, bench: Open
 def test_a_frame_computed_twice_is_the_same_bit_for_bit(both: Opened, bench: Opened) -> None:
     system = bench(source={"directions": [[0.0, 0.0], [0.01, 0.02]]}, frames=2, **{"relay2.iris_na": 0.02}, upsample=3)
     pair, again = both(system), both(system)
-    first = focal_stack(pair.shaders)
+    first = compute_focal_stack(pair.shaders)
     for executor in (pair.shaders, again.shaders):
-        for before, after in zip(first, focal_stack(executor), strict=True):
+        for before, after in zip(first, compute_focal_stack(executor), strict=True):
             assert np.array_equal(before, after)
 
 
 def test_one_wavelength_computed_alone_is_that_of_the_whole_frame(both: Opened, bench: Opened) -> None:
     pair = both(bench())
-    whole, _ = focal_stack(pair.shaders)
+    whole, _ = compute_focal_stack(pair.shaders)
     for wavelength in (1, 0, 1):
         pair.shaders.run(wavelength)
         alone = np.stack([pair.shaders.intensity(plane) for plane in range(2)])
@@ -94,18 +94,18 @@ def test_one_wavelength_computed_alone_is_that_of_the_whole_frame(both: Opened, 
 
 def test_two_plans_on_one_device_leave_each_other_alone(both: Opened, bench: Opened) -> None:
     one = both(bench(propagation="periodic")).shaders
-    alone, _ = focal_stack(one)
+    alone, _ = compute_focal_stack(one)
     other = both(bench(**{"relay2.iris_na": 0.02}, planes=["5 mm"]), seed=1).shaders
-    beside, _ = focal_stack(other)
+    beside, _ = compute_focal_stack(other)
     one.run(1)  # recorded, not yet submitted
-    assert np.array_equal(focal_stack(other)[0], beside)
+    assert np.array_equal(compute_focal_stack(other)[0], beside)
     assert np.array_equal(one.intensity(0), alone[0, 1])
-    assert np.array_equal(focal_stack(one)[0], alone)
+    assert np.array_equal(compute_focal_stack(one)[0], alone)
 
 
 def test_every_focal_plane_is_computed_from_the_same_spectrum(both: Opened, bench: Opened) -> None:
     planes = ["3 mm", "4 mm", "5 mm"]
-    together, _ = focal_stack(both(bench(planes=planes)).shaders)
+    together, _ = compute_focal_stack(both(bench(planes=planes)).shaders)
     for index, plane in enumerate(planes):
-        alone, _ = focal_stack(both(bench(planes=[plane])).shaders)
+        alone, _ = compute_focal_stack(both(bench(planes=[plane])).shaders)
         assert np.array_equal(together[index], alone[0])

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from holoview.engine.backend import open_executor
-from holoview.engine.frame import focal_stack
+from holoview.engine.frame import compute_focal_stack
 from holoview.engine.torch import TorchExecutor
 from holoview.engine.wgpu import WgpuExecutor
 from holoview.errors import UserError
-from holoview.facts import facts
+from holoview.facts import info_rows
 from holoview.gpu import device as device_module
 from holoview.gpu.adapter import MIB
 from holoview.gpu.device import Device
-from holoview.optics.slots import make_slots
+from holoview.optics.slots import make_frame_inputs
 from holoview.plan import make_plan
 from holoview.system import System
 from holoview.view import random_drive
@@ -41,7 +41,7 @@ def _limited(device: Device, **limits: int) -> Device:
 
 def _shaders(system: System, device: Device) -> WgpuExecutor:
     plan = make_plan(system)
-    return WgpuExecutor(plan, make_slots(plan, random_drive(system)), device)
+    return WgpuExecutor(plan, make_frame_inputs(plan, random_drive(system)), device)
 
 
 @pytest.fixture
@@ -67,14 +67,14 @@ def test_a_grid_beyond_the_adapters_own_limit_is_refused_and_the_device_lives_on
         pytest.skip("this adapter holds the largest grid that is quick to try")
     with pytest.raises(UserError, match=r"padded field, 4320 x 4320.*needs 142.6 MiB.*lower the size of the grid"):
         _shaders(bench(shape=[2130, 2130], upsample=1), device)
-    assert focal_stack(_shaders(bench(), device))[0].any()
+    assert compute_focal_stack(_shaders(bench(), device))[0].any()
 
 
 @gpu
 def test_more_workgroups_than_the_device_takes_are_refused_before_it_is_asked(device: Device, bench: Opened) -> None:
     executor = _shaders(bench(), _limited(device, max_compute_workgroups_per_dimension=1))
     with pytest.raises(UserError, match=r"workgroups; expected at most 1 along an axis.*lower the size of the grid"):
-        focal_stack(executor)
+        compute_focal_stack(executor)
 
 
 @gpu
@@ -99,9 +99,9 @@ def test_a_periodic_size_that_has_no_transform_is_padded_to_the_next_one_in_both
     system = bench(shape=[11, 32], propagation="periodic")
     plan, drive = make_plan(system), random_drive(system)
     assert plan.grid.padded == (24, 64) and plan.grid.shape == (22, 64)
-    assert "24 (periodic, padded to the next sizes" in str(facts(system))
-    expected = focal_stack(TorchExecutor(plan, make_slots(plan, drive), double=True))[0]
-    found = focal_stack(_shaders(system, device))[0]
+    assert "24 (periodic, padded to the next sizes" in str(info_rows(system))
+    expected = compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, drive), double=True))[0]
+    found = compute_focal_stack(_shaders(system, device))[0]
     assert np.linalg.norm(found - expected) <= 1e-6 * np.linalg.norm(expected)
 
 

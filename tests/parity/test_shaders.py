@@ -14,21 +14,21 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.engine import layouts
-from holoview.engine.kernels import KERNELS, Kernels, transform_of
+from holoview.engine.kernels import KERNELS, FusedKernels, make_transform
 from holoview.files import data_dir
 from holoview.gpu.device import Buffer, Device
-from holoview.gpu.layout import Struct
-from holoview.gpu.lines import Strategy, has_subgroups
-from holoview.gpu.recorder import Pass, Recorder
-from holoview.gpu.shader import Generated, ShaderError, link
-from holoview.gpu.warm import warm_up
+from holoview.gpu.layout import WgslStruct
+from holoview.gpu.lines import Strategy, supports_subgroup_strategy
+from holoview.gpu.recorder import CommandRecorder, Dispatch
+from holoview.gpu.shader import GeneratedWgsl, ShaderError, link
+from holoview.gpu.warm import precompile
 from holoview.optics.propagate import transfer_function
-from holoview.plan import Grid, fixed_turns
+from holoview.plan import Grid, turns_to_fixed_point
 
 pytestmark = pytest.mark.gpu
 
-STRUCTS = {struct.name: struct for struct in vars(layouts).values() if isinstance(struct, Struct)}
-DECLARATIONS = Generated("layouts", "".join(struct.wgsl for struct in STRUCTS.values()))
+STRUCTS = {struct.name: struct for struct in vars(layouts).values() if isinstance(struct, WgslStruct)}
+DECLARATIONS = GeneratedWgsl("layouts", "".join(struct.wgsl for struct in STRUCTS.values()))
 SWITCH = re.compile(r"^override (\w+): bool\b", re.MULTILINE)
 NUMBER = re.compile(r"^override (\w+): [ui]32;", re.MULTILINE)
 
@@ -50,9 +50,9 @@ def _permutations() -> Iterator[tuple[str, dict[str, int]]]:
 
 
 def _run(device: Device, text: str, uniforms: list[Buffer], inputs: list[Buffer], out: Buffer, workgroups: int) -> None:
-    pipeline = device.pipeline(link(DECLARATIONS, Generated("probe", text)))
-    recorder = Recorder(device)
-    recorder.add(Pass.bind(device, pipeline, [uniforms, [*inputs, out]], (workgroups, 1, 1)))
+    pipeline = device.pipeline(link(DECLARATIONS, GeneratedWgsl("probe", text)))
+    recorder = CommandRecorder(device)
+    recorder.add(Dispatch.bind(device, pipeline, [uniforms, [*inputs, out]], (workgroups, 1, 1)))
     recorder.submit()
 
 
@@ -69,7 +69,7 @@ def _run(device: Device, text: str, uniforms: list[Buffer], inputs: list[Buffer]
 def test_a_shader_compiles_in_every_permutation(device: Device, name: str, constants: dict[str, int]) -> None:
     is_stage = "@compute" in (data_dir("shaders") / name).read_text(encoding="utf-8")
     probe = "" if is_stage else "@compute @workgroup_size(1) fn main() {}\n"
-    device.pipeline(link(DECLARATIONS, name, Generated("probe", probe), label=name), constants)
+    device.pipeline(link(DECLARATIONS, name, GeneratedWgsl("probe", probe), label=name), constants)
 
 
 _PARTS = ("rows", "rows_one", "rows_two", "work")
@@ -86,19 +86,19 @@ def _switches(kernel: str) -> list[str]:
 def test_a_fused_kernel_compiles_in_every_permutation(
     device: Device, kernel: str, is_padded: bool, half: bool, strategy: Strategy
 ) -> None:
-    if strategy == "subgroup" and not has_subgroups(device, (64, 128)):
+    if strategy == "subgroup" and not supports_subgroup_strategy(device, (64, 128)):
         pytest.skip("this adapter's lanes exchange nothing")
     grid = Grid((32, 64), (64, 128), (16, 32), 4e-6, 2) if is_padded else Grid((64, 128), (64, 128), (0, 0), 4e-6, 2)
     switches = _switches(kernel)
     for two, *chosen in product((False, True), repeat=1 + len(switches)):
         constants = tuple(zip(switches, chosen, strict=True))
-        transform_of(device, grid, kernel, constants, strategy, half=half, two=two).compile()
+        make_transform(device, grid, kernel, constants, strategy, half=half, separate_buffers=two).compile()
 
 
 @pytest.mark.parametrize("two", [False, True], ids=["in place", "elsewhere"])
 def test_fused_kernels_can_be_compiled_ahead(device: Device, two: bool) -> None:
-    kernels = Kernels(device, Grid((64, 128), (64, 128), (0, 0), 4e-6, 2))
-    warm_up(device, kernels.stages("workgroup", [(kernel, (), two) for kernel in KERNELS]))
+    kernels = FusedKernels(device, Grid((64, 128), (64, 128), (0, 0), 4e-6, 2))
+    precompile(device, kernels.shaders("workgroup", [(kernel, (), two) for kernel in KERNELS]))
     device.wait()
 
 
@@ -112,7 +112,7 @@ def test_there_is_a_shader_for_each_fused_kernel_and_none_besides() -> None:
 def test_an_error_in_a_fused_kernel_names_its_file_and_line(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(KERNELS, "light", ("x", ("forward",), ()))  # no struct Wave
     with pytest.raises(ShaderError, match=r"lib/source.wgsl:6: fn plane_wave\(wave: Wave"):
-        transform_of(device, Grid((4, 4), (4, 4), (0, 0), 4e-6, 1), "light", (), "passes").compile()
+        make_transform(device, Grid((4, 4), (4, 4), (0, 0), 4e-6, 1), "light", (), "passes").compile()
 
 
 def test_the_permutations_cover_every_folder_and_the_pupil() -> None:
@@ -125,7 +125,7 @@ def test_the_permutations_cover_every_folder_and_the_pupil() -> None:
 # --- structs --------------------------------------------------------------------------------------------------------
 
 
-def _numbers(struct: Struct) -> list[str]:
+def _numbers(struct: WgslStruct) -> list[str]:
     """A WGSL f32 expression for every number in the struct, in order of fields."""
     return [
         f"f32(given.{name}{part})"
@@ -194,7 +194,7 @@ def test_a_multiple_of_fixed_point_turns_is_exact_to_its_last_bit(device: Device
 def test_a_multiple_of_a_phase_keeps_22_bits_of_a_turn(device: Device) -> None:
     rng, n = np.random.default_rng(6), _factors()
     turns = rng.uniform(-3, 3, COUNT) * 10.0 ** rng.uniform(-9, 0, COUNT)
-    words = np.stack([fixed_turns(t) for t in turns.tolist()])
+    words = np.stack([turns_to_fixed_point(t) for t in turns.tolist()])
     for factor, phase, found in zip(n.tolist(), turns.tolist(), _turns_times(device, n, words), strict=True):
         off = (Fraction(found, 2**32) - factor * Fraction(phase)) % 1
         assert min(off, 1 - off) <= Fraction(1, 2**22)

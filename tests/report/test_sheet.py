@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.report.sheet import Tile, contact_sheet
+from holoview.report.sheet import CaptionedTile, contact_sheet
 
 PAPER = (24, 24, 27)
 MARGIN, TOP, CAPTION = 16, 96, 33
 """Space around pictures, above the first row, and below each row."""
 
 
-def _tile(seed: int, rows: int = 6, columns: int = 8) -> Tile:
+def _tile(seed: int, rows: int = 6, columns: int = 8) -> CaptionedTile:
     pixels = np.random.default_rng(seed).integers(60, 256, (rows, columns, 3), dtype=np.uint8)
-    return Tile(pixels, f"picture {seed}")
+    return CaptionedTile(pixels, f"picture {seed}")
 
 
 def _cell(sheet: np.ndarray, x: int, y: int, rows: int, columns: int) -> np.ndarray:
@@ -58,7 +58,7 @@ def test_rows_of_different_height_follow_each_other() -> None:
     ],
 )
 def test_title_heads_and_captions_stand_where_they_belong(title: str, head: str, caption: str, where: slice) -> None:
-    tile = Tile(np.full((6, 8, 3), 90, np.uint8), caption)
+    tile = CaptionedTile(np.full((6, 8, 3), 90, np.uint8), caption)
     sheet = contact_sheet(title, [head], [[tile]], width=80).copy()
     _cell(sheet, MARGIN, TOP, 60, 80)[:] = PAPER
     inked = np.any(sheet != PAPER, axis=(1, 2))

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from holoview.session.opening import pasted
-from holoview.session.session import Session
-from holoview.session.wanted import Wanted
+from holoview.session.opening import target_from_pixels
+from holoview.session.session import EditingSession
+from holoview.session.wanted import TargetSpec
 from holoview.system import Modulator, System
 
 MODULATOR = Modulator(pitch_m=8e-6, shape=(24, 32), stroke_m=825e-9)
@@ -29,15 +29,15 @@ def small_system(**changes: object) -> System:
 
 
 @pytest.fixture
-def session() -> Iterator[Session]:
-    made = Session(small_system())
+def session() -> Iterator[EditingSession]:
+    made = EditingSession(small_system())
     yield made
     made.close()
 
 
 @pytest.fixture
-def wanted() -> Wanted:
+def wanted() -> TargetSpec:
     """A bright square on grey."""
     pixels = np.full((48, 64, 3), 90, np.uint8)
     pixels[12:36, 16:48] = 230
-    return pasted(pixels, "square")
+    return target_from_pixels(pixels, "square")

@@ -15,11 +15,11 @@ import pytest
 
 import tests.session.conftest as bench
 from holoview.errors import UserError
-from holoview.session.autosave import Store
+from holoview.session.autosave import SessionStore
 from holoview.session.folder import Preferences
-from holoview.session.look import TARGET, Look, Side
-from holoview.session.session import Session
-from holoview.session.wanted import Wanted
+from holoview.session.look import TARGET, ComparisonSide, ViewSettings
+from holoview.session.session import EditingSession
+from holoview.session.wanted import TargetSpec
 
 _PROGRAM = """
 import sys, time
@@ -48,25 +48,25 @@ while True:  # goes on editing until it is killed, so that the kill falls into a
 
 
 def test_a_killed_program_loses_nothing(tmp_path: Path) -> None:
-    store = Store(tmp_path)
+    store = SessionStore(tmp_path)
     program = subprocess.Popen([sys.executable, "-c", _PROGRAM, str(tmp_path)], stdout=subprocess.PIPE, text=True)
     assert program.stdout is not None and program.stdout.readline() == "saved\n"
-    assert store.crashed() == [], "its owner is still alive"
+    assert store.crashed_sessions() == [], "its owner is still alive"
     _wait_for_a_later_save(tmp_path)
     os.kill(program.pid, signal.SIGKILL)
     assert program.wait(10) == -signal.SIGKILL
     program.stdout.close()
-    (saved,) = store.crashed()
+    (saved,) = store.crashed_sessions()
     session = saved.restore()
     labels = [step.label for step in session.history]
     assert labels[:7] == ["Start", "Target", "Gap", "Gap", "Gap", "Gap", "Wipe"]
     assert session.messages.all == () and list(session.snapshots) == ["before"]
-    session.go_to(5)
-    assert session.system.gap_m == 5e-3 and session.wanted is not None
-    assert np.array_equal(session.drive, Session(bench.small_system(), seed=7).drive)
+    session.go_to_step(5)
+    assert session.system.gap_m == 5e-3 and session.target_spec is not None
+    assert np.array_equal(session.drive, EditingSession(bench.small_system(), seed=7).drive)
     assert session.snapshots["before"].drive is session.drive, "steps share their patterns as before"
     store.discard(saved)
-    assert store.crashed() == []
+    assert store.crashed_sessions() == []
 
 
 def _wait_for_a_later_save(folder: Path, timeout_s: float = 60.0) -> None:
@@ -77,50 +77,50 @@ def _wait_for_a_later_save(folder: Path, timeout_s: float = 60.0) -> None:
         time.sleep(0.02)
 
 
-def test_closing_in_good_order_leaves_the_last_session_only(tmp_path: Path, wanted: Wanted) -> None:
-    store = Store(tmp_path)
+def test_closing_in_good_order_leaves_the_last_session_only(tmp_path: Path, wanted: TargetSpec) -> None:
+    store = SessionStore(tmp_path)
     for name in ("first", "second"):
-        session = Session(bench.small_system(name=name))
-        autosave = store.attach(session)
+        session = EditingSession(bench.small_system(name=name))
+        autosave = store.start_autosave(session)
         session.edit("Target", wanted=wanted)
         autosave.close()
-    last = store.last()
-    assert last is not None and "second" in last.title and store.crashed() == []
+    last = store.last_session()
+    assert last is not None and "second" in last.title and store.crashed_sessions() == []
     assert len(list((tmp_path / "sessions").iterdir())) == 1
-    unedited = store.attach(Session(bench.small_system()))
+    unedited = store.start_autosave(EditingSession(bench.small_system()))
     unedited.close()
-    assert store.last() == last, "looking without an edit doesn't replace it"
+    assert store.last_session() == last, "looking without an edit doesn't replace it"
 
 
-def test_the_look_and_its_sides_come_back(tmp_path: Path, session: Session) -> None:
-    look = Look(
+def test_the_look_and_its_sides_come_back(tmp_path: Path, session: EditingSession) -> None:
+    look = ViewSettings(
         plane_m=3.3e-3,
         muted=frozenset({2}),
-        a=Side("preset", "simultaneous"),
+        a=ComparisonSide("preset", "simultaneous"),
         b=TARGET,
         region=(1, 2, 3, 4),
         profile=(0.0, 1.0, 2.5, 3.0),
         centre=(0.25, 0.75),
     )
     session.edit("Look", look=look)
-    store = Store(tmp_path)
-    autosave = store.attach(session)
+    store = SessionStore(tmp_path)
+    autosave = store.start_autosave(session)
     autosave.close()
-    last = store.last()
-    assert last is not None and last.restore().look == look
+    last = store.last_session()
+    assert last is not None and last.restore().view_settings == look
 
 
-def test_what_is_damaged_is_left_out_and_told(tmp_path: Path, session: Session) -> None:
-    store = Store(tmp_path)
-    autosave = store.attach(session)
+def test_what_is_damaged_is_left_out_and_told(tmp_path: Path, session: EditingSession) -> None:
+    store = SessionStore(tmp_path)
+    autosave = store.start_autosave(session)
     session.edit("Pattern", drive=np.zeros(session.drive.shape, np.float32))
     session.change("Gap", {"gap": 2e-3})
     assert autosave.flush()
     folder = autosave.folder
     table = json.loads((folder / "session.json").read_text())
     (folder / "objects" / f"{table['steps'][0]['drive']}.safetensors").write_bytes(b"damaged")
-    autosave._stop()
-    saved = next(saved for saved in store._all() if saved.folder == folder)
+    autosave._remove_listener()
+    saved = next(saved for saved in store.saved_sessions() if saved.folder == folder)
     restored = saved.restore()
     assert [step.label for step in restored.history] == ["Pattern", "Gap"] and restored.system.gap_m == 2e-3
     (message,) = restored.messages.all
@@ -128,38 +128,38 @@ def test_what_is_damaged_is_left_out_and_told(tmp_path: Path, session: Session) 
     (folder / "session.json").write_text("{")
     with pytest.raises(UserError):
         saved.restore()
-    assert store.crashed() == []
+    assert store.crashed_sessions() == []
 
 
-def test_an_open_session_becomes_the_saved_one_and_its_listeners_stay(tmp_path: Path, session: Session) -> None:
-    store = Store(tmp_path)
-    autosave = store.attach(session)
+def test_an_open_session_becomes_the_saved_one_and_its_listeners_stay(tmp_path: Path, session: EditingSession) -> None:
+    store = SessionStore(tmp_path)
+    autosave = store.start_autosave(session)
     session.change("Gap", {"gap": 2e-3})
     session.pin("mine")
     autosave.close()
-    other, heard = Session(bench.small_system(), seed=9), []
-    other.listen(lambda change: heard.append(change.kinds))
-    last = store.last()
+    other, heard = EditingSession(bench.small_system(), seed=9), []
+    other.add_listener(lambda change: heard.append(change.kinds))
+    last = store.last_session()
     assert last is not None
     last.restore_into(other)
     assert other.system.gap_m == 2e-3 and other.undo() == "Gap" and list(other.snapshots) == ["mine"]
     assert {"system", "drive", "look", "target", "snapshots", "history"} <= heard[0]
 
 
-def test_what_an_optimisation_had_found_is_pinned_after_a_crash(tmp_path: Path, session: Session) -> None:
-    autosave = Store(tmp_path).attach(session)
-    found = session.state.edited({"drive": np.zeros(session.drive.shape, np.float32), "origin": "half way"})
-    session.preview(session.state, found)
+def test_what_an_optimisation_had_found_is_pinned_after_a_crash(tmp_path: Path, session: EditingSession) -> None:
+    autosave = SessionStore(tmp_path).start_autosave(session)
+    found = session.document.with_changes({"drive": np.zeros(session.drive.shape, np.float32), "origin": "half way"})
+    session.set_preview(session.document, found)
     assert autosave.flush()
-    autosave._stop()
-    (saved,) = [saved for saved in Store(tmp_path)._all() if saved.folder == autosave.folder]
+    autosave._remove_listener()
+    (saved,) = [saved for saved in SessionStore(tmp_path).saved_sessions() if saved.folder == autosave.folder]
     pinned = saved.restore().snapshots["Unfinished optimisation"]
     assert pinned.origin == "half way" and pinned.drive.max() == 0
 
 
-def test_only_what_is_referred_to_stays_on_the_disk(tmp_path: Path, session: Session) -> None:
-    store = Store(tmp_path)
-    autosave = store.attach(session)
+def test_only_what_is_referred_to_stays_on_the_disk(tmp_path: Path, session: EditingSession) -> None:
+    store = SessionStore(tmp_path)
+    autosave = store.start_autosave(session)
     session.edit("Pattern", drive=np.zeros(session.drive.shape, np.float32))
     assert autosave.flush()
     session.undo()
@@ -170,9 +170,9 @@ def test_only_what_is_referred_to_stays_on_the_disk(tmp_path: Path, session: Ses
 
 
 def test_a_full_disk_is_told_once_and_the_session_goes_on(
-    tmp_path: Path, session: Session, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, session: EditingSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    autosave = Store(tmp_path).attach(session)
+    autosave = SessionStore(tmp_path).start_autosave(session)
     assert autosave.flush()
 
     def full(*_: object) -> None:
@@ -187,7 +187,7 @@ def test_a_full_disk_is_told_once_and_the_session_goes_on(
     monkeypatch.undo()
     session.change("Gap", {"gap": 4e-3})
     autosave.close()
-    last = Store(tmp_path).last()
+    last = SessionStore(tmp_path).last_session()
     assert last is not None and last.restore().system.gap_m == 4e-3
 
 
@@ -204,7 +204,7 @@ def test_recent_files_are_newest_first_and_those_that_are_there(tmp_path: Path) 
     files = [tmp_path / name for name in ("a", "b", "c")]
     for file in files:
         file.touch()
-        preferences.remember(file)
-    preferences.remember(files[0])
+        preferences.add_recent_file(file)
+    preferences.add_recent_file(files[0])
     files[2].unlink()
-    assert Preferences(tmp_path / "preferences.json").recent == (files[0], files[1])
+    assert Preferences(tmp_path / "preferences.json").recent_files == (files[0], files[1])

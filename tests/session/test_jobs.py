@@ -9,16 +9,23 @@ import pytest
 
 from holoview.errors import UserError
 from holoview.optimise.settings import Settings
-from holoview.session.jobs import Control, describe_job
-from holoview.session.optimising import OptimisePlan, coarsened, last, optimise, quick_look, running
-from holoview.session.session import Session
-from holoview.session.wanted import Wanted
+from holoview.session.jobs import JobControl, format_job
+from holoview.session.optimising import (
+    OptimisationRequest,
+    last_optimisation,
+    running_optimisation,
+    start_optimisation,
+    start_quick_optimisation,
+    with_superpixels,
+)
+from holoview.session.session import EditingSession
+from holoview.session.wanted import TargetSpec
 
-SHORT = OptimisePlan(Settings(iterations=4), every=1, device="cpu")
-ENDLESS = OptimisePlan(Settings(iterations=100_000), every=1, device="cpu")
+SHORT = OptimisationRequest(Settings(iterations=4), preview_every=1, device="cpu")
+ENDLESS = OptimisationRequest(Settings(iterations=100_000), preview_every=1, device="cpu")
 
 
-def _until(session: Session, condition: object, timeout_s: float = 30.0) -> None:
+def _until(session: EditingSession, condition: object, timeout_s: float = 30.0) -> None:
     until = time.monotonic() + timeout_s
     while not condition():  # type: ignore[operator]
         session.poll()
@@ -26,38 +33,38 @@ def _until(session: Session, condition: object, timeout_s: float = 30.0) -> None
         time.sleep(0.005)
 
 
-def test_a_job_reports_and_its_result_arrives_on_the_owners_thread(session: Session) -> None:
+def test_a_job_reports_and_its_result_arrives_on_the_owners_thread(session: EditingSession) -> None:
     results: list[int] = []
 
-    def work(control: Control) -> int:
+    def work(control: JobControl) -> int:
         control.report(1, 2, "half way")
         return 42
 
     job = session.jobs.start("Answer", work, results.append)
     assert job.join(10.0) and results == [] and job.is_active, "nothing happens before the owner polls"
     session.poll()
-    assert describe_job(job) == "Answer 50%, half way"
+    assert format_job(job) == "Answer 50%, half way"
     assert results == [42] and job.status == "done" and (job.fraction, job.note) == (0.5, "half way")
 
 
-def test_a_failure_is_told_and_a_users_mistake_reads_as_one(session: Session) -> None:
-    def mistake(control: Control) -> None:
+def test_a_failure_is_told_and_a_users_mistake_reads_as_one(session: EditingSession) -> None:
+    def mistake(control: JobControl) -> None:
         raise UserError("file", "is broken")
 
-    def defect(control: Control) -> None:
+    def defect(control: JobControl) -> None:
         raise RuntimeError("oops")
 
     jobs = [session.jobs.start("Open", mistake), session.jobs.start("Save", defect)]
-    assert session.wait(10.0)
+    assert session.wait_until_idle(10.0)
     assert [job.status for job in jobs] == ["failed", "failed"]
     texts = sorted((m.text, bool(m.details)) for m in session.messages.all)
     assert texts == [("Open: file: is broken", False), ("Save: RuntimeError: oops", True)]
 
 
-def test_a_paused_job_waits_and_a_cancelled_one_ends_without_a_result(session: Session) -> None:
+def test_a_paused_job_waits_and_a_cancelled_one_ends_without_a_result(session: EditingSession) -> None:
     entered, results = Event(), []
 
-    def work(control: Control) -> None:
+    def work(control: JobControl) -> None:
         while True:
             entered.set()
             control.report(1, 10)
@@ -75,66 +82,74 @@ def test_a_paused_job_waits_and_a_cancelled_one_ends_without_a_result(session: S
     assert job.status == "cancelled" and results == []
 
 
-def test_an_optimisation_is_one_edit_that_undo_takes_back(session: Session, wanted: Wanted) -> None:
+def test_an_optimisation_is_one_edit_that_undo_takes_back(session: EditingSession, wanted: TargetSpec) -> None:
     session.edit("Target", wanted=wanted)
     old = session.drive
-    job = optimise(session, SHORT)
+    job = start_optimisation(session, SHORT)
     with pytest.raises(UserError, match="one is running"):
-        optimise(session, SHORT)
-    assert session.wait(60.0)
-    assert job.status == "done" and running(session) is None and last(session) is job
-    assert [reached.iteration for reached in job.reached] == [0, 1, 2, 3, 4]
-    assert job.reached[-1].best_psnr_db > job.reached[0].psnr_db
-    assert session.drive is not old and "4 iterations" in session.state.origin
+        start_optimisation(session, SHORT)
+    assert session.wait_until_idle(60.0)
+    assert job.status == "done" and running_optimisation(session) is None and last_optimisation(session) is job
+    assert [reached.iteration for reached in job.progress] == [0, 1, 2, 3, 4]
+    assert job.progress[-1].best_psnr_db > job.progress[0].psnr_db
+    assert session.drive is not old and "4 iterations" in session.document.origin
     label = session.undo()
     assert label is not None and label.startswith("Optimise") and session.drive is old
 
 
-def test_the_view_follows_and_cancelling_leaves_the_old_patterns(session: Session, wanted: Wanted) -> None:
+def test_the_view_follows_and_cancelling_leaves_the_old_patterns(session: EditingSession, wanted: TargetSpec) -> None:
     session.edit("Target", wanted=wanted)
-    job = optimise(session, ENDLESS)
-    _until(session, lambda: session.shown.drive is not session.drive)
+    job = start_optimisation(session, ENDLESS)
+    _until(session, lambda: session.displayed_document.drive is not session.drive)
     job.pause()
     session.change("Gap", {"gap": 2e-3})
-    assert session.shown.drive is session.drive, "another bench isn't covered by what was found for this one"
+    assert session.displayed_document.drive is session.drive, (
+        "another bench isn't covered by what was found for this one"
+    )
     session.undo()
-    assert session.shown.drive is not session.drive
+    assert session.displayed_document.drive is not session.drive
     job.cancel()
     _until(session, lambda: not job.is_active)
-    assert job.status == "cancelled" and session.shown.drive is session.drive and session.position == 1
+    assert (
+        job.status == "cancelled"
+        and session.displayed_document.drive is session.drive
+        and session.history_position == 1
+    )
 
 
-def test_keeping_ends_an_optimisation_with_the_best_so_far(session: Session, wanted: Wanted) -> None:
+def test_keeping_ends_an_optimisation_with_the_best_so_far(session: EditingSession, wanted: TargetSpec) -> None:
     session.edit("Target", wanted=wanted)
-    old, job = session.drive, optimise(session, ENDLESS)
+    old, job = session.drive, start_optimisation(session, ENDLESS)
     _until(session, lambda: job.latest is not None and job.latest.iteration >= 2)
-    job.keep()
+    job.stop_and_keep()
     _until(session, lambda: not job.is_active)
     assert job.status == "done" and session.drive is not old
 
 
-def test_a_scheme_changes_the_bench_with_the_patterns(session: Session, wanted: Wanted) -> None:
+def test_a_scheme_changes_the_bench_with_the_patterns(session: EditingSession, wanted: TargetSpec) -> None:
     session.edit("Target", wanted=wanted)
-    optimise(session, OptimisePlan(Settings(iterations=1), scheme="holochrome-4x2", device="cpu"))
-    assert session.wait(60.0)
+    start_optimisation(session, OptimisationRequest(Settings(iterations=1), scheme="holochrome-4x2", device="cpu"))
+    assert session.wait_until_idle(60.0)
     assert session.drive.shape[0] == 2 and len(session.system.wavelengths_m) == 4
     session.undo()
     assert session.drive.shape[0] == 1
 
 
-def test_optimising_needs_a_target(session: Session) -> None:
+def test_optimising_needs_a_target(session: EditingSession) -> None:
     with pytest.raises(UserError, match="there is no target"):
-        optimise(session, SHORT)
+        start_optimisation(session, SHORT)
 
 
-def test_a_quick_look_moves_large_pixels_and_stays_on_the_bench(session: Session, wanted: Wanted) -> None:
-    bench = coarsened(session.system, 3)
+def test_a_quick_look_moves_large_pixels_and_stays_on_the_bench(session: EditingSession, wanted: TargetSpec) -> None:
+    bench = with_superpixels(session.system, 3)
     assert bench.modulators[0].shape == (8, 11) and bench.modulators[0].pitch_m == pytest.approx(24e-6)
     session.edit("Target", wanted=wanted)
-    job = optimise(session, OptimisePlan(Settings(iterations=2), coarse=2, only_m=3e-3, device="cpu"))
-    assert session.wait(60.0) and job.status == "done"
+    job = start_optimisation(
+        session, OptimisationRequest(Settings(iterations=2), superpixel=2, only_plane_m=3e-3, device="cpu")
+    )
+    assert session.wait_until_idle(60.0) and job.status == "done"
     drive = session.drive
     assert drive.shape == session.system.drive_shape
     assert (drive[..., ::2, ::2] == drive[..., 1::2, 1::2]).all()
-    assert quick_look(session, iterations=1).plan.only_m == 4e-3, "the plane that is looked at"
-    assert session.wait(60.0)
+    assert start_quick_optimisation(session, iterations=1).request.only_plane_m == 4e-3, "the plane that is looked at"
+    assert session.wait_until_idle(60.0)

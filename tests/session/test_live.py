@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 from holoview.colour import D65_WHITE
-from holoview.session.live import Figures, Live, measured
-from holoview.session.newest import Newest
-from holoview.session.session import Session
+from holoview.session.live import ImageMeasurements, LiveMeasurement, measure_image
+from holoview.session.newest import LatestTask
+from holoview.session.session import EditingSession
 
 
-def _speckle(session: Session, seed: int = 0) -> np.ndarray:
-    return np.random.default_rng(seed).exponential(size=session.state.shape)
+def _speckle(session: EditingSession, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).exponential(size=session.document.image_shape)
 
 
-def test_all_figures_of_an_image_at_once(session: Session) -> None:
-    session.look_at("Draw", region=(8, 8, 32, 32), profile=(0.0, 0.0, 10.0, 0.0))
+def test_all_figures_of_an_image_at_once(session: EditingSession) -> None:
+    session.edit_view("Draw", region=(8, 8, 32, 32), profile=(0.0, 0.0, 10.0, 0.0))
     luminance = _speckle(session)
     lasers = np.stack([_speckle(session, seed) for seed in range(3)])
-    figures = measured(session.state, luminance[..., None] * D65_WHITE, np.ones((48, 64, 3)), lasers)
+    figures = measure_image(session.document, luminance[..., None] * D65_WHITE, np.ones((48, 64, 3)), lasers)
     assert figures.region is not None and figures.region.contrast == pytest.approx(1.0, abs=0.2)
     assert figures.profile is not None and figures.profile.values[:, 0] == pytest.approx(luminance[0, :11])
     assert figures.profile.distance_m[-1] == pytest.approx(10 * 4e-6), "samples are half of an 8 µm pixel"
@@ -31,26 +31,26 @@ def test_all_figures_of_an_image_at_once(session: Session) -> None:
     assert figures.histogram is not None and figures.problem == ""
 
 
-def test_a_dark_region_is_told(session: Session) -> None:
-    figures = measured(session.state, np.zeros((48, 64, 3)))
+def test_a_dark_region_is_told(session: EditingSession) -> None:
+    figures = measure_image(session.document, np.zeros((48, 64, 3)))
     assert figures.region is None and "light" in figures.problem
 
 
-def test_only_the_newest_image_is_measured(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_the_newest_image_is_measured(session: EditingSession, monkeypatch: pytest.MonkeyPatch) -> None:
     begun, goes_on = Event(), Event()
 
-    def slow(*args: Any) -> Figures:
+    def slow(*args: Any) -> ImageMeasurements:
         begun.set()
         assert goes_on.wait(20)
-        return measured(*args)
+        return measure_image(*args)
 
     monkeypatch.setattr("holoview.session.live.measured", slow)
     means: list[float] = []
-    live = Live(session, lambda: means.append(live.figures.region.mean))  # type: ignore[union-attr]
-    live.look(session.state, np.ones((48, 64, 3)))
+    live = LiveMeasurement(session, lambda: means.append(live.measurements.region.mean))  # type: ignore[union-attr]
+    live.request(session.document, np.ones((48, 64, 3)))
     assert begun.wait(20)
     for mean in range(2, 30):
-        live.look(session.state, np.ones((48, 64, 3)) * mean)
+        live.request(session.document, np.ones((48, 64, 3)) * mean)
     goes_on.set()
     until = time.monotonic() + 20
     while live.is_busy and time.monotonic() < until:
@@ -60,18 +60,18 @@ def test_only_the_newest_image_is_measured(session: Session, monkeypatch: pytest
     live.close()
 
 
-def test_a_failure_is_told_and_the_next_request_is_served(session: Session) -> None:
+def test_a_failure_is_told_and_the_next_request_is_served(session: EditingSession) -> None:
     taken: list[int] = []
-    newest: Newest[int] = Newest("test", session.deliver, session.messages.post_error)
+    newest: LatestTask[int] = LatestTask("test", session.call_on_owner, session.messages.post_error)
     failed = Event()
 
     def fail() -> int:
         failed.set()
         raise RuntimeError("oops")
 
-    newest.ask(fail, taken.append)
+    newest.submit(fail, taken.append)
     assert failed.wait(10)
-    newest.ask(lambda: 7, taken.append)
+    newest.submit(lambda: 7, taken.append)
     until = time.monotonic() + 10
     while not taken and time.monotonic() < until:
         session.poll()

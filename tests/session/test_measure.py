@@ -10,11 +10,11 @@ from holoview.errors import UserError
 from holoview.session import gamut
 from holoview.session.measure import (
     contrast_by_wavelength,
+    independent_pattern_count,
+    laser_luminances,
     line_profile,
-    luminances,
     measure_region,
-    patterns_expected,
-    pixel_at,
+    sample_pixel,
 )
 from tests.session.conftest import small_system
 
@@ -29,7 +29,7 @@ def _speckle(seed: int, patterns: int = 1) -> np.ndarray:
 def test_a_region_of_even_speckle_has_its_contrast_and_mean() -> None:
     figures = measure_region(0.5 * _speckle(0)[..., None] * D65_WHITE, WHOLE)
     assert figures.contrast == pytest.approx(1.0, abs=CONTRAST_TOLERANCE)
-    assert figures.mean == pytest.approx(0.5, rel=0.02) and figures.pixels == 256 * 256
+    assert figures.mean == pytest.approx(0.5, rel=0.02) and figures.n_pixels == 256 * 256
     assert figures.psnr_db is None and figures.delta_e is None
 
 
@@ -61,7 +61,7 @@ def test_independent_lasers_lower_the_contrast_as_theory_says() -> None:
     curve = contrast_by_wavelength(lambda i: stacks[i], system, WHOLE)
     assert curve.independent == pytest.approx(1 / np.sqrt([1, 2, 3]))
     assert curve.measured == pytest.approx(curve.independent, abs=CONTRAST_TOLERANCE)
-    assert patterns_expected(system) == pytest.approx(3.0)
+    assert independent_pattern_count(system) == pytest.approx(3.0)
     equal = contrast_by_wavelength(lambda i: stacks[0], system, WHOLE)
     assert equal.measured == pytest.approx([equal.measured[0]] * 3), "one pattern in all lasers isn't averaged"
 
@@ -70,15 +70,15 @@ def test_the_brightest_laser_comes_first_and_those_that_are_off_not_at_all() -> 
     system = small_system(amplitudes=[[1.0, 0.0, 1.0]])
     curve = contrast_by_wavelength(lambda i: _speckle(i), system, WHOLE)
     assert curve.wavelengths_m.tolist() == [638e-9, 460e-9]
-    power = luminances(small_system())
+    power = laser_luminances(small_system())
     assert power[0] == pytest.approx(observer_weights("eye", [460e-9, 532e-9, 638e-9])[:, 1])
 
 
 def test_sources_and_frames_count_as_patterns() -> None:
     system = small_system(observer="mono", frames=2)
-    assert patterns_expected(system) == pytest.approx(6.0)
+    assert independent_pattern_count(system) == pytest.approx(6.0)
     several = system.edit({"source.directions": [[0.0, 0.0], [0.0, 0.005]]})
-    assert patterns_expected(several) == pytest.approx(12.0)
+    assert independent_pattern_count(several) == pytest.approx(12.0)
 
 
 def test_a_profile_runs_along_its_line_in_metres() -> None:
@@ -95,22 +95,22 @@ def test_a_profile_runs_along_its_line_in_metres() -> None:
 def test_pixels_have_values_inside_the_image_and_none_outside() -> None:
     xyz = np.zeros((4, 5, 3))
     xyz[1, 2] = D65_WHITE
-    values = pixel_at(2, 1, xyz, np.arange(40.0).reshape(2, 4, 5))
+    values = sample_pixel(2, 1, xyz, np.arange(40.0).reshape(2, 4, 5))
     assert values is not None and values.linear_rgb == pytest.approx([1.0, 1.0, 1.0])
     assert values.intensity is not None and values.intensity.tolist() == [7.0, 27.0]
-    assert pixel_at(5, 0, xyz) is None and pixel_at(-1, 0, xyz) is None
+    assert sample_pixel(5, 0, xyz) is None and sample_pixel(-1, 0, xyz) is None
 
 
 def test_lasers_lie_on_the_horseshoe_and_span_a_polygon() -> None:
-    shoe, points = gamut.horseshoe(), gamut.laser_points(small_system())
+    shoe, points = gamut.spectral_locus(), gamut.laser_chromaticities(small_system())
     distances = np.linalg.norm(shoe[None] - points[:, None], axis=-1).min(axis=1)
     assert distances.max() < 0.01, "a 2 nm step of the horseshoe is shorter"
-    assert len(gamut.laser_polygon(small_system())) == 3
-    assert len(gamut.laser_polygon(small_system(amplitudes=[[1.0, 0.0, 1.0]]))) == 2
+    assert len(gamut.laser_gamut(small_system())) == 3
+    assert len(gamut.laser_gamut(small_system(amplitudes=[[1.0, 0.0, 1.0]]))) == 2
 
 
 def test_the_cloud_leaves_black_out_and_is_bounded() -> None:
     xyz = np.zeros((50, 50, 3))
     xyz[:25] = D65_WHITE
-    xy, colours = gamut.colour_cloud(xyz, most=100)
-    assert 50 < len(xy) <= 100 and np.allclose(xy, gamut.WHITE) and (colours == 255).all()
+    xy, colours = gamut.image_chromaticities(xyz, most=100)
+    assert 50 < len(xy) <= 100 and np.allclose(xy, gamut.D65_XY) and (colours == 255).all()

@@ -15,10 +15,10 @@ from holoview import preset
 from holoview.errors import UserError
 from holoview.hologram import Hologram
 from holoview.pictures import write_pattern
-from holoview.session.loading import Loader
-from holoview.session.opening import open_any, pasted, pasted_file
-from holoview.session.session import Session
-from holoview.session.watching import Watch
+from holoview.session.loading import FileLoader
+from holoview.session.opening import read_content, target_from_image_bytes, target_from_pixels
+from holoview.session.session import EditingSession
+from holoview.session.watching import FileWatcher
 from holoview.view import random_drive
 
 SYSTEM = bench.small_system()
@@ -35,7 +35,7 @@ def _picture(path: Path, mode: str = "RGB", size: tuple[int, int] = (40, 30)) ->
     return path
 
 
-def _until(condition: object, session: Session, timeout_s: float = 20.0) -> None:
+def _until(condition: object, session: EditingSession, timeout_s: float = 20.0) -> None:
     until = time.monotonic() + timeout_s
     while not condition():  # type: ignore[operator]
         session.poll()
@@ -49,12 +49,12 @@ def test_kinds_are_told_by_content_whatever_the_name(tmp_path: Path) -> None:
     (tmp_path / "a.safetensors").rename(hologram)
     _picture(tmp_path / "b.png").rename(picture)
     preset.save(SYSTEM, toml)
-    opened = open_any(hologram, SYSTEM)
+    opened = read_content(hologram, SYSTEM)
     assert opened.kind == "hologram" and opened.drive is not None and np.array_equal(opened.drive, written.drive)
-    assert open_any(picture, SYSTEM).kind == "picture"
-    bench_file = open_any(toml, SYSTEM)
+    assert read_content(picture, SYSTEM).kind == "picture"
+    bench_file = read_content(toml, SYSTEM)
     assert bench_file.kind == "preset" and bench_file.system == SYSTEM
-    assert open_any("simultaneous", SYSTEM).system == preset.load("simultaneous")
+    assert read_content("simultaneous", SYSTEM).system == preset.load("simultaneous")
 
 
 def test_patterns_are_told_apart_from_pictures(tmp_path: Path) -> None:
@@ -62,21 +62,21 @@ def test_patterns_are_told_apart_from_pictures(tmp_path: Path) -> None:
     paths = [tmp_path / "slm1.png", tmp_path / "slm2.png"]
     for path, pattern in zip(paths, drive[0], strict=True):
         write_pattern(path, pattern, bits=16)
-    assert open_any(paths[::-1], SYSTEM).kind == "patterns", "named patterns in any order"
-    found = open_any(tmp_path, SYSTEM).drive
+    assert read_content(paths[::-1], SYSTEM).kind == "patterns", "named patterns in any order"
+    found = read_content(tmp_path, SYSTEM).drive
     assert found is not None and np.abs(found - drive).max() < 2**-16
     grey = _picture(tmp_path / "grey.png", "L", (32, 24))
     with pytest.raises(UserError, match="1 files; expected 2"):
-        open_any(grey, SYSTEM)
-    assert open_any(_picture(tmp_path / "photo.png", "L"), SYSTEM).kind == "picture", "grey, but of another size"
+        read_content(grey, SYSTEM)
+    assert read_content(_picture(tmp_path / "photo.png", "L"), SYSTEM).kind == "picture", "grey, but of another size"
 
 
 def test_a_folder_of_pictures_is_a_focal_stack(tmp_path: Path) -> None:
     for number in range(2):
         _picture(tmp_path / f"{number}.png")
-    opened = open_any(tmp_path, SYSTEM)
-    assert opened.kind == "stack" and opened.wanted is not None
-    assert opened.wanted.build(SYSTEM).stack.shape == (2, 48, 64, 3)
+    opened = read_content(tmp_path, SYSTEM)
+    assert opened.kind == "stack" and opened.target_spec is not None
+    assert opened.target_spec.build(SYSTEM).stack.shape == (2, 48, 64, 3)
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", b"\x89PNG\r\n\x1a\nbroken", b"name = "])
@@ -84,9 +84,9 @@ def test_what_cannot_be_opened_is_a_users_mistake(tmp_path: Path, content: bytes
     path = tmp_path / "file"
     path.write_bytes(content)
     with pytest.raises(UserError):
-        open_any(path, SYSTEM)
+        read_content(path, SYSTEM)
     with pytest.raises(UserError):
-        open_any(tmp_path / "missing", SYSTEM)
+        read_content(tmp_path / "missing", SYSTEM)
 
 
 def test_a_pasted_picture_is_linear_light_over_black() -> None:
@@ -95,42 +95,42 @@ def test_a_pasted_picture_is_linear_light_over_black() -> None:
     pixels[0, 1] = (255, 255, 255, 128)
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, format="PNG")
-    for wanted in (pasted(pixels), pasted_file(buffer.getvalue())):
+    for wanted in (target_from_pixels(pixels), target_from_image_bytes(buffer.getvalue())):
         rgb = wanted.source.rgb  # type: ignore[union-attr]
         assert rgb[0, 0] == pytest.approx([1.0, 0.503, 0.0], abs=1e-3), "188 is half of linear light"
         assert rgb[0, 1] == pytest.approx(128 / 255)
     with pytest.raises(UserError):
-        pasted_file(b"no picture")
+        target_from_image_bytes(b"no picture")
 
 
-def test_opening_is_an_edit_a_message_and_a_recent_file(session: Session, tmp_path: Path) -> None:
+def test_opening_is_an_edit_a_message_and_a_recent_file(session: EditingSession, tmp_path: Path) -> None:
     remembered: list[Path] = []
-    loader = Loader(session, remember=remembered.append, quick=False)
+    loader = FileLoader(session, remember=remembered.append, quick=False)
     written = _hologram(tmp_path / "a.safetensors", seed=4)
     loader.open(tmp_path / "a.safetensors")
     loader.open(tmp_path / "missing.png")
-    assert session.wait(20.0)
+    assert session.wait_until_idle(20.0)
     assert np.array_equal(session.drive, written.drive) and session.undo() == "Open a.safetensors"
     assert remembered == [tmp_path / "a.safetensors"]
     assert [message.kind for message in session.messages.all] == ["error"]
     loader.close()
 
 
-def test_a_picture_becomes_the_target_and_is_seen_within_a_quick_look(session: Session, tmp_path: Path) -> None:
-    loader, old = Loader(session), session.drive
+def test_a_picture_becomes_the_target_and_is_seen_within_a_quick_look(session: EditingSession, tmp_path: Path) -> None:
+    loader, old = FileLoader(session), session.drive
     loader.open(_picture(tmp_path / "photo.png"))
-    assert session.wait(60.0)
-    assert session.wanted is not None and session.wanted.title == "photo.png"
-    assert session.drive is not old and "optimised" in session.state.origin
+    assert session.wait_until_idle(60.0)
+    assert session.target_spec is not None and session.target_spec.title == "photo.png"
+    assert session.drive is not old and "optimised" in session.document.origin
     loader.close()
 
 
-def test_a_rewritten_hologram_is_read_again_even_if_it_was_half_there(session: Session, tmp_path: Path) -> None:
+def test_a_rewritten_hologram_is_read_again_even_if_it_was_half_there(session: EditingSession, tmp_path: Path) -> None:
     path = tmp_path / "a.safetensors"
     _hologram(path, seed=1)
-    loader = Loader(session)
+    loader = FileLoader(session)
     loader.open(path)
-    assert session.wait(20.0) and loader.watching == path
+    assert session.wait_until_idle(20.0) and loader.watched_path == path
     again = Hologram(random_drive(SYSTEM, 2), SYSTEM)
     again.save(tmp_path / "b.safetensors")
     whole = (tmp_path / "b.safetensors").read_bytes()
@@ -139,15 +139,15 @@ def test_a_rewritten_hologram_is_read_again_even_if_it_was_half_there(session: S
     path.write_bytes(whole)
     _until(lambda: np.array_equal(session.drive, again.drive), session)
     assert not [message for message in session.messages.all if message.kind == "error"]
-    loader.watch(False)
-    assert loader.watching is None
+    loader.set_watching(False)
+    assert loader.watched_path is None
     loader.close()
 
 
 def test_a_watch_waits_until_writing_has_stopped(tmp_path: Path) -> None:
     path, seen = tmp_path / "file", []
     path.write_text("0")
-    watch = Watch(path, lambda: seen.append(path.read_text()), interval_s=0.1)
+    watch = FileWatcher(path, lambda: seen.append(path.read_text()), interval_s=0.1)
     for number in range(5):
         path.write_text(str(number))
         time.sleep(0.04)

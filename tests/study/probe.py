@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from holoview.errors import UserError
-from holoview.study.scale import Scale
-from holoview.study.study import Findings, Job, Outcome, Report, Study
+from holoview.study.scale import StudyScale
+from holoview.study.study import Findings, JobResult, StatusCallback, Study, StudyJob
 
 _FOREVER_S = 600.0
 
@@ -21,13 +21,13 @@ _FOREVER_S = 600.0
 class Probe(Study):
     name = "probe"
     title = "Squares"
-    shows = "Nothing."
-    reduced = "Quick: the same."
+    summary = "Nothing."
+    quick_note = "Quick: the same."
 
-    def jobs(self, scale: Scale, seed: int) -> list[Job]:
-        return [self.job(f"square {n}", {"n": n + seed, "seconds": 0.2}) for n in range(20)]
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
+        return [self.make_job(f"square {n}", {"n": n + seed, "seconds": 0.2}) for n in range(20)]
 
-    def work(self, settings: Mapping[str, Any], report: Report) -> Outcome:
+    def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         log = Path(settings["log"]) if "log" in settings else None
         if log is not None:
             with log.open("a") as file:
@@ -47,9 +47,9 @@ class Probe(Study):
             raise UserError("n", str(settings["n"]), expected="another")
         time.sleep(settings.get("seconds", 0.0))
         pixels = np.full((2, 3, 3), settings["n"], dtype=np.uint8)
-        return Outcome({"square": settings["n"] ** 2}, {"flat": pixels})
+        return JobResult({"square": settings["n"] ** 2}, {"flat": pixels})
 
-    def findings(self, results: Sequence[tuple[Job, Outcome]]) -> Findings:
+    def analyse(self, results: Sequence[tuple[StudyJob, JobResult]]) -> Findings:
         return Findings([{"n": job.settings["n"], **outcome.numbers} for job, outcome in results])
 
 

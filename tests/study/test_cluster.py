@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from holoview.cores import cores
+from holoview.cores import process_cpu_count
 from holoview.errors import UserError
 from holoview.study import places
-from holoview.study.runner import Where, run_jobs
-from holoview.study.store import Store
-from holoview.study.study import Job
+from holoview.study.runner import ExecutionTarget, run_jobs
+from holoview.study.store import ResultStore
+from holoview.study.study import StudyJob
 from tests.study.probe import STUDY
 
 distributed = pytest.importorskip("distributed", reason="dask.distributed isn't installed")
@@ -54,27 +54,27 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, lis
 def test_workers_share_their_machine_and_need_the_same_holoview(
     cluster: tuple[str, list[subprocess.Popen[bytes]]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with places.cluster(cluster[0]) as place:
+    with places.dask_executor(cluster[0]) as place:
         shares = place._shares  # type: ignore[attr-defined]
-        assert sorted(share.number for share in shares.values()) == [0, 1]
-        assert {share.threads for share in shares.values()} == {max(cores() // 2, 1)}
+        assert sorted(share.index for share in shares.values()) == [0, 1]
+        assert {share.threads for share in shares.values()} == {max(process_cpu_count() // 2, 1)}
         assert place.submit(_share_there).result() in shares.values()
     monkeypatch.setattr(places, "__version__", "0.0")
     said = r"worker tcp://.*: has holoview .*expected holoview 0\.0, as here"
-    with pytest.raises(UserError, match=said), places.cluster(cluster[0]):
+    with pytest.raises(UserError, match=said), places.dask_executor(cluster[0]):
         pass
 
 
-def _share_there(shares: dict[str, places.Share]) -> places.Share:
-    return places.share_of(shares)
+def _share_there(shares: dict[str, places.WorkerResources]) -> places.WorkerResources:
+    return places.resources_of_worker(shares)
 
 
 def test_a_worker_that_is_killed_loses_nothing(
     cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path
 ) -> None:
     address, workers = cluster
-    store, log = Store(tmp_path / "jobs"), tmp_path / "log"
-    jobs = [Job("probe", f"square {n}", {"n": n, "log": str(log), "seconds": 0.3}) for n in range(8)]
+    store, log = ResultStore(tmp_path / "jobs"), tmp_path / "log"
+    jobs = [StudyJob("probe", f"square {n}", {"n": n, "log": str(log), "seconds": 0.3}) for n in range(8)]
     killed = False
 
     def watch(done: int, total: int, note: str) -> None:
@@ -83,7 +83,7 @@ def test_a_worker_that_is_killed_loses_nothing(
             workers[0].kill()
             killed = True
 
-    results = run_jobs(STUDY, jobs, store, Where(scheduler=address), watch)
+    results = run_jobs(STUDY, jobs, store, ExecutionTarget(scheduler=address), watch)
     assert killed
     assert [outcome.numbers["square"] for _, outcome in results] == [n**2 for n in range(8)]
     pids = {line.split()[1] for line in log.read_text().splitlines()}
@@ -93,4 +93,9 @@ def test_a_worker_that_is_killed_loses_nothing(
 def test_a_scheduler_that_doesn_t_answer_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(places, "_PATIENCE_S", 0.5)
     with pytest.raises(UserError, match=r"--scheduler tcp://127.0.0.1:9: no answer.*a Dask scheduler that runs"):
-        run_jobs(STUDY, [Job("probe", "one", {"n": 1})], Store(tmp_path), Where(scheduler="tcp://127.0.0.1:9"))
+        run_jobs(
+            STUDY,
+            [StudyJob("probe", "one", {"n": 1})],
+            ResultStore(tmp_path),
+            ExecutionTarget(scheduler="tcp://127.0.0.1:9"),
+        )

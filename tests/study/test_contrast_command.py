@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from holoview import cli
-from holoview.study.registry import registry
+from holoview.study.registry import studies_by_name
 
 SIDE = 256
 SIGMAS = 5.0
@@ -135,7 +135,7 @@ def test_mistakes_are_named(arguments: list[str], said: str, tmp_path: Path, ref
 def test_the_list_of_studies(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["study", "--list"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == sorted(registry())
+    assert [line.split()[0] for line in lines] == sorted(studies_by_name())
 
 
 @pytest.mark.parametrize(

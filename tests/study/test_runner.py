@@ -12,25 +12,25 @@ import numpy as np
 import pytest
 
 from holoview import cli
-from holoview.cores import cores
+from holoview.cores import process_cpu_count
 from holoview.errors import UserError
 from holoview.study import registry
-from holoview.study.places import Processes, Share
-from holoview.study.runner import Where, do_job, run_jobs
+from holoview.study.places import ProcessExecutor, WorkerResources
+from holoview.study.runner import ExecutionTarget, run_in_worker, run_jobs
 from holoview.study.scale import SCALES
-from holoview.study.store import Store
-from holoview.study.study import Job
+from holoview.study.store import ResultStore
+from holoview.study.study import StudyJob
 from tests.study.probe import STUDY
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 
 
-def _job(n: int, **settings: Any) -> Job:
-    return Job("probe", f"square {n}", {"n": n, **settings})
+def _job(n: int, **settings: Any) -> StudyJob:
+    return StudyJob("probe", f"square {n}", {"n": n, **settings})
 
 
-def _jobs(log: Path, count: int = 6, **settings: Any) -> list[Job]:
+def _jobs(log: Path, count: int = 6, **settings: Any) -> list[StudyJob]:
     return [_job(n, log=str(log), **settings) for n in range(count)]
 
 
@@ -39,8 +39,8 @@ def _log(log: Path) -> list[int]:
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Store:
-    return Store(tmp_path / "jobs")
+def store(tmp_path: Path) -> ResultStore:
+    return ResultStore(tmp_path / "jobs")
 
 
 @pytest.fixture(autouse=True)
@@ -50,16 +50,18 @@ def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_every_job_is_done_once_and_results_come_in_order(workers: int, store: Store, tmp_path: Path) -> None:
+def test_every_job_is_done_once_and_results_come_in_order(workers: int, store: ResultStore, tmp_path: Path) -> None:
     jobs, seen = _jobs(tmp_path / "log"), []
-    results = run_jobs(STUDY, jobs, store, Where(workers), lambda done, total, note: seen.append((done, total)))
+    results = run_jobs(
+        STUDY, jobs, store, ExecutionTarget(workers), lambda done, total, note: seen.append((done, total))
+    )
     assert [outcome.numbers["square"] for _, outcome in results] == [n**2 for n in range(6)]
     assert [job for job, _ in results] == jobs
     assert _log(tmp_path / "log") == list(range(6))
     assert seen[0] == (0, 6) and seen[-1] == (6, 6)
 
 
-def test_what_is_kept_isn_t_done_again(store: Store, tmp_path: Path) -> None:
+def test_what_is_kept_isn_t_done_again(store: ResultStore, tmp_path: Path) -> None:
     log = tmp_path / "log"
     run_jobs(STUDY, _jobs(log, 3), store)
     results = run_jobs(STUDY, _jobs(log, 5), store)
@@ -67,57 +69,59 @@ def test_what_is_kept_isn_t_done_again(store: Store, tmp_path: Path) -> None:
     assert _log(log) == list(range(5))
 
 
-def test_jobs_of_equal_settings_share_a_result(store: Store, tmp_path: Path) -> None:
+def test_jobs_of_equal_settings_share_a_result(store: ResultStore, tmp_path: Path) -> None:
     results = run_jobs(STUDY, [_job(2, log=str(tmp_path / "log")) for _ in range(3)], store)
     assert [outcome.numbers["square"] for _, outcome in results] == [4, 4, 4]
     assert _log(tmp_path / "log") == [2]
 
 
-def test_pictures_come_back_as_they_were(store: Store) -> None:
+def test_pictures_come_back_as_they_were(store: ResultStore) -> None:
     ((_, outcome),) = run_jobs(STUDY, [_job(7)], store)
     np.testing.assert_array_equal(outcome.pictures["flat"], np.full((2, 3, 3), 7, np.uint8))
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_job_that_stumbles_is_tried_again(workers: int, store: Store, tmp_path: Path) -> None:
+def test_a_job_that_stumbles_is_tried_again(workers: int, store: ResultStore, tmp_path: Path) -> None:
     jobs = [_job(1, log=str(tmp_path / "log"), fate="fails once"), _job(3, log=str(tmp_path / "log"))]
-    results = run_jobs(STUDY, jobs, store, Where(workers))
+    results = run_jobs(STUDY, jobs, store, ExecutionTarget(workers))
     assert [outcome.numbers["square"] for _, outcome in results] == [1, 9]
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_job_that_keeps_failing_is_named_and_the_others_are_kept(workers: int, store: Store, tmp_path: Path) -> None:
+def test_a_job_that_keeps_failing_is_named_and_the_others_are_kept(
+    workers: int, store: ResultStore, tmp_path: Path
+) -> None:
     bad, good = _job(1, log=str(tmp_path / "log"), fate="fails"), _job(3, log=str(tmp_path / "log"))
     with pytest.raises(UserError, match=r"job square 1: failed 3 times: always.*1 of 2 jobs are done and kept"):
-        run_jobs(STUDY, [bad, good], store, Where(workers))
-    assert store.find(good) is not None
-    assert store.find(bad) is None
+        run_jobs(STUDY, [bad, good], store, ExecutionTarget(workers))
+    assert store.load(good) is not None
+    assert store.load(bad) is None
 
 
-def test_a_process_that_is_killed_loses_nothing(store: Store, tmp_path: Path) -> None:
+def test_a_process_that_is_killed_loses_nothing(store: ResultStore, tmp_path: Path) -> None:
     log = str(tmp_path / "log")
     jobs = [_job(n, log=log, fate="dies once" if n == 2 else "") for n in range(5)]
-    results = run_jobs(STUDY, jobs, store, Where(2))
+    results = run_jobs(STUDY, jobs, store, ExecutionTarget(2))
     assert [outcome.numbers["square"] for _, outcome in results] == [n**2 for n in range(5)]
 
 
-def test_only_the_job_whose_process_died_pays_for_it(store: Store, tmp_path: Path) -> None:
+def test_only_the_job_whose_process_died_pays_for_it(store: ResultStore, tmp_path: Path) -> None:
     jobs = [_job(0, log=str(tmp_path / "log"), fate="dies"), *(_job(n, seconds=0.1) for n in range(1, 6))]
     with pytest.raises(UserError, match=r"job square 0: failed 2 times: its process was killed.*5 of 6 jobs are done"):
-        run_jobs(STUDY, jobs, store, Where(2), retries=1)
+        run_jobs(STUDY, jobs, store, ExecutionTarget(2), retries=1)
     assert _log(tmp_path / "log") == [0, 0]
 
 
-def test_a_job_that_failed_is_tried_again_before_the_others(store: Store, tmp_path: Path) -> None:
+def test_a_job_that_failed_is_tried_again_before_the_others(store: ResultStore, tmp_path: Path) -> None:
     log = tmp_path / "log"
     run_jobs(STUDY, [_job(1, log=str(log), fate="fails once"), _job(3, log=str(log))], store)
     assert [line.split()[0] for line in log.read_text().splitlines()] == ["1", "1", "3"]
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_refusal_is_passed_on_and_not_tried_again(workers: int, store: Store, tmp_path: Path) -> None:
+def test_a_refusal_is_passed_on_and_not_tried_again(workers: int, store: ResultStore, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="n: 1; expected another"):
-        run_jobs(STUDY, [_job(1, log=str(tmp_path / "log"), fate="refuses")], store, Where(workers))
+        run_jobs(STUDY, [_job(1, log=str(tmp_path / "log"), fate="refuses")], store, ExecutionTarget(workers))
     assert _log(tmp_path / "log") == [1]
 
 
@@ -129,9 +133,9 @@ def test_a_run_says_how_large_it_was_and_a_quick_one_what_that_changes(
     monkeypatch.setattr(time, "sleep", lambda seconds: None)
     assert cli.main(["study", "probe", size, "-o", str(tmp_path)]) == 0
     out = capsys.readouterr().out
-    assert f"{size[2:]}: {STUDY.size(SCALES[size[2:]])}; 20 jobs in " in out
-    assert (STUDY.reduced in out) == (size == "--quick")
-    assert (STUDY.reduced in (tmp_path / "report.html").read_text(encoding="utf-8")) == (size == "--quick")
+    assert f"{size[2:]}: {STUDY.describe_size(SCALES[size[2:]])}; 20 jobs in " in out
+    assert (STUDY.quick_note in out) == (size == "--quick")
+    assert (STUDY.quick_note in (tmp_path / "report.html").read_text(encoding="utf-8")) == (size == "--quick")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
@@ -159,28 +163,28 @@ def test_ctrl_c_in_a_terminal_keeps_what_is_done(tmp_path: Path) -> None:
 
 
 def test_processes_share_the_cores() -> None:
-    place = Processes(2)
-    shares = [share for share, _ in place._idle]
-    assert sorted(share.number for share in shares) == [0, 1]
-    assert all(share.threads == max(cores() // 2, 1) for share in shares)
-    place.stop(kill=False)
+    place = ProcessExecutor(2)
+    shares = [share for share, _ in place._idle_pools]
+    assert sorted(share.index for share in shares) == [0, 1]
+    assert all(share.threads == max(process_cpu_count() // 2, 1) for share in shares)
+    place.shutdown(kill=False)
 
 
 def test_a_share_keeps_torch_to_its_threads() -> None:
     import torch
 
     before = torch.get_num_threads()
-    Share(threads=3).take()
+    WorkerResources(threads=3).apply()
     assert torch.get_num_threads() == 3
     torch.set_num_threads(before)
 
 
 def test_a_worker_of_another_version_refuses() -> None:
     with pytest.raises(UserError, match=r"holoview"):
-        do_job(Share(), STUDY, {"n": 1}, "0.0")
+        run_in_worker(WorkerResources(), STUDY, {"n": 1}, "0.0")
 
 
-def _to_be_killed(log: Path) -> list[Job]:
+def _to_be_killed(log: Path) -> list[StudyJob]:
     """Four jobs of which the third is long at the first attempt."""
     return [_job(n, log=str(log), fate="waits once" if n == 2 else "") for n in range(4)]
 
@@ -198,32 +202,32 @@ def test_a_run_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
             time.sleep(0.02)
         process.send_signal(signal.SIGKILL)
     assert len(list(folder.glob("*.json"))) == 2
-    results = run_jobs(STUDY, _to_be_killed(log), Store(folder))
+    results = run_jobs(STUDY, _to_be_killed(log), ResultStore(folder))
     assert [outcome.numbers["square"] for _, outcome in results] == [0, 1, 4, 9]
     assert _log(log) == [0, 1, 2, 2, 3]
 
 
 @pytest.mark.parametrize("damage", ["", "{", '{"format": "other"}', "[]", '{"format": "holoview-result"}'])
-def test_a_result_that_isn_t_whole_is_made_again(damage: str, store: Store, tmp_path: Path) -> None:
+def test_a_result_that_isn_t_whole_is_made_again(damage: str, store: ResultStore, tmp_path: Path) -> None:
     job = _job(3, log=str(tmp_path / "log"))
     run_jobs(STUDY, [job], store)
     (path,) = store.folder.glob("*.json")
     path.write_text(damage)
-    assert store.find(job) is None
+    assert store.load(job) is None
     run_jobs(STUDY, [job], store)
     assert _log(tmp_path / "log") == [3, 3]
 
 
-def test_a_lost_picture_makes_a_result_not_whole(store: Store) -> None:
+def test_a_lost_picture_makes_a_result_not_whole(store: ResultStore) -> None:
     job = _job(3)
     run_jobs(STUDY, [job], store)
     next(store.folder.glob("*.png")).unlink()
-    assert store.find(job) is None
+    assert store.load(job) is None
 
 
 def test_keys_tell_settings_apart() -> None:
     assert _job(1).key == _job(1).key
     assert _job(1).key != _job(2).key
-    assert _job(1).key != Job("other", "square 1", {"n": 1}).key
-    assert _job(1).key != Job("probe", "square 1", {"n": 1}, revision=2).key
-    assert _job(1).key == STUDY.job("another label", {"n": 1}).key
+    assert _job(1).key != StudyJob("other", "square 1", {"n": 1}).key
+    assert _job(1).key != StudyJob("probe", "square 1", {"n": 1}, revision=2).key
+    assert _job(1).key == STUDY.make_job("another label", {"n": 1}).key

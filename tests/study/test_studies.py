@@ -15,16 +15,16 @@ from holoview.diagnose.diagnose import diagnose
 from holoview.effects import registry as effects
 from holoview.files import data_dir
 from holoview.study import scale, work
-from holoview.study.claims import DIRECTION, FAILS, LARGER, REPRODUCES, SHOWN, verdict_of
-from holoview.study.registry import registry
-from holoview.study.report import claims_table, write_report
+from holoview.study.claims import CONTRADICTS, DIRECTION_ONLY, LARGER, REPRODUCES, SHOWN, judge_gain
+from holoview.study.registry import studies_by_name
+from holoview.study.report import format_claims, write_report
 from holoview.study.runner import run_jobs
-from holoview.study.store import Store
+from holoview.study.store import ResultStore
 from holoview.study.studies import model_vs_capture
 from holoview.study.study import Findings
 
-TINY = scale.Scale("tiny", (16, 16), 2, 1, ("still-life",), 2)
-VERDICTS = {REPRODUCES, LARGER, DIRECTION, FAILS, SHOWN}
+TINY = scale.StudyScale("tiny", (16, 16), 2, 1, ("still-life",), 2)
+VERDICTS = {REPRODUCES, LARGER, DIRECTION_ONLY, CONTRADICTS, SHOWN}
 CHI2_TOLERANCE = 0.18
 """5 σ of χ²/n, σ = √(2/n): 6 pairs of wavelength and plane, at least a capture of 16 x 16 pixels of each held out."""
 LONG_GAP = "gap 0.1 mm long"
@@ -75,22 +75,22 @@ def tiny(small_assets: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(work, "data_dir", lambda kind: small_assets)
     benches = {name: model_vs_capture._BENCHES[name] for name in ("as designed", LONG_GAP)}
     monkeypatch.setattr(model_vs_capture, "_BENCHES", benches)
-    monkeypatch.setattr(model_vs_capture, "diagnose", partial(diagnose, effects=[effects.registry()["gap"]]))
+    monkeypatch.setattr(model_vs_capture, "diagnose", partial(diagnose, effects=[effects.listed_effects()["gap"]]))
 
 
 @pytest.mark.usefixtures("tiny")
-@pytest.mark.parametrize("name", sorted(registry()))
+@pytest.mark.parametrize("name", sorted(studies_by_name()))
 def test_a_study_runs_and_reports(name: str, tmp_path: Path) -> None:
-    study = registry()[name]
+    study = studies_by_name()[name]
     jobs = study.jobs(TINY, 0)
     assert len({job.label for job in jobs}) == len(jobs)
     assert all(job.study == name and job.revision == study.revision for job in jobs)
-    findings = study.findings(run_jobs(study, jobs, Store(tmp_path / "jobs")))
+    findings = study.analyse(run_jobs(study, jobs, ResultStore(tmp_path / "jobs")))
     assert findings.rows and findings.claims and findings.plots
     assert bool(findings.pictures) == (name in PICTURED)
     assert {claim.verdict for claim in findings.claims} <= VERDICTS
-    assert all((claim.verdict == SHOWN) == (claim.paper == "") for claim in findings.claims)
-    assert len(claims_table(findings.claims)) == len(findings.claims) + 1
+    assert all((claim.verdict == SHOWN) == (claim.published == "") for claim in findings.claims)
+    assert len(format_claims(findings.claims)) == len(findings.claims) + 1
     _check_report(write_report(tmp_path, study, TINY, 0, findings), findings)
 
 
@@ -115,9 +115,9 @@ def _check_report(path: Path, findings: Findings) -> None:
 
 @pytest.mark.usefixtures("tiny")
 def test_a_gap_that_is_diagnosed_predicts_captures_down_to_their_noise() -> None:
-    study = registry()["model-vs-capture"]
+    study = studies_by_name()["model-vs-capture"]
     job = next(job for job in study.jobs(TINY, 0) if job.settings["bench"] == LONG_GAP)
-    numbers = study.work(job.settings, lambda note: None).numbers
+    numbers = study.run_job(job.settings, lambda note: None).numbers
     assert numbers["chi2_before"] > 2.0
     assert numbers["chi2_after"] == pytest.approx(1.0, abs=CHI2_TOLERANCE)
     assert numbers["psnr_db_after"] > numbers["psnr_db_before"]
@@ -127,7 +127,14 @@ def test_a_gap_that_is_diagnosed_predicts_captures_down_to_their_noise() -> None
 
 @pytest.mark.parametrize(
     ("found", "verdict"),
-    [(4.0, REPRODUCES), (3.0, REPRODUCES), (7.0, LARGER), (2.9, DIRECTION), (0.3, FAILS), (-1.0, FAILS)],
+    [
+        (4.0, REPRODUCES),
+        (3.0, REPRODUCES),
+        (7.0, LARGER),
+        (2.9, DIRECTION_ONLY),
+        (0.3, CONTRADICTS),
+        (-1.0, CONTRADICTS),
+    ],
 )
 def test_a_gain_of_4_db_reproduces_from_three_quarters_to_half_as_much_again(found: float, verdict: str) -> None:
-    assert verdict_of(found, 4.0) == verdict
+    assert judge_gain(found, 4.0) == verdict

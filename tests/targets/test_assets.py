@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from holoview.files import data_dir
 from holoview.targets.defocus import diffraction_half_angle
-from holoview.targets.focal_stack import picture_stack
+from holoview.targets.focal_stack import render_focal_stack
 from holoview.targets.picture import read_depth, read_picture
 from holoview.targets.stacks import read_stack
 
@@ -34,7 +34,7 @@ def model_stack() -> NDArray[np.float32]:
     span_m = BLUR_PX * PITCH_M / math.tan(half_angle)
     depth_m = 9e-3 + read_depth(ASSETS / "still-life-depth.png") * span_m
     picture = read_picture(ASSETS / "still-life.png").rgb
-    return picture_stack(picture, depth_m, 9e-3 + np.linspace(0, 1, 5) * span_m, PITCH_M, half_angle)
+    return render_focal_stack(picture, depth_m, 9e-3 + np.linspace(0, 1, 5) * span_m, PITCH_M, half_angle)
 
 
 def psnr(found: NDArray[np.float32], truth: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ from PIL import Image
 
 from holoview.errors import UserError
 from holoview.system import System
-from holoview.targets.stacks import is_stack, read_stack, stack_for
+from holoview.targets.stacks import is_stack, read_stack, target_from_stack
 
 Bench = Callable[..., System]
 WriteExr = Callable[..., Path]
@@ -43,19 +43,19 @@ def says(read: Callable[[], object], *words: str) -> None:
 
 def test_an_empty_folder_is_refused(tmp_path: Path, bench: Bench) -> None:
     (tmp_path / "notes.txt").write_text("no picture")
-    says(lambda: stack_for(bench(5), tmp_path), str(tmp_path), "holds no pictures", "one a plane (.png, .jpg")
+    says(lambda: target_from_stack(bench(5), tmp_path), str(tmp_path), "holds no pictures", "one a plane (.png, .jpg")
     says(lambda: read_stack([], SHAPE), "focal stack: holds no pictures")
 
 
 def test_a_missing_stack_is_refused(tmp_path: Path, bench: Bench) -> None:
-    for read in (is_stack, lambda path: stack_for(bench(5), path)):
+    for read in (is_stack, lambda path: target_from_stack(bench(5), path)):
         says(lambda read=read: read(tmp_path / "no.tif"), str(tmp_path / "no.tif"), "there is no such file")
 
 
 @pytest.mark.parametrize("name", ["a.tif", "a.exr", "a.png"])
 def test_text_under_another_name_is_refused(tmp_path: Path, bench: Bench, name: str) -> None:
     (tmp_path / name).write_text("plane;distance\n1;9 mm\n")
-    for read in (is_stack, lambda path: stack_for(bench(5), path)):
+    for read in (is_stack, lambda path: target_from_stack(bench(5), path)):
         says(
             lambda read=read: read(tmp_path / name),
             f"{tmp_path / name}: is not a picture that can be read",
@@ -65,7 +65,10 @@ def test_text_under_another_name_is_refused(tmp_path: Path, bench: Bench, name: 
 
 def test_one_picture_is_no_stack_of_five(tmp_path: Path, bench: Bench) -> None:
     Image.fromarray(CODES[0]).save(tmp_path / "a.png")
-    says(lambda: stack_for(bench(5), tmp_path / "a.png"), "a.png: holds 1 picture; expected one for each of 5 planes")
+    says(
+        lambda: target_from_stack(bench(5), tmp_path / "a.png"),
+        "a.png: holds 1 picture; expected one for each of 5 planes",
+    )
 
 
 def test_pictures_of_different_sizes_are_refused(tmp_path: Path, bench: Bench) -> None:
@@ -73,7 +76,7 @@ def test_pictures_of_different_sizes_are_refused(tmp_path: Path, bench: Bench) -
         file.write(CODES[0], photometric="rgb")
         file.write(CODES[1, :, :5], photometric="rgb")
     says(
-        lambda: stack_for(bench(2), tmp_path / "a.tif"),
+        lambda: target_from_stack(bench(2), tmp_path / "a.tif"),
         "a.tif, page 2: is 5 × 6; expected 8 × 6 as a.tif, page 1; render all planes at one size",
     )
     Image.fromarray(CODES[0]).save(tmp_path / "plane-0.png")
@@ -92,7 +95,7 @@ def test_nan_is_found_on_its_plane(tmp_path: Path, bench: Bench, write_exr: Writ
     }
     for path, where in files.items():
         says(
-            lambda path=path: stack_for(bench(3), path),
+            lambda path=path: target_from_stack(bench(3), path),
             f"{where}: 1 of 144 values are NaN or infinite; expected finite numbers; repair the file",
         )
 
@@ -125,13 +128,13 @@ def test_a_page_without_pixels_is_refused(tmp_path: Path, bench: Bench) -> None:
     path = pages(tmp_path, LIGHT[:2])
     with tifffile.TiffFile(path, mode="r+b") as file:
         file.pages[1].tags["ImageWidth"].overwrite(0)
-    says(lambda: stack_for(bench(2), path), str(path), "has no pixels: 0 × 6")
+    says(lambda: target_from_stack(bench(2), path), str(path), "has no pixels: 0 × 6")
 
 
 def test_integers_are_no_xyz(tmp_path: Path, bench: Bench) -> None:
     tifffile.imwrite(tmp_path / "a.tif", CODES[:2], photometric="rgb")
     says(
-        lambda: stack_for(bench(2), tmp_path / "a.tif", space="xyz"),
+        lambda: target_from_stack(bench(2), tmp_path / "a.tif", space="xyz"),
         "a.tif, page 1: holds integers, a display signal; expected three float channels of CIE XYZ; save it as float",
     )
 
@@ -139,7 +142,7 @@ def test_integers_are_no_xyz(tmp_path: Path, bench: Bench) -> None:
 @pytest.mark.parametrize("brightness", [0.0, -0.5, math.nan])
 def test_a_stack_needs_light(tmp_path: Path, bench: Bench, brightness: float) -> None:
     says(
-        lambda: stack_for(bench(2), pages(tmp_path, LIGHT[:2]), brightness=brightness),
+        lambda: target_from_stack(bench(2), pages(tmp_path, LIGHT[:2]), brightness=brightness),
         f"brightness: {brightness:g}; expected a positive number; 1 changes nothing",
     )
 
@@ -147,6 +150,6 @@ def test_a_stack_needs_light(tmp_path: Path, bench: Bench, brightness: float) ->
 @pytest.mark.parametrize("saturation", [-0.5, math.nan])
 def test_a_saturation_that_makes_no_sense_is_refused(tmp_path: Path, bench: Bench, saturation: float) -> None:
     says(
-        lambda: stack_for(bench(2), pages(tmp_path, LIGHT[:2]), saturation=saturation),
+        lambda: target_from_stack(bench(2), pages(tmp_path, LIGHT[:2]), saturation=saturation),
         f"saturation: {saturation:g}; expected a factor of 0 or more",
     )

@@ -17,7 +17,7 @@ from holoview.errors import UserError
 from holoview.system import System
 from holoview.targets.build import Placement, target_for
 from holoview.targets.picture import Picture
-from holoview.targets.saturation import scaled_saturation
+from holoview.targets.saturation import scale_saturation
 
 Bench = Callable[..., System]
 
@@ -61,7 +61,7 @@ def test_planes_between_the_optimised_ones_belong_to_the_same_scene(bench: Bench
 def test_saturation_applies_to_the_scene_before_it_is_blurred(bench: Bench, scene: Any) -> None:
     system = bench(3, SHAPE)
     picture, placement = scene
-    dull = Picture(scaled_saturation(picture.rgb, 0.4), "dull")
+    dull = Picture(scale_saturation(picture.rgb, 0.4), "dull")
     found = target_for(system, picture, placement, saturation=0.4).stack
     assert (found == target_for(system, dull, placement).stack).all()
     grey = target_for(system, picture, placement, saturation=0.0).stack

@@ -7,7 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from holoview.targets.defocus import Aperture, Blurrer, blur_radius_px, diffraction_half_angle, frame_share, kernel
+from holoview.targets.defocus import (
+    Aperture,
+    FftConvolver,
+    blur_kernel,
+    blur_radius_px,
+    diffraction_half_angle,
+    kernel_share_in_frame,
+)
 
 FLOAT32_FFT = 2e-6  # rounding of a float32 transform pair on values up to 1
 APERTURES: tuple[Aperture, ...] = ("square", "disc")
@@ -33,7 +40,7 @@ def test_blur_grows_with_distance_on_both_sides_of_focus() -> None:
 @pytest.mark.parametrize("aperture", APERTURES)
 @pytest.mark.parametrize("radius", [0, 0.3, 0.5, 0.51, 1, 1.5, 2.25, 7.9, 20.5])
 def test_a_kernel_sums_to_one_and_is_symmetric(aperture: Aperture, radius: float) -> None:
-    blur = kernel(radius, aperture)
+    blur = blur_kernel(radius, aperture)
     assert blur.sum() == pytest.approx(1, abs=1e-12)
     assert blur.min() >= 0
     for turned in (blur[::-1], blur[:, ::-1], blur.T):
@@ -42,22 +49,22 @@ def test_a_kernel_sums_to_one_and_is_symmetric(aperture: Aperture, radius: float
 
 def test_below_half_a_pixel_nothing_is_blurred() -> None:
     for aperture in APERTURES:
-        assert kernel(0.5, aperture).tolist() == [[1.0]]
+        assert blur_kernel(0.5, aperture).tolist() == [[1.0]]
 
 
 def test_a_square_of_whole_pixels_is_even() -> None:
-    assert kernel(2.5, "square") == pytest.approx(np.full((5, 5), 1 / 25))
+    assert blur_kernel(2.5, "square") == pytest.approx(np.full((5, 5), 1 / 25))
 
 
 def test_the_rim_of_a_square_holds_the_share_of_its_pixels() -> None:
-    middle = kernel(1.75, "square")[2]
+    middle = blur_kernel(1.75, "square")[2]
     assert middle / middle[2] == pytest.approx(np.array([0.25, 1, 1, 1, 0.25]))
 
 
 @pytest.mark.parametrize("radius", [3.0, 5.4, 12.7])
 def test_second_moments_are_those_of_the_shape(radius: float) -> None:
     for aperture, moment in (("square", radius**2 / 3), ("disc", radius**2 / 4)):
-        blur = kernel(radius, aperture)  # type: ignore[arg-type]
+        blur = blur_kernel(radius, aperture)  # type: ignore[arg-type]
         k = np.arange(len(blur)) - len(blur) // 2
         for axis in (0, 1):
             assert (blur.sum(axis=axis) * k**2).sum() == pytest.approx(
@@ -67,7 +74,7 @@ def test_second_moments_are_those_of_the_shape(radius: float) -> None:
 
 def test_inside_a_disc_every_pixel_has_one_over_its_area() -> None:
     radius = 10.3
-    blur = kernel(radius, "disc")
+    blur = blur_kernel(radius, "disc")
     y, x = np.indices(blur.shape) - len(blur) // 2
     inside, outside = np.hypot(x, y) < radius - 0.71, np.hypot(x, y) > radius + 0.71
     assert blur[inside] == pytest.approx(np.full(inside.sum(), 1 / (math.pi * radius**2)), rel=1e-4)
@@ -78,8 +85,8 @@ def test_inside_a_disc_every_pixel_has_one_over_its_area() -> None:
 def test_a_blurred_point_is_the_kernel_at_the_point(aperture: Aperture) -> None:
     point = np.zeros((2, 40, 33), dtype=np.float32)
     point[0, 18, 15] = 1
-    blur = kernel(6.3, aperture)
-    image = Blurrer(point, 6).blurred(blur)
+    blur = blur_kernel(6.3, aperture)
+    image = FftConvolver(point, 6).convolve(blur)
     assert image[0, 12:25, 9:22] == pytest.approx(blur, abs=FLOAT32_FFT)
     assert image[0].sum() == pytest.approx(1, abs=1e-5)
     assert np.abs(image[1]).max() == 0
@@ -88,13 +95,13 @@ def test_a_blurred_point_is_the_kernel_at_the_point(aperture: Aperture) -> None:
 def test_light_leaves_at_the_border_and_does_not_come_back_on_the_other_side() -> None:
     point = np.zeros((1, 30, 30), dtype=np.float32)
     point[0, 0, 29] = 1
-    image = Blurrer(point, 9).blurred(kernel(9, "square"))
+    image = FftConvolver(point, 9).convolve(blur_kernel(9, "square"))
     assert np.abs(image[0, 15:]).max() < FLOAT32_FFT and np.abs(image[0, :, :15]).max() < FLOAT32_FFT
 
 
 def test_a_kernel_larger_than_announced_is_refused() -> None:
     with pytest.raises(ValueError, match="reaches 9 px"):
-        Blurrer(np.zeros((1, 30, 30), dtype=np.float32), 8).blurred(kernel(9, "square"))
+        FftConvolver(np.zeros((1, 30, 30), dtype=np.float32), 8).convolve(blur_kernel(9, "square"))
 
 
 @pytest.mark.parametrize("aperture", APERTURES)
@@ -102,8 +109,8 @@ def test_a_kernel_larger_than_announced_is_refused() -> None:
 def test_the_share_inside_the_frame_is_what_blurring_an_even_frame_leaves(
     aperture: Aperture, shape: tuple[int, int]
 ) -> None:
-    blur = kernel(7.2, aperture)
-    even = Blurrer(np.ones((1, *shape), dtype=np.float32), 7).blurred(blur)[0]
-    assert frame_share(blur, shape) == pytest.approx(even, abs=FLOAT32_FFT)
+    blur = blur_kernel(7.2, aperture)
+    even = FftConvolver(np.ones((1, *shape), dtype=np.float32), 7).convolve(blur)[0]
+    assert kernel_share_in_frame(blur, shape) == pytest.approx(even, abs=FLOAT32_FFT)
     window = (slice(0, 4), slice(2, 5))
-    assert (frame_share(blur, shape, window) == frame_share(blur, shape)[window]).all()
+    assert (kernel_share_in_frame(blur, shape, window) == kernel_share_in_frame(blur, shape)[window]).all()

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from holoview.errors import UserError
-from holoview.targets.defocus import Aperture, kernel
-from holoview.targets.focal_stack import Target, picture_stack
+from holoview.targets.defocus import Aperture, blur_kernel
+from holoview.targets.focal_stack import Target, render_focal_stack
 
 PITCH = 4e-6
 ANGLE = math.atan(0.02)
@@ -26,7 +26,7 @@ def stack(
 ) -> NDArray[np.float32]:
     """`picture_stack` with distances in pixels of blur, from 10 mm."""
     at = [10e-3 + p * PER_PIXEL for p in planes]
-    return picture_stack(picture, 10e-3 + np.asarray(depth) * PER_PIXEL, at, PITCH, ANGLE, aperture)
+    return render_focal_stack(picture, 10e-3 + np.asarray(depth) * PER_PIXEL, at, PITCH, ANGLE, aperture)
 
 
 def colour(red: float, green: float, blue: float) -> NDArray[np.float32]:
@@ -50,7 +50,7 @@ def test_a_point_out_of_focus_is_the_aperture_with_all_its_light(aperture: Apert
     for image, radius in zip(planes, (8.25, 0, 3.5), strict=True):
         reach = math.ceil(radius - 0.5) if radius else 0
         part = image[30 - reach : 31 + reach, 30 - reach : 31 + reach, 1]
-        assert part == pytest.approx(kernel(radius, aperture), abs=FLOAT32_FFT)
+        assert part == pytest.approx(blur_kernel(radius, aperture), abs=FLOAT32_FFT)
         assert image.sum(axis=(0, 1)) == pytest.approx([0.5, 1, 2], rel=1e-4)
 
 
@@ -134,7 +134,7 @@ def test_a_slanted_surface_is_sharp_only_where_it_crosses_the_plane() -> None:
 def test_more_layers_than_depths_change_nothing() -> None:
     picture = scene(4)
     depth = np.where(np.indices((60, 80))[1] < 33, 0.0, 7.0) * PER_PIXEL
-    few, many = (picture_stack(picture, depth, [0.0], PITCH, ANGLE, layers=n) for n in (2, 24))
+    few, many = (render_focal_stack(picture, depth, [0.0], PITCH, ANGLE, layers=n) for n in (2, 24))
     assert (few == many).all()
 
 
@@ -158,23 +158,23 @@ def test_brighter_than_white_stays_so() -> None:
 def test_arguments_that_make_no_sense_are_refused(change: dict[str, object], words: str) -> None:
     good = {"rgb_linear": np.zeros((4, 4, 3), np.float32), "depth_m": 0.0, "planes_m": [0.0]}
     with pytest.raises(ValueError, match=words):
-        picture_stack(**{**good, "pitch_m": PITCH, "half_angle_rad": ANGLE, **change})  # type: ignore[arg-type]
+        render_focal_stack(**{**good, "pitch_m": PITCH, "half_angle_rad": ANGLE, **change})  # type: ignore[arg-type]
 
 
 def test_a_target_holds_the_stack_at_its_brightness() -> None:
-    target = Target.of(np.full((2, 3, 4, 3), 0.5, np.float32), [9e-3, 11e-3], "grey", brightness=0.25)
+    target = Target.from_stack(np.full((2, 3, 4, 3), 0.5, np.float32), [9e-3, 11e-3], "grey", brightness=0.25)
     assert (target.stack == 0.125).all() and target.stack.dtype == np.float32
     assert target.planes_m == (9e-3, 11e-3) and target.brightness == 0.25 and target.source == "grey"
 
 
 def test_a_target_needs_a_picture_for_each_plane() -> None:
     with pytest.raises(UserError, match="folder: has 2 pictures; expected one for each of the 3 planes"):
-        Target.of(np.zeros((2, 3, 4, 3), np.float32), [1.0, 2.0, 3.0], "folder")
+        Target.from_stack(np.zeros((2, 3, 4, 3), np.float32), [1.0, 2.0, 3.0], "folder")
     with pytest.raises(ValueError, match=r"expected \(plane, y, x, 3\)"):
-        Target.of(np.zeros((3, 4, 3), np.float32), [1.0], "flat")
+        Target.from_stack(np.zeros((3, 4, 3), np.float32), [1.0], "flat")
 
 
 @pytest.mark.parametrize("brightness", [0.0, -1.0, math.nan, math.inf])
 def test_a_target_needs_light(brightness: float) -> None:
     with pytest.raises(UserError, match=r"brightness: .*; expected a positive number; 1 changes nothing"):
-        Target.of(np.zeros((1, 3, 4, 3), np.float32), [1.0], "dark", brightness)
+        Target.from_stack(np.zeros((1, 3, 4, 3), np.float32), [1.0], "dark", brightness)

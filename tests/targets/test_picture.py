@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from holoview.colour import srgb_decode
-from holoview.targets.picture import fit, read_picture
+from holoview.targets.picture import read_picture, resize_to_cover
 
 CODES = np.array([[[0, 10, 188], [255, 128, 64]], [[1, 2, 3], [90, 200, 250]], [[17, 17, 17], [254, 1, 99]]], np.uint8)
 FLOAT32_EPSILON = 1e-7  # light is kept in float32, whose spacing below 1 is 6e-8
@@ -210,24 +210,24 @@ def test_the_format_is_told_by_the_content_and_not_by_the_name(tmp_path: Path) -
 
 def test_fit_leaves_the_right_shape_alone() -> None:
     light = np.random.default_rng(0).random((5, 7, 3), dtype=np.float32)
-    assert (fit(light, (5, 7)) == light).all()
+    assert (resize_to_cover(light, (5, 7)) == light).all()
 
 
 def test_fit_crops_the_middle_without_touching_values() -> None:
     light = np.random.default_rng(0).random((6, 11, 3), dtype=np.float32)
-    assert (fit(light, (6, 5)) == light[:, 3:8]).all()
+    assert (resize_to_cover(light, (6, 5)) == light[:, 3:8]).all()
 
 
 @pytest.mark.parametrize("shape", [(3, 4), (10, 30), (37, 8), (1, 1), (400, 300)])
 def test_fit_keeps_an_even_picture_even_and_covers_the_shape(shape: tuple[int, int]) -> None:
-    fitted = fit(np.full((20, 30, 3), 0.3, dtype=np.float32), shape)
+    fitted = resize_to_cover(np.full((20, 30, 3), 0.3, dtype=np.float32), shape)
     assert fitted.shape == (*shape, 3) and fitted.dtype == np.float32
     assert np.abs(fitted - 0.3).max() < 1e-6
 
 
 def test_fit_averages_fine_stripes_to_their_mean_light() -> None:
     stripes = np.repeat((np.arange(256) % 2)[None, :, None], 256, axis=0).astype(np.float32).repeat(3, axis=2)
-    fitted = fit(stripes, (32, 32))
+    fitted = resize_to_cover(stripes, (32, 32))
     assert fitted[:, 1:-1] == pytest.approx(np.full((32, 30, 3), 0.5), abs=1e-3)
     assert fitted == pytest.approx(np.full((32, 32, 3), 0.5), abs=0.02)  # half the filter is missing at the borders
 
@@ -236,7 +236,7 @@ def test_fit_neither_rings_nor_leaves_the_range() -> None:
     edge = np.zeros((64, 64, 3), dtype=np.float32)
     edge[:, 32:] = 4
     for size in (20, 41, 150):
-        fitted = fit(edge, (size, size))
+        fitted = resize_to_cover(edge, (size, size))
         assert fitted.min() >= 0 and fitted.max() <= 4
 
 
@@ -244,16 +244,18 @@ def test_fit_of_depth_invents_no_depth() -> None:
     depth = np.zeros((64, 64), dtype=np.float32)
     depth[:, 21:] = 1
     for size in (20, 41, 150):
-        assert set(np.unique(fit(depth, (size, size)))) == {0, 1}
+        assert set(np.unique(resize_to_cover(depth, (size, size)))) == {0, 1}
 
 
 def test_fit_keeps_light_and_depth_aligned() -> None:
     depth = np.tile(np.linspace(0, 1, 90, dtype=np.float32), (60, 1))
     light = np.repeat(depth[..., None], 3, axis=2)
     for shape in ((30, 45), (40, 40), (120, 200)):
-        assert np.abs(fit(light, shape)[..., 0] - fit(depth, shape)).max() < 1.01 / 89  # within a source pixel
+        assert (
+            np.abs(resize_to_cover(light, shape)[..., 0] - resize_to_cover(depth, shape)).max() < 1.01 / 89
+        )  # within a source pixel
 
 
 def test_fit_refuses_shapes_without_pixels() -> None:
     with pytest.raises(ValueError, match="size ≥ 1"):
-        fit(np.zeros((3, 3), dtype=np.float32), (0, 4))
+        resize_to_cover(np.zeros((3, 3), dtype=np.float32), (0, 4))

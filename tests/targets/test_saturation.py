@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, colour_science, observer_weights
+from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, import_colour_science, observer_weights
 from holoview.errors import UserError
-from holoview.targets.saturation import scaled_saturation
+from holoview.targets.saturation import scale_saturation
 
 FLOAT32 = 2e-6  # of the largest channel: a few roundings to float32, 6e-8 each, through matrices of gain up to 3.2 · 10
 FACTORS = (0.0, 0.3, 0.9, 1.0, 1.1, 1.5, 3.0, 1000.0)
@@ -23,8 +23,8 @@ def colours(count: int = 4000) -> NDArray[np.float32]:
 
 
 def luv(rgb: NDArray[np.floating]) -> NDArray[np.float64]:
-    white = colour_science().XYZ_to_xy(D65_WHITE)
-    return np.asarray(colour_science().XYZ_to_Luv(rgb.astype(np.float64) @ SRGB_TO_XYZ.T, white))
+    white = import_colour_science().XYZ_to_xy(D65_WHITE)
+    return np.asarray(import_colour_science().XYZ_to_Luv(rgb.astype(np.float64) @ SRGB_TO_XYZ.T, white))
 
 
 def chromaticity(rgb: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -35,32 +35,32 @@ def chromaticity(rgb: NDArray[np.floating]) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("factor", [0.0, 0.25, 0.8, 1.0, 1.2])
 def test_it_agrees_with_colour_science(factor: float) -> None:
-    science = colour_science()
+    science = import_colour_science()
     white = science.XYZ_to_xy(D65_WHITE)
     picture = (0.2 + 0.8 * colours() / colours().max(axis=1, keepdims=True)).astype(
         np.float32
     )  # inside the locus × 1.2
     lch = science.Luv_to_LCHuv(luv(picture)) * (1, factor, 1)
     expected = science.Luv_to_XYZ(science.LCHuv_to_Luv(lch), white) @ XYZ_TO_SRGB.T
-    found = scaled_saturation(picture, factor)
+    found = scale_saturation(picture, factor)
     assert found.dtype == np.float32 and found.shape == picture.shape
     assert np.abs(found - expected).max() < 1e-5  # colour-science's L* ↔ Y has constants rounded to 1e-6
 
 
 def test_a_factor_of_one_is_the_identity() -> None:
     wide = np.array([[-0.5, 0.2, 3.0], [0, 0, 0], [1, -2, 0]], dtype=np.float32)
-    assert (scaled_saturation(wide, 1.0) == wide).all()
+    assert (scale_saturation(wide, 1.0) == wide).all()
 
 
 def test_a_factor_near_one_is_nearly_the_identity() -> None:
     before = colours()
-    change = np.abs(scaled_saturation(before, 1 + 1e-6) - before).max(axis=1)
+    change = np.abs(scale_saturation(before, 1 + 1e-6) - before).max(axis=1)
     assert (change / before.max(axis=1)).max() < 3e-5
 
 
 def test_a_factor_of_zero_is_the_grey_of_the_same_luminance() -> None:
     before = colours()
-    grey = scaled_saturation(before, 0.0)
+    grey = scale_saturation(before, 0.0)
     luminance = before @ SRGB_TO_XYZ[1]
     assert (np.abs(grey - luminance[:, None]) / luminance[:, None]).max() < FLOAT32
 
@@ -68,7 +68,7 @@ def test_a_factor_of_zero_is_the_grey_of_the_same_luminance() -> None:
 @pytest.mark.parametrize("factor", FACTORS)
 def test_luminance_is_kept(factor: float) -> None:
     before = np.concatenate([colours(), -colours(50), [[-0.5, 0.2, 3.0], [0.0, -1.0, 0.1], [1e-20, 0, 0]]])
-    after = scaled_saturation(before, factor)
+    after = scale_saturation(before, factor)
     change = np.abs(after.astype(np.float64) @ SRGB_TO_XYZ[1] - before @ SRGB_TO_XYZ[1])
     assert (change / np.maximum(np.abs(after).max(axis=1), 1e-30)).max() < FLOAT32
 
@@ -76,7 +76,7 @@ def test_luminance_is_kept(factor: float) -> None:
 @pytest.mark.parametrize("factor", [0.3, 1.1, 1.5, 1000.0])
 def test_hue_is_kept_even_where_chroma_stops(factor: float) -> None:
     before = colours()
-    after = scaled_saturation(before, factor)
+    after = scale_saturation(before, factor)
     hue = [np.arctan2(*np.moveaxis(luv(rgb)[:, [2, 1]], -1, 0)) for rgb in (before, after)]
     chroma = np.hypot(*np.moveaxis(luv(before)[:, 1:], -1, 0))
     turn = np.abs(np.angle(np.exp(1j * (hue[1] - hue[0]))))
@@ -85,12 +85,12 @@ def test_hue_is_kept_even_where_chroma_stops(factor: float) -> None:
 
 def test_half_the_chroma_twice_is_a_quarter() -> None:
     before = colours()
-    twice = scaled_saturation(scaled_saturation(before, 0.5), 0.5)
-    assert (np.abs(twice - scaled_saturation(before, 0.25)) / before.max(axis=1, keepdims=True)).max() < FLOAT32
+    twice = scale_saturation(scale_saturation(before, 0.5), 0.5)
+    assert (np.abs(twice - scale_saturation(before, 0.25)) / before.max(axis=1, keepdims=True)).max() < FLOAT32
 
 
 def test_chroma_stops_at_the_purest_light_of_its_hue() -> None:
-    after = scaled_saturation(colours(), 1000.0)
+    after = scale_saturation(colours(), 1000.0)
     assert np.isfinite(after).all()
     xyz = after.astype(np.float64) @ SRGB_TO_XYZ.T
     assert (xyz.min(axis=1) / xyz.max(axis=1)).min() > -1e-6, "no impossible light"
@@ -109,23 +109,23 @@ def to_polygon(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDA
 def test_the_blue_primary_stays_finite_where_luv_alone_would_not() -> None:
     blue = np.array([0, 0, 1], dtype=np.float32)
     factors = np.linspace(1.0, 3.0, 41)
-    largest = [float(scaled_saturation(blue, factor).max()) for factor in factors]
+    largest = [float(scale_saturation(blue, factor).max()) for factor in factors]
     assert (np.diff(largest) >= 0).all() and largest[-1] == largest[20] < 100
 
 
 def test_what_is_purer_than_any_light_is_left_as_it_is() -> None:
     imaginary = (np.array([[0.0, 1.0, 0.0], [1.0, 0.3, -0.2], [0.2, 0.001, 1.0]]) @ XYZ_TO_SRGB.T).astype(np.float32)
-    assert scaled_saturation(imaginary, 5.0) == pytest.approx(imaginary, rel=1e-5, abs=1e-5)
+    assert scale_saturation(imaginary, 5.0) == pytest.approx(imaginary, rel=1e-5, abs=1e-5)
 
 
 def test_black_negative_and_imaginary_light_makes_no_nan() -> None:
     xyz = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1], [1, -1, 1], [-15, 1, 0], [0, 1, -5], [-1, -1, -1], [-1, 0, 1]])
     before = (xyz @ XYZ_TO_SRGB.T).astype(np.float32)
     for factor in FACTORS:
-        after = scaled_saturation(before, factor)
+        after = scale_saturation(before, factor)
         assert np.isfinite(after).all() and (after[0] == 0).all()
         assert np.abs(after).max() <= np.abs(before).max() * 1.01
-    assert scaled_saturation(before, 0.0) == pytest.approx(
+    assert scale_saturation(before, 0.0) == pytest.approx(
         np.repeat(before @ SRGB_TO_XYZ[1], 3).reshape(-1, 3), abs=1e-5
     )
 
@@ -133,13 +133,13 @@ def test_black_negative_and_imaginary_light_makes_no_nan() -> None:
 def test_negative_light_scales_as_its_positive() -> None:
     before = colours(100)
     for factor in (0.4, 1.3):
-        assert (scaled_saturation(-before, factor) == -scaled_saturation(before, factor)).all()
+        assert (scale_saturation(-before, factor) == -scale_saturation(before, factor)).all()
 
 
 def test_neutrals_stay_neutral() -> None:
     grey = np.repeat(np.linspace(0, 4, 50, dtype=np.float32), 3).reshape(-1, 3)
     for factor in FACTORS:
-        assert scaled_saturation(grey, factor) == pytest.approx(grey, abs=1e-5)
+        assert scale_saturation(grey, factor) == pytest.approx(grey, abs=1e-5)
 
 
 @pytest.mark.parametrize("factor", [-0.1, math.nan, math.inf, -math.inf])
@@ -147,4 +147,4 @@ def test_factors_that_make_no_sense_are_refused(factor: float) -> None:
     with pytest.raises(
         UserError, match=r"saturation: .*; expected a factor of 0 or more; 0 is grey, 1 changes nothing"
     ):
-        scaled_saturation(colours(1), factor)
+        scale_saturation(colours(1), factor)

@@ -12,7 +12,7 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, colour_science
+from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, import_colour_science
 from holoview.errors import UserError
 from holoview.targets.picture import read_picture
 from holoview.targets.spaces import srgb_from_primaries
@@ -76,7 +76,7 @@ def test_another_space_is_refused(tmp_path: Path) -> None:
     [("ITU-R BT.2020", REC2020), ("DCI-P3", DCI_P3), ("ACES2065-1", ACES)],
 )
 def test_stated_primaries_are_converted_as_colour_science_does(tmp_path: Path, name: str, primaries: Any) -> None:
-    science = colour_science()
+    science = import_colour_science()
     picture = read_picture(exr(tmp_path / "a.exr", {"RGB": light()}, primaries))
     spaces = science.RGB_COLOURSPACES[name], science.RGB_COLOURSPACES["sRGB"]
     matrix = science.matrix_RGB_to_RGB(*spaces, chromatic_adaptation_transform="Bradford")

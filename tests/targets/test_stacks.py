@@ -15,8 +15,8 @@ from PIL import Image
 from holoview.colour import SRGB_TO_XYZ, srgb_decode
 from holoview.errors import UserError
 from holoview.system import System
-from holoview.targets.saturation import scaled_saturation
-from holoview.targets.stacks import is_stack, read_stack, stack_for
+from holoview.targets.saturation import scale_saturation
+from holoview.targets.stacks import is_stack, read_stack, target_from_stack
 
 Bench = Callable[..., System]
 WriteExr = Callable[..., Path]
@@ -92,7 +92,7 @@ def test_a_part_may_name_its_channels_after_itself(tmp_path: Path, write_exr: Wr
 
 def test_the_alpha_of_a_layer_is_its_own(tmp_path: Path, bench: Bench, write_exr: WriteExr, layers: Layers) -> None:
     channels = layers(LIGHT[:2]) | {"1.A": np.full(SHAPE, 0.5, np.float32)}
-    target = stack_for(bench(2), write_exr(tmp_path / "stack.exr", ("", channels)))
+    target = target_from_stack(bench(2), write_exr(tmp_path / "stack.exr", ("", channels)))
     assert (target.stack == LIGHT[:2]).all(), "colours in OpenEXR are premultiplied"
     assert target.notes == ('stack.exr, layer "1": alpha composited over black',)
 
@@ -105,7 +105,7 @@ def test_a_rendered_picture_with_depth_and_passes_is_one_picture(
     several = write_exr(tmp_path / "b.exr", ("beauty", {"RGB": LIGHT[0]}), ("depth", depth))
     for path, note in ((beauty, "left out: light0, light1"), (several, "left out: depth")):
         assert not is_stack(path)
-        target = stack_for(bench(1), path)
+        target = target_from_stack(bench(1), path)
         assert (target.stack == LIGHT[:1]).all() and target.notes == (note,)
 
 
@@ -132,29 +132,29 @@ def pages(tmp_path: Path, stack: NDArray[np.float32]) -> Path:
 
 def test_a_stack_becomes_the_target_of_the_planes(tmp_path: Path, bench: Bench) -> None:
     system = bench(5)
-    target = stack_for(system, pages(tmp_path, LIGHT[:5]), brightness=0.5)
+    target = target_from_stack(system, pages(tmp_path, LIGHT[:5]), brightness=0.5)
     assert (target.stack == LIGHT[:5] * np.float32(0.5)).all() and target.brightness == 0.5
     assert target.planes_m == tuple(system.planes_m) and target.source == str(tmp_path / "stack.tif")
     assert target.notes == ()
 
 
 def test_a_stack_is_fitted_to_the_simulation_grid(tmp_path: Path, bench: Bench) -> None:
-    target = stack_for(bench(2, (12, 20)), pages(tmp_path, np.full((2, 40, 50, 3), 0.25, np.float32)))
+    target = target_from_stack(bench(2, (12, 20)), pages(tmp_path, np.full((2, 40, 50, 3), 0.25, np.float32)))
     assert target.stack.shape == (2, 12, 20, 3)
     assert np.abs(target.stack - 0.25).max() < 1e-6
 
 
 def test_saturation_and_space_apply_to_every_plane(tmp_path: Path, bench: Bench) -> None:
     xyz = (LIGHT[:3] @ SRGB_TO_XYZ.T).astype(np.float32)
-    target = stack_for(bench(3), pages(tmp_path, xyz), saturation=0.5, space="xyz")
-    assert target.stack == pytest.approx(scaled_saturation(LIGHT[:3], 0.5), abs=3e-6)
+    target = target_from_stack(bench(3), pages(tmp_path, xyz), saturation=0.5, space="xyz")
+    assert target.stack == pytest.approx(scale_saturation(LIGHT[:3], 0.5), abs=3e-6)
     assert target.notes[0] == "CIE XYZ converted to linear sRGB"
 
 
 def test_notes_that_all_planes_share_are_told_once(tmp_path: Path, bench: Bench) -> None:
     Image.new("L", (8, 6), 9).save(tmp_path / "0.png")
     Image.new("LA", (8, 6), (9, 9)).save(tmp_path / "1.png")
-    target = stack_for(bench(2), tmp_path)
+    target = target_from_stack(bench(2), tmp_path)
     assert target.notes == ("grey copied to red, green and blue", "1.png: alpha composited over black")
 
 
@@ -175,6 +175,6 @@ def test_another_number_of_pictures_than_planes_is_refused(
     else:
         write_exr(path, ("", layers(LIGHT[:3])))
     with pytest.raises(UserError) as caught:
-        stack_for(bench(planes), path)
+        target_from_stack(bench(planes), path)
     remedy = "change the planes (--set planes=…) or the stack"
     assert str(caught.value) == f"{path}: holds 3 pictures; expected {wanted}; {remedy}"

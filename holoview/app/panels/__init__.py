@@ -11,7 +11,7 @@ from holoview.app.panels.gamut import GamutPanel
 from holoview.app.panels.history import HistoryPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.lasers import LasersPanel
-from holoview.app.panels.look import LookPanel
+from holoview.app.panels.look import ViewPanel
 from holoview.app.panels.optimise import OptimisePanel
 from holoview.app.panels.speckle import SpecklePanel
 
@@ -21,7 +21,7 @@ ALL: tuple[type[Panel], ...] = (
     EffectsPanel,
     LasersPanel,
     GamutPanel,
-    LookPanel,
+    ViewPanel,
     SpecklePanel,
     OptimisePanel,
     FilesPanel,

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 from imgui_bundle import imgui
 
 from holoview import describe, units
-from holoview.app.fields import Edited, choice_field, count_field, kind_text, number_field, tip
+from holoview.app.fields import WidgetEdit, choice_field, count_field, format_value, number_field, tooltip
 from holoview.app.panel import Panel
-from holoview.schema import Array, Choice, Coefficients, Count, Number, Shape
+from holoview.schema import Array, Choice, Coefficients, Integer, Number, Shape
 from holoview.system import System
 
 if TYPE_CHECKING:
@@ -52,12 +52,12 @@ class BenchPanel(Panel):
         self._draw_modulators(app, system)
         self._draw_source(app, system)
         for key, field in describe.fields_by_key(type(system)).items():
-            if key in _ELSEWHERE or not isinstance(field.metadata["kind"], describe.Item):
+            if key in _ELSEWHERE or not isinstance(field.metadata["kind"], describe.Nested):
                 continue
             if key == "relay1" and len(system.modulators) == 1:
                 continue
             if _header(app, _TITLES.get(key, key.capitalize())):
-                tip(field.metadata["doc"])
+                tooltip(field.metadata["doc"])
                 self._draw_fields(app, getattr(system, field.name), getattr(self._reset, field.name), f"{key}.")
         imgui.pop_item_width()
 
@@ -66,7 +66,7 @@ class BenchPanel(Panel):
             if path == "" and key in _ELSEWHERE:
                 continue
             kind, doc, value = field.metadata["kind"], field.metadata["doc"], getattr(item, field.name)
-            if isinstance(kind, describe.Item):
+            if isinstance(kind, describe.Nested):
                 continue
             imgui.push_id(path + key)
             self._draw_field(app, path + key, kind, value, getattr(reset, field.name), doc)
@@ -74,14 +74,14 @@ class BenchPanel(Panel):
 
     def _draw_field(self, app: App, path: str, kind: Any, value: Any, reset: Any, doc: str) -> None:
         name = path.rpartition(".")[2].replace("_", " ").replace(" na", " NA")
-        edited: Edited | None = None
+        edited: WidgetEdit | None = None
         if isinstance(kind, Number) and kind.optional and path.rpartition(".")[2] in _FIRST_VALUE:
             edited = _optional(name, kind, value, reset, doc, _FIRST_VALUE[path.rpartition(".")[2]])
         elif isinstance(kind, Number):
             if value is None:
                 return
             edited = number_field(name, kind, value, value if reset is None else reset, doc)
-        elif isinstance(kind, Count):
+        elif isinstance(kind, Integer):
             edited = count_field(name, kind, value, reset, doc)
         elif isinstance(kind, Choice) and kind.options:
             edited = choice_field(name, kind, value, doc)
@@ -89,7 +89,7 @@ class BenchPanel(Panel):
             edited = _coefficients(name, kind, value, doc)
         elif isinstance(kind, Array) and kind.axes == 1:
             edited = _lengths(name, kind, value, doc)
-        app.mark(path)
+        app.record_item_rect(path)
         if edited is not None:
             app.change(name.capitalize(), path, edited.value, is_held=edited.is_held)
 
@@ -101,15 +101,15 @@ class BenchPanel(Panel):
         modulator, reset = system.modulators[0], self._reset.modulators[0] if self._reset else system.modulators[0]
         for key, field in describe.fields_by_key(type(modulator)).items():
             kind, doc, value = field.metadata["kind"], field.metadata["doc"], getattr(modulator, field.name)
-            edited: Edited | None = None
+            edited: WidgetEdit | None = None
             if isinstance(kind, Number):
                 edited = number_field(key, kind, value, getattr(reset, field.name), doc)
             elif isinstance(kind, Shape):
                 imgui.text_disabled(f"{value[1]} × {value[0]} pixels")
-                tip(doc)
+                tooltip(doc)
             else:
                 edited = _levels(key, value, doc)
-            app.mark(f"modulators.{key}")
+            app.record_item_rect(f"modulators.{key}")
             if edited is not None:
                 app.change(key.capitalize(), key, edited.value, is_held=edited.is_held)
         two = len(system.modulators) == 2
@@ -125,7 +125,7 @@ class BenchPanel(Panel):
         count = len(system.source.directions_rad)
         imgui.text_disabled("one plane wave" if count == 1 else f"{count} plane waves, mutually incoherent")
         changed, grid = imgui.input_int2("grid", list(self._grid))
-        tip("Rows and columns of sources. Several sources average out speckle and widen the eyebox.")
+        tooltip("Rows and columns of sources. Several sources average out speckle and widen the eyebox.")
         self._grid = (min(max(grid[0], 1), _MOST_SOURCES), min(max(grid[1], 1), _MOST_SOURCES))
         kind = Number("mrad", low=0.0, high=0.2)
         spacing = number_field("spacing", kind, self._spacing_rad, 2e-3, "Angle between neighbouring sources.")
@@ -141,7 +141,7 @@ class BenchPanel(Panel):
         _tilt(app, system)
 
     def _apply_grid(self, app: App) -> None:
-        source = {"grid": list(self._grid), "spacing": units.text(self._spacing_rad, "mrad")}
+        source = {"grid": list(self._grid), "spacing": units.format_exact(self._spacing_rad, "mrad")}
         app.attempt(app.session.change, "Source grid", {"source": source}, merge="source grid")
 
 
@@ -150,18 +150,18 @@ def _draw_frames(app: App, system: System, reset: System) -> None:
     is_even = bool((system.amplitudes == system.amplitudes[0]).all())
     doc = "Patterns that are shown in turn and averaged by the eye, each with patterns of its own."
     imgui.begin_disabled(not is_even)
-    edited = count_field("frames", Count(1, 64), system.frames, reset.frames, doc)
-    app.mark("frames")
+    edited = count_field("frames", Integer(1, 64), system.frames, reset.frames, doc)
+    app.record_item_rect("frames")
     imgui.end_disabled()
     if not is_even:
-        tip("These frames are lit by different lasers: their powers are in the table of lasers.")
+        tooltip("These frames are lit by different lasers: their powers are in the table of lasers.")
     if edited is not None:
         app.change("Frames", "frames", edited.value, is_held=edited.is_held)
 
 
 def _header(app: App, title: str) -> bool:
     is_open = imgui.collapsing_header(title)
-    app.mark(title)
+    app.record_item_rect(title)
     return is_open
 
 
@@ -180,13 +180,13 @@ def _tilt(app: App, system: System) -> None:
 
 def _optional(
     name: str, kind: Number, value: float | None, reset: float | None, doc: str, first: float
-) -> Edited | None:
+) -> WidgetEdit | None:
     changed, is_on = imgui.checkbox(f"##{name} on", value is not None)
-    tip(f"Whether there is one. {doc}")
+    tooltip(f"Whether there is one. {doc}")
     imgui.same_line()
     if changed:
         imgui.text(name)
-        return Edited((reset or first) if is_on else None, False)
+        return WidgetEdit((reset or first) if is_on else None, False)
     if value is None:
         imgui.text_disabled(f"no {name.removesuffix(' NA')}")
         return None
@@ -194,33 +194,33 @@ def _optional(
     return number_field(name, kind, value, reset or first, doc)
 
 
-def _coefficients(name: str, kind: Coefficients, value: tuple[tuple[int, float], ...], doc: str) -> Edited | None:
+def _coefficients(name: str, kind: Coefficients, value: tuple[tuple[int, float], ...], doc: str) -> WidgetEdit | None:
     imgui.text_disabled(name)
-    tip(doc)
+    tooltip(doc)
     terms: Mapping[int, float] = dict(value)
     for index, size in terms.items():
         edited = number_field(f"{kind.prefix}{index}", kind.item, size, 0.0, f"{doc} Right click takes it away.")
         if edited is not None:
             changed = {**terms, index: edited.value}
-            return Edited(tuple((i, x) for i, x in changed.items() if x or edited.is_held), edited.is_held)
+            return WidgetEdit(tuple((i, x) for i, x in changed.items() if x or edited.is_held), edited.is_held)
     if imgui.button(f"Add a term##{name}"):
         index = next(i for i in range(4, kind.highest + 1) if i not in terms)
-        return Edited((*value, (index, 30e-9)), False)
+        return WidgetEdit((*value, (index, 30e-9)), False)
     return None
 
 
-def _lengths(name: str, kind: Array, value: Any, doc: str) -> Edited | None:
-    shown = ", ".join(kind_text(kind.item, float(x)).rpartition(" ")[0] for x in value)
+def _lengths(name: str, kind: Array, value: Any, doc: str) -> WidgetEdit | None:
+    shown = ", ".join(format_value(kind.item, float(x)).rpartition(" ")[0] for x in value)
     changed, text = imgui.input_text(f"{name} ({kind.item.unit})", shown, imgui.InputTextFlags_.enter_returns_true)
-    tip(f"{doc} Several are parted by commas; Enter takes them over.")
+    tooltip(f"{doc} Several are parted by commas; Enter takes them over.")
     if not changed:
         return None
-    return Edited([f"{part.strip()} {kind.item.unit}" for part in text.split(",") if part.strip()], False)
+    return WidgetEdit([f"{part.strip()} {kind.item.unit}" for part in text.split(",") if part.strip()], False)
 
 
-def _levels(name: str, value: Any, doc: str) -> Edited | None:
+def _levels(name: str, value: Any, doc: str) -> WidgetEdit | None:
     count = "continuous" if value is None else str(len(value))
     options = list(_LEVELS) + ([] if count in _LEVELS else [count])
     changed, index = imgui.combo(name, options.index(count), options)
-    tip(doc)
-    return Edited(_LEVELS[options[index]], False) if changed and options[index] in _LEVELS else None
+    tooltip(doc)
+    return WidgetEdit(_LEVELS[options[index]], False) if changed and options[index] in _LEVELS else None

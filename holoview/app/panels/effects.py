@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 from imgui_bundle import imgui
 
-from holoview.app.fields import parameter_field, tip
+from holoview.app.fields import parameter_field, tooltip
 from holoview.app.panel import Panel
 from holoview.effects.effect import Effect
 from holoview.effects.parameter import Parameter
-from holoview.effects.registry import registry
-from holoview.effects.switched import unmet
+from holoview.effects.registry import listed_effects
+from holoview.effects.switched import unmet_requirement
 
 if TYPE_CHECKING:
     from holoview.app.app import App
@@ -36,25 +36,25 @@ class EffectsPanel(Panel):
     dock = "Left"
 
     def __init__(self) -> None:
-        self._words = ""
-        self._kept: Table = {}
+        self._query = ""
+        self._switched_off: Table = {}
 
-    def begin(self, app: App) -> None:
+    def set_up(self, app: App) -> None:
         """Adds the command."""
         add = app.commands.add
         add("Switch off all effects", lambda: self._switch_off(app), "Edit", help="The plain model of the bench.")
 
     def draw(self, app: App) -> None:
         """A line an effect, its sliders where it is on."""
-        system, effects = app.session.system, registry()
+        system, effects = app.session.system, listed_effects()
         imgui.set_next_item_width(imgui.get_content_region_avail().x * 0.56)
-        _, self._words = imgui.input_text_with_hint("##words", "find an effect", self._words)
+        _, self._query = imgui.input_text_with_hint("##words", "find an effect", self._query)
         imgui.same_line()
         imgui.begin_disabled(not system.effects)
         if imgui.button("All off", imgui.ImVec2(-1, 0)):
             self._switch_off(app)
         imgui.end_disabled()
-        tip(f"{len(system.effects)} of {len(effects)} are switched on.")
+        tooltip(f"{len(system.effects)} of {len(effects)} are switched on.")
         imgui.begin_child("effects")
         imgui.push_item_width(imgui.get_content_region_avail().x * 0.5)
         for place, some in _by_place(self._found(effects.values())).items():
@@ -67,17 +67,17 @@ class EffectsPanel(Panel):
         imgui.end_child()
 
     def _found(self, effects: Iterable[Effect]) -> list[Effect]:
-        words = self._words.lower().split()
+        words = self._query.lower().split()
         return [one for one in effects if all(word in f"{_name(one)} {one.id} {one.cause}".lower() for word in words)]
 
     def _draw_effect(self, app: App, one: Effect) -> None:
         values = app.session.system.effect_values.get(one.id)
-        lacking = unmet(one, app.session.system)
+        lacking = unmet_requirement(one, app.session.system)
         imgui.begin_disabled(bool(lacking) and values is None)
         switched, is_on = imgui.checkbox(_name(one), values is not None)
-        app.mark(f"effect {one.id}")
+        app.record_item_rect(f"effect {one.id}")
         imgui.end_disabled()
-        tip(f"{one.cause}\n{_equation(one)}" + (f"\n\nIt can't be switched on: {lacking}." if lacking else ""))
+        tooltip(f"{one.cause}\n{_equation(one)}" + (f"\n\nIt can't be switched on: {lacking}." if lacking else ""))
         if switched:
             self._switch(app, one, is_on)
         elif values is not None:
@@ -95,31 +95,31 @@ class EffectsPanel(Panel):
         for parameter in some:
             edited = parameter_field(parameter, values.get(parameter.name, parameter.identity))
             key = f"effects.{one.id}.{parameter.name}"
-            app.mark(key)
+            app.record_item_rect(key)
             if edited is not None:
                 app.change(f"Effect {_name(one)}", key, edited.value, is_held=edited.is_held)
 
     def _switch(self, app: App, one: Effect, is_on: bool) -> None:
         table = app.session.system.effect_values
         if is_on:
-            table[one.id] = self._kept.get(one.id) or _common(one)
+            table[one.id] = self._switched_off.get(one.id) or _typical_values(one)
         else:
-            self._kept[one.id] = table.pop(one.id)
+            self._switched_off[one.id] = table.pop(one.id)
         app.change(f"Effect {_name(one)} {'on' if is_on else 'off'}", "effects", table)
 
     def _switch_off(self, app: App) -> None:
-        self._kept |= app.session.system.effect_values
+        self._switched_off |= app.session.system.effect_values
         app.change("All effects off", "effects", {})
 
 
 def _by_place(effects: list[Effect]) -> dict[str, list[Effect]]:
     places: dict[str, list[Effect]] = {place: [] for place in _PLACES.values()}
     for one in effects:
-        places[_PLACES[one.where[0]]].append(one)
+        places[_PLACES[one.acts_on[0]]].append(one)
     return {place: some for place, some in places.items() if some}
 
 
-def _common(one: Effect) -> dict[str, float]:
+def _typical_values(one: Effect) -> dict[str, float]:
     """Its first parameter as large as it commonly is, so that something is seen when it is switched on."""
     first = one.parameters[0]
     return {first.name: min(max(first.identity + first.prior, first.low), first.high)}

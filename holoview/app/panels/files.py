@@ -13,18 +13,18 @@ from imgui_bundle import imgui
 from numpy.typing import NDArray
 
 from holoview.app.clipboard import copy_picture, paste_picture
-from holoview.app.fields import tip
-from holoview.app.file_dialog import FileDialog, Request
+from holoview.app.fields import tooltip
+from holoview.app.file_dialog import FileDialog, FileRequest
 from holoview.app.panel import Panel
-from holoview.app.recovery import RecoveryOffer
+from holoview.app.recovery import RecoveryDialog
 from holoview.errors import UserError
 from holoview.session.export.documents import save_hologram, save_preset
 from holoview.session.export.figure import save_figure
 from holoview.session.export.pictures import save_planes, save_view
 from holoview.session.export.sweep import save_sweep
-from holoview.session.jobs import describe_job
-from holoview.session.look import DERIVED, side_of
-from holoview.session.tone import compared
+from holoview.session.jobs import format_job
+from holoview.session.look import DERIVED_PAGES, displayed_side
+from holoview.session.tone import compose_comparison
 
 if TYPE_CHECKING:
     from holoview.app.app import App
@@ -53,9 +53,9 @@ class FilesPanel(Panel):
         self.frames, self.seconds = 24, 3.0
         self.dialog = FileDialog()
 
-    def begin(self, app: App) -> None:
+    def set_up(self, app: App) -> None:
         """Adds the commands of the File menu, the file dialog, and the offer to recover what a crash has left."""
-        self.recovery = RecoveryOffer(app.store.crashed() if app.store is not None else ())
+        self.recovery = RecoveryDialog(app.store.crashed_sessions() if app.store is not None else ())
         app.overlays += [self.recovery, self.dialog]
         self._saves = self._all_saves(app)
         add = app.commands.add
@@ -79,7 +79,7 @@ class FilesPanel(Panel):
             _Save(
                 "Save view",
                 (".png",),
-                lambda path: save_view(session, path, _seen(app)),
+                lambda path: save_view(session, path, _export_pixels(app)),
                 "The image as it is seen.",
                 "Ctrl+E",
             ),
@@ -106,7 +106,7 @@ class FilesPanel(Panel):
         for number, save in enumerate(self._saves):
             if imgui.button(f"{save.name}…", imgui.ImVec2(width, 0)):
                 app.attempt(self._save, app, save)
-            tip(save.help)
+            tooltip(save.help)
             if number % 2 == 0:
                 imgui.same_line()
         imgui.set_next_item_width(0.7 * width)
@@ -119,51 +119,51 @@ class FilesPanel(Panel):
         _draw_jobs(app)
 
     def _open(self, app: App) -> None:
-        self.dialog.ask(Request("Open", _OPENS, lambda path: app.loader.open(path), takes_folders=True))
+        self.dialog.ask(FileRequest("Open", _OPENS, lambda path: app.loader.open(path), takes_folders=True))
 
     def _save(self, app: App, save: _Save) -> None:
         name = f"{app.session.system.name or 'hologram'}{save.suffixes[0]}"
-        self.dialog.ask(Request(save.name, save.suffixes, save.write, name, saves=True))
+        self.dialog.ask(FileRequest(save.name, save.suffixes, save.write, name, is_save=True))
 
 
 def _draw_watch(app: App) -> None:
-    path = app.session.state.path
+    path = app.session.document.path
     if path is None:
         return
-    changed, watches = imgui.checkbox("read again when rewritten", app.loader.watching is not None)
-    tip(f"{path} is read again when another program has written it.")
+    changed, watches = imgui.checkbox("read again when rewritten", app.loader.watched_path is not None)
+    tooltip(f"{path} is read again when another program has written it.")
     if changed:
-        app.loader.watch(watches)
+        app.loader.set_watching(watches)
 
 
 def _draw_jobs(app: App) -> None:
     for number, job in enumerate(app.session.jobs.active):
         imgui.push_id(number)
-        imgui.progress_bar(job.fraction, imgui.ImVec2(-70, 0), describe_job(job))
+        imgui.progress_bar(job.fraction, imgui.ImVec2(-70, 0), format_job(job))
         imgui.same_line()
         if imgui.button("Cancel", imgui.ImVec2(-1, 0)):
             job.cancel()
         imgui.pop_id()
 
 
-def _seen(app: App) -> NDArray[np.uint8]:
+def _export_pixels(app: App) -> NDArray[np.uint8]:
     """The image at its own resolution, compared as it is on the screen; other pages as large as they are shown."""
-    look = app.session.look
+    look = app.session.view_settings
     if look.page == "planes":
         raise UserError("view", "shows all planes", remedy="save all planes, or go to one of them first")
-    if look.page in DERIVED:
-        seen = app.seen()
+    if look.page in DERIVED_PAGES:
+        seen = app.displayed_pixels()
         assert seen is not None
         return seen
     b = look.b if look.compare != "off" and look.page == "image" else None
-    xyz, other = app.sides.xyz(side_of(look)), None if b is None else app.sides.xyz(b)
+    xyz, other = app.side_renderers.xyz(displayed_side(look)), None if b is None else app.side_renderers.xyz(b)
     if xyz is None or (b is not None and other is None):
         raise UserError("image", "is still being computed", remedy="try again in a moment")
-    return compared(xyz, other, look)
+    return compose_comparison(xyz, other, look)
 
 
 def _copy(app: App) -> None:
-    copy_picture(_seen(app))
+    copy_picture(_export_pixels(app))
     app.session.messages.post("copied the image")
 
 

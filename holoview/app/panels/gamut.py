@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from holoview.app.colours import laser_colour
 from holoview.app.panel import Panel
-from holoview.session.gamut import TRIANGLES, WHITE, colour_cloud, horseshoe, laser_points, laser_polygon
+from holoview.session.gamut import (
+    D65_XY,
+    DISPLAY_PRIMARIES,
+    image_chromaticities,
+    laser_chromaticities,
+    laser_gamut,
+    spectral_locus,
+)
 from holoview.session.look import NOW
 
 if TYPE_CHECKING:
@@ -39,20 +46,20 @@ class GamutPanel(Panel):
         implot.setup_axes("x", "y")
         implot.setup_axes_limits(-0.02, 0.78, -0.02, 0.88)
         implot.setup_legend(implot.Location_.north_east)
-        _closed("spectrum", horseshoe(system.observer), _OUTLINE)
-        for name, corners in TRIANGLES.items():
-            _closed(name, np.array(corners), _TRIANGLE_COLOURS[name])
+        _plot_outline("spectrum", spectral_locus(system.observer), _OUTLINE)
+        for name, corners in DISPLAY_PRIMARIES.items():
+            _plot_outline(name, np.array(corners), _TRIANGLE_COLOURS[name])
         self._draw_cloud(app)
-        _closed("lasers", laser_polygon(system), _LASER_LINE, 2.0)
-        for index, (x, y) in enumerate(laser_points(system)):
+        _plot_outline("lasers", laser_gamut(system), _LASER_LINE, 2.0)
+        for index, (x, y) in enumerate(laser_chromaticities(system)):
             _dot(f"##laser{index}", x, y, laser_colour(float(system.wavelengths_m[index])), 5)
-        _dot("##white", *WHITE, imgui.ImVec4(1, 1, 1, 1), 3)
+        _dot("##white", *D65_XY, imgui.ImVec4(1, 1, 1, 1), 3)
         implot.end_plot()
 
     def _draw_cloud(self, app: App) -> None:
-        xyz = app.sides.xyz(NOW)
+        xyz = app.side_renderers.xyz(NOW)
         if xyz is not None and (self._cloud is None or self._cloud[0] is not xyz):
-            points, colours = colour_cloud(xyz * 2.0**app.session.look.exposure_stops, _CLOUD)
+            points, colours = image_chromaticities(xyz * 2.0**app.session.view_settings.exposure_stops, _CLOUD)
             self._cloud = (xyz, points, colours)
         if self._cloud is None or len(self._cloud[1]) == 0:
             return
@@ -70,7 +77,7 @@ def _column(points: NDArray[np.float64], index: int) -> NDArray[np.float64]:
     return np.ascontiguousarray(points[:, index])
 
 
-def _closed(name: str, points: NDArray[np.float64], colour: imgui.ImVec4, weight: float = 1.0) -> None:
+def _plot_outline(name: str, points: NDArray[np.float64], colour: imgui.ImVec4, weight: float = 1.0) -> None:
     if len(points) == 0:
         return
     round_trip = np.vstack([points, points[:1]])

@@ -42,7 +42,7 @@ class HistoryPanel(Panel):
         imgui.end_child()
 
     def _draw_step(self, app: App, index: int, label: str, when: float) -> None:
-        position = app.session.position
+        position = app.session.history_position
         is_undone = index > position
         if is_undone:
             imgui.push_style_color(imgui.Col_.text, imgui.get_style_color_vec4(imgui.Col_.text_disabled))
@@ -52,7 +52,7 @@ class HistoryPanel(Panel):
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
             imgui.set_tooltip(f"{time.strftime('%H:%M:%S', time.localtime(when))}; click to go here")
         if clicked:
-            app.attempt(app.session.go_to, index)
+            app.attempt(app.session.go_to_step, index)
         if index == position != self._followed:
             imgui.set_scroll_here_y()
             self._followed = position

@@ -8,12 +8,12 @@ import numpy as np
 from imgui_bundle import imgui
 from numpy.typing import NDArray
 
-from holoview.app.contact import Contact
+from holoview.app.contact import PlaneSheet
 from holoview.app.panel import Panel
 from holoview.app.panels.focus import FocusPanel
 from holoview.app.readout import draw_readout, readout_height
-from holoview.app.viewport import Frame, Picture, Viewport, fitting_zoom, frame_of
-from holoview.session.look import DERIVED, TARGET, Look, side_of
+from holoview.app.viewport import DeviceImage, Viewport, VisibleArea, visible_area_of, zoom_to_fit
+from holoview.session.look import DERIVED_PAGES, TARGET, ViewSettings, displayed_side
 
 if TYPE_CHECKING:
     from holoview.app.app import App
@@ -34,28 +34,28 @@ class ImagePanel(Panel):
     def __init__(self) -> None:
         self._viewport: Viewport | None = None
         self._texture: imgui.ImTextureRef | None = None
-        self._contact: Contact | None = None
-        self.frame: Frame | None = None
-        self._begun: tuple[float, float] | None = None
+        self._contact: PlaneSheet | None = None
+        self.visible_area: VisibleArea | None = None
+        self._drag_start: tuple[float, float] | None = None
         self._drags_wipe = False
-        self.holds_b = False
+        self.shows_b = False
         self._scale = 1.0
 
-    def begin(self, app: App) -> None:
+    def set_up(self, app: App) -> None:
         self._viewport = Viewport(app.device, "viewport")
-        self._contact = Contact(app)
+        self._contact = PlaneSheet(app)
         add = app.commands.add
-        add("Fit", lambda: _view(app, zoom=0.0, centre=(0.5, 0.5)), "Image", "F", "Shows all of the image.")
-        add("One to one", lambda: _view(app, zoom=1.0), "Image", "Z", "A screen pixel a sample.")
+        add("Fit", lambda: _edit_zoom(app, zoom=0.0, centre=(0.5, 0.5)), "Image", "F", "Shows all of the image.")
+        add("One to one", lambda: _edit_zoom(app, zoom=1.0), "Image", "Z", "A screen pixel a sample.")
         add("Zoom in", lambda: self._zoom_by(app, _NOTCH), "Image", "= Shift+=", is_held=True)
         add("Zoom out", lambda: self._zoom_by(app, 1 / _NOTCH), "Image", "-", is_held=True)
 
-    def seen(self) -> NDArray[np.uint8] | None:
+    def displayed_pixels(self) -> NDArray[np.uint8] | None:
         """What the panel shows, 8-bit sRGB (y, x, 3)."""
         return None if self._viewport is None or self._viewport.view is None else self._viewport.pixels()
 
     def draw(self, app: App) -> None:
-        look = app.session.look
+        look = app.session.view_settings
         room = imgui.get_content_region_avail()
         footer = readout_height(app, room.x) + 4
         size = (max(int(room.x), 16), max(int(room.y - footer), 16))
@@ -65,8 +65,12 @@ class ImagePanel(Panel):
             self._draw_sheet(app, size)
             return
         is_compared = look.compare != "off" and look.page == "image"
-        a = app.pages.picture() if look.page in DERIVED else app.sides.picture(side_of(look))
-        b = app.sides.picture(look.b) if is_compared else None
+        a = (
+            app.derived_images.picture()
+            if look.page in DERIVED_PAGES
+            else app.side_renderers.picture(displayed_side(look))
+        )
+        b = app.side_renderers.picture(look.b) if is_compared else None
         if a is None:
             _draw_text(_waiting_text(app, look), size)
         else:
@@ -77,21 +81,27 @@ class ImagePanel(Panel):
         assert self._contact is not None
         chosen = self._contact.draw(app, size)
         if chosen is not None:
-            app.look("Focal plane", plane_m=chosen, page="image")
+            app.edit_view("Focal plane", plane_m=chosen, page="image")
         imgui.text_disabled("click a plane to look at it")
 
     # --- drawing ----------------------------------------------------------------------------------------------------
 
     def _draw_picture(
-        self, app: App, a: Picture, b: Picture | None, look: Look, size: tuple[int, int], corner: imgui.ImVec2
+        self,
+        app: App,
+        a: DeviceImage,
+        b: DeviceImage | None,
+        look: ViewSettings,
+        size: tuple[int, int],
+        corner: imgui.ImVec2,
     ) -> None:
         assert self._viewport is not None
-        shape = app.session.state.shape if look.page == "image" else a.shape
+        shape = app.session.document.image_shape if look.page == "image" else a.shape
         self._scale = imgui.get_io().display_framebuffer_scale.x
         pixels = (max(round(size[0] * self._scale), 1), max(round(size[1] * self._scale), 1))
-        self.frame = frame_of(look, pixels, shape)
-        self.holds_b = look.compare == "hold" and imgui.is_key_down(imgui.Key.b)
-        if self._viewport.draw(a, b, look, self.frame, holds_b=self.holds_b):
+        self.visible_area = visible_area_of(look, pixels, shape)
+        self.shows_b = look.compare == "hold" and imgui.is_key_down(imgui.Key.b)
+        if self._viewport.draw(a, b, look, self.visible_area, holds_b=self.shows_b):
             if self._texture is not None:
                 app.window.forget_texture(self._texture)
             self._texture = app.window.texture(self._viewport.view)
@@ -99,38 +109,47 @@ class ImagePanel(Panel):
         imgui.set_cursor_screen_pos(corner)
         buttons = imgui.ButtonFlags_.mouse_button_left | imgui.ButtonFlags_.mouse_button_middle
         imgui.invisible_button("##image", imgui.ImVec2(*size), buttons)
-        app.mark("image")
+        app.record_item_rect("image")
         drawn = imgui.get_window_draw_list()
         drawn.add_image(self._texture, corner, imgui.ImVec2(corner.x + size[0], corner.y + size[1]))
         self._follow_hand(app, shape, corner)
         self._draw_marks(app, look, shape, corner, size)
 
     def _draw_marks(
-        self, app: App, look: Look, shape: tuple[int, int], corner: imgui.ImVec2, size: tuple[int, int]
+        self, app: App, look: ViewSettings, shape: tuple[int, int], corner: imgui.ImVec2, size: tuple[int, int]
     ) -> None:
         """The region, the profile's line, and the names of the sides."""
-        assert self.frame is not None
+        assert self.visible_area is not None
         drawn = imgui.get_window_draw_list()
         drawn.push_clip_rect(corner, imgui.ImVec2(corner.x + size[0], corner.y + size[1]), True)
         if look.page == "image" and look.region is not None:
             x, y, width, height = look.region
-            drawn.add_rect(self._at(x, y, shape, corner), self._at(x + width, y + height, shape, corner), _LINE, 0, 1.5)
+            drawn.add_rect(
+                self._to_screen(x, y, shape, corner),
+                self._to_screen(x + width, y + height, shape, corner),
+                _LINE,
+                0,
+                1.5,
+            )
         if look.page == "image" and look.profile is not None:
             x0, y0, x1, y1 = look.profile
             drawn.add_line(
-                self._at(x0 + 0.5, y0 + 0.5, shape, corner), self._at(x1 + 0.5, y1 + 0.5, shape, corner), _LINE, 1.5
+                self._to_screen(x0 + 0.5, y0 + 0.5, shape, corner),
+                self._to_screen(x1 + 0.5, y1 + 0.5, shape, corner),
+                _LINE,
+                1.5,
             )
-        has_target = app.session.wanted is not None
-        for text, share in _side_names(look, self.holds_b, has_target):
+        has_target = app.session.target_spec is not None
+        for text, share in _side_names(look, self.shows_b, has_target):
             _label(drawn, text, imgui.ImVec2(corner.x + share * size[0] + 8, corner.y + 6))
         drawn.pop_clip_rect()
 
-    def _at(self, x: float, y: float, shape: tuple[int, int], corner: imgui.ImVec2) -> imgui.ImVec2:
-        assert self.frame is not None
-        column, row = self.frame.pixel(x / shape[1], y / shape[0])
+    def _to_screen(self, x: float, y: float, shape: tuple[int, int], corner: imgui.ImVec2) -> imgui.ImVec2:
+        assert self.visible_area is not None
+        column, row = self.visible_area.to_pixel(x / shape[1], y / shape[0])
         return imgui.ImVec2(corner.x + column / self._scale, corner.y + row / self._scale)
 
-    def _pixel(self, at: imgui.ImVec2, corner: imgui.ImVec2) -> tuple[float, float]:
+    def _to_viewport(self, at: imgui.ImVec2, corner: imgui.ImVec2) -> tuple[float, float]:
         """The viewport's pixel at a place of the screen."""
         return (at.x - corner.x) * self._scale, (at.y - corner.y) * self._scale
 
@@ -141,16 +160,16 @@ class ImagePanel(Panel):
         if imgui.is_item_hovered():
             self._follow_wheel(app, shape, corner, io)
             if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
-                _view(app, zoom=0.0, centre=(0.5, 0.5))
+                _edit_zoom(app, zoom=0.0, centre=(0.5, 0.5))
         if imgui.is_item_activated():
             self._begin_drag(app, shape, corner, io)
         if imgui.is_item_active():
             self._drag(app, shape, corner, io)
         if imgui.is_item_deactivated():
-            if self._begun is not None:
-                app.tool = ""
-            self._begun, self._drags_wipe = None, False
-            app.session.settle()
+            if self._drag_start is not None:
+                app.drag_tool = ""
+            self._drag_start, self._drags_wipe = None, False
+            app.session.end_gesture()
 
     def _follow_wheel(self, app: App, shape: tuple[int, int], corner: imgui.ImVec2, io: imgui.IO) -> None:
         if io.mouse_wheel == 0:
@@ -164,77 +183,77 @@ class ImagePanel(Panel):
         self, app: App, shape: tuple[int, int], corner: imgui.ImVec2, pointer: imgui.ImVec2, factor: float
     ) -> None:
         """The place under the pointer stays where it is."""
-        assert self.frame is not None
-        look, frame = app.session.look, self.frame
-        fit = fitting_zoom(look, frame.size, shape)
+        assert self.visible_area is not None
+        look, frame = app.session.view_settings, self.visible_area
+        fit = zoom_to_fit(look, frame.size, shape)
         zoom = min(max((look.zoom or fit) * factor, min(_LEAST_ZOOM, fit)), _MOST_ZOOM)
         panes = 2 if look.compare == "side-by-side" else 1
         width = frame.size[0] // panes
-        x, y = self._pixel(pointer, corner)
+        x, y = self._to_viewport(pointer, corner)
         x = x % width if panes == 2 else x
-        u, v = frame.place(x, y)
+        u, v = frame.to_image(x, y)
         centre = (u - (x - width / 2) / (zoom * shape[1]), v - (y - frame.size[1] / 2) / (zoom * shape[0]))
-        _view(app, zoom=zoom, centre=centre)
+        _edit_zoom(app, zoom=zoom, centre=centre)
 
     def _zoom_by(self, app: App, factor: float) -> None:
-        look = app.session.look
-        fit = fitting_zoom(look, self.frame.size, app.session.state.shape) if self.frame else 1.0
-        _view(app, zoom=min(max((look.zoom or fit) * factor, _LEAST_ZOOM), _MOST_ZOOM))
+        look = app.session.view_settings
+        fit = zoom_to_fit(look, self.visible_area.size, app.session.document.image_shape) if self.visible_area else 1.0
+        _edit_zoom(app, zoom=min(max((look.zoom or fit) * factor, _LEAST_ZOOM), _MOST_ZOOM))
 
     def _begin_drag(self, app: App, shape: tuple[int, int], corner: imgui.ImVec2, io: imgui.IO) -> None:
-        look = app.session.look
-        assert self.frame is not None
-        x = self._pixel(io.mouse_pos, corner)[0]
-        self._drags_wipe = look.compare == "wipe" and abs(x - look.wipe * self.frame.size[0]) < _GRIP
-        if app.tool or io.key_shift:
-            app.tool = app.tool or "region"
-            self._begun = self._sample(shape, corner, io.mouse_pos)
+        look = app.session.view_settings
+        assert self.visible_area is not None
+        x = self._to_viewport(io.mouse_pos, corner)[0]
+        self._drags_wipe = look.compare == "wipe" and abs(x - look.wipe * self.visible_area.size[0]) < _GRIP
+        if app.drag_tool or io.key_shift:
+            app.drag_tool = app.drag_tool or "region"
+            self._drag_start = self._to_sample(shape, corner, io.mouse_pos)
 
     def _drag(self, app: App, shape: tuple[int, int], corner: imgui.ImVec2, io: imgui.IO) -> None:
-        look = app.session.look
-        assert self.frame is not None
+        look = app.session.view_settings
+        assert self.visible_area is not None
         if self._drags_wipe:
-            share = self._pixel(io.mouse_pos, corner)[0] / self.frame.size[0]
-            app.look("Wipe", wipe=min(max(share, 0.0), 1.0))
-        elif self._begun is not None:
-            self._draw_tool(app, shape, self._begun, self._sample(shape, corner, io.mouse_pos))
+            share = self._to_viewport(io.mouse_pos, corner)[0] / self.visible_area.size[0]
+            app.edit_view("Wipe", wipe=min(max(share, 0.0), 1.0))
+        elif self._drag_start is not None:
+            self._draw_tool(app, shape, self._drag_start, self._to_sample(shape, corner, io.mouse_pos))
         elif io.mouse_delta.x or io.mouse_delta.y:
             u, v = look.centre
-            step = [self._scale * share for share in self.frame.step]
-            zoom = look.zoom or fitting_zoom(look, self.frame.size, shape)
-            _view(app, zoom=zoom, centre=(u - io.mouse_delta.x * step[0], v - io.mouse_delta.y * step[1]))
+            step = [self._scale * share for share in self.visible_area.step]
+            zoom = look.zoom or zoom_to_fit(look, self.visible_area.size, shape)
+            _edit_zoom(app, zoom=zoom, centre=(u - io.mouse_delta.x * step[0], v - io.mouse_delta.y * step[1]))
 
     def _draw_tool(self, app: App, shape: tuple[int, int], a: tuple[float, float], b: tuple[float, float]) -> None:
         (x0, x1), (y0, y1) = sorted((a[0], b[0])), sorted((a[1], b[1]))
-        if app.tool == "line":
-            app.look("Line", profile=tuple(np.clip((*a, *b), 0, [shape[1] - 1, shape[0] - 1] * 2).tolist()))
+        if app.drag_tool == "line":
+            app.edit_view("Line", profile=tuple(np.clip((*a, *b), 0, [shape[1] - 1, shape[0] - 1] * 2).tolist()))
             return
         left, top = max(int(x0), 0), max(int(y0), 0)
         width, height = min(int(x1) + 1, shape[1]) - left, min(int(y1) + 1, shape[0]) - top
         if width > 1 and height > 1:
-            app.look("Region", region=(left, top, width, height))
+            app.edit_view("Region", region=(left, top, width, height))
 
-    def _sample(self, shape: tuple[int, int], corner: imgui.ImVec2, at: imgui.ImVec2) -> tuple[float, float]:
+    def _to_sample(self, shape: tuple[int, int], corner: imgui.ImVec2, at: imgui.ImVec2) -> tuple[float, float]:
         """Samples of the image at a place of the screen."""
-        assert self.frame is not None
-        u, v = self.frame.place(*self._pixel(at, corner))
+        assert self.visible_area is not None
+        u, v = self.visible_area.to_image(*self._to_viewport(at, corner))
         return u * shape[1], v * shape[0]
 
-    def _under_pointer(self, a: Picture | None, corner: imgui.ImVec2) -> tuple[float, float] | None:
+    def _under_pointer(self, a: DeviceImage | None, corner: imgui.ImVec2) -> tuple[float, float] | None:
         """Shares of the image under the pointer; None where it isn't over the image."""
-        if a is None or self.frame is None or not imgui.is_window_hovered():
+        if a is None or self.visible_area is None or not imgui.is_window_hovered():
             return None
         at = imgui.get_io().mouse_pos
-        u, v = self.frame.place(*self._pixel(at, corner))
+        u, v = self.visible_area.to_image(*self._to_viewport(at, corner))
         return (u, v) if 0 <= u < 1 and 0 <= v < 1 else None
 
 
-def _view(app: App, **fields: object) -> None:
+def _edit_zoom(app: App, **fields: object) -> None:
     """Zoom and pan aren't steps of undo."""
-    app.attempt(app.session.look_at, "Zoom", undoable=False, **fields)
+    app.attempt(app.session.edit_view, "Zoom", undoable=False, **fields)
 
 
-def _side_names(look: Look, holds_b: bool, has_target: bool) -> list[tuple[str, float]]:
+def _side_names(look: ViewSettings, holds_b: bool, has_target: bool) -> list[tuple[str, float]]:
     """Texts above the image and where, as a share of its width."""
     if look.page != "image" or look.compare == "off":
         return []
@@ -256,8 +275,8 @@ def _label(drawn: imgui.ImDrawList, text: str, at: imgui.ImVec2) -> None:
     drawn.add_text(at, imgui.IM_COL32(255, 255, 255, 255), text)
 
 
-def _waiting_text(app: App, look: Look) -> str:
-    if look.page == "target" and app.session.wanted is None:
+def _waiting_text(app: App, look: ViewSettings) -> str:
+    if look.page == "target" and app.session.target_spec is None:
         return "no target yet: open a picture"
     return "computing the first image" if app.is_busy else "nothing to show"
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from holoview import preset
 from holoview.app.colours import laser_colour
-from holoview.app.fields import tip
+from holoview.app.fields import tooltip
 from holoview.app.panel import Panel
 from holoview.colour import cone_fundamentals
 from holoview.system import System
@@ -43,11 +43,11 @@ class LasersPanel(Panel):
         self._frame = 0
         self._held_scale: float | None = None
 
-    def begin(self, app: App) -> None:
+    def set_up(self, app: App) -> None:
         add = app.commands.add
-        add("Balance to white", lambda: _white(app), "Lasers", help="Powers that make an even image white.")
+        add("Balance to white", lambda: _balance_to_white(app), "Lasers", help="Powers that make an even image white.")
         add("Add a laser", lambda: _add(app), "Lasers", help="In the middle of the widest gap.")
-        add("All lasers", lambda: app.look("All lasers", solo=None, muted=frozenset()), "Lasers", "0")
+        add("All lasers", lambda: app.edit_view("All lasers", solo=None, muted=frozenset()), "Lasers", "0")
         keys = " ".join(str(number) for number in range(1, 10))
         add("Solo a laser", lambda: _solo(app, _digit_pressed() - 1), "Lasers", keys, "By its number; again: all.")
 
@@ -67,7 +67,7 @@ class LasersPanel(Panel):
         )
         if not implot.begin_plot("##spectrum", imgui.ImVec2(-1, height), flags):
             return
-        app.mark("spectrum")
+        app.record_item_rect("spectrum")
         implot.setup_axes("wavelength (nm)", "", 0, implot.AxisFlags_.no_tick_labels)
         implot.setup_axes_limits(*_SHOWN_NM, 0.0, 1.18)
         implot.setup_axis_limits_constraints(implot.ImAxis_.x1, 200, 2000)
@@ -84,10 +84,10 @@ class LasersPanel(Panel):
                 app, system, index, float(wavelength_m) * 1e9, float(powers[index]) / scale, scale
             )
         if self._held_scale is not None and not is_held:
-            app.session.settle()
+            app.session.end_gesture()
         self._held_scale = scale if is_held else None
         low = implot.plot_to_pixels(_SHOWN_NM[0], 0.0)
-        app.rects["spectrum origin"] = (low.x, low.y, low.x, low.y)
+        app.item_rects["spectrum origin"] = (low.x, low.y, low.x, low.y)
         implot.end_plot()
 
     def _draw_laser(self, app: App, system: System, index: int, nm: float, height: float, scale: float) -> bool:
@@ -100,12 +100,12 @@ class LasersPanel(Panel):
             index, nm, height, colour, 6.0, 0, out_clicked=False, out_hovered=False, out_held=False
         )
         pixel = implot.plot_to_pixels(nm, height)
-        app.rects[f"laser {index}"] = (pixel.x - 6, pixel.y - 6, pixel.x + 6, pixel.y + 6)
+        app.item_rects[f"laser {index}"] = (pixel.x - 6, pixel.y - 6, pixel.x + 6, pixel.y + 6)
         if hovered and not held:
             imgui.set_tooltip(f"laser {index + 1}: {nm:.4g} nm, power {height * scale:.4g}\ndrag: wavelength and power")
         if moved:
             power = min(max(y, 0.0), 1.1) * scale
-            _edit(app, system, index, nm=round(x, 2), power=power, frame=self._frame, merge=("laser", index))
+            _edit_laser(app, system, index, nm=round(x, 2), power=power, frame=self._frame, merge=("laser", index))
         return bool(held)
 
     # --- sets and table ---------------------------------------------------------------------------------------------
@@ -113,15 +113,15 @@ class LasersPanel(Panel):
     def _draw_buttons(self, app: App, system: System) -> None:
         if imgui.button("Add"):
             _add(app)
-        tip("Another laser, in the middle of the widest gap; powers are balanced to white again.")
+        tooltip("Another laser, in the middle of the widest gap; powers are balanced to white again.")
         imgui.same_line()
         if imgui.button("White"):
-            _white(app)
-        tip("Powers that make an even image white.")
+            _balance_to_white(app)
+        tooltip("Powers that make an even image white.")
         imgui.same_line()
         if imgui.button("All on"):
-            app.look("All lasers", solo=None, muted=frozenset())
-        tip("Ends solo and mute.")
+            app.edit_view("All lasers", solo=None, muted=frozenset())
+        tooltip("Ends solo and mute.")
         imgui.same_line()
         imgui.set_next_item_width(-1)
         if imgui.begin_combo("##set", "Lasers of…"):
@@ -129,12 +129,12 @@ class LasersPanel(Panel):
                 if imgui.selectable(name, False)[0]:
                     _take_lasers(app, name)
             imgui.end_combo()
-        tip("Takes the wavelengths and powers of a preset.")
+        tooltip("Takes the wavelengths and powers of a preset.")
         if system.frames > 1:
             imgui.set_next_item_width(-60)
             _, frame = imgui.slider_int("frame", self._frame + 1, 1, system.frames)
             self._frame = frame - 1
-            tip("The frame of the time sequence whose powers are shown.")
+            tooltip("The frame of the time sequence whose powers are shown.")
 
     def _draw_table(self, app: App, system: System) -> None:
         flags = imgui.TableFlags_.row_bg | imgui.TableFlags_.scroll_y | imgui.TableFlags_.sizing_stretch_prop
@@ -152,23 +152,23 @@ class LasersPanel(Panel):
         imgui.end_table()
 
     def _draw_row(self, app: App, system: System, index: int) -> None:
-        nm, look = float(system.wavelengths_m[index]) * 1e9, app.session.look
+        nm, look = float(system.wavelengths_m[index]) * 1e9, app.session.view_settings
         imgui.table_next_column()
         imgui.color_button("##colour", laser_colour(nm * 1e-9), imgui.ColorEditFlags_.no_tooltip, imgui.ImVec2(14, 14))
         imgui.table_next_column()
         imgui.set_next_item_width(-1)
         changed, value = imgui.drag_float("##nm", nm, 0.25, *_EYE_NM, "%.5g")
-        app.mark(f"nm {index}")
-        tip("Wavelength in nm: drag, or double click to enter it.")
+        app.record_item_rect(f"nm {index}")
+        tooltip("Wavelength in nm: drag, or double click to enter it.")
         if changed:
-            _edit(app, system, index, nm=round(value, 3), frame=self._frame, merge=("nm", index))
+            _edit_laser(app, system, index, nm=round(value, 3), frame=self._frame, merge=("nm", index))
         imgui.table_next_column()
         imgui.set_next_item_width(-1)
         power = float(system.amplitudes[self._frame, index])
         changed, value = imgui.drag_float("##power", power, max(power, 0.1) * 0.01, 0.0, 1e6, "%.4g")
-        tip("Relative power: drag, or double click to enter it.")
+        tooltip("Relative power: drag, or double click to enter it.")
         if changed:
-            _edit(app, system, index, power=max(value, 0.0), frame=self._frame, merge=("power", index))
+            _edit_laser(app, system, index, power=max(value, 0.0), frame=self._frame, merge=("power", index))
         imgui.table_next_column()
         self._draw_switches(app, system, index, look.solo == index, index in look.muted)
 
@@ -177,14 +177,14 @@ class LasersPanel(Panel):
             _solo(app, index)
         imgui.same_line(spacing=2)
         if _toggle("M", is_muted, "Leaves this laser out of the image."):
-            muted = app.session.look.muted ^ {index}
-            app.look("Mute", muted=muted)
+            muted = app.session.view_settings.muted ^ {index}
+            app.edit_view("Mute", muted=muted)
         imgui.same_line(spacing=2)
         imgui.begin_disabled(len(system.wavelengths_m) == 1)
         if imgui.small_button("×"):
             _remove(app, system, index)
-        app.mark(f"remove {index}")
-        tip("Takes this laser off the bench.")
+        app.record_item_rect(f"remove {index}")
+        tooltip("Takes this laser off the bench.")
         imgui.end_disabled()
 
 
@@ -194,7 +194,7 @@ def _toggle(label: str, is_on: bool, doc: str) -> bool:
     pressed = imgui.small_button(label)
     if is_on:
         imgui.pop_style_color()
-    tip(doc)
+    tooltip(doc)
     return pressed
 
 
@@ -204,16 +204,16 @@ def _digit_pressed() -> int:
 
 
 def _is_lit(app: App, index: int) -> bool:
-    look = app.session.look
+    look = app.session.view_settings
     return look.solo == index if look.solo is not None else index not in look.muted
 
 
 def _solo(app: App, index: int) -> None:
     if index < len(app.session.system.wavelengths_m):
-        app.look("Solo", solo=None if app.session.look.solo == index else index)
+        app.edit_view("Solo", solo=None if app.session.view_settings.solo == index else index)
 
 
-def _edit(
+def _edit_laser(
     app: App,
     system: System,
     index: int,
@@ -232,7 +232,7 @@ def _edit(
     app.attempt(app.session.change, f"Laser {index + 1}", changes, merge=merge)
 
 
-def _white(app: App) -> None:
+def _balance_to_white(app: App) -> None:
     app.attempt(app.session.change, "Balance to white", {"amplitudes": "white"})
 
 
@@ -248,7 +248,7 @@ def _add(app: App) -> None:
 
 
 def _remove(app: App, system: System, index: int) -> None:
-    app.look("All lasers", solo=None, muted=frozenset())
+    app.edit_view("All lasers", solo=None, muted=frozenset())
     amplitudes = np.delete(system.amplitudes, index, axis=1)
     changes = {"wavelengths": np.delete(system.wavelengths_m, index), "amplitudes": amplitudes, "source.tilts": None}
     app.attempt(app.session.change, "Remove a laser", changes)

@@ -11,12 +11,20 @@ import numpy as np
 from imgui_bundle import imgui
 
 from holoview.app import plots, theme
-from holoview.app.fields import tip
+from holoview.app.fields import tooltip
 from holoview.app.panel import Panel
 from holoview.errors import UserError
-from holoview.optimise.losses import LOSSES
+from holoview.optimise.losses import LOSS_SPACES
 from holoview.optimise.settings import Settings
-from holoview.session.optimising import BEGINS, Optimisation, OptimisePlan, last, optimise, quick_look, running
+from holoview.session.optimising import (
+    START_PATTERNS,
+    OptimisationJob,
+    OptimisationRequest,
+    last_optimisation,
+    running_optimisation,
+    start_optimisation,
+    start_quick_optimisation,
+)
 
 if TYPE_CHECKING:
     from holoview.app.app import App
@@ -44,10 +52,10 @@ class OptimisePanel(Panel):
     dock = "Low right"
 
     def __init__(self) -> None:
-        self.scheme, self.loss, self.begins_with = _AS_IT_IS, "by the observer", "random"
+        self.scheme, self.loss, self.start_patterns = _AS_IT_IS, "by the observer", "random"
         self.iterations, self.eyebox = 60, 0.0
 
-    def begin(self, app: App) -> None:
+    def set_up(self, app: App) -> None:
         """Adds the commands."""
         add = app.commands.add
         add(
@@ -56,69 +64,69 @@ class OptimisePanel(Panel):
             "Optimise",
             "Ctrl+Enter",
             "Find patterns for the target; undo brings the old ones back.",
-            is_possible=lambda: running(app.session) is None,
+            is_possible=lambda: running_optimisation(app.session) is None,
         )
         for name, act in (
-            ("Keep the best so far", Optimisation.keep),
+            ("Keep the best so far", OptimisationJob.stop_and_keep),
             ("Pause or go on", _pause_or_go_on),
-            ("Cancel the optimisation", Optimisation.cancel),
+            ("Cancel the optimisation", OptimisationJob.cancel),
         ):
             add(
                 name,
                 partial(_with_running, app, act),
                 "Optimise",
-                is_possible=lambda: running(app.session) is not None,
+                is_possible=lambda: running_optimisation(app.session) is not None,
             )
         add("Quick look", lambda: _quick_look(app), "Optimise", help="A few iterations with large pixels: seconds.")
 
     def draw(self, app: App) -> None:
         """The target and the choices, or what is running."""
         _draw_target(app)
-        job = running(app.session)
+        job = running_optimisation(app.session)
         if job is None:
             self._draw_choices(app)
         else:
             _draw_progress(job)
-        shown = job or last(app.session)
-        if shown is not None and len(shown.reached) > 1:
+        shown = job or last_optimisation(app.session)
+        if shown is not None and len(shown.progress) > 1:
             _draw_plot(shown)
 
     def start(self, app: App) -> None:
         """Starts what is chosen."""
-        app.attempt(lambda: optimise(app.session, self.plan()))
+        app.attempt(lambda: start_optimisation(app.session, self.request()))
 
-    def plan(self) -> OptimisePlan:
+    def request(self) -> OptimisationRequest:
         """What is chosen. Raises UserError for what makes no sense."""
-        loss = self.loss if self.loss in LOSSES else None
+        loss = self.loss if self.loss in LOSS_SPACES else None
         settings = Settings(iterations=self.iterations, loss=loss, eyebox=self.eyebox)
         scheme = None if self.scheme == _AS_IT_IS else self.scheme
-        return OptimisePlan(settings, scheme=scheme, begin=self.begins_with)
+        return OptimisationRequest(settings, scheme=scheme, start_patterns=self.start_patterns)
 
     def _draw_choices(self, app: App) -> None:
         self.scheme = _combo("scheme", self.scheme, _SCHEMES)
-        self.loss = _combo("loss", self.loss, ("by the observer", *LOSSES))
-        self.begins_with = _combo("begin", self.begins_with, BEGINS)
+        self.loss = _combo("loss", self.loss, ("by the observer", *LOSS_SPACES))
+        self.start_patterns = _combo("begin", self.start_patterns, START_PATTERNS)
         _, count = imgui.input_int("iterations", self.iterations, 10, 100)
-        tip(_TIPS["iterations"])
+        tooltip(_TIPS["iterations"])
         self.iterations = min(max(count, 1), 100_000)
         _, weight = imgui.input_float("eyebox", self.eyebox, 0.005, 0.05, "%.3g")
-        tip(_TIPS["eyebox"])
+        tooltip(_TIPS["eyebox"])
         self.eyebox = max(weight, 0.0)
-        imgui.begin_disabled(app.session.wanted is None)
+        imgui.begin_disabled(app.session.target_spec is None)
         if imgui.button("Optimise##start", imgui.ImVec2(-1, 1.4 * imgui.get_frame_height())):
             self.start(app)
         imgui.end_disabled()
-        if app.session.wanted is None:
+        if app.session.target_spec is None:
             imgui.text_wrapped("Open a picture to optimise for, drop one on the window, or paste one.")
 
 
 def _draw_target(app: App) -> None:
-    wanted = app.session.wanted
+    wanted = app.session.target_spec
     if wanted is None:
         return
     imgui.text_wrapped(f"target: {wanted.title}")
     changed, brightness = imgui.slider_float("brightness", wanted.brightness, 0.1, 2.0, "%.2f")
-    tip(_TIPS["brightness"])
+    tooltip(_TIPS["brightness"])
     if changed and brightness > 0:
         app.attempt(
             app.session.edit,
@@ -128,7 +136,7 @@ def _draw_target(app: App) -> None:
         )
 
 
-def _draw_progress(job: Optimisation) -> None:
+def _draw_progress(job: OptimisationJob) -> None:
     left = job.seconds_left
     words = f"{job.fraction:.0%}" + ("" if left is None else f", {_duration(left)} left")
     imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), "paused" if job.status == "paused" else words)
@@ -145,48 +153,48 @@ def _draw_progress(job: Optimisation) -> None:
     imgui.same_line()
     imgui.begin_disabled(latest is None)
     if imgui.button("Keep", size):
-        job.keep()
+        job.stop_and_keep()
     imgui.end_disabled()
-    tip("Ends it with the best so far; undo brings the old patterns back.")
+    tooltip("Ends it with the best so far; undo brings the old patterns back.")
     imgui.same_line()
     if imgui.button("Cancel", size):
         job.cancel()
-    tip("Ends it; the old patterns stay.")
+    tooltip("Ends it; the old patterns stay.")
 
 
-def _draw_plot(job: Optimisation) -> None:
-    iterations = np.array([reached.iteration for reached in job.reached])
-    decibels = np.array([reached.best_psnr_db for reached in job.reached])
+def _draw_plot(job: OptimisationJob) -> None:
+    iterations = np.array([reached.iteration for reached in job.progress])
+    decibels = np.array([reached.best_psnr_db for reached in job.progress])
     low, high = float(decibels.min()), float(decibels.max())
     with plots.plot(
-        "psnr", "iteration", "best PSNR (dB)", (0, float(job.plan.settings.iterations)), (low - 0.5, high + 0.5)
+        "psnr", "iteration", "best PSNR (dB)", (0, float(job.request.settings.iterations)), (low - 0.5, high + 0.5)
     ) as is_open:
         if is_open:
             plots.line("##best", iterations, decibels, theme.ACCENT)
 
 
-def _pause_or_go_on(job: Optimisation) -> None:
+def _pause_or_go_on(job: OptimisationJob) -> None:
     if job.status == "paused":
         job.resume()
     else:
         job.pause()
 
 
-def _with_running(app: App, act: Callable[[Optimisation], None]) -> None:
-    job = running(app.session)
+def _with_running(app: App, act: Callable[[OptimisationJob], None]) -> None:
+    job = running_optimisation(app.session)
     if job is not None:
         act(job)
 
 
 def _quick_look(app: App) -> None:
-    if app.session.wanted is None:
+    if app.session.target_spec is None:
         raise UserError("quick look", "there is no target", remedy="open a picture first")
-    quick_look(app.session)
+    start_quick_optimisation(app.session)
 
 
 def _combo(name: str, chosen: str, options: tuple[str, ...]) -> str:
     found, index = imgui.combo(name, options.index(chosen), list(options))
-    tip(_TIPS[name])
+    tooltip(_TIPS[name])
     return options[index] if found else chosen
 
 

@@ -8,12 +8,12 @@ import numpy as np
 from imgui_bundle import imgui, implot
 
 from holoview.app import plots, theme
-from holoview.app.fields import tip
+from holoview.app.fields import tooltip
 from holoview.app.panel import Panel
 from holoview.metrics.histogram import SpeckleHistogram
-from holoview.session.live import Figures
-from holoview.session.measure import ContrastCurve, Profile
-from holoview.session.showcase import Showcase, ShowcaseJob, showcase
+from holoview.session.live import ImageMeasurements
+from holoview.session.measure import ContrastCurve, LineProfile
+from holoview.session.showcase import SchemeComparison, SchemeComparisonJob, start_scheme_comparison
 
 if TYPE_CHECKING:
     from holoview.app.app import App
@@ -37,15 +37,32 @@ class SpecklePanel(Panel):
     dock = "Right"
 
     def __init__(self) -> None:
-        self._showcase: ShowcaseJob | None = None
+        self._showcase: SchemeComparisonJob | None = None
         self._iterations = 0
 
-    def begin(self, app: App) -> None:
+    def set_up(self, app: App) -> None:
         """Adds the commands."""
         add = app.commands.add
-        add("Draw a region", lambda: _take(app, "region"), _GROUP, "Shift+R", "Drag on the image; figures follow it.")
-        add("Draw a line", lambda: _take(app, "line"), _GROUP, "Shift+L", "Drag on the image; its profile is plotted.")
-        add("Forget region and line", lambda: _forget(app), _GROUP, help="Back to the central half of the image.")
+        add(
+            "Draw a region",
+            lambda: _toggle_tool(app, "region"),
+            _GROUP,
+            "Shift+R",
+            "Drag on the image; figures follow it.",
+        )
+        add(
+            "Draw a line",
+            lambda: _toggle_tool(app, "line"),
+            _GROUP,
+            "Shift+L",
+            "Drag on the image; its profile is plotted.",
+        )
+        add(
+            "Forget region and line",
+            lambda: _clear_selection(app),
+            _GROUP,
+            help="Back to the central half of the image.",
+        )
         add(
             "Simultaneous beside HoloChrome",
             lambda: self._compare(app),
@@ -56,9 +73,9 @@ class SpecklePanel(Panel):
 
     def draw(self, app: App) -> None:
         """Tools, numbers, plots, and the comparison of schemes."""
-        app.live_wanted = True
+        app.wants_measurement = True
         _draw_tools(app)
-        figures = app.live.figures
+        figures = app.live_measurement.measurements
         if figures is None:
             imgui.text_disabled("The image is on its way.")
         else:
@@ -67,17 +84,17 @@ class SpecklePanel(Panel):
         self._draw_showcase(app)
 
     @property
-    def result(self) -> Showcase | None:
+    def comparison(self) -> SchemeComparison | None:
         """What the last comparison of schemes found."""
         return None if self._showcase is None else self._showcase.result
 
     def _draw_showcase(self, app: App) -> None:
         imgui.separator_text("Simultaneous beside HoloChrome")
-        if app.session.wanted is not None:
+        if app.session.target_spec is not None:
             imgui.set_next_item_width(6 * imgui.get_font_size())
             _, self._iterations = imgui.input_int("iterations##showcase", self._iterations, 10, 50)
             self._iterations = min(max(self._iterations, 0), 1000)
-            tip("0 takes random patterns for both; else both are optimised for the target, from equal starts.")
+            tooltip("0 takes random patterns for both; else both are optimised for the target, from equal starts.")
         job = self._showcase
         if job is not None and job.is_active:
             imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), job.note)
@@ -86,49 +103,51 @@ class SpecklePanel(Panel):
             return
         if imgui.button("Compare##showcase", imgui.ImVec2(-1, 0)):
             self._compare(app)
-        if self.result is not None:
-            for shown in (self.result.left, self.result.right):
+        if self.comparison is not None:
+            for shown in (self.comparison.left, self.comparison.right):
                 imgui.text_wrapped(f"{shown.name}: contrast {shown.contrast:.3f}")
-            imgui.text_disabled(self.result.how)
+            imgui.text_disabled(self.comparison.method)
 
     def _compare(self, app: App) -> None:
-        with app.session.guard():
-            self._showcase = showcase(app.session, self._iterations)
+        with app.session.report_errors():
+            self._showcase = start_scheme_comparison(app.session, self._iterations)
 
 
-def _take(app: App, tool: str) -> None:
-    app.tool = "" if app.tool == tool else tool
+def _toggle_tool(app: App, tool: str) -> None:
+    app.drag_tool = "" if app.drag_tool == tool else tool
 
 
-def _forget(app: App) -> None:
-    app.tool = ""
-    app.session.look_at("Forget region and line", region=None, profile=None)
+def _clear_selection(app: App) -> None:
+    app.drag_tool = ""
+    app.session.edit_view("Forget region and line", region=None, profile=None)
 
 
 def _draw_tools(app: App) -> None:
     width = (imgui.get_content_region_avail().x - 2 * imgui.get_style().item_spacing.x) / 3
     for tool, name in (("region", "Region"), ("line", "Line")):
-        is_taken = app.tool == tool
+        is_taken = app.drag_tool == tool
         if is_taken:
             imgui.push_style_color(imgui.Col_.button, theme.ACCENT)
         if imgui.button(name, imgui.ImVec2(width, 0)):
-            _take(app, tool)
+            _toggle_tool(app, tool)
         if is_taken:
             imgui.pop_style_color()
-        tip(f"Draw a {tool} on the image by a drag; its figures are below.")
+        tooltip(f"Draw a {tool} on the image by a drag; its figures are below.")
         imgui.same_line()
     if imgui.button("Forget", imgui.ImVec2(width, 0)):
-        _forget(app)
-    state = app.session.state
-    changed, numbers = imgui.input_int4("x y w h", list(state.region), imgui.InputTextFlags_.enter_returns_true)
-    tip("The region in samples of the image: left, top, width, height. Enter applies.")
+        _clear_selection(app)
+    state = app.session.document
+    changed, numbers = imgui.input_int4(
+        "x y w h", list(state.measured_region), imgui.InputTextFlags_.enter_returns_true
+    )
+    tooltip("The region in samples of the image: left, top, width, height. Enter applies.")
     if changed:
-        with app.session.guard("region"):
+        with app.session.report_errors("region"):
             x, y, w, h = numbers
-            app.session.look_at("Region", region=(x, y, w, h))
+            app.session.edit_view("Region", region=(x, y, w, h))
 
 
-def _draw_numbers(figures: Figures) -> None:
+def _draw_numbers(figures: ImageMeasurements) -> None:
     if figures.problem:
         imgui.push_style_color(imgui.Col_.text, theme.WARNING)
         imgui.text_wrapped(figures.problem)
@@ -141,7 +160,7 @@ def _draw_numbers(figures: Figures) -> None:
         _row("Contrast", f"{region.raw_contrast:.3f}", "with the picture's structure")
     _row("Mean", f"{region.mean:.4g}")
     if figures.histogram is not None:
-        _row("Patterns", f"{figures.histogram.patterns:.2f}", "independent patterns, at most")
+        _row("Patterns", f"{figures.histogram.pattern_count:.2f}", "independent patterns, at most")
     if region.psnr_db is not None and region.delta_e is not None:
         _row("PSNR", f"{region.psnr_db:.2f} dB")
         _row("ΔE2000", f"{region.delta_e:.2f}")
@@ -153,12 +172,12 @@ def _row(key: str, value: str, label: str = "") -> None:
     imgui.table_next_row()
     imgui.table_next_column()
     imgui.text(label or names.get(key, key))
-    tip(_TIPS[key])
+    tooltip(_TIPS[key])
     imgui.table_next_column()
     imgui.text(value)
 
 
-def _draw_plots(figures: Figures) -> None:
+def _draw_plots(figures: ImageMeasurements) -> None:
     if figures.histogram is not None and _header("Histogram"):
         _draw_histogram(figures.histogram)
     if figures.curve is not None and _header("Contrast by the number of wavelengths"):
@@ -173,10 +192,10 @@ def _draw_histogram(histogram: SpeckleHistogram) -> None:
         if is_open:
             width = float(histogram.edges[1] - histogram.edges[0])
             plots.bars("image", histogram.centres, histogram.density, width)
-            plots.line("one laser", histogram.centres, histogram.developed, theme.WARNING)
-            if histogram.patterns > 1:
-                name = f"{histogram.patterns:.3g} patterns"
-                plots.line(name, histogram.centres, histogram.expected, plots.GREY)
+            plots.line("one laser", histogram.centres, histogram.fully_developed_density, theme.WARNING)
+            if histogram.pattern_count > 1:
+                name = f"{histogram.pattern_count:.3g} patterns"
+                plots.line(name, histogram.centres, histogram.expected_density, plots.GREY)
 
 
 def _draw_curve(curve: ContrastCurve) -> None:
@@ -191,7 +210,7 @@ def _draw_curve(curve: ContrastCurve) -> None:
             plots.line("independent", count, curve.independent, plots.GREY, marked=True)
 
 
-def _draw_profile(profile: Profile) -> None:
+def _draw_profile(profile: LineProfile) -> None:
     x, y = profile.distance_m * 1e3, profile.values[:, 0]
     with plots.plot("profile", "mm", "luminance", (0, float(x[-1])), (0, 1.05 * max(float(y.max()), 1e-9))) as is_open:
         if is_open:

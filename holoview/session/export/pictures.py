@@ -10,46 +10,48 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from holoview import preset, units
-from holoview.pictures import numbered, write_png
-from holoview.session.export.documents import with_suffix
-from holoview.session.jobs import Control, Job
-from holoview.session.rendering import planes_seen
-from holoview.session.session import Session
-from holoview.session.state import State
-from holoview.session.tone import pixels
+from holoview.pictures import path_with_suffix, write_png
+from holoview.session.export.documents import with_default_suffix
+from holoview.session.jobs import BackgroundJob, JobControl
+from holoview.session.rendering import render_planes
+from holoview.session.session import EditingSession
+from holoview.session.state import Document
+from holoview.session.tone import tone_map
 
 
-def texts_of(state: State, plane_m: float | None = None) -> dict[str, str]:
+def png_metadata(state: Document, plane_m: float | None = None) -> dict[str, str]:
     """What a picture of a state says of how it was made."""
-    look = state.look
+    look = state.view_settings
     return {
         "holoview.preset": state.system.name,
         "holoview.patterns": state.origin,
-        "holoview.plane": units.text(look.plane_m if plane_m is None else plane_m, "mm"),
+        "holoview.plane": units.format_exact(look.plane_m if plane_m is None else plane_m, "mm"),
         "holoview.exposure": f"{look.exposure_stops:g} stops",
         "holoview.channel": look.channel,
         "holoview.system": preset.dumps(state.system),
     }
 
 
-def save_view(session: Session, path: Path, seen: NDArray[np.uint8]) -> None:
+def save_view(session: EditingSession, path: Path, seen: NDArray[np.uint8]) -> None:
     """Writes 8-bit pixels (y, x, 3), as they are on the screen. Raises UserError."""
-    file = with_suffix(path, ".png")
-    write_png(file, seen, texts_of(session.shown))
+    file = with_default_suffix(path, ".png")
+    write_png(file, seen, png_metadata(session.displayed_document))
     session.messages.post(f"view written to {file}")
 
 
-def save_planes(session: Session, path: Path) -> Job:
+def save_planes(session: EditingSession, path: Path) -> BackgroundJob:
     """Writes every focal plane of the bench as PATH-10mm.png … in the background, toned as the look says."""
-    state, path = session.shown, with_suffix(path, ".png")
+    state, path = session.displayed_document, with_default_suffix(path, ".png")
 
-    def work(control: Control) -> list[Path]:
+    def work(control: JobControl) -> list[Path]:
         planes_m = [float(z) for z in np.unique(state.system.planes_m)]
         written = []
-        for xyz, plane_m in zip(planes_seen(state.system, state.drive, planes_m, control.check), planes_m, strict=True):
-            plane = units.text(plane_m, "mm").replace(" ", "")
-            written.append(numbered(path, plane))
-            write_png(written[-1], pixels(xyz, state.look), texts_of(state, plane_m))
+        for xyz, plane_m in zip(
+            render_planes(state.system, state.drive, planes_m, control.check), planes_m, strict=True
+        ):
+            plane = units.format_exact(plane_m, "mm").replace(" ", "")
+            written.append(path_with_suffix(path, plane))
+            write_png(written[-1], tone_map(xyz, state.view_settings), png_metadata(state, plane_m))
             control.report(len(written), len(planes_m), written[-1].name)
         return written
 

@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.errors import UserError
-from holoview.files import replacing
-from holoview.session.jobs import Control, Job
-from holoview.session.rendering import planes_seen
-from holoview.session.session import Session
-from holoview.session.state import State
-from holoview.session.tone import pixels
+from holoview.files import atomic_write
+from holoview.session.jobs import BackgroundJob, JobControl
+from holoview.session.rendering import render_planes
+from holoview.session.session import EditingSession
+from holoview.session.state import Document
+from holoview.session.tone import tone_map
 
 SUFFIXES = (".gif", ".mp4")
 _MOST_FRAMES = 600
 
 
-def save_sweep(session: Session, path: Path, *, frames: int = 24, seconds: float = 3.0) -> Job:
+def save_sweep(session: EditingSession, path: Path, *, frames: int = 24, seconds: float = 3.0) -> BackgroundJob:
     """Writes `frames` planes, evenly from nearest to farthest, played there and back in `seconds`, in the background.
 
     Raises UserError for another suffix than .gif and .mp4, numbers that make no sense, and where a library is missing.
@@ -34,37 +34,37 @@ def save_sweep(session: Session, path: Path, *, frames: int = 24, seconds: float
         raise UserError(
             "sweep", f"{frames} frames in {seconds:g} s", expected=f"2 to {_MOST_FRAMES} frames, 0.1 to 600 s"
         )
-    writer = _writer(path.suffix.lower())
-    state = session.shown
+    writer = _import_imageio(path.suffix.lower())
+    state = session.displayed_document
 
-    def work(control: Control) -> Path:
+    def work(control: JobControl) -> Path:
         there = list(_frames(state, frames, control))
         control.report(frames, frames, "encoding")
         back = there[-2:0:-1]
-        with replacing(path) as temporary:
+        with atomic_write(path) as temporary:
             _encode(writer, temporary, [*there, *back], (len(there) + len(back)) / seconds)
         return path
 
     return session.jobs.start("Focal sweep", work, lambda done: session.messages.post(f"focal sweep written to {done}"))
 
 
-def _frames(state: State, count: int, control: Control) -> Iterator[NDArray[np.uint8]]:
+def _frames(state: Document, count: int, control: JobControl) -> Iterator[NDArray[np.uint8]]:
     near, far = float(state.system.planes_m.min()), float(state.system.planes_m.max())
     if near == far:
         raise UserError("focal sweep", "the bench has one focal plane", expected="two or more", remedy="add planes")
     planes_m = [float(z) for z in np.linspace(near, far, count)]
-    for done, xyz in enumerate(planes_seen(state.system, state.drive, planes_m, control.check), start=1):
-        yield _even(pixels(xyz, state.look))
+    for done, xyz in enumerate(render_planes(state.system, state.drive, planes_m, control.check), start=1):
+        yield _crop_to_even(tone_map(xyz, state.view_settings))
         control.report(done, count, f"plane {done} of {count}")
 
 
-def _even(seen: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _crop_to_even(seen: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Even sides, which video asks for: a last odd row or column is left out."""
     rows, columns = seen.shape[:2]
     return seen[: rows - rows % 2, : columns - columns % 2]
 
 
-def _writer(suffix: str) -> Any:
+def _import_imageio(suffix: str) -> Any:
     """imageio, with PyAV for video. Raises UserError where one is missing, with how to install it."""
     try:
         if suffix == ".mp4":

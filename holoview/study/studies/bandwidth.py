@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from holoview.study.claims import DIRECTION, FAILS, REPRODUCES
-from holoview.study.holograms import HologramStudy, Results, table_of, targets_and_seeds
+from holoview.study.claims import CONTRADICTS, DIRECTION_ONLY, REPRODUCES
+from holoview.study.holograms import HologramStudy, Results, result_table, targets_and_seeds
 from holoview.study.plots import heat_map
-from holoview.study.scale import Scale
-from holoview.study.study import Claim, Findings, Job, Plot
-from holoview.study.work import mean_of
+from holoview.study.scale import StudyScale
+from holoview.study.study import Claim, Findings, StudyFigure, StudyJob
+from holoview.study.work import mean_number
 
 _COUNTS = (2, 4, 8, 16)
 _SPACINGS_NM = (2, 4, 8, 16)
@@ -21,15 +21,15 @@ _MIDDLE_NM = 550.0
 class _Bandwidth(HologramStudy):
     name = "bandwidth"
     title = "Number and spacing of wavelengths"
-    shows = (
+    summary = (
         "The paper's heat map: PSNR of a monochrome camera's picture against the number of wavelengths and their "
         "spacing about 550 nm. Closer lasers share more of their speckle; farther ones ask more of one pattern."
     )
-    reduced = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
 
-    def jobs(self, scale: Scale, seed: int) -> list[Job]:
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         return [
-            self.job(
+            self.make_job(
                 f"{count} wavelengths {spacing} nm apart, {case['target']}, seed {case['seed']}",
                 {
                     **case,
@@ -44,20 +44,20 @@ class _Bandwidth(HologramStudy):
             for case in targets_and_seeds(scale, seed)
         ]
 
-    def findings(self, results: Results) -> Findings:
+    def analyse(self, results: Results) -> Findings:
         table = np.array(
-            [[mean_of(results, "luminance_psnr_db", count=n, spacing_nm=s) for s in _SPACINGS_NM] for n in _COUNTS]
+            [[mean_number(results, "luminance_psnr_db", count=n, spacing_nm=s) for s in _SPACINGS_NM] for n in _COUNTS]
         )
         best = _SPACINGS_NM[int(np.argmax(table[-1]))]
-        verdict = REPRODUCES if best == 16 else DIRECTION if best == 8 else FAILS
+        verdict = REPRODUCES if best == 16 else DIRECTION_ONLY if best == 8 else CONTRADICTS
         here = ", ".join(f"{s} nm {value:.1f}" for s, value in zip(_SPACINGS_NM, table[-1], strict=True))
         drawn = heat_map(
             table, ("wavelengths", [str(n) for n in _COUNTS]), ("spacing (nm)", [str(s) for s in _SPACINGS_NM]), "dB"
         )
         return Findings(
-            rows=table_of(results, "count", "spacing_nm"),
+            rows=result_table(results, "count", "spacing_nm"),
             claims=[Claim("best spacing of 16 wavelengths", "16 nm", f"{best} nm ({here} dB)", verdict)],
-            plots=[Plot("bandwidth", "PSNR of a monochrome camera's picture", drawn)],
+            plots=[StudyFigure("bandwidth", "PSNR of a monochrome camera's picture", drawn)],
         )
 
 

@@ -10,17 +10,17 @@ import numpy as np
 import holoview as hv
 from holoview.colour import to_srgb8
 from holoview.metrics.speckle import independent_patterns, speckle_contrast
-from holoview.study.claims import DIRECTION, REPRODUCES, SHOWN
+from holoview.study.claims import DIRECTION_ONLY, REPRODUCES, SHOWN
 from holoview.study.holograms import Results
-from holoview.study.plots import lines
-from holoview.study.scale import Scale, at_least, words_of
-from holoview.study.study import Claim, Findings, Job, Outcome, Picture, Plot, Report, Study
-from holoview.study.work import bench_of, mean_of
+from holoview.study.plots import line_plot
+from holoview.study.scale import StudyScale, format_size, speckle_shape
+from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob, StudyPicture
+from holoview.study.work import job_system, mean_number
 
 _COUNTS = (1, 2, 4, 8, 16, 32)
 _SEEDS = 4
 _MEAN_SHOWN = 0.3
-_WAYS = {
+_AVERAGED_OVER = {
     "frames": "frames of independent patterns, one laser",
     "wavelengths": "wavelengths 440 to 660 nm, two modulators",
     "wavelengths, 1 modulator": "wavelengths 440 to 660 nm, one modulator",
@@ -30,40 +30,42 @@ _WAYS = {
 class _Contrast(Study):
     name = "contrast"
     title = "Speckle contrast against the number of wavelengths and frames"
-    shows = (
+    summary = (
         "Random patterns make fully developed speckle of contrast 1, and N independent ones average to 1/√N. Frames "
         "are independent; wavelengths through the same pattern only where they are far apart (see memory-effect)."
     )
     revision = 2
-    reduced = "Contrast is taken of intensity (all lasers alike) over the whole field."
+    quick_note = "Contrast is taken of intensity (all lasers alike) over the whole field."
 
-    def size(self, scale: Scale) -> str:
+    def describe_size(self, scale: StudyScale) -> str:
         """Random patterns; nothing is optimised."""
-        return ", ".join(words_of(at_least(scale), _SEEDS))
+        return ", ".join(format_size(speckle_shape(scale), _SEEDS))
 
-    def jobs(self, scale: Scale, seed: int) -> list[Job]:
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         return [
-            self.job(
+            self.make_job(
                 f"{count} {way}, seed {number}",
-                {"shape": list(at_least(scale)), "way": way, "count": count, "seed": number},
+                {"shape": list(speckle_shape(scale)), "way": way, "count": count, "seed": number},
             )
-            for way in _WAYS
+            for way in _AVERAGED_OVER
             for count in _COUNTS
             for number in range(seed, seed + _SEEDS)
         ]
 
-    def work(self, settings: Mapping[str, Any], report: Report) -> Outcome:
-        system = bench_of({**settings, "planes": 1, "scheme": "simultaneous", "set": _changes(settings)})
+    def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
+        system = job_system({**settings, "planes": 1, "scheme": "simultaneous", "set": _changes(settings)})
         if settings["way"].endswith("1 modulator"):
             system = system.edit({"modulators": system.modulators[:1], "gap": None})
         view = hv.simulate(system, hv.random_drive(system, settings["seed"]), backend="torch")
         image = view.intensity[0].mean(axis=0)
         contrast = speckle_contrast(image).contrast
         picture = to_srgb8(np.repeat((_MEAN_SHOWN * image / image.mean())[..., None], 3, axis=-1))
-        return Outcome({"contrast": contrast, "patterns": independent_patterns(contrast)}, {"speckle": picture})
+        return JobResult({"contrast": contrast, "patterns": independent_patterns(contrast)}, {"speckle": picture})
 
-    def findings(self, results: Results) -> Findings:
-        curves = {way: [mean_of(results, "contrast", way=way, count=count) for count in _COUNTS] for way in _WAYS}
+    def analyse(self, results: Results) -> Findings:
+        curves = {
+            way: [mean_number(results, "contrast", way=way, count=count) for count in _COUNTS] for way in _AVERAGED_OVER
+        }
         law = 1 / np.sqrt(_COUNTS)
         departure = float(np.max(np.abs(np.array(curves["frames"]) / law - 1)))
         eight = {way: curve[_COUNTS.index(8)] for way, curve in curves.items()}
@@ -72,22 +74,27 @@ class _Contrast(Study):
                 "N frames have contrast 1/√N",
                 "1/√N",
                 f"within {departure:.1%}",
-                REPRODUCES if departure < 0.05 else DIRECTION,
+                REPRODUCES if departure < 0.05 else DIRECTION_ONLY,
             ),
             *(
-                Claim(f"8 {_WAYS[way]}", "", f"{c:.3f}: as {independent_patterns(c):.1f} independent patterns", SHOWN)
+                Claim(
+                    f"8 {_AVERAGED_OVER[way]}",
+                    "",
+                    f"{c:.3f}: as {independent_patterns(c):.1f} independent patterns",
+                    SHOWN,
+                )
                 for way, c in eight.items()
             ),
         ]
-        drawn = lines(
-            {**{_WAYS[way]: (_COUNTS, curve) for way, curve in curves.items()}, "1/√N": (_COUNTS, law)},
+        drawn = line_plot(
+            {**{_AVERAGED_OVER[way]: (_COUNTS, curve) for way, curve in curves.items()}, "1/√N": (_COUNTS, law)},
             "N",
             "speckle contrast",
             dashed=("1/√N",),
             logarithmic=True,
         )
         shown = [
-            Picture(
+            StudyPicture(
                 f"speckle-{count}",
                 f"{count} wavelength{'s' * (count > 1)}: contrast {outcome.numbers['contrast']:.2f}",
                 outcome.pictures["speckle"],
@@ -100,7 +107,7 @@ class _Contrast(Study):
         rows = [
             {**{k: job.settings[k] for k in ("way", "count", "seed")}, **outcome.numbers} for job, outcome in results
         ]
-        return Findings(rows, claims, [Plot("contrast", f"Mean over {_SEEDS} random patterns", drawn)], shown)
+        return Findings(rows, claims, [StudyFigure("contrast", f"Mean over {_SEEDS} random patterns", drawn)], shown)
 
 
 def _changes(settings: Mapping[str, Any]) -> dict[str, Any]:

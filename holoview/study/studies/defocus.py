@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 import holoview as hv
-from holoview.score import score
+from holoview.score import measure_image_quality
 from holoview.study.claims import SHOWN
 from holoview.study.holograms import Results, scheme_jobs
-from holoview.study.plots import lines
-from holoview.study.scale import Scale
-from holoview.study.study import Claim, Findings, Job, Outcome, Picture, Plot, Report, Study
-from holoview.study.work import bench_of, mean_curve, optimised, target_of
+from holoview.study.plots import line_plot
+from holoview.study.scale import StudyScale
+from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob, StudyPicture
+from holoview.study.work import job_system, job_target, mean_curve, optimise_job
 
 _SCHEMES = ("simultaneous", "holochrome-8", "holochrome-8x3")
 _SWEEP = 9
@@ -24,36 +24,38 @@ _KEYS = ("planes_mm", "psnr_db", "speckle_contrast")
 class _Defocus(Study):
     name = "defocus"
     title = "Through focus"
-    shows = (
+    summary = (
         "A hologram of a scene with depth at planes that it was optimised for and between them, against the natural "
         "defocus of incoherent light: whether it blurs as the eye expects, and where speckle comes back."
     )
-    reduced = "Quick: 128 x 96 samples, 3 planes to optimise and 40 iterations."
+    quick_note = "Quick: 128 x 96 samples, 3 planes to optimise and 40 iterations."
 
-    def jobs(self, scale: Scale, seed: int) -> list[Job]:
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         return scheme_jobs(self, _SCHEMES, scale, seed, sweep=_SWEEP)
 
-    def work(self, settings: Mapping[str, Any], report: Report) -> Outcome:
-        system = bench_of(settings)
+    def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
+        system = job_system(settings)
         first, last = system.planes_m[0], system.planes_m[-1]
         sweep_m = np.linspace(first, last, settings["sweep"])
         count = len(system.planes_m)
-        wanted = target_of(system, settings, np.concatenate([system.planes_m, sweep_m]))
-        state = optimised(system, wanted[:count], settings, report)
+        wanted = job_target(system, settings, np.concatenate([system.planes_m, sweep_m]))
+        state = optimise_job(system, wanted[:count], settings, status)
         view = hv.simulate(state.best.system, state.best.drive, sweep_m, backend="torch")
-        scores = [score(view.at([i]), wanted[count + i : count + i + 1]) for i in range(len(sweep_m))]
+        scores = [measure_image_quality(view.at([i]), wanted[count + i : count + i + 1]) for i in range(len(sweep_m))]
         numbers = {
             "planes_mm": (sweep_m * 1e3).tolist(),
             "psnr_db": [one.psnr.mean_db for one in scores],
-            "speckle_contrast": [one.contrast for one in scores],
+            "speckle_contrast": [one.mean_speckle_contrast for one in scores],
         }
-        return Outcome(numbers, {"near": view.srgb8[0], "far": view.srgb8[-1]})
+        return JobResult(numbers, {"near": view.srgb8[0], "far": view.srgb8[-1]})
 
-    def findings(self, results: Results) -> Findings:
+    def analyse(self, results: Results) -> Findings:
         curves = {scheme: {key: mean_curve(results, key, scheme=scheme) for key in _KEYS} for scheme in _SCHEMES}
         plots = [
-            Plot(
-                key, caption, lines({s: (c["planes_mm"], c[key]) for s, c in curves.items()}, "focal plane (mm)", axis)
+            StudyFigure(
+                key,
+                caption,
+                line_plot({s: (c["planes_mm"], c[key]) for s, c in curves.items()}, "focal plane (mm)", axis),
             )
             for key, caption, axis in (
                 (
@@ -80,7 +82,7 @@ class _Defocus(Study):
             for i in range(len(outcome.numbers["planes_mm"]))
         ]
         pictures = [
-            Picture(f"{where}-{number}", f"{job.settings['scheme']}, {where} plane", outcome.pictures[where])
+            StudyPicture(f"{where}-{number}", f"{job.settings['scheme']}, {where} plane", outcome.pictures[where])
             for number, (job, outcome) in enumerate(results[:: max(len(results) // len(_SCHEMES), 1)])
             for where in ("near", "far")
         ]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from holoview.study.claims import SHOWN
-from holoview.study.holograms import HologramStudy, Results, scheme_jobs, table_of
-from holoview.study.plots import lines
-from holoview.study.scale import Scale
-from holoview.study.study import Claim, Findings, Job, Plot
-from holoview.study.work import mean_of
+from holoview.study.holograms import HologramStudy, Results, result_table, scheme_jobs
+from holoview.study.plots import line_plot
+from holoview.study.scale import StudyScale
+from holoview.study.study import Claim, Findings, StudyFigure, StudyJob
+from holoview.study.work import mean_number
 
 _COUNTS, _FRAMES = (2, 4, 8, 16), (1, 3)
 
@@ -15,35 +15,35 @@ _COUNTS, _FRAMES = (2, 4, 8, 16), (1, 3)
 class _Eyebox(HologramStudy):
     name = "eyebox"
     title = "The eyebox against the number of wavelengths and frames"
-    shows = (
+    summary = (
         "Uniformity of the light over the modulator's first order for optimised holograms, by the number of "
         "wavelengths and of frames: how far the pupil may move."
     )
-    reduced = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
 
-    def jobs(self, scale: Scale, seed: int) -> list[Job]:
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         schemes = [_scheme(count, frames) for frames in _FRAMES for count in _COUNTS]
         return scheme_jobs(self, schemes, scale, seed)
 
-    def findings(self, results: Results) -> Findings:
+    def analyse(self, results: Results) -> Findings:
         table = {
-            frames: [mean_of(results, "eyebox_variation", scheme=_scheme(count, frames)) for count in _COUNTS]
+            frames: [mean_number(results, "eyebox_variation", scheme=_scheme(count, frames)) for count in _COUNTS]
             for frames in _FRAMES
         }
         curves = {f"{frames} frame{'s' if frames > 1 else ''}": (_COUNTS, table[frames]) for frames in _FRAMES}
         few, many = (table[frames][-1] for frames in _FRAMES)
         here = ", ".join(f"{count} λ {value:.2f}" for count, value in zip(_COUNTS, table[1], strict=True))
         return Findings(
-            rows=table_of(results),
+            rows=result_table(results),
             claims=[
                 Claim("eyebox variation in one frame", "", here, SHOWN),
                 Claim("16 λ in 3 frames rather than one", "", f"{few:.2f} → {many:.2f}", SHOWN),
             ],
             plots=[
-                Plot(
+                StudyFigure(
                     "eyebox",
                     "Coefficient of variation of the eyebox's filling (block means); 0 is even",
-                    lines(curves, "wavelengths", "variation of the eyebox's filling"),
+                    line_plot(curves, "wavelengths", "variation of the eyebox's filling"),
                 )
             ],
         )

@@ -9,12 +9,12 @@ import numpy as np
 from holoview.colour import observer_weights
 from holoview.metrics.gamut import SRGB_AREA, chromaticity, gamut_area
 from holoview.scheme import with_scheme
-from holoview.study.claims import DIRECTION, FAILS, REPRODUCES, SHOWN, gain_claim, verdict_of
-from holoview.study.holograms import HologramStudy, Results, pictures_of, scheme_jobs, table_of
-from holoview.study.plots import lines
-from holoview.study.scale import Scale
-from holoview.study.study import Claim, Findings, Job, Plot
-from holoview.study.work import bench_of, gains, mean_of
+from holoview.study.claims import CONTRADICTS, DIRECTION_ONLY, REPRODUCES, SHOWN, gain_claim, judge_gain
+from holoview.study.holograms import HologramStudy, Results, result_pictures, result_table, scheme_jobs
+from holoview.study.plots import line_plot
+from holoview.study.scale import StudyScale
+from holoview.study.study import Claim, Findings, StudyFigure, StudyJob
+from holoview.study.work import job_system, mean_number, paired_gains
 
 _SATURATIONS = (0.0, 0.5, 1.0, 2.0)
 _FEW, _MANY = "simultaneous", "holochrome-16"
@@ -24,13 +24,13 @@ _PAPER_DB = {0.0: 4.1, 1.0: 2.1}
 class _Gamut(HologramStudy):
     name = "gamut"
     title = "Saturation of the picture, 3 lasers against 16"
-    shows = (
+    summary = (
         "The paper's gamut study: the target's chroma scaled in CIE LCHuv, shown by 3 and by 16 lasers in one frame; "
         "luminance PSNR and CIEDE2000. The less colour is asked for, the more freedom 16 lasers have left for speckle."
     )
-    reduced = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
 
-    def jobs(self, scale: Scale, seed: int) -> list[Job]:
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         return [
             job
             for saturation in _SATURATIONS
@@ -39,54 +39,56 @@ class _Gamut(HologramStudy):
             )
         ]
 
-    def findings(self, results: Results) -> Findings:
+    def analyse(self, results: Results) -> Findings:
         claims = [
             gain_claim(
                 results,
                 f"luminance PSNR, 16 lasers against 3, saturation {saturation:g}",
                 paper_db,
-                *_pair(saturation),
+                *_many_and_few(saturation),
                 key="luminance_psnr_db",
             )
             for saturation, paper_db in _PAPER_DB.items()
         ]
-        claims.append(_falls(results))
+        claims.append(_falling_gain_claim(results))
         for saturation in _SATURATIONS:
-            change = float(gains(results, *_pair(saturation), "delta_e").mean())
+            change = float(paired_gains(results, *_many_and_few(saturation), "delta_e").mean())
             here = f"{change:+.1f} (mean CIEDE2000)"
-            claims.append(Claim(f"colour difference, saturation {saturation:g}", "lower", here, _lower(change)))
-        base = bench_of(results[0][0].settings)
-        areas = [_area(with_scheme(base, scheme).wavelengths_m) / SRGB_AREA for scheme in (_FEW, _MANY)]
+            claims.append(
+                Claim(f"colour difference, saturation {saturation:g}", "lower", here, _verdict_if_lower(change))
+            )
+        base = job_system(results[0][0].settings)
+        areas = [_gamut_area_xy(with_scheme(base, scheme).wavelengths_m) / SRGB_AREA for scheme in (_FEW, _MANY)]
         claims.append(
             Claim("gamut's area in xy, 3 and 16 lasers, of sRGB's", "", f"{areas[0]:.2f}, {areas[1]:.2f}", SHOWN)
         )
         return Findings(
-            rows=table_of(results, "saturation"),
+            rows=result_table(results, "saturation"),
             claims=claims,
             plots=[
-                Plot(
+                StudyFigure(
                     name,
                     caption,
-                    lines({s: (_SATURATIONS, _curve(results, key, s)) for s in (_FEW, _MANY)}, "saturation", axis),
+                    line_plot({s: (_SATURATIONS, _curve(results, key, s)) for s in (_FEW, _MANY)}, "saturation", axis),
                 )
                 for name, caption, key, axis in (
                     ("luminance", "PSNR of the luminance", "luminance_psnr_db", "PSNR (dB)"),
                     ("colour", "Mean CIEDE2000", "delta_e", "CIEDE2000"),
                 )
             ],
-            pictures=pictures_of([(j, o) for j, o in results if j.settings["saturation"] == 1.0]),
+            pictures=result_pictures([(j, o) for j, o in results if j.settings["saturation"] == 1.0]),
         )
 
 
 def _curve(results: Results, key: str, scheme: str) -> list[float]:
-    return [mean_of(results, key, scheme=scheme, saturation=saturation) for saturation in _SATURATIONS]
+    return [mean_number(results, key, scheme=scheme, saturation=saturation) for saturation in _SATURATIONS]
 
 
-def _falls(results: Results) -> Claim:
-    found = {s: float(gains(results, *_pair(s), "luminance_psnr_db").mean()) for s in _SATURATIONS}
+def _falling_gain_claim(results: Results) -> Claim:
+    found = {s: float(paired_gains(results, *_many_and_few(s), "luminance_psnr_db").mean()) for s in _SATURATIONS}
     (grey, full), (paper_grey, paper_full), most = (found[s] for s in _PAPER_DB), _PAPER_DB.values(), max(_SATURATIONS)
-    verdict = verdict_of(grey - full, paper_grey - paper_full)
-    later = verdict in (DIRECTION, FAILS) and found[most] < min(grey, full)
+    verdict = judge_gain(grey - full, paper_grey - paper_full)
+    later = verdict in (DIRECTION_ONLY, CONTRADICTS) and found[most] < min(grey, full)
     reason = f"it falls mostly beyond the colours of this scene: {found[most]:+.2f} dB at saturation {most:g}"
     return Claim(
         "that gain falls with saturation",
@@ -97,15 +99,15 @@ def _falls(results: Results) -> Claim:
     )
 
 
-def _pair(saturation: float) -> tuple[dict[str, Any], dict[str, Any]]:
+def _many_and_few(saturation: float) -> tuple[dict[str, Any], dict[str, Any]]:
     return {"scheme": _MANY, "saturation": saturation}, {"scheme": _FEW, "saturation": saturation}
 
 
-def _lower(change: float) -> str:
-    return REPRODUCES if change < 0 else FAILS
+def _verdict_if_lower(change: float) -> str:
+    return REPRODUCES if change < 0 else CONTRADICTS
 
 
-def _area(wavelengths_m: np.ndarray) -> float:
+def _gamut_area_xy(wavelengths_m: np.ndarray) -> float:
     return gamut_area(chromaticity(observer_weights("cie1931", wavelengths_m)))
 
 

@@ -10,67 +10,69 @@ import numpy as np
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.study.claims import FAILS, REPRODUCES, SHOWN
+from holoview.study.claims import CONTRADICTS, REPRODUCES, SHOWN
 from holoview.study.holograms import Results
-from holoview.study.plots import lines
-from holoview.study.scale import Scale, at_least, words_of
-from holoview.study.study import Claim, Findings, Job, Outcome, Plot, Report, Study
-from holoview.study.work import bench_of, mean_curve
+from holoview.study.plots import line_plot
+from holoview.study.scale import StudyScale, format_size, speckle_shape
+from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob
+from holoview.study.work import job_system, mean_curve
 from holoview.system import System
 
 _MIDDLE_M, _PLANE_M = 550e-9, 10e-3
 _STEPS_NM = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
 _ANGLES_MRAD = (0.0, 0.5, 1.0, 2.0, 3.0, 4.3, 6.0, 8.6)
 _GAPS_MM = (None, 1.0, 2.0, 4.0)
-_WAYS = {"wavelength": _STEPS_NM, "refocused": _STEPS_NM, "angle": _ANGLES_MRAD}
-_PARTS = (-0.5, -0.25, 0.0, 0.25, 0.5)
+_STEPS_BY_CHANGE = {"wavelength": _STEPS_NM, "refocused": _STEPS_NM, "angle": _ANGLES_MRAD}
+_SUBSAMPLE_SHIFTS = (-0.5, -0.25, 0.0, 0.25, 0.5)
 _UNITS = {"wavelength": "nm", "refocused": "nm", "angle": "mrad"}
 
 
 class _MemoryEffect(Study):
     name = "memory-effect"
     title = "The memory effect of one and two modulators"
-    shows = (
+    summary = (
         "Correlation of the speckle of a random pattern with that at another wavelength (same plane, or refocused at "
         "equal z·λ) or direction (shifted back): a second modulator behind a gap shortens the range over which "
         "patterns stay alike, and so makes more wavelengths and directions count."
     )
-    reduced = "Quick: 256 x 192 samples; correlations scatter by about 0.02."
+    quick_note = "Quick: 256 x 192 samples; correlations scatter by about 0.02."
     revision = 2
 
-    def size(self, scale: Scale) -> str:
+    def describe_size(self, scale: StudyScale) -> str:
         """Random patterns; nothing is optimised."""
-        return ", ".join(words_of(at_least(scale), _seeds(scale)))
+        return ", ".join(format_size(speckle_shape(scale), _seeds(scale)))
 
-    def jobs(self, scale: Scale, seed: int) -> list[Job]:
-        shared = {"grid": "periodic", "shape": list(at_least(scale)), "planes": 1, "scheme": "simultaneous"}
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
+        shared = {"grid": "periodic", "shape": list(speckle_shape(scale)), "planes": 1, "scheme": "simultaneous"}
         return [
-            self.job(f"{way}, {_gap_words(gap)}, seed {n}", {**shared, "way": way, "gap_mm": gap, "seed": n})
-            for way in _WAYS
+            self.make_job(f"{way}, {_format_gap(gap)}, seed {n}", {**shared, "way": way, "gap_mm": gap, "seed": n})
+            for way in _STEPS_BY_CHANGE
             for gap in _GAPS_MM
             for n in range(seed, seed + _seeds(scale))
         ]
 
-    def work(self, settings: Mapping[str, Any], report: Report) -> Outcome:
-        bench = bench_of(settings).edit({"observer": "mono"})
+    def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
+        bench = job_system(settings).edit({"observer": "mono"})
         gap = settings["gap_mm"]
         bench = bench.edit({"modulators": bench.modulators[:1], "gap": None} if gap is None else {"gap": gap * 1e-3})
         drive = hv.random_drive(_laser(bench, _MIDDLE_M), settings["seed"])
         first = _speckle(_laser(bench, _MIDDLE_M), drive, _PLANE_M)
-        steps = [_step(bench, settings["way"], step) for step in _WAYS[settings["way"]]]
-        found = [_correlation(first, *_other(bench, drive, settings["way"], step)) for step in steps]
-        return Outcome({"steps": steps, "correlation": found})
+        steps = [_grid_step(bench, settings["way"], step) for step in _STEPS_BY_CHANGE[settings["way"]]]
+        found = [_correlation(first, *_changed_speckle(bench, drive, settings["way"], step)) for step in steps]
+        return JobResult({"steps": steps, "correlation": found})
 
-    def findings(self, results: Results) -> Findings:
-        cases = [(way, gap) for way in _WAYS for gap in _GAPS_MM]
+    def analyse(self, results: Results) -> Findings:
+        cases = [(way, gap) for way in _STEPS_BY_CHANGE for gap in _GAPS_MM]
         curves = {(way, gap): mean_curve(results, "correlation", way=way, gap_mm=gap) for way, gap in cases}
         widths = [_half_width(_STEPS_NM, curves["wavelength", gap]) for gap in _GAPS_MM]
-        here = ", ".join(f"{_gap_words(gap)}: {width:.1f} nm" for gap, width in zip(_GAPS_MM, widths, strict=True))
+        here = ", ".join(f"{_format_gap(gap)}: {width:.1f} nm" for gap, width in zip(_GAPS_MM, widths, strict=True))
         falls = all(later < earlier for earlier, later in pairwise(widths))
-        steps = {way: next(o.numbers["steps"] for j, o in results if j.settings["way"] == way) for way in _WAYS}
+        steps = {
+            way: next(o.numbers["steps"] for j, o in results if j.settings["way"] == way) for way in _STEPS_BY_CHANGE
+        }
         angle = _ANGLES_MRAD.index(4.3)
-        at_angle = ", ".join(f"{_gap_words(gap)}: {curves['angle', gap][angle]:.2f}" for gap in _GAPS_MM)
-        far = ", ".join(f"{_gap_words(gap)}: {curves['refocused', gap][-1]:.2f}" for gap in _GAPS_MM)
+        at_angle = ", ".join(f"{_format_gap(gap)}: {curves['angle', gap][angle]:.2f}" for gap in _GAPS_MM)
+        far = ", ".join(f"{_format_gap(gap)}: {curves['refocused', gap][-1]:.2f}" for gap in _GAPS_MM)
         return Findings(
             rows=[
                 {
@@ -84,22 +86,24 @@ class _MemoryEffect(Study):
                 for step, c in zip(o.numbers["steps"], o.numbers["correlation"], strict=True)
             ],
             claims=[
-                Claim("a larger gap decorrelates faster (half width)", "yes", here, REPRODUCES if falls else FAILS),
+                Claim(
+                    "a larger gap decorrelates faster (half width)", "yes", here, REPRODUCES if falls else CONTRADICTS
+                ),
                 Claim(f"correlation {steps['angle'][angle]:.1f} mrad away, shifted back", "", at_angle, SHOWN),
                 Claim("correlation 32 nm away, refocused at equal z·λ", "", far, SHOWN),
             ],
             plots=[
-                Plot(
+                StudyFigure(
                     f"memory-{way}",
                     caption,
-                    lines(
-                        {_gap_words(gap): (steps[way], curves[way, gap]) for gap in _GAPS_MM},
+                    line_plot(
+                        {_format_gap(gap): (steps[way], curves[way, gap]) for gap in _GAPS_MM},
                         f"{'angle' if way == 'angle' else 'wavelength'} difference ({_UNITS[way]})",
                         "correlation",
                     ),
                 )
                 for way, caption in zip(
-                    _WAYS,
+                    _STEPS_BY_CHANGE,
                     (
                         "Another wavelength, same plane",
                         "Another wavelength, refocused at equal z·λ",
@@ -111,7 +115,9 @@ class _MemoryEffect(Study):
         )
 
 
-def _other(bench: System, drive: NDArray[np.float32], way: str, step: float) -> tuple[NDArray[np.float64], int]:
+def _changed_speckle(
+    bench: System, drive: NDArray[np.float32], way: str, step: float
+) -> tuple[NDArray[np.float64], int]:
     """Speckle at a step away, and the samples by which it may have moved at most."""
     if way == "angle":
         angle = step * 1e-3
@@ -124,7 +130,7 @@ def _other(bench: System, drive: NDArray[np.float32], way: str, step: float) -> 
     return _speckle(_laser(bench, λ), drive, plane_m), 0
 
 
-def _step(bench: System, way: str, step: float) -> float:
+def _grid_step(bench: System, way: str, step: float) -> float:
     """The step itself; of angles the nearest whose plane wave is periodic on the grid: λ/width times a whole number."""
     if way != "angle":
         return step
@@ -157,10 +163,10 @@ def _correlation(first: NDArray[np.float64], second: NDArray[np.float64], reach:
         return float(np.corrcoef(first[y, x].ravel(), moved[y, x].ravel())[0, 1])
 
     best = max(range(-reach, reach + 1), key=at)
-    return max(at(best + part) for part in (_PARTS if reach else (0.0,)))
+    return max(at(best + part) for part in (_SUBSAMPLE_SHIFTS if reach else (0.0,)))
 
 
-def _seeds(scale: Scale) -> int:
+def _seeds(scale: StudyScale) -> int:
     return max(scale.seeds, 2)
 
 
@@ -172,7 +178,7 @@ def _half_width(steps: tuple[float, ...], curve: NDArray[np.float64]) -> float:
     return float(np.interp(0.5, [curve[below], curve[below - 1]], [steps[below], steps[below - 1]]))
 
 
-def _gap_words(gap_mm: float | None) -> str:
+def _format_gap(gap_mm: float | None) -> str:
     return "one modulator" if gap_mm is None else f"gap {gap_mm:g} mm"
 
 

@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.captures.make import Session, make_captures
+from holoview.captures.make import AcquisitionSettings, make_captures
 from holoview.diagnose.diagnose import diagnose
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.study.claims import SHOWN
 from holoview.study.holograms import Results
-from holoview.study.plots import bars
-from holoview.study.scale import Scale, words_of
-from holoview.study.study import Claim, Findings, Job, Outcome, Picture, Plot, Report, Study
-from holoview.study.work import mean_of
+from holoview.study.plots import bar_chart
+from holoview.study.scale import StudyScale, format_size
+from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob, StudyPicture
+from holoview.study.work import mean_number
 
 _WAVELENGTHS_M = (460e-9, 550e-9, 640e-9)
 _PLANES_M = (9e-3, 11e-3)
-_EACH = 4
+_CAPTURES_PER_SETTING = 4
 _BENCHES: dict[str, dict[str, dict[str, float]]] = {
     "as designed": {},
     "gap 0.1 mm long": {"gap": {"gap_error": 1e-4}},
@@ -29,7 +29,7 @@ _BENCHES: dict[str, dict[str, dict[str, float]]] = {
     "stroke 4 % high": {"stroke": {"stroke_error": 0.04}},
     "gap long, camera soft": {"gap": {"gap_error": 1e-4}, "camera_blur": {"sigma": 0.6}},
 }
-_BRIGHTEST = 0.999
+_WHITE_QUANTILE = 0.999
 _RANGE_SIGMAS = 10.0
 _CAPTIONS = {
     "light": "a capture that was held out",
@@ -45,21 +45,21 @@ _NOTE = (
 class _ModelVsCapture(Study):
     name = "model-vs-capture"
     title = "Prediction against captures, before and after diagnosis"
-    shows = (
+    summary = (
         "Virtual benches, with one or two known errors each, are filmed by a camera with noise; the diagnosis sees the "
         "captures alone. How well captures that it didn't fit are predicted by the bench as designed and as diagnosed: "
         "PSNR, and χ²/n, which is 1 where nothing but noise is left."
     )
-    reduced = "Quick: 64 x 48 pixels; real benches have more errors at a time than these."
+    quick_note = "Quick: 64 x 48 pixels; real benches have more errors at a time than these."
 
-    def size(self, scale: Scale) -> str:
+    def describe_size(self, scale: StudyScale) -> str:
         """24 captures of each bench."""
-        captures = _EACH * len(_WAVELENGTHS_M) * len(_PLANES_M)
-        return ", ".join((*words_of(scale.shape, scale.seeds), f"{captures} captures of each bench"))
+        captures = _CAPTURES_PER_SETTING * len(_WAVELENGTHS_M) * len(_PLANES_M)
+        return ", ".join((*format_size(scale.shape, scale.seeds), f"{captures} captures of each bench"))
 
-    def jobs(self, scale: Scale, seed: int) -> list[Job]:
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         return [
-            self.job(
+            self.make_job(
                 f"{bench}, seed {number}",
                 {"shape": list(scale.shape), "bench": bench, "effects": effects, "seed": number},
             )
@@ -67,33 +67,37 @@ class _ModelVsCapture(Study):
             for number in range(seed, seed + scale.seeds)
         ]
 
-    def work(self, settings: Mapping[str, Any], report: Report) -> Outcome:
+    def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         lasers = {"wavelengths": list(_WAVELENGTHS_M), "amplitudes": [[1.0] * len(_WAVELENGTHS_M)], "observer": "mono"}
         system = hv.load("holochrome-8").with_(shape=settings["shape"]).edit(lasers)
-        session = Session(each=_EACH, seed=settings["seed"], planes_m=_PLANES_M)
+        session = AcquisitionSettings(
+            captures_per_condition=_CAPTURES_PER_SETTING, seed=settings["seed"], planes_m=_PLANES_M
+        )
         captures = make_captures(system, settings["effects"], session)
-        found = diagnose(captures, workers=1, report=lambda done, total, what: report(what), free_maps=False)
+        found = diagnose(captures, workers=1, progress=lambda done, total, what: status(what), free_maps=False)
         numbers = {
-            "chi2_before": found.before.chi2,
-            "chi2_after": found.after.chi2,
+            "chi2_before": found.before.chi2_per_pixel,
+            "chi2_after": found.after.chi2_per_pixel,
             "psnr_db_before": found.before.psnr_db,
             "psnr_db_after": found.after.psnr_db,
             "verdict": str(found.verdict),
             "named": " ".join(cause.sentence for cause in found.causes),
         }
-        return Outcome(numbers, _pictures(found))
+        return JobResult(numbers, _pictures(found))
 
-    def findings(self, results: Results) -> Findings:
+    def analyse(self, results: Results) -> Findings:
         keys = {"as designed": "psnr_db_before", "as diagnosed": "psnr_db_after"}
-        heights = {name: [mean_of(results, key, bench=bench) for bench in _BENCHES] for name, key in keys.items()}
+        heights = {name: [mean_number(results, key, bench=bench) for bench in _BENCHES] for name, key in keys.items()}
         first = [next(pair for pair in results if pair[0].settings["bench"] == bench) for bench in _BENCHES]
         caption = "PSNR of predicted captures that were held out; noise alone allows what the faultless bench reaches"
         return Findings(
             rows=[{k: j.settings[k] for k in ("bench", "seed")} | o.numbers for j, o in results],
-            claims=[Claim(f"bench: {job.settings['bench']}", "", _words(outcome), SHOWN) for job, outcome in first],
-            plots=[Plot("psnr", caption, bars(list(_BENCHES), heights, "PSNR (dB)"))],
+            claims=[
+                Claim(f"bench: {job.settings['bench']}", "", _format_outcome(outcome), SHOWN) for job, outcome in first
+            ],
+            plots=[StudyFigure("psnr", caption, bar_chart(list(_BENCHES), heights, "PSNR (dB)"))],
             pictures=[
-                Picture(f"{name}-{number}", f"{job.settings['bench']}: {words}", outcome.pictures[name])
+                StudyPicture(f"{name}-{number}", f"{job.settings['bench']}: {words}", outcome.pictures[name])
                 for number, (job, outcome) in enumerate(first)
                 for name, words in _CAPTIONS.items()
                 if name in outcome.pictures and job.settings["effects"]
@@ -107,7 +111,7 @@ def _pictures(found: Diagnosis) -> dict[str, NDArray[np.uint8]]:
     if not found.samples:
         return {}
     sample = found.samples[0]
-    bright = float(np.quantile(sample.light, _BRIGHTEST))
+    bright = float(np.quantile(sample.light, _WHITE_QUANTILE))
     before, after = (residual / (2 * _RANGE_SIGMAS) + 0.5 for residual in sample.residual)
     light = np.sqrt(np.clip(sample.light / max(bright, 1e-9), 0, 1))
     return {"light": _grey(light), "left-before": _grey(before), "left-after": _grey(after)}
@@ -119,7 +123,7 @@ def _grey(values: NDArray[np.floating]) -> NDArray[np.uint8]:
     return np.repeat(signal[..., None], 3, axis=-1)
 
 
-def _words(outcome: Outcome) -> str:
+def _format_outcome(outcome: JobResult) -> str:
     n = outcome.numbers
     named = n["named"] or "nothing named"
     return (

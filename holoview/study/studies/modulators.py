@@ -5,43 +5,45 @@ from __future__ import annotations
 from typing import Any
 
 from holoview.study.claims import gain_claim
-from holoview.study.holograms import HologramStudy, Results, psnr_plot, scheme_jobs, table_of
-from holoview.study.plots import panels
-from holoview.study.scale import Scale
-from holoview.study.study import Findings, Job, Plot
-from holoview.study.work import means
+from holoview.study.holograms import HologramStudy, Results, psnr_plot, result_table, scheme_jobs
+from holoview.study.plots import bar_panels
+from holoview.study.scale import StudyScale
+from holoview.study.study import Findings, StudyFigure, StudyJob
+from holoview.study.work import mean_by_case
 
 _SCHEMES = ("holochrome-8", "holochrome-8+1slm", "simultaneous", "simultaneous+1slm")
 _NAMES = ("8 λ", "8 λ, one modulator", "3 λ", "3 λ, one modulator")
-_FREE: dict[str, Any] = {}
-_EVEN: dict[str, Any] = {"eyebox": 0.03}
+_FREE_EYEBOX: dict[str, Any] = {}
+_EVEN_EYEBOX: dict[str, Any] = {"eyebox": 0.03}
 _REASON = "PSNR rewards the single modulator's smooth phase, whose light crosses the eyebox as a small spot"
 
 
 class _Modulators(HologramStudy):
     name = "modulators"
     title = "One phase modulator or two"
-    shows = (
+    summary = (
         "The paper's gain of a second modulator, optimised freely and at matched eyebox uniformity: without the latter "
         "a PSNR compares a display that can be looked into with one that can't."
     )
-    reduced = "Quick: 128 x 96 samples, 3 planes and 40 iterations; the eyebox penalty has less time to act."
+    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations; the eyebox penalty has less time to act."
 
-    def jobs(self, scale: Scale, seed: int) -> list[Job]:
-        free = scheme_jobs(self, _SCHEMES, scale, seed, options=_FREE)
-        return free + scheme_jobs(self, _SCHEMES, scale, seed, "even eyebox", options=_EVEN)
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
+        free = scheme_jobs(self, _SCHEMES, scale, seed, options=_FREE_EYEBOX)
+        return free + scheme_jobs(self, _SCHEMES, scale, seed, "even eyebox", options=_EVEN_EYEBOX)
 
-    def findings(self, results: Results) -> Findings:
-        cases = [{"scheme": scheme, "options": options} for scheme in _SCHEMES for options in (_FREE, _EVEN)]
-        labels = [f"{name}{', even' if options else ''}" for name in _NAMES for options in (_FREE, _EVEN)]
+    def analyse(self, results: Results) -> Findings:
+        cases = [
+            {"scheme": scheme, "options": options} for scheme in _SCHEMES for options in (_FREE_EYEBOX, _EVEN_EYEBOX)
+        ]
+        labels = [f"{name}{', even' if options else ''}" for name in _NAMES for options in (_FREE_EYEBOX, _EVEN_EYEBOX)]
         pairs = [
-            ("two modulators against one, 8 wavelengths, eyebox left free", 5.3, _SCHEMES[:2], _FREE),
-            ("the same, eyebox evened out (weight 0.03)", 5.3, _SCHEMES[:2], _EVEN),
-            ("two against one, simultaneous colour, eyebox left free", None, _SCHEMES[2:], _FREE),
-            ("the same, eyebox evened out (weight 0.03)", None, _SCHEMES[2:], _EVEN),
+            ("two modulators against one, 8 wavelengths, eyebox left free", 5.3, _SCHEMES[:2], _FREE_EYEBOX),
+            ("the same, eyebox evened out (weight 0.03)", 5.3, _SCHEMES[:2], _EVEN_EYEBOX),
+            ("two against one, simultaneous colour, eyebox left free", None, _SCHEMES[2:], _FREE_EYEBOX),
+            ("the same, eyebox evened out (weight 0.03)", None, _SCHEMES[2:], _EVEN_EYEBOX),
         ]
         return Findings(
-            rows=table_of(results, "options"),
+            rows=result_table(results, "options"),
             claims=[
                 gain_claim(
                     results,
@@ -55,10 +57,10 @@ class _Modulators(HologramStudy):
             ],
             plots=[
                 psnr_plot(results, labels, cases),
-                Plot(
+                StudyFigure(
                     "eyebox",
                     "Variation of the eyebox's filling (0 is even); light in its centre over the mean (1 is even)",
-                    panels(labels, means(results, ("eyebox_variation", "eyebox_centre_share"), cases)),
+                    bar_panels(labels, mean_by_case(results, ("eyebox_variation", "eyebox_centre_share"), cases)),
                 ),
             ],
         )

@@ -10,12 +10,12 @@ import numpy as np
 import holoview as hv
 from holoview.colour import SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights
 from holoview.metrics.psnr import psnr_xyz
-from holoview.study.claims import FAILS, REPRODUCES
+from holoview.study.claims import CONTRADICTS, REPRODUCES
 from holoview.study.holograms import Results, targets_and_seeds
-from holoview.study.plots import lines
-from holoview.study.scale import Scale
-from holoview.study.study import Claim, Findings, Job, Outcome, Plot, Report, Study
-from holoview.study.work import bench_of, mean_of, optimised, row, scores, target_of
+from holoview.study.plots import line_plot
+from holoview.study.scale import StudyScale
+from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob
+from holoview.study.work import hologram_metrics, job_system, job_target, mean_number, optimise_job, table_row
 
 _LASERS_M = (532e-9, 638e-9)
 _MIXES = (0.0, 0.17, 0.33, 0.5, 0.67, 0.83, 1.0)
@@ -25,15 +25,15 @@ _DRIVES = {"sequential": [[1.0, 0.0], [0.0, 1.0]], "multiplexed": [[1.0, 1.0], [
 class _Multiplexing(Study):
     name = "multiplexing"
     title = "Two frames of two lasers, in turn or together"
-    shows = (
+    summary = (
         "The paper's argument for colour multiplexing, in its smallest case: a picture tinted along the line between "
         "two lasers in xyY, shown in two frames by one laser each or by both in both; PSNR of XYZ, unclipped."
     )
-    reduced = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
 
-    def jobs(self, scale: Scale, seed: int) -> list[Job]:
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         return [
-            self.job(
+            self.make_job(
                 f"{drive}, {mix:.0%} of the longer wavelength, {case['target']}, seed {case['seed']}",
                 {
                     **case,
@@ -49,33 +49,39 @@ class _Multiplexing(Study):
             for case in targets_and_seeds(scale, seed)
         ]
 
-    def work(self, settings: Mapping[str, Any], report: Report) -> Outcome:
-        system = bench_of(settings)
-        wanted = tinted(target_of(system, settings, system.planes_m), settings["mix"])
-        state = optimised(system, wanted, settings, report)
+    def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
+        system = job_system(settings)
+        wanted = tinted(job_target(system, settings, system.planes_m), settings["mix"])
+        state = optimise_job(system, wanted, settings, status)
         view = hv.simulate(state.best.system, state.best.drive, backend="torch")
-        numbers = scores(state.best, view, wanted) | {"psnr_xyz_db": psnr_xyz(view.xyz, wanted @ SRGB_TO_XYZ.T).mean_db}
-        return Outcome(numbers)
+        numbers = hologram_metrics(state.best, view, wanted) | {
+            "psnr_xyz_db": psnr_xyz(view.xyz, wanted @ SRGB_TO_XYZ.T).mean_db
+        }
+        return JobResult(numbers)
 
-    def findings(self, results: Results) -> Findings:
-        curves = {drive: [mean_of(results, "psnr_xyz_db", drive=drive, mix=mix) for mix in _MIXES] for drive in _DRIVES}
+    def analyse(self, results: Results) -> Findings:
+        curves = {
+            drive: [mean_number(results, "psnr_xyz_db", drive=drive, mix=mix) for mix in _MIXES] for drive in _DRIVES
+        }
         gains = np.array(curves["multiplexed"]) - np.array(curves["sequential"])
         here = f"{gains.min():+.1f} to {gains.max():+.1f} dB"
         return Findings(
-            rows=[row(job, outcome, ("drive", "mix", "target", "seed")) for job, outcome in results],
+            rows=[table_row(job, outcome, ("drive", "mix", "target", "seed")) for job, outcome in results],
             claims=[
                 Claim(
                     "multiplexed against sequential, at every mix",
                     "better",
                     here,
-                    REPRODUCES if gains.min() > 0 else FAILS,
+                    REPRODUCES if gains.min() > 0 else CONTRADICTS,
                 )
             ],
             plots=[
-                Plot(
+                StudyFigure(
                     "mixes",
                     "PSNR of XYZ along the line between the lasers in xyY",
-                    lines({d: (_MIXES, c) for d, c in curves.items()}, "way from 532 nm to 638 nm in xy", "PSNR (dB)"),
+                    line_plot(
+                        {d: (_MIXES, c) for d, c in curves.items()}, "way from 532 nm to 638 nm in xy", "PSNR (dB)"
+                    ),
                 )
             ],
         )

@@ -14,11 +14,11 @@ _REASON = "here HoloChrome is ahead: it has nine lasers to mix colours from, the
 class _Multisource(SchemeStudy):
     name = "multisource"
     title = "Source directions against wavelengths"
-    shows = (
+    summary = (
         "Nine mutually incoherent source directions in three colours, nine wavelengths from one direction, and both "
         "together, three frames each. How fast speckle decorrelates with either is the study memory-effect."
     )
-    reduced = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
     schemes = (_SOURCES, _COLOURS, _BOTH)
     labels = ("3 x 3 sources", "9 wavelengths", "both")
     notes = (

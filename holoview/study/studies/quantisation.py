@@ -6,11 +6,11 @@ from typing import Any
 
 import holoview as hv
 from holoview.study.claims import SHOWN
-from holoview.study.holograms import HologramStudy, Results, scheme_jobs, table_of
-from holoview.study.plots import bars
-from holoview.study.scale import Scale
-from holoview.study.study import Claim, Findings, Job, Plot
-from holoview.study.work import WORDS, means
+from holoview.study.holograms import HologramStudy, Results, result_table, scheme_jobs
+from holoview.study.plots import bar_chart
+from holoview.study.scale import StudyScale
+from holoview.study.study import Claim, Findings, StudyFigure, StudyJob
+from holoview.study.work import METRIC_LABELS, mean_by_case
 
 _SCHEME, _BINARY = "holochrome-8", "multiplexed-12"
 _MEASURED = "16 levels of a real modulator"
@@ -20,29 +20,33 @@ _HALF_WAVE = "275 nm"  # a binary modulator's stroke: half a wave at 550 nm
 class _Quantisation(HologramStudy):
     name = "quantisation"
     title = "Levels of the modulators"
-    shows = (
+    summary = (
         "PSNR of what is really shown against the number of levels: equal ones, the unequal ones measured on a phase "
         "light modulator, and binary modulators that show twelve frames of three lasers instead."
     )
-    reduced = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
 
-    def jobs(self, scale: Scale, seed: int) -> list[Job]:
-        jobs: list[Job] = []
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
+        jobs: list[StudyJob] = []
         for name, change in _cases().items():
             jobs += scheme_jobs(self, [_SCHEME], scale, seed, name, set=change)
         return jobs + scheme_jobs(self, [_BINARY], scale, seed, "binary", set={"levels": 2, "stroke": _HALF_WAVE})
 
-    def findings(self, results: Results) -> Findings:
+    def analyse(self, results: Results) -> Findings:
         names = [*_cases(), "binary, 12 frames of 3 lasers"]
         cases = [{"scheme": _SCHEME, "set": change} for change in _cases().values()] + [{"scheme": _BINARY}]
-        found = means(results, ("psnr_db", "between_db"), cases)
-        psnr = dict(zip(names, found[WORDS["psnr_db"]], strict=True))
+        found = mean_by_case(results, ("psnr_db", "between_db"), cases)
+        psnr = dict(zip(names, found[METRIC_LABELS["psnr_db"]], strict=True))
         lost = ", ".join(f"{name} {psnr[name] - psnr['continuous']:+.2f}" for name in names if name != "continuous")
         return Findings(
-            rows=table_of(results, "set"),
+            rows=result_table(results, "set"),
             claims=[Claim("PSNR against continuous modulators (dB)", "", lost, SHOWN)],
             plots=[
-                Plot("levels", "PSNR of linear sRGB of what the modulators can show", bars(names, found, "PSNR (dB)"))
+                StudyFigure(
+                    "levels",
+                    "PSNR of linear sRGB of what the modulators can show",
+                    bar_chart(names, found, "PSNR (dB)"),
+                )
             ],
         )
 

@@ -17,11 +17,11 @@ _CLAIMS = (
 class _Schemes(SchemeStudy):
     name = "schemes"
     title = "Colour schemes of a dual-modulator display"
-    shows = (
+    summary = (
         "The paper's main comparison: a focal stack shown by simultaneous, time-sequential and multiplexed colour, and "
         "by HoloChrome in one and three frames; PSNR, CIEDE2000 and speckle contrast, with the eyebox beside each."
     )
-    reduced = "Quick: 128 x 96 samples, 3 planes and 40 iterations; gains scatter by about 0.3 dB."
+    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations; gains scatter by about 0.3 dB."
     schemes = ("simultaneous", "time-sequential", "multiplexed", "holochrome-8", "holochrome-8x3")
     labels = schemes
 

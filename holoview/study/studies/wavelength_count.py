@@ -10,11 +10,11 @@ from holoview.study.study import Claim
 class _WavelengthCount(SchemeStudy):
     name = "wavelength-count"
     title = "The number of wavelengths in one frame"
-    shows = (
+    summary = (
         "The paper's ablation over the number of wavelengths at equal frames: more lasers average more speckle, and "
         "each adds a degree of freedom in colour."
     )
-    reduced = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
     schemes = ("simultaneous", "holochrome-8", "holochrome-16")
     labels = ("3 wavelengths", "8 wavelengths", "16 wavelengths")
 
