@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from holoview.colour import TABLES, import_colour_science
-from holoview.files import atomic_write
+from holoview.util.files import atomic_write
 
 FOLDER = Path(__file__).parent / "observers"
 

@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.colour import observer_weights, xyz_to_linear_srgb
-from holoview.system import System
+from holoview.model.system import System
 
 Tensor = torch.Tensor
 

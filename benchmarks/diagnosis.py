@@ -21,13 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from holoview.captures.make import AcquisitionSettings, Nuisances, make_captures
-from holoview.captures.session import Captures
-from holoview.diagnose.diagnose import diagnose
-from holoview.diagnose.draw import sample_effect
-from holoview.effects.registry import listed_effects
-from holoview.errors import UserError
-from holoview.system import Modulator, Relay, System
+from holoview.captures.dataset import Captures
+from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
+from holoview.diagnose.effect_sampling import sample_effect
+from holoview.diagnose.pipeline import diagnose
+from holoview.model.effects.registry import listed_effects
+from holoview.model.system import Modulator, Relay, System
+from holoview.util.errors import UserError
 
 UNSEEN = 1.02  # χ²/n below which a hidden effect can't be told from nothing
 SIZES = {"small": 0.15, "medium": 0.45, "large": 0.9}

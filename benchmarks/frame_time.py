@@ -19,16 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import count_of, machine_facts, shape_of
-from holoview import preset
 from holoview.engine.frame import Executor, spectrum_behind_modulators
-from holoview.engine.torch import TorchExecutor
-from holoview.engine.wgpu import WgpuExecutor
-from holoview.errors import UserError
+from holoview.engine.torch_executor import TorchExecutor
+from holoview.engine.wgpu_executor import WgpuExecutor
 from holoview.gpu.device import open_device
 from holoview.gpu.recorder import CommandRecorder
-from holoview.optics.slots import make_frame_inputs
-from holoview.plan import Plan, make_plan
-from holoview.system import System
+from holoview.model import preset
+from holoview.model.plan import Plan, make_plan
+from holoview.model.system import System
+from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.util.errors import UserError
 from holoview.view import random_drive
 
 STAGES = ("illuminate", "modulate", "spectrum", "transmit", "field", "accumulate", "composite")

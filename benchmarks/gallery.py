@@ -14,7 +14,6 @@ from pathlib import Path
 from PIL import Image
 
 from holoview.commands.common import progress_bar
-from holoview.files import atomic_write
 from holoview.study.plots import render_figure
 from holoview.study.registry import studies_by_name
 from holoview.study.report import version_summary, write_report
@@ -22,6 +21,7 @@ from holoview.study.runner import run_jobs
 from holoview.study.scale import QUICK
 from holoview.study.store import ResultStore
 from holoview.study.study import Claim, Findings, Study, StudyFigure, StudyPicture
+from holoview.util.files import atomic_write
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 FIGURE_WIDTH, PICTURE_WIDTH = 560, 256

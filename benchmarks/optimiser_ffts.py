@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from holoview.system import System
+from holoview.model.system import System
 
 _FFTS = {"_fft_c2c", "_fft_r2c", "_fft_c2r"}
 

@@ -13,8 +13,8 @@ import torch
 
 import holoview as hv
 from benchmarks.baselines import Work
-from holoview.files import data_dir
-from holoview.optimise.state import IterationState
+from holoview.optimise.iteration_state import IterationState
+from holoview.util.files import data_dir
 
 Seconds = dict[str, list[float]]
 Run = Callable[[], Any]

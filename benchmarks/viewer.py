@@ -15,11 +15,11 @@ from collections.abc import Callable
 import numpy as np
 from rendercanvas.offscreen import OffscreenRenderCanvas
 
-from holoview import preset
 from holoview.app.app import App
-from holoview.app.hand import InputDriver
+from holoview.app.input_driver import InputDriver
 from holoview.gpu.device import open_device
-from holoview.session.session import EditingSession
+from holoview.model import preset
+from holoview.session.editing_session import EditingSession
 
 EVENTS = 24
 

@@ -23,17 +23,17 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
-from holoview.errors import UserError
-from holoview.plan import Plan, make_plan
-from holoview.preset import load
-from holoview.system import Modulator, Relay, Sampling, Source, System
+from holoview.model.plan import Plan, make_plan
+from holoview.model.preset import load
+from holoview.model.system import Modulator, Relay, Sampling, Source, System
+from holoview.util.errors import UserError
 
 if TYPE_CHECKING:
     from holoview.app.notebook import show
-    from holoview.hologram import Hologram, load_hologram
+    from holoview.io.hologram import Hologram, load_hologram
     from holoview.optimise.settings import Settings
     from holoview.optimise.solve import iterate
-    from holoview.targets.build import Placement, target_for
+    from holoview.targets.target import Placement, target_for
     from holoview.view import View, random_drive, simulate
 
 try:
@@ -42,16 +42,16 @@ except PackageNotFoundError:
     __version__ = "0+unknown"
 
 _LAZY = {
-    "Hologram": "holoview.hologram",
-    "Placement": "holoview.targets.build",
+    "Hologram": "holoview.io.hologram",
+    "Placement": "holoview.targets.target",
     "Settings": "holoview.optimise.settings",
     "View": "holoview.view",
     "iterate": "holoview.optimise.solve",
-    "load_hologram": "holoview.hologram",
+    "load_hologram": "holoview.io.hologram",
     "random_drive": "holoview.view",
     "show": "holoview.app.notebook",
     "simulate": "holoview.view",
-    "target_for": "holoview.targets.build",
+    "target_for": "holoview.targets.target",
 }
 
 __all__ = [

@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from holoview import __version__
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 EXIT_INTERRUPTED = 130
 COMMANDS = {

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from holoview.errors import UserError, suggest_matches
-from holoview.files import data_dir
+from holoview.util.errors import UserError, suggest_matches
+from holoview.util.files import data_dir
 
 FloatArray = NDArray[np.float64]
 

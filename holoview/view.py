@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.backend import open_executor
 from holoview.engine.frame import ProgressCallback, compute_focal_stack
-from holoview.plan import make_plan, parse_planes
-from holoview.system import System
+from holoview.model.plan import make_plan, parse_planes
+from holoview.model.system import System
 
 
 @dataclass(frozen=True)

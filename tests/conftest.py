@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import pytest
 import torch
 
-from holoview.errors import UserError
 from holoview.gpu.device import Device, open_device
+from holoview.util.errors import UserError
 
 
 class _Collector(logging.Handler):

@@ -10,7 +10,7 @@ import pytest
 
 from assets import make_observers
 from holoview import colour
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 EIGHT = np.linspace(460e-9, 650e-9, 8)
 THREE = np.array([460e-9, 532e-9, 638e-9])

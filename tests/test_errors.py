@@ -6,7 +6,7 @@ import copy
 
 import pytest
 
-from holoview.errors import UserError, suggest_matches
+from holoview.util.errors import UserError, suggest_matches
 
 
 @pytest.mark.parametrize(

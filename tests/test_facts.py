@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import holoview as hv
-from holoview.facts import info_rows
+from holoview.commands.system_info import info_rows
 
 
 def _facts(name: str, **changes: Any) -> dict[str, str]:

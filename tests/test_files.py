@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from holoview.errors import UserError
-from holoview.files import atomic_write, data_dir
+from holoview.util.errors import UserError
+from holoview.util.files import atomic_write, data_dir
 
 
 def _write(path: Path, text: str) -> None:

@@ -14,9 +14,9 @@ from safetensors.numpy import save_file
 from safetensors.torch import save_file as save_torch_file
 
 import holoview as hv
-from holoview import preset
-from holoview.errors import UserError
-from holoview.hologram import FORMAT, VERSION, Hologram, load_hologram
+from holoview.io.hologram import FORMAT, VERSION, Hologram, load_hologram
+from holoview.model import preset
+from holoview.util.errors import UserError
 
 
 def _system(**changes: Any) -> hv.System:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.system import Modulator, Relay, Sampling, System
+from holoview.model.system import Modulator, Relay, Sampling, System
 
 h5py = pytest.importorskip("h5py", reason="h5py reads the sample captures")
 

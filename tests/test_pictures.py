@@ -15,8 +15,8 @@ import pytest
 from PIL import Image
 
 from holoview import __version__
-from holoview.errors import UserError
-from holoview.pictures import path_with_suffix, read_pattern, write_pattern, write_png
+from holoview.io.png import path_with_suffix, read_pattern, write_pattern, write_png
+from holoview.util.errors import UserError
 
 SHAPE = (6, 9)
 

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holoview.colour import observer_weights
-from holoview.errors import UserError
-from holoview.grid import frequency_indices, is_fast_length
-from holoview.plan import Plan, band_limit, make_plan, walk_off
-from holoview.system import Modulator, System
+from holoview.model.plan import Plan, band_limit, make_plan, walk_off
+from holoview.model.system import Modulator, System
+from holoview.numerics.fft_grid import frequency_indices, is_fast_length
+from holoview.util.errors import UserError
 
 
 def _system(shape: tuple[int, int] = (6, 8), pitch_m: float = 8e-6, **changes: Any) -> System:

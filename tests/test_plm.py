@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.errors import UserError
-from holoview.plm import CELL_MAPS, memory_cells
+from holoview.io.plm import CELL_MAPS, memory_cells
+from holoview.util.errors import UserError
 
 
 def test_the_first_level_of_p67_is_the_word_3() -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview import preset
 from holoview.colour import D65_WHITE, observer_weights
-from holoview.errors import UserError
+from holoview.model import preset
+from holoview.util.errors import UserError
 
 NAMES = preset.names()
 PAPER = [name for name in NAMES if name != "bench-plm"]

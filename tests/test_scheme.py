@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.errors import UserError
-from holoview.scheme import with_scheme
-from holoview.system import System
+from holoview.model.scheme import with_scheme
+from holoview.model.system import System
+from holoview.util.errors import UserError
 
 PRESETS = {
     "simultaneous": "simultaneous",

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holoview import units
-from holoview.errors import UserError
+from holoview.util import units
+from holoview.util.errors import UserError
 
 LENGTH_UNITS = ("pm", "nm", "um", "mm", "cm", "m")
 FINITE = st.floats(allow_nan=False, allow_infinity=False)

@@ -10,27 +10,28 @@ import numpy as np
 from imgui_bundle import hello_imgui, imgui
 from numpy.typing import NDArray
 
-from holoview.app import layout, theme
-from holoview.app.actions import add_general_commands
-from holoview.app.commands import CommandRegistry
-from holoview.app.overlays import HelpOverlay
-from holoview.app.pages import DerivedImages
+from holoview.app import theme
+from holoview.app import window_layout as layout
+from holoview.app.command_registry import CommandRegistry
+from holoview.app.derived_images import DerivedImages
+from holoview.app.general_commands import add_general_commands
+from holoview.app.help_overlay import HelpOverlay
 from holoview.app.panel import GuardedPanel, Panel
 from holoview.app.panels import ALL
 from holoview.app.panels.image import ImagePanel
-from holoview.app.sides import SideRenderers
-from holoview.app.stack import PlanePreviews
+from holoview.app.plane_previews import PlanePreviews
+from holoview.app.side_renderers import SideRenderers
 from holoview.app.textures import TextureCache
 from holoview.app.toasts import Toasts
 from holoview.app.window import Window
-from holoview.errors import UserError
 from holoview.gpu.device import Device
 from holoview.session.autosave import SessionStore
 from holoview.session.changes import Change
-from holoview.session.live import LiveMeasurement
-from holoview.session.loading import FileLoader
-from holoview.session.look import NOW
-from holoview.session.session import EditingSession
+from holoview.session.editing_session import EditingSession
+from holoview.session.file_loader import FileLoader
+from holoview.session.live_measurement import LiveMeasurement
+from holoview.session.view_settings import NOW
+from holoview.util.errors import UserError
 
 Rect = tuple[float, float, float, float]
 P = TypeVar("P", bound=Panel)

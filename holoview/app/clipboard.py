@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageGrab
 
-from holoview.errors import UserError
-from holoview.session.export.pictures import png_bytes
+from holoview.session.export.png_images import png_bytes
+from holoview.util.errors import UserError
 
 _SECONDS = 5.0
 

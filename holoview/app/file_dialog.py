@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from imgui_bundle import imgui
 
 from holoview.app import theme
-from holoview.app.fields import tooltip
 from holoview.app.panel import Panel
+from holoview.app.parameter_widgets import tooltip
 
 if TYPE_CHECKING:
     from holoview.app.app import App

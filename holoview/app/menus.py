@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 from imgui_bundle import hello_imgui, imgui
 
-from holoview import preset
-from holoview.app.fields import tooltip
+from holoview.app.parameter_widgets import tooltip
 from holoview.app.theme import THEMES
+from holoview.model import preset
 
 if TYPE_CHECKING:
     from holoview.app.app import App

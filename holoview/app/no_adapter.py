@@ -8,7 +8,7 @@ import sys
 from imgui_bundle import hello_imgui, imgui
 
 from holoview.app import theme
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 _SIZE = (640, 360)
 REMEDIES = {

@@ -12,14 +12,14 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from holoview import preset
 from holoview.app.app import App
 from holoview.app.run import compute_loop
-from holoview.errors import UserError
 from holoview.gpu.device import open_device
-from holoview.hologram import Hologram
-from holoview.session.session import EditingSession
-from holoview.system import System
+from holoview.io.hologram import Hologram
+from holoview.model import preset
+from holoview.model.system import System
+from holoview.session.editing_session import EditingSession
+from holoview.util.errors import UserError
 
 Showable = System | Hologram | EditingSession | str
 _MOST_FRAMES_A_SECOND = 30

@@ -8,9 +8,9 @@ import numpy as np
 from imgui_bundle import imgui
 from numpy.typing import NDArray
 
-from holoview.app.fields import tooltip
-from holoview.session.look import DERIVED_PAGES, NOW, displayed_side
+from holoview.app.parameter_widgets import tooltip
 from holoview.session.measure import sample_pixel
+from holoview.session.view_settings import DERIVED_PAGES, NOW, displayed_side
 
 if TYPE_CHECKING:
     from holoview.app.app import App

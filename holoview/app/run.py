@@ -8,13 +8,13 @@ from typing import Any
 
 from holoview.app.app import App
 from holoview.app.desktop import connect_desktop
-from holoview.app.hand import InputDriver
+from holoview.app.input_driver import InputDriver
 from holoview.app.script import run_script, screenshot, wait_until_idle
 from holoview.app.serve import Address, serve
-from holoview.errors import UserError
 from holoview.gpu.device import Device
 from holoview.session.autosave import Autosave, SessionStore
-from holoview.session.session import EditingSession
+from holoview.session.editing_session import EditingSession
+from holoview.util.errors import UserError
 
 _IDLE_S = 0.05  # between looks at what there is to do, while there is nothing
 _TITLE = "holoview"

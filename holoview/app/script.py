@@ -24,9 +24,9 @@ from typing import Any
 
 import numpy as np
 
-from holoview.app.hand import InputDriver
-from holoview.errors import UserError, suggest_matches
-from holoview.pictures import write_png
+from holoview.app.input_driver import InputDriver
+from holoview.io.png import write_png
+from holoview.util.errors import UserError, suggest_matches
 
 _JOBS_S = 600.0
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from imgui_bundle import imgui
 
 from holoview.app.viewport import DeviceImage, Viewport, visible_area_of
-from holoview.session.look import ViewSettings
+from holoview.session.view_settings import ViewSettings
 
 if TYPE_CHECKING:
     from holoview.app.app import App

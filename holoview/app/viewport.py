@@ -9,13 +9,13 @@ import numpy as np
 import wgpu
 from numpy.typing import NDArray
 
-from holoview.engine.layouts import VIEWPORT
+from holoview.engine.shader_structs import VIEWPORT
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.gpu.shader import GeneratedWgsl, link
-from holoview.session.look import ViewSettings
-from holoview.session.palettes import colour_map
-from holoview.session.tone import channel_matrix
+from holoview.session.colour_maps import colour_map
+from holoview.session.tone_mapping import channel_matrix
+from holoview.session.view_settings import ViewSettings
 
 _TILE = 8
 _GRID_FROM = 10.0  # screen pixels a sample: below, lines would hide what they part

@@ -8,5 +8,5 @@ response score                what the lasers emit; how well held-out captures a
 result pictures drawing       the files that are written, and pictures of what was learned
 exposure                      exposure and laser power for captures that use the camera's range
 
-The maps themselves, and what they make of light, are in `holoview.effects.learned`.
+The maps themselves, and what they make of light, are in `holoview.effects.learned_maps`.
 """

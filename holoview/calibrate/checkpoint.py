@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.calibrate.settings import CalibrationSettings
-from holoview.captures.session import Captures
-from holoview.effects.learned import MapLayout
-from holoview.effects.switched import EffectValues
-from holoview.errors import UserError
-from holoview.tensors import TensorFormat
+from holoview.captures.dataset import Captures
+from holoview.effects.learned_maps import MapLayout
+from holoview.model.effects.active_effects import EffectValues
+from holoview.util.errors import UserError
+from holoview.util.safetensors_file import TensorFormat
 
 _PARTS = ("", ".best", ".first", ".second", ".count")
 _TEXTS = ("layout", "settings", "progress", "known", "captures")

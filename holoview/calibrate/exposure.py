@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.captures.session import Captures
-from holoview.errors import UserError
+from holoview.captures.dataset import Captures
+from holoview.util.errors import UserError
 
 HEADROOM = 0.9
 """Share of the range between black and saturation that the brightest 0.1 % is to reach."""

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import least_squares
 
-from holoview.calibrate.sweep import EfficiencySweep
-from holoview.errors import UserError
+from holoview.calibrate.efficiency_sweep import EfficiencySweep
+from holoview.util.errors import UserError
 
 Floats = NDArray[np.float64]
 

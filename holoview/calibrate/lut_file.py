@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from holoview import units
 from holoview.calibrate.lut import Lut
-from holoview.errors import UserError
-from holoview.files import atomic_write
-from holoview.system import System
+from holoview.model.system import System
+from holoview.util import units
+from holoview.util.errors import UserError
+from holoview.util.files import atomic_write
 
 FORMAT, VERSION = "holoview-lut", 1
 

@@ -11,15 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from holoview import preset, units
 from holoview.calibrate.checkpoint import captures_digest
-from holoview.calibrate.score import PredictionScore, ScoreRow
-from holoview.captures.session import Captures
-from holoview.effects.learned import LearnedMaps
-from holoview.effects.learned_file import write_calibration
-from holoview.effects.switched import EffectValues
-from holoview.errors import UserError
-from holoview.system import System
+from holoview.calibrate.prediction_score import PredictionScore, ScoreRow
+from holoview.captures.dataset import Captures
+from holoview.effects.calibration_file import write_calibration
+from holoview.effects.learned_maps import LearnedMaps
+from holoview.model import preset
+from holoview.model.effects.active_effects import EffectValues
+from holoview.model.system import System
+from holoview.util import units
+from holoview.util.errors import UserError
 
 _GROUPS = {
     "train": "learned from",

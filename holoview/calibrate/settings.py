@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 LEARNING_RATES: Mapping[str, float] = {
     "lut_steps": 0.03,

@@ -23,16 +23,16 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.calibrate.checkpoint import CalibrationCheckpoint, TrainingProgress
-from holoview.calibrate.held_out import DataSplit
-from holoview.calibrate.material import TrainingData
-from holoview.calibrate.model import CalibrationModel, prior_penalty
+from holoview.calibrate.data_split import DataSplit
+from holoview.calibrate.forward_model import CalibrationModel, prior_penalty
 from holoview.calibrate.settings import ADAM_BETAS, ADAM_FLOOR, LEARNING_RATES, CalibrationSettings
-from holoview.captures.session import Captures
-from holoview.diagnose.split import pattern_roughness
-from holoview.effects.learned import LearnedMaps, MapLayout
-from holoview.effects.switched import EffectValues
-from holoview.errors import UserError
+from holoview.calibrate.training_data import TrainingData
+from holoview.captures.dataset import Captures
+from holoview.diagnose.capture_split import pattern_roughness
+from holoview.effects.learned_maps import LearnedMaps, MapLayout
+from holoview.model.effects.active_effects import EffectValues
 from holoview.optimise.adam import Adam, cosine_decay
+from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
 

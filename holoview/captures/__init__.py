@@ -9,7 +9,7 @@ predict     expected camera signals for any effects, fast
 rehearsal   effects of one's own, tried once
 """
 
-from holoview.captures.file import read_captures, write_captures
-from holoview.captures.session import Camera, Captures, SlmSpec
+from holoview.captures.capture_file import read_captures, write_captures
+from holoview.captures.dataset import Camera, Captures, SlmSpec
 
 __all__ = ["Camera", "Captures", "SlmSpec", "read_captures", "write_captures"]

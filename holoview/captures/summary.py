@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.captures.session import Captures
-from holoview.effects.registry import listed_effects
-from holoview.report.sheet import CaptionedTile, contact_sheet
+from holoview.captures.dataset import Captures
+from holoview.model.effects.registry import listed_effects
+from holoview.report.contact_sheet import CaptionedTile, contact_sheet
 
 _DARK_SIGMAS = 3.0  # of the noise: a picture whose mean signal is less shows nothing
 

@@ -12,17 +12,17 @@ from typing import Any
 import torch
 
 from holoview import __version__
-from holoview.bench.choices import StrategyOption, tune
-from holoview.bench.device_time import DeviceTime, device_time
-from holoview.bench.first_image import first_image_criterion
-from holoview.bench.frame_bars import Criterion, FrameTimings, benchmark_frame
+from holoview.benchmark.device_time import DeviceTime, device_time
+from holoview.benchmark.first_image import first_image_criterion
+from holoview.benchmark.frame_benchmark import Criterion, FrameTimings, benchmark_frame
+from holoview.benchmark.strategy_choice import StrategyOption, tune
 from holoview.commands.common import add_system, system_from_args
-from holoview.errors import UserError
 from holoview.gpu.device import TIMESTAMPS, Device, open_device
-from holoview.gpu.lines import STRATEGIES, supported_strategies
-from holoview.grid import is_fast_length
-from holoview.plan import make_plan
-from holoview.system import System
+from holoview.gpu.line_fft import STRATEGIES, supported_strategies
+from holoview.model.plan import make_plan
+from holoview.model.system import System
+from holoview.numerics.fft_grid import is_fast_length
+from holoview.util.errors import UserError
 
 _DEFAULT = "holochrome-8"
 

@@ -8,7 +8,7 @@ import argparse
 from pathlib import Path
 
 from holoview.commands import calibrate_captures, calibrate_lut
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -9,19 +9,18 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from holoview import preset
 from holoview.calibrate.checkpoint import load_checkpoint
-from holoview.calibrate.held_out import DataSplit, split_captures
-from holoview.calibrate.layout import map_layout_for
-from holoview.calibrate.material import TrainingData
-from holoview.calibrate.model import CalibrationModel
-from holoview.calibrate.pictures import plot_calibration
+from holoview.calibrate.data_split import DataSplit, split_captures
+from holoview.calibrate.forward_model import CalibrationModel
+from holoview.calibrate.map_layout import map_layout_for
+from holoview.calibrate.map_plots import plot_calibration
+from holoview.calibrate.prediction_score import score_predictions
 from holoview.calibrate.result import CalibrationResult, format_score, known_effects, starting_bench
-from holoview.calibrate.score import score_predictions
 from holoview.calibrate.settings import CalibrationSettings, default_epochs
 from holoview.calibrate.train import TrainingState, train
+from holoview.calibrate.training_data import TrainingData
 from holoview.captures import read_captures
-from holoview.captures.session import Captures
+from holoview.captures.dataset import Captures
 from holoview.commands.common import (
     check_output_file,
     deferred_interrupt,
@@ -30,10 +29,11 @@ from holoview.commands.common import (
     print_stderr,
     progress_bar,
 )
-from holoview.effects.learned import MapLayout
-from holoview.errors import UserError
+from holoview.effects.learned_maps import MapLayout
+from holoview.model import preset
+from holoview.model.system import System
 from holoview.optimise.threads import limit_torch_threads
-from holoview.system import System
+from holoview.util.errors import UserError
 
 OPTIONS = ("epochs", "batch", "rate", "seed", "held_out", "pixels_a_node", "pictures", "checkpoint", "resume")
 

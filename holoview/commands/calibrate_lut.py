@@ -6,13 +6,14 @@ import argparse
 import json
 from pathlib import Path
 
-from holoview import preset, units
 from holoview.calibrate import lut_file
-from holoview.calibrate.drawing import plot_lut
+from holoview.calibrate.efficiency_sweep import read_sweep
+from holoview.calibrate.figure_file import plot_lut
 from holoview.calibrate.lut import fit_lut
-from holoview.calibrate.sweep import read_sweep
 from holoview.commands.common import check_output_file
-from holoview.errors import UserError
+from holoview.model import preset
+from holoview.util import units
+from holoview.util.errors import UserError
 
 OPTIONS = ("wavelength", "plot", "save_preset")
 _WAVELENGTH_RANGE_M = (100e-9, 10e-6)

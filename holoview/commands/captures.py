@@ -6,11 +6,10 @@ import argparse
 import json
 from pathlib import Path
 
-from holoview import units
 from holoview.captures import read_captures, write_captures
-from holoview.captures.folder import BENCH_FILE, TABLE_FILE, import_folder
-from holoview.captures.make import AcquisitionSettings, Nuisances, make_captures
+from holoview.captures.folder_import import BENCH_FILE, TABLE_FILE, import_folder
 from holoview.captures.summary import capture_sheet, summarise
+from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
 from holoview.commands import captures_plan
 from holoview.commands.common import (
     add_effects,
@@ -21,7 +20,8 @@ from holoview.commands.common import (
     progress_bar,
     system_from_args,
 )
-from holoview.pictures import write_png
+from holoview.io.png import write_png
+from holoview.util import units
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

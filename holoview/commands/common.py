@@ -17,13 +17,13 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from holoview import preset
-from holoview.effects.registry import load_user_effects
-from holoview.effects.switched import ActiveEffects
-from holoview.effects.table import EffectTable
-from holoview.errors import UserError
-from holoview.scheme import with_scheme
-from holoview.system import System
+from holoview.model import preset
+from holoview.model.effects.active_effects import ActiveEffects
+from holoview.model.effects.effect_table import EffectTable
+from holoview.model.effects.registry import load_user_effects
+from holoview.model.scheme import with_scheme
+from holoview.model.system import System
+from holoview.util.errors import UserError
 
 ProgressCallback = Callable[[int, int, str], None]
 _LINE_INTERVAL_S = 10.0

@@ -11,19 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview import preset, units
 from holoview.colour import SRGB_TO_XYZ
 from holoview.commands.common import check_output_file, parse_seed, system_from_args
-from holoview.errors import UserError
-from holoview.files import atomic_write
-from holoview.hologram import Hologram, load_hologram
+from holoview.io.hologram import Hologram, load_hologram
+from holoview.metrics.image_quality import central_region
 from holoview.metrics.speckle import Region, independent_patterns, speckle_contrast
-from holoview.score import central_region
-from holoview.study.histogram import speckle_figure
+from holoview.model import preset
 from holoview.study.plots import make_figure
+from holoview.study.speckle_figure import speckle_figure
 from holoview.study.study import StudyFigure
+from holoview.targets.image_reader import read_raster
 from holoview.targets.picture import read_picture
-from holoview.targets.raster import read_raster
+from holoview.util import units
+from holoview.util.errors import UserError
+from holoview.util.files import atomic_write
 from holoview.view import random_drive, simulate
 
 _HOLOGRAM, _TOML = ".safetensors", ".toml"

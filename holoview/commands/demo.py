@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import holoview
-from holoview import preset, units
 from holoview.colour import to_srgb8
 from holoview.commands.common import (
     add_backend,
@@ -26,17 +25,19 @@ from holoview.commands.common import (
 )
 from holoview.commands.optimise import optimise_hologram
 from holoview.engine.backend import open_executor
-from holoview.errors import UserError
-from holoview.files import data_dir
-from holoview.hologram import Hologram
+from holoview.io.hologram import Hologram
+from holoview.io.png import write_png
 from holoview.metrics.eyebox import EyeboxUniformity
+from holoview.metrics.image_quality import ImageQuality, eyebox_uniformity_of, measure_image_quality
+from holoview.model import preset
+from holoview.model.plan import make_plan
 from holoview.optimise.settings import Settings
-from holoview.pictures import write_png
-from holoview.plan import make_plan
-from holoview.report.sheet import CaptionedTile, contact_sheet
-from holoview.score import ImageQuality, eyebox_uniformity_of, measure_image_quality
-from holoview.targets.build import Placement, target_for
+from holoview.report.contact_sheet import CaptionedTile, contact_sheet
 from holoview.targets.focal_stack import Target
+from holoview.targets.target import Placement, target_for
+from holoview.util import units
+from holoview.util.errors import UserError
+from holoview.util.files import data_dir
 from holoview.view import View, random_drive, simulate
 
 _DISPLAYS = ("holochrome-8", "simultaneous")

@@ -6,22 +6,22 @@ import argparse
 import json
 from pathlib import Path
 
-from holoview import preset
 from holoview.captures import read_captures
-from holoview.captures.rehearsal import check_user_effects
+from holoview.captures.effect_check import check_user_effects
 from holoview.commands.common import check_folder, check_output_file, make_folder, print_stderr, progress_bar
-from holoview.cores import process_cpu_count
 from holoview.diagnose.comparison import Values
-from holoview.diagnose.diagnose import diagnose
 from holoview.diagnose.diagnosis import Diagnosis
-from holoview.diagnose.extend import extended_system, with_preset_geometry
-from holoview.diagnose.ways import SamplingConfig
-from holoview.diagnose.words import format_value
-from holoview.effects.effect import Effect
-from holoview.effects.registry import load_user_effects
-from holoview.errors import UserError
-from holoview.files import atomic_write
-from holoview.system import System
+from holoview.diagnose.extended_model import extended_system, with_preset_geometry
+from holoview.diagnose.formatting import format_value
+from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.sampling_config import SamplingConfig
+from holoview.model import preset
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.registry import load_user_effects
+from holoview.model.system import System
+from holoview.util.cpu_count import process_cpu_count
+from holoview.util.errors import UserError
+from holoview.util.files import atomic_write
 
 _MAX_DEFAULT_WORKERS = 8  # unless asked for: each keeps a quarter of a gigabyte
 
@@ -113,8 +113,8 @@ def _load_effects(file: str) -> list[Effect]:
 
 
 def _write_report(args: argparse.Namespace, bench: System, fourier: bool, known: Values, found: Diagnosis) -> None:
-    from holoview.diagnose.display import display_gain  # here: the optimiser and plots take a second to import
-    from holoview.diagnose.report import write_report
+    from holoview.diagnose.display_gain import display_gain  # here: the optimiser and plots take a second to import
+    from holoview.diagnose.html_report import write_report
 
     make_folder(args.report)
     gain = None

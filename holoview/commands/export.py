@@ -14,12 +14,12 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.commands.common import make_folder
-from holoview.errors import UserError
-from holoview.hologram import load_hologram
+from holoview.io.hologram import load_hologram
+from holoview.io.plm import CELL_MAPS, memory_cells
+from holoview.io.png import write_pattern, write_png
+from holoview.model.system import Modulator
 from holoview.optics.slm import level_numbers
-from holoview.pictures import write_pattern, write_png
-from holoview.plm import CELL_MAPS, memory_cells
-from holoview.system import Modulator
+from holoview.util.errors import UserError
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

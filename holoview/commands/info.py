@@ -6,9 +6,9 @@ import argparse
 import json
 from itertools import groupby
 
-from holoview import preset
 from holoview.commands.common import add_system, system_from_args
-from holoview.facts import info_rows
+from holoview.commands.system_info import info_rows
+from holoview.model import preset
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -29,16 +29,16 @@ from holoview.commands.optimise_options import (
     settings_from_args,
 )
 from holoview.commands.optimise_score import format_scores, score_hologram
-from holoview.errors import UserError
-from holoview.hologram import Hologram
+from holoview.io.hologram import Hologram
+from holoview.io.png import write_png
+from holoview.model.system import System
+from holoview.optimise.iteration_state import IterationState
 from holoview.optimise.memory import with_compact_grid
+from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, torchrun_group
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.optimise.state import IterationState
-from holoview.optimise.team import SINGLE_PROCESS, ProcessGroup, torchrun_group
-from holoview.pictures import write_png
-from holoview.system import System
 from holoview.targets.focal_stack import Target
+from holoview.util.errors import UserError
 
 _PREVIEW_EVERY_S = 2.0
 

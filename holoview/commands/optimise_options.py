@@ -10,21 +10,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview import units
 from holoview.commands.common import add_system, check_output_file, parse_seed, print_stderr
-from holoview.errors import UserError
-from holoview.hologram import Hologram, load_hologram
+from holoview.io.hologram import Hologram, load_hologram
+from holoview.model.plan import make_plan
+from holoview.model.system import System
 from holoview.optimise.checkpoint import Checkpoint, load_checkpoint
-from holoview.optimise.device import resolve_torch_device
 from holoview.optimise.losses import LOSS_SPACES
+from holoview.optimise.process_group import device_for_rank
 from holoview.optimise.settings import INITIAL_PATTERNS, VARIABLES, Region, Settings
-from holoview.optimise.team import device_for_rank
-from holoview.plan import make_plan
-from holoview.system import System
-from holoview.targets.build import Placement, target_for
+from holoview.optimise.torch_device import resolve_torch_device
 from holoview.targets.focal_stack import Target
 from holoview.targets.picture import COLOUR_SPACES, Picture, read_picture
-from holoview.targets.stacks import is_stack, target_from_stack
+from holoview.targets.rendered_stacks import is_stack, target_from_stack
+from holoview.targets.target import Placement, target_for
+from holoview.util import units
+from holoview.util.errors import UserError
 
 _LEAST_BRIGHTNESS = 1e-6
 _PLAIN = Settings()

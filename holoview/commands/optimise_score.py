@@ -7,13 +7,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview import units
 from holoview.commands.optimise_options import TargetSource
-from holoview.errors import UserError
-from holoview.hologram import Hologram
+from holoview.io.hologram import Hologram
+from holoview.metrics.image_quality import (
+    ImageQuality,
+    central_region,
+    eyebox_uniformity_of,
+    measure_image_quality,
+    plane_midpoints,
+)
+from holoview.model.system import System
 from holoview.optimise.settings import Region
-from holoview.score import ImageQuality, central_region, eyebox_uniformity_of, measure_image_quality, plane_midpoints
-from holoview.system import System
+from holoview.util import units
+from holoview.util.errors import UserError
 from holoview.view import View, simulate
 
 Floats = NDArray[np.floating]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 
-from holoview import preset
+from holoview.model import preset
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview import preset, units
 from holoview.commands.common import (
     add_backend,
     add_system,
@@ -26,12 +25,14 @@ from holoview.commands.common import (
     with_changes,
     with_effects,
 )
-from holoview.errors import UserError
-from holoview.hologram import Hologram, load_hologram
+from holoview.io.hologram import Hologram, load_hologram
+from holoview.io.png import path_with_suffix, read_pattern, write_png
+from holoview.metrics.image_quality import central_region
 from holoview.metrics.speckle import speckle_contrast
-from holoview.pictures import path_with_suffix, read_pattern, write_png
-from holoview.score import central_region
-from holoview.system import System
+from holoview.model import preset
+from holoview.model.system import System
+from holoview.util import units
+from holoview.util.errors import UserError
 from holoview.view import View, random_drive, simulate
 
 _MOST_STOPS = 60  # 2^60 is past anything to see, and its square still far inside a float64

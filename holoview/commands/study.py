@@ -8,12 +8,12 @@ from pathlib import Path
 
 from holoview.cli import EXIT_INTERRUPTED
 from holoview.commands.common import make_folder, parse_seed, print_stderr, progress_bar
-from holoview.errors import UserError
 from holoview.study.registry import find_study, studies_by_name
 from holoview.study.report import format_claims, write_report
 from holoview.study.runner import ExecutionTarget, run_jobs
 from holoview.study.scale import QUICK, SCALES
 from holoview.study.store import ResultStore
+from holoview.util.errors import UserError
 
 _MOST_WORKERS = 1024
 

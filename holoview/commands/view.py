@@ -6,11 +6,11 @@ import argparse
 import re
 from pathlib import Path
 
-from holoview import preset
 from holoview.commands.common import add_changes, check_output_file, print_stderr, with_changes
-from holoview.errors import UserError
-from holoview.scheme import with_scheme
-from holoview.system import System
+from holoview.model import preset
+from holoview.model.scheme import with_scheme
+from holoview.model.system import System
+from holoview.util.errors import UserError
 
 _PRESET = "holochrome-8"
 _SIZES = (320, 16384)
@@ -55,8 +55,8 @@ def _open(args: argparse.Namespace, system: System, names: list[str], size: tupl
     from holoview.app.serve import Address
     from holoview.gpu.device import open_device
     from holoview.session.autosave import SessionStore
-    from holoview.session.look import SPECKLE_EXPOSURE_STOPS, ViewSettings
-    from holoview.session.session import EditingSession, middle_plane
+    from holoview.session.editing_session import EditingSession, middle_plane
+    from holoview.session.view_settings import SPECKLE_EXPOSURE_STOPS, ViewSettings
 
     address = None if args.serve is None else Address.parse(args.serve)
     try:

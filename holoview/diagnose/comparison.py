@@ -19,10 +19,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.diagnose.direction import mean_is_significant
-from holoview.diagnose.measured import Images, PreparedCaptures
-from holoview.diagnose.resample import image_gradient, shift_images
-from holoview.errors import UserError
+from holoview.captures.prepared_captures import Images, PreparedCaptures
+from holoview.diagnose.significance import mean_is_significant
+from holoview.numerics.subpixel_shift import image_gradient, shift_images
+from holoview.util.errors import UserError
 
 Values = Mapping[str, Mapping[str, float]]
 Floats = NDArray[np.float64]
@@ -45,7 +45,7 @@ class Prediction(Protocol):
 
 
 class PredictorProtocol(Protocol):
-    """What `holoview.captures.predict.Predictor` does."""
+    """What `holoview.captures.predictor.Predictor` does."""
 
     def __call__(self, indices: NDArray[np.intp], values: Values, *, grad: bool = False) -> Prediction: ...
 

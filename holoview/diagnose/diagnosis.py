@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.diagnose.decide import Verdict
-from holoview.diagnose.excess import ExcessBreakdown
+from holoview.diagnose.excess_breakdown import ExcessBreakdown
+from holoview.diagnose.free_parameters import FittedValues
 from holoview.diagnose.uncertainty import Interval
-from holoview.diagnose.unknowns import FittedValues
+from holoview.diagnose.verdict import Verdict
 
 Image = NDArray[np.float32]
 

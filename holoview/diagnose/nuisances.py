@@ -10,12 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from holoview.diagnose.bench import SearchContext
-from holoview.diagnose.decide import Decision, Verdict, jitter_excess
-from holoview.diagnose.drift import DRIFTING, estimate_laser_drift
-from holoview.diagnose.judge import SearchResult
-from holoview.diagnose.noise import estimate_prnu
-from holoview.diagnose.unknowns import FittedValues
+from holoview.captures.noise_model import estimate_prnu
+from holoview.diagnose.free_parameters import FittedValues
+from holoview.diagnose.held_out_ranking import SearchResult
+from holoview.diagnose.laser_drift import DRIFTING, estimate_laser_drift
+from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.verdict import Decision, Verdict, jitter_excess
 
 _PATTERN_BELOW = 3.0  # χ²/n up to which residuals tell the pixels' own sensitivity from errors of the model
 _MOST_PATTERN = 0.1

@@ -12,8 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from holoview.diagnose.diagnosis import Diagnosis, SampleCapture
-from holoview.diagnose.excess import ExcessBin
-from holoview.units import format_rounded
+from holoview.diagnose.excess_breakdown import ExcessBin
+from holoview.util.units import format_rounded
 
 _BEFORE, _AFTER, _NOISE = "#c8553d", "#2f6f9f", "#888888"
 _SIGMAS = 5.0

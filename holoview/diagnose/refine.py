@@ -8,9 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from holoview.diagnose.bench import SearchContext
-from holoview.diagnose.screen import relative_model_error
-from holoview.diagnose.search import (
+from holoview.diagnose.effect_fit import (
     CandidateFit,
     cost_or_inf,
     drop_negligible_values,
@@ -19,6 +17,8 @@ from holoview.diagnose.search import (
     refit_with_longer_steps,
     search_along_axes,
 )
+from holoview.diagnose.screening import relative_model_error
+from holoview.diagnose.search_context import SearchContext
 
 _FAR = 0.15  # r.m.s. residual over mean light; beyond, weights of the noise alone lead nowhere
 _BETTER = 0.95  # cost that is worth refining the same causes again

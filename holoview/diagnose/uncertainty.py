@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.levenberg import Minimum, jacobian, profile_half_width
-from holoview.diagnose.search import CandidateFit, residual_function
-from holoview.diagnose.unknowns import FreeParameters, free_parameters_of
-from holoview.effects.effect import Effect
+from holoview.diagnose.effect_fit import CandidateFit, residual_function
+from holoview.diagnose.free_parameters import FreeParameters, free_parameters_of
+from holoview.model.effects.effect import Effect
+from holoview.numerics.least_squares import Minimum, jacobian, profile_half_width
 
 _LEVEL = 0.95
 _MODEL_ACCURACY = 1e-3  # of a value: two programs for the same physics hardly agree better on grids of this size

@@ -7,7 +7,7 @@ apply              a bench with its effects: hooks in order
 every other file   one effect, named as its id
 """
 
-from holoview.effects.effect import DataProperties, Effect, Needs
-from holoview.effects.parameter import Parameter, Values
+from holoview.model.effects.effect import DataProperties, Effect, Needs
+from holoview.model.effects.parameter import Parameter, Values
 
 __all__ = ["DataProperties", "Effect", "Needs", "Parameter", "Values"]

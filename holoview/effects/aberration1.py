@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from holoview.effects.aberration_base import Aberration
-from holoview.effects.effect import Needs
+from holoview.model.effects.effect import Needs
 
 
 class Aberration1(Aberration):

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from holoview.effects.effect import Effect
-from holoview.effects.parameter import Parameter, Values
-from holoview.system import System
-from holoview.units import format_rounded
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
+from holoview.util.units import format_rounded
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import RelayContext
+    from holoview.model.effects.hook_contexts import RelayContext
 
 _TERMS = range(4, 12)  # Noll: defocus, astigmatism, coma, trefoil, spherical; piston and tilts are shifts
 _REFERENCE_M, _PER_M = 550e-9, 100e-9

@@ -6,20 +6,20 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from holoview.effects.effect import Effect
-from holoview.effects.parameter import FileParameter, Values
-from holoview.errors import UserError
-from holoview.system import System
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import FileParameter, Values
+from holoview.model.system import System
+from holoview.util.errors import UserError
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.learned import LearnedMaps
-    from holoview.effects.places import ModulatorContext, RelayContext
+    from holoview.effects.learned_maps import LearnedMaps
+    from holoview.model.effects.hook_contexts import ModulatorContext, RelayContext
 
 
 class Calibrated(Effect):
-    """Tables, source, warp and pupils of a calibration, as `holoview.effects.learned` describes them."""
+    """Tables, source, warp and pupils of a calibration, as `holoview.effects.learned_maps` describes them."""
 
     id = "calibrated"
     cause = "The bench differs from its description in ways that a calibration has learned."
@@ -65,6 +65,6 @@ class Calibrated(Effect):
 @lru_cache(maxsize=4)
 def _read_cached(file: str, changed_ns: int) -> LearnedMaps:
     """The maps of a file; read again when it changed."""
-    from holoview.effects.learned_file import read_calibration  # here: needs torch
+    from holoview.effects.calibration_file import read_calibration  # here: needs torch
 
     return read_calibration(file).maps

@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING
 
-from holoview.effects.effect import Effect
-from holoview.effects.parameter import Parameter, Values
-from holoview.system import System
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
 
 if TYPE_CHECKING:
-    from holoview.effects.places import Pose
+    from holoview.model.effects.hook_contexts import Pose
 
 
 class CameraAlignment(Effect):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from holoview.effects.effect import Effect
-from holoview.effects.parameter import Parameter, Values
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter, Values
 
 
 class CameraBlack(Effect):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from holoview.effects.effect import Effect
-from holoview.effects.parameter import Parameter, Values
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter, Values
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import ModulatorContext
+    from holoview.model.effects.hook_contexts import ModulatorContext
 
 
 class Crosstalk(Effect):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-from holoview.effects.effect import Effect
-from holoview.effects.parameter import Parameter, Values
-from holoview.system import System
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
 
 
 class DcBlock(Effect):

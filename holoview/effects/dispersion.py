@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from holoview.effects.effect import Effect, Needs
-from holoview.effects.parameter import Parameter, Values
-from holoview.system import System
+from holoview.model.effects.effect import Effect, Needs
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import ModulatorContext
+    from holoview.model.effects.hook_contexts import ModulatorContext
 
 _REFERENCE_M, _PER_M = 550e-9, 100e-9
 

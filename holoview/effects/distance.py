@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from holoview.effects.effect import DataProperties, Effect
-from holoview.effects.parameter import Parameter, Values
-from holoview.system import System
-from holoview.units import format_rounded
+from holoview.model.effects.effect import DataProperties, Effect
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
+from holoview.util.units import format_rounded
 
 
 class Distance(Effect):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from holoview.effects.effect import Effect, ExposureSample
-from holoview.effects.parameter import Parameter, Values
+from holoview.model.effects.effect import Effect, ExposureSample
+from holoview.model.effects.parameter import Parameter, Values
 
 _SAMPLES_PER_CYCLE = 6
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from holoview.effects.effect import Needs
 from holoview.effects.iris_base import Iris
+from holoview.model.effects.effect import Needs
 
 
 class Iris2(Iris):

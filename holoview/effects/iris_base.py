@@ -6,16 +6,16 @@ import dataclasses
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, ClassVar
 
-from holoview.effects.effect import Effect
-from holoview.effects.parameter import Parameter, Values
-from holoview.effects.search import square_grid
-from holoview.system import System
-from holoview.units import format_rounded
+from holoview.effects.starting_grids import square_grid
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
+from holoview.util.units import format_rounded
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import RelayContext
+    from holoview.model.effects.hook_contexts import RelayContext
 
 PARAMETERS = (
     Parameter(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from holoview.effects.effect import Effect, Needs
-from holoview.effects.parameter import Parameter, Values
+from holoview.model.effects.effect import Effect, Needs
+from holoview.model.effects.parameter import Parameter, Values
 
 
 class LaserPower(Effect):

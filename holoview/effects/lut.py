@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from holoview.effects.effect import Effect
-from holoview.effects.parameter import Parameter, Values
-from holoview.system import System
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import ModulatorContext
+    from holoview.model.effects.hook_contexts import ModulatorContext
 
 _STEPS = 15  # knots at 0, 1/15 … 1 of the drive, which are the levels of a modulator of 16
 _GAMMAS = (0.45, 0.55, 0.67, 0.82, 1.22, 1.49, 1.82, 2.23)  # e^±0.2 … e^±0.8

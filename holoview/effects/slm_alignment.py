@@ -6,13 +6,13 @@ import dataclasses
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from holoview.effects.effect import Effect, Needs
-from holoview.effects.parameter import Parameter, Values
-from holoview.effects.search import square_grid
-from holoview.system import System
+from holoview.effects.starting_grids import square_grid
+from holoview.model.effects.effect import Effect, Needs
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
 
 if TYPE_CHECKING:
-    from holoview.effects.places import Pose
+    from holoview.model.effects.hook_contexts import Pose
 
 
 class SlmAlignment(Effect):

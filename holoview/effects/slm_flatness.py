@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from holoview.effects.effect import Effect
-from holoview.effects.parameter import Parameter, Values
-from holoview.system import System
-from holoview.units import format_rounded
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
+from holoview.util.units import format_rounded
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import ModulatorContext
+    from holoview.model.effects.hook_contexts import ModulatorContext
 
 _TERMS = range(4, 12)  # Noll: defocus, astigmatism, coma, trefoil, spherical
 _COMMON = (4, 5, 6)

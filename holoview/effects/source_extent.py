@@ -8,9 +8,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.effects.effect import Effect
-from holoview.effects.parameter import Parameter, Values
-from holoview.system import System
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
 
 _FEWEST, _MOST = 3, 11  # directions along a side
 

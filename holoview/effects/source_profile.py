@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from holoview.effects.effect import Effect
-from holoview.effects.parameter import Parameter, Values
-from holoview.effects.search import square_grid
-from holoview.system import System
-from holoview.units import format_rounded
+from holoview.effects.starting_grids import square_grid
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
+from holoview.util.units import format_rounded
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from holoview.effects.places import ModulatorContext
+    from holoview.model.effects.hook_contexts import ModulatorContext
 
 
 class SourceProfile(Effect):

@@ -7,10 +7,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from holoview.effects.effect import DataProperties, Effect
-from holoview.effects.parameter import Parameter, Values
-from holoview.effects.search import square_grid
-from holoview.system import System
+from holoview.effects.starting_grids import square_grid
+from holoview.model.effects.effect import DataProperties, Effect
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
 
 
 class Tilt(Effect):

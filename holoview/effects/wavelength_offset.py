@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from holoview.effects.effect import Effect
-from holoview.effects.parameter import Parameter, Values
-from holoview.system import System
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
 
 
 class WavelengthOffset(Effect):

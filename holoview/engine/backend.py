@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from holoview.engine.frame import Executor
-from holoview.errors import UserError, suggest_matches
-from holoview.plan import Plan
+from holoview.model.plan import Plan
+from holoview.util.errors import UserError, suggest_matches
 
 BACKENDS = ("auto", "wgpu", "torch", "torch64")
 
@@ -23,15 +23,15 @@ def open_executor(
         raise UserError(
             "backend", f'"{backend}"', expected=" or ".join(BACKENDS), remedy=suggest_matches(backend, BACKENDS)
         )
-    from holoview.engine.torch import TorchExecutor  # here, as importing torch takes a second
-    from holoview.optics.slots import make_frame_inputs
+    from holoview.engine.torch_executor import TorchExecutor  # here, as importing torch takes a second
+    from holoview.optics.frame_inputs import make_frame_inputs
 
     if backend == "torch64":
         return TorchExecutor(plan, make_frame_inputs(plan, drive), double=True), "torch, complex128"
     slots = make_frame_inputs(plan, drive)
     if backend == "torch":
         return TorchExecutor(plan, slots), "torch, complex64"
-    from holoview.engine.wgpu import WgpuExecutor  # here, so that torch alone needs no WebGPU library
+    from holoview.engine.wgpu_executor import WgpuExecutor  # here, so that torch alone needs no WebGPU library
     from holoview.gpu.device import open_device
 
     try:

@@ -15,8 +15,8 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.errors import UserError
-from holoview.plan import Plan
+from holoview.model.plan import Plan
+from holoview.util.errors import UserError
 
 Field = TypeVar("Field")
 ProgressCallback = Callable[[int, int], None]

@@ -18,7 +18,7 @@ from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from holoview.engine.inputs import DeviceTables
+from holoview.engine.device_tables import DeviceTables
 from holoview.engine.kernels import (
     FIELD_TO_FIELD,
     KERNELS,
@@ -29,14 +29,14 @@ from holoview.engine.kernels import (
     required_variants,
     works_in_place,
 )
-from holoview.engine.layouts import DISPATCH_PARAMS
+from holoview.engine.shader_structs import DISPATCH_PARAMS
 from holoview.gpu.device import Buffer, Device
-from holoview.gpu.lines import Strategy
+from holoview.gpu.line_fft import Strategy
 from holoview.gpu.recorder import CommandRecorder, Dispatch
-from holoview.plan import Plan
+from holoview.model.plan import Plan
 
 if TYPE_CHECKING:
-    from holoview.optics.slots import AnyFrameInputs
+    from holoview.optics.frame_inputs import AnyFrameInputs
 
 _COMPLEX64, _COMPLEX32, _F32 = 8, 4, 4
 

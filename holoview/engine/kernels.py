@@ -10,15 +10,15 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Literal
 
-from holoview.engine.display import padded_pixels
-from holoview.engine.layouts import DISPATCH_PARAMS, GRID, MODULATOR, PLANE_WAVE, PROPAGATION
+from holoview.engine.compositor import padded_pixels
+from holoview.engine.shader_structs import DISPATCH_PARAMS, GRID, MODULATOR, PLANE_WAVE, PROPAGATION
 from holoview.gpu.device import Device
 from holoview.gpu.fft_codegen import Direction
-from holoview.gpu.layout import WgslStruct
-from holoview.gpu.lines import ROW_PADDING, Axis, Hooks, LineFft, Strategy, TransformShader, storage_shader
+from holoview.gpu.line_fft import ROW_PADDING, Axis, Hooks, LineFft, Strategy, TransformShader, storage_shader
+from holoview.gpu.precompile import precompile
 from holoview.gpu.shader import GeneratedWgsl
-from holoview.gpu.warm import precompile
-from holoview.plan import Grid, Plan
+from holoview.gpu.wgsl_struct import WgslStruct
+from holoview.model.plan import Grid, Plan
 
 Switches = tuple[tuple[str, bool], ...]
 KernelVariant = tuple[str, Switches, bool]

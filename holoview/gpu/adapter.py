@@ -13,7 +13,7 @@ from typing import Any
 
 import wgpu
 
-from holoview.errors import UserError, suggest_matches
+from holoview.util.errors import UserError, suggest_matches
 
 MIB = 2**20
 

@@ -14,9 +14,9 @@ import numpy as np
 import wgpu
 from numpy.typing import DTypeLike, NDArray
 
-from holoview.errors import UserError
 from holoview.gpu.adapter import MIB, AdapterInfo, check_limits, choose_adapter, list_adapters, native_adapters
 from holoview.gpu.shader import ShaderSource, compile_error
+from holoview.util.errors import UserError
 
 __all__ = ["AdapterInfo", "Buffer", "Device", "DeviceLost", "Pipeline", "list_adapters", "open_device"]
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.fft_codegen import Axis, Direction
-from holoview.gpu.lines import (
+from holoview.gpu.line_fft import (
     ROW_PADDING,
     Hooks,
     LineFft,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from holoview.gpu.fft_butterfly import WgslEmitter, emit_dft, wgsl_float
-from holoview.gpu.layout import WgslStruct
+from holoview.gpu.wgsl_struct import WgslStruct
 
 Axis = Literal["x", "y"]
 Direction = Literal["forward", "inverse"]

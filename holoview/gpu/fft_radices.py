@@ -13,8 +13,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.errors import UserError
-from holoview.grid import frequency_indices, is_fast_length, next_fast_length
+from holoview.numerics.fft_grid import frequency_indices, is_fast_length, next_fast_length
+from holoview.util.errors import UserError
 
 MAX_RADIX = 32
 MAX_LENGTH = 8192

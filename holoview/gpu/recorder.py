@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from holoview.errors import UserError
 from holoview.gpu.device import Buffer, Device, Pipeline
 from holoview.gpu.timer import GpuTimer
+from holoview.util.errors import UserError
 
 Workgroups = tuple[int, int, int]
 _DISPATCH_LIMIT = "max-compute-workgroups-per-dimension"

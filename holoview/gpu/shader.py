@@ -13,7 +13,7 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from holoview.files import data_dir
+from holoview.util.files import data_dir
 
 _INCLUDE = re.compile(r'^\s*//#include\s+"([^"]+)"\s*$')
 _LOCATION = re.compile(r"(?<=┌─ ).*:(\d+):(\d+)")

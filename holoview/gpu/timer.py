@@ -8,8 +8,8 @@ import numpy as np
 import wgpu
 from wgpu.backends.wgpu_native import lib as native
 
-from holoview.errors import UserError
 from holoview.gpu.device import TIMESTAMPS, Device
+from holoview.util.errors import UserError
 
 _MOST_QUERIES = 4096
 _TIMESTAMP_BYTES = 8

@@ -22,12 +22,12 @@ import time
 from collections.abc import Callable, Iterable
 from types import TracebackType
 
-from holoview.errors import UserError
 from holoview.gpu.device import Device
-from holoview.gpu.lines import Strategy, TransformShader, supported_strategies
+from holoview.gpu.line_fft import Strategy, TransformShader, supported_strategies
 from holoview.gpu.shader import ShaderError
 from holoview.gpu.tune_process import Message, TuningProcess
 from holoview.gpu.tune_store import TuningResult, TuningStore
+from holoview.util.errors import UserError
 
 __all__ = ["BUDGET_S", "FftTuner", "TuningResult", "TuningStore", "remembered_strategy"]
 

@@ -16,10 +16,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
 
-from holoview.errors import UserError
-from holoview.files import atomic_write
 from holoview.gpu.adapter import AdapterInfo
-from holoview.gpu.lines import STRATEGIES, Strategy
+from holoview.gpu.line_fft import STRATEGIES, Strategy
+from holoview.util.errors import UserError
+from holoview.util.files import atomic_write
 
 FORMAT = 1
 """To be raised when the shaders become faster or slower, or the file's layout changes."""

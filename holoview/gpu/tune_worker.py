@@ -31,13 +31,13 @@ from numpy.typing import NDArray
 if sys.platform != "win32":
     import resource
 
-from holoview.errors import UserError
 from holoview.gpu.device import Buffer, Device, open_device
 from holoview.gpu.fft import FftPlan
-from holoview.gpu.lines import Strategy, TransformShader
+from holoview.gpu.line_fft import Strategy, TransformShader
+from holoview.gpu.precompile import precompile
 from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.shader import ShaderError, ShaderSource
-from holoview.gpu.warm import precompile
+from holoview.util.errors import UserError
 
 LARGEST_ERROR = 7e-7
 """Relative L2 of a forward FFT, against float64: a strategy that a driver makes wrong isn't offered."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, gamut_map, import_colour_science
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 
 def delta_e_xyz(image: ArrayLike, target: ArrayLike) -> float:

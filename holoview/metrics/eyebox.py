@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 CENTRE_DIVISOR = 8
 """The centre whose share is reported is 1/CENTRE of the eyebox wide and high."""

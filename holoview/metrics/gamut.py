@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 SRGB_AREA = 0.11205
 """Area of the triangle of sRGB's primaries, to compare with."""

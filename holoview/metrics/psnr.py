@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from holoview.colour import gamut_map
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 
 @dataclass(frozen=True)

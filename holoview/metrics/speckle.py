@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 TARGET_FLOOR = 0.05
 """Least target, as a share of its mean in the region, at which a pixel takes part."""

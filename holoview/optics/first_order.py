@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.grid import frequency_indices
-from holoview.plan import Grid
+from holoview.model.plan import Grid
+from holoview.numerics.fft_grid import frequency_indices
 
 Floats = NDArray[np.float64]
 

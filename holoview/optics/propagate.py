@@ -10,8 +10,8 @@ import math
 
 import torch
 
-from holoview.grid import frequency_indices
-from holoview.plan import Grid, Transfer
+from holoview.model.plan import Grid, Transfer
+from holoview.numerics.fft_grid import frequency_indices
 
 
 def transfer_function(transfer: Transfer, grid: Grid, dtype: torch.dtype, device: torch.device) -> torch.Tensor:

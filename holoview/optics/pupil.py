@@ -9,9 +9,9 @@ import math
 
 import torch
 
-from holoview.grid import frequency_indices
-from holoview.optics.zernike import zernike
-from holoview.plan import Plan
+from holoview.model.plan import Plan
+from holoview.numerics.fft_grid import frequency_indices
+from holoview.numerics.zernike import zernike
 
 
 def nominal_pupil(

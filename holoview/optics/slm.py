@@ -9,7 +9,7 @@ import math
 
 import torch
 
-from holoview.system import Modulator
+from holoview.model.system import Modulator
 
 
 def optical_path(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:

@@ -6,7 +6,7 @@ import math
 
 import torch
 
-from holoview.plan import Plan
+from holoview.model.plan import Plan
 
 
 def plane_wave(plan: Plan, wavelength: int, source: int, dtype: torch.dtype, device: torch.device) -> torch.Tensor:

@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from holoview.optimise.team import SINGLE_PROCESS, ProcessGroup
+from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup
 
 Tensor = torch.Tensor
 Floats = NDArray[np.float64]

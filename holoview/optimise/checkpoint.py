@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview import preset
-from holoview.errors import UserError
+from holoview.model import preset
+from holoview.model.system import System
 from holoview.optimise.settings import Settings
-from holoview.system import System
-from holoview.tensors import TensorFormat
+from holoview.util.errors import UserError
+from holoview.util.safetensors_file import TensorFormat
 
 _FORMAT = TensorFormat(
     name="holoview-checkpoint",

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.colour import LMS_TO_XYZ, SRGB_TO_XYZ, XYZ_TO_SRGB
-from holoview.errors import UserError, suggest_matches
+from holoview.util.errors import UserError, suggest_matches
 
 Tensor = torch.Tensor
 Floats = NDArray[np.float64]

@@ -9,9 +9,9 @@ from contextlib import contextmanager
 import numpy as np
 import psutil
 
-from holoview.errors import UserError
-from holoview.plan import Plan, make_plan
-from holoview.system import System
+from holoview.model.plan import Plan, make_plan
+from holoview.model.system import System
+from holoview.util.errors import UserError
 
 _COMPLEX64, _FLOAT32 = 8, 4
 _FIELD_BUDGET_BYTES = 4 << 30

@@ -8,10 +8,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.errors import UserError
+from holoview.model.plan import Plan
 from holoview.optimise.losses import LossSpace, find_loss_space, torch_srgb_encode, torch_srgb_encode_derivative
 from holoview.optimise.settings import Region, Settings
-from holoview.plan import Plan
+from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
 

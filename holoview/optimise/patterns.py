@@ -9,11 +9,11 @@ import torch
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from holoview.model.system import System
 from holoview.optics.slm import nearest_level
 from holoview.optimise.adam import Adam
-from holoview.optimise.quantise import steps_to_neighbour_level
+from holoview.optimise.level_gradients import steps_to_neighbour_level
 from holoview.optimise.settings import Settings
-from holoview.system import System
 
 Tensor = torch.Tensor
 

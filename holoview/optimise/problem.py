@@ -11,19 +11,19 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.errors import UserError
+from holoview.model.plan import Plan, make_plan
+from holoview.model.system import System
 from holoview.optimise.amplitudes import AmplitudeLeastSquares
-from holoview.optimise.eyebox import EyeboxPenalty
+from holoview.optimise.autograd_model import make_forward_model
+from holoview.optimise.eyebox_penalty import EyeboxPenalty
+from holoview.optimise.level_gradients import LevelSteps, gauss_newton_diagonal
 from holoview.optimise.memory import memory_guard, should_keep_fields
 from holoview.optimise.objective import channels_of_wavelengths, make_objective
-from holoview.optimise.quantise import LevelSteps, gauss_newton_diagonal
+from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, shard_lasers, with_only_lasers
 from holoview.optimise.settings import Settings
-from holoview.optimise.team import SINGLE_PROCESS, ProcessGroup, shard_lasers, with_only_lasers
 from holoview.optimise.threads import limit_torch_threads
-from holoview.optimise.traced import make_forward_model
 from holoview.optimise.wavelengths import channel_wavelength_derivatives, check_wavelength_search
-from holoview.plan import Plan, make_plan
-from holoview.system import System
+from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
 Floats = NDArray[np.float64]

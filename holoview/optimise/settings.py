@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from holoview.errors import UserError, suggest_matches
+from holoview.util.errors import UserError, suggest_matches
 
 Region = tuple[int, int, int, int]
 """x, y, width, height in samples of the simulated image."""

@@ -15,17 +15,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.errors import UserError
-from holoview.hologram import Hologram
-from holoview.optics.slots import check_drive
+from holoview.io.hologram import Hologram
+from holoview.model.system import System
+from holoview.optics.frame_inputs import check_drive
 from holoview.optimise.checkpoint import Checkpoint, CheckpointProgress, target_digest
+from holoview.optimise.iteration_state import IterationState
 from holoview.optimise.patterns import initial_drive
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation, Problem
+from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup
 from holoview.optimise.settings import Settings
-from holoview.optimise.state import IterationState
-from holoview.optimise.team import SINGLE_PROCESS, ProcessGroup
-from holoview.optimise.unknowns import OptimisationVariables
-from holoview.system import System
+from holoview.optimise.variables import OptimisationVariables
+from holoview.util.errors import UserError
 
 _DEFAULT = Settings()
 

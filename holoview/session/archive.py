@@ -18,17 +18,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview import preset
-from holoview.errors import UserError
-from holoview.files import atomic_write, fsync
+from holoview.model import preset
+from holoview.model.system import System
+from holoview.session.document import Document, as_readonly_drive
 from holoview.session.history import HistoryStep
-from holoview.session.look import ComparisonSide, ViewSettings
-from holoview.session.state import Document, as_readonly_drive
-from holoview.session.wanted import TargetSpec
-from holoview.system import System
-from holoview.targets.build import Placement
+from holoview.session.target_spec import TargetSpec
+from holoview.session.view_settings import ComparisonSide, ViewSettings
 from holoview.targets.picture import Picture
-from holoview.tensors import TensorFormat
+from holoview.targets.target import Placement
+from holoview.util.errors import UserError
+from holoview.util.files import atomic_write, fsync
+from holoview.util.safetensors_file import TensorFormat
 
 FORMAT, VERSION = "holoview-session", 1
 _FILE = "session.json"

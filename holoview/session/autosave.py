@@ -18,13 +18,13 @@ from typing import Any
 
 import psutil
 
-from holoview.errors import UserError
 from holoview.session.archive import SessionArchive, SessionData, read_metadata, read_session
 from holoview.session.changes import Change
-from holoview.session.folder import Preferences, state_folder
+from holoview.session.document import Document
+from holoview.session.editing_session import EditingSession
 from holoview.session.history import History
-from holoview.session.session import EditingSession
-from holoview.session.state import Document
+from holoview.session.preferences import Preferences, state_folder
+from holoview.util.errors import UserError
 
 SAVE_DELAY_S = 0.4
 """From an edit to its being saved, so that a drag isn't written at every step."""

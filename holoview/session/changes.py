@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from holoview.session.state import Document
+from holoview.session.document import Document
 
 CHANGE_KINDS = ("system", "drive", "look", "target", "jobs", "messages", "snapshots", "history")
 

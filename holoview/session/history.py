@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 
-from holoview.session.state import Document
+from holoview.session.document import Document
 
 MAX_STEPS = 300
 MAX_BYTES = 1 << 30

@@ -1,7 +1,7 @@
 """Figures of what is seen: speckle and fidelity of a region, a line, a pixel. Arrays in, results out.
 
 What lasers would give if each had its own speckle is told beside what they give: those of one hologram need not be
-independent (see `holoview.metrics.histogram` for the law).
+independent (see `holoview.metrics.speckle_histogram` for the law).
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from holoview.colour import SRGB_TO_XYZ, gamut_map, observer_weights, xyz_to_linear_srgb
-from holoview.errors import UserError
 from holoview.metrics.delta_e import delta_e_linear_srgb
 from holoview.metrics.psnr import psnr
 from holoview.metrics.speckle import speckle_contrast
-from holoview.session.look import Line, Region
-from holoview.system import System
+from holoview.model.system import System
+from holoview.session.view_settings import Line, Region
+from holoview.util.errors import UserError
 
 Floats = NDArray[np.float64]
 

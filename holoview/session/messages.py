@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 MAX_MESSAGES = 200
 

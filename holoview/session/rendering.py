@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.engine.session import IncrementalRenderer
-from holoview.errors import UserError
+from holoview.engine.incremental import IncrementalRenderer
 from holoview.gpu.device import open_device
-from holoview.session.state import Drive
-from holoview.system import System
+from holoview.model.system import System
+from holoview.session.document import Drive
+from holoview.util.errors import UserError
 from holoview.view import simulate
 
 Xyz = NDArray[np.floating]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from holoview import preset
-from holoview.session.look import ComparisonSide
-from holoview.session.state import Document, Drive
-from holoview.system import System
+from holoview.model import preset
+from holoview.model.system import System
+from holoview.session.document import Document, Drive
+from holoview.session.view_settings import ComparisonSide
 from holoview.view import random_drive
 
 

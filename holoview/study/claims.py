@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from holoview.study.hologram_jobs import mean_number, paired_gains
 from holoview.study.study import Claim, JobResult, StudyJob
-from holoview.study.work import mean_number, paired_gains
 
 REPRODUCES, LARGER, DIRECTION_ONLY, CONTRADICTS = "reproduces", "larger here", "direction only", "doesn't reproduce"
 SHOWN = "shown"

@@ -6,9 +6,9 @@ import pkgutil
 from functools import cache
 from importlib import import_module
 
-from holoview.errors import UserError, suggest_matches
 from holoview.study import studies
 from holoview.study.study import Study
+from holoview.util.errors import UserError, suggest_matches
 
 
 @cache

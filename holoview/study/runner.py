@@ -14,8 +14,7 @@ from functools import partial
 from typing import Any
 
 from holoview import __version__
-from holoview.errors import UserError
-from holoview.study.places import (
+from holoview.study.executors import (
     JobExecutor,
     WorkerResources,
     check_version,
@@ -25,6 +24,7 @@ from holoview.study.places import (
 )
 from holoview.study.store import ResultStore
 from holoview.study.study import JobResult, Study, StudyJob
+from holoview.util.errors import UserError
 
 ProgressCallback = Callable[[int, int, str], None]
 """Called with jobs done, jobs in all, and a few words."""

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from holoview.errors import UserError
-from holoview.files import atomic_write
-from holoview.pictures import write_png
+from holoview.io.png import write_png
 from holoview.study.study import JobResult, StudyJob
+from holoview.util.errors import UserError
+from holoview.util.files import atomic_write
 
 _FORMAT = "holoview-result"
 

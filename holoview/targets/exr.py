@@ -17,8 +17,8 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from holoview.errors import UserError
-from holoview.targets.samples import MAX_PIXELS, Chromaticities, Raster, natural_sort_key, too_large_error
+from holoview.targets.raster import MAX_PIXELS, Chromaticities, Raster, natural_sort_key, too_large_error
+from holoview.util.errors import UserError
 
 _RGB = ("R", "G", "B")
 

@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from holoview.errors import UserError
 from holoview.targets.defocus import Aperture, FftConvolver, blur_kernel, blur_radius_px, kernel_share_in_frame
+from holoview.util.errors import UserError
 
 MAX_LAYERS = 24
 _LAYER_STEP_PX = 1.0  # half a pixel either way is no blur; finer cuts are further from a real lens, seams add up

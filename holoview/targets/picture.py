@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from holoview.colour import srgb_decode
-from holoview.errors import UserError
-from holoview.targets.raster import file_format, read_raster, read_rasters
-from holoview.targets.samples import Raster
-from holoview.targets.spaces import COLOUR_SPACES, to_linear_srgb
+from holoview.targets.colour_spaces import COLOUR_SPACES, to_linear_srgb
+from holoview.targets.image_reader import file_format, read_raster, read_rasters
+from holoview.targets.raster import Raster
+from holoview.util.errors import UserError
 
 __all__ = ["COLOUR_SPACES", "Picture", "read_depth", "read_picture", "read_pictures", "resize_to_cover"]
 

@@ -1,172 +1,75 @@
-"""Picture files as plain samples: which format, how many channels, integers or floats. No colour is decided here.
-
-The format is told by the file's first bytes, never by its name. PNG with 16 bits goes through imagecodecs, because
-Pillow reduces colour PNG to 8 bits.
-"""
+"""Decoded samples of one picture, before anything is decided about their colour, and what all decoders share."""
 
 from __future__ import annotations
 
-import io
-import struct
-from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import closing, contextmanager
-from dataclasses import replace
+import re
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import imagecodecs
 import numpy as np
-from PIL import Image, ImageOps
+from numpy.typing import NDArray
 
-from holoview.errors import UserError
-from holoview.targets.exr import exr_count, exr_pictures
-from holoview.targets.samples import MAX_PIXELS, Raster, integers_to_unit_range, split_alpha, too_large_error
-from holoview.targets.tiff import tiff_count, tiff_pictures
+from holoview.util.errors import UserError
 
-READABLE_FORMATS = "a PNG, JPEG, TIFF or OpenEXR picture"
+MAX_PIXELS = 1 << 27
 
-_ORIENTATION = 0x0112  # EXIF tag
-
-_SIGNATURES: tuple[tuple[bytes, str], ...] = (
-    (b"\x89PNG\r\n\x1a\n", "PNG"),
-    (b"\xff\xd8\xff", "JPEG"),
-    (b"II*\x00", "TIFF"),
-    (b"MM\x00*", "TIFF"),
-    (b"II+\x00", "TIFF"),
-    (b"MM\x00+", "TIFF"),
-    (b"v/1\x01", "OpenEXR"),
-    (b"\x93NUMPY", "NPY"),
-)
-_DECODER_EXCEPTIONS = (
-    OSError,
-    ValueError,
-    RuntimeError,
-    SyntaxError,
-    IndexError,
-    KeyError,
-    TypeError,
-    MemoryError,
-    struct.error,
-)
+Chromaticities = tuple[tuple[float, float], ...]
+"""CIE (x, y) of red, green, blue and white."""
 
 
-def file_format(path: Path) -> str:
-    """The format that the file's first bytes announce, or "".
+@dataclass(frozen=True)
+class Raster:
+    """Decoded samples.
 
-    Raises UserError when the file is missing, a folder, empty or unreadable.
+    `values` (y, x, 1 or 3): integers scaled to 0…1 of their full range, floats as stored. `alpha` (y, x) or
+    None. `encoded`: the samples came as integers (a display signal) rather than floats (light).
+    `premultiplied`: alpha is already in the colours. `notes`: what a person should know about the reading.
+    `page`: which picture of a file with several, in words. `primaries`: what the file states its colours to be.
     """
-    try:
-        with path.open("rb") as file:
-            head = file.read(16)
-    except IsADirectoryError as error:
-        raise UserError(str(path), "is a folder", expected=READABLE_FORMATS, remedy="name a file in it") from error
-    except FileNotFoundError as error:
-        raise UserError(str(path), "there is no such file", remedy="check the name and the folder") from error
-    except OSError as error:
-        raise UserError(str(path), f"can't be read: {error.strerror}", remedy="check its permissions") from error
-    if not head:
-        raise UserError(str(path), "the file is empty", expected=READABLE_FORMATS)
-    return next((name for magic, name in _SIGNATURES if head.startswith(magic)), "")
 
-
-def picture_count(path: Path) -> int:
-    """How many pictures a file holds: TIFF pages, OpenEXR parts or layers; 1 for PNG and JPEG. Nothing is decoded.
-
-    Raises UserError as `decode` does, as far as can be told from the file's headers.
-    """
-    kind = _supported_format(path)
-    counts: dict[str, Callable[[Path], int]] = {"TIFF": tiff_count, "OpenEXR": exr_count}
-    with _naming_file(path, kind):
-        return counts[kind](path) if kind in counts else 1
-
-
-def read_raster(path: Path) -> Raster:
-    """Samples of a PNG, JPEG, TIFF or OpenEXR file; the first of several pictures, with a note.
-
-    Raises UserError when it is none of these, truncated, damaged, without pixels, or of an unknown layout.
-    """
-    with closing(read_rasters(path)) as pictures:
-        first = next(pictures)
-    if not first.page:
-        return first
-    note = f"{picture_count(path)} pictures, {first.page} is used"
-    return replace(first, notes=(*first.notes, note), page="")
-
-
-def read_rasters(path: Path) -> Generator[Raster]:
-    """Samples of every picture in a file, decoded one after the other; `page` says which, where there are several.
-
-    Raises UserError as `decode` does.
-    """
-    kind = _supported_format(path)
-    with _naming_file(path, kind):
-        for raster in _READERS[kind](path):
-            if raster.values.size == 0:
-                raise UserError(str(path), f"has no pixels: {raster.values.shape[1]} × {raster.values.shape[0]}")
-            yield raster
-
-
-def _supported_format(path: Path) -> str:
-    kind = file_format(path)
-    if kind not in _READERS:
-        found = "is a numpy array" if kind == "NPY" else "is not a picture that can be read"
-        raise UserError(str(path), found, expected=READABLE_FORMATS, remedy="save it in one of these formats")
-    return kind
-
-
-@contextmanager
-def _naming_file(path: Path, kind: str) -> Iterator[None]:
-    """Turns whatever a decoder raises into a UserError that names the file."""
-    try:
-        yield
-    except UserError:
-        raise
-    except Image.DecompressionBombError as error:
-        raise too_large_error(path) from error
-    except _DECODER_EXCEPTIONS as error:
-        why = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise UserError(
-            str(path), f"the {kind} data is truncated or damaged ({why})", remedy="save or copy the file again"
-        ) from error
-
-
-def _read_png(path: Path) -> Raster:
-    data = path.read_bytes()
-    if len(data) < 33:
-        raise UserError(str(path), "the PNG data is truncated", remedy="save or copy the file again")
-    width, height, bits = struct.unpack(">IIB", data[16:25])
-    if width * height > MAX_PIXELS:
-        raise too_large_error(path, width, height)
-    if width * height == 0:
-        raise UserError(str(path), f"has no pixels: {width} × {height}")
-    return (
-        split_alpha(integers_to_unit_range(imagecodecs.png_decode(data)), encoded=True)
-        if bits == 16
-        else _read_with_pillow(path)
-    )
-
-
-def _read_with_pillow(path: Path) -> Raster:
-    """8-bit PNG and JPEG; palettes are looked up, CMYK is converted, a camera's rotation flag is obeyed."""
-    with Image.open(io.BytesIO(path.read_bytes())) as opened:
-        if opened.width * opened.height > MAX_PIXELS:
-            raise too_large_error(path, opened.width, opened.height)
-        opened.load()
-        upright = ImageOps.exif_transpose(opened)
+    values: NDArray[np.float64]
+    alpha: NDArray[np.float64] | None
+    encoded: bool
+    premultiplied: bool = False
     notes: tuple[str, ...] = ()
-    if opened.getexif().get(_ORIENTATION, 1) != 1:
-        notes = ("turned upright as the camera's orientation flag says",)
-    if "transparency" in upright.info or upright.mode == "PA":
-        upright = upright.convert("RGBA")
-    elif upright.mode not in ("L", "LA", "RGB", "RGBA"):
-        upright = upright.convert("L" if upright.mode == "1" else "RGB")
-    if "icc_profile" in opened.info:
-        notes += ("embedded colour profile ignored: taken as sRGB",)
-    return split_alpha(integers_to_unit_range(np.asarray(upright)), encoded=True, notes=notes)
+    page: str = ""
+    primaries: Chromaticities | None = None
 
 
-_READERS: dict[str, Callable[[Path], Iterable[Raster]]] = {
-    "PNG": lambda path: [_read_png(path)],
-    "JPEG": lambda path: [_read_with_pillow(path)],
-    "TIFF": tiff_pictures,
-    "OpenEXR": exr_pictures,
-}
+def integers_to_unit_range(samples: NDArray[Any], full_scale: int | None = None) -> NDArray[np.float64]:
+    """Unsigned integers over their full range, so 0…1; floats untouched."""
+    if samples.dtype.kind in "fb":
+        return samples.astype(np.float64)
+    if samples.dtype.kind != "u":
+        raise ValueError(f"samples of type {samples.dtype} have no fixed white")
+    return samples / float(full_scale if full_scale is not None else np.iinfo(samples.dtype).max)
+
+
+def split_alpha(
+    values: NDArray[np.float64],
+    *,
+    encoded: bool,
+    premultiplied: bool = False,
+    notes: tuple[str, ...] = (),
+    page: str = "",
+) -> Raster:
+    """Colour and alpha apart: 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha."""
+    cube = values[..., None] if values.ndim == 2 else values
+    count = cube.shape[-1]
+    if cube.ndim != 3 or count not in (1, 2, 3, 4):
+        raise ValueError(f"{count} samples a pixel")
+    colours = 1 if count < 3 else 3
+    alpha = cube[..., colours] if count > colours else None
+    return Raster(cube[..., :colours], alpha, encoded, premultiplied, notes, page)
+
+
+def too_large_error(path: Path, width: int = 0, height: int = 0) -> UserError:
+    """The error for a picture of more pixels than can be meant."""
+    size = f"{width} × {height} pixels" if width else "too many pixels"
+    return UserError(str(path), f"has {size}", expected=f"at most {MAX_PIXELS}", remedy="scale it down first")
+
+
+def natural_sort_key(name: str) -> list[tuple[int, str]]:
+    """A key that sorts plane-2 before plane-10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 _LOCUS_WAVELENGTHS_M = np.arange(390, 701) * 1e-9  # beyond, the locus' ends stay where they are
 _PURPLE_LINE_POINTS = 512

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
-from holoview.errors import UserError
-from holoview.targets.samples import MAX_PIXELS, Raster, integers_to_unit_range, split_alpha, too_large_error
+from holoview.targets.raster import MAX_PIXELS, Raster, integers_to_unit_range, split_alpha, too_large_error
+from holoview.util.errors import UserError
 
 _PHOTOMETRICS = (
     tifffile.PHOTOMETRIC.MINISWHITE,

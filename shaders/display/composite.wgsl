@@ -1,5 +1,5 @@
 // What the observer makes of intensities: XYZ = Σ share × intensity, over wavelengths and frames, four pixels a thread.
-// Twin: holoview/engine/torch.py, composite.
+// Twin: holoview/engine/torch_executor.py, composite.
 
 // Whether it is added to what was seen.
 override adds: bool = false;

@@ -1,6 +1,6 @@
 // What a window shows of one or two images of XYZ: zoomed, exposed, through the sRGB curve or a palette, side against
 // side. A pixel smaller than a sample shows the nearest one; a larger one shows the mean light of what it covers.
-// Twin: holoview/session/tone.py, pixels.
+// Twin: holoview/session/tone_mapping.py, pixels.
 
 @group(0) @binding(0) var<uniform> show: Viewport;
 

@@ -1,4 +1,4 @@
-// Where a thread stands on the padded grid. `Grid` comes from holoview/engine/layouts.py:
+// Where a thread stands on the padded grid. `Grid` comes from holoview/engine/shader_structs.py:
 //   padded, shape, offset: vec2u (y, x) of samples; stride: complex numbers from row to row; upsample: samples a pixel.
 
 fn is_inside(grid: Grid, y: u32, x: u32) -> bool {

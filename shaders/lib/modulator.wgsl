@@ -1,5 +1,5 @@
 // A phase modulator: square pixels of constant optical path, given in strokes of the modulator.
-// `Grid` and `Light` come from holoview/engine/layouts.py. Twin: holoview/optics/slm.py.
+// `Grid` and `Light` come from holoview/engine/shader_structs.py. Twin: holoview/optics/slm.py.
 //#include "lib/complex.wgsl"
 
 // Number of the modulator pixel under sample (y, x) of the field.

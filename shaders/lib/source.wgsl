@@ -1,4 +1,4 @@
-// The illumination: plane waves. `Wave` comes from holoview/engine/layouts.py. Twin: holoview/optics/source.py.
+// The illumination: plane waves. `Wave` comes from holoview/engine/shader_structs.py. Twin: holoview/optics/source.py.
 //#include "lib/complex.wgsl"
 //#include "lib/fixed.wgsl"
 

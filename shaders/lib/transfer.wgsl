@@ -1,4 +1,4 @@
-// Free-space propagation of one frequency. `Path` comes from holoview/engine/layouts.py. Twin: holoview/optics/propagate.py.
+// Free-space propagation of one frequency. `Path` comes from holoview/engine/shader_structs.py. Twin: holoview/optics/propagate.py.
 //   H = exp(−2πi·(z/λ)·A/(1 + √(1 − A))), A = (λ·df_y·k_y)² + (λ·df_x·k_x)²
 // −A/(1+√(1−A)) = −A/2 − A²/(2·(1+√(1−A))²): the first term, hundreds of turns, is exact in fixed point; the second
 // goes in f32. It is about (z/λ)·A²/8: at 4 µm samples half a turn at 10 mm, and 8 turns at 200 mm and 700 nm.

@@ -1,5 +1,5 @@
 // Intensity of a field on the modulator's area, added with a weight: frames and sources add in intensity.
-// Twin: holoview/engine/torch.py, accumulate.
+// Twin: holoview/engine/torch_executor.py, accumulate.
 //#include "lib/grid.wgsl"
 
 @group(0) @binding(0) var<uniform> grid: Grid;

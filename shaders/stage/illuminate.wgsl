@@ -1,5 +1,5 @@
 // The plane wave on the first modulator, |field| = 1 inside and 0 outside.
-// Twin: holoview/engine/torch.py, illuminate.
+// Twin: holoview/engine/torch_executor.py, illuminate.
 //#include "lib/source.wgsl"
 //#include "lib/grid.wgsl"
 

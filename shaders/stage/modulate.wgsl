@@ -1,5 +1,5 @@
 // A phase modulator: field × exp(2πi·opd/λ) inside, or × its transmission sample by sample; 0 outside.
-// Twin: holoview/engine/torch.py, modulate.
+// Twin: holoview/engine/torch_executor.py, modulate.
 //#include "lib/modulator.wgsl"
 //#include "lib/grid.wgsl"
 

@@ -1,4 +1,4 @@
-// Propagation through a relay: spectrum × H × pupil. Twin: holoview/engine/torch.py, transmit.
+// Propagation through a relay: spectrum × H × pupil. Twin: holoview/engine/torch_executor.py, transmit.
 //#include "lib/transfer.wgsl"
 //#include "lib/grid.wgsl"
 

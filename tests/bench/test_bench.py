@@ -11,23 +11,24 @@ import numpy as np
 import pytest
 import torch
 
-from holoview import preset
-from holoview.bench import first_image, frame_bars
-from holoview.bench.choices import TuningReport
-from holoview.bench.device_time import device_time
-from holoview.bench.timing import JobTimings, time_interleaved
-from holoview.bench.torch_loop import TorchBaseline
+from holoview.benchmark import first_image
+from holoview.benchmark import frame_benchmark as frame_bars
+from holoview.benchmark.device_time import device_time
+from holoview.benchmark.strategy_choice import TuningReport
+from holoview.benchmark.timing import JobTimings, time_interleaved
+from holoview.benchmark.torch_baseline import TorchBaseline
 from holoview.cli import main
 from holoview.engine.frame import compute_focal_stack
-from holoview.engine.session import IncrementalRenderer
-from holoview.engine.torch import TorchExecutor
+from holoview.engine.incremental import IncrementalRenderer
+from holoview.engine.torch_executor import TorchExecutor
 from holoview.gpu.device import TIMESTAMPS, Device
-from holoview.gpu.lines import supported_strategies
+from holoview.gpu.line_fft import supported_strategies
 from holoview.gpu.timer import GpuTimer
 from holoview.gpu.tune import TuningResult
-from holoview.optics.slots import make_frame_inputs
-from holoview.plan import make_plan
-from holoview.system import System
+from holoview.model import preset
+from holoview.model.plan import make_plan
+from holoview.model.system import System
+from holoview.optics.frame_inputs import make_frame_inputs
 from holoview.view import random_drive
 
 TOLERANCE = 2e-6

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import pytest
 
-from holoview.calibrate.held_out import DataSplit, split_captures
-from holoview.calibrate.layout import map_layout_for
+from holoview.calibrate.data_split import DataSplit, split_captures
+from holoview.calibrate.map_layout import map_layout_for
 from holoview.calibrate.settings import CalibrationSettings
 from holoview.calibrate.train import TrainingState, train
-from holoview.captures.make import AcquisitionSettings, make_captures
-from holoview.captures.session import Captures
-from holoview.effects.learned import MapLayout
-from holoview.system import Modulator, Relay, System
+from holoview.captures.dataset import Captures
+from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.effects.learned_maps import MapLayout
+from holoview.model.system import Modulator, Relay, System
 
 SHAPE = (36, 48)
 PITCH = 8e-6

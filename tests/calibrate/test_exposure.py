@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from holoview.calibrate.exposure import ExposureLimits, plan_exposures
-from holoview.captures.session import Captures
-from holoview.errors import UserError
+from holoview.captures.dataset import Captures
+from holoview.util.errors import UserError
 
 BLACK = 64.0
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from holoview.calibrate.efficiency_sweep import EfficiencySweep, read_sweep
 from holoview.calibrate.lut import fit_lut
-from holoview.calibrate.sweep import EfficiencySweep, read_sweep
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "lcos_820nm_first_order_power.csv"
 LEVELS = np.arange(128.0)

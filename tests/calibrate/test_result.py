@@ -12,19 +12,19 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview import preset
-from holoview.calibrate.material import TrainingData
-from holoview.calibrate.model import CalibrationModel
-from holoview.calibrate.pictures import plot_calibration
-from holoview.calibrate.response import fit_laser_response
+from holoview.calibrate.forward_model import CalibrationModel
+from holoview.calibrate.laser_response import fit_laser_response
+from holoview.calibrate.map_plots import plot_calibration
+from holoview.calibrate.prediction_score import PredictionScore, score_predictions
 from holoview.calibrate.result import CalibrationResult, starting_bench
-from holoview.calibrate.score import PredictionScore, score_predictions
-from holoview.captures.predict import Predictor
-from holoview.captures.session import Captures
-from holoview.effects.learned import LearnedMaps
-from holoview.effects.learned_file import read_calibration, write_calibration
-from holoview.effects.registry import get_effect, listed_effects
-from holoview.errors import UserError
+from holoview.calibrate.training_data import TrainingData
+from holoview.captures.dataset import Captures
+from holoview.captures.predictor import Predictor
+from holoview.effects.calibration_file import read_calibration, write_calibration
+from holoview.effects.learned_maps import LearnedMaps
+from holoview.model import preset
+from holoview.model.effects.registry import get_effect, listed_effects
+from holoview.util.errors import UserError
 
 
 @pytest.fixture(scope="module")

@@ -12,17 +12,17 @@ import pytest
 import torch
 
 from holoview.calibrate.checkpoint import load_checkpoint
-from holoview.calibrate.held_out import split_captures
-from holoview.calibrate.layout import map_layout_for
-from holoview.calibrate.model import CalibrationModel
+from holoview.calibrate.data_split import split_captures
+from holoview.calibrate.forward_model import CalibrationModel
+from holoview.calibrate.map_layout import map_layout_for
 from holoview.calibrate.settings import CalibrationSettings
 from holoview.calibrate.train import TrainingState, train
-from holoview.captures.make import AcquisitionSettings, blank_captures
-from holoview.captures.session import Captures
-from holoview.effects.learned import LearnedMaps
-from holoview.effects.places import ModulatorContext
-from holoview.errors import UserError
-from holoview.system import System
+from holoview.captures.dataset import Captures
+from holoview.captures.virtual_measurement import AcquisitionSettings, blank_captures
+from holoview.effects.learned_maps import LearnedMaps
+from holoview.model.effects.hook_contexts import ModulatorContext
+from holoview.model.system import System
+from holoview.util.errors import UserError
 
 SHAPE, PITCH = (36, 48), 8e-6
 

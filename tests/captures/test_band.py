@@ -6,8 +6,8 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.captures.band import FrequencyBand
-from holoview.captures.cache import InvariantCache, TensorCache
+from holoview.captures.frequency_band import FrequencyBand
+from holoview.captures.tensor_cache import InvariantCache, TensorCache
 from holoview.optics.propagate import support_mask, transfer_function, transfer_function_at
 
 SHAPE, PADDED = (12, 15), (24, 30)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from holoview.captures import Camera, Captures, SlmSpec, read_captures, write_captures
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 Edit = Callable[[h5py.File], None]
 

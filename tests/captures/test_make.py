@@ -10,11 +10,11 @@ import pytest
 
 import holoview as hv
 from holoview.captures import Captures
-from holoview.captures.make import AcquisitionSettings, Nuisances, make_captures
 from holoview.captures.patterns import random_levels
-from holoview.captures.predict import Predictor
-from holoview.errors import UserError
-from holoview.system import System
+from holoview.captures.predictor import Predictor
+from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
+from holoview.model.system import System
+from holoview.util.errors import UserError
 
 
 def _system(**changes: Any) -> System:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 import holoview as hv
 from holoview.captures import Camera, Captures, SlmSpec, read_captures
-from holoview.captures.near import NearFieldModel
-from holoview.captures.predict import Predictor, predict
-from holoview.errors import UserError
+from holoview.captures.near_field_model import NearFieldModel
+from holoview.captures.predictor import Predictor, predict
+from holoview.util.errors import UserError
 
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data"
 CHI2_TOLERANCE = 0.035

@@ -16,7 +16,7 @@ from PIL import Image
 
 import holoview as hv
 from holoview.gpu.device import Device
-from holoview.hologram import Hologram
+from holoview.io.hologram import Hologram
 
 Run = Callable[..., Any]
 Files = dict[str, tuple[int, int]]

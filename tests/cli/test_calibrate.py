@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview import preset
 from holoview.captures import write_captures
-from holoview.captures.make import AcquisitionSettings, make_captures
-from holoview.system import Modulator, Relay, System
+from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.model import preset
+from holoview.model.system import Modulator, Relay, System
 
 SHAPE = (24, 32)
 

@@ -13,7 +13,7 @@ import tifffile
 from PIL import Image
 
 from holoview.captures import Captures, read_captures
-from holoview.captures.folder import BENCH_FILE, TABLE_FILE
+from holoview.captures.folder_import import BENCH_FILE, TABLE_FILE
 
 Run = Callable[..., Any]
 SMALL = (
@@ -43,7 +43,7 @@ def test_a_session_is_made_the_same_from_the_same_seed(holoview: Run, tmp_path: 
 
 def test_noise_is_that_of_the_camera(holoview: Run) -> None:
     """Without effects the model explains the pictures to their noise."""
-    from holoview.captures.predict import Predictor
+    from holoview.captures.predictor import Predictor
 
     captures = _make(holoview, "a.h5")
     signal = Predictor(captures)(range(8)).signal.double().numpy()
@@ -159,7 +159,7 @@ def test_a_session_that_cant_be_leaves_no_file(
 
 
 def test_own_effects_are_run_and_it_says_so(holoview: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from holoview.effects import registry
+    from holoview.model.effects import registry
 
     monkeypatch.setattr(registry, "_own", {})
     (tmp_path / "haze.py").write_text(

@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from holoview import preset
 from holoview.captures import Captures, write_captures
-from holoview.captures.make import AcquisitionSettings, make_captures
+from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.cli import main
-from holoview.effects import registry
-from holoview.system import Modulator, Relay, System
+from holoview.model import preset
+from holoview.model.effects import registry
+from holoview.model.system import Modulator, Relay, System
 
 Run = Callable[..., Any]
 Edit = Callable[[h5py.File], None]

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from holoview import cli
-from holoview.hologram import load_hologram
+from holoview.io.hologram import load_hologram
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 

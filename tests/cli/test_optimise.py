@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 
 import holoview as hv
-from holoview.hologram import Hologram, load_hologram
-from holoview.pictures import read_pattern
+from holoview.io.hologram import Hologram, load_hologram
+from holoview.io.png import read_pattern
 
 Run = Callable[..., Any]
 

@@ -13,8 +13,8 @@ import tifffile
 import torch
 from PIL import Image
 
-from holoview.hologram import load_hologram
-from holoview.plm import memory_cells
+from holoview.io.hologram import load_hologram
+from holoview.io.plm import memory_cells
 
 Run = Callable[..., Any]
 

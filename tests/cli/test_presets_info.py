@@ -12,8 +12,9 @@ from typing import Any
 
 import pytest
 
-from holoview import __version__, preset
+from holoview import __version__
 from holoview.cli import COMMANDS, main
+from holoview.model import preset
 
 Run = Callable[..., Any]
 

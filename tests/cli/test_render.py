@@ -12,10 +12,10 @@ import pytest
 from PIL import Image
 
 import holoview as hv
-from holoview import preset
 from holoview.gpu.device import Device
-from holoview.hologram import Hologram
-from holoview.pictures import write_pattern
+from holoview.io.hologram import Hologram
+from holoview.io.png import write_pattern
+from holoview.model import preset
 
 Run = Callable[..., Any]
 

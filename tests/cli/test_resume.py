@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holoview.hologram import load_hologram
+from holoview.io.hologram import load_hologram
 
 PATIENCE_S = 60.0
 

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.captures.make import AcquisitionSettings
-from holoview.captures.make import make_captures as measure
-from holoview.captures.session import Camera, Captures, SlmSpec
-from holoview.diagnose.bench import PerThreadPredictor, SearchContext, equivalent_effects
-from holoview.diagnose.extend import PredictorWithKnownEffects
-from holoview.diagnose.measured import prepare_captures
-from holoview.diagnose.split import pattern_roughness, split_captures
-from holoview.diagnose.team import WorkerPool
-from holoview.effects.registry import listed_effects
-from holoview.system import Modulator, Relay, System
+from holoview.captures.dataset import Camera, Captures, SlmSpec
+from holoview.captures.prepared_captures import prepare_captures
+from holoview.captures.virtual_measurement import AcquisitionSettings
+from holoview.captures.virtual_measurement import make_captures as measure
+from holoview.diagnose.capture_split import pattern_roughness, split_captures
+from holoview.diagnose.extended_model import PredictorWithKnownEffects
+from holoview.diagnose.search_context import PerThreadPredictor, SearchContext, equivalent_effects
+from holoview.diagnose.worker_pool import WorkerPool
+from holoview.model.effects.registry import listed_effects
+from holoview.model.system import Modulator, Relay, System
 
 MakeBench = Callable[..., SearchContext]
 

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from holoview.captures.make import AcquisitionSettings, Nuisances, make_captures
-from holoview.captures.session import Captures
+from holoview.captures.dataset import Captures
+from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
 from holoview.diagnose.diagnosis import Diagnosis
-from holoview.diagnose.draw import sample_effect
-from holoview.effects.registry import listed_effects
-from holoview.system import System
+from holoview.diagnose.effect_sampling import sample_effect
+from holoview.model.effects.registry import listed_effects
+from holoview.model.system import System
 
 Truth = dict[str, dict[str, float]]
 

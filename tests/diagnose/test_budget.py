@@ -8,13 +8,13 @@ import json
 import numpy as np
 import pytest
 
-from holoview.captures.make import AcquisitionSettings, make_captures
-from holoview.diagnose import diagnose as whole
-from holoview.diagnose.beams import incoherent_field_count, is_costly, max_field_count, without_costly_fits
-from holoview.diagnose.bench import SearchContext
-from holoview.diagnose.decide import Verdict
-from holoview.diagnose.search import CandidateFit
-from holoview.effects.registry import listed_effects
+from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.diagnose import pipeline as whole
+from holoview.diagnose.effect_fit import CandidateFit
+from holoview.diagnose.field_count import incoherent_field_count, is_costly, max_field_count, without_costly_fits
+from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.verdict import Verdict
+from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeBench, small_system
 
 TWO = {"gap": {"gap_error": 2e-4}, "stroke": {"stroke_error": 0.2}}

@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from holoview.captures.session import Captures
+from holoview.captures.dataset import Captures
+from holoview.captures.noise_model import model_variance
+from holoview.captures.prepared_captures import PreparedCaptures, prepare_captures
 from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.measured import PreparedCaptures, prepare_captures
-from holoview.diagnose.noise import model_variance
-from holoview.diagnose.resample import shift_images
+from holoview.numerics.subpixel_shift import shift_images
 from tests.diagnose.conftest import SHAPE, pictures
 
 COUNT = 8

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.diagnose.bench import SearchContext, equivalent_effects
-from holoview.diagnose.confounds import best_separating_capture, proposed_captures
-from holoview.diagnose.judge import HeldOutScore
-from holoview.diagnose.search import CandidateFit, effect_jacobian
+from holoview.diagnose.confounders import best_separating_capture, proposed_captures
+from holoview.diagnose.effect_fit import CandidateFit, effect_jacobian
+from holoview.diagnose.held_out_ranking import HeldOutScore
+from holoview.diagnose.search_context import SearchContext, equivalent_effects
 from holoview.diagnose.uncertainty import canonical_correlation
-from holoview.effects.registry import listed_effects
+from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import pictures
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from holoview.diagnose.decide import Decision, Verdict, decide
-from holoview.diagnose.judge import HeldOutScore, SearchResult
-from holoview.diagnose.search import CandidateFit
+from holoview.diagnose.effect_fit import CandidateFit
+from holoview.diagnose.held_out_ranking import HeldOutScore, SearchResult
+from holoview.diagnose.verdict import Decision, Verdict, decide
 
 PIXELS = 100_000.0
 EQUALS = {"distance": frozenset({"aberration2"}), "aberration2": frozenset({"distance"})}

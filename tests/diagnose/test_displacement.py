@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from holoview.diagnose.displacement import measure_displacement
-from holoview.diagnose.resample import image_gradient, shift_images
+from holoview.diagnose.displacement_starts import measure_displacement
+from holoview.numerics.subpixel_shift import image_gradient, shift_images
 
 SINC_ERROR = 0.005
 """Of a windowed sinc of 13 taps, at frequencies up to 0.6 of Nyquist; worst seen 0.003."""

@@ -7,9 +7,9 @@ import io
 import pytest
 from PIL import Image
 
-from holoview.diagnose.display import display_gain
-from holoview.diagnose.extend import add_effect_values, extended_system, with_preset_geometry
-from holoview.errors import UserError
+from holoview.diagnose.display_gain import display_gain
+from holoview.diagnose.extended_model import add_effect_values, extended_system, with_preset_geometry
+from holoview.util.errors import UserError
 from tests.diagnose.conftest import pictures, small_system
 
 GAP = {"gap": {"gap_error": 0.5e-3}}

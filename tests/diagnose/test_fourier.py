@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from holoview.captures.make import AcquisitionSettings, make_captures
-from holoview.captures.session import Captures
-from holoview.diagnose.decide import Verdict
-from holoview.diagnose.diagnose import diagnose
-from holoview.effects.registry import listed_effects
+from holoview.captures.dataset import Captures
+from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.verdict import Verdict
+from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
 
 SATURATED = 9  # pixels each way about the zero order

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures.predict import Predictor
-from holoview.captures.session import Captures
-from holoview.diagnose.freeform import FreeCamera, FreeMaps, FreeModulator, FreeRelay, FreeSource, likely_locations
+from holoview.captures.dataset import Captures
+from holoview.captures.predictor import Predictor
+from holoview.diagnose.free_maps import FreeCamera, FreeMaps, FreeModulator, FreeRelay, FreeSource, likely_locations
 
 MAPS = [FreeSource(), FreeModulator(0), FreeModulator(1), FreeRelay(0), FreeRelay(1), FreeCamera()]
 
@@ -48,7 +48,7 @@ def test_every_number_of_a_map_has_its_slope(nominal: Captures, maps: FreeMaps) 
 
 
 def test_only_places_that_explain_much_are_named() -> None:
-    from holoview.diagnose.freeform import FreeMapFit
+    from holoview.diagnose.free_maps import FreeMapFit
 
     freed = [
         FreeMapFit(place, share, MAPS[0], {}) for place, share in (("camera", 0.9), ("source", 0.7), ("relay 1", 0.2))

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import pytest
 
-from holoview.captures.make import Nuisances
-from holoview.diagnose.decide import Verdict
-from holoview.diagnose.diagnose import diagnose
+from holoview.captures.virtual_measurement import Nuisances
 from holoview.diagnose.diagnosis import Diagnosis
-from holoview.effects.registry import listed_effects
+from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.verdict import Verdict
+from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import small_system
 from tests.diagnose.sealed import TURN, Sealed, Truth, taken
 

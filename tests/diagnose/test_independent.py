@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from holoview.captures import read_captures
-from holoview.diagnose.decide import Verdict
-from holoview.diagnose.diagnose import diagnose
 from holoview.diagnose.diagnosis import Diagnosis
-from holoview.diagnose.ways import SamplingConfig
-from holoview.effects.registry import listed_effects
+from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.sampling_config import SamplingConfig
+from holoview.diagnose.verdict import Verdict
+from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, write_session
 from tests.diagnose.sealed import taken
 

@@ -8,9 +8,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from holoview.captures.session import Camera, Captures
-from holoview.diagnose.measured import BORDER, prepare_captures
-from holoview.diagnose.noise import add_model_error, estimate_prnu, model_variance, neighbour_variance
+from holoview.captures.dataset import Camera, Captures
+from holoview.captures.noise_model import add_model_error, estimate_prnu, model_variance, neighbour_variance
+from holoview.captures.prepared_captures import BORDER, prepare_captures
 
 Make = Callable[..., Captures]
 CAMERA = Camera(4e-6, 12, 4.0, 3.0, 64.0)

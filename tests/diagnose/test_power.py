@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.diagnose.power import centre_per_wavelength, changes_only_power, fit_power_law, gain_spread
-from holoview.effects.registry import listed_effects
+from holoview.diagnose.power_law import centre_per_wavelength, changes_only_power, fit_power_law, gain_spread
+from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import pictures
 
 LAW = listed_effects()["laser_power"]

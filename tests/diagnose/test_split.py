@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from holoview.captures.session import Captures
-from holoview.diagnose.split import pattern_roughness, split_captures
+from holoview.captures.dataset import Captures
+from holoview.diagnose.capture_split import pattern_roughness, split_captures
 
 Make = Callable[..., Captures]
 

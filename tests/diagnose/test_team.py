@@ -11,8 +11,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from holoview.diagnose.team import WorkerPool
-from holoview.errors import UserError
+from holoview.diagnose.worker_pool import WorkerPool
+from holoview.util.errors import UserError
 
 TEAMS = [WorkerPool(1), WorkerPool(3, use_processes=False), WorkerPool(3, use_processes=True)]
 

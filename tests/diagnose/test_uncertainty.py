@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.diagnose.search import CandidateFit
+from holoview.diagnose.effect_fit import CandidateFit
+from holoview.diagnose.free_parameters import FreeParameters, free_parameters_of
 from holoview.diagnose.uncertainty import LocalJacobian, canonical_correlation, confidence_intervals
-from holoview.diagnose.unknowns import FreeParameters, free_parameters_of
-from holoview.effects.effect import Effect
-from holoview.effects.parameter import Parameter
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter
 
 CAPTURES, PIXELS = 12, 300
 

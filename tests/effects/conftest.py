@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures.predict import Predictor
-from holoview.captures.session import Camera, Captures, SlmSpec
+from holoview.captures.dataset import Camera, Captures, SlmSpec
+from holoview.captures.predictor import Predictor
 
 SHAPE = (20, 28)
 PITCH = 8e-6

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import pytest
 import torch
 
-from holoview.captures.session import Captures
-from holoview.effects.places import RelayContext
-from holoview.effects.registry import get_effect
+from holoview.captures.dataset import Captures
+from holoview.model.effects.hook_contexts import RelayContext
+from holoview.model.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 SINE = torch.linspace(-0.03, 0.03, 401).double()

@@ -9,8 +9,8 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.captures.session import Captures
-from holoview.effects.registry import get_effect
+from holoview.captures.dataset import Captures
+from holoview.model.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures.session import Captures
+from holoview.captures.dataset import Captures
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import torch
 
-from holoview.captures.predict import Predictor
-from holoview.captures.session import Captures
+from holoview.captures.dataset import Captures
+from holoview.captures.predictor import Predictor
 
 
 def test_it_adds_counts(make_session: Callable[..., Captures]) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from holoview.effects.places import ModulatorContext
-from holoview.effects.registry import get_effect
+from holoview.model.effects.hook_contexts import ModulatorContext
+from holoview.model.effects.registry import get_effect
 
 
 @pytest.mark.parametrize("sigma", [0.3, 0.45, 1.2])

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 import torch
 
-from holoview.effects import registry as module
-from holoview.effects.apply import TorchEffects
-from holoview.effects.places import CameraContext
-from holoview.effects.registry import listed_effects, load_user_effects
-from holoview.preset import loads
+from holoview.model.effects import registry as module
+from holoview.model.effects.hook_contexts import CameraContext
+from holoview.model.effects.registry import listed_effects, load_user_effects
+from holoview.model.preset import loads
+from holoview.optics.torch_effects import TorchEffects
 
 TEXT = (Path(__file__).resolve().parents[2] / "docs" / "effects.md").read_text(encoding="utf-8")
 
@@ -44,6 +44,6 @@ def test_the_preset_can_be_read() -> None:
 def test_every_effect_and_hook_is_named() -> None:
     missing = [name for name in listed_effects() if f"`{name}`" not in TEXT]
     assert not missing
-    from holoview.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS
+    from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS
 
     assert all(f"`{hook}(" in TEXT for hook in (*BENCH_HOOKS, *MODULATOR_HOOKS, "pupil", *CAMERA_HOOKS))

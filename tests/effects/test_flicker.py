@@ -9,8 +9,8 @@ import pytest
 import torch
 from scipy.special import j0
 
-from holoview.captures.session import Captures, SlmSpec
-from holoview.effects.registry import get_effect
+from holoview.captures.dataset import Captures, SlmSpec
+from holoview.model.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from holoview.captures.session import Captures
+from holoview.captures.dataset import Captures
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 

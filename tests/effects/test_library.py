@@ -8,11 +8,11 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.captures.predict import Predictor
-from holoview.captures.session import Captures
-from holoview.effects.effect import DataProperties
-from holoview.effects.registry import listed_effects
-from holoview.errors import UserError
+from holoview.captures.dataset import Captures
+from holoview.captures.predictor import Predictor
+from holoview.model.effects.effect import DataProperties
+from holoview.model.effects.registry import listed_effects
+from holoview.util.errors import UserError
 
 IDS = [
     "gap",

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 import torch
 
-from holoview.effects import registry as module
-from holoview.effects.places import CameraContext
-from holoview.effects.registry import get_effect, listed_effects, load_user_effects
-from holoview.errors import UserError
+from holoview.model.effects import registry as module
+from holoview.model.effects.hook_contexts import CameraContext
+from holoview.model.effects.registry import get_effect, listed_effects, load_user_effects
+from holoview.util.errors import UserError
 
 OWN = """
 from holoview.effects import Effect, Parameter
@@ -71,7 +71,7 @@ def test_a_missing_file_and_an_unknown_effect_are_named(tmp_path: Path) -> None:
     [("image + nothing", "its image failed: NameError"), ("None", "its image returned nothing")],
 )
 def test_a_hook_that_fails_is_told_by_the_effects_name(tmp_path: Path, wrong: str, words: str) -> None:
-    from holoview.effects.apply import TorchEffects
+    from holoview.optics.torch_effects import TorchEffects
 
     file = tmp_path / "haze.py"
     file.write_text(OWN.replace('image + v["share"] * image.mean()', wrong), encoding="utf-8")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 import torch
 
-from holoview.effects.places import ModulatorContext
-from holoview.effects.registry import get_effect
-from holoview.optics.zernike import zernike
+from holoview.model.effects.hook_contexts import ModulatorContext
+from holoview.model.effects.registry import get_effect
+from holoview.numerics.zernike import zernike
 
 
 def test_defocus_is_a_bowl_over_the_circle_around_the_modulator() -> None:

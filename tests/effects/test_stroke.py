@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import torch
 
-from holoview.captures.session import Captures
-from holoview.effects.registry import get_effect
+from holoview.captures.dataset import Captures
+from holoview.model.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 

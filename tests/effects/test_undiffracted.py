@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.captures.session import Captures, SlmSpec
-from holoview.effects.places import ModulatorContext
-from holoview.effects.registry import get_effect
+from holoview.captures.dataset import Captures, SlmSpec
+from holoview.model.effects.hook_contexts import ModulatorContext
+from holoview.model.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 

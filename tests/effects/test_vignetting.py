@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from holoview.effects.places import CameraContext
-from holoview.effects.registry import get_effect
+from holoview.model.effects.hook_contexts import CameraContext
+from holoview.model.effects.registry import get_effect
 
 
 def test_the_edges_lose_their_share() -> None:

@@ -7,9 +7,9 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from holoview.engine.session import IncrementalRenderer
+from holoview.engine.incremental import IncrementalRenderer
 from holoview.gpu.device import Device
-from holoview.system import Modulator, System
+from holoview.model.system import Modulator, System
 from holoview.view import random_drive
 
 pytestmark = pytest.mark.gpu

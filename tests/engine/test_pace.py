@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.engine import pace
-from holoview.engine.session import IncrementalRenderer
+from holoview.engine import strategy_selector as pace
+from holoview.engine.incremental import IncrementalRenderer
 from holoview.gpu.device import Device
-from holoview.gpu.lines import Strategy, TransformShader
-from holoview.system import Modulator, System
+from holoview.gpu.line_fft import Strategy, TransformShader
+from holoview.model.system import Modulator, System
 from holoview.view import random_drive
 
 pytestmark = pytest.mark.gpu

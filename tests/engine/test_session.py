@@ -11,14 +11,14 @@ import pytest
 
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.frame import compute_focal_stack
-from holoview.engine.session import IncrementalRenderer
-from holoview.engine.torch import TorchExecutor
-from holoview.errors import UserError
+from holoview.engine.incremental import IncrementalRenderer
+from holoview.engine.torch_executor import TorchExecutor
 from holoview.gpu.device import Device, DeviceLost, open_device
-from holoview.gpu.lines import supports_subgroup_strategy
-from holoview.optics.slots import make_frame_inputs
-from holoview.plan import make_plan
-from holoview.system import Modulator, System
+from holoview.gpu.line_fft import supports_subgroup_strategy
+from holoview.model.plan import make_plan
+from holoview.model.system import Modulator, System
+from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.util.errors import UserError
 from holoview.view import random_drive
 
 pytestmark = pytest.mark.gpu

@@ -9,10 +9,10 @@ import pytest
 import torch
 
 from holoview.engine.frame import compute_focal_stack
-from holoview.engine.torch import TorchExecutor
-from holoview.optics.slots import make_frame_inputs
-from holoview.plan import make_plan
-from holoview.system import Modulator, Relay, System
+from holoview.engine.torch_executor import TorchExecutor
+from holoview.model.plan import make_plan
+from holoview.model.system import Modulator, Relay, System
+from holoview.optics.frame_inputs import make_frame_inputs
 
 SINGLE_TOLERANCE = 1e-6  # relative L2 of intensity; measured 3e-7 … 5e-7
 DOUBLE_TOLERANCE = 1e-13  # measured up to 2e-14

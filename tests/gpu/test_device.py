@@ -14,12 +14,12 @@ import wgpu
 from numpy.typing import NDArray
 
 import holoview.gpu
-from holoview.errors import UserError
 from holoview.gpu import device as device_module
 from holoview.gpu.adapter import MIB, REQUIRED_LIMITS, AdapterInfo, check_limits, choose_adapter, list_adapters
 from holoview.gpu.device import Device, DeviceLost, open_device
 from holoview.gpu.recorder import CommandRecorder, Dispatch, check_workgroups, workgroup_grid
 from holoview.gpu.shader import GeneratedWgsl, link
+from holoview.util.errors import UserError
 
 gpu = pytest.mark.gpu
 

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from holoview.errors import UserError
 from holoview.gpu.device import Device
 from holoview.gpu.fft import FftPlan, RowRange
 from holoview.gpu.fft_radices import MAX_LENGTH, MAX_RADIX, frequency_order, frequency_wgsl, radices
 from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.gpu.shader import GeneratedWgsl, link
-from holoview.grid import frequency_indices, is_fast_length
+from holoview.numerics.fft_grid import frequency_indices, is_fast_length
+from holoview.util.errors import UserError
 
 TOLERANCE = 7e-7
 """Relative L2 error against float64 that the plan promises; 2.5e-7 is the worst seen at these sizes."""

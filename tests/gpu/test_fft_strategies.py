@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from holoview.errors import UserError
 from holoview.gpu.device import INT64, SUBGROUP, Device
 from holoview.gpu.fft import FftPlan, batch_ranges
-from holoview.gpu.lines import STRATEGIES, Strategy, storage_shader, supported_strategies
-from holoview.gpu.lines_workgroup import MOST_INVOCATIONS, fit_tile
+from holoview.gpu.line_fft import STRATEGIES, Strategy, storage_shader, supported_strategies
+from holoview.gpu.line_fft_workgroup import MOST_INVOCATIONS, fit_tile
 from holoview.gpu.recorder import CommandRecorder
+from holoview.util.errors import UserError
 
 TOLERANCE = 4e-7
 """Relative L2 error against float64 of one direction or both; 2.9e-7 is the worst seen, and the bar is 6e-7."""

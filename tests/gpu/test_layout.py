@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from holoview.gpu.device import Device
-from holoview.gpu.layout import WgslStruct
 from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.gpu.shader import GeneratedWgsl, link
+from holoview.gpu.wgsl_struct import WgslStruct
 
 MIXED = WgslStruct(
     "Mixed",

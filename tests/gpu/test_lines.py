@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from holoview.gpu.device import Device
 from holoview.gpu.fft_codegen import Direction
-from holoview.gpu.lines import Axis, Hooks, LineFft, Strategy, supported_strategies
-from holoview.gpu.lines_subgroup import MOST_REGISTERS, generate_subgroup_shader, lanes_per_line, subgroup_workgroups
+from holoview.gpu.line_fft import Axis, Hooks, LineFft, Strategy, supported_strategies
+from holoview.gpu.line_fft_subgroup import MOST_REGISTERS, generate_subgroup_shader, lanes_per_line, subgroup_workgroups
 from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.shader import GeneratedWgsl
 

@@ -14,16 +14,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.errors import UserError
 from holoview.gpu import tune, tune_process, tune_worker
 from holoview.gpu.adapter import AdapterInfo
 from holoview.gpu.device import Device
 from holoview.gpu.fft import FftPlan
-from holoview.gpu.lines import Strategy, TransformShader, supported_strategies
+from holoview.gpu.line_fft import Strategy, TransformShader, supported_strategies
 from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.shader import ShaderError
 from holoview.gpu.tune import FftTuner, TuningResult, TuningStore, remembered_strategy
 from holoview.gpu.tune_store import cache_dir
+from holoview.util.errors import UserError
 
 SHAPE = (64, 64)
 INFO = AdapterInfo("adapter", "CPU", "Vulkan", "driver 1")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from holoview.gpu.device import Device
-from holoview.gpu.lines import TransformShader
+from holoview.gpu.line_fft import TransformShader
+from holoview.gpu.precompile import precompile
 from holoview.gpu.shader import GeneratedWgsl, ShaderError, link
-from holoview.gpu.warm import precompile
 
 pytestmark = pytest.mark.gpu
 

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from PIL import Image
 from rendercanvas.offscreen import OffscreenRenderCanvas
 
-from holoview import preset
 from holoview.app.app import App
-from holoview.app.hand import InputDriver
+from holoview.app.input_driver import InputDriver
 from holoview.app.run import SCRIPT_FRAME_S
 from holoview.gpu.device import Device
-from holoview.session.session import EditingSession
-from holoview.system import System
+from holoview.model import preset
+from holoview.model.system import System
+from holoview.session.editing_session import EditingSession
 
 SIZE = (640, 400)
 GOLDEN = Path(__file__).parent / "golden"

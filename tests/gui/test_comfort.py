@@ -16,12 +16,12 @@ from rendercanvas.offscreen import OffscreenRenderCanvas
 from holoview.app import run
 from holoview.app.app import App
 from holoview.app.desktop import connect_desktop
-from holoview.app.hand import InputDriver
+from holoview.app.input_driver import InputDriver
 from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.gpu.device import Device
 from holoview.session.autosave import SessionStore
-from holoview.session.session import EditingSession
+from holoview.session.editing_session import EditingSession
 from tests.gui.conftest import SIZE, small_bench
 
 pytestmark = pytest.mark.gpu

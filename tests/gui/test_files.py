@@ -16,12 +16,12 @@ from holoview.app.panels import files
 from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.history import HistoryPanel
 from holoview.app.panels.image import ImagePanel
-from holoview.errors import UserError
-from holoview.hologram import Hologram, load_hologram
+from holoview.io.hologram import Hologram, load_hologram
 from holoview.session.autosave import SessionStore
-from holoview.session.look import NOW
-from holoview.session.session import EditingSession
-from holoview.session.tone import tone_map
+from holoview.session.editing_session import EditingSession
+from holoview.session.tone_mapping import tone_map
+from holoview.session.view_settings import NOW
+from holoview.util.errors import UserError
 from holoview.view import random_drive
 from tests.gui.conftest import small_bench
 

@@ -9,10 +9,10 @@ import pytest
 
 from holoview.app.panels.image import ImagePanel
 from holoview.app.readout import describe_pixel
-from holoview.session.look import NOW, ComparisonSide, ViewSettings
-from holoview.session.opening import target_from_pixels
-from holoview.session.palettes import colour_map
-from holoview.session.tone import compose_comparison, tone_map
+from holoview.session.colour_maps import colour_map
+from holoview.session.file_reader import target_from_pixels
+from holoview.session.tone_mapping import compose_comparison, tone_map
+from holoview.session.view_settings import NOW, ComparisonSide, ViewSettings
 
 pytestmark = pytest.mark.gpu
 

@@ -12,7 +12,7 @@ from PIL import Image
 
 import holoview
 from holoview.app import notebook
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 SYSTEM = holoview.load("holochrome-8").edit({"shape": [32, 48]})
 

@@ -11,8 +11,8 @@ import pytest
 
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.optimise import OptimisePanel
-from holoview.session.opening import target_from_pixels
-from holoview.session.optimising import last_optimisation, running_optimisation
+from holoview.session.file_reader import target_from_pixels
+from holoview.session.optimisation_job import last_optimisation, running_optimisation
 
 pytestmark = pytest.mark.gpu
 

@@ -14,7 +14,7 @@ from holoview import load
 from holoview.app.panel import Panel
 from holoview.app.panels import ALL
 from holoview.app.panels.focus import FocusPanel
-from holoview.session.look import NOW, ComparisonSide
+from holoview.session.view_settings import NOW, ComparisonSide
 from tests.gui.conftest import small_bench
 
 pytestmark = pytest.mark.gpu

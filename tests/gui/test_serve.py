@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from holoview.app.serve import Address, TokenGuard, serve
-from holoview.errors import UserError
+from holoview.util.errors import UserError
 
 TOKEN = "right"
 

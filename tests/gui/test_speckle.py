@@ -10,9 +10,9 @@ import pytest
 
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.speckle import SpecklePanel
-from holoview.session.look import NOW
+from holoview.session.file_reader import target_from_pixels
 from holoview.session.measure import measure_region
-from holoview.session.opening import target_from_pixels
+from holoview.session.view_settings import NOW
 
 pytestmark = pytest.mark.gpu
 

@@ -16,10 +16,10 @@ import psutil
 import pytest
 from PIL import Image, ImageGrab
 
-from holoview import preset
-from holoview.hologram import load_hologram
+from holoview.io.hologram import load_hologram
+from holoview.model import preset
+from holoview.model.system import System
 from holoview.session.autosave import SessionStore
-from holoview.system import System
 from tests.gui.conftest import small_bench
 
 SIZE = (900, 700)
@@ -205,7 +205,7 @@ def _labels(store: SessionStore) -> str:
 def test_without_an_adapter_a_page_tells_what_to_do(display: str) -> None:
     """Where OpenGL can't draw either, the command's line on stderr has to do."""
     page = (
-        "from holoview.errors import UserError; from holoview.app.no_adapter import show_page;"
+        "from holoview.util.errors import UserError; from holoview.app.no_adapter import show_page;"
         "show_page(UserError('graphics adapter', 'none was found', expected='a driver'))"
     )
     with subprocess.Popen([sys.executable, "-c", page], env=os.environ | {"DISPLAY": display}) as viewer:

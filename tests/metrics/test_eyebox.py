@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.errors import UserError
 from holoview.metrics.eyebox import eyebox_uniformity
+from holoview.util.errors import UserError
 
 
 @pytest.mark.parametrize("shape", [(64, 64), (63, 100), (8, 8)])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, observer_weights
-from holoview.errors import UserError
 from holoview.metrics.gamut import SRGB_AREA, chromaticity, gamut_area
+from holoview.util.errors import UserError
 
 
 def test_white_and_black_have_their_chromaticity_and_none() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.errors import UserError
-from holoview.metrics.histogram import speckle_density, speckle_histogram
+from holoview.metrics.speckle_histogram import speckle_density, speckle_histogram
+from holoview.util.errors import UserError
 
 WHOLE = (0, 0, 256, 256)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.errors import UserError
 from holoview.metrics.psnr import psnr, psnr_linear_srgb, psnr_luminance, psnr_xyz
+from holoview.util.errors import UserError
 
 
 def test_an_error_of_a_tenth_everywhere_is_twenty_decibels() -> None:

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holoview.errors import UserError
 from holoview.metrics.speckle import independent_patterns, speckle_contrast
+from holoview.util.errors import UserError
 
 SIZE = 256
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview import preset
-from holoview.errors import UserError
-from holoview.optics.plain import plain_frame_inputs
-from holoview.optics.slots import make_frame_inputs
-from holoview.plan import make_plan
-from holoview.system import System
+from holoview.model import preset
+from holoview.model.plan import make_plan
+from holoview.model.system import System
+from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optics.plain_inputs import plain_frame_inputs
+from holoview.util.errors import UserError
 from holoview.view import random_drive
 
 
@@ -81,7 +81,7 @@ def test_refusals_are_the_same(spoil: Any) -> None:
 @pytest.mark.gpu
 def test_a_first_picture_doesn_t_wait_for_torch() -> None:
     program = (
-        "import sys; from holoview import preset; from holoview.engine.session import FrameSession\n"
+        "import sys; from holoview import preset; from holoview.engine.incremental import FrameSession\n"
         "from holoview.gpu.device import open_device; from holoview.view import random_drive\n"
         "system = preset.load('holochrome-8').edit({'shape': [12, 16]})\n"
         "session = FrameSession(system, random_drive(system, 0), open_device()); session.update(); session.srgb8()\n"

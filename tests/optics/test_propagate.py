@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.grid import positions
+from holoview.model.plan import Plan, make_plan
+from holoview.model.system import Modulator, Sampling, System
+from holoview.numerics.fft_grid import positions
 from holoview.optics.propagate import phase_wavelength_derivative, transfer_function
-from holoview.plan import Plan, make_plan
-from holoview.system import Modulator, Sampling, System
 
 CPU = torch.device("cpu")
 WAVELENGTH = 532e-9

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import torch
 
+from holoview.model.plan import Plan, make_plan
+from holoview.model.system import Modulator, Relay, Sampling, System
+from holoview.numerics.zernike import noll_to_nm, zernike
 from holoview.optics.propagate import support_mask, transfer_function
 from holoview.optics.pupil import nominal_pupil
-from holoview.optics.zernike import noll_to_nm, zernike
-from holoview.plan import Plan, make_plan
-from holoview.system import Modulator, Relay, Sampling, System
 
 CPU = torch.device("cpu")
 IRIS = 0.05

@@ -9,7 +9,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from holoview.optics.resample import affine_warp, centred_indices, gaussian_blur
+from holoview.numerics.resample import affine_warp, centred_indices, gaussian_blur
 
 
 def _map(dtype: torch.dtype = torch.float64) -> torch.Tensor:

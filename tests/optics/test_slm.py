@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 import torch
 
-from holoview.optics.resample import upsample_nearest
+from holoview.model.system import Modulator
+from holoview.numerics.resample import upsample_nearest
 from holoview.optics.slm import (
     fold_spectrum,
     level_numbers,
@@ -19,7 +20,6 @@ from holoview.optics.slm import (
     sum_pool,
     summed,
 )
-from holoview.system import Modulator
 
 
 def _modulator(levels: Any = None) -> Modulator:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.errors import UserError
-from holoview.optics.slots import make_frame_inputs
-from holoview.plan import Plan, make_plan
-from holoview.system import Modulator, System
+from holoview.model.plan import Plan, make_plan
+from holoview.model.system import Modulator, System
+from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.util.errors import UserError
 
 
 def _plan(**changes: Any) -> Plan:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.grid import positions
+from holoview.model.plan import Plan, make_plan
+from holoview.model.system import Modulator, Sampling, Source, System
+from holoview.numerics.fft_grid import positions
 from holoview.optics.source import pixel_wave, plane_wave
-from holoview.plan import Plan, make_plan
-from holoview.system import Modulator, Sampling, Source, System
 
 CPU = torch.device("cpu")
 

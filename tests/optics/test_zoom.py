@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from holoview.optics import zoom
-from holoview.optics.zoom import chirp_z_transform, dft_matrix
+from holoview.numerics import chirp_z as zoom
+from holoview.numerics.chirp_z import chirp_z_transform, dft_matrix
 
 
 @pytest.mark.parametrize("count", [5, 40, 300])

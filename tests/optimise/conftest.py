@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.grid import positions
+from holoview.model.plan import Plan, make_plan
+from holoview.model.system import Modulator, System
+from holoview.numerics.fft_grid import positions
 from holoview.optics.propagate import transfer_function
 from holoview.optics.pupil import nominal_pupil
-from holoview.optimise.model import ForwardModel
+from holoview.optimise.forward_model import ForwardModel
 from holoview.optimise.objective import make_objective
 from holoview.optimise.problem import Problem
 from holoview.optimise.settings import Settings
-from holoview.plan import Plan, make_plan
-from holoview.system import Modulator, System
 
 CPU = torch.device("cpu")
 STROKE_M = 825e-9
@@ -167,7 +167,7 @@ def double_problem(monkeypatch: pytest.MonkeyPatch) -> Callable[[System, np.ndar
     def made(system: System, stack: np.ndarray, settings: Settings) -> Problem:
         before = torch.get_default_dtype()
         with monkeypatch.context() as patch:
-            patch.setattr("holoview.optimise.traced.Model", partial(ForwardModel, double=True))
+            patch.setattr("holoview.optimise.autograd_model.Model", partial(ForwardModel, double=True))
             patch.setattr("holoview.optimise.problem.make_objective", partial(make_objective, double=True))
             torch.set_default_dtype(torch.float64)
             try:

@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from holoview.optimise import problem, traced
-from holoview.optimise.model import ForwardModel
+from holoview.model.plan import make_plan
+from holoview.optimise import autograd_model as traced
+from holoview.optimise import problem
+from holoview.optimise.forward_model import ForwardModel
 from holoview.optimise.objective import make_objective
+from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, torchrun_group
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.optimise.team import SINGLE_PROCESS, ProcessGroup, torchrun_group
-from holoview.plan import make_plan
 from tests.optimise.conftest import small_bench
 
 TWO_FRAMES = [[1.0, 1.0, 0.0], [0.0, 1.0, 1.0]]

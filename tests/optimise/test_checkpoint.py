@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import holoview as hv
-from holoview.errors import UserError
+from holoview.model.system import System
 from holoview.optimise.checkpoint import Checkpoint, load_checkpoint, target_digest
+from holoview.optimise.iteration_state import IterationState
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.optimise.state import IterationState
-from holoview.system import System
+from holoview.util.errors import UserError
 
 BRIEF = {"iterations": 9, "amplitudes_every": 4}
 EVERYTHING = ("patterns", "amplitudes", "wavelengths")
@@ -154,7 +154,7 @@ def test_a_checkpoint_that_fails_to_be_written_leaves_the_one_before(
         Path(file).write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("holoview.tensors.save_file", full)
+    monkeypatch.setattr("holoview.util.safetensors_file.save_file", full)
     with pytest.raises(UserError, match="No space left"):
         _stopped_after(4).save(path)
     assert path.read_bytes() == before

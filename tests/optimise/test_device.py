@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 import torch
 
-from holoview.errors import UserError
-from holoview.optimise.device import resolve_torch_device
+from holoview.optimise.torch_device import resolve_torch_device
+from holoview.util.errors import UserError
 
 
 @pytest.fixture

@@ -11,18 +11,18 @@ import pytest
 import torch
 
 import holoview as hv
-from holoview.grid import frequency_indices
-from holoview.hologram import Hologram
+from holoview.io.hologram import Hologram
+from holoview.metrics.image_quality import eyebox_uniformity_of
+from holoview.model.plan import Plan, make_plan
+from holoview.model.system import System
+from holoview.numerics.fft_grid import frequency_indices
+from holoview.optics.frame_inputs import make_frame_inputs
 from holoview.optics.propagate import relay_transfer_function
 from holoview.optics.pupil import nominal_pupil
-from holoview.optics.slots import make_frame_inputs
-from holoview.optimise.eyebox import EyeboxPenalty
-from holoview.optimise.model import ForwardModel
+from holoview.optimise.eyebox_penalty import EyeboxPenalty
+from holoview.optimise.forward_model import ForwardModel
 from holoview.optimise.problem import EvaluationRequest, Problem
 from holoview.optimise.settings import Settings
-from holoview.plan import Plan, make_plan
-from holoview.score import eyebox_uniformity_of
-from holoview.system import System
 
 Bench = Callable[..., System]
 Noise = Callable[..., torch.Tensor]

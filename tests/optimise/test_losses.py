@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, cone_fundamentals, observer_weights, srgb_encode
-from holoview.errors import UserError
 from holoview.optimise.losses import LOSS_SPACES, find_loss_space, torch_srgb_encode, torch_srgb_encode_derivative
 from holoview.optimise.settings import Settings
 from holoview.optimise.wavelengths import channel_wavelength_derivatives, check_wavelength_search
+from holoview.util.errors import UserError
 
 KNEE = 0.0031308
 COLOURED = [name for name in LOSS_SPACES if not LOSS_SPACES[name].ignores_wavelength]

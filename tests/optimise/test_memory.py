@@ -14,14 +14,14 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from holoview.errors import UserError
+from holoview.model.plan import make_plan
+from holoview.model.system import System
 from holoview.optimise import memory
 from holoview.optimise.memory import memory_guard, peak_bytes, should_keep_fields, with_compact_grid
 from holoview.optimise.problem import Problem
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.plan import make_plan
-from holoview.system import System
+from holoview.util.errors import UserError
 
 Bench = Callable[..., System]
 

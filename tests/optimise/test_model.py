@@ -11,10 +11,10 @@ import pytest
 import torch
 
 from holoview.engine.frame import compute_focal_stack
-from holoview.engine.torch import TorchExecutor
-from holoview.optics.slots import make_frame_inputs
-from holoview.optimise.model import ForwardModel
-from holoview.plan import Plan, make_plan
+from holoview.engine.torch_executor import TorchExecutor
+from holoview.model.plan import Plan, make_plan
+from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optimise.forward_model import ForwardModel
 
 Noise = Callable[..., torch.Tensor]
 FRAME, LASER = 1, 1

@@ -10,13 +10,13 @@ import pytest
 import torch
 
 from holoview.colour import SRGB_TO_XYZ, XYZ_TO_SRGB
-from holoview.errors import UserError
 from holoview.metrics.psnr import psnr_linear_srgb, psnr_luminance
+from holoview.model.plan import make_plan
+from holoview.model.system import System
 from holoview.optimise.losses import LOSS_SPACES
 from holoview.optimise.objective import Objective, make_objective
 from holoview.optimise.settings import Settings
-from holoview.plan import make_plan
-from holoview.system import System
+from holoview.util.errors import UserError
 
 Bench = Callable[..., System]
 PLANES, ROWS, COLUMNS = 3, 8, 12

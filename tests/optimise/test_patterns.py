@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import torch
 
+from holoview.model.system import Modulator, System
 from holoview.optimise.patterns import PatternVariables, initial_drive
 from holoview.optimise.settings import Settings
-from holoview.system import Modulator, System
 
 Bench = Callable[..., System]
 

@@ -12,11 +12,11 @@ import torch
 
 import holoview as hv
 from holoview.metrics.psnr import psnr_linear_srgb
+from holoview.model.plan import make_plan
+from holoview.model.system import System
 from holoview.optimise.losses import LOSS_SPACES, torch_srgb_encode
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation, Problem
 from holoview.optimise.settings import Settings
-from holoview.plan import make_plan
-from holoview.system import System
 
 Bench = Callable[..., System]
 Noise = Callable[..., torch.Tensor]

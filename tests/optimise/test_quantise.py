@@ -10,14 +10,19 @@ import numpy as np
 import pytest
 import torch
 
+from holoview.model.plan import Plan, make_plan
+from holoview.model.system import Modulator, System
 from holoview.optics.slm import nearest_level
-from holoview.optimise.model import ForwardModel
+from holoview.optimise.forward_model import ForwardModel
+from holoview.optimise.level_gradients import (
+    LevelSteps,
+    gauss_newton_diagonal,
+    secant_gradient,
+    steps_to_neighbour_level,
+)
 from holoview.optimise.patterns import PatternVariables
 from holoview.optimise.problem import EvaluationRequest, Problem
-from holoview.optimise.quantise import LevelSteps, gauss_newton_diagonal, secant_gradient, steps_to_neighbour_level
 from holoview.optimise.settings import Settings
-from holoview.plan import Plan, make_plan
-from holoview.system import Modulator, System
 
 Bench = Callable[..., System]
 Noise = Callable[..., torch.Tensor]

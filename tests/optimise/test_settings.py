@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from holoview.errors import UserError
 from holoview.optimise.settings import Settings
+from holoview.util.errors import UserError
 
 
 @pytest.mark.parametrize(

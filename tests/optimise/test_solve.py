@@ -12,15 +12,15 @@ import pytest
 
 import holoview as hv
 from holoview.colour import SRGB_TO_XYZ
-from holoview.errors import UserError
-from holoview.hologram import load_hologram
+from holoview.io.hologram import load_hologram
+from holoview.metrics.image_quality import eyebox_uniformity_of
 from holoview.metrics.psnr import psnr_linear_srgb
+from holoview.model.system import System
+from holoview.optimise.iteration_state import IterationState
 from holoview.optimise.losses import LOSS_SPACES
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.optimise.state import IterationState
-from holoview.score import eyebox_uniformity_of
-from holoview.system import System
+from holoview.util.errors import UserError
 
 Bench = Callable[..., System]
 Stack = Callable[..., np.ndarray]

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.errors import UserError
-from holoview.optimise.model import ForwardModel
-from holoview.optimise.team import (
+from holoview.model.plan import make_plan
+from holoview.model.system import System
+from holoview.optimise.forward_model import ForwardModel
+from holoview.optimise.process_group import (
     SINGLE_PROCESS,
     ProcessGroup,
     device_for_rank,
@@ -23,8 +24,7 @@ from holoview.optimise.team import (
     torchrun_group,
     with_only_lasers,
 )
-from holoview.plan import make_plan
-from holoview.system import System
+from holoview.util.errors import UserError
 
 SCRIPT = Path(__file__).with_name("team_run.py")
 REPOSITORY = SCRIPT.parents[2]

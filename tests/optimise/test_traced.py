@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.engine.torch import TorchExecutor
-from holoview.errors import UserError
-from holoview.optics.slots import make_frame_inputs
-from holoview.optimise.model import ForwardModel
+from holoview.engine.torch_executor import TorchExecutor
+from holoview.model.plan import make_plan
+from holoview.model.system import Modulator, System
+from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.optimise.autograd_model import AutogradModel
+from holoview.optimise.forward_model import ForwardModel
 from holoview.optimise.problem import Problem
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.optimise.traced import AutogradModel
-from holoview.plan import make_plan
-from holoview.system import Modulator, System
+from holoview.util.errors import UserError
 from holoview.view import simulate
 
 EFFECTS: dict[str, dict[str, Any]] = {

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.errors import UserError
+from holoview.model.system import System
 from holoview.optimise.problem import LossEvaluation
 from holoview.optimise.settings import Settings
-from holoview.optimise.unknowns import OptimisationVariables
-from holoview.system import System
+from holoview.optimise.variables import OptimisationVariables
+from holoview.util.errors import UserError
 
 Bench = Callable[..., System]
 EVERYTHING = ("patterns", "amplitudes", "wavelengths")

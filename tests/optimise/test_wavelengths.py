@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holoview.errors import UserError
 from holoview.optimise.settings import Settings
 from holoview.optimise.wavelengths import project_wavelengths
+from holoview.util.errors import UserError
 
 LOW_NM, HIGH_NM, SPACING_NM = 440.0, 660.0, 4.0
 SETTINGS = Settings(wavelength_range_m=(440e-9, 660e-9), wavelength_spacing_m=4e-9)

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from holoview.engine.torch import TorchExecutor
-from holoview.engine.wgpu import WgpuExecutor
+from holoview.engine.torch_executor import TorchExecutor
+from holoview.engine.wgpu_executor import WgpuExecutor
 from holoview.gpu.device import Device
-from holoview.optics.slots import make_frame_inputs
-from holoview.plan import Plan, make_plan
-from holoview.system import Modulator, System
+from holoview.model.plan import Plan, make_plan
+from holoview.model.system import Modulator, System
+from holoview.optics.frame_inputs import make_frame_inputs
 from holoview.view import random_drive
 
 

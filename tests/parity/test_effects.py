@@ -44,10 +44,10 @@ def test_a_frame_with_effects_is_that_of_torch(name: str, both: Opened, bench: O
 
 def test_a_session_goes_on_when_effects_are_edited(bench: Opened, device: Any) -> None:
     """Switched on, changed and switched off again: always what torch shows, and the nominal bench is what it tells."""
-    from holoview.engine.session import IncrementalRenderer
-    from holoview.engine.torch import TorchExecutor
-    from holoview.optics.slots import make_frame_inputs
-    from holoview.plan import make_plan
+    from holoview.engine.incremental import IncrementalRenderer
+    from holoview.engine.torch_executor import TorchExecutor
+    from holoview.model.plan import make_plan
+    from holoview.optics.frame_inputs import make_frame_inputs
     from holoview.view import random_drive
 
     plain = bench(**{"relay1.iris_na": 0.03, "relay2.iris_na": 0.03})

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from holoview.commands.system_info import info_rows
 from holoview.engine.backend import open_executor
 from holoview.engine.frame import compute_focal_stack
-from holoview.engine.torch import TorchExecutor
-from holoview.engine.wgpu import WgpuExecutor
-from holoview.errors import UserError
-from holoview.facts import info_rows
+from holoview.engine.torch_executor import TorchExecutor
+from holoview.engine.wgpu_executor import WgpuExecutor
 from holoview.gpu import device as device_module
 from holoview.gpu.adapter import MIB
 from holoview.gpu.device import Device
-from holoview.optics.slots import make_frame_inputs
-from holoview.plan import make_plan
-from holoview.system import System
+from holoview.model.plan import make_plan
+from holoview.model.system import System
+from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.util.errors import UserError
 from holoview.view import random_drive
 
 gpu = pytest.mark.gpu

@@ -13,17 +13,17 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from holoview.engine import layouts
+from holoview.engine import shader_structs as layouts
 from holoview.engine.kernels import KERNELS, FusedKernels, make_transform
-from holoview.files import data_dir
 from holoview.gpu.device import Buffer, Device
-from holoview.gpu.layout import WgslStruct
-from holoview.gpu.lines import Strategy, supports_subgroup_strategy
+from holoview.gpu.line_fft import Strategy, supports_subgroup_strategy
+from holoview.gpu.precompile import precompile
 from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.gpu.shader import GeneratedWgsl, ShaderError, link
-from holoview.gpu.warm import precompile
+from holoview.gpu.wgsl_struct import WgslStruct
+from holoview.model.plan import Grid, turns_to_fixed_point
 from holoview.optics.propagate import transfer_function
-from holoview.plan import Grid, turns_to_fixed_point
+from holoview.util.files import data_dir
 
 pytestmark = pytest.mark.gpu
 

@@ -16,7 +16,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from holoview.plan import Plan
+from holoview.model.plan import Plan
 
 pytestmark = pytest.mark.gpu
 

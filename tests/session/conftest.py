@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from holoview.session.opening import target_from_pixels
-from holoview.session.session import EditingSession
-from holoview.session.wanted import TargetSpec
-from holoview.system import Modulator, System
+from holoview.model.system import Modulator, System
+from holoview.session.editing_session import EditingSession
+from holoview.session.file_reader import target_from_pixels
+from holoview.session.target_spec import TargetSpec
 
 MODULATOR = Modulator(pitch_m=8e-6, shape=(24, 32), stroke_m=825e-9)
 

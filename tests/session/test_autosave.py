@@ -14,19 +14,19 @@ import numpy as np
 import pytest
 
 import tests.session.conftest as bench
-from holoview.errors import UserError
 from holoview.session.autosave import SessionStore
-from holoview.session.folder import Preferences
-from holoview.session.look import TARGET, ComparisonSide, ViewSettings
-from holoview.session.session import EditingSession
-from holoview.session.wanted import TargetSpec
+from holoview.session.editing_session import EditingSession
+from holoview.session.preferences import Preferences
+from holoview.session.target_spec import TargetSpec
+from holoview.session.view_settings import TARGET, ComparisonSide, ViewSettings
+from holoview.util.errors import UserError
 
 _PROGRAM = """
 import sys, time
 from pathlib import Path
 from holoview.session.autosave import Store
-from holoview.session.opening import pasted
-from holoview.session.session import Session
+from holoview.session.file_reader import pasted
+from holoview.session.editing_session import Session
 from tests.session.conftest import small_system
 import numpy as np
 session = Session(small_system(), seed=7)

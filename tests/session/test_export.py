@@ -10,23 +10,23 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from holoview import preset
 from holoview.colour import D65_WHITE, srgb_encode, to_srgb8
-from holoview.errors import UserError
-from holoview.hologram import load_hologram
-from holoview.session.export.documents import save_hologram, save_preset
+from holoview.io.hologram import load_hologram
+from holoview.model import preset
+from holoview.session.colour_maps import NAMES, colour_map
+from holoview.session.editing_session import EditingSession
 from holoview.session.export.figure import save_figure, scale_bar_length
-from holoview.session.export.pictures import png_bytes, save_planes, save_view
+from holoview.session.export.hologram_files import save_hologram, save_preset
+from holoview.session.export.png_images import png_bytes, save_planes, save_view
 from holoview.session.export.sweep import save_sweep
-from holoview.session.look import ViewSettings
-from holoview.session.opening import target_from_image_bytes
-from holoview.session.palettes import NAMES, colour_map
+from holoview.session.file_reader import target_from_image_bytes
 from holoview.session.rendering import render_planes
-from holoview.session.session import EditingSession
-from holoview.session.showcase import NAMES as SIDES
-from holoview.session.showcase import start_scheme_comparison
-from holoview.session.tone import compose_comparison, tone_map
-from holoview.session.wanted import TargetSpec
+from holoview.session.scheme_comparison import NAMES as SIDES
+from holoview.session.scheme_comparison import start_scheme_comparison
+from holoview.session.target_spec import TargetSpec
+from holoview.session.tone_mapping import compose_comparison, tone_map
+from holoview.session.view_settings import ViewSettings
+from holoview.util.errors import UserError
 from holoview.view import simulate
 from tests.session.conftest import small_system
 

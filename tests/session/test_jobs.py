@@ -7,10 +7,10 @@ from threading import Event
 
 import pytest
 
-from holoview.errors import UserError
 from holoview.optimise.settings import Settings
+from holoview.session.editing_session import EditingSession
 from holoview.session.jobs import JobControl, format_job
-from holoview.session.optimising import (
+from holoview.session.optimisation_job import (
     OptimisationRequest,
     last_optimisation,
     running_optimisation,
@@ -18,8 +18,8 @@ from holoview.session.optimising import (
     start_quick_optimisation,
     with_superpixels,
 )
-from holoview.session.session import EditingSession
-from holoview.session.wanted import TargetSpec
+from holoview.session.target_spec import TargetSpec
+from holoview.util.errors import UserError
 
 SHORT = OptimisationRequest(Settings(iterations=4), preview_every=1, device="cpu")
 ENDLESS = OptimisationRequest(Settings(iterations=100_000), preview_every=1, device="cpu")

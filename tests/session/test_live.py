@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from holoview.colour import D65_WHITE
-from holoview.session.live import ImageMeasurements, LiveMeasurement, measure_image
-from holoview.session.newest import LatestTask
-from holoview.session.session import EditingSession
+from holoview.session.editing_session import EditingSession
+from holoview.session.latest_task import LatestTask
+from holoview.session.live_measurement import ImageMeasurements, LiveMeasurement, measure_image
 
 
 def _speckle(session: EditingSession, seed: int = 0) -> np.ndarray:
@@ -44,7 +44,7 @@ def test_only_the_newest_image_is_measured(session: EditingSession, monkeypatch:
         assert goes_on.wait(20)
         return measure_image(*args)
 
-    monkeypatch.setattr("holoview.session.live.measured", slow)
+    monkeypatch.setattr("holoview.session.live_measurement.measured", slow)
     means: list[float] = []
     live = LiveMeasurement(session, lambda: means.append(live.measurements.region.mean))  # type: ignore[union-attr]
     live.request(session.document, np.ones((48, 64, 3)))

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, observer_weights
-from holoview.errors import UserError
-from holoview.session import gamut
+from holoview.session import chromaticity_diagram as gamut
 from holoview.session.measure import (
     contrast_by_wavelength,
     independent_pattern_count,
@@ -16,6 +15,7 @@ from holoview.session.measure import (
     measure_region,
     sample_pixel,
 )
+from holoview.util.errors import UserError
 from tests.session.conftest import small_system
 
 WHOLE = (0, 0, 256, 256)

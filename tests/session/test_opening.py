@@ -11,14 +11,14 @@ import pytest
 from PIL import Image
 
 import tests.session.conftest as bench
-from holoview import preset
-from holoview.errors import UserError
-from holoview.hologram import Hologram
-from holoview.pictures import write_pattern
-from holoview.session.loading import FileLoader
-from holoview.session.opening import read_content, target_from_image_bytes, target_from_pixels
-from holoview.session.session import EditingSession
-from holoview.session.watching import FileWatcher
+from holoview.io.hologram import Hologram
+from holoview.io.png import write_pattern
+from holoview.model import preset
+from holoview.session.editing_session import EditingSession
+from holoview.session.file_loader import FileLoader
+from holoview.session.file_reader import read_content, target_from_image_bytes, target_from_pixels
+from holoview.session.file_watcher import FileWatcher
+from holoview.util.errors import UserError
 from holoview.view import random_drive
 
 SYSTEM = bench.small_system()

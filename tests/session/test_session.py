@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holoview.errors import UserError
 from holoview.session.changes import Change
+from holoview.session.document import Document, fit_drive
+from holoview.session.editing_session import EditingSession
 from holoview.session.history import MAX_STEPS, MERGE_WITHIN_S, History, HistoryStep
-from holoview.session.look import TARGET, ComparisonSide, ViewSettings
-from holoview.session.session import EditingSession
-from holoview.session.state import Document, fit_drive
-from holoview.session.wanted import TargetSpec
+from holoview.session.target_spec import TargetSpec
+from holoview.session.view_settings import TARGET, ComparisonSide, ViewSettings
+from holoview.util.errors import UserError
 from tests.session.conftest import small_system
 
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from holoview.errors import UserError
 from holoview.study.scale import StudyScale
 from holoview.study.study import Findings, JobResult, StatusCallback, Study, StudyJob
+from holoview.util.errors import UserError
 
 _FOREVER_S = 600.0
 

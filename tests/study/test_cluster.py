@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from holoview.cores import process_cpu_count
-from holoview.errors import UserError
-from holoview.study import places
+from holoview.study import executors as places
 from holoview.study.runner import ExecutionTarget, run_jobs
 from holoview.study.store import ResultStore
 from holoview.study.study import StudyJob
+from holoview.util.cpu_count import process_cpu_count
+from holoview.util.errors import UserError
 from tests.study.probe import STUDY
 
 distributed = pytest.importorskip("distributed", reason="dask.distributed isn't installed")

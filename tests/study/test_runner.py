@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from holoview import cli
-from holoview.cores import process_cpu_count
-from holoview.errors import UserError
 from holoview.study import registry
-from holoview.study.places import ProcessExecutor, WorkerResources
+from holoview.study.executors import ProcessExecutor, WorkerResources
 from holoview.study.runner import ExecutionTarget, run_in_worker, run_jobs
 from holoview.study.scale import SCALES
 from holoview.study.store import ResultStore
 from holoview.study.study import StudyJob
+from holoview.util.cpu_count import process_cpu_count
+from holoview.util.errors import UserError
 from tests.study.probe import STUDY
 
 HERE = Path(__file__).resolve().parent

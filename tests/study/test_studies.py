@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from holoview.diagnose.diagnose import diagnose
-from holoview.effects import registry as effects
-from holoview.files import data_dir
-from holoview.study import scale, work
+from holoview.diagnose.pipeline import diagnose
+from holoview.model.effects import registry as effects
+from holoview.study import hologram_jobs as work
+from holoview.study import scale
 from holoview.study.claims import CONTRADICTS, DIRECTION_ONLY, LARGER, REPRODUCES, SHOWN, judge_gain
 from holoview.study.registry import studies_by_name
 from holoview.study.report import format_claims, write_report
@@ -22,6 +22,7 @@ from holoview.study.runner import run_jobs
 from holoview.study.store import ResultStore
 from holoview.study.studies import model_vs_capture
 from holoview.study.study import Findings
+from holoview.util.files import data_dir
 
 TINY = scale.StudyScale("tiny", (16, 16), 2, 1, ("still-life",), 2)
 VERDICTS = {REPRODUCES, LARGER, DIRECTION_ONLY, CONTRADICTS, SHOWN}

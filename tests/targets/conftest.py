@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 import holoview
-from holoview.plan import make_plan
-from holoview.system import System
+from holoview.model.plan import make_plan
+from holoview.model.system import System
 
 Bench = Callable[..., System]
 """(planes, shape): a bench with that many planes and a simulation grid of that shape."""

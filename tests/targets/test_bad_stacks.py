@@ -12,9 +12,9 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.errors import UserError
-from holoview.system import System
-from holoview.targets.stacks import is_stack, read_stack, target_from_stack
+from holoview.model.system import System
+from holoview.targets.rendered_stacks import is_stack, read_stack, target_from_stack
+from holoview.util.errors import UserError
 
 Bench = Callable[..., System]
 WriteExr = Callable[..., Path]

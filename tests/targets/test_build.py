@@ -13,11 +13,11 @@ import tifffile
 from PIL import Image
 
 from holoview.colour import SRGB_TO_XYZ
-from holoview.errors import UserError
-from holoview.system import System
-from holoview.targets.build import Placement, target_for
+from holoview.model.system import System
 from holoview.targets.picture import Picture
 from holoview.targets.saturation import scale_saturation
+from holoview.targets.target import Placement, target_for
+from holoview.util.errors import UserError
 
 Bench = Callable[..., System]
 

@@ -9,8 +9,8 @@ import OpenEXR
 import pytest
 from PIL import Image
 
-from holoview.errors import UserError
 from holoview.targets.picture import read_depth
+from holoview.util.errors import UserError
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.errors import UserError
 from holoview.targets.defocus import Aperture, blur_kernel
 from holoview.targets.focal_stack import Target, render_focal_stack
+from holoview.util.errors import UserError
 
 PITCH = 4e-6
 ANGLE = math.atan(0.02)

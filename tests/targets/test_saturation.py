@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, import_colour_science, observer_weights
-from holoview.errors import UserError
 from holoview.targets.saturation import scale_saturation
+from holoview.util.errors import UserError
 
 FLOAT32 = 2e-6  # of the largest channel: a few roundings to float32, 6e-8 each, through matrices of gain up to 3.2 · 10
 FACTORS = (0.0, 0.3, 0.9, 1.0, 1.1, 1.5, 3.0, 1000.0)

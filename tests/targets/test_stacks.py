@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from holoview.colour import SRGB_TO_XYZ, srgb_decode
-from holoview.errors import UserError
-from holoview.system import System
+from holoview.model.system import System
+from holoview.targets.rendered_stacks import is_stack, read_stack, target_from_stack
 from holoview.targets.saturation import scale_saturation
-from holoview.targets.stacks import is_stack, read_stack, target_from_stack
+from holoview.util.errors import UserError
 
 Bench = Callable[..., System]
 WriteExr = Callable[..., Path]

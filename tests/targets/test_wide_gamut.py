@@ -12,8 +12,8 @@ from PIL import Image
 
 import holoview as hv
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, rgb_to_xyz
-from holoview.errors import UserError
 from holoview.targets.picture import read_picture
+from holoview.util.errors import UserError
 
 REC2020 = ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046), (0.3127, 0.3290))
 

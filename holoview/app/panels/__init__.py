@@ -11,9 +11,9 @@ from holoview.app.panels.gamut import GamutPanel
 from holoview.app.panels.history import HistoryPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.lasers import LasersPanel
-from holoview.app.panels.look import ViewPanel
 from holoview.app.panels.optimise import OptimisePanel
 from holoview.app.panels.speckle import SpecklePanel
+from holoview.app.panels.view_settings import ViewPanel
 
 ALL: tuple[type[Panel], ...] = (
     ImagePanel,

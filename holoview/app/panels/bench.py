@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 from imgui_bundle import imgui
 
-from holoview import describe, units
-from holoview.app.fields import WidgetEdit, choice_field, count_field, format_value, number_field, tooltip
 from holoview.app.panel import Panel
-from holoview.schema import Array, Choice, Coefficients, Integer, Number, Shape
-from holoview.system import System
+from holoview.app.parameter_widgets import WidgetEdit, choice_field, count_field, format_value, number_field, tooltip
+from holoview.model import dataclass_fields as describe
+from holoview.model.field_types import Array, Choice, Coefficients, Integer, Number, Shape
+from holoview.model.system import System
+from holoview.util import units
 
 if TYPE_CHECKING:
     from holoview.app.app import App

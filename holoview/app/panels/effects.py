@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 from imgui_bundle import imgui
 
-from holoview.app.fields import parameter_field, tooltip
 from holoview.app.panel import Panel
-from holoview.effects.effect import Effect
-from holoview.effects.parameter import Parameter
-from holoview.effects.registry import listed_effects
-from holoview.effects.switched import unmet_requirement
+from holoview.app.parameter_widgets import parameter_field, tooltip
+from holoview.model.effects.active_effects import unmet_requirement
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter
+from holoview.model.effects.registry import listed_effects
 
 if TYPE_CHECKING:
     from holoview.app.app import App

@@ -13,18 +13,18 @@ from imgui_bundle import imgui
 from numpy.typing import NDArray
 
 from holoview.app.clipboard import copy_picture, paste_picture
-from holoview.app.fields import tooltip
 from holoview.app.file_dialog import FileDialog, FileRequest
 from holoview.app.panel import Panel
-from holoview.app.recovery import RecoveryDialog
-from holoview.errors import UserError
-from holoview.session.export.documents import save_hologram, save_preset
+from holoview.app.parameter_widgets import tooltip
+from holoview.app.recovery_dialog import RecoveryDialog
 from holoview.session.export.figure import save_figure
-from holoview.session.export.pictures import save_planes, save_view
+from holoview.session.export.hologram_files import save_hologram, save_preset
+from holoview.session.export.png_images import save_planes, save_view
 from holoview.session.export.sweep import save_sweep
 from holoview.session.jobs import format_job
-from holoview.session.look import DERIVED_PAGES, displayed_side
-from holoview.session.tone import compose_comparison
+from holoview.session.tone_mapping import compose_comparison
+from holoview.session.view_settings import DERIVED_PAGES, displayed_side
+from holoview.util.errors import UserError
 
 if TYPE_CHECKING:
     from holoview.app.app import App

@@ -9,7 +9,7 @@ import numpy as np
 from imgui_bundle import imgui
 
 from holoview.app.panel import Panel
-from holoview.app.thumbnails import PlaneStrip
+from holoview.app.plane_strip import PlaneStrip
 
 if TYPE_CHECKING:
     from holoview.app.app import App

@@ -8,9 +8,9 @@ import numpy as np
 from imgui_bundle import imgui, implot
 from numpy.typing import NDArray
 
-from holoview.app.colours import laser_colour
+from holoview.app.laser_colours import laser_colour
 from holoview.app.panel import Panel
-from holoview.session.gamut import (
+from holoview.session.chromaticity_diagram import (
     D65_XY,
     DISPLAY_PRIMARIES,
     image_chromaticities,
@@ -18,7 +18,7 @@ from holoview.session.gamut import (
     laser_gamut,
     spectral_locus,
 )
-from holoview.session.look import NOW
+from holoview.session.view_settings import NOW
 
 if TYPE_CHECKING:
     from holoview.app.app import App

@@ -8,12 +8,12 @@ import numpy as np
 from imgui_bundle import imgui
 from numpy.typing import NDArray
 
-from holoview.app.contact import PlaneSheet
 from holoview.app.panel import Panel
 from holoview.app.panels.focus import FocusPanel
+from holoview.app.plane_sheet import PlaneSheet
 from holoview.app.readout import draw_readout, readout_height
 from holoview.app.viewport import DeviceImage, Viewport, VisibleArea, visible_area_of, zoom_to_fit
-from holoview.session.look import DERIVED_PAGES, TARGET, ViewSettings, displayed_side
+from holoview.session.view_settings import DERIVED_PAGES, TARGET, ViewSettings, displayed_side
 
 if TYPE_CHECKING:
     from holoview.app.app import App

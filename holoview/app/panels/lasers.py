@@ -8,12 +8,12 @@ import numpy as np
 from imgui_bundle import imgui, implot
 from numpy.typing import NDArray
 
-from holoview import preset
-from holoview.app.colours import laser_colour
-from holoview.app.fields import tooltip
+from holoview.app.laser_colours import laser_colour
 from holoview.app.panel import Panel
+from holoview.app.parameter_widgets import tooltip
 from holoview.colour import cone_fundamentals
-from holoview.system import System
+from holoview.model import preset
+from holoview.model.system import System
 
 if TYPE_CHECKING:
     from holoview.app.app import App

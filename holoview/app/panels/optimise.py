@@ -11,12 +11,11 @@ import numpy as np
 from imgui_bundle import imgui
 
 from holoview.app import plots, theme
-from holoview.app.fields import tooltip
 from holoview.app.panel import Panel
-from holoview.errors import UserError
+from holoview.app.parameter_widgets import tooltip
 from holoview.optimise.losses import LOSS_SPACES
 from holoview.optimise.settings import Settings
-from holoview.session.optimising import (
+from holoview.session.optimisation_job import (
     START_PATTERNS,
     OptimisationJob,
     OptimisationRequest,
@@ -25,6 +24,7 @@ from holoview.session.optimising import (
     start_optimisation,
     start_quick_optimisation,
 )
+from holoview.util.errors import UserError
 
 if TYPE_CHECKING:
     from holoview.app.app import App

@@ -8,12 +8,12 @@ import numpy as np
 from imgui_bundle import imgui, implot
 
 from holoview.app import plots, theme
-from holoview.app.fields import tooltip
 from holoview.app.panel import Panel
-from holoview.metrics.histogram import SpeckleHistogram
-from holoview.session.live import ImageMeasurements
+from holoview.app.parameter_widgets import tooltip
+from holoview.metrics.speckle_histogram import SpeckleHistogram
+from holoview.session.live_measurement import ImageMeasurements
 from holoview.session.measure import ContrastCurve, LineProfile
-from holoview.session.showcase import SchemeComparison, SchemeComparisonJob, start_scheme_comparison
+from holoview.session.scheme_comparison import SchemeComparison, SchemeComparisonJob, start_scheme_comparison
 
 if TYPE_CHECKING:
     from holoview.app.app import App

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.errors import UserError
-from holoview.files import atomic_write
+from holoview.session.document import Document
+from holoview.session.editing_session import EditingSession
 from holoview.session.jobs import BackgroundJob, JobControl
 from holoview.session.rendering import render_planes
-from holoview.session.session import EditingSession
-from holoview.session.state import Document
-from holoview.session.tone import tone_map
+from holoview.session.tone_mapping import tone_map
+from holoview.util.errors import UserError
+from holoview.util.files import atomic_write
 
 SUFFIXES = (".gif", ".mp4")
 _MOST_FRAMES = 600

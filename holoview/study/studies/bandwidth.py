@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from holoview.study.claims import CONTRADICTS, DIRECTION_ONLY, REPRODUCES
-from holoview.study.holograms import HologramStudy, Results, result_table, targets_and_seeds
+from holoview.study.hologram_jobs import mean_number
+from holoview.study.hologram_study import HologramStudy, Results, result_table, targets_and_seeds
 from holoview.study.plots import heat_map
 from holoview.study.scale import StudyScale
 from holoview.study.study import Claim, Findings, StudyFigure, StudyJob
-from holoview.study.work import mean_number
 
 _COUNTS = (2, 4, 8, 16)
 _SPACINGS_NM = (2, 4, 8, 16)

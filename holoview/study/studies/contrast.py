@@ -11,11 +11,11 @@ import holoview as hv
 from holoview.colour import to_srgb8
 from holoview.metrics.speckle import independent_patterns, speckle_contrast
 from holoview.study.claims import DIRECTION_ONLY, REPRODUCES, SHOWN
-from holoview.study.holograms import Results
+from holoview.study.hologram_jobs import job_system, mean_number
+from holoview.study.hologram_study import Results
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale, format_size, speckle_shape
 from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob, StudyPicture
-from holoview.study.work import job_system, mean_number
 
 _COUNTS = (1, 2, 4, 8, 16, 32)
 _SEEDS = 4

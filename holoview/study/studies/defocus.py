@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 import holoview as hv
-from holoview.score import measure_image_quality
+from holoview.metrics.image_quality import measure_image_quality
 from holoview.study.claims import SHOWN
-from holoview.study.holograms import Results, scheme_jobs
+from holoview.study.hologram_jobs import job_system, job_target, mean_curve, optimise_job
+from holoview.study.hologram_study import Results, scheme_jobs
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale
 from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob, StudyPicture
-from holoview.study.work import job_system, job_target, mean_curve, optimise_job
 
 _SCHEMES = ("simultaneous", "holochrome-8", "holochrome-8x3")
 _SWEEP = 9

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from holoview.study.claims import SHOWN
-from holoview.study.holograms import HologramStudy, Results, result_table, scheme_jobs
+from holoview.study.hologram_jobs import mean_number
+from holoview.study.hologram_study import HologramStudy, Results, result_table, scheme_jobs
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale
 from holoview.study.study import Claim, Findings, StudyFigure, StudyJob
-from holoview.study.work import mean_number
 
 _COUNTS, _FRAMES = (2, 4, 8, 16), (1, 3)
 

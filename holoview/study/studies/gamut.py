@@ -8,13 +8,13 @@ import numpy as np
 
 from holoview.colour import observer_weights
 from holoview.metrics.gamut import SRGB_AREA, chromaticity, gamut_area
-from holoview.scheme import with_scheme
+from holoview.model.scheme import with_scheme
 from holoview.study.claims import CONTRADICTS, DIRECTION_ONLY, REPRODUCES, SHOWN, gain_claim, judge_gain
-from holoview.study.holograms import HologramStudy, Results, result_pictures, result_table, scheme_jobs
+from holoview.study.hologram_jobs import job_system, mean_number, paired_gains
+from holoview.study.hologram_study import HologramStudy, Results, result_pictures, result_table, scheme_jobs
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale
 from holoview.study.study import Claim, Findings, StudyFigure, StudyJob
-from holoview.study.work import job_system, mean_number, paired_gains
 
 _SATURATIONS = (0.0, 0.5, 1.0, 2.0)
 _FEW, _MANY = "simultaneous", "holochrome-16"

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import holoview as hv
+from holoview.model.system import System
 from holoview.study.claims import CONTRADICTS, REPRODUCES, SHOWN
-from holoview.study.holograms import Results
+from holoview.study.hologram_jobs import job_system, mean_curve
+from holoview.study.hologram_study import Results
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale, format_size, speckle_shape
 from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob
-from holoview.study.work import job_system, mean_curve
-from holoview.system import System
 
 _MIDDLE_M, _PLANE_M = 550e-9, 10e-3
 _STEPS_NM = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import holoview as hv
-from holoview.captures.make import AcquisitionSettings, make_captures
-from holoview.diagnose.diagnose import diagnose
+from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.pipeline import diagnose
 from holoview.study.claims import SHOWN
-from holoview.study.holograms import Results
+from holoview.study.hologram_jobs import mean_number
+from holoview.study.hologram_study import Results
 from holoview.study.plots import bar_chart
 from holoview.study.scale import StudyScale, format_size
 from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob, StudyPicture
-from holoview.study.work import mean_number
 
 _WAVELENGTHS_M = (460e-9, 550e-9, 640e-9)
 _PLANES_M = (9e-3, 11e-3)

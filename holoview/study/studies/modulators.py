@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from holoview.study.claims import gain_claim
-from holoview.study.holograms import HologramStudy, Results, psnr_plot, result_table, scheme_jobs
+from holoview.study.hologram_jobs import mean_by_case
+from holoview.study.hologram_study import HologramStudy, Results, psnr_plot, result_table, scheme_jobs
 from holoview.study.plots import bar_panels
 from holoview.study.scale import StudyScale
 from holoview.study.study import Findings, StudyFigure, StudyJob
-from holoview.study.work import mean_by_case
 
 _SCHEMES = ("holochrome-8", "holochrome-8+1slm", "simultaneous", "simultaneous+1slm")
 _NAMES = ("8 λ", "8 λ, one modulator", "3 λ", "3 λ, one modulator")

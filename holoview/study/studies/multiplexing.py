@@ -11,11 +11,11 @@ import holoview as hv
 from holoview.colour import SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights
 from holoview.metrics.psnr import psnr_xyz
 from holoview.study.claims import CONTRADICTS, REPRODUCES
-from holoview.study.holograms import Results, targets_and_seeds
+from holoview.study.hologram_jobs import hologram_metrics, job_system, job_target, mean_number, optimise_job, table_row
+from holoview.study.hologram_study import Results, targets_and_seeds
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale
 from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob
-from holoview.study.work import hologram_metrics, job_system, job_target, mean_number, optimise_job, table_row
 
 _LASERS_M = (532e-9, 638e-9)
 _MIXES = (0.0, 0.17, 0.33, 0.5, 0.67, 0.83, 1.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from holoview.study.claims import equal_claim, gain_claim
-from holoview.study.holograms import Results, SchemeStudy
+from holoview.study.hologram_study import Results, SchemeStudy
 from holoview.study.study import Claim
 
 _SOURCES, _COLOURS = "time-sequential+multisource-3x3", "holochrome-9x3"

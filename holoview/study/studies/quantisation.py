@@ -6,11 +6,11 @@ from typing import Any
 
 import holoview as hv
 from holoview.study.claims import SHOWN
-from holoview.study.holograms import HologramStudy, Results, result_table, scheme_jobs
+from holoview.study.hologram_jobs import METRIC_LABELS, mean_by_case
+from holoview.study.hologram_study import HologramStudy, Results, result_table, scheme_jobs
 from holoview.study.plots import bar_chart
 from holoview.study.scale import StudyScale
 from holoview.study.study import Claim, Findings, StudyFigure, StudyJob
-from holoview.study.work import METRIC_LABELS, mean_by_case
 
 _SCHEME, _BINARY = "holochrome-8", "multiplexed-12"
 _MEASURED = "16 levels of a real modulator"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from holoview.study.claims import gain_claim
-from holoview.study.holograms import Results, SchemeStudy
+from holoview.study.hologram_study import Results, SchemeStudy
 from holoview.study.study import Claim
 
 _CLAIMS = (

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from holoview.study.claims import CONTRADICTS, LARGER, REPRODUCES
-from holoview.study.holograms import HologramStudy, Results, psnr_plot, result_table, scheme_jobs
+from holoview.study.hologram_jobs import paired_gains
+from holoview.study.hologram_study import HologramStudy, Results, psnr_plot, result_table, scheme_jobs
 from holoview.study.scale import StudyScale
 from holoview.study.study import Claim, Findings, StudyJob
-from holoview.study.work import paired_gains
 
 _SCHEMES = ("holochrome-4", "holochrome-8")
 _FIXED: dict[str, Any] = {}

@@ -1,0 +1,133 @@
+"""What opens above the panels: the sheet of keys, the palette of commands."""
+
+from __future__ import annotations
+
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+from imgui_bundle import imgui
+
+from holoview.app.command_registry import Command
+from holoview.app.panel import Panel
+
+if TYPE_CHECKING:
+    from holoview.app.app import App
+
+_PALETTE_ROWS = 12
+
+
+class HelpOverlay(Panel):
+    """The sheet of keys and the palette of commands, at most one of them open."""
+
+    title = "Keys and commands"
+
+    def __init__(self, app: App) -> None:
+        self._app = app
+        self.page = ""
+        self.query, self._chosen = "", 0
+        self._is_new = False
+
+    def toggle(self, name: str) -> None:
+        """Opens "keys" or "palette", or closes it."""
+        self.page = "" if self.page == name else name
+        self.query, self._chosen, self._is_new = "", 0, True
+
+    def close(self) -> None:
+        """Closes what is open."""
+        self.page = ""
+
+    def draw(self, app: App) -> None:
+        """Draws what is open."""
+        if not self.page:
+            return
+        place = imgui.get_main_viewport()
+        is_sheet = self.page == "keys"
+        width = min(place.work_size.x - 40, 860.0 if is_sheet else 520.0)
+        middle = imgui.ImVec2(place.work_pos.x + place.work_size.x / 2, place.work_pos.y + 50)
+        imgui.set_next_window_pos(middle, imgui.Cond_.always, imgui.ImVec2(0.5, 0.0))
+        imgui.set_next_window_size_constraints(imgui.ImVec2(width, 0), imgui.ImVec2(width, place.work_size.y - 100))
+        if self._is_new:
+            imgui.set_next_window_focus()
+        flags = (
+            imgui.WindowFlags_.no_docking
+            | imgui.WindowFlags_.no_collapse
+            | imgui.WindowFlags_.no_move
+            | imgui.WindowFlags_.no_saved_settings
+            | imgui.WindowFlags_.always_auto_resize
+        )
+        is_shown, is_open = imgui.begin("Keys" if is_sheet else "Commands", True, flags)
+        if is_shown:
+            self._draw_sheet() if is_sheet else self._draw_palette()
+        imgui.end()
+        self._is_new = False
+        if not is_open or imgui.is_key_pressed(imgui.Key.escape):
+            self.close()
+
+    def matches(self) -> list[Command]:
+        """Commands whose name holds every word that was typed, those that begin with it first."""
+        words = self.query.lower().split()
+        found = [c for c in self._app.commands if all(word in f"{c.group} {c.name}".lower() for word in words)]
+        return sorted(found, key=lambda c: not c.name.lower().startswith(self.query.lower()))
+
+    def _draw_sheet(self) -> None:
+        commands = sorted((c for c in self._app.commands if c.keys), key=lambda c: c.group)
+        groups = [(name, list(some)) for name, some in groupby(commands, key=lambda c: c.group)]
+        columns = 3 if imgui.get_content_region_avail().x > 700 else 2
+        if not imgui.begin_table("keys", columns, imgui.TableFlags_.sizing_stretch_same):
+            return
+        imgui.table_next_row()
+        heights = [0.0] * columns
+        piles: list[list[tuple[str, list[Command]]]] = [[] for _ in range(columns)]
+        for name, some in sorted(groups, key=lambda group: -len(group[1])):
+            shortest = heights.index(min(heights))
+            heights[shortest] += len(some) + 2
+            piles[shortest].append((name, some))
+        for pile in piles:
+            imgui.table_next_column()
+            for name, some in pile:
+                _draw_group(name, some)
+        imgui.end_table()
+        imgui.text_disabled(
+            "On the image: wheel zooms about the pointer, Ctrl+wheel changes the focal plane, "
+            "drag pans, Shift+drag draws a region, double click fits."
+        )
+
+    def _draw_palette(self) -> None:
+        if self._is_new:
+            imgui.set_keyboard_focus_here()
+        imgui.set_next_item_width(-1)
+        changed, self.query = imgui.input_text_with_hint("##query", "type a command", self.query)
+        self._chosen = 0 if changed else self._chosen
+        found = self.matches()
+        step = int(imgui.is_key_pressed(imgui.Key.down_arrow)) - int(imgui.is_key_pressed(imgui.Key.up_arrow))
+        self._chosen = min(max(self._chosen + step, 0), max(len(found) - 1, 0))
+        first = max(self._chosen - _PALETTE_ROWS + 1, 0)
+        for number, command in enumerate(found[first : first + _PALETTE_ROWS], start=first):
+            keys = command.keys[0].text if command.keys else ""
+            label = f"{command.group}: {command.name}"
+            clicked, _ = imgui.selectable(label, number == self._chosen, imgui.SelectableFlags_.allow_overlap)
+            if keys:
+                imgui.same_line(imgui.get_content_region_avail().x - imgui.calc_text_size(keys).x)
+                imgui.text_disabled(keys)
+            if clicked or (number == self._chosen and imgui.is_key_pressed(imgui.Key.enter)):
+                self.close()
+                self._app.attempt(self._app.commands.run, command.name)
+        if not found:
+            imgui.text_disabled("no command has these words")
+
+
+def _keys_text(command: Command) -> str:
+    texts = [chord.text for chord in command.keys]
+    return "  ".join(texts) if len(texts) < 4 else f"{texts[0]} … {texts[-1]}"
+
+
+def _draw_group(name: str, commands: list[Command]) -> None:
+    imgui.separator_text(name)
+    left = imgui.get_cursor_pos_x()
+    for command in commands:
+        keys = _keys_text(command)
+        right = left + imgui.get_content_region_avail().x - imgui.calc_text_size(keys).x
+        imgui.text(command.name)
+        imgui.same_line()
+        imgui.set_cursor_pos_x(right)
+        imgui.text_disabled(keys)

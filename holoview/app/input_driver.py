@@ -1,0 +1,138 @@
+"""A hand without a screen: synthetic events into an app that draws off screen, for scripts and tests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.app.app import App
+from holoview.app.keys import Chord
+from holoview.util.errors import UserError, suggest_matches
+
+_SETTLING_FRAMES = 3
+_NOTCH = 100.0
+Point = tuple[float, float]
+
+
+class InputDriver:
+    """Moves the pointer, presses keys, and draws frames. Places are in logical pixels."""
+
+    def __init__(self, app: App) -> None:
+        self.app, self.canvas = app, app.window.canvas
+        self._at: Point = (0.0, 0.0)
+        self._buttons: tuple[int, ...] = ()
+
+    def draw_frames(self, count: int = 1) -> NDArray[np.uint8]:
+        """Draws frames; the last as 8-bit sRGB (y, x, 3). What failed while drawing is raised."""
+        image: Any = None
+        for _ in range(count):
+            self.canvas._process_events()  # drawing alone leaves submitted events waiting
+            image = self.canvas.draw()
+            if self.app.window.error is not None:
+                raise self.app.window.error
+        return np.asarray(image)[..., :3].copy()
+
+    def draw_until_idle(self, timeout_s: float = 120.0) -> NDArray[np.uint8]:
+        """Draws until all that is shown is computed."""
+        self.draw_frames(2)
+        for _ in range(4):
+            self.app.compute_until_idle(timeout_s)
+            image = self.draw_frames(2)
+            if not self.app.is_busy:
+                return image
+        return image
+
+    def item_position(self, name: str, x: float = 0.5, y: float = 0.5) -> Point:
+        """A place in the rectangle of a marked item, in shares of it. Raises UserError for an unknown name."""
+        if name not in self.app.item_rects:
+            raise UserError("script", f'no item is called "{name}"', remedy=suggest_matches(name, self.app.item_rects))
+        left, top, right, bottom = self.app.item_rects[name]
+        return left + x * (right - left), top + y * (bottom - top)
+
+    # --- the pointer ------------------------------------------------------------------------------------------------
+
+    def move(self, to: Point) -> None:
+        """Moves the pointer."""
+        self._at = to
+        self._pointer("pointer_move")
+        self.draw_frames()
+
+    def press_button(self, button: int = 1) -> None:
+        """Presses a button: 1 left, 2 right, 3 middle."""
+        self._buttons = (button,)
+        self._pointer("pointer_down", button)
+        self.draw_frames()
+
+    def release_button(self, button: int = 1) -> None:
+        """Lets a button go."""
+        self._buttons = ()
+        self._pointer("pointer_up", button)
+        self.draw_frames(_SETTLING_FRAMES)
+
+    def click(self, at: Point, button: int = 1) -> None:
+        """Moves there and clicks."""
+        self.move(at)
+        self.move(at)
+        self.press_button(button)
+        self.release_button(button)
+
+    def drag(self, start: Point, end: Point, steps: int = 4) -> None:
+        """Presses at one place, moves to another and lets go."""
+        self.move(start)
+        self.move(start)
+        self.press_button()
+        for step in range(1, steps + 1):
+            share = step / steps
+            self.move((start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])))
+        self.release_button()
+
+    def wheel(self, at: Point, notches: float, *modifiers: str) -> None:
+        """Turns the wheel away from the hand by so many notches."""
+        self.move(at)
+        self._modifiers(modifiers, "key_down")
+        x, y = at
+        self.submit_event("wheel", x=x, y=y, dx=0.0, dy=-_NOTCH * notches, buttons=(), modifiers=modifiers)
+        self.draw_frames(2)
+        self._modifiers(modifiers, "key_up")
+        self.draw_frames()
+
+    # --- keys -------------------------------------------------------------------------------------------------------
+
+    def press_chord(self, chord: str) -> None:
+        """Presses and releases keys that are written like "Ctrl+Shift+Z"."""
+        modifiers, name = Chord(chord).parts
+        modifiers = ("Shift", *modifiers) if name == "?" else modifiers
+        self.hold_keys(modifiers)
+        self.submit_event("key_down", key=name, modifiers=modifiers)
+        self.draw_frames()
+        self.submit_event("key_up", key=name, modifiers=modifiers)
+        self.release_keys(modifiers)
+
+    def hold_keys(self, names: tuple[str, ...]) -> None:
+        """Holds keys down, by the names that events have."""
+        self._modifiers(names, "key_down")
+        self.draw_frames()
+
+    def release_keys(self, names: tuple[str, ...]) -> None:
+        """Releases keys."""
+        self._modifiers(names, "key_up")
+        self.draw_frames(_SETTLING_FRAMES)
+
+    def type_text(self, text: str) -> None:
+        """Types text into what has the focus."""
+        for letter in text:
+            self.submit_event("char", data=letter, is_composing=False, input_type="insertText")
+            self.draw_frames()
+
+    def _modifiers(self, names: tuple[str, ...], kind: str) -> None:
+        for name in names:
+            self.submit_event(kind, key=name, modifiers=())
+
+    def _pointer(self, kind: str, button: int = 0) -> None:
+        x, y = self._at
+        self.submit_event(kind, x=x, y=y, button=button, buttons=self._buttons, modifiers=(), ntouches=0, touches={})
+
+    def submit_event(self, kind: str, **details: Any) -> None:
+        self.canvas.submit_event({"event_type": kind, **details})

@@ -1,0 +1,168 @@
+"""Numbers that a bench implies: what `holoview info` shows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from holoview.model.effects.active_effects import ActiveEffects
+from holoview.model.plan import Plan, band_limit, make_plan, walk_off
+from holoview.model.system import Relay, System
+from holoview.optimise.memory import peak_bytes
+from holoview.util import units
+
+_COMPLEX64, _FLOAT32 = 8, 4
+
+
+@dataclass(frozen=True)
+class InfoRow:
+    """One derived number: under which heading, its name, and its text in people's units."""
+
+    heading: str
+    name: str
+    text: str
+
+
+def info_rows(system: System) -> list[InfoRow]:
+    """Everything derived that a person may want to check before trusting a simulation."""
+    plan = make_plan(system)
+    return [
+        *_bench(system),
+        *_diffraction(system),
+        *_cut_offs(plan),
+        *_sampling(plan),
+        *_memory(plan),
+        *_effects(system),
+    ]
+
+
+def _bench(system: System) -> list[InfoRow]:
+    modulator = system.modulators[0]
+    rows, columns = modulator.shape
+    nm = [f"{λ * 1e9:.4g}" for λ in system.wavelengths_m]
+    levels = "continuous" if modulator.levels is None else f"{len(modulator.levels)} levels"
+    out = [
+        InfoRow("bench", "wavelengths", f"{len(nm)}: {', '.join(nm)} nm"),
+        InfoRow("bench", "frames", str(system.frames)),
+        InfoRow("bench", "source directions", str(len(system.source.directions_rad))),
+        InfoRow("bench", "modulators", f"{len(system.modulators)} of {columns} x {rows} pixels, {levels}"),
+        InfoRow("bench", "pixel pitch", units.format_rounded(modulator.pitch_m, "um")),
+        InfoRow(
+            "bench", "active area", f"{columns * modulator.pitch_m * 1e3:.4g} x {rows * modulator.pitch_m * 1e3:.4g} mm"
+        ),
+    ]
+    if system.gap_m is not None:
+        out.append(InfoRow("bench", "gap", units.format_rounded(system.gap_m, "mm")))
+    planes = ", ".join(f"{z * 1e3:.4g}" for z in system.planes_m)
+    return [*out, InfoRow("bench", "focal planes", f"{planes} mm"), InfoRow("bench", "observer", system.observer)]
+
+
+def _diffraction(system: System) -> list[InfoRow]:
+    modulator = system.modulators[0]
+    shortest, longest = float(system.wavelengths_m.min()), float(system.wavelengths_m.max())
+    pixels = math.prod(modulator.shape)
+    turns = [2 * modulator.stroke_m / λ for λ in (shortest, longest)]
+    sines = [min(1.0, λ / (2 * modulator.pitch_m)) for λ in (shortest, longest)]
+    angles = [math.degrees(math.asin(sine)) for sine in sines]
+    cone = min(sines[1], 0.999, system.relay2.iris_na or 1.0)
+    blur = float(np.ptp(system.planes_m)) * math.tan(math.asin(cone)) / modulator.pitch_m
+    return [
+        InfoRow(
+            "diffraction",
+            "phase range",
+            f"{turns[0]:.3g} pi at {shortest * 1e9:.4g} nm, {turns[1]:.3g} pi at {longest * 1e9:.4g} nm",
+        ),
+        InfoRow("diffraction", "largest angle (half)", f"{angles[0]:.3g}° to {angles[1]:.3g}°"),
+        InfoRow(
+            "diffraction",
+            "étendue",
+            f"{pixels * shortest**2 * 1e6:.3g} to {pixels * longest**2 * 1e6:.3g} mm² sr (pixels × λ²)",
+        ),
+        InfoRow("diffraction", "defocus over the stack", f"±{blur:.3g} modulator pixels"),
+    ]
+
+
+def _cut_offs(plan: Plan) -> list[InfoRow]:
+    system, dx = plan.system, plan.grid.pitch_m
+    out = [
+        InfoRow("cut-offs", "modulator", f"{0.5e-3 / system.modulators[0].pitch_m:.4g} cycles/mm"),
+        InfoRow("cut-offs", "simulation grid", f"{0.5e-3 / dx:.4g} cycles/mm"),
+    ]
+    for name, relay in (("relay 1", system.relay1), ("relay 2", system.relay2)):
+        if relay.iris_na is not None:
+            sides = [
+                f"{relay.iris_na / λ * 1e-3:.4g}" for λ in (system.wavelengths_m.max(), system.wavelengths_m.min())
+            ]
+            out.append(InfoRow("cut-offs", f"iris of {name}", f"{' to '.join(sides)} cycles/mm (NA {relay.iris_na:g})"))
+        if relay.dc_block_na is not None:
+            out.append(InfoRow("cut-offs", f"DC block of {name}", f"NA {relay.dc_block_na:g}"))
+    longest, farthest = float(system.wavelengths_m.max()), float(plan.planes_m.max())
+    limit = min(band_limit(p, dx, longest, farthest) for p in plan.grid.padded)
+    text = f"{limit * 1e-3:.4g} cycles/mm"
+    if limit >= 0.5 / dx:
+        text = "not needed (the kernel doesn't alias)"
+    elif system.sampling.propagation == "periodic":
+        text = f"none (periodic), though the kernel aliases above {text}"
+    return [*out, InfoRow("cut-offs", "band limit at the farthest plane", text)]
+
+
+def _sampling(plan: Plan) -> list[InfoRow]:
+    grid, how = plan.grid, plan.system.sampling.propagation
+    if how == "periodic" and grid.padded != grid.shape:
+        how += ", padded to the next sizes that can be transformed"
+    return [
+        InfoRow(
+            "sampling",
+            "simulated field",
+            f"{grid.shape[1]} x {grid.shape[0]} at {units.format_rounded(grid.pitch_m, 'um')}",
+        ),
+        InfoRow("sampling", "transformed grid", f"{grid.padded[1]} x {grid.padded[0]} ({how})"),
+        InfoRow("sampling", "expected wrap-around", format_wrap_around(plan)),
+    ]
+
+
+def format_wrap_around(plan: Plan) -> str:
+    """In words, how much of the field light reaches that left the grid on the other side."""
+    system = plan.system
+    paths: list[tuple[str, Relay, float]] = [("planes", system.relay2, float(plan.planes_m.max()))]
+    if system.gap_m is not None:
+        paths.insert(0, ("gap", system.relay1, system.gap_m))
+    worst, where, samples = 0.0, "", 0.0
+    for name, relay, distance_m in paths:
+        reach = walk_off(system, relay, distance_m)
+        for n, padded in zip(plan.grid.shape, plan.grid.padded, strict=True):
+            share = min(1.0, max(0.0, n + reach - padded) / n)
+            if share > worst:
+                worst, where, samples = share, name, reach
+    if worst == 0.0:
+        return "none: the padding exceeds the largest walk-off"
+    if system.sampling.propagation == "periodic":
+        return f"up to {worst:.0%} of a side ({samples:.0f} samples walk-off over the {where})"
+    return f"none: light that walks off by more than the padding ({samples:.0f} samples over the {where}) is cut"
+
+
+def _memory(plan: Plan) -> list[InfoRow]:
+    field = math.prod(plan.grid.padded) * _COMPLEX64
+    stack = len(plan.system.wavelengths_m) * len(plan.planes_m) * math.prod(plan.grid.shape) * _FLOAT32
+    return [
+        InfoRow("memory", "one padded field", _bytes(field)),
+        InfoRow("memory", "focal stack of intensities", _bytes(stack)),
+        InfoRow("memory", "optimiser", f"about {_bytes(peak_bytes(plan.system))}"),
+    ]
+
+
+def _effects(system: System) -> list[InfoRow]:
+    """What the bench does beyond the plain model, in words."""
+    if not system.effects:
+        return []
+    switched = ActiveEffects(system.effect_values)
+    said = [InfoRow("effects", one.id, one.format_finding(system, dict(v))) for one, v in switched.pairs]
+    camera = [one.id for one in switched.camera_effects()]
+    note = f"{', '.join(camera)}: of the camera that took captures, not of what is rendered"
+    return [*said, *([InfoRow("effects", "not seen", note)] if camera else [])]
+
+
+def _bytes(count: float) -> str:
+    return f"{count / 2**20:.4g} MiB" if count < 2**30 else f"{count / 2**30:.3g} GiB"

@@ -1,0 +1,45 @@
+"""Random values of an effect, for tests that hide one: as far from the identity as a share of the searched range."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter
+from holoview.model.system import System
+
+_REACH = 1.5  # of the prior, where a parameter is never scanned
+_MOST_TERMS = 2
+
+
+def sample_effect(effect: Effect, system: System, size: float, rng: np.random.Generator) -> dict[str, float]:
+    """Values of the parameters that a diagnosis searches first; `size` 1 is the edge of the scan.
+
+    An effect with many independent terms gets one or two of them.
+    """
+    open_ones = [p for p in effect.parameters if not p.fine]
+    if len(open_ones) > 3:
+        chosen = rng.choice(len(open_ones), size=int(rng.integers(1, _MOST_TERMS + 1)), replace=False)
+        open_ones = [open_ones[k] for k in sorted(chosen)]
+    reaches = _scan_extents(effect, system)
+    return {p.name: _sample_parameter(p, reaches.get(p.name, _REACH * p.prior), size, rng) for p in open_ones}
+
+
+def _scan_extents(effect: Effect, system: System) -> dict[str, float]:
+    """How far the starts of a search go from the identity."""
+    reaches: dict[str, float] = {}
+    for point in effect.starting_points(system):
+        for p in effect.parameters:
+            away = abs(point.get(p.name, p.identity) - p.identity)
+            if away:
+                reaches[p.name] = max(reaches.get(p.name, 0.0), away)
+    return reaches
+
+
+def _sample_parameter(p: Parameter, reach: float, size: float, rng: np.random.Generator) -> float:
+    amount = reach * size * rng.uniform(0.8, 1.1)
+    signs = [s for s in (1.0, -1.0) if p.low <= p.identity + s * amount <= p.high and (not p.even or s > 0)]
+    lowest = p.scan_values()
+    inside = [s for s in signs if not p.scan or s > 0 or min(lowest, default=0.0) < p.identity] or signs
+    value = p.identity + float(rng.choice(inside or [1.0])) * amount
+    return float(np.clip(value, p.low, p.high))

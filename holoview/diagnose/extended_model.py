@@ -1,0 +1,97 @@
+"""The model before and after: a preset as the nominal bench of captures, and a bench with the causes named."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from holoview.captures.dataset import Captures, SlmSpec
+from holoview.captures.predictor import Prediction, Predictor
+from holoview.diagnose.comparison import Values
+from holoview.diagnose.free_parameters import FittedValues
+from holoview.model.effects.registry import get_effect
+from holoview.model.system import System
+from holoview.util.errors import UserError
+
+_SAME = 1e-6
+
+
+def with_preset_geometry(captures: Captures, system: System, name: str) -> tuple[Captures, FittedValues, System]:
+    """The captures with the geometry of a preset, the effects that it has on, and the preset itself.
+
+    Raises UserError when the preset's modulators aren't those of the captures.
+    """
+    if len(system.modulators) != len(captures.slms):
+        raise UserError(
+            f"--preset {name}",
+            f"{len(system.modulators)} modulators",
+            expected=f"{len(captures.slms)} as in the captures",
+        )
+    shape = captures.levels.shape[2:]
+    if system.modulators[0].shape != shape:
+        found = "{} x {} pixels".format(*system.modulators[0].shape)
+        raise UserError(f"--preset {name}", found, expected="{} x {} as in the captures".format(*shape))
+    for panel, modulator in zip(captures.slms, system.modulators, strict=True):
+        if abs(panel.pitch_m / modulator.pitch_m - 1) > _SAME:
+            raise UserError(
+                f"--preset {name}",
+                f"a pitch of {modulator.pitch_m:.4g} m",
+                expected=f"{panel.pitch_m:.4g} m as in the captures",
+            )
+    changed = dataclasses.replace(
+        captures,
+        slms=tuple(
+            SlmSpec(p.pitch_m, p.num_levels, m.stroke_m) for p, m in zip(captures.slms, system.modulators, strict=True)
+        ),
+        gap_m=system.gap_m,
+        iris1_na=system.relay1.iris_na,
+        iris2_na=captures.iris2_na if captures.is_fourier else system.relay2.iris_na,
+    )
+    return changed, system.effect_values, system
+
+
+def add_effect_values(known: Values, found: Values) -> dict[str, dict[str, Any]]:
+    """Values of what is known and what was found beyond it: errors add, since each is told from its identity."""
+    result: dict[str, dict[str, Any]] = {name: dict(values) for name, values in known.items()}
+    for name, values in found.items():
+        own = result.setdefault(name, {})
+        for p in get_effect(name).parameters:
+            if p.name not in values:
+                continue
+            if p.name in own:
+                own[p.name] = float(np.clip(own[p.name] + values[p.name] - p.identity, p.low, p.high))
+            else:
+                own[p.name] = values[p.name]
+    return result
+
+
+class PredictorWithKnownEffects:
+    """A predictor on which known effects are always on."""
+
+    def __init__(self, captures: Captures, known_values: Values, **options: Any) -> None:
+        self._predict, self._known = Predictor(captures, **options), known_values
+
+    @property
+    def fields_requested(self) -> int:
+        """How many fields calls have asked for so far."""
+        return self._predict.fields_requested
+
+    def __call__(self, indices: Any, values: Values, *, grad: bool = False) -> Prediction:
+        """As the predictor's; `values` add to what is known."""
+        own = (
+            add_effect_values(self._known, {n: v for n, v in values.items() if not n.startswith("free_")})
+            if self._known
+            else values
+        )
+        free = {n: v for n, v in values.items() if n.startswith("free_")}
+        return self._predict(indices, {**own, **free}, grad=grad)
+
+
+def extended_system(system: System, found: Mapping[str, Mapping[str, float]]) -> System:
+    """A bench with the named effects switched on, beside those that it has."""
+    values = add_effect_values(system.effect_values, found)
+    changes = {f"effects.{name}.{key}": value for name, own in values.items() for key, value in own.items()}
+    return system.edit(changes) if changes else system

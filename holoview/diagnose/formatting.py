@@ -1,0 +1,27 @@
+"""Values with their intervals in people's units, to the digits that the interval leaves: "0.1081 ± 0.0012 mm"."""
+
+from __future__ import annotations
+
+import math
+
+from holoview.diagnose.uncertainty import Interval
+from holoview.model.effects.parameter import Parameter
+from holoview.model.effects.registry import get_effect
+from holoview.util import units
+
+
+def format_value(effect_id: str, parameter: str, interval: Interval) -> str:
+    """A parameter of the effect `name`: value ± half of its 95 % interval, and the unit."""
+    p = next(p for p in get_effect(effect_id).parameters if p.name == parameter)
+    value, half = (_number(p, x) for x in (interval.value, interval.half_width))
+    if not math.isfinite(half):
+        return f"{value:.3g} ± unknown {p.shown}".rstrip()
+    decimals = max(0, min(12, 1 - math.floor(math.log10(half)))) if half > 0 else 6
+    return f"{value:.{decimals}f} ± {half:.{decimals}f} {p.shown}".rstrip()
+
+
+def _number(p: Parameter, value: float) -> float:
+    """In people's unit."""
+    if not p.is_quantity or not math.isfinite(value):
+        return value
+    return float(units.format_exact(value, p.shown).split()[0])

@@ -1,0 +1,70 @@
+"""PNG files out and in: what is seen, with the setting that made it in text chunks; and modulator patterns."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+import holoview
+from holoview.targets.image_reader import file_format, read_raster
+from holoview.util.errors import UserError
+from holoview.util.files import atomic_write
+
+
+def write_png(path: str | os.PathLike[str], pixels: NDArray[np.uint8 | np.uint16], texts: Mapping[str, str]) -> None:
+    """Writes (y, x, 3) 8-bit or (y, x) 8- or 16-bit pixels, whole or not at all.
+
+    `texts` become text chunks, beside "Software" with holoview's version.
+    """
+    chunks = PngInfo()
+    for key, value in ({"Software": f"holoview {holoview.__version__}"} | dict(texts)).items():
+        chunks.add_itxt(key, value, zip=len(value) > 200)
+    with atomic_write(path) as temporary:
+        Image.fromarray(pixels).save(temporary, format="PNG", pnginfo=chunks)
+
+
+def write_pattern(
+    path: str | os.PathLike[str], drive: NDArray[np.floating], bits: int = 8, texts: Mapping[str, str] | None = None
+) -> None:
+    """Writes one modulator's drive (y, x) in 0…1 as a greyscale PNG of 8 or 16 bits: 0…max stands for 0…stroke.
+
+    Raises UserError for other bits and for values outside 0…1.
+    """
+    if bits not in (8, 16):
+        raise UserError("bits", str(bits), expected="8 or 16")
+    if not (drive.ndim == 2 and np.all((drive >= 0) & (drive <= 1))):
+        raise UserError("drive", "values outside 0…1, or not (y, x)", expected="fractions of the modulator's stroke")
+    levels = np.rint(drive.astype(np.float64) * (2**bits - 1))
+    pixels = levels.astype(np.uint8) if bits == 8 else levels.astype(np.uint16)
+    write_png(path, pixels, {"holoview.pattern": "0…max is 0…stroke"} | dict(texts or {}))
+
+
+def read_pattern(path: str | os.PathLike[str], shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Drive (y, x) in 0…1 of a greyscale PNG of 8 or 16 bits, or of a colour one whose channels are equal.
+
+    Raises UserError for a file that is missing, isn't a PNG, is coloured or transparent, or isn't of `shape` (rows,
+    columns).
+    """
+    file = Path(path)
+    if file_format(file) != "PNG":
+        raise UserError(str(path), "isn't a PNG", expected="a pattern as greyscale PNG of 8 or 16 bits")
+    raster = read_raster(file)
+    if np.any(raster.values != raster.values[..., :1]):
+        raise UserError(str(path), "is a coloured picture", expected="a greyscale pattern, 0…max for 0…stroke")
+    if raster.alpha is not None and np.any(raster.alpha != 1):
+        raise UserError(str(path), "is partly transparent", expected="a greyscale pattern without alpha")
+    if raster.values.shape[:2] != shape:
+        found, wanted = (f"{columns} x {rows} pixels" for rows, columns in (raster.values.shape[:2], shape))
+        raise UserError(str(path), found, expected=f"{wanted}, one a modulator pixel", remedy="or change the preset")
+    return raster.values[..., 0].astype(np.float32)
+
+
+def path_with_suffix(path: Path, suffix: str) -> Path:
+    """The name of one file of several: out.png with 10mm is out-10mm.png."""
+    return path.with_name(f"{path.stem}-{suffix}{path.suffix}")

@@ -1,0 +1,149 @@
+"""Presets: benches as TOML in people's units, by name or by path, and back to TOML without losing a digit.
+
+A preset may start from another one (`base = "holochrome-8"`) and state only what differs.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from holoview.model import dataclass_fields as describe
+from holoview.model.effects.parameter import FileParameter
+from holoview.model.effects.registry import get_effect
+from holoview.model.shorthand import expand_table
+from holoview.model.system import System
+from holoview.util.errors import UserError, suggest_matches
+from holoview.util.files import atomic_write, data_dir
+
+_TABLES = ("source", "relay1", "relay2", "sampling", "effects")
+
+
+def names() -> list[str]:
+    """Names of the presets that come with holoview."""
+    return sorted(path.stem for path in data_dir("presets").glob("*.toml"))
+
+
+def load(preset: str | os.PathLike[str]) -> System:
+    """The system of a preset's name or of a TOML file.
+
+    Raises UserError for an unknown name (with near matches), a file that isn't TOML, and every impossible value.
+    """
+    path = _find(preset)
+    try:
+        table = _with_base(path, seen=())
+        table.setdefault("name", path.stem)
+        return from_table(table)
+    except UserError as error:
+        raise error if error.where.startswith(str(path)) else error.inside(f"{path}: ") from error
+
+
+def loads(text: str, where: str = "preset") -> System:
+    """The system of a TOML text, for example from the metadata of a hologram file."""
+    try:
+        return from_table(_parse(text, where))
+    except UserError as error:
+        raise error if error.where.startswith(where) else error.inside(f"{where}: ") from error
+
+
+def from_table(table: Mapping[str, Any]) -> System:
+    """The system of a parsed preset, shorthands allowed."""
+    system: System = describe.from_mapping(System, expand_table(table))
+    return system
+
+
+def dumps(system: System) -> str:
+    """The system as TOML in people's units; `loads` gives an equal system back."""
+    return tomli_w.dumps(_written(system), multiline_strings=False)
+
+
+def save(system: System, path: str | os.PathLike[str]) -> None:
+    """Writes the system as a preset file, whole or not at all."""
+    table = _map_file_paths(_written(system), Path(path).resolve().parent, _relative_path)
+    with atomic_write(path) as temporary:
+        temporary.write_text(tomli_w.dumps(table, multiline_strings=False), encoding="utf-8")
+
+
+def _written(system: System) -> dict[str, Any]:
+    table = describe.to_mapping(system)
+    head = {key: table[key] for key in ("name", "description") if key in table}
+    plain = {key: value for key, value in table.items() if key not in (*_TABLES, "modulators", *head)}
+    nested = {key: table[key] for key in ("modulators", *_TABLES) if key in table}
+    return head | plain | nested
+
+
+def _find(preset: str | os.PathLike[str]) -> Path:
+    path = Path(preset)
+    if path.suffix == ".toml" or path.parent != Path():
+        if not path.is_file():
+            raise UserError(
+                str(path), "no such file", expected="a preset's TOML file", remedy="`holoview presets` lists names"
+            )
+        return path
+    known = data_dir("presets") / f"{path.name}.toml"
+    if not known.is_file():
+        raise UserError(f'preset "{preset}"', "unknown", remedy=suggest_matches(str(preset), names()))
+    return known
+
+
+def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
+    path = path.resolve()
+    if path in seen:
+        raise UserError(str(path), "its base leads back to itself", expected="a base that ends at a complete preset")
+    try:
+        table = _parse(path.read_text(encoding="utf-8"), str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(str(path), f"can't be read: {error}", expected="a text file in TOML") from error
+    table = _map_file_paths(table, path.parent, _absolute_path)
+    base = table.pop("base", None)
+    if base is None:
+        return table
+    if not isinstance(base, str):
+        raise UserError(f"{path}: base", f"{base!r}", expected="a preset's name or path")
+    beside = path.parent / f"{base}"
+    inherited = _with_base(beside if beside.suffix == ".toml" else _find(base), (*seen, path))
+    return _merged({key: value for key, value in inherited.items() if key not in ("name", "description")}, table)
+
+
+def _map_file_paths(table: dict[str, Any], folder: Path, change: Callable[[str, Path], str]) -> dict[str, Any]:
+    """The table with the paths of its effects' files changed: what a preset states is relative to its own folder."""
+    effects = table.get("effects")
+    if not isinstance(effects, dict):
+        return table
+    changed: dict[str, Any] = {}
+    for name, values in effects.items():
+        files = {p.name for p in get_effect(name).parameters if isinstance(p, FileParameter)}
+        known = isinstance(values, dict) and files
+        changed[name] = {k: change(v, folder) if k in files else v for k, v in values.items()} if known else values
+    return table | {"effects": changed}
+
+
+def _absolute_path(file: str, folder: Path) -> str:
+    return str(folder / file)
+
+
+def _relative_path(file: str, folder: Path) -> str:
+    """Relative to the folder where the file lies in it."""
+    path = Path(file)
+    return str(path.relative_to(folder)) if path.is_relative_to(folder) else file
+
+
+def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """`changes` over `base`, table by table; a list or a plain value is replaced whole."""
+    out = dict(base)
+    for key, value in changes.items():
+        both = isinstance(value, dict) and isinstance(out.get(key), dict)
+        out[key] = _merged(out[key], value) if both else value
+    return out
+
+
+def _parse(text: str, where: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(where, f"isn't TOML: {error}", expected="a preset in TOML") from error

@@ -1,0 +1,165 @@
+"""What people may write instead of plain fields: white balance, a number of frames, a grid of sources.
+
+Both presets and edits pass through here; what comes out has only the fields of a `System`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.colour import observer_weights, white_amplitudes
+from holoview.model.field_types import Array, Integer, Number
+from holoview.util import units
+from holoview.util.errors import UserError
+
+
+class SystemLike(Protocol):
+    """What an edit's shorthands need to know of the `System` that is edited."""
+
+    @property
+    def modulators(self) -> Sequence[Any]: ...
+
+    @property
+    def wavelengths_m(self) -> NDArray[np.float64]: ...
+
+    @property
+    def amplitudes(self) -> NDArray[np.float64]: ...
+
+    @property
+    def frames(self) -> int: ...
+
+    @property
+    def observer(self) -> str: ...
+
+
+_EVERY_MODULATOR = ("pitch", "shape", "stroke", "levels")
+_SAMPLING = ("upsample", "propagation", "padding")
+_SWITCH = Array(Number(low=0.0, high=1.0), axes=2)
+_AMPLITUDES = Array(Number(low=0.0), axes=2)
+_WAVELENGTHS = Array(Number("nm", low=100e-9, high=10e-6))
+
+
+def expand_table(table: Mapping[str, Any]) -> dict[str, Any]:
+    """A preset's table with its shorthands (amplitudes = "white", frames, sequence, source.grid) written out.
+
+    frames = 3 repeats the amplitudes; sequence = [[1, 0], [0, 1]] says which lasers are on in each frame;
+    single = true keeps the first modulator only.
+    """
+    out = dict(table)
+    single = out.pop("single", False)
+    if not isinstance(single, bool):
+        raise UserError("single", f"{single!r}", expected="true or false")
+    if single:
+        out = _first_modulator_only(out)
+    frames, sequence = out.pop("frames", None), out.pop("sequence", None)
+    if isinstance(out.get("amplitudes"), str) and out["amplitudes"] == "white" and "wavelengths" in out:
+        wavelengths = _read_wavelengths(out["wavelengths"])
+        switches = _on_off_table(sequence, frames, len(wavelengths))
+        out["amplitudes"] = _white(str(out.get("observer", "eye")), wavelengths, switches)
+    elif sequence is not None:
+        raise UserError(
+            "sequence", "without white balance", remedy='use it with amplitudes = "white", or give the table itself'
+        )
+    elif frames is not None and "amplitudes" in out:
+        out["amplitudes"] = _repeated(out["amplitudes"], frames)
+    if isinstance(out.get("source"), Mapping) and "grid" in out["source"]:
+        out["source"] = _source_grid(out["source"])
+    return out
+
+
+def expand_edit(system: SystemLike, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Edits of a system with shorthands written out: modulator keys without index, sampling keys, white balance."""
+    out: dict[str, Any] = {}
+    for key, value in changes.items():
+        if key in _EVERY_MODULATOR:
+            modulators = changes.get("modulators", system.modulators)
+            count = len(modulators) if isinstance(modulators, list | tuple) else len(system.modulators)
+            out |= {f"modulators.{i}.{key}": value for i in range(count)}
+        elif key in _SAMPLING:
+            out[f"sampling.{key}"] = value
+        else:
+            out[key] = value
+    frames = out.pop("frames", None)
+    if isinstance(out.get("source"), Mapping) and "grid" in out["source"]:
+        out["source"] = _source_grid(out["source"])
+    if isinstance(out.get("amplitudes"), str):
+        wavelengths = _read_wavelengths(out.get("wavelengths", system.wavelengths_m))
+        out["amplitudes"] = _white_edit(system, out, wavelengths, frames)
+    elif frames is not None:
+        out["amplitudes"] = _repeated(out.get("amplitudes", system.amplitudes), frames)
+    return out
+
+
+def _first_modulator_only(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The same bench with one modulator: no gap, and no relay between modulators."""
+    modulators = table.get("modulators")
+    if not isinstance(modulators, list) or not modulators:
+        raise UserError("modulators", f"{modulators!r}", expected="at least one [[modulators]] table")
+    return {k: v for k, v in table.items() if k not in ("gap", "relay1")} | {"modulators": modulators[:1]}
+
+
+def _white_edit(
+    system: SystemLike, out: Mapping[str, Any], wavelengths: NDArray[np.float64], frames: Any
+) -> NDArray[np.float64]:
+    if out["amplitudes"] != "white":
+        raise UserError("amplitudes", f'"{out["amplitudes"]}"', expected='a table (frame, wavelength) or "white"')
+    sequence = (system.amplitudes > 0).astype(float)
+    if frames is not None or sequence.shape[1] != len(wavelengths) or not np.all(sequence.any(axis=0)):
+        sequence = np.ones((system.frames if frames is None else Integer().parse(frames, "frames"), len(wavelengths)))
+    return _white(str(out.get("observer", system.observer)), wavelengths, sequence)
+
+
+def _repeated(table: Any, frames: Any) -> NDArray[np.float64]:
+    rows = _AMPLITUDES.parse(table, "amplitudes")
+    assert rows is not None
+    if len(rows) == 0 or np.any(rows != rows[0]):
+        raise UserError(
+            "frames",
+            f"{frames!r} of different amplitudes",
+            expected="frames with equal amplitudes",
+            remedy="give the whole amplitude table instead",
+        )
+    return np.tile(rows[0], (Integer().parse(frames, "frames"), 1))
+
+
+def _read_wavelengths(value: Any) -> NDArray[np.float64]:
+    wavelengths = _WAVELENGTHS.parse(value, "wavelengths")
+    if wavelengths is None or len(wavelengths) == 0:
+        raise UserError("wavelengths", "an empty list", expected="a list of at least one length")
+    return wavelengths
+
+
+def _white(observer: str, wavelengths: NDArray[np.float64], sequence: NDArray[np.float64]) -> NDArray[np.float64]:
+    return white_amplitudes(observer_weights(observer, wavelengths), sequence)
+
+
+def _on_off_table(sequence: Any, frames: Any, wavelengths: int) -> NDArray[np.float64]:
+    if sequence is None:
+        return np.ones((1 if frames is None else Integer().parse(frames, "frames"), wavelengths))
+    table = _SWITCH.parse(sequence, "sequence")
+    assert table is not None
+    if table.ndim != 2 or table.shape[1] != wavelengths or (frames is not None and len(table) != frames):
+        raise UserError("sequence", f"a table of shape {table.shape}", expected=f"(frames, {wavelengths}) of 0 and 1")
+    return table
+
+
+def _source_grid(source: Mapping[str, Any]) -> dict[str, Any]:
+    """`grid = [rows, columns]` with `spacing` (an angle) as directions centred on the axis."""
+    rest = {key: value for key, value in source.items() if key not in ("grid", "spacing")}
+    if "directions" in rest or "spacing" not in source:
+        raise UserError("source.grid", f"{source['grid']}", expected="grid and spacing together, and no directions")
+    try:
+        rows, columns = (Integer(1, 64).parse(n, "source.grid") for n in source["grid"])
+    except (TypeError, ValueError) as error:
+        raise UserError("source.grid", f"{source['grid']}", expected="[rows, columns]") from error
+    spacing = units.parse(source["spacing"], "source.spacing", "angle")
+    y, x = np.meshgrid(_centred(rows) * spacing, _centred(columns) * spacing, indexing="ij")
+    return rest | {"directions": np.stack([y.ravel(), x.ravel()], axis=1)}
+
+
+def _centred(count: int) -> NDArray[np.float64]:
+    return np.arange(count, dtype=np.float64) - (count - 1) / 2

@@ -1,0 +1,156 @@
+"""The way a hologram is looked at: plane, exposure, channel, comparison, region. Frozen, checked, in SI units."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from holoview.util.errors import UserError, suggest_matches
+
+Region = tuple[int, int, int, int]
+"""x, y, width, height in samples of the simulated image."""
+Line = tuple[float, float, float, float]
+"""x0, y0, x1, y1 in samples of the simulated image; whole numbers are centres of samples."""
+
+CHANNELS = ("colour", "luminance", "R", "G", "B", "X", "Y", "Z", "L", "M", "S")
+FALSE_COLOURS = ("", "cubehelix", "hue")
+COMPARISON_MODES = ("off", "hold", "wipe", "side-by-side", "difference")
+PAGES = ("image", "planes", "phase", "spectrum", "target")
+DERIVED_PAGES = ("phase", "spectrum")
+"""Pages of pictures that aren't the image of a side."""
+SPECKLE_EXPOSURE_STOPS = -1.5
+"""An exposure at which random patterns, which are as bright as white in the mean, show their speckle unclipped."""
+MAX_EXPOSURE_STOPS = 60.0  # 2^60 is past anything to see, and its square still far inside a float64
+_KINDS = ("now", "target", "snapshot", "preset")
+
+
+def _check_choice(key: str, value: str, options: tuple[str, ...]) -> None:
+    if value not in options:
+        expected = ", ".join(f'"{option}"' for option in options)
+        raise UserError(key, f'"{value}"', expected=expected, remedy=suggest_matches(value, options))
+
+
+@dataclass(frozen=True)
+class ComparisonSide:
+    """One side of a comparison: the hologram as it is now, its target, a pinned snapshot, or another preset."""
+
+    kind: str = "now"
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        _check_choice("side", self.kind, _KINDS)
+        if (self.kind in ("snapshot", "preset")) != bool(self.name):
+            raise UserError(f"side {self.kind}", f'name "{self.name}"', expected="a name for a snapshot or a preset")
+
+    @property
+    def label(self) -> str:
+        """What people read above the image."""
+        return self.name if self.name else {"now": "Now", "target": "Target"}[self.kind]
+
+
+NOW, TARGET = ComparisonSide("now"), ComparisonSide("target")
+
+
+@dataclass(frozen=True)
+class ViewSettings:
+    """How the light at a focal plane becomes what is on the screen.
+
+    plane_m: distance of the focal plane. exposure_stops: brighter by 2^stops. gamma: on top of the sRGB curve; 1
+    changes nothing. channel: one of CHANNELS; false_colour: a colour map for one channel, "" for grey. low, high:
+    values (of the channel, after exposure) that are shown black and white. solo, muted: lasers by index. page: one of
+    PAGES; frame and modulator say which pattern the phase page shows. a, b, compare, wipe: what is compared and how;
+    wipe is the share of the width that shows a. region: where speckle is measured; profile: a line whose values are
+    plotted. zoom: screen pixels a sample, 0 fits the window; centre (x, y): shares of the image.
+
+    Raises UserError for values that make no sense.
+    """
+
+    plane_m: float
+    exposure_stops: float = 0.0
+    gamma: float = 1.0
+    channel: str = "colour"
+    false_colour: str = ""
+    low: float = 0.0
+    high: float = 1.0
+    solo: int | None = None
+    muted: frozenset[int] = frozenset()
+    page: str = "image"
+    frame: int = 0
+    modulator: int = 0
+    a: ComparisonSide = NOW
+    b: ComparisonSide = TARGET
+    compare: str = "off"
+    wipe: float = 0.5
+    region: Region | None = None
+    profile: Line | None = None
+    zoom: float = 0.0
+    centre: tuple[float, float] = (0.5, 0.5)
+
+    def __post_init__(self) -> None:
+        for key, options in (
+            ("channel", CHANNELS),
+            ("false_colour", FALSE_COLOURS),
+            ("compare", COMPARISON_MODES),
+            ("page", PAGES),
+        ):
+            _check_choice(key, getattr(self, key), options)
+        if not 0 <= self.plane_m < math.inf:
+            raise UserError("plane", f"{self.plane_m:g} m", expected="a distance of 0 or more behind the modulator")
+        if not abs(self.exposure_stops) <= MAX_EXPOSURE_STOPS:
+            raise UserError(
+                "exposure",
+                f"{self.exposure_stops:g}",
+                expected=f"from -{MAX_EXPOSURE_STOPS:g} to {MAX_EXPOSURE_STOPS:g}",
+            )
+        if not 0.1 <= self.gamma <= 10:
+            raise UserError("gamma", f"{self.gamma:g}", expected="from 0.1 to 10")
+        if not self.low < self.high:
+            raise UserError("black and white", f"{self.low:g} and {self.high:g}", expected="black below white")
+        if self.region is not None and (min(self.region[:2]) < 0 or min(self.region[2:]) < 1):
+            raise UserError("region", str(self.region), expected="x, y ≥ 0 and a width and height ≥ 1")
+        if not (0 <= self.wipe <= 1 and 0 <= self.zoom < math.inf):
+            raise UserError("wipe and zoom", f"{self.wipe:g} and {self.zoom:g}", expected="0 to 1, and 0 or more")
+
+    def with_(self, **changes: Any) -> ViewSettings:
+        """A copy with some fields changed. Raises UserError for an unknown field or an impossible value."""
+        known = {field.name for field in dataclasses.fields(self)}
+        for key in changes:
+            if key not in known:
+                raise UserError(key, "unknown field of the look", remedy=suggest_matches(key, known))
+        return dataclasses.replace(self, **changes)
+
+    def with_side_replaced(self, old: ComparisonSide, new: ComparisonSide) -> ViewSettings:
+        """A copy that compares with `new` wherever this one does with `old`."""
+        return self.with_(**{key: new for key in ("a", "b") if getattr(self, key) == old})
+
+    def clamped_to(self, lasers: int, shape: tuple[int, int], frames: int, modulators: int) -> ViewSettings:
+        """The look with whatever pointed outside a changed bench brought back inside or dropped."""
+        muted = frozenset(laser for laser in self.muted if laser < lasers)
+        solo = self.solo if self.solo is not None and self.solo < lasers else None
+        if len(muted) == lasers:
+            muted = frozenset()
+        return dataclasses.replace(
+            self,
+            solo=solo,
+            muted=muted,
+            region=_clipped(self.region, shape),
+            frame=min(self.frame, frames - 1),
+            modulator=min(self.modulator, modulators - 1),
+        )
+
+
+def displayed_side(view_settings: ViewSettings) -> ComparisonSide:
+    """The side that is shown where a single one is: A of a comparison, else the hologram, or its target."""
+    if view_settings.page == "target":
+        return TARGET
+    return NOW if view_settings.compare == "off" or view_settings.page != "image" else view_settings.a
+
+
+def _clipped(region: Region | None, shape: tuple[int, int]) -> Region | None:
+    if region is None:
+        return None
+    x, y, width, height = region
+    width, height = min(x + width, shape[1]) - x, min(y + height, shape[0]) - y
+    return (x, y, width, height) if width > 0 and height > 0 else None

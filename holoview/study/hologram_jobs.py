@@ -1,0 +1,162 @@
+"""Jobs that several studies share: a hologram optimised for a target, and its scores.
+
+Settings of such a job: scheme, target, seed, shape, iterations, planes, and where they differ from these defaults:
+set (changes of the bench), saturation, options (of `Settings`), sweep (planes at which a sharp picture is scored).
+Everything is optimised and scored on a periodic grid, alike for all that are compared.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import holoview as hv
+from holoview.colour import to_srgb8
+from holoview.io.hologram import Hologram
+from holoview.metrics.image_quality import eyebox_uniformity_of, measure_image_quality, plane_midpoints
+from holoview.model.scheme import with_scheme
+from holoview.model.system import System
+from holoview.optimise.iteration_state import IterationState
+from holoview.optimise.torch_device import resolve_torch_device
+from holoview.study.study import JobResult, StatusCallback, StudyJob
+from holoview.targets.target import Placement
+from holoview.util.files import data_dir
+from holoview.view import View
+
+_BASE = "holochrome-8"
+_PLANES_M = (9e-3, 11e-3)
+_REPORT_EVERY = 10
+METRIC_LABELS = {
+    "psnr_db": "at the planes",
+    "between_db": "halfway between them",
+    "speckle_contrast": "speckle contrast σ/μ",
+    "delta_e": "mean CIEDE2000",
+    "eyebox_variation": "eyebox: variation",
+    "eyebox_centre_share": "eyebox: centre",
+}
+"""What numbers are called in plots."""
+
+JobSettings = Mapping[str, Any]
+
+
+def job_system(settings: JobSettings) -> System:
+    """The bench of a job, on a periodic grid."""
+    planes = np.linspace(*_PLANES_M, settings["planes"]) if settings["planes"] > 1 else np.array([np.mean(_PLANES_M)])
+    base = hv.load(_BASE).with_(shape=settings["shape"], propagation="periodic", planes=planes)
+    return with_scheme(base, settings["scheme"]).edit(settings.get("set", {}))
+
+
+def job_target(system: System, settings: JobSettings, planes_m: NDArray[np.float64]) -> NDArray[np.float32]:
+    """The focal stack (plane, y, x, 3) of a job's target, linear sRGB."""
+    name = settings["target"]
+    depth = data_dir("assets") / "still-life-depth.png" if name == "still-life" else None
+    options = {"saturation": settings.get("saturation", 1.0), "planes": planes_m}
+    return hv.target_for(system, data_dir("assets") / f"{name}.png", Placement(depth=depth), **options).stack
+
+
+def optimise_job(
+    system: System, stack: NDArray[np.floating], settings: JobSettings, status: StatusCallback, label: str = ""
+) -> IterationState:
+    """The last state of the job's optimisation."""
+    options = hv.Settings(iterations=settings["iterations"], seed=settings["seed"], **_options(settings))
+    state: IterationState | None = None
+    for state in hv.iterate(system, stack, options, device=resolve_torch_device()):
+        if state.iteration % _REPORT_EVERY == 0:
+            status(f"{label}{state.iteration}/{state.iterations}, {state.psnr_db:.1f} dB")
+    assert state is not None
+    return state
+
+
+def run_hologram_job(settings: JobSettings, status: StatusCallback) -> JobResult:
+    """Optimises, and scores at the planes and between them. Pictures: the middle plane shown, and wanted."""
+    system = job_system(settings)
+    count = len(system.planes_m)
+    planes_m = np.concatenate([system.planes_m, plane_midpoints(system.planes_m)])
+    wanted = job_target(system, settings, planes_m)
+    state = optimise_job(system, wanted[:count], settings, status)
+    view = hv.simulate(state.best.system, state.best.drive, planes_m, backend="torch")
+    numbers = hologram_metrics(state.best, view.at(range(count)), wanted[:count])
+    between = [measure_image_quality(view.at([i]), wanted[i : i + 1]).psnr.mean_db for i in range(count, len(planes_m))]
+    numbers |= {
+        "between_db": float(np.mean(between)) if between else None,
+        "seconds": state.seconds,
+        "wavelengths_nm": (state.best.system.wavelengths_m * 1e9).round(3).tolist(),
+    }
+    middle = count // 2
+    pictures = {"shown": view.srgb8[middle], "wanted": to_srgb8(np.asarray(wanted[middle]))}
+    return JobResult(numbers, pictures)
+
+
+def hologram_metrics(hologram: Hologram, view: View, target: NDArray[np.floating]) -> dict[str, Any]:
+    """Fidelity, colour, speckle, and the eyebox beside them."""
+    quality, eyebox = measure_image_quality(view, target), eyebox_uniformity_of(hologram)
+    return {
+        "psnr_db": quality.psnr.mean_db,
+        "luminance_psnr_db": quality.psnr_luminance.mean_db,
+        "delta_e": quality.delta_e,
+        "speckle_contrast": quality.mean_speckle_contrast,
+        "eyebox_variation": eyebox.coefficient_of_variation,
+        "eyebox_uniformity": eyebox.uniformity,
+        "eyebox_centre_share": eyebox.centre_share,
+    }
+
+
+def _options(settings: JobSettings) -> dict[str, Any]:
+    """Options of the optimisation; lists, as JSON has them, back to tuples."""
+    given = settings.get("options", {})
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
+
+
+def mean_number(results: Sequence[tuple[StudyJob, JobResult]], key: str, **settings: Any) -> float:
+    """The mean of a number over all jobs with these settings; NaN when there is none."""
+    values = [outcome.numbers[key] for job, outcome in results if has_settings(job, **settings)]
+    return float(np.mean(values)) if values else float("nan")
+
+
+def mean_curve(results: Sequence[tuple[StudyJob, JobResult]], key: str, **settings: Any) -> NDArray[np.float64]:
+    """The mean of lists of numbers, point by point, over all jobs with these settings."""
+    return np.asarray(
+        np.mean([o.numbers[key] for j, o in results if has_settings(j, **settings)], axis=0), dtype=np.float64
+    )
+
+
+def has_settings(job: StudyJob, **settings: Any) -> bool:
+    """Whether a job has these settings."""
+    return all(job.settings.get(key) == value for key, value in settings.items())
+
+
+def paired_gains(
+    results: Sequence[tuple[StudyJob, JobResult]], better: JobSettings, worse: JobSettings, key: str
+) -> NDArray[np.float64]:
+    """What `better` has more of a number than `worse`, for each target and seed that both have."""
+    tables = []
+    for settings in (better, worse):
+        found = {
+            (j.settings["target"], j.settings["seed"]): o.numbers[key]
+            for j, o in results
+            if has_settings(j, **settings)
+        }
+        tables.append(found)
+    return np.array([tables[0][case] - tables[1][case] for case in sorted(set(tables[0]) & set(tables[1]))])
+
+
+def table_row(job: StudyJob, outcome: JobResult, names: Sequence[str]) -> dict[str, Any]:
+    """A row of the raw table: some of the job's settings, and all its numbers that are single."""
+    single = {key: value for key, value in outcome.numbers.items() if not isinstance(value, list | dict)}
+    return {name: _table_cell(job.settings.get(name)) for name in names} | single
+
+
+def _table_cell(setting: Any) -> Any:
+    """Tables and lists as text, which every format of a table holds."""
+    return json.dumps(setting) if isinstance(setting, list | dict) else setting
+
+
+def mean_by_case(
+    results: Sequence[tuple[StudyJob, JobResult]], keys: Sequence[str], cases: Sequence[JobSettings]
+) -> dict[str, list[float]]:
+    """The mean of some numbers in each case, by what the number is called in plots."""
+    return {METRIC_LABELS[key]: [mean_number(results, key, **case) for case in cases] for key in keys}

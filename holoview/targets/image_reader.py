@@ -1,0 +1,172 @@
+"""Picture files as plain samples: which format, how many channels, integers or floats. No colour is decided here.
+
+The format is told by the file's first bytes, never by its name. PNG with 16 bits goes through imagecodecs, because
+Pillow reduces colour PNG to 8 bits.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import imagecodecs
+import numpy as np
+from PIL import Image, ImageOps
+
+from holoview.targets.exr import exr_count, exr_pictures
+from holoview.targets.raster import MAX_PIXELS, Raster, integers_to_unit_range, split_alpha, too_large_error
+from holoview.targets.tiff import tiff_count, tiff_pictures
+from holoview.util.errors import UserError
+
+READABLE_FORMATS = "a PNG, JPEG, TIFF or OpenEXR picture"
+
+_ORIENTATION = 0x0112  # EXIF tag
+
+_SIGNATURES: tuple[tuple[bytes, str], ...] = (
+    (b"\x89PNG\r\n\x1a\n", "PNG"),
+    (b"\xff\xd8\xff", "JPEG"),
+    (b"II*\x00", "TIFF"),
+    (b"MM\x00*", "TIFF"),
+    (b"II+\x00", "TIFF"),
+    (b"MM\x00+", "TIFF"),
+    (b"v/1\x01", "OpenEXR"),
+    (b"\x93NUMPY", "NPY"),
+)
+_DECODER_EXCEPTIONS = (
+    OSError,
+    ValueError,
+    RuntimeError,
+    SyntaxError,
+    IndexError,
+    KeyError,
+    TypeError,
+    MemoryError,
+    struct.error,
+)
+
+
+def file_format(path: Path) -> str:
+    """The format that the file's first bytes announce, or "".
+
+    Raises UserError when the file is missing, a folder, empty or unreadable.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(16)
+    except IsADirectoryError as error:
+        raise UserError(str(path), "is a folder", expected=READABLE_FORMATS, remedy="name a file in it") from error
+    except FileNotFoundError as error:
+        raise UserError(str(path), "there is no such file", remedy="check the name and the folder") from error
+    except OSError as error:
+        raise UserError(str(path), f"can't be read: {error.strerror}", remedy="check its permissions") from error
+    if not head:
+        raise UserError(str(path), "the file is empty", expected=READABLE_FORMATS)
+    return next((name for magic, name in _SIGNATURES if head.startswith(magic)), "")
+
+
+def picture_count(path: Path) -> int:
+    """How many pictures a file holds: TIFF pages, OpenEXR parts or layers; 1 for PNG and JPEG. Nothing is decoded.
+
+    Raises UserError as `decode` does, as far as can be told from the file's headers.
+    """
+    kind = _supported_format(path)
+    counts: dict[str, Callable[[Path], int]] = {"TIFF": tiff_count, "OpenEXR": exr_count}
+    with _naming_file(path, kind):
+        return counts[kind](path) if kind in counts else 1
+
+
+def read_raster(path: Path) -> Raster:
+    """Samples of a PNG, JPEG, TIFF or OpenEXR file; the first of several pictures, with a note.
+
+    Raises UserError when it is none of these, truncated, damaged, without pixels, or of an unknown layout.
+    """
+    with closing(read_rasters(path)) as pictures:
+        first = next(pictures)
+    if not first.page:
+        return first
+    note = f"{picture_count(path)} pictures, {first.page} is used"
+    return replace(first, notes=(*first.notes, note), page="")
+
+
+def read_rasters(path: Path) -> Generator[Raster]:
+    """Samples of every picture in a file, decoded one after the other; `page` says which, where there are several.
+
+    Raises UserError as `decode` does.
+    """
+    kind = _supported_format(path)
+    with _naming_file(path, kind):
+        for raster in _READERS[kind](path):
+            if raster.values.size == 0:
+                raise UserError(str(path), f"has no pixels: {raster.values.shape[1]} × {raster.values.shape[0]}")
+            yield raster
+
+
+def _supported_format(path: Path) -> str:
+    kind = file_format(path)
+    if kind not in _READERS:
+        found = "is a numpy array" if kind == "NPY" else "is not a picture that can be read"
+        raise UserError(str(path), found, expected=READABLE_FORMATS, remedy="save it in one of these formats")
+    return kind
+
+
+@contextmanager
+def _naming_file(path: Path, kind: str) -> Iterator[None]:
+    """Turns whatever a decoder raises into a UserError that names the file."""
+    try:
+        yield
+    except UserError:
+        raise
+    except Image.DecompressionBombError as error:
+        raise too_large_error(path) from error
+    except _DECODER_EXCEPTIONS as error:
+        why = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise UserError(
+            str(path), f"the {kind} data is truncated or damaged ({why})", remedy="save or copy the file again"
+        ) from error
+
+
+def _read_png(path: Path) -> Raster:
+    data = path.read_bytes()
+    if len(data) < 33:
+        raise UserError(str(path), "the PNG data is truncated", remedy="save or copy the file again")
+    width, height, bits = struct.unpack(">IIB", data[16:25])
+    if width * height > MAX_PIXELS:
+        raise too_large_error(path, width, height)
+    if width * height == 0:
+        raise UserError(str(path), f"has no pixels: {width} × {height}")
+    return (
+        split_alpha(integers_to_unit_range(imagecodecs.png_decode(data)), encoded=True)
+        if bits == 16
+        else _read_with_pillow(path)
+    )
+
+
+def _read_with_pillow(path: Path) -> Raster:
+    """8-bit PNG and JPEG; palettes are looked up, CMYK is converted, a camera's rotation flag is obeyed."""
+    with Image.open(io.BytesIO(path.read_bytes())) as opened:
+        if opened.width * opened.height > MAX_PIXELS:
+            raise too_large_error(path, opened.width, opened.height)
+        opened.load()
+        upright = ImageOps.exif_transpose(opened)
+    notes: tuple[str, ...] = ()
+    if opened.getexif().get(_ORIENTATION, 1) != 1:
+        notes = ("turned upright as the camera's orientation flag says",)
+    if "transparency" in upright.info or upright.mode == "PA":
+        upright = upright.convert("RGBA")
+    elif upright.mode not in ("L", "LA", "RGB", "RGBA"):
+        upright = upright.convert("L" if upright.mode == "1" else "RGB")
+    if "icc_profile" in opened.info:
+        notes += ("embedded colour profile ignored: taken as sRGB",)
+    return split_alpha(integers_to_unit_range(np.asarray(upright)), encoded=True, notes=notes)
+
+
+_READERS: dict[str, Callable[[Path], Iterable[Raster]]] = {
+    "PNG": lambda path: [_read_png(path)],
+    "JPEG": lambda path: [_read_with_pillow(path)],
+    "TIFF": tiff_pictures,
+    "OpenEXR": exr_pictures,
+}

@@ -1,0 +1,128 @@
+"""Focal stacks rendered elsewhere: a folder of pictures, pages of a TIFF, parts or layers of an OpenEXR file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.model.plan import make_plan
+from holoview.model.system import System
+from holoview.targets.focal_stack import Target, check_brightness
+from holoview.targets.image_reader import picture_count
+from holoview.targets.picture import Picture, read_picture, read_pictures, resize_to_cover
+from holoview.targets.raster import natural_sort_key
+from holoview.targets.saturation import check_saturation, scale_saturation
+from holoview.util.errors import UserError
+
+_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+
+_StackSource = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
+
+
+def is_stack(path: str | os.PathLike[str]) -> bool:
+    """Whether a path holds several pictures: a folder, or a file of several pages, parts or numbered layers.
+
+    Only headers are read. Raises UserError when the file is missing, no picture, empty, or broken off.
+    """
+    return Path(path).is_dir() or picture_count(Path(path)) > 1
+
+
+def target_from_stack(
+    system: System,
+    path: str | os.PathLike[str],
+    *,
+    brightness: float = 1.0,
+    saturation: float = 1.0,
+    space: str = "srgb",
+) -> Target:
+    """A ready focal stack, one picture a plane of the system in its order, fitted to the simulation grid.
+
+    `path`: a folder (its PNG, JPEG, TIFF and OpenEXR files in the order of the numbers in their names), a TIFF with a
+    page a plane, or an OpenEXR file with a part or a numbered layer a plane. `brightness` is a factor on linear light,
+    `saturation` one on chroma in CIE LCHuv, `space` what float files hold ("srgb" or "xyz").
+
+    Raises UserError when the number of pictures and of planes differ, when one can't be read, or their sizes differ.
+    """
+    check_brightness(brightness)
+    check_saturation(saturation)
+    pictures = _read_resized(path, make_plan(system).grid.shape, space, len(system.planes_m))
+    stack = np.stack([scale_saturation(picture.rgb, saturation) for picture in pictures])
+    return Target.from_stack(stack, tuple(system.planes_m), str(path), brightness, _merge_notes(pictures))
+
+
+def read_stack(
+    source: _StackSource, shape: tuple[int, int], space: str = "srgb", pictures: int | None = None
+) -> NDArray[np.float32]:
+    """A ready focal stack as (plane, y, x, 3) linear light fitted to `shape` (y, x).
+
+    `source` as the path of `stack_for`, or the files in the planes' order. `pictures`: how many there have to be.
+
+    Raises UserError when there are none or another number, when one can't be read, or when their sizes differ.
+    """
+    return np.stack([picture.rgb for picture in _read_resized(source, shape, space, pictures)])
+
+
+def _read_resized(
+    source: _StackSource, shape: tuple[int, int], space: str, expected_count: int | None
+) -> list[Picture]:
+    """The stack's pictures, fitted one by one as they are read."""
+    where, count, pictures = _open_source(source, space)
+    if count == 0:
+        raise UserError(where, "holds no pictures", expected=f"one a plane ({', '.join(_IMAGE_SUFFIXES)})")
+    if expected_count not in (None, count):
+        raise UserError(
+            where,
+            f"holds {count} picture{'s' * (count > 1)}",
+            expected=f"one for each of {expected_count} plane{'s' * (expected_count != 1)}",
+            remedy="change the planes (--set planes=…) or the stack",
+        )
+    first: Picture | None = None
+    fitted = []
+    for picture in pictures:
+        first = first or picture
+        _check_size(picture, first)
+        fitted.append(replace(picture, rgb=resize_to_cover(picture.rgb, shape)))
+    return fitted
+
+
+def _open_source(source: _StackSource, space: str) -> tuple[str, int, Iterator[Picture]]:
+    """What to call the stack, how many pictures it holds, and the pictures, read when their turn comes."""
+    if isinstance(source, str | os.PathLike):
+        where, path = str(source), Path(source)
+        if not path.is_dir():
+            return where, picture_count(path), read_pictures(path, space)
+        files = _image_files(path)
+    else:
+        where, files = "focal stack", [Path(file) for file in source]
+    return where, len(files), (read_picture(file, space) for file in files)
+
+
+def _image_files(folder: Path) -> list[Path]:
+    try:
+        files = [f for f in folder.iterdir() if f.suffix.lower() in _IMAGE_SUFFIXES and not f.name.startswith(".")]
+    except OSError as error:
+        raise UserError(str(folder), f"can't be read: {error.strerror}", remedy="check its permissions") from error
+    return sorted(files, key=lambda f: natural_sort_key(f.name))
+
+
+def _check_size(picture: Picture, first: Picture) -> None:
+    (height, width), (rows, columns) = picture.rgb.shape[:2], first.rgb.shape[:2]
+    if (height, width) != (rows, columns):
+        raise UserError(
+            picture.source,
+            f"is {width} × {height}",
+            expected=f"{columns} × {rows} as {Path(first.source).name}",
+            remedy="render all planes at one size",
+        )
+
+
+def _merge_notes(pictures: Sequence[Picture]) -> tuple[str, ...]:
+    """The pictures' notes, those that all share once, the others with the picture they are about."""
+    shared = [note for note in pictures[0].notes if all(note in picture.notes for picture in pictures)]
+    single = [f"{Path(p.source).name}: {note}" for p in pictures for note in p.notes if note not in shared]
+    return (*shared, *single)

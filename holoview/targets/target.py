@@ -1,0 +1,112 @@
+"""A bench and a picture → the focal stack to aim at, on the bench's planes and simulation grid."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.model.plan import make_plan
+from holoview.model.system import System
+from holoview.targets.defocus import Aperture, diffraction_half_angle
+from holoview.targets.focal_stack import Target, check_brightness, render_focal_stack
+from holoview.targets.picture import Picture, read_depth, read_picture, resize_to_cover
+from holoview.targets.saturation import check_saturation, scale_saturation
+from holoview.util import units
+from holoview.util.errors import UserError
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where a picture stands: at one distance, or by a depth map from the nearest to the farthest distance (m)."""
+
+    at_m: float | None = None
+    depth: str | os.PathLike[str] | None = None
+    nearest_m: float | None = None
+    farthest_m: float | None = None
+
+
+def target_for(
+    system: System,
+    picture: str | os.PathLike[str] | Picture,
+    placement: Placement = Placement(),
+    brightness: float = 1.0,
+    *,
+    saturation: float = 1.0,
+    space: str = "srgb",
+    planes: Sequence[float] | NDArray[np.floating] | None = None,
+) -> Target:
+    """The focal stack of a picture with the natural defocus of the bench's eyebox.
+
+    Without a depth map the picture stands at `at_m` (the middle plane when None). With one, 0 … 1 in the map is spread
+    from `nearest_m` to `farthest_m` (the system's first and last planes when None). Blur comes from the largest angle
+    that the modulator diffracts to at the middle wavelength, or from the iris where that is smaller.
+
+    `saturation` is a factor on the picture's chroma in CIE LCHuv, before it is blurred; `space` what a float file holds
+    ("srgb" or "xyz"; a Picture has been converted when it was read). `planes` (m) are the distances at which the stack
+    is wanted, the system's own when None: depth and layers stay those of the system's planes, so that a plane between
+    them belongs to the same scene.
+
+    Raises UserError for files that can't be used, a distance outside the system's planes, a depth map of another size,
+    and factors out of range; ValueError for a Picture with a space, and for planes that aren't a list of distances.
+    """
+    check_brightness(brightness)
+    check_saturation(saturation)
+    if isinstance(picture, Picture) and space != "srgb":
+        raise ValueError(f"space {space!r} with a Picture, which is linear sRGB: give it to read_picture")
+    source = picture if isinstance(picture, Picture) else read_picture(picture, space)
+    grid = make_plan(system).grid
+    depth_m = _scene_depth(system, placement, source, grid.shape)
+    rgb = scale_saturation(resize_to_cover(source.rgb, grid.shape), saturation)
+    planes_m = np.asarray(system.planes_m if planes is None else planes, dtype=np.float64)
+    half_angle, aperture = _blur_cone(system)
+    stack = render_focal_stack(rgb, depth_m, planes_m, grid.pitch_m, half_angle, aperture)
+    return Target.from_stack(stack, planes_m, source.source, brightness, source.notes)
+
+
+def _scene_depth(
+    system: System, placement: Placement, source: Picture, shape: tuple[int, int]
+) -> float | NDArray[np.floating]:
+    first, last = float(system.planes_m.min()), float(system.planes_m.max())
+    if placement.depth is None:
+        at_m = float(np.median(system.planes_m)) if placement.at_m is None else placement.at_m
+        _check_inside(at_m, first, last, "the picture's distance")
+        return at_m
+    if placement.at_m is not None:
+        raise UserError(str(placement.depth), "a depth map and one distance", expected="one of them")
+    depth = read_depth(placement.depth)
+    if depth.shape != source.rgb.shape[:2]:
+        sizes = [f"{columns} x {rows}" for rows, columns in (depth.shape, source.rgb.shape[:2])]
+        raise UserError(str(placement.depth), f"{sizes[0]} pixels", expected=f"the picture's size, {sizes[1]}")
+    nearest = first if placement.nearest_m is None else placement.nearest_m
+    farthest = last if placement.farthest_m is None else placement.farthest_m
+    _check_inside(nearest, first, last, "the nearest depth")
+    _check_inside(farthest, first, last, "the farthest depth")
+    if nearest > farthest:
+        raise UserError(
+            "depth range",
+            f"{units.format_rounded(nearest, 'mm')} to {units.format_rounded(farthest, 'mm')}",
+            expected="near to far",
+        )
+    return nearest + resize_to_cover(depth, shape).astype(np.float64) * (farthest - nearest)
+
+
+def _check_inside(at_m: float, first: float, last: float, what: str) -> None:
+    if not first <= at_m <= last:
+        raise UserError(
+            what,
+            units.format_rounded(at_m, "mm"),
+            expected=f"inside the planes, {units.format_rounded(first, 'mm')} to {units.format_rounded(last, 'mm')}",
+            remedy="move it, or change planes",
+        )
+
+
+def _blur_cone(system: System) -> tuple[float, Aperture]:
+    """Half angle and shape of the cone that reaches an image point: the modulator's first order, or a smaller iris."""
+    angle = diffraction_half_angle(float(np.median(system.wavelengths_m)), system.modulators[0].pitch_m)
+    iris = system.relay2.iris_na
+    return (math.asin(iris), "disc") if iris is not None and iris < math.sin(angle) else (angle, "square")
