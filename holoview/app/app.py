@@ -95,13 +95,13 @@ class App:
 
     def change(self, label: str, key: str, value: Any, *, is_held: bool = False) -> None:
         """Changes a key of the bench, as `System.edit` does; edits of one drag are one step of undo."""
-        self.attempt(self.session.change, label, {key: value}, merge=key)
+        self.attempt(self.session.change, label, {key: value}, merge_key=key)
         if not is_held:
             self.session.end_gesture()
 
     def edit_view(self, label: str, **fields: Any) -> None:
         """Changes fields of the look; edits of the same fields in a row are one step of undo."""
-        self.attempt(self.session.edit_view, label, merge=tuple(sorted(fields)), **fields)
+        self.attempt(self.session.edit_view, label, merge_key=tuple(sorted(fields)), **fields)
 
     def record_item_rect(self, name: str) -> None:
         """Notes where the last item is, for tests and hints."""

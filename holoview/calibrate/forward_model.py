@@ -40,7 +40,7 @@ class _TrainableCalibrated(Calibrated):
     def __init__(self) -> None:
         self.current_maps: LearnedMaps | None = None
 
-    def learned(self, v: Values) -> LearnedMaps:
+    def maps(self, v: Values) -> LearnedMaps:
         assert self.current_maps is not None
         return self.current_maps
 

@@ -51,7 +51,7 @@ class PerThreadPredictor:
     @property
     def thread_fields(self) -> int:
         """How many the one of this thread was asked for."""
-        return self._own.predict.fields if hasattr(self._own, "predict") else 0
+        return self._own.predict.fields_requested if hasattr(self._own, "predict") else 0
 
     def __call__(self, indices: NDArray[np.intp], values: Values, *, grad: bool = False) -> Prediction:
         if not hasattr(self._own, "predict"):

@@ -51,7 +51,7 @@ class FusedKernels:
         key = (variant, strategy)
         if key not in self._transforms:
             kernel, constants, two = variant
-            options = {"half": self.half, "two": two}
+            options = {"half": self.half, "separate_buffers": two}
             self._transforms[key] = make_transform(self.device, self.grid, kernel, constants, strategy, **options)
         return self._transforms[key]
 

@@ -43,7 +43,7 @@ class Document:
         object.__setattr__(self, "drive", as_readonly_drive(self.drive))
         frames, modulators = self.system.drive_shape[:2]
         count = len(self.system.wavelengths_m)
-        object.__setattr__(self, "look", self.view_settings.clamped_to(count, self.image_shape, frames, modulators))
+        object.__setattr__(self, "view_settings", self.view_settings.clamped_to(count, self.image_shape, frames, modulators))
 
     @property
     def image_shape(self) -> tuple[int, int]:
@@ -92,7 +92,7 @@ def is_same_document(one: Document, other: Document) -> bool:
     return all(
         getattr(one, field.name) == getattr(other, field.name)
         for field in dataclasses.fields(one)
-        if field.name not in ("drive", "wanted")
+        if field.name not in ("drive", "target_spec")
     )
 
 

@@ -145,8 +145,8 @@ class EditingSession:
         self.edit(label, system=self.system.edit(changes), merge_key=merge_key)
 
     def edit_view(self, label: str, *, merge_key: Hashable = None, undoable: bool = True, **fields: Any) -> None:
-        """Changes fields of the look, e.g. look_at("Exposure", merge="exposure", exposure_stops=1.0)."""
-        self.edit(label, look=self.view_settings.with_(**fields), merge_key=merge_key, undoable=undoable)
+        """Changes fields of the look, e.g. edit_view("Exposure", merge_key="exposure", exposure_stops=1.0)."""
+        self.edit(label, view_settings=self.view_settings.with_(**fields), merge_key=merge_key, undoable=undoable)
 
     def end_gesture(self) -> None:
         """The hand has let go: the next edit is a step of its own, whatever its merge key."""

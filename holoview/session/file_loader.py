@@ -73,7 +73,7 @@ class FileLoader:
             f"Open {opened.title}",
             system=system,
             drive=opened.drive,
-            look=_look_for(self._view_settings_after_open(opened), system),
+            view_settings=_look_for(self._view_settings_after_open(opened), system),
             origin=f"{opened.kind} {opened.title}{random}",
             path=path,
         )
@@ -81,7 +81,7 @@ class FileLoader:
     def _set_target(self, wanted: TargetSpec) -> None:
         """A new target; patterns stay unless a quick look may replace them."""
         session = self._session
-        session.edit(f"Target {wanted.title}", wanted=wanted, look=self._view_settings_after_open())
+        session.edit(f"Target {wanted.title}", target_spec=wanted, view_settings=self._view_settings_after_open())
         if self.optimises_new_targets and running_optimisation(session) is None:
             start_quick_optimisation(session)
 

@@ -183,7 +183,7 @@ def start_quick_optimisation(
 ) -> OptimisationJob:
     """A few iterations for one plane, with large pixels and a smooth phase: something of a picture within seconds."""
     if wanted is not None:
-        session.edit(f"Target {wanted.title}", wanted=wanted)
+        session.edit(f"Target {wanted.title}", target_spec=wanted)
     rows, columns = session.system.modulators[0].shape
     settings = Settings(iterations=iterations, amplitudes_every=max(iterations // 2, 1))
     coarse = math.ceil(math.sqrt(rows * columns / _QUICK_PIXELS))

@@ -187,12 +187,12 @@ def _assign_resources(client: Any) -> dict[str, WorkerResources]:
     at_a_time: Counter[Any] = Counter()
     workers = client.scheduler_info(n_workers=-1)["workers"]
     for address, machine in told.items():
-        at_a_time[machine.place] += workers[address]["nthreads"] if address in workers else 1
+        at_a_time[machine.host] += workers[address]["nthreads"] if address in workers else 1
     shares, beside = {}, Counter[Any]()
     for address, machine in sorted(told.items()):
-        threads = max(len(machine.place[1]) // at_a_time[machine.place], 1)
-        shares[address] = WorkerResources(threads, beside[machine.place])
-        beside[machine.place] += 1
+        threads = max(len(machine.host[1]) // at_a_time[machine.host], 1)
+        shares[address] = WorkerResources(threads, beside[machine.host])
+        beside[machine.host] += 1
     return shares
 
 

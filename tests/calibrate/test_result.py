@@ -30,7 +30,7 @@ from holoview.util.errors import UserError
 @pytest.fixture(scope="module")
 def model(learnt: Any) -> CalibrationModel:
     model = CalibrationModel(learnt.captures, learnt.layout, {})
-    model.set_maps(learnt.states[-1].best.tensors)
+    model.set_maps(learnt.states[-1].best_maps.tensors)
     return model
 
 
@@ -45,7 +45,7 @@ def scored(learnt: Any, model: CalibrationModel) -> PredictionScore:
 def saved(learnt: Any, scored: PredictionScore, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("calibrated")
     bench = starting_bench(learnt.captures, None, "mine")
-    CalibrationResult(learnt.captures, bench, learnt.states[-1].best, scored, normalise_amplitudes=True).save(
+    CalibrationResult(learnt.captures, bench, learnt.states[-1].best_maps, scored, normalise_amplitudes=True).save(
         folder / "mine.toml"
     )
     return folder / "mine.toml"
@@ -124,14 +124,14 @@ def test_calibrated_is_no_cause_to_be_searched() -> None:
 
 
 def test_pictures_are_drawn_of_everything(learnt: Any, model: CalibrationModel, tmp_path: Path) -> None:
-    material, best = TrainingData(learnt.captures), learnt.states[-1].best
+    material, best = TrainingData(learnt.captures), learnt.states[-1].best_maps
     drawn = plot_calibration(tmp_path, material, best, learnt.split, model.predict_nominal, model.predict)
     assert {path.name for path in drawn} == {"source.png", "lut.png", "warp.png", "pupils.png", "residual.png"}
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in drawn)
 
 
 def test_a_preset_that_contradicts_the_captures_is_refused(learnt: Any) -> None:
-    nominal = learnt.captures.system()
+    nominal = learnt.captures.nominal_system()
     assert starting_bench(learnt.captures, nominal.edit({"effects.tilt.tilt_x": 1e-3}), "").effect_values
     with pytest.raises(UserError, match=r"preset: gap: 2 mm; expected 1 mm"):
         starting_bench(learnt.captures, nominal.edit({"gap": 2e-3}), "")

@@ -29,10 +29,10 @@ SHAPE, PITCH = (36, 48), 8e-6
 
 def test_held_out_captures_are_predicted_to_the_noise(learnt: Any) -> None:
     first, last = learnt.states[0], learnt.states[-1]
-    assert first.chi2 > 100
+    assert first.validation_chi2 > 100
     # 4 captures of 3900 pixels: χ²/n scatters by 0.011; 1.5 leaves room for maps that haven't come to rest
     assert last.best_chi2 < 1.5
-    assert last.best_chi2 == min(state.chi2 for state in learnt.states)
+    assert last.best_chi2 == min(state.validation_chi2 for state in learnt.states)
 
 
 def test_tables_follow_the_hidden_curves(learnt: Any) -> None:
@@ -40,17 +40,17 @@ def test_tables_follow_the_hidden_curves(learnt: Any) -> None:
     for modulator in range(2):
         truth = drive ** learnt.hidden["lut"][f"gamma{modulator + 1}"]
         # a thousandth of the stroke is 1 nm, 1/500 of a wave
-        assert np.abs(learnt.states[-1].best.table(modulator).numpy() - truth).max() < 0.005
+        assert np.abs(learnt.states[-1].best_maps.response_table(modulator).numpy() - truth).max() < 0.005
 
 
 def test_fringing_is_the_hidden_blur(learnt: Any) -> None:
-    found = learnt.states[-1].best.tensors["fringing_px2"].sqrt().numpy()
+    found = learnt.states[-1].best_maps.tensors["fringing_px2"].sqrt().numpy()
     assert found == pytest.approx([learnt.hidden["crosstalk"]["sigma"]] * 2, abs=0.01)
 
 
 def test_the_warp_is_the_hidden_shift_and_turn(learnt: Any) -> None:
     hidden = learnt.hidden["slm_alignment"]
-    moved = learnt.states[-1].best.displacement(SHAPE).numpy()
+    moved = learnt.states[-1].best_maps.displacement(SHAPE).numpy()
     assert moved.mean(axis=(1, 2)) == pytest.approx([hidden["shift_y"], hidden["shift_x"]], abs=0.2e-6)
     turn_y = np.polyfit(np.arange(SHAPE[1]) * PITCH, moved[0].mean(axis=0), 1)[0]
     turn_x = np.polyfit(np.arange(SHAPE[0]) * PITCH, moved[1].mean(axis=1), 1)[0]
@@ -59,7 +59,7 @@ def test_the_warp_is_the_hidden_shift_and_turn(learnt: Any) -> None:
 
 
 def test_pupils_hold_the_hidden_zernike_terms_and_how_they_change_with_the_wavelength(learnt: Any) -> None:
-    best, layout = learnt.states[-1].best, learnt.layout
+    best, layout = learnt.states[-1].best_maps, learnt.layout
     first = dict(zip(layout.noll1, best.tensors["zernike1_m"].numpy(), strict=True))
     second = dict(zip(layout.noll2, best.tensors["zernike2_m"].numpy(), strict=True))
     assert first[5][0] == pytest.approx(60e-9, abs=4e-9)
@@ -71,7 +71,7 @@ def test_pupils_hold_the_hidden_zernike_terms_and_how_they_change_with_the_wavel
 
 def test_the_source_has_the_hidden_profile(learnt: Any) -> None:
     at = ModulatorContext(0, 532e-9, 825e-9, PITCH, SHAPE, 2)
-    found = learnt.states[-1].best.source(at).abs().log().numpy()
+    found = learnt.states[-1].best_maps.source_field(at).abs().log().numpy()
     y, x = ((np.arange(n) - (n - 1) / 2) / (SHAPE[1] / 2) for n in SHAPE)
     truth = -0.3 * (y[:, None] ** 2 + x[None, :] ** 2) + 0.15 * x[None, :]
     inner = (slice(6, -6), slice(6, -6))  # light from the edges leaves the trusted part of the picture
@@ -126,7 +126,7 @@ def test_resuming_goes_on_bit_for_bit(small: Captures, tmp_path: Path) -> None:
         found = []
         kept = None if resume is None else load_checkpoint(resume)
         for state in train(small, {}, split, layout, settings, kept):
-            found.append(dataclasses.replace(state, best=_copied(state.best_maps)))
+            found.append(dataclasses.replace(state, best_maps=_copied(state.best_maps)))
             if state.epoch == stop:
                 state.checkpoint().save(tmp_path / "c.safetensors")
                 break

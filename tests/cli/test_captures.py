@@ -161,7 +161,7 @@ def test_a_session_that_cant_be_leaves_no_file(
 def test_own_effects_are_run_and_it_says_so(holoview: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from holoview.model.effects import registry
 
-    monkeypatch.setattr(registry, "_own", {})
+    monkeypatch.setattr(registry, "_user_effects", {})
     (tmp_path / "haze.py").write_text(
         "from holoview.effects import Effect, Parameter\n"
         "class Haze(Effect):\n"

@@ -286,7 +286,7 @@ class Haze(Effect):
 @pytest.fixture
 def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], Path]:
     """Writes an effect of one's own, forgotten after the test."""
-    monkeypatch.setattr(registry, "_own", {})
+    monkeypatch.setattr(registry, "_user_effects", {})
 
     def write(body: str) -> Path:
         path = tmp_path / "haze.py"

@@ -39,7 +39,7 @@ def test_fields_are_counted_for_captures_wavelengths_directions_and_moments(make
 
 
 def test_a_bench_is_spent_beyond_its_fields(make_bench: MakeBench) -> None:
-    bench = dataclasses.replace(make_bench(), most_fields=2)
+    bench = dataclasses.replace(make_bench(), field_budget=2)
     bench.predictor(np.array([0, 1]), {})
     assert not bench.budget_exhausted
     bench.predictor(np.array([0]), {})

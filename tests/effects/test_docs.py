@@ -22,7 +22,7 @@ def _blocks(language: str) -> list[str]:
 
 
 def test_the_complete_example_is_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_own", {})
+    monkeypatch.setattr(module, "_user_effects", {})
     (tmp_path / "haze.py").write_text(_blocks("python")[0], encoding="utf-8")
     (haze,) = load_user_effects(tmp_path / "haze.py")
     image = torch.tensor([[0.0, 4.0]])

@@ -26,7 +26,7 @@ def test_moments_have_the_mean_and_variance_of_a_sine() -> None:
 def test_the_zero_order_is_averaged_over_a_cycle(make_fourier: Make, predicted: Predicted) -> None:
     levels = np.zeros((1, 1, 20, 28), np.uint8)
     levels[..., ::2] = 1
-    captures = make_fourier(1, levels=levels, panels=(SlmSpec(8e-6, 2, 260e-9),))
+    captures = make_fourier(1, levels=levels, slms=(SlmSpec(8e-6, 2, 260e-9),))
     depth = 0.2
     found = float(predicted(captures, {"flicker": {"depth": depth}})[0, 30, 40]) / (20 * 28)
     # ⟨cos²(π/2·(1 + √2·d·cos φ))⟩ = (1 − J₀(√2·π·d))/2

@@ -21,6 +21,6 @@ def test_it_adds_to_the_gap(make_session: Make, predicted: Predicted) -> None:
 
 def test_it_says_how_long_the_gap_is(make_session: Make) -> None:
     assert (
-        get_effect("gap").format_finding(make_session().system(), {"gap_error": 0.11e-3})
+        get_effect("gap").format_finding(make_session().nominal_system(), {"gap_error": 0.11e-3})
         == "The gap is 1.11 mm, not 1 mm."
     )

@@ -32,10 +32,10 @@ def test_off_the_centre_another_disc_passes(make_session: Make) -> None:
     assert area == pytest.approx(torch.pi * 0.033**2, rel=2e-3)
     centre = [float((passes.sum(dim=1 - axis) * sine).sum() / passes.sum()) for axis in (0, 1)]
     assert centre == pytest.approx([0.015, -0.0075], abs=1e-5)
-    around = one.bench(make_session().system(), values).relay2.iris_na
+    around = one.bench(make_session().nominal_system(), values).relay2.iris_na
     assert around == pytest.approx(0.03 * (1.1 + (0.5**2 + 0.25**2) ** 0.5))
 
 
 def test_it_says_how_wide_it_is(make_session: Make) -> None:
-    said = get_effect("iris2").format_finding(make_session().system(), {"radius_error": -0.2})
+    said = get_effect("iris2").format_finding(make_session().nominal_system(), {"radius_error": -0.2})
     assert said == "The iris of relay 2 has an aperture of 0.024, not 0.03."

@@ -48,6 +48,6 @@ def test_only_modulator_2_moves(make_session: Make, predicted: Predicted) -> Non
 
 def test_it_says_where_the_modulator_is(make_session: Make) -> None:
     said = get_effect("slm_alignment").format_finding(
-        make_session().system(), {"shift_y": 4.8e-6, "magnification": 0.01}
+        make_session().nominal_system(), {"shift_y": 4.8e-6, "magnification": 0.01}
     )
     assert said.startswith("Modulator 2 is shifted by 4.8 um (y) and 0 um (x)") and said.endswith("magnified by 1 %.")

@@ -25,7 +25,7 @@ def test_the_waist_and_centre_are_those_of_a_gaussian(make_session: Make, predic
 
 
 def test_it_says_waist_and_centre(make_session: Make) -> None:
-    said = get_effect("source_profile").format_finding(make_session().system(), {"fall": 1.0, "slope_x": 0.5})
+    said = get_effect("source_profile").format_finding(make_session().nominal_system(), {"fall": 1.0, "slope_x": 0.5})
     assert "waist 0.112 mm" in said and "x = 28 um" in said
 
 

@@ -59,7 +59,7 @@ class _Script:
 def script(monkeypatch: pytest.MonkeyPatch) -> type[_Script]:
     """The class of all helpers of a test; each of them has to be closed by the end of it."""
     made = type("Script", (_Script,), {"answers": [], "asked": [], "started": 0, "closed": 0})
-    monkeypatch.setattr(tune, "Helper", made)
+    monkeypatch.setattr(tune, "TuningProcess", made)
     return made
 
 

@@ -33,7 +33,7 @@ def _switch(name: str) -> Callable[[Any], None]:
 
 def test_every_effect_of_the_library_has_a_switch(make_gui: Callable[..., Any]) -> None:
     gui = make_gui(small_bench(**IRISES), (640, 1000), panels=(EffectsPanel,))
-    lines = [name for name in gui.app.rects if name.startswith("effect ")]
+    lines = [name for name in gui.app.item_rects if name.startswith("effect ")]
     for line in lines[::-1]:  # from below, so that sliders that open don't move what is next
         gui.click(gui.where(line, 0.1))
     assert set(gui.session.system.effect_values) == set(listed_effects())
@@ -89,6 +89,6 @@ def test_what_the_bench_lacks_cannot_be_switched_on(make: Callable[..., Any]) ->
 def test_effects_are_found_by_words_of_their_cause(make: Callable[..., Any]) -> None:
     gui = make()
     gui.engine(lambda ctx: ctx.item_input_value("Effects/##words", "falls in at an angle"))
-    gui.app.rects.clear()
+    gui.app.item_rects.clear()
     gui.frames(2)
-    assert [name for name in gui.app.rects if name.startswith("effect ")] == ["effect tilt"]
+    assert [name for name in gui.app.item_rects if name.startswith("effect ")] == ["effect tilt"]

@@ -78,7 +78,7 @@ def test_a_hologram_is_saved_by_keys_and_opened_again(gui: Any, tmp_path: Path) 
 
 
 def test_the_view_is_saved_as_it_is_seen(gui: Any, tmp_path: Path) -> None:
-    gui.session.look_at("Exposure", exposure_stops=-1.0)
+    gui.session.edit_view("Exposure", exposure_stops=-1.0)
     gui.settle()
     _save_as(gui, "Save view…", "view")
     with Image.open(tmp_path / "view.png") as picture:
@@ -181,7 +181,7 @@ def test_without_a_clipboard_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch)
 
 def test_the_list_of_edits_goes_anywhere(gui: Any) -> None:
     gui.session.change("Gap", {"gap": 3e-3})
-    gui.session.look_at("Exposure", exposure_stops=1.0)
+    gui.session.edit_view("Exposure", exposure_stops=1.0)
     gui.app.show("History")
     gui.frames(3)
     gui.engine(lambda ctx: ctx.item_click("History/**/Start##0"))

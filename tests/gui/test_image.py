@@ -42,7 +42,7 @@ LOOKS: tuple[dict[str, Any], ...] = (
 def test_one_to_one_the_panel_shows_what_the_reference_makes_of_xyz(gui: Any) -> None:
     plain = gui.session.look
     for look in LOOKS:
-        gui.session.edit("Look", look=plain.with_(**ONE_TO_ONE, **look))
+        gui.session.edit("Look", view_settings=plain.with_(**ONE_TO_ONE, **look))
         gui.settle()
         seen, _ = _shown(gui)
         expected = tone_map(gui.app.sides.xyz(NOW), gui.session.look)
@@ -53,7 +53,7 @@ def test_one_to_one_the_panel_shows_what_the_reference_makes_of_xyz(gui: Any) ->
 
 
 def test_smaller_than_one_to_one_a_pixel_is_the_mean_light_of_what_it_covers(gui: Any) -> None:
-    gui.session.look_at("Look", zoom=0.5, centre=(0.5, 0.5))
+    gui.session.edit_view("Look", zoom=0.5, centre=(0.5, 0.5))
     gui.settle()
     frame = gui.app.panel(ImagePanel).frame
     left, top = (round(value) for value in frame.pixel(0.0, 0.0))
@@ -82,7 +82,7 @@ def test_dragging_pans_and_is_no_step_of_undo(gui: Any) -> None:
     gui.wheel(gui.where("image"), 4)
     before, zoom = gui.session.look.centre, gui.session.look.zoom
     gui.drag(gui.where("image", 0.5, 0.5), gui.where("image", 0.4, 0.5))
-    left, _, right, _ = gui.app.rects["image"]
+    left, _, right, _ = gui.app.item_rects["image"]
     moved = 0.1 * (right - left) / zoom / gui.session.state.shape[1]
     assert gui.session.look.centre[0] - before[0] == pytest.approx(moved, rel=0.15)  # whole pixels
     assert len(gui.session.history) == steps
@@ -96,9 +96,9 @@ def test_ctrl_and_the_wheel_change_the_focal_plane(gui: Any) -> None:
 
 
 def test_shift_and_drag_draw_a_region(gui: Any) -> None:
-    gui.hold(("Shift",))
+    gui.hold_keys(("Shift",))
     gui.drag(gui.where("image", 0.4, 0.4), gui.where("image", 0.6, 0.6))
-    gui.let_go(("Shift",))
+    gui.release_keys(("Shift",))
     x, y, width, height = gui.session.look.region
     rows, columns = gui.session.state.shape
     assert 0 < x < columns / 2 < x + width < columns
@@ -125,7 +125,7 @@ def pinned(gui: Any) -> Any:
     """A viewer in which A is now and B a snapshot of another plane."""
     name = gui.session.pin()
     gui.session.change("Gap", {"gap": "4 mm"})
-    gui.session.look_at("Look", b=ComparisonSide("snapshot", name), **ONE_TO_ONE)
+    gui.session.edit_view("Look", b=ComparisonSide("snapshot", name), **ONE_TO_ONE)
     gui.settle()
     return gui
 
@@ -138,7 +138,7 @@ def _both(gui: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_wipe_shows_a_left_of_the_line_and_b_right_of_it(pinned: Any) -> None:
-    pinned.session.look_at("Wipe", compare="wipe", wipe=0.5)
+    pinned.session.edit_view("Wipe", compare="wipe", wipe=0.5)
     pinned.settle()
     seen, (left, _) = _shown(pinned)
     a, b = _both(pinned)
@@ -148,26 +148,26 @@ def test_wipe_shows_a_left_of_the_line_and_b_right_of_it(pinned: Any) -> None:
 
 
 def test_the_wipe_follows_the_hand(pinned: Any) -> None:
-    pinned.session.look_at("Wipe", compare="wipe", wipe=0.5)
+    pinned.session.edit_view("Wipe", compare="wipe", wipe=0.5)
     pinned.settle()
     pinned.drag(pinned.where("image", 0.5, 0.5), pinned.where("image", 0.25, 0.5))
     assert pinned.session.look.wipe == pytest.approx(0.25, abs=0.02)
 
 
 def test_b_is_shown_while_its_key_is_held(pinned: Any) -> None:
-    pinned.session.look_at("Hold", compare="hold")
+    pinned.session.edit_view("Hold", compare="hold")
     pinned.settle()
     a, b = _both(pinned)
     assert np.abs(_shown(pinned)[0] - a).max() <= LEVEL
-    pinned.hold(("b",))
+    pinned.hold_keys(("b",))
     pinned.frames(2)
     assert np.abs(_shown(pinned)[0] - b).max() <= LEVEL
-    pinned.let_go(("b",))
+    pinned.release_keys(("b",))
     assert np.abs(_shown(pinned)[0] - a).max() <= LEVEL
 
 
 def test_a_difference_acts_on_exposed_channels(pinned: Any) -> None:
-    pinned.session.look_at("Difference", compare="difference", exposure_stops=-2.0)
+    pinned.session.edit_view("Difference", compare="difference", exposure_stops=-2.0)
     pinned.settle()
     look = pinned.session.look
     a, b = pinned.app.sides.xyz(look.a), pinned.app.sides.xyz(look.b)
@@ -180,7 +180,7 @@ def test_a_difference_acts_on_exposed_channels(pinned: Any) -> None:
 
 
 def test_side_by_side_shows_the_same_part_of_both(pinned: Any) -> None:
-    pinned.session.look_at("Sides", compare="side-by-side", zoom=0.5)
+    pinned.session.edit_view("Sides", compare="side-by-side", zoom=0.5)
     pinned.settle()
     frame, seen = pinned.app.panel(ImagePanel).frame, pinned.app.seen().astype(int)
     left, top = (round(value) for value in frame.pixel(0.0, 0.0))
@@ -195,7 +195,7 @@ def test_side_by_side_shows_the_same_part_of_both(pinned: Any) -> None:
 
 
 def test_another_preset_can_be_a_side(gui: Any) -> None:
-    gui.session.look_at("Preset", b=ComparisonSide("preset", "simultaneous"), compare="wipe", **ONE_TO_ONE)
+    gui.session.edit_view("Preset", b=ComparisonSide("preset", "simultaneous"), compare="wipe", **ONE_TO_ONE)
     gui.settle()
     a, b = _both(gui)
     assert a.shape == b.shape
@@ -205,7 +205,7 @@ def test_another_preset_can_be_a_side(gui: Any) -> None:
 
 
 def _paged(gui: Any, page: str) -> np.ndarray:
-    gui.session.look_at("Page", page=page, **ONE_TO_ONE)
+    gui.session.edit_view("Page", page=page, **ONE_TO_ONE)
     gui.settle()
     return _shown(gui)[0]
 
@@ -214,7 +214,7 @@ def test_the_phase_page_shows_a_pattern_as_turns_of_hue(gui: Any) -> None:
     seen = _paged(gui, "phase")[:64, :96]
     system, drive = gui.session.system, gui.session.drive
     waves = system.modulators[0].stroke_m / np.sort(system.wavelengths_m)[1]
-    gui.session.look_at("Look", zoom=1.0)
+    gui.session.edit_view("Look", zoom=1.0)
     turns = (drive[0, 0] * waves) % 1.0
     expected = colour_map("hue")[np.rint(255 * turns).astype(int)].astype(int)
     frame = gui.app.panel(ImagePanel).frame
@@ -225,7 +225,7 @@ def test_the_phase_page_shows_a_pattern_as_turns_of_hue(gui: Any) -> None:
 
 def test_the_spectrum_page_shows_where_light_leaves_to(gui: Any) -> None:
     gui.session.change("Iris", {"relay2.iris_na": 0.01})
-    gui.session.look_at("Page", page="spectrum")
+    gui.session.edit_view("Page", page="spectrum")
     gui.settle()
     seen = gui.app.seen()
     rows, columns = seen.shape[:2]
@@ -238,7 +238,7 @@ def test_the_spectrum_page_shows_where_light_leaves_to(gui: Any) -> None:
 def test_the_target_page_shows_what_is_wanted(gui: Any) -> None:
     red = np.zeros((64, 96, 3), np.uint8)
     red[..., 0] = 200
-    gui.session.edit("Target", wanted=target_from_pixels(red))
+    gui.session.edit("Target", target_spec=target_from_pixels(red))
     assert gui.session.wait(30)
     seen = _paged(gui, "target")
     assert np.median(seen.reshape(-1, 3), axis=0) == pytest.approx([200, 0, 0], abs=LEVEL)
@@ -249,8 +249,8 @@ def test_the_target_page_shows_what_is_wanted(gui: Any) -> None:
 def test_the_contact_sheet_has_every_plane_and_a_click_goes_to_one(gui: Any) -> None:
     gui.key("G")
     gui.settle()
-    x0, y0, x1, y1 = (round(value) for value in gui.app.rects["sheet 9 mm"])
+    x0, y0, x1, y1 = (round(value) for value in gui.app.item_rects["sheet 9 mm"])
     assert gui.frames(2)[y0 + 20 : y1, x0:x1].std() > 20
-    assert {f"sheet {z} mm" for z in ("9", "9.5", "10", "10.5", "11")} <= set(gui.app.rects)
+    assert {f"sheet {z} mm" for z in ("9", "9.5", "10", "10.5", "11")} <= set(gui.app.item_rects)
     gui.click(gui.where("sheet 10.5 mm"))
     assert gui.session.look.plane_m == pytest.approx(10.5e-3) and gui.session.look.page == "image"

@@ -17,9 +17,9 @@ def test_fast_typing_is_taken_to_its_end_though_nothing_else_happens(gui: Any, m
     gui.key("Ctrl+P")
     gui.frames(5)
     for letter in TEXT:
-        gui._submit("key_down", key=letter, modifiers=())
-        gui._submit("char", data=letter, is_composing=False, input_type="insertText")
-        gui._submit("key_up", key=letter, modifiers=())
+        gui.submit_event("key_down", key=letter, modifiers=())
+        gui.submit_event("char", data=letter, is_composing=False, input_type="insertText")
+        gui.submit_event("key_up", key=letter, modifiers=())
     _draw_on_demand(gui, monkeypatch)
     assert gui.app.help.query == TEXT
 
@@ -28,11 +28,11 @@ def test_a_drag_within_one_frame_is_the_whole_drag(gui: Any, monkeypatch: pytest
     """Where frames take longer than a hand."""
     (x, y), (x1, y1) = gui.where("image", 0.3, 0.3), gui.where("image", 0.7, 0.7)
     gui.move((x, y))
-    gui._submit("key_down", key="Shift", modifiers=())
-    gui._submit("pointer_down", x=x, y=y, button=1, buttons=(1,), modifiers=(), ntouches=0, touches={})
-    gui._submit("pointer_move", x=x1, y=y1, button=0, buttons=(1,), modifiers=(), ntouches=0, touches={})
-    gui._submit("pointer_up", x=x1, y=y1, button=1, buttons=(), modifiers=(), ntouches=0, touches={})
-    gui._submit("key_up", key="Shift", modifiers=())
+    gui.submit_event("key_down", key="Shift", modifiers=())
+    gui.submit_event("pointer_down", x=x, y=y, button=1, buttons=(1,), modifiers=(), ntouches=0, touches={})
+    gui.submit_event("pointer_move", x=x1, y=y1, button=0, buttons=(1,), modifiers=(), ntouches=0, touches={})
+    gui.submit_event("pointer_up", x=x1, y=y1, button=1, buttons=(), modifiers=(), ntouches=0, touches={})
+    gui.submit_event("key_up", key="Shift", modifiers=())
     _draw_on_demand(gui, monkeypatch)
     assert gui.session.look.region is not None
     assert min(gui.session.look.region[2:]) > 10
@@ -43,11 +43,11 @@ def test_a_chord_let_go_before_a_frame_keeps_its_modifier(
     gui: Any, monkeypatch: pytest.MonkeyPatch, seen_early: bool
 ) -> None:
     """However the keys of a quick Ctrl+S, and of the S after it, fall on frames: one saves, the other compares."""
-    gui._submit("key_down", key="Control", modifiers=("Control",))
+    gui.submit_event("key_down", key="Control", modifiers=("Control",))
     if seen_early:
         gui.frames()
     for kind, key in (("key_down", "s"), ("key_up", "Control"), ("key_up", "s")):
-        gui._submit(kind, key=key, modifiers=())
+        gui.submit_event(kind, key=key, modifiers=())
     _draw_on_demand(gui, monkeypatch)
     assert gui.app.panel(FilesPanel).dialog.is_open
     assert gui.session.look.compare == "off"
@@ -55,7 +55,7 @@ def test_a_chord_let_go_before_a_frame_keeps_its_modifier(
 
 def test_a_letter_before_a_modifier_is_without_it(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     for kind, key in (("key_down", "s"), ("key_down", "Control"), ("key_up", "s"), ("key_up", "Control")):
-        gui._submit(kind, key=key, modifiers=())
+        gui.submit_event(kind, key=key, modifiers=())
     _draw_on_demand(gui, monkeypatch)
     assert not gui.app.panel(FilesPanel).dialog.is_open
     assert gui.session.look.compare == "side-by-side"

@@ -35,14 +35,14 @@ def _drawn(gui: Any) -> NDArray[np.uint8]:
     ("name", "prepare"),
     [
         ("start", lambda gui: None),
-        ("keys", lambda gui: (gui.session.look_at("Dark", **DARK), gui.key("?"))),
-        ("light", lambda gui: (gui.session.look_at("Dark", **DARK), gui.app.set_theme("Light"))),
-        ("gamut", lambda gui: (gui.session.look_at("Look", solo=1), gui.app.show("Gamut"))),
+        ("keys", lambda gui: (gui.session.edit_view("Dark", **DARK), gui.key("?"))),
+        ("light", lambda gui: (gui.session.edit_view("Dark", **DARK), gui.app.set_theme("Light"))),
+        ("gamut", lambda gui: (gui.session.edit_view("Look", solo=1), gui.app.show("Gamut"))),
         (
             "wipe",
-            lambda gui: gui.session.look_at("Wipe", compare="wipe", b=gui.session.look.a, region=(40, 30, 60, 40)),
+            lambda gui: gui.session.edit_view("Wipe", compare="wipe", b=gui.session.look.a, region=(40, 30, 60, 40)),
         ),
-        ("zoomed", lambda gui: gui.session.look_at("Zoom", zoom=24.0, channel="luminance", false_colour="cubehelix")),
+        ("zoomed", lambda gui: gui.session.edit_view("Zoom", zoom=24.0, channel="luminance", false_colour="cubehelix")),
     ],
 )
 def test_the_window_looks_as_it_did(
@@ -101,7 +101,7 @@ def test_a_screen_of_high_resolution_is_drawn_in_its_pixels(make_gui: Callable[.
     gui = make_gui(size=(640, 400), pixel_ratio=2.0)
     image = gui.settle()
     assert image.shape == (800, 1280, 3)
-    x0, y0, x1, y1 = (round(2 * value) for value in gui.app.rects["image"])
+    x0, y0, x1, y1 = (round(2 * value) for value in gui.app.item_rects["image"])
     seen = gui.app.seen()
     assert seen.shape[:2] == (y1 - y0, x1 - x0)
     assert np.array_equal(image[y0 + 40 : y1 - 40, x0 + 40 : x1 - 40], seen[40:-40, 40:-40])

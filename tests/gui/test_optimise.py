@@ -22,7 +22,7 @@ def gui(make_gui: Callable[..., Any]) -> Any:
     opened = make_gui(size=(800, 480), engine=True, panels=(ImagePanel, OptimisePanel))
     pixels = np.full((64, 96, 3), 90, np.uint8)
     pixels[16:48, 24:72] = 230
-    opened.session.edit("Target", wanted=target_from_pixels(pixels, "square"))
+    opened.session.edit("Target", target_spec=target_from_pixels(pixels, "square"))
     opened.settle()
     return opened
 
@@ -31,7 +31,7 @@ def _until(gui: Any, condition: Callable[[], bool], timeout_s: float = 60.0) -> 
     until = time.monotonic() + timeout_s
     while not condition():
         gui.frames()
-        gui.app.advance()
+        gui.app.compute_slice()
         assert time.monotonic() < until, "waited too long"
 
 

@@ -65,7 +65,7 @@ def test_every_group_of_parameters_opens(make_gui: Callable[..., Any]) -> None:
             ctx.item_open(header)
 
     gui.engine(open_all)
-    assert {"modulators.stroke", "relay2.iris_na", "sampling.upsample"} <= set(gui.app.rects)
+    assert {"modulators.stroke", "relay2.iris_na", "sampling.upsample"} <= set(gui.app.item_rects)
 
 
 def test_an_iris_and_an_aberration_are_switched_on_and_off(make_gui: Callable[..., Any]) -> None:
@@ -203,7 +203,7 @@ def test_pinning_keeps_the_present_state(gui: Any) -> None:
 def test_a_snapshot_is_renamed_in_its_field_and_still_compared_with(make_gui: Callable[..., Any]) -> None:
     gui = make_gui(size=(900, 900))
     first, second = gui.session.pin(), gui.session.pin()
-    gui.session.look_at("Compare", b=ComparisonSide("snapshot", first))
+    gui.session.edit_view("Compare", b=ComparisonSide("snapshot", first))
     gui.app.show("View")
     gui.frames(3)
 
@@ -226,7 +226,7 @@ def test_a_snapshot_is_renamed_in_its_field_and_still_compared_with(make_gui: Ca
 def test_a_snapshot_is_forgotten_by_its_button(make_gui: Callable[..., Any]) -> None:
     gui = make_gui(size=(900, 900))
     kept, gone = gui.session.pin(), gui.session.pin()
-    gui.session.look_at("Compare", a=ComparisonSide("snapshot", gone), b=ComparisonSide("snapshot", kept))
+    gui.session.edit_view("Compare", a=ComparisonSide("snapshot", gone), b=ComparisonSide("snapshot", kept))
     gui.app.show("View")
     gui.frames(3)
     gui.click(gui.where(f"forget {gone}"))
@@ -302,10 +302,10 @@ def test_other_benches_are_shown_too(make_gui: Callable[..., Any], preset: str) 
 
 def test_an_edit_while_the_image_is_computed_drops_what_is_stale(make_gui: Callable[..., Any]) -> None:
     gui = make_gui(small_bench())
-    gui.app.advance()
+    gui.app.compute_slice()
     for plane_m in (9.1e-3, 9.2e-3, 9.3e-3):
-        gui.session.look_at("Plane", plane_m=plane_m)
-        gui.app.advance()
+        gui.session.edit_view("Plane", plane_m=plane_m)
+        gui.app.compute_slice()
     gui.settle()
     assert gui.app.sides.now.full_scene.plane_m == 9.3e-3
     lights = gui.app.sides.now._full.session.kernels["light"]
@@ -313,20 +313,20 @@ def test_an_edit_while_the_image_is_computed_drops_what_is_stale(make_gui: Calla
 
 
 def test_a_key_that_is_held_goes_on_without_further_events(gui: Any) -> None:
-    gui.hold(("ArrowRight",))
+    gui.hold_keys(("ArrowRight",))
     first = gui.session.look.plane_m
     gui.frames(40)
     assert gui.app.commands.is_repeating()
     assert gui.session.look.plane_m > first
-    gui.let_go(("ArrowRight",))
+    gui.release_keys(("ArrowRight",))
     assert not gui.app.commands.is_repeating()
 
 
 def test_a_moment_after_the_last_event_frames_are_due_for_tooltips(gui: Any) -> None:
     gui.move(gui.where("gap"))
     time.sleep(0.75)
-    assert gui.app.window.is_due()
-    assert not gui.app.window.is_due()
+    assert gui.app.window.needs_redraw()
+    assert not gui.app.window.needs_redraw()
     gui.session.messages.post("something happened")
     assert gui.app.toasts.has_changed()
     gui.frames(2)

@@ -51,7 +51,7 @@ def test_a_region_is_drawn_on_the_image_and_its_figures_follow(gui: Any) -> None
 
 def test_with_a_target_its_structure_is_divided_out_and_fidelity_is_told(gui: Any) -> None:
     assert gui.app.live.figures.region.psnr_db is None
-    gui.session.edit("Target", wanted=target_from_pixels(np.full((64, 96, 3), 128, np.uint8)))
+    gui.session.edit("Target", target_spec=target_from_pixels(np.full((64, 96, 3), 128, np.uint8)))
     assert gui.session.wait(30)
     gui.settle()
     region = gui.app.live.figures.region

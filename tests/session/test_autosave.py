@@ -24,14 +24,14 @@ from holoview.util.errors import UserError
 _PROGRAM = """
 import sys, time
 from pathlib import Path
-from holoview.session.autosave import Store
-from holoview.session.file_reader import pasted
-from holoview.session.editing_session import Session
+from holoview.session.autosave import SessionStore
+from holoview.session.file_reader import target_from_pixels
+from holoview.session.editing_session import EditingSession
 from tests.session.conftest import small_system
 import numpy as np
-session = Session(small_system(), seed=7)
-autosave = Store(Path(sys.argv[1])).attach(session)
-session.edit("Target", wanted=pasted(np.full((4, 4, 3), 90, np.uint8)))
+session = EditingSession(small_system(), seed=7)
+autosave = SessionStore(Path(sys.argv[1])).start_autosave(session)
+session.edit("Target", target_spec=target_from_pixels(np.full((4, 4, 3), 90, np.uint8)))
 session.pin("before")
 for n in range(1, 6):
     session.change("Gap", {"gap": n * 1e-3 + 1e-3})
@@ -41,7 +41,7 @@ print("saved", flush=True)
 n = 0
 while True:  # goes on editing until it is killed, so that the kill falls into a save
     n += 1
-    session.look_at("Wipe", wipe=(n % 100) / 100, merge="wipe")
+    session.edit_view("Wipe", wipe=(n % 100) / 100, merge_key="wipe")
     session.edit("Pattern", drive=np.full(session.drive.shape, (n % 7) / 7, np.float32))
     time.sleep(0.1)  # history keeps a limited number of steps: its beginning must not have gone when a save comes
 """
@@ -82,7 +82,7 @@ def test_closing_in_good_order_leaves_the_last_session_only(tmp_path: Path, want
     for name in ("first", "second"):
         session = EditingSession(bench.small_system(name=name))
         autosave = store.start_autosave(session)
-        session.edit("Target", wanted=wanted)
+        session.edit("Target", target_spec=wanted)
         autosave.close()
     last = store.last_session()
     assert last is not None and "second" in last.title and store.crashed_sessions() == []
@@ -102,7 +102,7 @@ def test_the_look_and_its_sides_come_back(tmp_path: Path, session: EditingSessio
         profile=(0.0, 1.0, 2.5, 3.0),
         centre=(0.25, 0.75),
     )
-    session.edit("Look", look=look)
+    session.edit("Look", view_settings=look)
     store = SessionStore(tmp_path)
     autosave = store.start_autosave(session)
     autosave.close()

@@ -171,7 +171,7 @@ def test_the_showcase_shows_less_speckle_with_more_wavelengths(session: EditingS
 
 
 def test_the_showcase_optimises_both_alike_and_says_so(session: EditingSession, wanted: TargetSpec) -> None:
-    session.edit("Target", wanted=wanted)
+    session.edit("Target", target_spec=wanted)
     session.target_at()
     assert session.wait_until_idle(20.0)
     job = start_scheme_comparison(session, iterations=2)

@@ -83,7 +83,7 @@ def test_a_paused_job_waits_and_a_cancelled_one_ends_without_a_result(session: E
 
 
 def test_an_optimisation_is_one_edit_that_undo_takes_back(session: EditingSession, wanted: TargetSpec) -> None:
-    session.edit("Target", wanted=wanted)
+    session.edit("Target", target_spec=wanted)
     old = session.drive
     job = start_optimisation(session, SHORT)
     with pytest.raises(UserError, match="one is running"):
@@ -98,7 +98,7 @@ def test_an_optimisation_is_one_edit_that_undo_takes_back(session: EditingSessio
 
 
 def test_the_view_follows_and_cancelling_leaves_the_old_patterns(session: EditingSession, wanted: TargetSpec) -> None:
-    session.edit("Target", wanted=wanted)
+    session.edit("Target", target_spec=wanted)
     job = start_optimisation(session, ENDLESS)
     _until(session, lambda: session.displayed_document.drive is not session.drive)
     job.pause()
@@ -118,7 +118,7 @@ def test_the_view_follows_and_cancelling_leaves_the_old_patterns(session: Editin
 
 
 def test_keeping_ends_an_optimisation_with_the_best_so_far(session: EditingSession, wanted: TargetSpec) -> None:
-    session.edit("Target", wanted=wanted)
+    session.edit("Target", target_spec=wanted)
     old, job = session.drive, start_optimisation(session, ENDLESS)
     _until(session, lambda: job.latest is not None and job.latest.iteration >= 2)
     job.stop_and_keep()
@@ -127,7 +127,7 @@ def test_keeping_ends_an_optimisation_with_the_best_so_far(session: EditingSessi
 
 
 def test_a_scheme_changes_the_bench_with_the_patterns(session: EditingSession, wanted: TargetSpec) -> None:
-    session.edit("Target", wanted=wanted)
+    session.edit("Target", target_spec=wanted)
     start_optimisation(session, OptimisationRequest(Settings(iterations=1), scheme="holochrome-4x2", device="cpu"))
     assert session.wait_until_idle(60.0)
     assert session.drive.shape[0] == 2 and len(session.system.wavelengths_m) == 4
@@ -143,7 +143,7 @@ def test_optimising_needs_a_target(session: EditingSession) -> None:
 def test_a_quick_look_moves_large_pixels_and_stays_on_the_bench(session: EditingSession, wanted: TargetSpec) -> None:
     bench = with_superpixels(session.system, 3)
     assert bench.modulators[0].shape == (8, 11) and bench.modulators[0].pitch_m == pytest.approx(24e-6)
-    session.edit("Target", wanted=wanted)
+    session.edit("Target", target_spec=wanted)
     job = start_optimisation(
         session, OptimisationRequest(Settings(iterations=2), superpixel=2, only_plane_m=3e-3, device="cpu")
     )

@@ -91,7 +91,7 @@ def test_a_worker_that_is_killed_loses_nothing(
 
 
 def test_a_scheduler_that_doesn_t_answer_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(places, "_PATIENCE_S", 0.5)
+    monkeypatch.setattr(places, "_CONNECT_TIMEOUT_S", 0.5)
     with pytest.raises(UserError, match=r"--scheduler tcp://127.0.0.1:9: no answer.*a Dask scheduler that runs"):
         run_jobs(
             STUDY,

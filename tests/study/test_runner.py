@@ -129,7 +129,7 @@ def test_a_refusal_is_passed_on_and_not_tried_again(workers: int, store: ResultS
 def test_a_run_says_how_large_it_was_and_a_quick_one_what_that_changes(
     size: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(registry, "registry", lambda: {"probe": STUDY})
+    monkeypatch.setattr(registry, "studies_by_name", lambda: {"probe": STUDY})
     monkeypatch.setattr(time, "sleep", lambda seconds: None)
     assert cli.main(["study", "probe", size, "-o", str(tmp_path)]) == 0
     out = capsys.readouterr().out
@@ -144,7 +144,7 @@ def test_ctrl_c_in_a_terminal_keeps_what_is_done(tmp_path: Path) -> None:
     program = (
         "import sys; from holoview import cli; from holoview.study import registry\n"
         "from tests.study.probe import STUDY\n"
-        "registry.registry = lambda: {'probe': STUDY}; sys.exit(cli.main())"
+        "registry.studies_by_name = lambda: {'probe': STUDY}; sys.exit(cli.main())"
     )
     command = [sys.executable, "-c", program, "study", "probe", "-o", str(tmp_path), "--workers", "2"]
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
@@ -193,8 +193,8 @@ def test_a_run_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     folder, log = tmp_path / "jobs", tmp_path / "log"
     program = (
         "import sys; from pathlib import Path; from holoview.study.runner import run_jobs\n"
-        "from holoview.study.store import Store; from tests.study.test_runner import _to_be_killed, STUDY\n"
-        "run_jobs(STUDY, _to_be_killed(Path(sys.argv[2])), Store(Path(sys.argv[1])))\n"
+        "from holoview.study.store import ResultStore; from tests.study.test_runner import _to_be_killed, STUDY\n"
+        "run_jobs(STUDY, _to_be_killed(Path(sys.argv[2])), ResultStore(Path(sys.argv[1])))\n"
     )
     with subprocess.Popen([sys.executable, "-c", program, str(folder), str(log)], cwd=ROOT) as process:
         until = time.monotonic() + 60

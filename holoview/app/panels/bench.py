@@ -143,7 +143,7 @@ class BenchPanel(Panel):
 
     def _apply_grid(self, app: App) -> None:
         source = {"grid": list(self._grid), "spacing": units.format_exact(self._spacing_rad, "mrad")}
-        app.attempt(app.session.change, "Source grid", {"source": source}, merge="source grid")
+        app.attempt(app.session.change, "Source grid", {"source": source}, merge_key="source grid")
 
 
 def _draw_frames(app: App, system: System, reset: System) -> None:

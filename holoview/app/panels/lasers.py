@@ -229,7 +229,7 @@ def _edit_laser(
     if power is not None:
         amplitudes[frame, index] = power
     changes = {"wavelengths": wavelengths, "amplitudes": amplitudes}
-    app.attempt(app.session.change, f"Laser {index + 1}", changes, merge=merge)
+    app.attempt(app.session.change, f"Laser {index + 1}", changes, merge_key=merge)
 
 
 def _balance_to_white(app: App) -> None:

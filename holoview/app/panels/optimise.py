@@ -131,8 +131,8 @@ def _draw_target(app: App) -> None:
         app.attempt(
             app.session.edit,
             "Target brightness",
-            wanted=replace(wanted, brightness=float(f"{brightness:.3g}")),
-            merge="brightness",
+            target_spec=replace(wanted, brightness=float(f"{brightness:.3g}")),
+            merge_key="brightness",
         )
 
 

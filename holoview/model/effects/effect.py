@@ -24,6 +24,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from holoview.model.effects.old_names import MEMBERS, adopt_old_members, old_attribute, old_method
 from holoview.model.effects.parameter import Parameter, Values
 
 if TYPE_CHECKING:
@@ -93,6 +94,9 @@ class Effect:
     needs: ClassVar[Needs] = Needs()
     order: ClassVar[int] = 0
     listed: ClassVar[bool] = True
+
+    def __init_subclass__(cls) -> None:
+        adopt_old_members(cls)
 
     # --- what it changes --------------------------------------------------------------------------------------------
 
@@ -167,3 +171,8 @@ class Effect:
     def overrides(self, hook: str) -> bool:
         """Whether this effect overrides a hook."""
         return getattr(type(self), hook) is not getattr(Effect, hook)
+
+
+for _old, _new in MEMBERS.items():  # for effect files that call what they inherit by its old name
+    _method = getattr(Effect, _new, None)
+    setattr(Effect, _old, old_method(_old, _new, _method) if callable(_method) else old_attribute(_old, _new))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import torch
 
+from holoview.model.effects.old_names import old_method
 from holoview.numerics.resample import affine_warp, centred_indices, gaussian_blur, upsample_nearest
 from holoview.numerics.zernike import zernike
 
@@ -69,6 +70,8 @@ class ModulatorContext:
             centred_indices(n, real, values.device).reshape(view) * step
             for n, view in zip(values.shape, ((-1, 1), (1, -1)), strict=True)
         )
+
+    places = old_method("places", "positions", positions)
 
     def zernike(self, values: Tensor, terms: Mapping[int, float]) -> Tensor:
         """Σ c_j·Z_j of {Noll index: c_j} over the circle around the modulator, for the entries of a map."""
@@ -133,6 +136,8 @@ class CameraContext:
         """Positions y (rows, 1) and x (1, columns) from the centre, ±1 at the picture's edges."""
         y, x = (centred_indices(n, image.dtype, image.device) / (n / 2) for n in self.shape)
         return y[:, None], x[None, :]
+
+    places = old_method("places", "positions", positions)
 
     def blurred(self, image: Tensor, sigma_px: float | Tensor) -> Tensor:
         """The image convolved with a Gaussian of `sigma_px` pixels; edges go on outwards."""

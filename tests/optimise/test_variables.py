@@ -114,14 +114,14 @@ def test_what_is_not_free_stays(bench: Bench) -> None:
 def test_amplitudes_take_their_closed_form_where_there_is_one(bench: Bench) -> None:
     system, solved = bench(), np.array([[0.3, 0.0, 2.0]])
     unknowns = _unknowns(system, loss="srgb")
-    unknowns.step(_found(system, solved=solved, amplitude_slopes=np.ones((1, 3))), 0)
+    unknowns.step(_found(system, optimal_amplitudes=solved, amplitude_gradient=np.ones((1, 3))), 0)
     np.testing.assert_array_equal(unknowns.amplitudes, solved)
 
 
 def test_under_a_curved_loss_amplitudes_move_by_their_logarithm(bench: Bench) -> None:
     system = bench(amplitudes=[[2.0, 0.5, 0.0]])
     unknowns = _unknowns(system, loss="srgb")
-    unknowns.step(_found(system, amplitude_slopes=np.array([[1e-3, -1.0, 0.0]])), 1)
+    unknowns.step(_found(system, amplitude_gradient=np.array([[1e-3, -1.0, 0.0]])), 1)
     # Adam's first step is one in size: 2 % down, 2 % up; a laser that is off stays off.
     np.testing.assert_allclose(unknowns.amplitudes, [[2 * np.exp(-0.02), 0.5 * np.exp(0.02), 0]], rtol=1e-9)
 
@@ -130,7 +130,7 @@ def test_a_laser_that_the_closed_form_left_nearly_dark_can_come_back(bench: Benc
     unknowns = _unknowns(bench(amplitudes=[[1.0, 1e-30, 1.0]]), loss="srgb", betas=(0.0, 0.0))
     slopes = np.array([[0.0, -1.0, 0.0]])
     for _ in range(10):
-        unknowns.step(_found(bench(), amplitude_slopes=slopes), 1)
+        unknowns.step(_found(bench(), amplitude_gradient=slopes), 1)
     assert unknowns.amplitudes[0, 1] == pytest.approx(1e-6 * np.exp(0.2), rel=1e-6)
 
 
@@ -169,7 +169,7 @@ def test_unknowns_that_are_loaded_go_on_as_those_that_were_kept(bench: Bench) ->
     found = _found(
         system,
         gradient=torch.full(system.drive_shape, 1e-3),
-        amplitude_slopes=np.array([[1.0, -0.2, 0.1]]),
+        amplitude_gradient=np.array([[1.0, -0.2, 0.1]]),
         chromatic=np.array([3.0, -1.0, 2.0]),
     )
     settings = {"free": EVERYTHING, "loss": "srgb"}

@@ -92,7 +92,7 @@ def test_listeners_hear_which_kinds_changed(session: EditingSession, wanted: Tar
     stop = session.add_listener(heard.append)
     session.change("Gap", {"gap": 2e-3})
     session.edit_view("Exposure", exposure_stops=1.0)
-    session.edit("Target", wanted=wanted)
+    session.edit("Target", target_spec=wanted)
     stop()
     session.undo()
     assert [change.kinds for change in heard] == [
@@ -197,7 +197,7 @@ def test_another_preset_is_a_side_at_this_benchs_pixel_count(session: EditingSes
 
 
 def test_targets_are_built_in_the_background_and_heard_of(session: EditingSession, wanted: TargetSpec) -> None:
-    session.edit("Target", wanted=wanted)
+    session.edit("Target", target_spec=wanted)
     assert session.target_at() is None
     assert session.wait_until_idle(20.0)
     image = session.target_at()
@@ -208,7 +208,7 @@ def test_targets_are_built_in_the_background_and_heard_of(session: EditingSessio
 
 
 def test_a_target_that_cannot_be_built_is_told_once(session: EditingSession, tmp_path: Path) -> None:
-    session.edit("Target", wanted=TargetSpec(tmp_path / "gone", "gone"))
+    session.edit("Target", target_spec=TargetSpec(tmp_path / "gone", "gone"))
     session.target_at()
     session.wait_until_idle(20.0)
     assert session.target_at() is None

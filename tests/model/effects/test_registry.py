@@ -20,7 +20,7 @@ class Haze(Effect):
     cause = "Haze adds light everywhere."
     finding = "Haze adds {share} of the mean."
     parameters = (Parameter("share", "Share of the mean that is added.", low=0.0, high=1.0, prior=0.1),)
-    where = ("camera",)
+    acts_on = ("camera",)
 
     def image(self, image, at, v):
         return image + v["share"] * image.mean()
@@ -29,7 +29,7 @@ class Haze(Effect):
 
 @pytest.fixture(autouse=True)
 def _forgets_own_effects(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_own", {})
+    monkeypatch.setattr(module, "_user_effects", {})
 
 
 def test_a_users_own_effect_is_one_like_any_other(tmp_path: Path) -> None:

@@ -162,7 +162,7 @@ def test_a_grating_on_a_fourier_bench_sends_its_orders_where_the_grating_equatio
         distance_m=np.zeros(1),
         power=np.ones(1),
         exposure_s=np.ones(1),
-        panels=(SlmSpec(pitch, 2, λ / 2),),
+        slms=(SlmSpec(pitch, 2, λ / 2),),
         camera=Camera(20e-6, 12, 4.0, 3.0, 64.0),
         iris2_na=None,
         focal_length_m=f,

@@ -44,7 +44,7 @@ def test_only_the_newest_image_is_measured(session: EditingSession, monkeypatch:
         assert goes_on.wait(20)
         return measure_image(*args)
 
-    monkeypatch.setattr("holoview.session.live_measurement.measured", slow)
+    monkeypatch.setattr("holoview.session.live_measurement.measure_image", slow)
     means: list[float] = []
     live = LiveMeasurement(session, lambda: means.append(live.measurements.region.mean))  # type: ignore[union-attr]
     live.request(session.document, np.ones((48, 64, 3)))

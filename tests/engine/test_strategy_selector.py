@@ -58,8 +58,8 @@ class _Choice:
 def choices(monkeypatch: pytest.MonkeyPatch) -> list[_Choice]:
     """The searches that were begun; nothing is remembered."""
     made: list[_Choice] = []
-    monkeypatch.setattr(pace, "FftChoice", type("Choice", (_Choice,), {"made": made}))
-    monkeypatch.setattr(pace, "remembered", lambda device, shape: "passes")
+    monkeypatch.setattr(pace, "FftTuner", type("Choice", (_Choice,), {"made": made}))
+    monkeypatch.setattr(pace, "remembered_strategy", lambda device, shape: "passes")
     return made
 
 
@@ -150,7 +150,7 @@ def test_a_named_strategy_stays(device: Device, choices: list[_Choice]) -> None:
 def test_what_is_remembered_to_compile_at_once_is_taken_from_the_start(
     device: Device, choices: list[_Choice], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pace, "remembered", lambda device, shape: "workgroup")
+    monkeypatch.setattr(pace, "remembered_strategy", lambda device, shape: "workgroup")
     session = _open(device)
     assert session.strategy == "workgroup"
     session.edit(system=SYSTEM.edit({"source": {"directions": [[0.0, 0.01]]}}))

@@ -1,0 +1,5 @@
+"""The old place of `holoview.model.effects.effect`, for effect files: import from `holoview.effects` instead."""
+
+from holoview.model.effects.old_names import moved
+
+__getattr__ = moved(__name__, "holoview.model.effects.effect", {"Facts": "DataProperties", "Moment": "ExposureSample"})

@@ -1,0 +1,74 @@
+"""Names that effect files used before version 0.2: they work until version 0.3, with a warning that names the new."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+MEMBERS = {
+    "power": "laser_power",
+    "moments": "exposure_samples",
+    "response": "stroke_response",
+    "path": "optical_path",
+    "seat": "slm2_pose",
+    "aim": "camera_pose",
+    "offset": "black_level_offset",
+    "where": "acts_on",
+    "equals": "degenerate_with",
+    "equal_to": "degeneracies",
+    "starts": "starting_points",
+    "words": "finding_fields",
+    "sentence": "format_finding",
+    "values": "parameter_values",
+    "changes": "overrides",
+}
+"""Of `Effect`: hooks, class variables, methods."""
+
+
+def warn(old: str, new: str, stacklevel: int = 3) -> None:
+    """FutureWarning (shown to users by default) that `old` is called `new` now."""
+    warnings.warn(f"`{old}` is called `{new}` now; the old name works until version 0.3", FutureWarning, stacklevel)
+
+
+def adopt_old_members(cls: type[Any]) -> None:
+    """Gives what a class defines under an old name its new name too; called when the class is made."""
+    for old, new in MEMBERS.items():
+        if old in vars(cls) and new not in vars(cls):
+            warn(f"{cls.__name__}.{old}", new, stacklevel=4)
+            setattr(cls, new, vars(cls)[old])
+
+
+def old_attribute(old: str, new: str) -> Any:
+    """A read-only attribute under its old name."""
+
+    def read(self: Any) -> Any:
+        warn(old, new)
+        return getattr(self, new)
+
+    return property(read)
+
+
+def old_method(old: str, new: str, inherited: Callable[..., Any]) -> Any:
+    """A method under its old name. inherited: what `super()` means where a subclass overrides the old name."""
+
+    def call(self: Any, *arguments: Any, **keywords: Any) -> Any:
+        warn(old, new)
+        method = getattr(type(self), new) if getattr(type(self), old) is call else inherited
+        return method(self, *arguments, **keywords)
+
+    return call
+
+
+def moved(old_module: str, new_module: str, names: Mapping[str, str] | None = None) -> Callable[[str], Any]:
+    """The `__getattr__` of a module whose content stands in another one now, `names` from old to new ones there."""
+
+    def get(name: str) -> Any:
+        new = (names or {}).get(name, name)
+        if name.startswith("__") or not hasattr(module := import_module(new_module), new):
+            raise AttributeError(f"module {old_module!r} has no attribute {name!r}")
+        warn(f"{old_module}.{name}", f"{new_module}.{new}")
+        return getattr(module, new)
+
+    return get
