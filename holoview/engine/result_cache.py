@@ -164,7 +164,7 @@ class ResultCache:
         self.compositor.encode_srgb(recorder, self.xyz_buffer, self.srgb_buffer, exposure_stops)
         self.frame.dispatch_counts["show"] += 1
         self.srgb_fingerprint = None
-        recorder.on_submit(partial(setattr, self, "picture_of", picture_of))
+        recorder.on_submit(partial(setattr, self, "srgb_fingerprint", picture_of))
 
     def intensity(self, lit: FrameWavelength) -> NDArray[np.float32]:
         """An intensity at unit amplitude, (y, x), as it was last computed."""
@@ -223,7 +223,7 @@ class ResultCache:
     def _see(self, seen_of: Fingerprint, recorder: CommandRecorder) -> None:
         """The same for XYZ."""
         self.xyz_fingerprint = None
-        recorder.on_submit(partial(setattr, self, "seen_of", seen_of))
+        recorder.on_submit(partial(setattr, self, "xyz_fingerprint", seen_of))
 
     def _composite(
         self, recorder: CommandRecorder, intensity: Buffer, shares: Sequence[WeightedIntensity], *, adds: bool

@@ -43,7 +43,9 @@ class Document:
         object.__setattr__(self, "drive", as_readonly_drive(self.drive))
         frames, modulators = self.system.drive_shape[:2]
         count = len(self.system.wavelengths_m)
-        object.__setattr__(self, "view_settings", self.view_settings.clamped_to(count, self.image_shape, frames, modulators))
+        object.__setattr__(
+            self, "view_settings", self.view_settings.clamped_to(count, self.image_shape, frames, modulators)
+        )
 
     @property
     def image_shape(self) -> tuple[int, int]:

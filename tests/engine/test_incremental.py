@@ -155,7 +155,7 @@ def _reference(system: System, planes_m: list[float]) -> np.ndarray:
 @pytest.mark.parametrize("name", BENCHES)
 def test_a_session_shows_what_torch_computes_in_double_precision(device: Device, name: str, together: int) -> None:
     system = SYSTEM.edit(BENCHES[name])
-    session = _open(device, system, together=together)
+    session = _open(device, system, max_wavelengths=together)
     expected = _reference(system, [*system.planes_m])[0]
     assert _error(session.xyz(), expected) <= TOLERANCE
     codes = to_srgb8(xyz_to_linear_srgb(session.xyz()))
@@ -164,7 +164,7 @@ def test_a_session_shows_what_torch_computes_in_double_precision(device: Device,
 
 
 def test_wavelengths_computed_together_or_one_by_one_are_the_same_bit_for_bit(device: Device) -> None:
-    alone, together = _open(device), _open(device, together=3)
+    alone, together = _open(device), _open(device, max_wavelengths=3)
     assert np.array_equal(alone.xyz(), together.xyz())
     assert together.dispatch_counts["light"] == 2  # three wavelengths of the first frame, two of the second
 

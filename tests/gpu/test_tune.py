@@ -36,15 +36,15 @@ class _Script:
     answers: list[dict[str, Any]]
     asked: list[dict[str, Any]]
     ends = False
-    was_late = False
+    hit_time_limit = False
 
     def __init__(self, adapter: str, budget_s: float) -> None:
         type(self).started += 1  # type: ignore[attr-defined]
 
-    def ask(self, request: dict[str, Any]) -> None:
+    def send(self, request: dict[str, Any]) -> None:
         self.asked.append(request)
 
-    def answer(self) -> dict[str, Any] | None:
+    def next_answer(self) -> dict[str, Any] | None:
         return self.answers.pop(0) if self.answers else None
 
     @property
@@ -71,7 +71,7 @@ def memory(tmp_path: Path) -> TuningStore:
 @pytest.fixture
 def offers_all(device: Device, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """All strategies on offer, whatever the adapter has: these tests run none of them."""
-    monkeypatch.setattr(tune, "strategies", lambda device, shape: ("passes", "workgroup", "subgroup"))
+    monkeypatch.setattr(tune, "supported_strategies", lambda device, shape: ("passes", "workgroup", "subgroup"))
     yield
 
 
@@ -233,7 +233,7 @@ def test_shaders_that_end_the_helper_are_refused(
     device: Device, memory: TuningStore, script: type[_Script], was_late: bool, reason: str
 ) -> None:
     memory.save(device.info, SHAPE, KNOWN)
-    script.ends, script.was_late = True, was_late
+    script.ends, script.hit_time_limit = True, was_late
     assert FftTuner(device, SHAPE, store=memory).wait() == "passes"
     found = memory.load(device.info, SHAPE)
     assert found is not None and found.refused == {"subgroup": reason} and found.best == "workgroup"
@@ -328,7 +328,7 @@ def test_a_strategy_that_a_driver_makes_wrong_is_refused(
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the system limits no processor time")
 def test_the_system_ends_a_helper_whose_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    program = "from holoview.gpu.tune_worker import _limit\n_limit(1)\nwhile True: pass"
+    program = "from holoview.gpu.tune_worker import _limit_cpu_time\n_limit_cpu_time(1)\nwhile True: pass"
     monkeypatch.setattr(tune_process, "_COMMAND", ("-c", program))
     helper = tune_process.TuningProcess("any", budget_s=1.0)
     while not helper.has_ended:

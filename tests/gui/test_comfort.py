@@ -72,8 +72,8 @@ def test_recent_files_are_in_the_menu(make_gui: Callable[..., Any], tmp_path: Pa
     store.preferences.add_recent_file(picture)
     gui = make_gui(engine=True, panels=(ImagePanel, FilesPanel), store=store)
     gui.engine(lambda ctx: ctx.menu_click(f"//##MainMenuBar/File/Recent/1 {picture.name}"))
-    assert gui.session.wait(30)
-    assert gui.session.wanted is not None and gui.session.wanted.title == "red.png"
+    assert gui.session.wait_until_idle(30)
+    assert gui.session.target_spec is not None and gui.session.target_spec.title == "red.png"
 
 
 def test_files_dropped_on_the_window_are_opened_and_text_goes_to_the_clipboard(gui: Any, tmp_path: Path) -> None:
@@ -88,8 +88,8 @@ def test_files_dropped_on_the_window_are_opened_and_text_goes_to_the_clipboard(g
     )
     connect_desktop(gui.app, glfw, window=None)
     dropped[0](None, [str(picture)])
-    assert gui.session.wait(30)
-    assert gui.session.wanted is not None and gui.session.wanted.title == "red.png"
+    assert gui.session.wait_until_idle(30)
+    assert gui.session.target_spec is not None and gui.session.target_spec.title == "red.png"
     from imgui_bundle import imgui
 
     imgui.set_clipboard_text("λ")
@@ -97,11 +97,11 @@ def test_files_dropped_on_the_window_are_opened_and_text_goes_to_the_clipboard(g
 
 
 def test_the_window_redraws_only_when_something_happened(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    gui.settle()
-    gui.frames(6)
+    gui.draw_until_idle()
+    gui.draw_frames(6)
     asked: list[bool] = []
     monkeypatch.setattr(gui.canvas, "request_draw", lambda *_: asked.append(True))
-    gui.frames()
+    gui.draw_frames()
     assert not asked, "at rest"
     gui.session.change("Gap", {"gap": "3 mm"})
     assert asked, "an edit"

@@ -35,7 +35,7 @@ def test_every_effect_of_the_library_has_a_switch(make_gui: Callable[..., Any]) 
     gui = make_gui(small_bench(**IRISES), (640, 1000), panels=(EffectsPanel,))
     lines = [name for name in gui.app.item_rects if name.startswith("effect ")]
     for line in lines[::-1]:  # from below, so that sliders that open don't move what is next
-        gui.click(gui.where(line, 0.1))
+        gui.click(gui.item_position(line, 0.1))
     assert set(gui.session.system.effect_values) == set(listed_effects())
     gui.app.commands.run("Switch off all effects")
     assert gui.session.system == small_bench(**IRISES)
@@ -43,24 +43,24 @@ def test_every_effect_of_the_library_has_a_switch(make_gui: Callable[..., Any]) 
 
 def test_an_effect_changes_the_image_and_undo_brings_it_back(make: Callable[..., Any]) -> None:
     gui = make()
-    gui.settle()
-    plain = gui.app.sides.xyz(NOW).copy()
+    gui.draw_until_idle()
+    plain = gui.app.side_renderers.xyz(NOW).copy()
     gui.engine(_switch("gap"))
-    gui.settle()
+    gui.draw_until_idle()
     common = listed_effects()["gap"].parameters[0].prior
     assert gui.session.system.effect_values == {"gap": {"gap_error": common}}
-    assert np.abs(gui.app.sides.xyz(NOW) - plain).mean() > 0.01
+    assert np.abs(gui.app.side_renderers.xyz(NOW) - plain).mean() > 0.01
     steps = len(gui.session.history)
-    gui.drag(gui.where("effects.gap.gap_error", 0.55), gui.where("effects.gap.gap_error", 0.8), steps=6)
+    gui.drag(gui.item_position("effects.gap.gap_error", 0.55), gui.item_position("effects.gap.gap_error", 0.8), steps=6)
     assert gui.session.system.effect_values["gap"]["gap_error"] > 2 * common
     assert len(gui.session.history) == steps + 1, "a drag is one step"
-    gui.click(gui.where("effects.gap.gap_error"), button=2)
+    gui.click(gui.item_position("effects.gap.gap_error"), button=2)
     assert gui.session.system.effect_values["gap"]["gap_error"] == 0.0
     for _ in range(3):
-        gui.key("Ctrl+Z")
+        gui.press_chord("Ctrl+Z")
     assert gui.session.system == small_bench()
-    gui.settle()
-    assert np.array_equal(gui.app.sides.xyz(NOW), plain)
+    gui.draw_until_idle()
+    assert np.array_equal(gui.app.side_renderers.xyz(NOW), plain)
 
 
 def test_an_effect_that_is_switched_off_and_on_has_its_values_again(make: Callable[..., Any]) -> None:
@@ -78,11 +78,11 @@ def test_an_effect_that_is_switched_off_and_on_has_its_values_again(make: Callab
 def test_what_the_bench_lacks_cannot_be_switched_on(make: Callable[..., Any]) -> None:
     gui = make()
     gui.engine(lambda ctx: ctx.item_input_value("Effects/##words", "aberration1"))
-    gui.click(gui.where("effect aberration1", 0.1))
+    gui.click(gui.item_position("effect aberration1", 0.1))
     assert not gui.session.system.effects
     gui.session.change("Iris", {"relay1.iris_na": 0.02})
-    gui.frames(2)
-    gui.click(gui.where("effect aberration1", 0.1))
+    gui.draw_frames(2)
+    gui.click(gui.item_position("effect aberration1", 0.1))
     assert set(gui.session.system.effect_values) == {"aberration1"}
 
 
@@ -90,5 +90,5 @@ def test_effects_are_found_by_words_of_their_cause(make: Callable[..., Any]) -> 
     gui = make()
     gui.engine(lambda ctx: ctx.item_input_value("Effects/##words", "falls in at an angle"))
     gui.app.item_rects.clear()
-    gui.frames(2)
+    gui.draw_frames(2)
     assert [name for name in gui.app.item_rects if name.startswith("effect ")] == ["effect tilt"]

@@ -33,7 +33,7 @@ PANELS = (ImagePanel, FilesPanel, HistoryPanel)
 @pytest.fixture
 def gui(make_gui: Callable[..., Any], tmp_path: Path) -> Any:
     opened = make_gui(size=(800, 480), engine=True, panels=PANELS)
-    opened.settle()
+    opened.draw_until_idle()
     opened.app.panel(FilesPanel).dialog.folder = tmp_path
     return opened
 
@@ -45,22 +45,22 @@ def _dialog(gui: Any) -> Any:
 def _save_as(gui: Any, command: str, name: str) -> None:
     """Runs a command that asks for a file, types its name and presses Enter."""
     gui.app.commands.run(command)
-    gui.frames(2)
+    gui.draw_frames(2)
     assert _dialog(gui).is_open
-    gui.key("Ctrl+A")
-    gui.type(name)
-    gui.key("Enter")
-    gui.frames(2)
+    gui.press_chord("Ctrl+A")
+    gui.type_text(name)
+    gui.press_chord("Enter")
+    gui.draw_frames(2)
     assert not _dialog(gui).is_open
-    assert gui.session.wait(60)
+    assert gui.session.wait_until_idle(60)
 
 
 def test_a_hologram_is_saved_by_keys_and_opened_again(gui: Any, tmp_path: Path) -> None:
-    gui.key("Ctrl+S")
-    gui.frames(2)
-    gui.key("Ctrl+A")
-    gui.type("mine")
-    gui.key("Enter")
+    gui.press_chord("Ctrl+S")
+    gui.draw_frames(2)
+    gui.press_chord("Ctrl+A")
+    gui.type_text("mine")
+    gui.press_chord("Enter")
     saved = tmp_path / "mine.safetensors"
     assert np.array_equal(load_hologram(saved).drive, gui.session.drive)
     assert "mine.safetensors" in gui.last_message()
@@ -73,16 +73,16 @@ def test_a_hologram_is_saved_by_keys_and_opened_again(gui: Any, tmp_path: Path) 
         ctx.item_click("//Open/Open##file")
 
     gui.engine(choose)
-    assert gui.session.wait(30)
+    assert gui.session.wait_until_idle(30)
     assert np.array_equal(gui.session.drive, other.drive) and gui.session.undo() == "Open other.safetensors"
 
 
 def test_the_view_is_saved_as_it_is_seen(gui: Any, tmp_path: Path) -> None:
     gui.session.edit_view("Exposure", exposure_stops=-1.0)
-    gui.settle()
+    gui.draw_until_idle()
     _save_as(gui, "Save view…", "view")
     with Image.open(tmp_path / "view.png") as picture:
-        assert np.array_equal(np.asarray(picture), tone_map(gui.app.sides.xyz(NOW), gui.session.look))
+        assert np.array_equal(np.asarray(picture), tone_map(gui.app.side_renderers.xyz(NOW), gui.session.view_settings))
 
 
 @pytest.mark.parametrize(
@@ -103,14 +103,14 @@ def test_everything_that_can_be_saved_is_written(
 
 
 def test_a_name_that_is_not_there_is_told_in_the_dialog_and_escape_closes_it(gui: Any) -> None:
-    gui.key("Ctrl+O")
-    gui.frames(2)
-    gui.type("missing.png")
-    gui.key("Enter")
-    gui.frames(2)
+    gui.press_chord("Ctrl+O")
+    gui.draw_frames(2)
+    gui.type_text("missing.png")
+    gui.press_chord("Enter")
+    gui.draw_frames(2)
     assert _dialog(gui).is_open and "isn't there" in _dialog(gui).problem
-    gui.key("Escape")
-    gui.frames(2)
+    gui.press_chord("Escape")
+    gui.draw_frames(2)
     assert not _dialog(gui).is_open
 
 
@@ -118,15 +118,15 @@ def test_a_file_that_is_there_is_replaced_only_when_asked_twice(gui: Any, tmp_pa
     there = tmp_path / "mine.toml"
     there.write_text("precious")
     gui.app.commands.run("Save preset…")
-    gui.frames(2)
-    gui.key("Ctrl+A")
-    gui.type("mine.toml")
-    gui.key("Enter")
-    gui.frames(2)
+    gui.draw_frames(2)
+    gui.press_chord("Ctrl+A")
+    gui.type_text("mine.toml")
+    gui.press_chord("Enter")
+    gui.draw_frames(2)
     assert _dialog(gui).is_open and "once more" in _dialog(gui).problem
     assert there.read_text() == "precious"
-    gui.key("Enter")
-    gui.frames(2)
+    gui.press_chord("Enter")
+    gui.draw_frames(2)
     assert not _dialog(gui).is_open and load(there) == gui.session.system
 
 
@@ -135,20 +135,20 @@ def test_a_folder_of_patterns_is_opened(gui: Any, tmp_path: Path) -> None:
     for number in (1, 2):
         levels = np.rint(255 * drive[0, number - 1]).astype(np.uint8)
         Image.fromarray(levels).save(tmp_path / f"slm{number}.png")
-    gui.key("Ctrl+O")
-    gui.frames(2)
+    gui.press_chord("Ctrl+O")
+    gui.draw_frames(2)
     gui.engine(lambda ctx: ctx.item_click("//Open/This folder"))
-    assert gui.session.wait(30)
+    assert gui.session.wait_until_idle(30)
     assert np.abs(gui.session.drive - drive).max() < 0.003
 
 
 def test_a_folder_that_is_typed_is_shown(gui: Any, tmp_path: Path) -> None:
     (tmp_path / "inner").mkdir()
-    gui.key("Ctrl+O")
-    gui.frames(2)
-    gui.type("inner")
-    gui.key("Enter")
-    gui.frames(2)
+    gui.press_chord("Ctrl+O")
+    gui.draw_frames(2)
+    gui.type_text("inner")
+    gui.press_chord("Enter")
+    gui.draw_frames(2)
     assert _dialog(gui).is_open and _dialog(gui).folder == tmp_path / "inner"
 
 
@@ -161,13 +161,13 @@ def test_a_mistake_in_saving_is_told(gui: Any, tmp_path: Path) -> None:
 def test_the_image_is_copied_and_a_picture_pasted(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     copied: list[np.ndarray] = []
     monkeypatch.setattr(files, "copy_picture", copied.append)
-    gui.key("Ctrl+Shift+C")
-    assert np.array_equal(copied[0], tone_map(gui.app.sides.xyz(NOW), gui.session.look))
+    gui.press_chord("Ctrl+Shift+C")
+    assert np.array_equal(copied[0], tone_map(gui.app.side_renderers.xyz(NOW), gui.session.view_settings))
     monkeypatch.setattr(files, "paste_picture", lambda: copied[0])
-    gui.key("Ctrl+V")
-    assert gui.session.wanted is not None and gui.session.wanted.title == "pasted picture"
+    gui.press_chord("Ctrl+V")
+    assert gui.session.target_spec is not None and gui.session.target_spec.title == "pasted picture"
     monkeypatch.setattr(files, "paste_picture", lambda: None)
-    gui.key("Ctrl+V")
+    gui.press_chord("Ctrl+V")
     assert "holds no picture" in gui.last_message()
 
 
@@ -182,14 +182,14 @@ def test_without_a_clipboard_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch)
 def test_the_list_of_edits_goes_anywhere(gui: Any) -> None:
     gui.session.change("Gap", {"gap": 3e-3})
     gui.session.edit_view("Exposure", exposure_stops=1.0)
-    gui.app.show("History")
-    gui.frames(3)
+    gui.app.show_panel("History")
+    gui.draw_frames(3)
     gui.engine(lambda ctx: ctx.item_click("History/**/Start##0"))
-    assert gui.session.position == 0 and gui.session.can_redo
+    assert gui.session.history_position == 0 and gui.session.can_redo
     gui.engine(lambda ctx: ctx.item_click("History/Redo"))
     assert gui.session.system.gap_m == 3e-3
     gui.engine(lambda ctx: ctx.item_click("History/**/Exposure##2"))
-    assert gui.session.look.exposure_stops == 1.0
+    assert gui.session.view_settings.exposure_stops == 1.0
 
 
 # --- after a crash --------------------------------------------------------------------------------------------------
@@ -205,7 +205,7 @@ def crashed(make_gui: Callable[..., Any], tmp_path: Path) -> Any:
     assert autosave.flush()
     (autosave.folder / "lock.json").write_text('{"pid": 999999999, "since": 0}')
     opened = make_gui(size=(800, 480), engine=True, panels=PANELS, store=store)
-    opened.settle()
+    opened.draw_until_idle()
     yield opened
     lost.close()
 
@@ -215,12 +215,12 @@ def test_work_that_a_crash_left_is_offered_and_recovered(crashed: Any) -> None:
     assert offer.is_open
     crashed.engine(lambda ctx: ctx.item_click("//Recover your work/**/Recover"))
     assert not offer.is_open and crashed.session.system.gap_m == 4e-3
-    assert crashed.session.undo() == "Gap" and crashed.app.store.crashed() == []
+    assert crashed.session.undo() == "Gap" and crashed.app.store.crashed_sessions() == []
 
 
 def test_what_is_discarded_is_gone_and_later_keeps_it(crashed: Any) -> None:
     offer = crashed.app.panel(FilesPanel).recovery
     crashed.engine(lambda ctx: ctx.item_click("//Recover your work/Later"))
-    assert not offer.is_open and len(crashed.app.store.crashed()) == 1
-    offer.discard(crashed.app, crashed.app.store.crashed()[0])
-    assert crashed.app.store.crashed() == []
+    assert not offer.is_open and len(crashed.app.store.crashed_sessions()) == 1
+    offer.discard(crashed.app, crashed.app.store.crashed_sessions()[0])
+    assert crashed.app.store.crashed_sessions() == []

@@ -22,10 +22,10 @@ LEVEL = 1  # of 255: powers in f32 beside float64
 
 def _shown(gui: Any) -> tuple[np.ndarray, tuple[int, int]]:
     """The panel's pixels of the image, and its corner in them."""
-    frame = gui.app.panel(ImagePanel).frame
-    left, top = (round(value) for value in frame.pixel(0.0, 0.0))
-    rows, columns = gui.session.state.shape
-    return gui.app.seen()[top : top + rows, left : left + columns], (left, top)
+    frame = gui.app.panel(ImagePanel).visible_area
+    left, top = (round(value) for value in frame.to_pixel(0.0, 0.0))
+    rows, columns = gui.session.document.image_shape
+    return gui.app.displayed_pixels()[top : top + rows, left : left + columns], (left, top)
 
 
 LOOKS: tuple[dict[str, Any], ...] = (
@@ -40,12 +40,12 @@ LOOKS: tuple[dict[str, Any], ...] = (
 
 
 def test_one_to_one_the_panel_shows_what_the_reference_makes_of_xyz(gui: Any) -> None:
-    plain = gui.session.look
+    plain = gui.session.view_settings
     for look in LOOKS:
         gui.session.edit("Look", view_settings=plain.with_(**ONE_TO_ONE, **look))
-        gui.settle()
+        gui.draw_until_idle()
         seen, _ = _shown(gui)
-        expected = tone_map(gui.app.sides.xyz(NOW), gui.session.look)
+        expected = tone_map(gui.app.side_renderers.xyz(NOW), gui.session.view_settings)
         assert seen.shape == expected.shape
         table = colour_map(look.get("false_colour") or "grey").astype(int)
         step = LEVEL * np.abs(np.diff(table, axis=0)).max()
@@ -54,66 +54,66 @@ def test_one_to_one_the_panel_shows_what_the_reference_makes_of_xyz(gui: Any) ->
 
 def test_smaller_than_one_to_one_a_pixel_is_the_mean_light_of_what_it_covers(gui: Any) -> None:
     gui.session.edit_view("Look", zoom=0.5, centre=(0.5, 0.5))
-    gui.settle()
-    frame = gui.app.panel(ImagePanel).frame
-    left, top = (round(value) for value in frame.pixel(0.0, 0.0))
-    rows, columns = (side // 2 for side in gui.session.state.shape)
-    xyz = gui.app.sides.xyz(NOW)
+    gui.draw_until_idle()
+    frame = gui.app.panel(ImagePanel).visible_area
+    left, top = (round(value) for value in frame.to_pixel(0.0, 0.0))
+    rows, columns = (side // 2 for side in gui.session.document.image_shape)
+    xyz = gui.app.side_renderers.xyz(NOW)
     means = xyz.reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3))
-    seen = gui.app.seen()[top : top + rows, left : left + columns]
-    assert np.abs(seen.astype(int) - tone_map(means, gui.session.look)).max() <= LEVEL
+    seen = gui.app.displayed_pixels()[top : top + rows, left : left + columns]
+    assert np.abs(seen.astype(int) - tone_map(means, gui.session.view_settings)).max() <= LEVEL
 
 
 def test_the_wheel_zooms_about_the_pointer(gui: Any) -> None:
-    panel, at = gui.app.panel(ImagePanel), gui.where("image", 0.3, 0.6)
-    corner = gui.where("image", 0, 0)
-    before = panel.frame.place(at[0] - corner[0], at[1] - corner[1])
-    a_pixel = max(panel.frame.step)  # corners of the image are on whole pixels
+    panel, at = gui.app.panel(ImagePanel), gui.item_position("image", 0.3, 0.6)
+    corner = gui.item_position("image", 0, 0)
+    before = panel.visible_area.to_image(at[0] - corner[0], at[1] - corner[1])
+    a_pixel = max(panel.visible_area.step)  # corners of the image are on whole pixels
     gui.wheel(at, 3)
-    assert gui.session.look.zoom > 1.5
-    after = panel.frame.place(at[0] - corner[0], at[1] - corner[1])
+    assert gui.session.view_settings.zoom > 1.5
+    after = panel.visible_area.to_image(at[0] - corner[0], at[1] - corner[1])
     assert after == pytest.approx(before, abs=a_pixel)
-    gui.key("F")
-    assert gui.session.look.zoom == 0
+    gui.press_chord("F")
+    assert gui.session.view_settings.zoom == 0
 
 
 def test_dragging_pans_and_is_no_step_of_undo(gui: Any) -> None:
     steps = len(gui.session.history)
-    gui.wheel(gui.where("image"), 4)
-    before, zoom = gui.session.look.centre, gui.session.look.zoom
-    gui.drag(gui.where("image", 0.5, 0.5), gui.where("image", 0.4, 0.5))
+    gui.wheel(gui.item_position("image"), 4)
+    before, zoom = gui.session.view_settings.centre, gui.session.view_settings.zoom
+    gui.drag(gui.item_position("image", 0.5, 0.5), gui.item_position("image", 0.4, 0.5))
     left, _, right, _ = gui.app.item_rects["image"]
-    moved = 0.1 * (right - left) / zoom / gui.session.state.shape[1]
-    assert gui.session.look.centre[0] - before[0] == pytest.approx(moved, rel=0.15)  # whole pixels
+    moved = 0.1 * (right - left) / zoom / gui.session.document.image_shape[1]
+    assert gui.session.view_settings.centre[0] - before[0] == pytest.approx(moved, rel=0.15)  # whole pixels
     assert len(gui.session.history) == steps
 
 
 def test_ctrl_and_the_wheel_change_the_focal_plane(gui: Any) -> None:
-    before = gui.session.look.plane_m
-    gui.wheel(gui.where("image"), 2, "Control")
-    assert gui.session.look.plane_m > before
-    assert gui.session.look.zoom == 0
+    before = gui.session.view_settings.plane_m
+    gui.wheel(gui.item_position("image"), 2, "Control")
+    assert gui.session.view_settings.plane_m > before
+    assert gui.session.view_settings.zoom == 0
 
 
 def test_shift_and_drag_draw_a_region(gui: Any) -> None:
     gui.hold_keys(("Shift",))
-    gui.drag(gui.where("image", 0.4, 0.4), gui.where("image", 0.6, 0.6))
+    gui.drag(gui.item_position("image", 0.4, 0.4), gui.item_position("image", 0.6, 0.6))
     gui.release_keys(("Shift",))
-    x, y, width, height = gui.session.look.region
-    rows, columns = gui.session.state.shape
+    x, y, width, height = gui.session.view_settings.region
+    rows, columns = gui.session.document.image_shape
     assert 0 < x < columns / 2 < x + width < columns
     assert 0 < y < rows / 2 < y + height < rows
-    assert gui.app.tool == ""
+    assert gui.app.drag_tool == ""
 
 
 def test_the_values_under_the_pointer_are_those_of_the_image(gui: Any) -> None:
-    gui.move(gui.where("image", 0.5, 0.5))
-    gui.frames(2)
-    rows, columns = gui.session.state.shape
+    gui.move(gui.item_position("image", 0.5, 0.5))
+    gui.draw_frames(2)
+    rows, columns = gui.session.document.image_shape
     line = describe_pixel(gui.app, columns // 2, rows // 2)
-    x, y, z = gui.app.sides.xyz(NOW)[rows // 2, columns // 2]
+    x, y, z = gui.app.side_renderers.xyz(NOW)[rows // 2, columns // 2]
     assert f"XYZ {x:.3f}  {y:.3f}  {z:.3f}" in line
-    intensity = gui.app.sides.now.intensities()[:, rows // 2, columns // 2]
+    intensity = gui.app.side_renderers.now.intensities()[:, rows // 2, columns // 2]
     assert intensity.shape == (3,) and np.all(intensity > 0)
 
 
@@ -126,41 +126,41 @@ def pinned(gui: Any) -> Any:
     name = gui.session.pin()
     gui.session.change("Gap", {"gap": "4 mm"})
     gui.session.edit_view("Look", b=ComparisonSide("snapshot", name), **ONE_TO_ONE)
-    gui.settle()
+    gui.draw_until_idle()
     return gui
 
 
 def _both(gui: Any) -> tuple[np.ndarray, np.ndarray]:
-    look: ViewSettings = gui.session.look
-    a, b = gui.app.sides.xyz(look.a), gui.app.sides.xyz(look.b)
+    look: ViewSettings = gui.session.view_settings
+    a, b = gui.app.side_renderers.xyz(look.a), gui.app.side_renderers.xyz(look.b)
     assert np.abs(a - b).mean() > 0.01
     return tone_map(a, look).astype(int), tone_map(b, look).astype(int)
 
 
 def test_wipe_shows_a_left_of_the_line_and_b_right_of_it(pinned: Any) -> None:
     pinned.session.edit_view("Wipe", compare="wipe", wipe=0.5)
-    pinned.settle()
+    pinned.draw_until_idle()
     seen, (left, _) = _shown(pinned)
     a, b = _both(pinned)
-    middle = round(pinned.app.panel(ImagePanel).frame.size[0] / 2) - left
+    middle = round(pinned.app.panel(ImagePanel).visible_area.size[0] / 2) - left
     assert np.abs(seen[:, : middle - 2] - a[:, : middle - 2]).max() <= LEVEL
     assert np.abs(seen[:, middle + 2 :] - b[:, middle + 2 :]).max() <= LEVEL
 
 
 def test_the_wipe_follows_the_hand(pinned: Any) -> None:
     pinned.session.edit_view("Wipe", compare="wipe", wipe=0.5)
-    pinned.settle()
-    pinned.drag(pinned.where("image", 0.5, 0.5), pinned.where("image", 0.25, 0.5))
-    assert pinned.session.look.wipe == pytest.approx(0.25, abs=0.02)
+    pinned.draw_until_idle()
+    pinned.drag(pinned.item_position("image", 0.5, 0.5), pinned.item_position("image", 0.25, 0.5))
+    assert pinned.session.view_settings.wipe == pytest.approx(0.25, abs=0.02)
 
 
 def test_b_is_shown_while_its_key_is_held(pinned: Any) -> None:
     pinned.session.edit_view("Hold", compare="hold")
-    pinned.settle()
+    pinned.draw_until_idle()
     a, b = _both(pinned)
     assert np.abs(_shown(pinned)[0] - a).max() <= LEVEL
     pinned.hold_keys(("b",))
-    pinned.frames(2)
+    pinned.draw_frames(2)
     assert np.abs(_shown(pinned)[0] - b).max() <= LEVEL
     pinned.release_keys(("b",))
     assert np.abs(_shown(pinned)[0] - a).max() <= LEVEL
@@ -168,9 +168,9 @@ def test_b_is_shown_while_its_key_is_held(pinned: Any) -> None:
 
 def test_a_difference_acts_on_exposed_channels(pinned: Any) -> None:
     pinned.session.edit_view("Difference", compare="difference", exposure_stops=-2.0)
-    pinned.settle()
-    look = pinned.session.look
-    a, b = pinned.app.sides.xyz(look.a), pinned.app.sides.xyz(look.b)
+    pinned.draw_until_idle()
+    look = pinned.session.view_settings
+    a, b = pinned.app.side_renderers.xyz(look.a), pinned.app.side_renderers.xyz(look.b)
     from holoview.colour import srgb_encode, xyz_to_linear_srgb
 
     difference = np.abs(xyz_to_linear_srgb(a - b)) * 2.0**look.exposure_stops
@@ -181,14 +181,17 @@ def test_a_difference_acts_on_exposed_channels(pinned: Any) -> None:
 
 def test_side_by_side_shows_the_same_part_of_both(pinned: Any) -> None:
     pinned.session.edit_view("Sides", compare="side-by-side", zoom=0.5)
-    pinned.settle()
-    frame, seen = pinned.app.panel(ImagePanel).frame, pinned.app.seen().astype(int)
-    left, top = (round(value) for value in frame.pixel(0.0, 0.0))
-    rows, columns = (side // 2 for side in pinned.session.state.shape)
+    pinned.draw_until_idle()
+    frame, seen = pinned.app.panel(ImagePanel).visible_area, pinned.app.displayed_pixels().astype(int)
+    left, top = (round(value) for value in frame.to_pixel(0.0, 0.0))
+    rows, columns = (side // 2 for side in pinned.session.document.image_shape)
     half = frame.size[0] // 2
     a, b = (
-        tone_map(pinned.app.sides.xyz(side).reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3)), pinned.session.look)
-        for side in (pinned.session.look.a, pinned.session.look.b)
+        tone_map(
+            pinned.app.side_renderers.xyz(side).reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3)),
+            pinned.session.view_settings,
+        )
+        for side in (pinned.session.view_settings.a, pinned.session.view_settings.b)
     )
     assert np.abs(seen[top : top + rows, left : left + columns] - a).max() <= LEVEL
     assert np.abs(seen[top : top + rows, half + left + 1 : half + left + columns] - b[:, 1:]).max() <= LEVEL
@@ -196,7 +199,7 @@ def test_side_by_side_shows_the_same_part_of_both(pinned: Any) -> None:
 
 def test_another_preset_can_be_a_side(gui: Any) -> None:
     gui.session.edit_view("Preset", b=ComparisonSide("preset", "simultaneous"), compare="wipe", **ONE_TO_ONE)
-    gui.settle()
+    gui.draw_until_idle()
     a, b = _both(gui)
     assert a.shape == b.shape
 
@@ -206,7 +209,7 @@ def test_another_preset_can_be_a_side(gui: Any) -> None:
 
 def _paged(gui: Any, page: str) -> np.ndarray:
     gui.session.edit_view("Page", page=page, **ONE_TO_ONE)
-    gui.settle()
+    gui.draw_until_idle()
     return _shown(gui)[0]
 
 
@@ -217,20 +220,20 @@ def test_the_phase_page_shows_a_pattern_as_turns_of_hue(gui: Any) -> None:
     gui.session.edit_view("Look", zoom=1.0)
     turns = (drive[0, 0] * waves) % 1.0
     expected = colour_map("hue")[np.rint(255 * turns).astype(int)].astype(int)
-    frame = gui.app.panel(ImagePanel).frame
-    left, top = (round(value) for value in frame.pixel(0.0, 0.0))
-    seen = gui.app.seen()[top : top + 64, left : left + 96].astype(int)
+    frame = gui.app.panel(ImagePanel).visible_area
+    left, top = (round(value) for value in frame.to_pixel(0.0, 0.0))
+    seen = gui.app.displayed_pixels()[top : top + 64, left : left + 96].astype(int)
     assert np.median(np.abs(seen - expected)) <= LEVEL
 
 
 def test_the_spectrum_page_shows_where_light_leaves_to(gui: Any) -> None:
     gui.session.change("Iris", {"relay2.iris_na": 0.01})
     gui.session.edit_view("Page", page="spectrum")
-    gui.settle()
-    seen = gui.app.seen()
+    gui.draw_until_idle()
+    seen = gui.app.displayed_pixels()
     rows, columns = seen.shape[:2]
     centre = seen[rows // 2 - 5 : rows // 2 + 5, columns // 2 - 5 : columns // 2 + 5]
-    left, top = (round(value) for value in gui.app.panel(ImagePanel).frame.pixel(0.0, 0.0))
+    left, top = (round(value) for value in gui.app.panel(ImagePanel).visible_area.pixel(0.0, 0.0))
     corner = seen[top + 2 : top + 12, left + 2 : left + 12]
     assert centre.mean() > 60 and corner.mean() < 5, "the iris is open in the middle"
 
@@ -239,7 +242,7 @@ def test_the_target_page_shows_what_is_wanted(gui: Any) -> None:
     red = np.zeros((64, 96, 3), np.uint8)
     red[..., 0] = 200
     gui.session.edit("Target", target_spec=target_from_pixels(red))
-    assert gui.session.wait(30)
+    assert gui.session.wait_until_idle(30)
     seen = _paged(gui, "target")
     assert np.median(seen.reshape(-1, 3), axis=0) == pytest.approx([200, 0, 0], abs=LEVEL)
     line = describe_pixel(gui.app, 96, 64)
@@ -247,10 +250,10 @@ def test_the_target_page_shows_what_is_wanted(gui: Any) -> None:
 
 
 def test_the_contact_sheet_has_every_plane_and_a_click_goes_to_one(gui: Any) -> None:
-    gui.key("G")
-    gui.settle()
+    gui.press_chord("G")
+    gui.draw_until_idle()
     x0, y0, x1, y1 = (round(value) for value in gui.app.item_rects["sheet 9 mm"])
-    assert gui.frames(2)[y0 + 20 : y1, x0:x1].std() > 20
+    assert gui.draw_frames(2)[y0 + 20 : y1, x0:x1].std() > 20
     assert {f"sheet {z} mm" for z in ("9", "9.5", "10", "10.5", "11")} <= set(gui.app.item_rects)
-    gui.click(gui.where("sheet 10.5 mm"))
-    assert gui.session.look.plane_m == pytest.approx(10.5e-3) and gui.session.look.page == "image"
+    gui.click(gui.item_position("sheet 10.5 mm"))
+    assert gui.session.view_settings.plane_m == pytest.approx(10.5e-3) and gui.session.view_settings.page == "image"

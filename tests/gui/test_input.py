@@ -14,19 +14,19 @@ TEXT = "compare_side_by_side 0123456789"
 
 
 def test_fast_typing_is_taken_to_its_end_though_nothing_else_happens(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    gui.key("Ctrl+P")
-    gui.frames(5)
+    gui.press_chord("Ctrl+P")
+    gui.draw_frames(5)
     for letter in TEXT:
         gui.submit_event("key_down", key=letter, modifiers=())
         gui.submit_event("char", data=letter, is_composing=False, input_type="insertText")
         gui.submit_event("key_up", key=letter, modifiers=())
     _draw_on_demand(gui, monkeypatch)
-    assert gui.app.help.query == TEXT
+    assert gui.app.help_overlay.query == TEXT
 
 
 def test_a_drag_within_one_frame_is_the_whole_drag(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where frames take longer than a hand."""
-    (x, y), (x1, y1) = gui.where("image", 0.3, 0.3), gui.where("image", 0.7, 0.7)
+    (x, y), (x1, y1) = gui.item_position("image", 0.3, 0.3), gui.item_position("image", 0.7, 0.7)
     gui.move((x, y))
     gui.submit_event("key_down", key="Shift", modifiers=())
     gui.submit_event("pointer_down", x=x, y=y, button=1, buttons=(1,), modifiers=(), ntouches=0, touches={})
@@ -34,8 +34,8 @@ def test_a_drag_within_one_frame_is_the_whole_drag(gui: Any, monkeypatch: pytest
     gui.submit_event("pointer_up", x=x1, y=y1, button=1, buttons=(), modifiers=(), ntouches=0, touches={})
     gui.submit_event("key_up", key="Shift", modifiers=())
     _draw_on_demand(gui, monkeypatch)
-    assert gui.session.look.region is not None
-    assert min(gui.session.look.region[2:]) > 10
+    assert gui.session.view_settings.region is not None
+    assert min(gui.session.view_settings.region[2:]) > 10
 
 
 @pytest.mark.parametrize("seen_early", [False, True])
@@ -45,12 +45,12 @@ def test_a_chord_let_go_before_a_frame_keeps_its_modifier(
     """However the keys of a quick Ctrl+S, and of the S after it, fall on frames: one saves, the other compares."""
     gui.submit_event("key_down", key="Control", modifiers=("Control",))
     if seen_early:
-        gui.frames()
+        gui.draw_frames()
     for kind, key in (("key_down", "s"), ("key_up", "Control"), ("key_up", "s")):
         gui.submit_event(kind, key=key, modifiers=())
     _draw_on_demand(gui, monkeypatch)
     assert gui.app.panel(FilesPanel).dialog.is_open
-    assert gui.session.look.compare == "off"
+    assert gui.session.view_settings.compare == "off"
 
 
 def test_a_letter_before_a_modifier_is_without_it(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -58,7 +58,7 @@ def test_a_letter_before_a_modifier_is_without_it(gui: Any, monkeypatch: pytest.
         gui.submit_event(kind, key=key, modifiers=())
     _draw_on_demand(gui, monkeypatch)
     assert not gui.app.panel(FilesPanel).dialog.is_open
-    assert gui.session.look.compare == "side-by-side"
+    assert gui.session.view_settings.compare == "side-by-side"
 
 
 def _draw_on_demand(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -68,5 +68,5 @@ def _draw_on_demand(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     frames = 0
     while asked and frames < 500:
         asked.clear()
-        gui.frames()
+        gui.draw_frames()
         frames += 1

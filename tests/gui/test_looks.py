@@ -27,20 +27,22 @@ DARK = {"exposure_stops": -30.0}  # speckle makes large files
 
 def _drawn(gui: Any) -> NDArray[np.uint8]:
     gui.move((2, 60))
-    gui.settle()
-    return gui.frames(3)[:-STATUS]
+    gui.draw_until_idle()
+    return gui.draw_frames(3)[:-STATUS]
 
 
 @pytest.mark.parametrize(
     ("name", "prepare"),
     [
         ("start", lambda gui: None),
-        ("keys", lambda gui: (gui.session.edit_view("Dark", **DARK), gui.key("?"))),
+        ("keys", lambda gui: (gui.session.edit_view("Dark", **DARK), gui.press_chord("?"))),
         ("light", lambda gui: (gui.session.edit_view("Dark", **DARK), gui.app.set_theme("Light"))),
-        ("gamut", lambda gui: (gui.session.edit_view("Look", solo=1), gui.app.show("Gamut"))),
+        ("gamut", lambda gui: (gui.session.edit_view("Look", solo=1), gui.app.show_panel("Gamut"))),
         (
             "wipe",
-            lambda gui: gui.session.edit_view("Wipe", compare="wipe", b=gui.session.look.a, region=(40, 30, 60, 40)),
+            lambda gui: gui.session.edit_view(
+                "Wipe", compare="wipe", b=gui.session.view_settings.a, region=(40, 30, 60, 40)
+            ),
         ),
         ("zoomed", lambda gui: gui.session.edit_view("Zoom", zoom=24.0, channel="luminance", false_colour="cubehelix")),
     ],
@@ -69,7 +71,7 @@ def test_frames_of_the_same_state_are_identical(gui: Any) -> None:
 @pytest.mark.parametrize("name", theme.THEMES)
 def test_texts_can_be_read_in_every_theme(gui: Any, name: str) -> None:
     gui.app.set_theme(name)
-    gui.frames(2)
+    gui.draw_frames(2)
     colours = imgui.Col_
     for text in (colours.text, colours.text_disabled):
         for ground in (
@@ -99,10 +101,10 @@ def _contrast(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
 
 def test_a_screen_of_high_resolution_is_drawn_in_its_pixels(make_gui: Callable[..., Any]) -> None:
     gui = make_gui(size=(640, 400), pixel_ratio=2.0)
-    image = gui.settle()
+    image = gui.draw_until_idle()
     assert image.shape == (800, 1280, 3)
     x0, y0, x1, y1 = (round(2 * value) for value in gui.app.item_rects["image"])
-    seen = gui.app.seen()
+    seen = gui.app.displayed_pixels()
     assert seen.shape[:2] == (y1 - y0, x1 - x0)
     assert np.array_equal(image[y0 + 40 : y1 - 40, x0 + 40 : x1 - 40], seen[40:-40, 40:-40])
 

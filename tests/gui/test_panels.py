@@ -25,19 +25,19 @@ pytestmark = pytest.mark.gpu
 
 def test_dragging_a_slider_is_one_step_of_undo_and_can_be_undone(gui: Any) -> None:
     steps, before = len(gui.session.history), gui.session.system.gap_m
-    gui.drag(gui.where("gap", 0.2), gui.where("gap", 0.5), steps=8)
+    gui.drag(gui.item_position("gap", 0.2), gui.item_position("gap", 0.5), steps=8)
     assert gui.session.system.gap_m > before
     assert len(gui.session.history) == steps + 1
-    gui.key("Ctrl+Z")
+    gui.press_chord("Ctrl+Z")
     assert gui.session.system.gap_m == before
-    gui.key("Ctrl+Shift+Z")
+    gui.press_chord("Ctrl+Shift+Z")
     assert gui.session.system.gap_m > before
 
 
 def test_a_right_click_resets_a_slider(gui: Any) -> None:
     before = gui.session.system.gap_m
-    gui.drag(gui.where("gap", 0.2), gui.where("gap", 0.5))
-    gui.click(gui.where("gap", 0.3), button=2)
+    gui.drag(gui.item_position("gap", 0.2), gui.item_position("gap", 0.5))
+    gui.click(gui.item_position("gap", 0.3), button=2)
     assert gui.session.system.gap_m == before
 
 
@@ -87,7 +87,7 @@ def test_an_iris_and_an_aberration_are_switched_on_and_off(make_gui: Callable[..
 
 def test_dragging_a_peak_changes_wavelength_and_power(gui: Any) -> None:
     before = gui.session.system
-    x, y = gui.where("laser 1")
+    x, y = gui.item_position("laser 1")
     gui.drag((x, y), (x + 12, y + 15))
     after = gui.session.system
     assert after.wavelengths_m[1] > before.wavelengths_m[1]
@@ -99,12 +99,12 @@ def test_lasers_are_added_balanced_soloed_and_removed(make_gui: Callable[..., An
     gui = make_gui(engine=True, size=(900, 700))
     gui.engine(lambda ctx: ctx.item_click("Lasers/Add"))
     assert len(gui.session.system.wavelengths_m) == 4
-    gui.key("2")
-    assert gui.session.look.solo == 1
-    assert np.count_nonzero(gui.session.shown.system.amplitudes) == 1
-    gui.key("0")
-    assert gui.session.look.solo is None
-    gui.click(gui.where("remove 3"))
+    gui.press_chord("2")
+    assert gui.session.view_settings.solo == 1
+    assert np.count_nonzero(gui.session.displayed_document.system.amplitudes) == 1
+    gui.press_chord("0")
+    assert gui.session.view_settings.solo is None
+    gui.click(gui.item_position("remove 3"))
     assert len(gui.session.system.wavelengths_m) == 3
 
 
@@ -113,8 +113,8 @@ def test_lasers_are_entered_exactly_muted_and_taken_from_a_preset(make_gui: Call
     gui.engine(lambda ctx: ctx.item_input_value("Lasers/**/$$0/##nm", 471.5))
     assert gui.session.system.wavelengths_m[0] == pytest.approx(471.5e-9)
     gui.engine(lambda ctx: ctx.item_click("Lasers/**/$$1/M"))
-    assert gui.session.look.muted == {1}
-    assert np.count_nonzero(gui.session.shown.system.amplitudes) == 2
+    assert gui.session.view_settings.muted == {1}
+    assert np.count_nonzero(gui.session.displayed_document.system.amplitudes) == 2
 
     def take(ctx: Any) -> None:
         ctx.set_ref("Lasers")
@@ -133,7 +133,7 @@ def test_frames_have_patterns_of_their_own(make_gui: Callable[..., Any]) -> None
     assert not np.array_equal(drive[0], drive[1])
     gui.app.commands.run("Random patterns")
     assert not np.array_equal(gui.session.drive, drive)
-    gui.key("Ctrl+Z")
+    gui.press_chord("Ctrl+Z")
     assert gui.session.drive is drive
 
 
@@ -142,26 +142,26 @@ def test_frames_have_patterns_of_their_own(make_gui: Callable[..., Any]) -> None
 
 def test_the_focal_plane_is_scrubbed_by_slider_keys_and_thumbnails(make_gui: Callable[..., Any]) -> None:
     gui = make_gui(size=(900, 700))
-    gui.settle()
-    gui.drag(gui.where("plane", 0.5), gui.where("plane", 0.8))
-    far = gui.session.look.plane_m
+    gui.draw_until_idle()
+    gui.drag(gui.item_position("plane", 0.5), gui.item_position("plane", 0.8))
+    far = gui.session.view_settings.plane_m
     assert far > 10e-3
-    gui.key("Left")
-    assert gui.session.look.plane_m < far
-    gui.key("PageUp")
-    assert gui.session.look.plane_m in gui.session.system.planes_m
-    gui.click(gui.where("plane 9 mm"))
-    assert gui.session.look.plane_m == pytest.approx(9e-3)
+    gui.press_chord("Left")
+    assert gui.session.view_settings.plane_m < far
+    gui.press_chord("PageUp")
+    assert gui.session.view_settings.plane_m in gui.session.system.planes_m
+    gui.click(gui.item_position("plane 9 mm"))
+    assert gui.session.view_settings.plane_m == pytest.approx(9e-3)
 
 
 def test_play_goes_through_the_stack_until_it_is_stopped(gui: Any) -> None:
-    gui.key("Space")
+    gui.press_chord("Space")
     assert gui.app.panel(FocusPanel).is_playing
-    gui.frames(3)
-    first = gui.session.look.plane_m
-    gui.frames(3)
-    assert gui.session.look.plane_m != first
-    gui.key("Space")
+    gui.draw_frames(3)
+    first = gui.session.view_settings.plane_m
+    gui.draw_frames(3)
+    assert gui.session.view_settings.plane_m != first
+    gui.press_chord("Space")
     assert not gui.app.panel(FocusPanel).is_playing
 
 
@@ -182,21 +182,21 @@ def test_keys_change_the_look(gui: Any) -> None:
         "F": ("zoom", 0.0),
     }
     for key, (field, value) in changes.items():
-        gui.key(key)
-        assert getattr(gui.session.look, field) == value, key
+        gui.press_chord(key)
+        assert getattr(gui.session.view_settings, field) == value, key
 
 
 def test_exposure_has_a_slider(gui: Any) -> None:
-    gui.app.show("View")
-    gui.frames(3)
-    gui.drag(gui.where("exposure", 0.5), gui.where("exposure", 0.7))
-    assert gui.session.look.exposure_stops > 1
-    gui.key("R")
-    assert gui.session.look.exposure_stops == 0
+    gui.app.show_panel("View")
+    gui.draw_frames(3)
+    gui.drag(gui.item_position("exposure", 0.5), gui.item_position("exposure", 0.7))
+    assert gui.session.view_settings.exposure_stops > 1
+    gui.press_chord("R")
+    assert gui.session.view_settings.exposure_stops == 0
 
 
 def test_pinning_keeps_the_present_state(gui: Any) -> None:
-    gui.key("P")
+    gui.press_chord("P")
     assert list(gui.session.snapshots) == ["Snapshot 1"]
 
 
@@ -204,18 +204,18 @@ def test_a_snapshot_is_renamed_in_its_field_and_still_compared_with(make_gui: Ca
     gui = make_gui(size=(900, 900))
     first, second = gui.session.pin(), gui.session.pin()
     gui.session.edit_view("Compare", b=ComparisonSide("snapshot", first))
-    gui.app.show("View")
-    gui.frames(3)
+    gui.app.show_panel("View")
+    gui.draw_frames(3)
 
     def enter(name: str, typed: str, last_key: str) -> list[str]:
-        gui.click(gui.where(f"snapshot {name}"))
-        gui.key("Ctrl+A")
-        gui.type(typed)
-        gui.key(last_key)
+        gui.click(gui.item_position(f"snapshot {name}"))
+        gui.press_chord("Ctrl+A")
+        gui.type_text(typed)
+        gui.press_chord(last_key)
         return list(gui.session.snapshots)
 
     assert enter(first, "before", "Enter") == ["before", second]
-    assert gui.session.look.b == ComparisonSide("snapshot", "before")
+    assert gui.session.view_settings.b == ComparisonSide("snapshot", "before")
     assert enter(second, "nothing", "Escape") == ["before", second]
     assert enter(second, " Target ", "Tab") == ["before", "Target"]
     assert gui.last_message() == ""
@@ -227,11 +227,11 @@ def test_a_snapshot_is_forgotten_by_its_button(make_gui: Callable[..., Any]) -> 
     gui = make_gui(size=(900, 900))
     kept, gone = gui.session.pin(), gui.session.pin()
     gui.session.edit_view("Compare", a=ComparisonSide("snapshot", gone), b=ComparisonSide("snapshot", kept))
-    gui.app.show("View")
-    gui.frames(3)
-    gui.click(gui.where(f"forget {gone}"))
+    gui.app.show_panel("View")
+    gui.draw_frames(3)
+    gui.click(gui.item_position(f"forget {gone}"))
     assert list(gui.session.snapshots) == [kept]
-    assert (gui.session.look.a, gui.session.look.b) == (NOW, ComparisonSide("snapshot", kept))
+    assert (gui.session.view_settings.a, gui.session.view_settings.b) == (NOW, ComparisonSide("snapshot", kept))
 
 
 # --- the app --------------------------------------------------------------------------------------------------------
@@ -244,21 +244,21 @@ def test_no_two_commands_share_a_key_and_every_menu_has_some(gui: Any) -> None:
 
 
 def test_the_palette_finds_and_runs_a_command(gui: Any) -> None:
-    gui.key("Ctrl+P")
-    gui.frames(2)
-    gui.type("wipe")
-    assert [command.name for command in gui.app.help.matches()] == ["Compare: wipe"]
-    gui.key("Enter")
-    assert gui.session.look.compare == "wipe"
-    assert gui.app.help.open == ""
+    gui.press_chord("Ctrl+P")
+    gui.draw_frames(2)
+    gui.type_text("wipe")
+    assert [command.name for command in gui.app.help_overlay.matches()] == ["Compare: wipe"]
+    gui.press_chord("Enter")
+    assert gui.session.view_settings.compare == "wipe"
+    assert gui.app.help_overlay.page == ""
 
 
 def test_keys_typed_into_a_field_are_no_commands(gui: Any) -> None:
-    gui.key("Ctrl+P")
-    gui.frames(2)
-    gui.type("w")
-    gui.key("W")
-    assert gui.session.look.compare == "off"
+    gui.press_chord("Ctrl+P")
+    gui.draw_frames(2)
+    gui.type_text("w")
+    gui.press_chord("W")
+    assert gui.session.view_settings.compare == "off"
 
 
 class _Broken(Panel):
@@ -279,25 +279,25 @@ def test_a_failing_panel_shows_its_error_and_the_rest_goes_on(make_gui: Callable
     gui = make_gui(panels=(*ALL, _Broken))
     broken = next(guarded for guarded in gui.app.panels if isinstance(guarded.panel, _Broken))
     broken.panel.fails = True
-    gui.app.show("Broken")
-    gui.frames(5)
+    gui.app.show_panel("Broken")
+    gui.draw_frames(5)
     assert isinstance(broken.failure, ValueError)
     assert "boom" in gui.last_message()
-    before = gui.session.look.plane_m
-    gui.key("Right")
-    assert gui.session.look.plane_m > before
+    before = gui.session.view_settings.plane_m
+    gui.press_chord("Right")
+    assert gui.session.view_settings.plane_m > before
     broken.failure = None
     broken.panel.fails = False
-    gui.frames(3)
+    gui.draw_frames(3)
     assert broken.failure is None
 
 
 @pytest.mark.parametrize("preset", ["time-sequential", "multisource-3x3", "holochrome-8-1slm"])
 def test_other_benches_are_shown_too(make_gui: Callable[..., Any], preset: str) -> None:
     gui = make_gui(load(preset).edit({"shape": [32, 48]}))
-    gui.settle()
-    assert gui.app.sides.now.is_fresh
-    assert gui.app.sides.xyz(gui.session.look.a).shape == (64, 96, 3)
+    gui.draw_until_idle()
+    assert gui.app.side_renderers.now.is_fresh
+    assert gui.app.side_renderers.xyz(gui.session.view_settings.a).shape == (64, 96, 3)
 
 
 def test_an_edit_while_the_image_is_computed_drops_what_is_stale(make_gui: Callable[..., Any]) -> None:
@@ -306,28 +306,28 @@ def test_an_edit_while_the_image_is_computed_drops_what_is_stale(make_gui: Calla
     for plane_m in (9.1e-3, 9.2e-3, 9.3e-3):
         gui.session.edit_view("Plane", plane_m=plane_m)
         gui.app.compute_slice()
-    gui.settle()
-    assert gui.app.sides.now.full_scene.plane_m == 9.3e-3
-    lights = gui.app.sides.now._full.session.kernels["light"]
+    gui.draw_until_idle()
+    assert gui.app.side_renderers.now.full_scene.plane_m == 9.3e-3
+    lights = gui.app.side_renderers.now._full.renderer.kernels["light"]
     assert lights == 3  # the first rows of each laser, once: planes share them
 
 
 def test_a_key_that_is_held_goes_on_without_further_events(gui: Any) -> None:
     gui.hold_keys(("ArrowRight",))
-    first = gui.session.look.plane_m
-    gui.frames(40)
+    first = gui.session.view_settings.plane_m
+    gui.draw_frames(40)
     assert gui.app.commands.is_repeating()
-    assert gui.session.look.plane_m > first
+    assert gui.session.view_settings.plane_m > first
     gui.release_keys(("ArrowRight",))
     assert not gui.app.commands.is_repeating()
 
 
 def test_a_moment_after_the_last_event_frames_are_due_for_tooltips(gui: Any) -> None:
-    gui.move(gui.where("gap"))
+    gui.move(gui.item_position("gap"))
     time.sleep(0.75)
     assert gui.app.window.needs_redraw()
     assert not gui.app.window.needs_redraw()
     gui.session.messages.post("something happened")
     assert gui.app.toasts.has_changed()
-    gui.frames(2)
+    gui.draw_frames(2)
     assert not gui.app.toasts.has_changed()

@@ -20,48 +20,50 @@ pytestmark = pytest.mark.gpu
 @pytest.fixture
 def gui(make_gui: Callable[..., Any]) -> Any:
     opened = make_gui(size=(800, 480), engine=True, panels=(ImagePanel, SpecklePanel))
-    opened.settle()
+    opened.draw_until_idle()
     return opened
 
 
 def _drag(gui: Any, start: tuple[float, float], end: tuple[float, float]) -> None:
-    gui.drag(gui.where("image", *start), gui.where("image", *end))
-    gui.settle()
+    gui.drag(gui.item_position("image", *start), gui.item_position("image", *end))
+    gui.draw_until_idle()
 
 
 def test_a_region_is_drawn_on_the_image_and_its_figures_follow(gui: Any) -> None:
-    whole = gui.app.live.figures.region
-    assert whole.contrast == pytest.approx(measure_region(gui.app.sides.xyz(NOW), gui.session.state.region).contrast)
+    whole = gui.app.live_measurement.figures.region
+    assert whole.contrast == pytest.approx(
+        measure_region(gui.app.side_renderers.xyz(NOW), gui.session.document.region).contrast
+    )
     gui.engine(lambda ctx: ctx.item_click("Speckle/Region"))
-    assert gui.app.tool == "region"
+    assert gui.app.drag_tool == "region"
     _drag(gui, (0.4, 0.4), (0.6, 0.6))
-    region = gui.session.look.region
-    assert region is not None and region != whole and gui.app.tool == ""
-    figures = gui.app.live.figures
+    region = gui.session.view_settings.region
+    assert region is not None and region != whole and gui.app.drag_tool == ""
+    figures = gui.app.live_measurement.figures
     assert figures.region.pixels == region[2] * region[3]
-    assert figures.region.contrast == measure_region(gui.app.sides.xyz(NOW), region).contrast
+    assert figures.region.contrast == measure_region(gui.app.side_renderers.xyz(NOW), region).contrast
     gui.session.change("Gap", {"gap": 3e-3})
-    gui.settle()
-    assert gui.app.live.figures is not figures, "figures follow the image"
+    gui.draw_until_idle()
+    assert gui.app.live_measurement.figures is not figures, "figures follow the image"
     gui.engine(lambda ctx: ctx.item_click("Speckle/Forget"))
-    assert gui.session.look.region is None
+    assert gui.session.view_settings.region is None
     gui.session.undo()
-    assert gui.session.look.region == region
+    assert gui.session.view_settings.region == region
 
 
 def test_with_a_target_its_structure_is_divided_out_and_fidelity_is_told(gui: Any) -> None:
-    assert gui.app.live.figures.region.psnr_db is None
+    assert gui.app.live_measurement.figures.region.psnr_db is None
     gui.session.edit("Target", target_spec=target_from_pixels(np.full((64, 96, 3), 128, np.uint8)))
-    assert gui.session.wait(30)
-    gui.settle()
-    region = gui.app.live.figures.region
-    expected = measure_region(gui.app.sides.xyz(NOW), gui.session.state.region, gui.session.target_at())
+    assert gui.session.wait_until_idle(30)
+    gui.draw_until_idle()
+    region = gui.app.live_measurement.figures.region
+    expected = measure_region(gui.app.side_renderers.xyz(NOW), gui.session.document.region, gui.session.target_at())
     assert (region.psnr_db, region.delta_e) == (expected.psnr_db, expected.delta_e)
     assert region.psnr_db is not None and region.delta_e > 0
 
 
 def test_the_curve_and_the_histogram_are_of_every_wavelength(gui: Any) -> None:
-    figures = gui.app.live.figures
+    figures = gui.app.live_measurement.figures
     assert len(figures.curve.measured) == 3
     assert figures.curve.measured[-1] == pytest.approx(figures.region.contrast, rel=1e-3), "all lasers together"
     assert figures.curve.measured[0] > figures.curve.measured[-1]
@@ -69,9 +71,9 @@ def test_the_curve_and_the_histogram_are_of_every_wavelength(gui: Any) -> None:
 
 
 def test_a_line_is_drawn_and_its_profile_plotted(gui: Any) -> None:
-    gui.key("Shift+L")
+    gui.press_chord("Shift+L")
     _drag(gui, (0.45, 0.5), (0.55, 0.5))
-    profile, line = gui.app.live.figures.profile, gui.session.look.profile
+    profile, line = gui.app.live_measurement.figures.profile, gui.session.view_settings.profile
     assert line is not None and profile.values.max() > 0
     pitch_m = gui.session.system.modulators[0].pitch_m / gui.session.system.sampling.upsample
     assert profile.distance_m[-1] == pytest.approx(np.hypot(line[2] - line[0], line[3] - line[1]) * pitch_m)
@@ -83,17 +85,17 @@ def test_a_region_is_entered_exactly(gui: Any) -> None:
             ctx.item_input_value(f"Speckle/x y w h/$${number}", value)
 
     gui.engine(enter)
-    gui.settle()
-    assert gui.session.look.region == (8, 9, 30, 20)
+    gui.draw_until_idle()
+    assert gui.session.view_settings.region == (8, 9, 30, 20)
 
 
 def test_one_key_shows_simultaneous_beside_holochrome_with_their_contrasts(gui: Any) -> None:
-    gui.key("F5")
-    assert gui.session.wait(60)
-    gui.settle()
-    look = gui.session.look
+    gui.press_chord("F5")
+    assert gui.session.wait_until_idle(60)
+    gui.draw_until_idle()
+    look = gui.session.view_settings
     assert look.compare == "side-by-side" and look.a.label.startswith("Simultaneous, 3 wavelengths: contrast 0.")
     assert look.b.label.startswith("HoloChrome, 8 wavelengths: contrast 0.")
     result = gui.app.panel(SpecklePanel).result
     assert result.right.contrast < result.left.contrast
-    assert gui.frames(2).std() > 20
+    assert gui.draw_frames(2).std() > 20

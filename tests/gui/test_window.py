@@ -158,13 +158,13 @@ def test_a_real_window_draws_answers_rests_and_saves(
     screen: Screen, make_gui: Callable[..., Any], tmp_path: Path
 ) -> None:
     twin = make_gui(_tiny_bench(name="bench"), size=SIZE)  # the same layout off screen tells where things are
-    twin.settle()
+    twin.draw_until_idle()
     screen.wait_for(_is_busy_inside(twin.app.item_rects["image"]))
-    x, y = twin.where("laser 1")
+    x, y = twin.item_position("laser 1")
     screen.drag((x, y), (x + 12, y + 10))
-    screen.drag(twin.where("plane", 0.5), twin.where("plane", 0.8))
+    screen.drag(twin.item_position("plane", 0.5), twin.item_position("plane", 0.8))
     screen.xdotool("keydown", "shift")
-    screen.drag(twin.where("image", 0.4, 0.4), twin.where("image", 0.6, 0.6))
+    screen.drag(twin.item_position("image", 0.4, 0.4), twin.item_position("image", 0.6, 0.6))
     screen.xdotool("keyup", "shift")
     screen.wait_for(_shows_a_frame_inside(twin.app.item_rects["image"]))
     saved = SessionStore(tmp_path / "holoview")

@@ -167,7 +167,7 @@ def double_problem(monkeypatch: pytest.MonkeyPatch) -> Callable[[System, np.ndar
     def made(system: System, stack: np.ndarray, settings: Settings) -> Problem:
         before = torch.get_default_dtype()
         with monkeypatch.context() as patch:
-            patch.setattr("holoview.optimise.autograd_model.Model", partial(ForwardModel, double=True))
+            patch.setattr("holoview.optimise.autograd_model.ForwardModel", partial(ForwardModel, double=True))
             patch.setattr("holoview.optimise.problem.make_objective", partial(make_objective, double=True))
             torch.set_default_dtype(torch.float64)
             try:

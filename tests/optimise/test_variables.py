@@ -35,26 +35,26 @@ def _wanted_at(unknowns: OptimisationVariables, what: str) -> list[int]:
 
 def test_amplitudes_and_eyebox_are_due_now_and_then_and_at_the_end(bench: Bench) -> None:
     unknowns = _unknowns(bench(), iterations=12)
-    assert _wanted_at(unknowns, "amplitudes") == [0, 5, 10, 12]
-    assert _wanted_at(unknowns, "eyebox") == [0, 5, 10, 12]
-    assert _wanted_at(unknowns, "gradient") == list(range(12))
-    assert _wanted_at(unknowns, "chromatic") == []
+    assert _wanted_at(unknowns, "optimal_amplitudes") == [0, 5, 10, 12]
+    assert _wanted_at(unknowns, "eyebox_variation") == [0, 5, 10, 12]
+    assert _wanted_at(unknowns, "path_gradient") == list(range(12))
+    assert _wanted_at(unknowns, "wavelength_gradient") == []
 
 
 def test_a_curved_loss_has_a_closed_form_to_begin_with_only(bench: Bench) -> None:
-    assert _wanted_at(_unknowns(bench(), loss="srgb"), "amplitudes") == [0]
+    assert _wanted_at(_unknowns(bench(), loss="srgb"), "optimal_amplitudes") == [0]
 
 
 def test_amplitudes_that_are_not_free_are_not_asked_for(bench: Bench) -> None:
-    assert _wanted_at(_unknowns(bench(), free=("patterns",)), "amplitudes") == []
+    assert _wanted_at(_unknowns(bench(), free=("patterns",)), "optimal_amplitudes") == []
 
 
 def test_wavelengths_move_in_the_first_half_with_the_amplitudes_and_more_often_in_short_runs(bench: Bench) -> None:
     long, short = (_unknowns(bench(), free=EVERYTHING, iterations=n) for n in (200, 40))
     assert long.wavelength_iterations == 100
-    assert _wanted_at(long, "chromatic") == list(range(5, 100, 5))
+    assert _wanted_at(long, "wavelength_gradient") == list(range(5, 100, 5))
     assert short.wavelength_iterations == 20
-    assert _wanted_at(short, "chromatic") == list(range(2, 20, 2))
+    assert _wanted_at(short, "wavelength_gradient") == list(range(2, 20, 2))
 
 
 def test_modulators_of_levels_ask_for_slopes_to_their_neighbours_ever_stiffer(bench: Bench) -> None:
@@ -93,14 +93,14 @@ def _steps(unknowns: OptimisationVariables, system: System, iterations: range = 
     for i in iterations:
         before = unknowns.patterns.drive.clone()
         gradient = torch.full(system.drive_shape, 1e-3 * (-1) ** i)
-        unknowns.step(_found(system, gradient=gradient), i)
+        unknowns.step(_found(system, path_gradient=gradient), i)
         moves.append(float((unknowns.patterns.drive - before).abs().max()))
     return moves
 
 
 def test_what_is_not_free_stays(bench: Bench) -> None:
     system = bench()
-    slopes = {"amplitude_slopes": np.ones((1, 3)), "gradient": torch.ones(system.drive_shape)}
+    slopes = {"amplitude_gradient": np.ones((1, 3)), "path_gradient": torch.ones(system.drive_shape)}
     unknowns = _unknowns(system, free=("amplitudes",), loss="srgb")
     unknowns.step(_found(system, **slopes), 1)
     assert torch.equal(unknowns.patterns.drive, torch.full(system.drive_shape, 0.5))
@@ -137,7 +137,7 @@ def test_a_laser_that_the_closed_form_left_nearly_dark_can_come_back(bench: Benc
 def test_wavelengths_move_down_their_slope_by_the_settings_step(bench: Bench) -> None:
     system = bench()
     unknowns = _unknowns(system, free=EVERYTHING, wavelength_step_m=2e-9, amplitudes_every=10)
-    assert unknowns.step(_found(system, chromatic=np.array([1.0, -1e5, 0.0])), 10)
+    assert unknowns.step(_found(system, wavelength_gradient=np.array([1.0, -1e5, 0.0])), 10)
     step_m = 2e-9 * np.sqrt(0.5)  # half way through the search
     np.testing.assert_allclose(unknowns.wavelengths_m, [460e-9 - step_m, 532e-9 + step_m, 638e-9], rtol=1e-12)
     assert not unknowns.step(_found(system), 11)
@@ -148,7 +148,7 @@ def test_wavelengths_stay_in_range_and_apart(bench: Bench) -> None:
     places = {"wavelength_range_m": (455e-9, 640e-9), "wavelength_spacing_m": 4e-9, "wavelength_step_m": 0.5e-9}
     unknowns = _unknowns(system, free=EVERYTHING, **places)
     for _ in range(30):
-        unknowns.step(_found(system, chromatic=np.array([-1.0, 1.0, -1.0])), 5)
+        unknowns.step(_found(system, wavelength_gradient=np.array([-1.0, 1.0, -1.0])), 5)
     low, middle, high = np.sort(unknowns.wavelengths_m)
     assert high == pytest.approx(640e-9, rel=1e-12)
     assert middle - low == pytest.approx(4e-9, rel=1e-6)
@@ -168,9 +168,9 @@ def test_unknowns_that_are_loaded_go_on_as_those_that_were_kept(bench: Bench) ->
     system = bench()
     found = _found(
         system,
-        gradient=torch.full(system.drive_shape, 1e-3),
+        path_gradient=torch.full(system.drive_shape, 1e-3),
         amplitude_gradient=np.array([[1.0, -0.2, 0.1]]),
-        chromatic=np.array([3.0, -1.0, 2.0]),
+        wavelength_gradient=np.array([3.0, -1.0, 2.0]),
     )
     settings = {"free": EVERYTHING, "loss": "srgb"}
     going_on, loaded = (_unknowns(system, **settings) for _ in range(2))
@@ -191,4 +191,4 @@ def test_unknowns_that_are_loaded_go_on_as_those_that_were_kept(bench: Bench) ->
 def _again(found: LossEvaluation) -> LossEvaluation:
     """A copy: a move consumes the gradient."""
     assert found.path_gradient is not None
-    return LossEvaluation(**(vars(found) | {"gradient": found.path_gradient.clone()}))
+    return LossEvaluation(**(vars(found) | {"path_gradient": found.path_gradient.clone()}))
