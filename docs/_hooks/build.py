@@ -1,4 +1,4 @@
-"""Hooks of `mkdocs build`: pages that are made, links that leave docs/, and a check that no page loads from elsewhere."""
+"""Hooks of `mkdocs build`: pages that are made, links that leave docs/, a check that pages load nothing from afar."""
 
 from __future__ import annotations
 

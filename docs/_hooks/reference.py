@@ -98,7 +98,7 @@ def modules() -> dict[str, str]:
         parts = place.with_suffix("").parts
         name = ".".join(parts[:-1] if path.name == "__init__.py" else parts)
         shown = f"      members: {_own_names(path)}\n" if path.name == "__init__.py" else ""
-        options = f"    options:\n      show_root_heading: false\n{shown}"
+        options = f"    options:\n      show_root_heading: false\n      show_root_toc_entry: false\n{shown}"
         pages[module_page(place.as_posix())] = f"# `{name}`\n\n::: {name}\n{options}"
     return pages
 
