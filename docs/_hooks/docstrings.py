@@ -98,4 +98,6 @@ def _describe(attribute: griffe.Attribute) -> None:
     named = {one.name: one.value for one in call.arguments if isinstance(one, griffe.ExprKeyword)}
     attribute.value = named.get("default")
     if texts:
-        attribute.docstring = griffe.Docstring(str(texts[0]), parent=attribute)
+        unit = re.search(r"""\bNumber\(["'](\w+)["']""", str(call.arguments[0]))
+        written = f" Written in {unit[1]}." if unit else ""
+        attribute.docstring = griffe.Docstring(f"{texts[0]}{written}", parent=attribute)

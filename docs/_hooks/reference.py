@@ -23,6 +23,8 @@ PACKAGE = ROOT / "holoview"
 COMMAND_LINE = "reference/command-line.md"
 PYTHON = "reference/python.md"
 _COLUMNS = "100"
+_LESS_SOUGHT = "---\nsearch:\n  boost: 0.5\n---\n\n"
+"""Modules come after the manual where both hold the words that were sought."""
 _LISTED = re.compile(r"^    ([a-z][\w-]*)(?: \([^)]*\))?(?:\s{2,}|$)", re.MULTILINE)
 
 
@@ -99,7 +101,7 @@ def modules() -> dict[str, str]:
         name = ".".join(parts[:-1] if path.name == "__init__.py" else parts)
         shown = f"      members: {_own_names(path)}\n" if path.name == "__init__.py" else ""
         options = f"    options:\n      show_root_heading: false\n      show_root_toc_entry: false\n{shown}"
-        pages[module_page(place.as_posix())] = f"# `{name}`\n\n::: {name}\n{options}"
+        pages[module_page(place.as_posix())] = f"{_LESS_SOUGHT}# `{name}`\n\n::: {name}\n{options}"
     return pages
 
 

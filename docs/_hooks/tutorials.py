@@ -22,8 +22,11 @@ import re
 import shlex
 import shutil
 import tempfile
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -140,8 +143,6 @@ def _commands(text: str) -> Iterator[list[str]]:
 
 def _holoview(words: list[str], where: str) -> None:
     """Runs a command line in this process, which saves seconds of importing for each; `> FILE` takes its output."""
-    from holoview.cli import main
-
     if words[0] != "holoview":
         raise ValueError(f"{where}: {words[0]}: a tutorial runs holoview only; mark what is only shown")
     target = None
@@ -149,13 +150,21 @@ def _holoview(words: list[str], where: str) -> None:
         target, words = words[words.index(">") + 1], words[: words.index(">")]
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
-        code = main(words[1:])
+        code = _program()(words[1:])
     if target is None:
         print(out.getvalue(), end="")
     else:
         Path(target).write_text(out.getvalue(), encoding="utf-8")
     if code != 0:
         raise RuntimeError(f"{where}: {shlex.join(words)} returned {code}")
+
+
+@cache
+def _program() -> Callable[[list[str]], int]:
+    """The function behind the command `holoview`, as pyproject.toml states it."""
+    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
+    module, _, name = scripts["holoview"].partition(":")
+    return getattr(import_module(module), name)  # type: ignore[no-any-return]
 
 
 def _difference(shown: str, printed: str, within: float) -> str:

@@ -19,7 +19,9 @@ def test_every_module_has_a_page_and_a_place_in_the_navigation() -> None:
 
     pages = reference.modules()
     assert leaves(reference.modules_nav()) == set(pages)
-    assert pages["reference/modules/holoview/index.md"].startswith("# `holoview`\n\n::: holoview\n")
+    assert (
+        pages["reference/modules/holoview/index.md"].split("---\n")[-1].startswith("\n# `holoview`\n\n::: holoview\n")
+    )
 
 
 def test_commands_are_found() -> None:
