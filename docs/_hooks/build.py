@@ -60,4 +60,4 @@ def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
 
 
 def _title(name: str) -> str:
-    return name.partition(".")[0].capitalize()
+    return {"LICENSE": "Licence"}.get(name, name.partition(".")[0].capitalize())
