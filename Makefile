@@ -37,8 +37,9 @@ bench: .venv/holoview.stamp
 	@bash .ci/adapter
 	$(BIN)/python -m benchmarks.frame_time
 
+# Not --quiet: it hides warnings from --strict as well.
 docs: .venv/holoview.stamp
-	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 	@echo "out/site/index.html: open it, or serve it for its search: $(BIN)/python -m http.server -d out/site"
 
 tutorials: .venv/holoview.stamp
