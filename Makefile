@@ -1,8 +1,10 @@
 # make demo   set up everything, make a hologram of the shipped picture and render what an eye sees
 # make test   set up everything, check style and types, run the tests
+# make docs   build the manual as a site, out/site/index.html
+# make tutorials  run the tutorials and write what they print and draw into their pages
 # make gallery  run every study at its quick scale and build docs/gallery.md (a quarter of an hour)
 # make bench  time the frame's stages on this machine
-.PHONY: demo test bench gallery lint package clean help
+.PHONY: demo test bench docs tutorials gallery lint package clean help
 .DEFAULT_GOAL := help
 
 BIN := .venv/bin
@@ -34,6 +36,15 @@ lint: .venv/holoview.stamp
 bench: .venv/holoview.stamp
 	@bash .ci/adapter
 	$(BIN)/python -m benchmarks.frame_time
+
+# Not --quiet: it hides warnings from --strict as well.
+docs: .venv/holoview.stamp
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+	@echo "out/site/index.html: open it, or serve it for its search: $(BIN)/python -m http.server -d out/site"
+
+tutorials: .venv/holoview.stamp
+	@bash .ci/adapter
+	@$(BIN)/python -m docs._hooks.tutorials
 
 gallery: .venv/holoview.stamp
 	@$(BIN)/python -m benchmarks.gallery

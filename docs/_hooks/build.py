@@ -1,0 +1,63 @@
+"""Hooks of `mkdocs build`: pages that are made, links that leave docs/, a check that pages load nothing from afar."""
+
+from __future__ import annotations
+
+import re
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.exceptions import PluginError
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+from docs._hooks import links, reference, repository
+
+_HOST = r'"((?:https?:)?//[^"]+)"'
+_LOADED = re.compile(
+    rf"<(?:script|img|iframe|source)\b[^>]*\bsrc={_HOST}"
+    rf'|<link\b[^>]*\brel="(?:stylesheet|preconnect|preload)"[^>]*\bhref={_HOST}'
+)
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Completes the navigation by what isn't listed by hand: modules, and pages of the repository's own files."""
+    config.mdx_configs["toc"] = {**config.mdx_configs.get("toc", {}), "slugify": links.slugify}
+    for section in config.nav or []:
+        if "Reference" in section:
+            section["Reference"].append({"Modules": reference.modules_nav()})
+        if "Development" in section:
+            names = [name for name in repository.ALWAYS if (repository.ROOT / name).is_file()]
+            section["Development"] += [{_title(name): repository.page_of(name)} for name in names]
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Adds the pages that are made."""
+    made = {**reference.modules(), reference.PYTHON: reference.python()}
+    made[reference.COMMAND_LINE] = reference.command_line()
+    for page, text in made.items():
+        files.append(File.generated(config, page, content=text))
+    for path in repository.mirrored():
+        page, content = repository.page_of(path), repository.content_of(path)
+        if content is None:
+            files.append(File.generated(config, page, abs_src_path=str(repository.ROOT / path)))
+        else:
+            files.append(File.generated(config, page, content=content))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Turns links to files of the repository into links between pages."""
+    if page.file.src_uri.startswith("reference/"):
+        return markdown
+    return repository.rewritten(markdown, page.file.src_uri)
+
+
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """Refuses a page that loads anything from another host."""
+    if found := _LOADED.search(output):
+        raise PluginError(f"{page.file.src_uri} loads {found[1] or found[2]}; a page must need no other host")
+    return output
+
+
+def _title(name: str) -> str:
+    return {"LICENSE": "Licence"}.get(name, name.partition(".")[0].capitalize())
