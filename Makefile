@@ -32,6 +32,7 @@ lint: .venv/holoview.stamp
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 bench: .venv/holoview.stamp
 	@bash .ci/adapter
