@@ -28,7 +28,7 @@ from holoview.calibrate.forward_model import CalibrationModel, prior_penalty
 from holoview.calibrate.settings import ADAM_BETAS, ADAM_FLOOR, LEARNING_RATES, CalibrationSettings
 from holoview.calibrate.training_data import TrainingData
 from holoview.captures.dataset import Captures
-from holoview.diagnose.capture_split import pattern_roughness
+from holoview.captures.patterns import pattern_roughness
 from holoview.effects.learned_maps import LearnedMaps, MapLayout
 from holoview.model.effects.active_effects import EffectValues
 from holoview.optimise.adam import Adam, cosine_decay

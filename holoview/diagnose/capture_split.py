@@ -30,15 +30,6 @@ class CaptureSplit:
     held_out: Indices
 
 
-def pattern_roughness(captures: Captures) -> NDArray[np.float64]:
-    """Mean squared difference of neighbouring pixels for each capture, in (strokes)², mean of the modulators."""
-    result = np.empty(len(captures))
-    for capture in range(len(captures)):
-        share = captures.drive(capture)
-        result[capture] = np.mean(np.diff(share, axis=1) ** 2) + np.mean(np.diff(share, axis=2) ** 2)
-    return result
-
-
 def split_captures(captures: Captures, roughness: NDArray[np.float64]) -> CaptureSplit:
     """The captures to search, fit and judge on; in each, wavelengths take turns and then planes.
 

@@ -12,8 +12,9 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
+from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import prepare_captures
-from holoview.diagnose.capture_split import pattern_roughness, split_captures
+from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.comparison import Values
 from holoview.diagnose.confounders import best_separating_capture, lookalike_correlations
 from holoview.diagnose.diagnosis import CandidateResult, Cause, Diagnosis, FitQuality

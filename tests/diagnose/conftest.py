@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from holoview.captures.dataset import Camera, Captures, SlmSpec
+from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings
 from holoview.captures.virtual_measurement import make_captures as measure
-from holoview.diagnose.capture_split import pattern_roughness, split_captures
+from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.search_context import PerThreadPredictor, SearchContext, equivalent_effects
 from holoview.diagnose.worker_pool import WorkerPool

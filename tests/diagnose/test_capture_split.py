@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from holoview.captures.dataset import Captures
-from holoview.diagnose.capture_split import pattern_roughness, split_captures
+from holoview.captures.patterns import pattern_roughness
+from holoview.diagnose.capture_split import split_captures
 
 Make = Callable[..., Captures]
 
