@@ -1,4 +1,4 @@
-"""Import rules that import-linter's contracts (pyproject.toml) can't say: what an import loads, what is imported late."""
+"""Import rules that import-linter's contracts (pyproject.toml) can't say: what an import loads, what comes late."""
 
 from __future__ import annotations
 
