@@ -20,13 +20,13 @@ session app              what a viewer edits; the viewer itself, `show` in a not
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 from holoview.model.plan import Plan, make_plan
 from holoview.model.preset import load
 from holoview.model.system import Modulator, Relay, Sampling, Source, System
 from holoview.util.errors import UserError
+from holoview.util.version import __version__
 
 if TYPE_CHECKING:
     from holoview.app.notebook import show
@@ -35,11 +35,6 @@ if TYPE_CHECKING:
     from holoview.optimise.solve import iterate
     from holoview.targets.target import Placement, target_for
     from holoview.view import View, random_drive, simulate
-
-try:
-    __version__ = version("holoview")
-except PackageNotFoundError:
-    __version__ = "0+unknown"
 
 _LAZY = {
     "Hologram": "holoview.io.hologram",

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, NoReturn
 
-from holoview import __version__
 from holoview.util.errors import UserError
+from holoview.util.version import __version__
 
 EXIT_INTERRUPTED = 130
 COMMANDS = {

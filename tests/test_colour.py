@@ -98,7 +98,7 @@ def test_observers_import_nothing_slow_and_colour_science_changes_nothing_of_the
     program = (
         "import sys, warnings, numpy as np; from holoview import colour as c; c.observer_weights('eye', 532e-9); "
         "assert 'colour' not in sys.modules; before = (np.get_printoptions(), list(warnings.filters)); "
-        "c.colour_science(); assert (np.get_printoptions(), list(warnings.filters)) == before"
+        "c.import_colour_science(); assert (np.get_printoptions(), list(warnings.filters)) == before"
     )
     subprocess.run([sys.executable, "-W", "error", "-c", program], check=True)
 

@@ -86,7 +86,7 @@ class CalibrationCheckpoint:
             "known": self.known_effects_json,
             "captures": self.digest,
         }
-        _format(self.layout).to_toml(path, self.tensors, texts)
+        _format(self.layout).write(path, self.tensors, texts)
 
     def check_matches(
         self, captures: Captures, known: EffectValues, layout: MapLayout, settings: CalibrationSettings, where: str
@@ -107,9 +107,9 @@ class CalibrationCheckpoint:
 
 def load_checkpoint(path: str | os.PathLike[str]) -> CalibrationCheckpoint:
     """Reads a checkpoint. Raises UserError when it is missing, damaged, or no checkpoint."""
-    _, texts = _format(None).parse(path)
+    _, texts = _format(None).read(path)
     layout = MapLayout.from_json(texts["layout"], f"{path}: layout")
-    tensors, _ = _format(layout).parse(path)
+    tensors, _ = _format(layout).read(path)
     try:
         settings, progress = (
             CalibrationSettings(**json.loads(texts["settings"])),

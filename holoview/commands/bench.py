@@ -11,7 +11,6 @@ from typing import Any
 
 import torch
 
-from holoview import __version__
 from holoview.benchmark.device_time import DeviceTime, device_time
 from holoview.benchmark.first_image import first_image_criterion
 from holoview.benchmark.frame_benchmark import Criterion, FrameTimings, benchmark_frame
@@ -23,6 +22,7 @@ from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.numerics.fft_grid import is_fast_length
 from holoview.util.errors import UserError
+from holoview.util.version import __version__
 
 _DEFAULT = "holochrome-8"
 

@@ -37,12 +37,12 @@ class CalibrationFile:
 def write_calibration(path: str | os.PathLike[str], learned: LearnedMaps, summary: Mapping[str, Any]) -> None:
     """Writes the file, whole or not at all."""
     tensors = {name: tensor.detach().float().numpy() for name, tensor in learned.tensors.items()}
-    _FORMAT.to_toml(path, tensors, {"layout": learned.layout.to_json(), "summary": json.dumps(summary)})
+    _FORMAT.write(path, tensors, {"layout": learned.layout.to_json(), "summary": json.dumps(summary)})
 
 
 def read_calibration(path: str | os.PathLike[str]) -> CalibrationFile:
     """Reads the file. Raises UserError when it is missing, damaged, of another kind, or its shapes don't fit."""
-    arrays, texts = _FORMAT.parse(path)
+    arrays, texts = _FORMAT.read(path)
     layout = MapLayout.from_json(texts["layout"], f"{path}: layout")
     for name, shape in layout.shapes().items():
         if arrays[name].shape != shape:

@@ -51,12 +51,12 @@ class Hologram:
             "amplitudes": self.system.amplitudes,
             "wavelengths": self.system.wavelengths_m,
         }
-        _FILE.to_toml(path, tensors, {"system": preset.dumps(self.system)})
+        _FILE.write(path, tensors, {"system": preset.dumps(self.system)})
 
 
 def load_hologram(path: str | os.PathLike[str]) -> Hologram:
     """Reads a hologram file. Raises UserError when it is missing, damaged, of another format, or contradicts itself."""
-    tensors, metadata = _FILE.parse(path)
+    tensors, metadata = _FILE.read(path)
     system = preset.loads(metadata["system"], f"{path}: system")
     for name, known in (("wavelengths", system.wavelengths_m), ("amplitudes", system.amplitudes)):
         if not np.array_equal(tensors[name], known):

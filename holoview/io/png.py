@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-import holoview
 from holoview.targets.image_reader import file_format, read_raster
 from holoview.util.errors import UserError
 from holoview.util.files import atomic_write
+from holoview.util.version import __version__
 
 
 def write_png(path: str | os.PathLike[str], pixels: NDArray[np.uint8 | np.uint16], texts: Mapping[str, str]) -> None:
@@ -23,7 +23,7 @@ def write_png(path: str | os.PathLike[str], pixels: NDArray[np.uint8 | np.uint16
     `texts` become text chunks, beside "Software" with holoview's version.
     """
     chunks = PngInfo()
-    for key, value in ({"Software": f"holoview {holoview.__version__}"} | dict(texts)).items():
+    for key, value in ({"Software": f"holoview {__version__}"} | dict(texts)).items():
         chunks.add_itxt(key, value, zip=len(value) > 200)
     with atomic_write(path) as temporary:
         Image.fromarray(pixels).save(temporary, format="PNG", pnginfo=chunks)

@@ -70,7 +70,7 @@ class Checkpoint:
             "progress": json.dumps(dataclasses.asdict(self.progress)),
             "target": self.target,
         }
-        _FORMAT.to_toml(path, self.tensors, texts)
+        _FORMAT.write(path, self.tensors, texts)
 
     def check_matches(self, system: System, settings: Settings, target: str, where: str) -> None:
         """UserError that names what differs, unless the checkpoint is of this system, settings and target."""
@@ -89,7 +89,7 @@ class Checkpoint:
 
 def load_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     """Reads a checkpoint. Raises UserError when it is missing, damaged, or no checkpoint."""
-    tensors, texts = _FORMAT.parse(path)
+    tensors, texts = _FORMAT.read(path)
     system = preset.loads(texts["system"], f"{path}: system")
     try:
         written = json.loads(texts["settings"]).items()

@@ -125,7 +125,7 @@ class SessionArchive:
             self._names[id(array)] = known
         path = self._objects / f"{known[1]}.safetensors"
         if not path.is_file():
-            _ARRAY.to_toml(path, {"array": array}, {})
+            _ARRAY.write(path, {"array": array}, {})
             fsync(path)
             fsync(self._objects)
         return known[1]
@@ -198,7 +198,7 @@ class _Reader:
 
     def _array(self, name: str) -> NDArray[np.float32]:
         if name not in self._arrays:
-            tensors, _ = _ARRAY.parse(self._folder / "objects" / f"{name}.safetensors")
+            tensors, _ = _ARRAY.read(self._folder / "objects" / f"{name}.safetensors")
             self._arrays[name] = as_readonly_drive(tensors["array"])
         return self._arrays[name]
 

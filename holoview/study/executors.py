@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any, Protocol
 
-from holoview import __version__
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
+from holoview.util.version import __version__
 
 _CONNECT_TIMEOUT_S = 10.0
 """For how long a scheduler may not answer."""

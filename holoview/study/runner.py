@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from holoview import __version__
 from holoview.study.executors import (
     JobExecutor,
     WorkerResources,
@@ -25,6 +24,7 @@ from holoview.study.executors import (
 from holoview.study.store import ResultStore
 from holoview.study.study import JobResult, Study, StudyJob
 from holoview.util.errors import UserError
+from holoview.util.version import __version__
 
 ProgressCallback = Callable[[int, int, str], None]
 """Called with jobs done, jobs in all, and a few words."""

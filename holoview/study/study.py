@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview import __version__
 from holoview.study.scale import StudyScale
+from holoview.util.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,0 +1,9 @@
+"""General tools that know nothing of optics.
+
+errors            `UserError`, the exception for a user's mistake, and suggestions of similar words
+units             text with units such as "8 um" to SI numbers and back, without losing a digit
+files             folders of shaders, presets and assets; atomic writing of files
+safetensors_file  named tensors with metadata in safetensors files, checked when they are read
+cpu_count         number of CPUs that this process may use
+version           version of the installed package
+"""

@@ -27,7 +27,7 @@ class TensorFormat:
     tensors: tuple[str, ...]
     metadata_keys: tuple[str, ...]
 
-    def to_toml(
+    def write(
         self, path: str | os.PathLike[str], tensors: Mapping[str, NDArray[Any]], texts: Mapping[str, str]
     ) -> None:
         """Writes the file, whole or not at all."""
@@ -35,7 +35,7 @@ class TensorFormat:
         with atomic_write(path) as temporary:
             save_file(contiguous, temporary, metadata={"format": self.name, "version": self.version, **texts})
 
-    def parse(self, path: str | os.PathLike[str]) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
+    def read(self, path: str | os.PathLike[str]) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
         """Tensors and texts. Raises UserError when the file is missing, damaged, of another format, or lacks something.
 
         The header is checked before any tensor is read.

@@ -81,10 +81,11 @@ def test_refusals_are_the_same(spoil: Any) -> None:
 @pytest.mark.gpu
 def test_a_first_picture_doesn_t_wait_for_torch() -> None:
     program = (
-        "import sys; from holoview import preset; from holoview.engine.incremental import FrameSession\n"
+        "import sys; from holoview.model import preset; from holoview.engine.incremental import IncrementalRenderer\n"
         "from holoview.gpu.device import open_device; from holoview.view import random_drive\n"
         "system = preset.load('holochrome-8').edit({'shape': [12, 16]})\n"
-        "session = FrameSession(system, random_drive(system, 0), open_device()); session.update(); session.srgb8()\n"
+        "renderer = IncrementalRenderer(system, random_drive(system, 0), open_device())\n"
+        "renderer.update(); renderer.srgb8()\n"
         "assert 'torch' not in sys.modules and 'colour' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", program], check=True)
