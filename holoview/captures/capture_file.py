@@ -1,12 +1,12 @@
-"""The capture file, version 1: HDF5 with what was sent, what was seen, and the nominal geometry. Reading and writing.
+"""Reads and writes the capture file, version 1: HDF5 with patterns, camera images, settings and nominal geometry.
 
-Every dataset and attribute is listed in `docs/captures.md`.
+`docs/captures.md` lists every dataset and attribute.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,14 +21,16 @@ from holoview.util.errors import UserError
 from holoview.util.files import atomic_write
 
 FORMAT_NAME, FORMAT_VERSION = "holoview-captures", 1
+SLM_ATTRIBUTES = ("pitch", "num_levels", "opd_range")
+CAMERA_ATTRIBUTES = ("pitch", "bit_depth", "electrons_per_count", "read_noise", "black_level")
 _PER_CAPTURE = ("wavelength", "distance", "power", "exposure")
 
 
 def read_captures(path: str | os.PathLike[str]) -> Captures:
-    """The session of a capture file.
+    """Reads the measurement session of a capture file.
 
-    Raises UserError that names the file and the dataset when it is missing, cut short, not HDF5, of another format, or
-    holds what can't be (`check_captures`).
+    Raises UserError that names the file and the dataset when the file is missing, cut short, not HDF5 or of another
+    format, when a dataset is missing or of a wrong type, and when the session is impossible (`check_captures`).
     """
     file = Path(path)
     with _open_capture_file(file) as h5:
@@ -43,14 +45,14 @@ def read_captures(path: str | os.PathLike[str]) -> Captures:
 
 
 def write_captures(path: str | os.PathLike[str], captures: Captures) -> None:
-    """Writes a capture file, whole or not at all. Raises UserError for a session that can't be, as reading does."""
+    """Writes a capture file completely or not at all. Raises UserError for an impossible session (`check_captures`)."""
     check_captures(captures)
     with atomic_write(path) as temporary, h5py.File(temporary, "w") as h5:
         h5.attrs["format"], h5.attrs["version"] = FORMAT_NAME, FORMAT_VERSION
-        for number, panel in enumerate(captures.slms):
+        for number, slm in enumerate(captures.slms):
             group = h5.create_group(f"slm{number + 1}")
             group.create_dataset("levels", data=captures.levels[:, number], compression="gzip", compression_opts=4)
-            group.attrs.update(pitch=panel.pitch_m, num_levels=panel.num_levels, opd_range=panel.opd_range_m)
+            group.attrs.update(pitch=slm.pitch_m, num_levels=slm.num_levels, opd_range=slm.opd_range_m)
         camera = h5.create_group("camera")
         camera.create_dataset("images", data=captures.images, compression="gzip", compression_opts=4)
         c = captures.camera
@@ -66,6 +68,22 @@ def write_captures(path: str | os.PathLike[str], captures: Captures) -> None:
                 geometry.attrs[name] = value
 
 
+def slm_from_attributes(attributes: Mapping[str, float]) -> SlmSpec:
+    """A modulator from the numbers of SLM_ATTRIBUTES, in SI units."""
+    return SlmSpec(attributes["pitch"], int(attributes["num_levels"]), attributes["opd_range"])
+
+
+def camera_from_attributes(attributes: Mapping[str, float]) -> Camera:
+    """A camera from the numbers of CAMERA_ATTRIBUTES, in SI units, electrons and counts."""
+    return Camera(
+        pitch_m=attributes["pitch"],
+        bit_depth=int(attributes["bit_depth"]),
+        electrons_per_count=attributes["electrons_per_count"],
+        read_noise=attributes["read_noise"],
+        black_level=attributes["black_level"],
+    )
+
+
 @contextmanager
 def _open_capture_file(file: Path) -> Iterator[h5py.File]:
     if not file.is_file():
@@ -73,43 +91,44 @@ def _open_capture_file(file: Path) -> Iterator[h5py.File]:
     try:
         h5 = h5py.File(file, "r")
     except OSError as error:
-        cut = "truncated" in str(error)
-        found = "is cut short: it ends before its data do" if cut else "isn't an HDF5 file"
-        remedy = "copy it again" if cut else "`holoview captures import` converts a folder of pictures"
+        truncated = "truncated" in str(error)
+        found = "is cut short: it ends before its data do" if truncated else "isn't an HDF5 file"
+        remedy = "copy it again" if truncated else "`holoview captures import` converts a folder of pictures"
         raise UserError(str(file), found, expected="a capture file (HDF5)", remedy=remedy) from error
     with h5:
         yield h5
 
 
 def _read(h5: h5py.File) -> Captures:
-    stated, version = _decode_attribute(h5.attrs.get("format")), h5.attrs.get("version")
-    if stated != FORMAT_NAME:
-        raise UserError("attribute format", f'"{stated}"' if stated else "is missing", expected=f'"{FORMAT_NAME}"')
-    if version is None or np.ndim(version) or int(version) != FORMAT_VERSION:
-        raise UserError("attribute version", f"{version}", expected=f"{FORMAT_VERSION}, the only one that is known")
+    _check_format(h5)
     slms = ["slm1", "slm2"] if "slm2" in h5 else ["slm1"]
     levels = [_dataset(h5, f"{slm}/levels", "u", 3) for slm in slms]
     if len({array.shape for array in levels}) > 1:
         shapes = " and ".join(str(array.shape) for array in levels)
         raise UserError("slm2/levels", f"shapes {shapes}", expected="the shape of slm1/levels")
     geometry = dict(h5["geometry"].attrs) if "geometry" in h5 else {}
-    wide = np.result_type(*levels)
+    common_type = np.result_type(*levels)
     return Captures(
-        levels=np.stack([array.astype(wide) for array in levels], axis=1),
+        levels=np.stack([array.astype(common_type) for array in levels], axis=1),
         images=_images(h5),
         **{f"{name}_m": _dataset(h5, name, "fiu", 1).astype(np.float64) for name in ("wavelength", "distance")},
         power=_dataset(h5, "power", "fiu", 1).astype(np.float64),
         exposure_s=_dataset(h5, "exposure", "fiu", 1).astype(np.float64),
-        slms=tuple(
-            SlmSpec(_number(h5[slm], "pitch"), int(_number(h5[slm], "num_levels")), _number(h5[slm], "opd_range"))
-            for slm in slms
-        ),
-        camera=_camera(h5),
+        slms=tuple(slm_from_attributes(_numbers(h5[slm], SLM_ATTRIBUTES)) for slm in slms),
+        camera=camera_from_attributes(_numbers(h5["camera"], CAMERA_ATTRIBUTES)),
         gap_m=_optional(geometry, "gap"),
         iris1_na=_optional(geometry, "iris1_na"),
         iris2_na=_optional(geometry, "iris2_na"),
         focal_length_m=_optional(geometry, "focal_length"),
     )
+
+
+def _check_format(h5: h5py.File) -> None:
+    name, version = _decode_attribute(h5.attrs.get("format")), h5.attrs.get("version")
+    if name != FORMAT_NAME:
+        raise UserError("attribute format", f'"{name}"' if name else "is missing", expected=f'"{FORMAT_NAME}"')
+    if version is None or np.ndim(version) or int(version) != FORMAT_VERSION:
+        raise UserError("attribute version", f"{version}", expected=f"{FORMAT_VERSION}, the only one that is known")
 
 
 def _images(h5: h5py.File) -> NDArray[np.uint16]:
@@ -119,36 +138,28 @@ def _images(h5: h5py.File) -> NDArray[np.uint16]:
     return images.astype(np.uint16)
 
 
-def _camera(h5: h5py.File) -> Camera:
-    group = h5["camera"]
-    return Camera(
-        pitch_m=_number(group, "pitch"),
-        bit_depth=int(_number(group, "bit_depth")),
-        electrons_per_count=_number(group, "electrons_per_count"),
-        read_noise=_number(group, "read_noise"),
-        black_level=_number(group, "black_level"),
-    )
-
-
 def _dataset(h5: h5py.File, name: str, kinds: str, axes: int) -> NDArray[Any]:
-    """A dataset whose type is one of numpy's `kinds` and which has so many axes."""
-    found = h5.get(name)
-    if not isinstance(found, h5py.Dataset):
+    """Reads a dataset; UserError unless its type is of numpy's `kinds` and it has this number of axes, none empty."""
+    dataset = h5.get(name)
+    if not isinstance(dataset, h5py.Dataset):
         raise UserError(name, "is missing", expected="a dataset of this name")
-    if found.dtype.kind not in kinds:
+    if dataset.dtype.kind not in kinds:
         expected = "uint8 or uint16" if kinds == "u" else "real numbers"
-        raise UserError(name, f"numbers of type {found.dtype}", expected=expected)
-    if found.ndim != axes or 0 in found.shape:
+        raise UserError(name, f"numbers of type {dataset.dtype}", expected=expected)
+    if dataset.ndim != axes or 0 in dataset.shape:
         expected = "(captures, rows, columns)" if axes == 3 else "one number a capture"
-        raise UserError(name, f"an array of shape {found.shape}", expected=expected)
-    return np.asarray(found[()])
+        raise UserError(name, f"an array of shape {dataset.shape}", expected=expected)
+    return np.asarray(dataset[()])
 
 
-def _number(group: h5py.Group, name: str) -> float:
-    where = f"{group.name.lstrip('/')} attribute {name}"
-    if name not in group.attrs:
-        raise UserError(where, "is missing", expected="a number")
-    return _scalar(group.attrs[name], where)
+def _numbers(group: h5py.Group, names: tuple[str, ...]) -> dict[str, float]:
+    values = {}
+    for name in names:
+        where = f"{group.name.lstrip('/')} attribute {name}"
+        if name not in group.attrs:
+            raise UserError(where, "is missing", expected="a number")
+        values[name] = _scalar(group.attrs[name], where)
+    return values
 
 
 def _optional(attributes: dict[str, Any], name: str) -> float | None:

@@ -1,4 +1,8 @@
-"""One measurement session of a display as data, SI units, and the nominal bench that it implies."""
+"""The data of one measurement session in SI units, and the nominal bench that they describe.
+
+The nominal bench is the one that the laboratory believes in. How the real bench differs from it is what diagnosis and
+calibration find out.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SlmSpec:
-    """A modulator: level 0 … num_levels − 1 adds, nominally in equal steps, 0 … opd_range_m of optical path."""
+    """A modulator whose grey levels 0 … num_levels − 1 nominally add 0 … opd_range_m of optical path in equal steps."""
 
     pitch_m: float
     num_levels: int
@@ -26,7 +30,15 @@ class SlmSpec:
 
 @dataclass(frozen=True)
 class Camera:
-    """pitch_m is referred to the modulator's plane; a pixel saturates at 2^bit_depth − 1 counts."""
+    """The camera's data sheet values.
+
+    pitch_m: pixel pitch, divided by the magnification from the modulator's plane to the sensor; on a Fourier bench the
+    sensor's own.
+    bit_depth: bits of a raw image; a pixel saturates at 2^bit_depth − 1 counts.
+    electrons_per_count: photo-electrons that raise a pixel by one count.
+    read_noise: standard deviation in electrons.
+    black_level: counts of a pixel without light.
+    """
 
     pitch_m: float
     bit_depth: int
@@ -39,17 +51,34 @@ class Camera:
         """Counts of a saturated pixel."""
         return int(2**self.bit_depth) - 1
 
+    @property
+    def dark_noise(self) -> float:
+        """Standard deviation (counts) of a pixel without light: read noise and quantisation."""
+        return float(self.noise_variance(np.zeros(1))[0]) ** 0.5
+
     def noise_variance(self, signal: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Variance in counts² of an expected signal (counts above black): shot and read noise, quantisation."""
+        """Variance (counts²) of a pixel with an expected signal s of any shape, in counts above the black level.
+
+        σ² = (g·max(s, 0) + r²)/g² + 1/12 with g electrons per count: shot noise, read noise r, and quantisation to
+        whole counts. The data type of `signal` is kept.
+        """
         electrons = np.maximum(signal, 0.0) * self.electrons_per_count
         return (electrons + self.read_noise**2) / self.electrons_per_count**2 + 1 / 12
 
 
 @dataclass(frozen=True)
 class Captures:
-    """levels (capture, modulator, y, x), images (capture, y, x) in counts; one value a capture of the rest.
+    """Patterns, camera images and settings of N captures, with the nominal geometry of the bench.
 
-    distance_m is nominal: from the last modulator, or from the focal plane of a Fourier bench (with focal_length_m).
+    levels: (N, modulator, y, x), the grey levels that were sent.
+    images: (N, y, x), raw counts.
+    wavelength_m: (N,), in vacuum.
+    distance_m: (N,), from the last modulator to the camera; on a Fourier bench the defocus from the focal plane.
+    power: (N,), laser power that was set, in any unit.
+    exposure_s: (N,), exposure times.
+    gap_m: distance between the two modulators; None with one modulator.
+    iris1_na, iris2_na: sine of the half angle that the iris of relay 1 or 2 passes; None without an iris.
+    focal_length_m: of the lens of a Fourier bench, which has the camera in its back focal plane; None for near field.
     """
 
     levels: NDArray[np.unsignedinteger]
@@ -80,16 +109,16 @@ class Captures:
 
     @property
     def wavelengths_m(self) -> Floats:
-        """The different wavelengths, rising."""
+        """The distinct wavelengths in ascending order."""
         return np.unique(self.wavelength_m)
 
     @property
     def upsample(self) -> int:
-        """Simulation samples a modulator pixel and axis: those of the camera where they fit, never fewer than two."""
+        """Simulation samples per modulator pixel and axis: camera pixels per modulator pixel, limited to 2 … 16."""
         return max(2, min(16, round(self.slms[0].pitch_m / self.camera.pitch_m)))
 
     def data_properties(self) -> DataProperties:
-        """What these data can tell about."""
+        """What these data contain, for comparison with what an effect needs in order to show (`Needs`)."""
         irises = (self.iris1_na is not None, self.iris2_na is not None)
         wavelengths, planes, powers = (
             len(np.unique(values)) for values in (self.wavelength_m, self.distance_m, self.power)
@@ -97,35 +126,38 @@ class Captures:
         return DataProperties(wavelengths, planes, powers, len(self.slms), irises, self.is_fourier)
 
     def subset(self, indices: Sequence[int] | NDArray[np.integer]) -> Captures:
-        """Some of the captures, in that order."""
+        """The captures of these indices, in that order, on the same bench."""
         chosen = np.asarray(indices)
         names = ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s")
         return dataclasses.replace(self, **{name: getattr(self, name)[chosen] for name in names})
 
     def drive(self, capture: int) -> Floats:
-        """Share of the stroke that was sent, (modulator, y, x)."""
-        most = np.array([panel.num_levels - 1 for panel in self.slms], dtype=np.float64)
-        return self.levels[capture] / most[:, None, None]
+        """The patterns of one capture as fractions of the stroke, 0 … 1, (modulator, y, x)."""
+        highest = np.array([slm.num_levels - 1 for slm in self.slms], dtype=np.float64)
+        return self.levels[capture] / highest[:, None, None]
 
     def nominal_system(
         self, wavelengths_m: Sequence[float] | None = None, planes_m: Sequence[float] | None = None
     ) -> System:
-        """The nominal bench at these wavelengths and planes (all that occur when None), seen by a mono camera.
+        """The nominal bench at these wavelengths and planes (all of the session when None), with a `mono` observer.
 
-        A Fourier bench has its planes at focal_length_m + distance from the lens.
+        planes_m: distances from the last modulator; on a Fourier bench focal_length_m + defocus, from the lens.
         """
         wavelengths = self.wavelengths_m if wavelengths_m is None else np.asarray(wavelengths_m, dtype=np.float64)
-        own = np.unique(self.distance_m) + (self.focal_length_m or 0.0)
-        planes = own if planes_m is None else np.asarray(planes_m, dtype=np.float64)
+        distances = np.unique(self.distance_m) + (self.focal_length_m or 0.0)
+        planes = distances if planes_m is None else np.asarray(planes_m, dtype=np.float64)
         shape = (self.levels.shape[2], self.levels.shape[3])
         return System(
             wavelengths_m=wavelengths,
             amplitudes=np.ones((1, len(wavelengths))),
             modulators=tuple(
                 Modulator(
-                    pitch_m=p.pitch_m, shape=shape, stroke_m=p.opd_range_m, levels=np.linspace(0.0, 1.0, p.num_levels)
+                    pitch_m=slm.pitch_m,
+                    shape=shape,
+                    stroke_m=slm.opd_range_m,
+                    levels=np.linspace(0.0, 1.0, slm.num_levels),
                 )
-                for p in self.slms
+                for slm in self.slms
             ),
             gap_m=self.gap_m,
             planes_m=planes,

@@ -165,9 +165,9 @@ def test_own_effects_are_run_and_it_says_so(holoview: Run, tmp_path: Path, monke
     (tmp_path / "haze.py").write_text(
         "from holoview.effects import Effect, Parameter\n"
         "class Haze(Effect):\n"
-        '    id, cause, finding, where = "haze", "Haze.", "Haze of {share}.", ("camera",)\n'
+        '    id, cause, finding, acts_on = "haze", "Haze.", "Haze of {share}.", ("camera",)\n'
         '    parameters = (Parameter("share", "Of the mean.", prior=0.1),)\n'
-        "    def image(self, image, at, v):\n"
+        "    def image(self, image, context, v):\n"
         '        return image + v["share"] * image.mean()\n',
         encoding="utf-8",
     )
