@@ -17,16 +17,13 @@ from holoview.model.system import Modulator, Relay, Sampling, System
 
 h5py = pytest.importorskip("h5py", reason="h5py reads the sample captures")
 
-FOLDER = Path(__file__).resolve().parents[2] / "shared" / "data"
+FOLDER = Path(__file__).resolve().parents[0] / "data"
 CHI2_TOLERANCE = 0.035
 """χ²/n of n = 49152 pixels scatters by √(2/n) = 0.0064; five of these, and the fitted gain's own error."""
 
 
 def _open(name: str) -> h5py.File:
-    path = FOLDER / f"{name}.h5"
-    if not path.is_file():
-        pytest.skip("the sample captures aren't on this machine")
-    return h5py.File(path)
+    return h5py.File(FOLDER / f"{name}.h5")
 
 
 def _bench(file: h5py.File, capture: int, gap_error_m: float) -> System:
@@ -69,7 +66,7 @@ def _chi2(file: h5py.File, capture: int, gap_error_m: float = 0.0) -> float:
     return float(np.mean((seen - predicted) ** 2 / variance))
 
 
-@pytest.mark.parametrize("capture", [0, 7, 16, 31])
+@pytest.mark.parametrize("capture", [0, 1, 4, 7])
 def test_a_bench_without_faults_is_explained_to_its_noise(capture: int) -> None:
     with _open("sample_consistent") as file:
         assert _chi2(file, capture) == pytest.approx(1.0, abs=CHI2_TOLERANCE)

@@ -16,7 +16,7 @@ from holoview.captures.near_field_model import NearFieldModel
 from holoview.captures.predictor import Predictor, predict
 from holoview.util.errors import UserError
 
-FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data"
+FOLDER = Path(__file__).resolve().parents[1] / "data"
 CHI2_TOLERANCE = 0.035
 """χ²/n of n = 49152 pixels scatters by √(2/n) = 0.0064; five of these, and the fitted gain's own error."""
 SHAPE = (20, 28)
@@ -119,7 +119,7 @@ def test_a_picture_of_many_fields_is_kept_though_they_push_each_other_out(monkey
     assert len(computed) > many
 
 
-@pytest.mark.parametrize("capture", [0, 9, 16, 31])
+@pytest.mark.parametrize("capture", [0, 2, 4, 7])
 @pytest.mark.parametrize(
     ("name", "effects"),
     [
@@ -134,10 +134,7 @@ def test_a_picture_of_many_fields_is_kept_though_they_push_each_other_out(monkey
 def test_captures_of_an_independent_program_are_explained_to_their_noise(
     name: str, effects: dict[str, dict[str, float]], capture: int
 ) -> None:
-    path = FOLDER / f"{name}.h5"
-    if not path.is_file():
-        pytest.skip("the sample captures aren't on this machine")
-    captures = read_captures(path)
+    captures = read_captures(FOLDER / f"{name}.h5")
     found = predict(captures, [capture], effects)
     image, signal = captures.images[capture].astype(float), found.signal[0].double().numpy()
     valid = image < captures.camera.saturation
