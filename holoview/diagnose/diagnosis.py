@@ -181,7 +181,7 @@ def _quality(quality: FitQuality) -> dict[str, float | None]:
 def _excess(excess: ExcessBreakdown) -> dict[str, Any]:
     return {
         f.name: [
-            {"name": b.name, "chi2_per_pixel": _json_number(b.chi2), "share": _json_number(b.share)}
+            {"name": b.name, "chi2_per_pixel": _json_number(b.chi2_per_pixel), "share": _json_number(b.share)}
             for b in getattr(excess, f.name)
         ]
         for f in dataclasses.fields(excess)

@@ -188,7 +188,7 @@ def _free_map_effects(context: SearchContext) -> Iterator[FreeMaps]:
 def _fit_free_map(
     context: SearchContext, base: FittedValues, held_out: Comparison, effect: FreeMaps, before: float
 ) -> FreeMapFit:
-    predictor = context.predictor.create(extra=[effect])
+    predictor = context.predictor.create(extra_effects=[effect])
     values: FittedValues = {**base, effect.id: {"on": 1.0}}
     fit = context.data_weighted_comparison(context.split.fine, min(0.5, 0.5 * relative_model_error(context, base)))
     weight, light = torch.from_numpy(fit.weight), torch.from_numpy(fit.light)
