@@ -80,7 +80,7 @@ class ForwardModel:
         """Goes on with a plan of the same grid, lasers and planes, but other wavelengths."""
         assert plan.grid == self.plan.grid
         self.plan = plan
-        self.__dict__.pop("responses", None)  # its memory is needed for the next
+        self.__dict__.pop("transfer_functions", None)  # frees its memory before the next ones are built
         self.transfer_functions = TransferFunctions(plan, self.complex_dtype, self.device)
 
     def forward(self, opd_m: Tensor, *, wavelength_gradient: bool = False) -> None:

@@ -113,7 +113,7 @@ def test_amplitude_slopes_are_what_central_differences_approach(
         assert found[tuple(laser)] == pytest.approx((sides[0] - sides[1]) / (2 * step), rel=1e-7)
 
 
-@pytest.mark.parametrize("eyebox_variation", [0.0, 0.3], ids=["eyebox free", "eyebox even"])
+@pytest.mark.parametrize("eyebox", [0.0, 0.3], ids=["eyebox free", "eyebox even"])
 @pytest.mark.parametrize("propagation", ["linear", "periodic"])
 @pytest.mark.parametrize("bench_name", SYSTEMS)
 def test_the_wavelengths_gradient_is_what_central_differences_approach(
