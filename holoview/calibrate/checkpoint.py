@@ -1,9 +1,17 @@
-"""Checkpoints: all that a calibration needs to go on bit for bit on the same machine, in one safetensors file.
+"""Saves and restores the full state of a calibration between two epochs, in one safetensors file.
 
-NAME NAME.best NAME.first NAME.second NAME.count   each tensor, the best one so far, Adam's moments and count
-mismatch                                           float64 (capture,): how far off each capture was when last seen
-metadata                                           format, version, layout, settings, progress, known effects (JSON),
-                                                   digest of the captures
+A calibration that is resumed on the same machine gives the same numbers, bit for bit, as one that was never stopped.
+The file holds, for each tensor NAME of `holoview.effects.learned_maps.TENSORS` that isn't empty:
+
+NAME                      its present value
+NAME.best                 its value in the epoch with the lowest χ² on the validation captures
+NAME.first NAME.second    Adam's first and second moments
+NAME.count                Adam's number of steps, int64 (1,)
+
+and besides:
+
+mismatch                  float64 (capture,): each capture's model error when it was last trained on, see `train`
+metadata                  format, version; layout, settings, progress and known effects as JSON; digest of the captures
 """
 
 from __future__ import annotations
@@ -20,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.calibrate.settings import CalibrationSettings
-from holoview.captures.dataset import Captures
+from holoview.captures.dataset import Camera, Captures, SlmSpec
 from holoview.effects.learned_maps import MapLayout
 from holoview.model.effects.active_effects import EffectValues
 from holoview.util.errors import UserError
@@ -31,7 +39,7 @@ _TEXTS = ("layout", "settings", "progress", "known", "captures")
 
 
 def _format(layout: MapLayout | None) -> TensorFormat:
-    """The format for the maps of a layout; without one, for reading the texts."""
+    """The file format for the maps of a layout; with None, for reading the metadata only."""
     shapes = {} if layout is None else layout.shapes()
     names = [name + part for name, shape in shapes.items() if 0 not in shape for part in _PARTS]
     return TensorFormat(
@@ -45,7 +53,12 @@ def _format(layout: MapLayout | None) -> TensorFormat:
 
 @dataclass(frozen=True)
 class TrainingProgress:
-    """How far a calibration has come: the epoch to do next, seconds spent, the best χ²/n on held-out captures."""
+    """How far a calibration has come. The field names are keys of the checkpoint's JSON.
+
+    epoch: the next one to train.
+    seconds: time spent so far.
+    best_chi2: lowest χ² per pixel on the validation captures.
+    """
 
     epoch: int
     seconds: float
@@ -54,7 +67,12 @@ class TrainingProgress:
 
 @dataclass(frozen=True)
 class CalibrationCheckpoint:
-    """A calibration between two epochs. known: effects as JSON; captures: their digest."""
+    """The state of a calibration between two epochs.
+
+    known_effects_json: effects that the bench has besides the learned maps.
+    digest: `captures_digest` of the captures.
+    tensors: {name: array}, as listed at the head of this module.
+    """
 
     layout: MapLayout
     settings: CalibrationSettings
@@ -72,13 +90,13 @@ class CalibrationCheckpoint:
         progress: TrainingProgress,
         tensors: Mapping[str, NDArray[Any]],
     ) -> CalibrationCheckpoint:
-        """A checkpoint of a session."""
+        """A checkpoint of the calibration of these captures, on a bench with these known effects."""
         return CalibrationCheckpoint(
             layout, settings, _effects_json(known), captures_digest(captures), progress, dict(tensors)
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the file, whole or not at all: the one before stays until then."""
+        """Writes the file atomically: an existing file is replaced only by a complete one. Raises UserError."""
         texts = {
             "layout": self.layout.to_json(),
             "settings": json.dumps(dataclasses.asdict(self.settings)),
@@ -91,7 +109,7 @@ class CalibrationCheckpoint:
     def check_matches(
         self, captures: Captures, known: EffectValues, layout: MapLayout, settings: CalibrationSettings, where: str
     ) -> None:
-        """UserError that names what differs, unless the checkpoint is of these captures, effects and settings."""
+        """Raises UserError, naming what differs, unless captures, effects, layout and settings are the checkpoint's."""
         differing = ["the captures"] * (self.digest != captures_digest(captures))
         differing += ["the known effects"] * (self.known_effects_json != _effects_json(known))
         differing += ["the maps"] * (self.layout != layout)
@@ -106,15 +124,13 @@ class CalibrationCheckpoint:
 
 
 def load_checkpoint(path: str | os.PathLike[str]) -> CalibrationCheckpoint:
-    """Reads a checkpoint. Raises UserError when it is missing, damaged, or no checkpoint."""
+    """Reads a checkpoint. Raises UserError when the file is missing, damaged, or of another format."""
     _, texts = _format(None).read(path)
     layout = MapLayout.from_json(texts["layout"], f"{path}: layout")
     tensors, _ = _format(layout).read(path)
     try:
-        settings, progress = (
-            CalibrationSettings(**json.loads(texts["settings"])),
-            TrainingProgress(**json.loads(texts["progress"])),
-        )
+        settings = CalibrationSettings(**json.loads(texts["settings"]))
+        progress = TrainingProgress(**json.loads(texts["progress"]))
     except UserError:
         raise
     except (ValueError, TypeError) as error:
@@ -123,14 +139,33 @@ def load_checkpoint(path: str | os.PathLike[str]) -> CalibrationCheckpoint:
 
 
 def captures_digest(captures: Captures) -> str:
-    """A fingerprint of a session."""
-    found = hashlib.sha256(repr((captures.levels.shape, captures.images.shape)).encode())
+    """SHA-256 (hexadecimal) of the captures' patterns, images, conditions and geometry."""
+    digest = hashlib.sha256(repr((captures.levels.shape, captures.images.shape)).encode())
     for name in ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s"):
-        found.update(np.ascontiguousarray(getattr(captures, name)).tobytes())
-    for value in (captures.slms, captures.camera, captures.gap_m, captures.iris1_na, captures.iris2_na):
-        found.update(repr(value).encode())
-    found.update(repr(captures.focal_length_m).encode())
-    return found.hexdigest()
+        digest.update(np.ascontiguousarray(getattr(captures, name)).tobytes())
+    geometry = (captures.gap_m, captures.iris1_na, captures.iris2_na, captures.focal_length_m)
+    for text in (_slms_text(captures.slms), _camera_text(captures.camera), *(repr(value) for value in geometry)):
+        digest.update(text.encode())
+    return digest.hexdigest()
+
+
+# The texts that are hashed belong to the file format, whatever the classes and their fields are called.
+
+
+def _slms_text(slms: tuple[SlmSpec, ...]) -> str:
+    texts = [
+        f"Panel(pitch_m={slm.pitch_m!r}, num_levels={slm.num_levels!r}, opd_range_m={slm.opd_range_m!r})"
+        for slm in slms
+    ]
+    return f"({texts[0]},)" if len(texts) == 1 else f"({', '.join(texts)})"
+
+
+def _camera_text(camera: Camera) -> str:
+    return (
+        f"Camera(pitch_m={camera.pitch_m!r}, bit_depth={camera.bit_depth!r}, "
+        f"electrons_per_count={camera.electrons_per_count!r}, read_noise={camera.read_noise!r}, "
+        f"black_level={camera.black_level!r})"
+    )
 
 
 def _effects_json(known: EffectValues) -> str:

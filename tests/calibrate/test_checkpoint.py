@@ -1,0 +1,33 @@
+"""Checkpoints that were written by earlier versions can still be resumed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from holoview.calibrate.checkpoint import captures_digest
+from holoview.captures.dataset import Camera, Captures, SlmSpec
+
+
+@pytest.mark.parametrize(
+    ("modulators", "digest"),
+    [
+        (1, "28e861e47c403eadaf9c6d4d94ca8413150e3bc5f79386c07694f665cf16538e"),
+        (2, "e5e425b61113f4038281ca105e178d56147e48805393c5489cb4a7f6d11b4097"),
+    ],
+)
+def test_the_digest_of_captures_is_that_of_version_1(modulators: int, digest: str) -> None:
+    captures = Captures(
+        levels=np.arange(4 * modulators, dtype=np.uint8).reshape(1, modulators, 2, 2),
+        images=np.array([[[100, 200, 300], [400, 500, 600]]], dtype=np.uint16),
+        wavelength_m=np.array([5.2e-7]),
+        distance_m=np.array([0.01]),
+        power=np.array([0.5]),
+        exposure_s=np.array([1e-3]),
+        slms=(SlmSpec(pitch_m=8e-6, num_levels=256, opd_range_m=6.6e-7),) * modulators,
+        camera=Camera(pitch_m=4e-6, bit_depth=12, electrons_per_count=2.5, read_noise=3.0, black_level=64.0),
+        gap_m=None if modulators == 1 else 2e-3,
+        iris1_na=None if modulators == 1 else 0.03,
+        iris2_na=0.02,
+    )
+    assert captures_digest(captures) == digest
