@@ -1,12 +1,22 @@
-"""Measured data: what was sent to the modulators, what the camera saw, and the geometry that the laboratory believes.
+"""Measured data: the patterns sent to the modulators, the camera's images, and the nominal geometry of the bench.
 
-session     Captures: one measurement session as data
-file        reading and writing its HDF5 file, version 1
-check       what can't be, and what looks like a mistake
-patterns    what to send: random, from smooth to rough
-make        a virtual measurement session
-predict     expected camera signals for any effects, fast
-rehearsal   effects of one's own, tried once
+dataset               Captures: the data of one measurement session
+capture_file          reads and writes the HDF5 capture file, version 1
+folder_import         imports a folder of images with captures.csv and bench.toml
+validation            refuses impossible sessions and hints at wrong units
+summary               a session as numbers and as a contact sheet
+patterns              random test patterns from smooth to rough
+virtual_measurement   simulates a measurement session
+prepared_captures     images with black subtracted and unusable pixels masked
+noise_model           variances for weights; an estimate of unequal pixel sensitivity (PRNU)
+predictor             expected camera signals for any effects: the fast forward model
+effect_check          runs users' own effects once before a search
+incoherent_component  one of the fields whose intensities add up, and its illumination
+near_field_model      camera intensity behind one or two modulators, relays and free space
+fourier_model         camera intensity in the back focal plane of a lens
+camera_sampling       intensity on the camera's pixels of a field that is known by its spectrum
+frequency_band        FFTs restricted to the frequencies that an iris passes
+tensor_cache          least-recently-used caches of tensors
 """
 
 from holoview.captures.capture_file import read_captures, write_captures

@@ -1,8 +1,9 @@
-"""What the camera's pixels see of a field that is known by its spectrum, wherever the camera lies.
+"""Intensity on the camera's pixels of a field that is known by its spectrum, for any position of the camera.
 
-A camera whose pixels are the simulation's samples takes them as they are. Any other, also one that moved or magnifies,
-takes the field at its pixels' places exactly, from the spectrum; one that turned, by cubic interpolation of the field
-on a grid twice as fine. Pixels larger than samples average what falls on them.
+If the camera's pixels coincide with the simulation's samples, the samples are used directly. A camera with another
+pitch, shift or magnification gets the field at its pixels exactly, as a Fourier sum over the spectrum. A rotated camera
+gets it by cubic interpolation on a grid twice as fine. A pixel larger than a sample averages the intensity at several
+points.
 """
 
 from __future__ import annotations
@@ -19,13 +20,15 @@ from holoview.numerics.resample import affine_warp, centred_indices
 
 Tensor = torch.Tensor
 _PITCH_TOLERANCE = 1e-6  # relative difference of pitches that are meant to be equal
+_INTERPOLATION_MARGIN = 3  # samples that cubic interpolation needs beyond the outermost pixel, with one to spare
 
 
 @dataclass(frozen=True)
 class PixelGrid:
-    """The camera's pixels, in the plane of the modulator: pitch, rows and columns.
+    """The camera's pixels, referred to the modulator's plane and centred on the axis: pitch, (rows, columns).
 
-    points: how many points each way a pixel averages; None: one for each sample on it.
+    points_per_pixel: number of points along each axis over which a pixel averages the intensity; None: one point for
+    each simulation sample that fits on the pixel.
     """
 
     pitch_m: float
@@ -34,85 +37,100 @@ class PixelGrid:
 
 
 def sample_intensity(spectrum: Tensor, band: FrequencyBand, grid: Grid, pixel_grid: PixelGrid, pose: Pose) -> Tensor:
-    """|field|² on the camera, (y, x), for the field's spectrum in a band of the padded grid."""
-    same = abs(pixel_grid.pitch_m / grid.pitch_m - 1) < _PITCH_TOLERANCE
-    each = pixel_grid.points_per_pixel or max(1, round(pixel_grid.pitch_m / grid.pitch_m))
-    if same and each == 1 and pixel_grid.shape == grid.shape and pose.is_identity:
-        return _intensity(band.inverse(spectrum, grid.shape))
-    fine = PixelGrid(pixel_grid.pitch_m / each, (pixel_grid.shape[0] * each, pixel_grid.shape[1] * each))
-    read = _field_by_fourier_sum if pose.rotation_rad == 0 else _field_by_interpolation
-    image = _bin_pixels(_intensity(read(spectrum, band, grid, fine, pose)), each)
-    if pose.softness and same:
-        plain = _intensity(band.inverse(spectrum, grid.shape))
-        soft = affine_warp(plain, pose.inverse_affine(grid.pitch_m), shape=pixel_grid.shape)
+    """|field|² on the camera, (y, x).
+
+    spectrum: of the field on the padded simulation `grid`, in a band. pose: how the camera is shifted, rotated and
+    magnified; its `softness` is the fraction of the image that is interpolated linearly between samples, which blurs,
+    and acts only if the camera has the simulation's pitch.
+    """
+    same_pitch = abs(pixel_grid.pitch_m / grid.pitch_m - 1) < _PITCH_TOLERANCE
+    points = pixel_grid.points_per_pixel or max(1, round(pixel_grid.pitch_m / grid.pitch_m))
+    if same_pitch and points == 1 and pixel_grid.shape == grid.shape and pose.is_identity:
+        return squared_magnitude(band.inverse(spectrum, grid.shape))
+    point_grid = PixelGrid(pixel_grid.pitch_m / points, (pixel_grid.shape[0] * points, pixel_grid.shape[1] * points))
+    field_at = _field_by_fourier_sum if pose.rotation_rad == 0 else _field_by_interpolation
+    image = _bin_pixels(squared_magnitude(field_at(spectrum, band, grid, point_grid, pose)), points)
+    if pose.softness and same_pitch:
+        unshifted = squared_magnitude(band.inverse(spectrum, grid.shape))
+        soft = affine_warp(unshifted, pose.inverse_affine(grid.pitch_m), shape=pixel_grid.shape)
         image = (1 - pose.softness) * image + pose.softness * soft
     return image
 
 
-def _field_by_fourier_sum(spectrum: Tensor, band: FrequencyBand, grid: Grid, pixels: PixelGrid, pose: Pose) -> Tensor:
-    """The field at pixels that are in rows and columns of the grid's directions: a sum over frequencies each way."""
-    rows = pose.inverse_affine(pixels.pitch_m)
-    sides = []
+def squared_magnitude(field: Tensor) -> Tensor:
+    """|field|² of a complex field of any shape."""
+    return field.real.square() + field.imag.square()
+
+
+def _field_by_fourier_sum(spectrum: Tensor, band: FrequencyBand, grid: Grid, points: PixelGrid, pose: Pose) -> Tensor:
+    """The field at points whose rows and columns are parallel to the grid's: a Fourier sum along each axis.
+
+    Zero beyond half the padded grid, where the periodic field would repeat itself.
+    """
+    affine = pose.inverse_affine(points.pitch_m)
+    matrices = []
     for axis, k in enumerate(band.frequency_indices):
-        place = centred_indices(pixels.shape[axis], torch.float64, k.device) * rows[axis][axis] + rows[axis][2]
-        sample = place * (pixels.pitch_m / grid.pitch_m) + (grid.shape[axis] - 1) / 2
+        position = centred_indices(points.shape[axis], torch.float64, k.device) * affine[axis][axis] + affine[axis][2]
+        sample = position * (points.pitch_m / grid.pitch_m) + (grid.shape[axis] - 1) / 2
         turns = torch.remainder(sample[:, None] * (k.double() / grid.padded[axis])[None, :], 1.0)
-        away = sample - (grid.shape[axis] - 1) / 2
-        there = (away.abs() < grid.padded[axis] / 2).double()  # beyond, the grid begins again, and nothing is known
-        amplitude = (there / grid.padded[axis])[:, None].expand_as(turns)
-        wave = torch.polar(amplitude, 2 * math.pi * turns)
-        sides.append(wave.to(spectrum.dtype))
-    return sides[0] @ (spectrum @ sides[1].T)
+        from_centre = sample - (grid.shape[axis] - 1) / 2
+        within_period = (from_centre.abs() < grid.padded[axis] / 2).double()
+        amplitude = (within_period / grid.padded[axis])[:, None].expand_as(turns)
+        matrices.append(torch.polar(amplitude, 2 * math.pi * turns).to(spectrum.dtype))
+    return matrices[0] @ (spectrum @ matrices[1].T)
 
 
-def _field_by_interpolation(spectrum: Tensor, band: FrequencyBand, grid: Grid, pixels: PixelGrid, pose: Pose) -> Tensor:
-    """The field at pixels that lie anyhow, cubic between samples of a grid twice as fine."""
-    reach = (min(band.max_indices[0], (band.padded[0] - 1) // 2), min(band.max_indices[1], (band.padded[1] - 1) // 2))
-    finer = FrequencyBand((2 * band.padded[0], 2 * band.padded[1]), reach)
-    (a, b, c), (d, e, f) = pose.inverse_affine(pixels.pitch_m)
-    margins = _margins(grid, pixels, ((a, b, c), (d, e, f)))
-    begins = [
-        torch.polar(torch.ones_like(k), -2 * math.pi * k * m / p)
-        for k, m, p in zip((k.double() for k in finer.frequency_indices), margins, band.padded, strict=True)
-    ]
-    spectrum = _without_nyquist(spectrum, band) * (begins[0][:, None] * begins[1][None, :]).to(spectrum.dtype)
+def _field_by_interpolation(spectrum: Tensor, band: FrequencyBand, grid: Grid, points: PixelGrid, pose: Pose) -> Tensor:
+    """The field at points of any orientation: cubic interpolation on a grid twice as fine.
+
+    The finer grid begins `margins` samples before the field. The Nyquist frequency of a full band is dropped.
+    """
+    affine = pose.inverse_affine(points.pitch_m)
+    margins = _margins(grid, points, affine)
+    max_y, max_x = (min(k, (p - 1) // 2) for k, p in zip(band.max_indices, band.padded, strict=True))
+    finer = FrequencyBand((2 * band.padded[0], 2 * band.padded[1]), (max_y, max_x))
+    shift_y, shift_x = (
+        torch.polar(torch.ones_like(k), -2 * math.pi * k * margin / padded)
+        for k, margin, padded in zip((k.double() for k in finer.frequency_indices), margins, band.padded, strict=True)
+    )
+    spectrum = _without_nyquist(spectrum, band) * (shift_y[:, None] * shift_x[None, :]).to(spectrum.dtype)
     shape = (2 * (grid.shape[0] + 2 * margins[0]), 2 * (grid.shape[1] + 2 * margins[1]))
     field = 4 * finer.inverse(spectrum, shape)
-    scale = pixels.pitch_m / (grid.pitch_m / 2)
-    half = 0.5  # the finer grid begins at the same place, so that its centre lies half of its samples further
+    scale = points.pitch_m / (grid.pitch_m / 2)
+    half = 0.5  # both grids begin at the same sample, so the finer one's centre lies half a finer sample further
+    (a, b, c), (d, e, f) = affine
     source = ((a * scale, b * scale, c * scale - half), (d * scale, e * scale, f * scale - half))
-    return affine_warp(field, source, mode="bicubic", shape=pixels.shape)
+    return affine_warp(field, source, mode="bicubic", shape=points.shape)
 
 
-def _margins(grid: Grid, pixels: PixelGrid, rows: tuple[tuple[float, float, float], ...]) -> tuple[int, int]:
-    """Samples (y, x) around the field on which the camera's corners lie, within what the padding holds."""
-    corner = [(n - 1) / 2 for n in pixels.shape]
+def _margins(grid: Grid, points: PixelGrid, affine: tuple[tuple[float, float, float], ...]) -> tuple[int, int]:
+    """Samples (y, x) to add on each side of the field so that it covers the camera's corners, within the padding."""
+    corner = [(n - 1) / 2 for n in points.shape]
     margins = []
-    for axis, (a, b, c) in enumerate(rows):
-        farthest = (abs(a) * corner[0] + abs(b) * corner[1] + abs(c)) * pixels.pitch_m / grid.pitch_m
-        wanted = math.ceil(farthest - (grid.shape[axis] - 1) / 2) + 3
-        margins.append(max(0, min(wanted, (grid.padded[axis] - grid.shape[axis]) // 2)))
+    for axis, (a, b, c) in enumerate(affine):
+        farthest = (abs(a) * corner[0] + abs(b) * corner[1] + abs(c)) * points.pitch_m / grid.pitch_m
+        needed = math.ceil(farthest - (grid.shape[axis] - 1) / 2) + _INTERPOLATION_MARGIN
+        margins.append(max(0, min(needed, (grid.padded[axis] - grid.shape[axis]) // 2)))
     return margins[0], margins[1]
 
 
 def _without_nyquist(spectrum: Tensor, band: FrequencyBand) -> Tensor:
-    """The spectrum with both signs of the highest frequency, where the band is all that the grid has."""
+    """The spectrum without its Nyquist frequency, where the band is the whole of a grid of even length.
+
+    On a finer grid that frequency would need a term of either sign; the spectrum has only one for both.
+    """
     for dim in (0, 1):
-        padded, reach = band.padded[dim], band.max_indices[dim]
-        if 2 * reach + 1 >= padded and spectrum.shape[dim] == padded:
-            keep = (padded - 1) // 2
-            parts = (spectrum.narrow(dim, 0, keep + 1), spectrum.narrow(dim, padded - keep, keep))
+        padded, max_index = band.padded[dim], band.max_indices[dim]
+        if 2 * max_index + 1 >= padded and spectrum.shape[dim] == padded:
+            kept = (padded - 1) // 2
+            parts = (spectrum.narrow(dim, 0, kept + 1), spectrum.narrow(dim, padded - kept, kept))
             spectrum = torch.cat(parts, dim=dim)
     return spectrum
 
 
-def _bin_pixels(image: Tensor, each: int) -> Tensor:
-    """The mean of each square of `each` samples."""
-    if each == 1:
+def _bin_pixels(image: Tensor, points: int) -> Tensor:
+    """The mean of each square of `points` × `points` values."""
+    if points == 1:
         return image
-    rows, columns = (n // each for n in image.shape)
-    return image.reshape(rows, each, columns, each).mean(dim=(1, 3))
-
-
-def _intensity(field: Tensor) -> Tensor:
-    return field.real.square() + field.imag.square()
+    rows, columns = (n // points for n in image.shape)
+    return image.reshape(rows, points, columns, points).mean(dim=(1, 3))

@@ -1,7 +1,8 @@
-"""FFTs between a field in space and the frequencies that a relay lets through, everything else skipped.
+"""FFTs between a field and the band of spatial frequencies that a relay passes; other frequencies are skipped.
 
-With an iris, most frequencies of a padded grid carry nothing: columns outside the band are never transformed. The field
-counts as the first samples of the padded grid; free space doesn't mind where in it the field lies.
+With an iris most frequencies of a padded grid are zero, and columns outside the band are never transformed. The field
+occupies the first samples of the padded grid, wherever the plan puts it: propagation is a convolution, so a shift of
+the field within the grid only shifts the result.
 """
 
 from __future__ import annotations
@@ -20,57 +21,60 @@ Tensor = torch.Tensor
 
 @dataclass(frozen=True)
 class FrequencyBand:
-    """Frequencies |k_y| ≤ reach[0], |k_x| ≤ reach[1] of a padded grid, in FFT order: (rows, columns) of a spectrum."""
+    """Frequencies |k_y| ≤ max_indices[0], |k_x| ≤ max_indices[1] of a grid of `padded` (y, x) samples.
+
+    A spectrum in the band is (rows, columns) in FFT order, without the frequencies outside. A maximum of half the grid
+    or more stands for all frequencies of that axis.
+    """
 
     padded: tuple[int, int]
     max_indices: tuple[int, int]
 
     @staticmethod
     def from_transfer(transfer: Transfer, grid: Grid) -> FrequencyBand:
-        """The smallest band that holds all that a transfer function lets through."""
-        lit = np.flatnonzero(transfer.support[:, 1] >= 0)
-        highest = int(np.abs(frequency_indices(grid.padded[0])[lit]).max(initial=0))
-        widest = int(transfer.support[:, 1].max(initial=0))
-        return FrequencyBand(grid.padded, (highest, widest))
+        """The smallest band that holds all frequencies that a transfer function passes."""
+        rows = np.flatnonzero(transfer.support[:, 1] >= 0)
+        max_y = int(np.abs(frequency_indices(grid.padded[0])[rows]).max(initial=0))
+        max_x = int(transfer.support[:, 1].max(initial=0))
+        return FrequencyBand(grid.padded, (max_y, max_x))
 
     @property
     def frequency_indices(self) -> tuple[Tensor, Tensor]:
-        """Signed frequency indices of rows and of columns."""
-        return _indices_within(self.padded[0], self.max_indices[0]), _indices_within(
-            self.padded[1], self.max_indices[1]
-        )
+        """Signed frequency indices of the rows and of the columns of a spectrum."""
+        (rows, columns), (max_y, max_x) = self.padded, self.max_indices
+        return _indices_within(rows, max_y), _indices_within(columns, max_x)
 
     def forward(self, field: Tensor) -> Tensor:
-        """Spectrum (rows, columns) of a field (y, x), zero outside it."""
+        """Spectrum (rows, columns) of a field (y, x) that is zero on the rest of the padded grid."""
         lines = _crop_spectrum(torch.fft.fft(field, n=self.padded[1], dim=1), self.padded[1], self.max_indices[1], 1)
         return _crop_spectrum(torch.fft.fft(lines, n=self.padded[0], dim=0), self.padded[0], self.max_indices[0], 0)
 
     def inverse(self, spectrum: Tensor, shape: tuple[int, int]) -> Tensor:
-        """The first `shape` samples (y, x) of the field of a spectrum."""
+        """The first `shape` samples (y, x) of the field whose spectrum (rows, columns) is zero outside the band."""
         lines = torch.fft.ifft(_zero_pad_spectrum(spectrum, self.padded[0], self.max_indices[0], 0), dim=0)[: shape[0]]
         return torch.fft.ifft(_zero_pad_spectrum(lines, self.padded[1], self.max_indices[1], 1), dim=1)[:, : shape[1]]
 
 
 @lru_cache(maxsize=256)
-def _indices_within(padded: int, reach: int) -> Tensor:
+def _indices_within(padded: int, max_index: int) -> Tensor:
     k = torch.from_numpy(frequency_indices(padded))
-    return k if 2 * reach + 1 >= padded else k[k.abs() <= reach]
+    return k if 2 * max_index + 1 >= padded else k[k.abs() <= max_index]
 
 
-def _crop_spectrum(spectrum: Tensor, padded: int, reach: int, dim: int) -> Tensor:
-    if 2 * reach + 1 >= padded:
+def _crop_spectrum(spectrum: Tensor, padded: int, max_index: int, dim: int) -> Tensor:
+    if 2 * max_index + 1 >= padded:
         return spectrum
-    parts = (spectrum.narrow(dim, 0, reach + 1), spectrum.narrow(dim, padded - reach, reach))
+    parts = (spectrum.narrow(dim, 0, max_index + 1), spectrum.narrow(dim, padded - max_index, max_index))
     return torch.cat(parts, dim=dim)
 
 
-def _zero_pad_spectrum(spectrum: Tensor, padded: int, reach: int, dim: int) -> Tensor:
-    if 2 * reach + 1 >= padded:
+def _zero_pad_spectrum(spectrum: Tensor, padded: int, max_index: int, dim: int) -> Tensor:
+    if 2 * max_index + 1 >= padded:
         return spectrum
     shape = list(spectrum.shape)
     shape[dim] = padded
-    whole = spectrum.new_empty(shape)
-    whole.narrow(dim, reach + 1, padded - 2 * reach - 1).zero_()
-    whole.narrow(dim, 0, reach + 1).copy_(spectrum.narrow(dim, 0, reach + 1))
-    whole.narrow(dim, padded - reach, reach).copy_(spectrum.narrow(dim, reach + 1, reach))
-    return whole
+    padded_spectrum = spectrum.new_empty(shape)
+    padded_spectrum.narrow(dim, max_index + 1, padded - 2 * max_index - 1).zero_()
+    padded_spectrum.narrow(dim, 0, max_index + 1).copy_(spectrum.narrow(dim, 0, max_index + 1))
+    padded_spectrum.narrow(dim, padded - max_index, max_index).copy_(spectrum.narrow(dim, max_index + 1, max_index))
+    return padded_spectrum

@@ -1,217 +1,187 @@
-"""A capture's intensity in the near field: modulators, gap, relay, plane; only frequencies that pass are computed.
+"""Camera intensity in the near field: modulators, gap, relays and free space, for the frequencies that relays pass.
 
-    V = F[s·t₁],  E₁ = F⁻¹[V·H_gap·P₁],  W = F[E₁·t₂],  E = F⁻¹[W·H_z·P₂],  I = |E|²      (one modulator: W = V)
+    V = F[s·t₁],  E₁ = F⁻¹[V·H₁·P₁],  W = F[E₁·t₂],  E = F⁻¹[W·H₂·P₂],  I = |E|²      (one modulator: W = V)
 
-t are the modulators' transmissions, s the illumination, H and P what free space and the relays do.
+s is the illumination, t₁ and t₂ are the modulators' complex transmissions, H₁ and H₂ the transfer functions of free
+space over the gap and to the camera (angular spectrum, `optics.propagate`), P₁ and P₂ the pupils of the relays. F is
+the discrete Fourier transform. Indices count from 0: relay 0 lies between the modulators, relay 1 behind the last one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass
 
 import torch
 
 from holoview.captures.camera_sampling import PixelGrid, sample_intensity
 from holoview.captures.frequency_band import FrequencyBand
+from holoview.captures.incoherent_component import IncoherentComponent
 from holoview.captures.tensor_cache import TensorCache
-from holoview.model.effects.hook_contexts import ModulatorContext, RelayContext
-from holoview.model.plan import Plan
+from holoview.model.effects.hook_contexts import RelayContext
+from holoview.model.plan import Plan, Transfer
 from holoview.optics.propagate import transfer_function_at
 from holoview.optics.pupil import nominal_pupil
 from holoview.optics.slm import pixel_spectrum
-from holoview.optics.source import pixel_wave, plane_wave
 from holoview.optics.torch_effects import TorchEffects
 
 Tensor = torch.Tensor
-
-
-@dataclass(frozen=True)
-class IncoherentComponent:
-    """One of what adds in intensity: a wavelength and a source direction of a plan, and a factor of optical paths."""
-
-    wavelength_index: int
-    source_index: int
-    path_factor: float
+Key = tuple[Hashable, ...]
 
 
 class NearFieldModel:
-    """Intensities at one plane on the camera. plan: of the bench as it is; irises: nominal apertures of both relays."""
+    """Intensities on the camera at the first plane of a plan.
+
+    plan: of the bench with its effects on distances, angles, wavelengths and apertures. effects: their other hooks.
+    iris_nas: nominal apertures of relays 1 and 2, which normalise pupil coordinates; None without an iris.
+    cache: keeps intermediate fields; a key names all values that its field depends on.
+    """
 
     def __init__(
         self,
         plan: Plan,
-        applied: TorchEffects,
+        effects: TorchEffects,
         iris_nas: tuple[float | None, float | None],
-        pixels: PixelGrid,
+        pixel_grid: PixelGrid,
         dtype: torch.dtype,
         cache: TensorCache,
     ) -> None:
-        self.plan, self.applied, self.irises, self.pixels = plan, applied, iris_nas, pixels
+        self.plan, self.effects, self.iris_nas, self.pixel_grid = plan, effects, iris_nas, pixel_grid
         self.dtype, self.cache = dtype, cache
-        self.real = torch.float64 if dtype == torch.complex128 else torch.float32
+        self.real_dtype = torch.float64 if dtype == torch.complex128 else torch.float32
 
-    def intensity(self, stroke_fractions: Tensor, component: IncoherentComponent, capture: int) -> Tensor:
-        """|E|² on the camera for shares of the stroke (modulator, y, x), one beam of unit power."""
-        spectrum, band, key = self._last_spectrum(stroke_fractions, component, capture)
-        key = (*key, "seen", self._relay_key(1, component), self.applied.cache_key("camera_pose"))
-        response = self._relay_transfer(1, component, band)
+    def intensity(self, drive: Tensor, component: IncoherentComponent, capture: int) -> Tensor:
+        """|E|² (y, x) on the camera for unit power in one component.
 
-        def seen() -> Tensor:
-            return sample_intensity(spectrum * response, band, self.plan.grid, self.pixels, self.applied.camera_pose())
+        drive: patterns of the capture as fractions of the stroke, (modulator, y, x). capture: its index, for the cache.
+        """
+        spectrum, band, key = self._last_spectrum(drive, component, capture)
+        key = (*key, "intensity", self._relay_key(1, component), self.effects.cache_key("camera_pose"))
+        transfer = self._relay_transfer(1, component, band)
 
-        return self.cache.get(key, seen)
+        def compute() -> Tensor:
+            pose = self.effects.camera_pose()
+            return sample_intensity(spectrum * transfer, band, self.plan.grid, self.pixel_grid, pose)
 
-    # --- the way of the light ---------------------------------------------------------------------------------------
+        return self.cache.get(key, compute)
+
+    # --- modulators -------------------------------------------------------------------------------------------------
 
     def _last_spectrum(
-        self, shares: Tensor, component: IncoherentComponent, capture: int
-    ) -> tuple[Tensor, FrequencyBand, tuple[Hashable, ...]]:
-        """Spectrum behind the last modulator in the last relay's band."""
-        key: tuple[Hashable, ...] = (
-            capture,
-            component.path_factor,
-            self._modulator_key(0, component),
-            self._illumination_key(component),
-        )
-        last = self._band(1, component)
+        self, drive: Tensor, component: IncoherentComponent, capture: int
+    ) -> tuple[Tensor, FrequencyBand, Key]:
+        """Spectrum behind the last modulator in the band of the last relay, that band, and the key of the spectrum."""
+        last_band = self._band(1, component)
+        first_key = self._first_key(component, capture)
         if self.plan.system.gap_m is None:
-            return self._first_spectrum(shares[0], component, last, capture), last, key
-        band = self._band(0, component)
-        arriving_key = (*key, "arriving", self._relay_key(0, component))
+            return self._first_spectrum(drive[0], component, last_band, capture), last_band, first_key
+        gap_band = self._band(0, component)
+        arriving_key = (*first_key, "arriving", self._relay_key(0, component))
         key = (*arriving_key, self._modulator_key(1, component))
 
-        def arriving() -> Tensor:
-            spectrum = self._first_spectrum(shares[0], component, band, capture) * self._relay_transfer(
-                0, component, band
-            )
-            return band.inverse(spectrum, self.plan.grid.shape)
+        def arriving_field() -> Tensor:
+            spectrum = self._first_spectrum(drive[0], component, gap_band, capture)
+            return gap_band.inverse(spectrum * self._relay_transfer(0, component, gap_band), self.plan.grid.shape)
 
-        def spectrum() -> Tensor:
-            field = self.cache.get(arriving_key, arriving)
-            return last.forward(field * self._modulated_field(shares[1], 1, component, capture))
+        def last_spectrum() -> Tensor:
+            field = self.cache.get(arriving_key, arriving_field)
+            return last_band.forward(field * self._transmission(drive[1], 1, component, capture))
 
-        return self.cache.get((*key, "last", last), spectrum), last, key
+        return self.cache.get((*key, "last", last_band), last_spectrum), last_band, key
 
     def _first_spectrum(
-        self, share: Tensor, component: IncoherentComponent, band: FrequencyBand, capture: int
+        self, drive: Tensor, component: IncoherentComponent, band: FrequencyBand, capture: int
     ) -> Tensor:
-        """Spectrum behind the first modulator, kept."""
-        key = (
-            "first",
-            capture,
-            component.path_factor,
-            self._modulator_key(0, component),
-            self._illumination_key(component),
-            band,
-        )
-        return self.cache.get(key, lambda: self._compute_first_spectrum(share, component, band, capture))
+        """Spectrum behind the first modulator."""
+        key = ("first", *self._first_key(component, capture), band)
+        return self.cache.get(key, lambda: self._compute_first_spectrum(drive, component, band, capture))
 
     def _compute_first_spectrum(
-        self, share: Tensor, component: IncoherentComponent, band: FrequencyBand, capture: int
+        self, drive: Tensor, component: IncoherentComponent, band: FrequencyBand, capture: int
     ) -> Tensor:
-        """Spectrum behind the first modulator, of pixels as long as no effect needs samples."""
-        light, grid = self._modulated_field(share, 0, component, capture), self.plan.grid
-        slopes = self.plan.slopes[component.source_index, component.wavelength_index]
-        tilted = bool(slopes.any())
-        if tuple(light.shape) != tuple(share.shape):
-            if tilted:
-                light = light * plane_wave(
-                    self.plan, component.wavelength_index, component.source_index, self.dtype, light.device
-                )
-            return band.forward(light)
-        if tilted:
-            light = light * pixel_wave(
-                self.plan, component.wavelength_index, component.source_index, self.dtype, light.device
-            )
-        coarse = tuple(p // grid.upsample for p in grid.padded)
-        (rows, above), (columns, along) = (self._pixel_spectrum(axis, float(slopes[axis]), band) for axis in (0, 1))
-        lines = torch.fft.fft(light, n=coarse[1], dim=1).index_select(1, columns) * along
-        return torch.fft.fft(lines, n=coarse[0], dim=0).index_select(0, rows) * above[:, None]
+        """The FFT of the modulator's pixels, repeated, times the spectrum of one pixel.
 
-    def _pixel_spectrum(self, axis: int, slope: float, band: FrequencyBand) -> tuple[Tensor, Tensor]:
-        """For each frequency of a band's side: where it is in the spectrum of pixels, and what a pixel makes of it."""
+        Where an effect has turned pixels into samples, the FFT of the samples.
+        """
+        field = component.illuminate(self.plan, self._transmission(drive, 0, component, capture), self.dtype)
+        if tuple(field.shape) != tuple(drive.shape):
+            return band.forward(field)
+        grid, slopes = self.plan.grid, component.slopes(self.plan)
+        rows_of_pixels, columns_of_pixels = (p // grid.upsample for p in grid.padded)
+        (rows, response_y), (columns, response_x) = (self._pixel_response(axis, slopes[axis], band) for axis in (0, 1))
+        lines = torch.fft.fft(field, n=columns_of_pixels, dim=1).index_select(1, columns) * response_x
+        return torch.fft.fft(lines, n=rows_of_pixels, dim=0).index_select(0, rows) * response_y[:, None]
+
+    def _pixel_response(self, axis: int, slope: float, band: FrequencyBand) -> tuple[Tensor, Tensor]:
+        """For the band's frequencies along an axis: indices in the FFT of the pixels, and the spectrum of one pixel."""
         padded, upsample, k = self.plan.grid.padded[axis], self.plan.grid.upsample, band.frequency_indices[axis]
-        place = self.cache.get(("place", axis, upsample, band), lambda: k % (padded // upsample))
+        indices = self.cache.get(("pixel indices", axis, upsample, band), lambda: k % (padded // upsample))
         response = self.cache.get(
-            ("pixel", axis, upsample, slope, band), lambda: pixel_spectrum(padded, upsample, slope).to(self.dtype)[k]
+            ("pixel spectrum", axis, upsample, slope, band),
+            lambda: pixel_spectrum(padded, upsample, slope).to(self.dtype)[k],
         )
-        return place, response
+        return indices, response
 
-    def _surface(self, number: int, component: IncoherentComponent) -> ModulatorContext:
-        system = self.plan.system
-        modulator = system.modulators[number]
-        return ModulatorContext(
-            number=number,
-            wavelength_m=float(system.wavelengths_m[component.wavelength_index]),
-            stroke_m=modulator.stroke_m,
-            pitch_m=modulator.pitch_m,
-            shape=modulator.shape,
-            upsample=self.plan.grid.upsample,
-        )
+    def _transmission(self, drive: Tensor, number: int, component: IncoherentComponent, capture: int) -> Tensor:
+        """Complex transmission of a modulator: always of samples for the second, of pixels if possible for the first.
 
-    def _modulated_field(self, share: Tensor, number: int, component: IncoherentComponent, capture: int) -> Tensor:
-        """What a modulator makes of light, for every direction of the source; of samples but for the first."""
+        It doesn't depend on the direction of the source.
+        """
 
-        def light() -> Tensor:
-            surface = self._surface(number, component)
-            made = self.applied.modulator_transmission(share.to(self.real), surface, self.dtype, component.path_factor)
-            return surface.sampled(made) if number else made
+        def compute() -> Tensor:
+            context = component.modulator_context(self.plan, number)
+            transmission = self.effects.modulator_transmission(
+                drive.to(self.real_dtype), context, self.dtype, component.path_factor
+            )
+            return context.sampled(transmission) if number else transmission
 
-        return self.cache.get(("light", capture, component.path_factor, self._modulator_key(number, component)), light)
+        key = ("transmission", capture, component.path_factor, self._modulator_key(number, component))
+        return self.cache.get(key, compute)
 
     # --- relays -----------------------------------------------------------------------------------------------------
 
-    def _distance(self, relay: int) -> float:
-        system = self.plan.system
-        return float(self.plan.planes_m[0]) if relay else float(system.gap_m or 0.0)
+    def _distance_m(self, relay: int) -> float:
+        return float(self.plan.planes_m[0]) if relay else float(self.plan.system.gap_m or 0.0)
+
+    def _transfer(self, relay: int, component: IncoherentComponent) -> Transfer:
+        return self.plan.transfer(relay, component.wavelength_index, self._distance_m(relay))
 
     def _band(self, relay: int, component: IncoherentComponent) -> FrequencyBand:
-        return FrequencyBand.from_transfer(
-            self.plan.transfer(relay, component.wavelength_index, self._distance(relay)), self.plan.grid
-        )
+        return FrequencyBand.from_transfer(self._transfer(relay, component), self.plan.grid)
 
     def _relay_transfer(self, relay: int, component: IncoherentComponent, band: FrequencyBand) -> Tensor:
-        """H × pupil in the band."""
-
-        step = self.plan.transfer(relay, component.wavelength_index, self._distance(relay))
+        """H × pupil in the band, (rows, columns)."""
+        transfer = self._transfer(relay, component)
         ky, kx = band.frequency_indices
 
-        def nominal() -> Tensor:
-            response = transfer_function_at(step, ky, kx, torch.complex128)
-            glass = nominal_pupil(self.plan, relay, component.wavelength_index, torch.complex128, torch.device("cpu"))
-            return response if glass is None else response * glass[ky][:, kx]
+        def nominal_response() -> Tensor:
+            response = transfer_function_at(transfer, ky, kx, torch.complex128)
+            pupil = nominal_pupil(self.plan, relay, component.wavelength_index, torch.complex128, torch.device("cpu"))
+            return response if pupil is None else response * pupil[ky][:, kx]
 
-        def make() -> Tensor:
-            place = ("nominal", relay, step.wavelength_m, step.distance_m, self.plan.relays[relay], band)
-            response = self.cache.get_invariant(place, nominal)
-            sines = [k.double() * s for k, s in zip((ky, kx), step.sine_step, strict=True)]
-            at = RelayContext(relay, step.wavelength_m, sines[0][:, None], sines[1][None], self.irises[relay] or 1.0)
-            added = self.applied.pupil(at, torch.complex128)
-            return (response if added is None else response * added).to(self.dtype)
+        def compute() -> Tensor:
+            key = ("nominal", relay, transfer.wavelength_m, transfer.distance_m, self.plan.relays[relay], band)
+            response = self.cache.get_invariant(key, nominal_response)
+            sine_y, sine_x = (k.double() * s for k, s in zip((ky, kx), transfer.sine_step, strict=True))
+            iris_na = self.iris_nas[relay] or 1.0
+            context = RelayContext(relay, transfer.wavelength_m, sine_y[:, None], sine_x[None], iris_na)
+            pupil = self.effects.pupil(context, torch.complex128)
+            return (response if pupil is None else response * pupil).to(self.dtype)
 
-        return self.cache.get(("response", self._relay_key(relay, component), band), make)
+        return self.cache.get(("relay", self._relay_key(relay, component), band), compute)
 
-    # --- what results depend on -------------------------------------------------------------------------------------
+    # --- keys of the cache: all that a result depends on --------------------------------------------------------------
+
+    def _first_key(self, component: IncoherentComponent, capture: int) -> Key:
+        return capture, component.path_factor, self._modulator_key(0, component), component.slopes(self.plan)
 
     def _modulator_key(self, number: int, component: IncoherentComponent) -> Hashable:
-        system = self.plan.system
-        hooks = self.applied.cache_key(
+        hooks = self.effects.cache_key(
             "stroke_response", "optical_path", "transmission", "slm2_pose", acts_on=f"modulator {number + 1}"
         )
-        source = self.applied.cache_key("transmission", acts_on="source") if number == 0 else ()
-        return (
-            number,
-            float(system.wavelengths_m[component.wavelength_index]),
-            system.modulators[number].stroke_m,
-            hooks,
-            source,
-        )
-
-    def _illumination_key(self, component: IncoherentComponent) -> Hashable:
-        return tuple(self.plan.slopes[component.source_index, component.wavelength_index].tolist())
+        source = self.effects.cache_key("transmission", acts_on="source") if number == 0 else ()
+        stroke_m = self.plan.system.modulators[number].stroke_m
+        return number, component.wavelength_m(self.plan), stroke_m, hooks, source
 
     def _relay_key(self, relay: int, component: IncoherentComponent) -> Hashable:
-        λ = float(self.plan.system.wavelengths_m[component.wavelength_index])
-        hooks = self.applied.cache_key("pupil", acts_on=f"relay {relay + 1}")
-        return relay, λ, self._distance(relay), self.plan.relays[relay], hooks
+        hooks = self.effects.cache_key("pupil", acts_on=f"relay {relay + 1}")
+        return relay, component.wavelength_m(self.plan), self._distance_m(relay), self.plan.relays[relay], hooks

@@ -1,4 +1,4 @@
-"""Results that are kept for as long as there is room: the longest unused go first."""
+"""Least-recently-used caches of tensors, limited in bytes."""
 
 from __future__ import annotations
 
@@ -9,41 +9,47 @@ import torch
 
 
 class TensorCache:
-    """Tensors by what they were computed from, up to `limit` bytes in all."""
+    """Tensors by a key that names everything they were computed from.
 
-    def __init__(self, limit: int) -> None:
-        self._limit, self._bytes = limit, 0
-        self._kept: OrderedDict[Hashable, torch.Tensor] = OrderedDict()
+    Beyond `max_bytes` in all, the least recently used tensors are dropped; the latest one always stays.
+    """
+
+    def __init__(self, max_bytes: int) -> None:
+        self._max_bytes, self._bytes = max_bytes, 0
+        self._tensors: OrderedDict[Hashable, torch.Tensor] = OrderedDict()
 
     def get(self, key: Hashable, compute: Callable[[], torch.Tensor]) -> torch.Tensor:
-        """The tensor of that key, made when it isn't there."""
-        found = self._kept.get(key)
-        if found is not None:
-            self._kept.move_to_end(key)
-            return found
-        made = compute()
-        self._kept[key] = made
-        self._bytes += made.nbytes
-        while self._bytes > self._limit and len(self._kept) > 1:
-            self._bytes -= self._kept.popitem(last=False)[1].nbytes
-        return made
+        """The tensor of that key, computed if it isn't in the cache."""
+        cached = self._tensors.get(key)
+        if cached is not None:
+            self._tensors.move_to_end(key)
+            return cached
+        computed = compute()
+        self._tensors[key] = computed
+        self._bytes += computed.nbytes
+        while self._bytes > self._max_bytes and len(self._tensors) > 1:
+            self._bytes -= self._tensors.popitem(last=False)[1].nbytes
+        return computed
 
     def get_invariant(self, key: Hashable, compute: Callable[[], torch.Tensor]) -> torch.Tensor:
-        """A part that no effect changes, of a result."""
+        """As `get`, for a tensor that no effect changes and through which no gradient flows."""
         return self.get(key, compute)
 
 
 class InvariantCache(TensorCache):
-    """Keeps nothing through which gradients flow; parts that no effect changes are kept beside, in another cache."""
+    """Caches, in another cache, only the tensors that no effect changes; all others are computed anew.
+
+    For calls with gradients: a cached tensor would belong to the computation graph of an earlier call.
+    """
 
     def __init__(self, store: TensorCache) -> None:
         super().__init__(0)
-        self._beside = store
+        self._store = store
 
-    def get(self, key: Hashable, make: Callable[[], torch.Tensor]) -> torch.Tensor:
-        """What is made."""
-        return make()
+    def get(self, key: Hashable, compute: Callable[[], torch.Tensor]) -> torch.Tensor:
+        """The tensor, computed anew."""
+        return compute()
 
-    def get_invariant(self, key: Hashable, make: Callable[[], torch.Tensor]) -> torch.Tensor:
-        """The part, made when it isn't there."""
-        return self._beside.get(key, make)
+    def get_invariant(self, key: Hashable, compute: Callable[[], torch.Tensor]) -> torch.Tensor:
+        """The tensor of that key, computed if it isn't in the other cache."""
+        return self._store.get(key, compute)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import holoview as hv
 from holoview.captures import Camera, Captures, SlmSpec, read_captures
 from holoview.captures.near_field_model import NearFieldModel
-from holoview.captures.predictor import Predictor, predict
+from holoview.captures.predictor import Predictor
 from holoview.util.errors import UserError
 
 FOLDER = Path(__file__).resolve().parents[1] / "data"
@@ -135,7 +135,7 @@ def test_captures_of_an_independent_program_are_explained_to_their_noise(
     name: str, effects: dict[str, dict[str, float]], capture: int
 ) -> None:
     captures = read_captures(FOLDER / f"{name}.h5")
-    found = predict(captures, [capture], effects)
+    found = Predictor(captures)([capture], effects)
     image, signal = captures.images[capture].astype(float), found.signal[0].double().numpy()
     valid = image < captures.camera.saturation
     seen, signal = image[valid] - found.black_level, signal[valid]
@@ -217,7 +217,7 @@ def test_a_camera_with_other_pixels_sees_the_same_light() -> None:
 
 def test_a_bench_that_cant_be_names_the_effect() -> None:
     with pytest.raises(UserError, match=r"effects\.gap"):
-        predict(_session(), [0], {"gap": {"gap_error": -2e-3}})
+        Predictor(_session())([0], {"gap": {"gap_error": -2e-3}})
 
 
 def test_a_turned_camera_sees_the_light_beside_the_modulator_too() -> None:
