@@ -1,7 +1,7 @@
 """The best values of one effect, or of several together: a scan over its range, then a local fit.
 
 A tangent at the identity value tells the cause of small errors. Large ones decorrelate the speckle, and the true value
-is then found only by looking along the effect's range: `scan`. Hard edges have no slopes: golden section.
+is then found only by looking along the effect's range: `scan`. Hard edges have no slopes: minimisation along one axis.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from holoview.numerics.least_squares import (
     ResidualVector,
     Vector,
     axis_scan,
-    golden_section,
     jacobian,
     levenberg_marquardt,
+    minimise_along_axis,
 )
 from holoview.numerics.nelder_mead import nelder_mead
 from holoview.util.errors import UserError
@@ -250,7 +250,7 @@ def search_along_axes(effects: Sequence[Effect], fit: CandidateFit, comparison: 
         step = float(bounds.step[axis])
         near = axis_scan(function, found.x, bounds, axis, step * np.linspace(-_REACH, _REACH, _POINTS))
         found = min(found, near, key=lambda m: m.cost)
-        moved = golden_section(function, found.x, bounds, axis, 2 * step * _REACH / (_POINTS - 1), evaluations=_ALONG)
+        moved = minimise_along_axis(function, found.x, bounds, axis, 2 * step * _REACH / (_POINTS - 1), evaluations=_ALONG)
         found = min(found, moved, key=lambda m: m.cost)
     if found.cost >= fit.cost:
         return fit

@@ -1,0 +1,11 @@
+"""Numerical methods that know nothing of displays.
+
+fft_grid        FFT lengths 2^a·3^b·5^c, the order of frequency bins, positions counted from a grid's centre
+chirp_z         Fourier sums at any equally spaced frequencies (Bluestein's algorithm)
+phasor          exp(2πi·turns) with the turns reduced to one period first
+resample        Gaussian blur, affine warp and interpolation of two-dimensional maps, differentiable
+subpixel_shift  images shifted by fractions of a pixel, and their gradients, by a windowed sinc
+zernike         Zernike polynomials in Noll's order
+least_squares   Levenberg–Marquardt inside bounds, minimisation along one axis, profile likelihood intervals
+nelder_mead     the downhill simplex for cost functions without a gradient at their minimum
+"""

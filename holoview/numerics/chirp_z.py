@@ -1,46 +1,54 @@
-"""Discrete Fourier sums at equally spaced frequencies that no FFT grid holds: Bluestein's chirp transform.
+"""Discrete Fourier sums at equally spaced frequencies that needn't be those of an FFT (the chirp-z transform).
 
-    X_k = Σ_j x_j·exp(−2πi·(first + k·step)·(j − (n − 1)/2)),  k < count
+    X_k = Σ_j x_j·exp(−2πi·(first + k·step)·(j − (n − 1)/2)),  k = 0 … count − 1
 
-With j·k = (j² + k² − (k − j)²)/2 the sum is a convolution with a chirp, done by FFTs of n + count samples (Rabiner,
-Schafer and Rader, Bell Syst. Tech. J. 48, 1249 (1969)). Phases are reduced in float64.
+Bluestein's algorithm: with j·k = (j² + k² − (k − j)²)/2 the sum becomes a convolution with a chirp, which FFTs of
+n + count − 1 samples compute (Rabiner, Schafer and Rader, Bell Syst. Tech. J. 48, 1249 (1969)). Small sums are a matrix
+product instead. Phases are computed in float64 whatever the precision of the samples.
 """
 
 from __future__ import annotations
 
-import math
-
 import torch
 
 from holoview.numerics.fft_grid import next_fast_length
+from holoview.numerics.phasor import phasor
+from holoview.numerics.resample import centred_indices
 
 Tensor = torch.Tensor
-_BY_MATRIX = 160  # frequencies and samples up to which one product of matrices is faster
+
+MATRIX_LIMIT = 160
+"""Numbers of samples and frequencies up to which a matrix product is faster than FFTs."""
 
 
-def chirp_z_transform(values: Tensor, first: float, step: float, count: int) -> Tensor:
-    """Sums along the last axis of `values` (…, n), complex: (…, count). Frequencies in cycles a sample."""
+def chirp_z_transform(
+    values: Tensor, first: float, step: float, count: int, *, matrix_limit: int = MATRIX_LIMIT
+) -> Tensor:
+    """The sums along the last axis of a complex tensor.
+
+    values: (…, n) complex samples, whose positions count from their centre, (n − 1)/2.
+    first, step: the first frequency and the distance between frequencies, cycles a sample.
+    count: number of frequencies.
+    matrix_limit: sums of at most so many samples and frequencies are computed as a matrix product.
+
+    Returns (…, count), of the dtype of `values`.
+    """
     n = values.shape[-1]
-    if max(n, count) <= _BY_MATRIX:
+    if max(n, count) <= matrix_limit:
         return values @ dft_matrix(n, first, step, count).to(values.dtype).to(values.device).T
     j = torch.arange(n, dtype=torch.float64)
     k = torch.arange(count, dtype=torch.float64)
     lags = torch.arange(-(n - 1), count, dtype=torch.float64)
     length = next_fast_length(n + count - 1)
-    before = _turned(-(first * j + 0.5 * step * j * j))
-    after = _turned((first + k * step) * ((n - 1) / 2) - 0.5 * step * k * k)
-    chirp = torch.fft.fft(_turned(0.5 * step * lags * lags), n=length)
-    whole = torch.fft.fft(values * before.to(values.dtype), n=length) * chirp.to(values.dtype)
-    return torch.fft.ifft(whole)[..., n - 1 : n - 1 + count] * after.to(values.dtype)
+    before = phasor(-(first * j + 0.5 * step * j * j))
+    after = phasor((first + k * step) * ((n - 1) / 2) - 0.5 * step * k * k)
+    chirp = torch.fft.fft(phasor(0.5 * step * lags * lags), n=length)
+    spectrum = torch.fft.fft(values * before.to(values.dtype), n=length) * chirp.to(values.dtype)
+    return torch.fft.ifft(spectrum)[..., n - 1 : n - 1 + count] * after.to(values.dtype)
 
 
 def dft_matrix(n: int, first: float, step: float, count: int) -> Tensor:
-    """(count, n) complex128: exp(−2πi·frequency·place) of each frequency and sample."""
+    """The matrix of the sums, (count, n) complex128: exp(−2πi·frequency·position)."""
     frequencies = first + step * torch.arange(count, dtype=torch.float64)
-    places = torch.arange(n, dtype=torch.float64) - (n - 1) / 2
-    return _turned(-frequencies[:, None] * places[None, :])
-
-
-def _turned(turns: Tensor) -> Tensor:
-    phase = (2 * math.pi) * torch.remainder(turns, 1.0)
-    return torch.polar(torch.ones_like(phase), phase)
+    positions = centred_indices(n, torch.float64, torch.device("cpu"))
+    return phasor(-frequencies[:, None] * positions[None, :])

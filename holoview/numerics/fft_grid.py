@@ -1,7 +1,7 @@
-"""Coordinates and FFT conventions, defined once.
+"""Conventions of sampled grids and their Fourier transforms, defined once.
 
-Frequencies are `fftfreq`: zero first, no shifted copies. The centre of a grid of N samples is at index (N − 1)/2 in
-position. Sizes that both executors can transform are 2^a·3^b·5^c.
+The centre of a grid of N samples lies at index (N − 1)/2. Frequencies are in the order of `numpy.fft.fftfreq`: zero
+first, never shifted. Lengths that both executors can transform are 2^a·3^b·5^c.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 def is_fast_length(n: int) -> bool:
-    """Whether n = 2^a·3^b·5^c, the lengths that the shader FFT can transform."""
+    """Whether n = 2^a·3^b·5^c, a length that the FFT in shaders can transform."""
     if n < 1:
         return False
     for prime in (2, 3, 5):
@@ -21,7 +21,10 @@ def is_fast_length(n: int) -> bool:
 
 
 def next_fast_length(at_least: int, multiple_of: int = 1) -> int:
-    """The smallest n = 2^a·3^b·5^c that is at least `at_least` and divisible by `multiple_of` (also such a number)."""
+    """The smallest n = 2^a·3^b·5^c with n ≥ `at_least` that is divisible by `multiple_of`.
+
+    Raises ValueError unless `multiple_of` is such a product itself.
+    """
     if not is_fast_length(multiple_of):
         raise ValueError(f"multiple_of = {multiple_of}: expected a product of 2, 3 and 5")
     n = -(-max(at_least, 1) // multiple_of)
@@ -30,11 +33,11 @@ def next_fast_length(at_least: int, multiple_of: int = 1) -> int:
     return n * multiple_of
 
 
-def positions(n: int, pitch_m: float) -> NDArray[np.float64]:
-    """Sample positions (m), shape (n,), centred on (n − 1)/2."""
-    return (np.arange(n, dtype=np.float64) - (n - 1) / 2) * pitch_m
+def positions(n: int, spacing: float) -> NDArray[np.float64]:
+    """Positions of n samples `spacing` apart, shape (n,), counted from the grid's centre; in the unit of `spacing`."""
+    return (np.arange(n, dtype=np.float64) - (n - 1) / 2) * spacing
 
 
 def frequency_indices(n: int) -> NDArray[np.int64]:
-    """Signed frequency index of each FFT bin, shape (n,): 0, 1, …, −2, −1 (as `fftfreq(n) * n`)."""
+    """The signed frequency index of each FFT bin, shape (n,): 0, 1, …, −2, −1, which is `fftfreq(n)·n`."""
     return np.rint(np.fft.fftfreq(n) * n).astype(np.int64)

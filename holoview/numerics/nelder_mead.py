@@ -1,6 +1,7 @@
-"""The downhill simplex for hard edges: a moved edge costs in proportion to how far it moved, a cost with a crease.
+"""The downhill simplex (Nelder & Mead, Computer Journal 7, 308 (1965)) for costs without a gradient at their minimum.
 
-Least squares from slopes ends in such a crease. Nelder & Mead, Computer Journal 7, 308 (1965).
+The area between two hard edges is proportional to their distance, so that the cost has a crease where they meet.
+Least squares with derivatives end anywhere along such a crease.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ from scipy.optimize import minimize
 
 from holoview.numerics.least_squares import Minimum, ResidualFunction, SearchDomain, Vector, sum_of_squares
 
-_GAIN = 1e-3  # of the cost, and
-_MOVE = 3e-3  # of a prior: with less in sight it ends
+_RELATIVE_COST_TOLERANCE = 1e-3  # of the cost at the start
+_PARAMETER_TOLERANCE = 3e-3  # of a prior, the unit in which a fit's parameters are given
 
 
 def nelder_mead(
@@ -23,25 +24,38 @@ def nelder_mead(
     edge_length: float,
     evaluations: int,
 ) -> Minimum:
-    """The least cost found by varying some axes, from a simplex with edges of `width`; the start if nothing is better.
+    """A minimum of Σ residual² over some of the parameters, by scipy's Nelder–Mead.
 
-    axes: which components vary. evaluations: at most so many.
+    function: parameters (parameter,) to residuals.
+    start: parameters, cost and residuals to begin with.
+    bounds: points outside are evaluated at the nearest point inside.
+    free_axes: which parameters vary, (parameter,); the others are held.
+    edge_length: edges of the first simplex, in the unit of the parameters.
+    evaluations: at most so many, and one more for the residuals at the end.
+
+    Ends when the simplex spans less than 0.003 in every parameter and 0.1 % of the cost at the start. Returns `start`
+    itself where nothing better was found.
     """
     free = np.flatnonzero(free_axes)
 
-    def whole(part: Vector) -> Vector:
+    def all_parameters(free_values: Vector) -> Vector:
         x = start.x.copy()
-        x[free] = part
+        x[free] = free_values
         return bounds.clip(x)
 
     corners = np.vstack([start.x[free], *(start.x[free] + edge_length * edge for edge in np.eye(len(free)))])
-    found = minimize(
-        lambda part: sum_of_squares(function(whole(part))),
+    result = minimize(
+        lambda free_values: sum_of_squares(function(all_parameters(free_values))),
         start.x[free],
         method="Nelder-Mead",
-        options={"initial_simplex": corners, "xatol": _MOVE, "fatol": _GAIN * start.cost, "maxfev": evaluations},
+        options={
+            "initial_simplex": corners,
+            "xatol": _PARAMETER_TOLERANCE,
+            "fatol": _RELATIVE_COST_TOLERANCE * start.cost,
+            "maxfev": evaluations,
+        },
     )
-    if found.fun >= start.cost:
+    if result.fun >= start.cost:
         return start
-    x = whole(found.x)
-    return Minimum(x, float(found.fun), function(x), start.evaluations + int(found.nfev) + 1)
+    x = all_parameters(result.x)
+    return Minimum(x, float(result.fun), function(x), start.evaluations + int(result.nfev) + 1)

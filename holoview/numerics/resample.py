@@ -1,4 +1,4 @@
-"""Maps on a grid, blurred and warped; what lies outside continues the edge."""
+"""Gaussian blur, affine warp and interpolation of maps on a grid, differentiable; edges are continued outwards."""
 
 from __future__ import annotations
 
@@ -10,23 +10,36 @@ from torch.nn.functional import grid_sample, pad
 from holoview.numerics.fft_grid import next_fast_length
 
 Tensor = torch.Tensor
-Affine = tuple[tuple[float, float, float], tuple[float, float, float]]
+AffineRows = tuple[tuple[float, float, float], tuple[float, float, float]]
+"""Two rows (y, x, 1) of an affine map: its results y' and x'."""
 
 
 def centred_indices(n: int, dtype: torch.dtype, device: torch.device) -> Tensor:
-    """Sample numbers 0 … n − 1, counted from the grid's centre (n − 1)/2."""
+    """Sample indices 0 … n − 1 minus the grid's centre (n − 1)/2, shape (n,)."""
     return torch.arange(n, dtype=dtype, device=device) - (n - 1) / 2
 
 
 def upsample_nearest(pixels: Tensor, factor: int) -> Tensor:
-    """Nearest-neighbour upsampling of the last two axes: a pixel is a square of constant value (fill factor 1)."""
+    """Repeats each entry of the last two axes `factor` times: pixels as squares of constant value (fill factor 1)."""
     return pixels.repeat_interleave(factor, dim=-2).repeat_interleave(factor, dim=-1)
 
 
-def gaussian_blur(values: Tensor, sigma: float | Tensor) -> Tensor:
-    """A real map (y, x) convolved with a Gaussian of `sigma` samples, the edge continued outwards.
+def knot_interval(values: Tensor, intervals: int) -> tuple[Tensor, Tensor]:
+    """Where values in 0…1 lie between the equidistant knots 0, 1/intervals, …, 1; values outside are clamped.
 
-    By its Fourier transform exp(−2π²σ²f²), so that it depends smoothly on σ² down to zero, where it changes nothing.
+    Returns the index of the knot below (int64) and the fraction of the interval above it, in 0…1, each of the shape of
+    `values`: a table t is linearly interpolated by t[index]·(1 − fraction) + t[index + 1]·fraction.
+    """
+    position = (values * intervals).clamp(0, intervals)
+    below = position.floor().clamp_max(intervals - 1)
+    return below.long(), position - below
+
+
+def gaussian_blur(values: Tensor, sigma: float | Tensor) -> Tensor:
+    """A real map (y, x) convolved with a Gaussian of standard deviation `sigma` samples.
+
+    Multiplies the spectrum by exp(−2π²σ²f²), so that the result depends smoothly on σ² down to zero, where the map is
+    unchanged up to rounding. A tensor `sigma` may require gradients.
     """
     rows, columns = values.shape
     margin = math.ceil(4 * float(torch.as_tensor(sigma).detach())) + 2
@@ -36,28 +49,33 @@ def gaussian_blur(values: Tensor, sigma: float | Tensor) -> Tensor:
     fy = torch.fft.fftfreq(padded[0], dtype=values.dtype, device=values.device)
     fx = torch.fft.rfftfreq(padded[1], dtype=values.dtype, device=values.device)
     gain_y, gain_x = (torch.exp(-2 * (math.pi * sigma) ** 2 * f.square()) for f in (fy, fx))
-    smooth = torch.fft.irfft2(spectrum * (gain_y[:, None] * gain_x[None, :]), s=padded)
-    return smooth[margin : margin + rows, margin : margin + columns]
+    blurred = torch.fft.irfft2(spectrum * (gain_y[:, None] * gain_x[None, :]), s=padded)
+    return blurred[margin : margin + rows, margin : margin + columns]
 
 
-def affine_warp(values: Tensor, source: Affine, mode: str = "bilinear", shape: tuple[int, int] | None = None) -> Tensor:
-    """A map (y, x), real or complex, whose entry at r from the centre is that of `values` at the affine map's source.
+def affine_warp(
+    values: Tensor, source: AffineRows, mode: str = "bilinear", shape: tuple[int, int] | None = None
+) -> Tensor:
+    """A map whose entry at r = (y, x) is that of `values` at the affine image of r.
 
-    source: rows (y, x, 1) that take r = (y, x) to the place, in samples from the centre, where `values` is read;
-    linear between samples (or "bicubic"), which for small shifts is the mean over a sample of squares that moved.
+    values: (y, x) real or complex.
+    source: rows that take (y, x, 1), in samples from the centre of the result, to the position in `values`, in samples
+    from its centre.
+    mode: "bilinear" or "bicubic". For shifts below a sample, "bilinear" is the mean over a sample of shifted squares.
+    shape: (rows, columns) of the result, that of `values` when None.
     """
     rows, columns = shape or values.shape
     real = values.real.dtype
     y = centred_indices(rows, real, values.device)[:, None]
     x = centred_indices(columns, real, values.device)[None, :]
-    at_y, at_x = (a * y + b * x + c for a, b, c in source)
-    return interpolate_at(values, at_y, at_x, mode)
+    position_y, position_x = (a * y + b * x + c for a, b, c in source)
+    return interpolate_at(values, position_y, position_x, mode)
 
 
-def interpolate_at(values: Tensor, at_y: Tensor, at_x: Tensor, mode: str = "bilinear") -> Tensor:
-    """A map (y, x), real or complex, read at places (rows, columns) that count in samples from its centre."""
+def interpolate_at(values: Tensor, position_y: Tensor, position_x: Tensor, mode: str = "bilinear") -> Tensor:
+    """A map (y, x), real or complex, at positions (rows, columns) that count in samples from its centre."""
     parts = torch.view_as_real(values).movedim(-1, 0) if values.is_complex() else values[None]
     scale_y, scale_x = (2.0 / n for n in values.shape)
-    places = torch.stack([at_x * scale_x, at_y * scale_y], dim=-1)[None]
-    read = grid_sample(parts[None].contiguous(), places, mode=mode, padding_mode="border", align_corners=False)[0]
+    normalised = torch.stack([position_x * scale_x, position_y * scale_y], dim=-1)[None]
+    read = grid_sample(parts[None].contiguous(), normalised, mode=mode, padding_mode="border", align_corners=False)[0]
     return torch.view_as_complex(read.movedim(0, -1).contiguous()) if values.is_complex() else read[0]

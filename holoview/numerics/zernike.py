@@ -1,14 +1,24 @@
-"""Zernike polynomials in Noll's order (J. Opt. Soc. Am. 66, 207 (1976)), with unit r.m.s. over the unit disc."""
+"""Zernike polynomials in the order and normalisation of Noll, J. Opt. Soc. Am. 66, 207 (1976).
+
+Each polynomial has an r.m.s. of 1 over the unit disc, so that a coefficient in metres is an r.m.s. optical path.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import torch
 
 
 def zernike(noll: int, radius: torch.Tensor, angle: torch.Tensor) -> torch.Tensor:
-    """Zernike polynomial Z_j (Noll index ≥ 1) with unit r.m.s. over the unit disc; zero outside it."""
+    """The polynomial Z_j of Noll index j ≥ 1.
+
+    radius: distance from the centre in units of the disc's radius; any shape.
+    angle: azimuth in radians, of the same shape.
+
+    Returns a tensor of that shape, zero where radius > 1.
+    """
     n, m = noll_to_nm(noll)
     radial = torch.zeros_like(radius)
     for k in range((n - abs(m)) // 2 + 1):
@@ -24,8 +34,16 @@ def zernike(noll: int, radius: torch.Tensor, angle: torch.Tensor) -> torch.Tenso
     return torch.where(radius <= 1, term, torch.zeros_like(term))
 
 
+def zernike_sum(terms: Iterable[tuple[int, float]], radius: torch.Tensor, angle: torch.Tensor) -> torch.Tensor:
+    """Σ_j c_j·Z_j of pairs (Noll index j, coefficient c_j), in the unit of the coefficients; zero where radius > 1."""
+    total = torch.zeros_like(radius)
+    for noll, coefficient in terms:
+        total = total + coefficient * zernike(noll, radius, angle)
+    return total
+
+
 def noll_to_nm(noll: int) -> tuple[int, int]:
-    """Radial order n and azimuthal order m of Noll's index: m > 0 is a cosine, m < 0 a sine."""
+    """The radial order n and the azimuthal order m of a Noll index ≥ 1: m > 0 is a cosine, m < 0 a sine."""
     n = 0
     while (n + 1) * (n + 2) // 2 < noll:
         n += 1

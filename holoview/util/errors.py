@@ -1,7 +1,7 @@
-"""The one exception for a user's mistake, and how it reads.
+"""The exception for a user's mistake, and suggestions of similar words for its message.
 
-Every message answers four questions in one line: where it is, what was found, what was expected, what to do.
-The command line prints it and exits with code 2; Python callers catch `UserError`.
+Every message answers four questions in one line: where the mistake is, what was found there, what was expected, and
+what to do about it. The command line prints the message and exits with code 2; Python code catches `UserError`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,23 @@ from typing import Any
 
 
 class UserError(ValueError):
-    """A mistake in the input that the user can mend: a file, a key, a value, a missing device."""
+    """A mistake that the user can correct: a wrong file, key or value, or a device that is missing.
+
+    where: the file, key or argument, "" when there is none to name.
+    found: what is wrong there.
+    expected: what would be right.
+    remedy: what to do about it.
+
+    The message joins them: "where: found; expected …; remedy". All four are attributes of the exception, which is a
+    ValueError and can be pickled.
+
+    >>> import holoview as hv
+    >>> try:
+    ...     hv.load("holochrome-8").with_(gap="2 kg")
+    ... except hv.UserError as error:
+    ...     print(error.where, "|", error.found)
+    gap | "2 kg" has the unit "kg"
+    """
 
     def __init__(self, where: str, found: str, *, expected: str = "", remedy: str = "") -> None:
         self.where, self.found, self.expected, self.remedy = where, found, expected, remedy
@@ -25,16 +41,16 @@ class UserError(ValueError):
         super().__init__("; ".join(parts))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """How it passes from one process to another."""
+        """Pickling, so that the exception can be passed between processes."""
         return partial(UserError, expected=self.expected, remedy=self.remedy), (self.where, self.found)
 
     def inside(self, outer: str) -> UserError:
-        """The same mistake, located from further out: "gap" inside "bench.toml: " is "bench.toml: gap"."""
+        """The same mistake with a prefix to its place: "gap" inside "bench.toml: " becomes "bench.toml: gap"."""
         return UserError(outer + self.where, self.found, expected=self.expected, remedy=self.remedy)
 
 
 def suggest_matches(word: str, known: Iterable[str]) -> str:
-    """A remedy that names the known words nearest to `word`, or all of them when none is near."""
+    """A remedy for an unknown word: "did you mean …?" with up to three similar words, else the list of all words."""
     options = sorted(known)
     near = get_close_matches(word, options, n=3, cutoff=0.5)
     return f"did you mean {' or '.join(near)}?" if near else f"known: {', '.join(options)}"

@@ -1,4 +1,4 @@
-"""Where product files live, and how results are written: beside first, then renamed, so none is half there."""
+"""Folders of the files that holoview ships (shaders, presets, assets), and atomic writing of result files."""
 
 from __future__ import annotations
 
@@ -14,18 +14,20 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def data_dir(kind: str) -> Path:
-    """The folder of `shaders`, `presets` or `assets`: inside the installed package, or at the root of a checkout."""
+    """The folder named "shaders", "presets" or "assets": in the installed package, or at the root of a checkout."""
     installed = _PACKAGE / "data" / kind
     return installed if installed.is_dir() else _PACKAGE.parent / kind
 
 
 @contextmanager
 def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary path beside `path`, renamed onto it when the block ends well and removed when it doesn't.
+    """Context manager that yields a temporary file in the folder of `path` and renames it to `path` at the end.
 
-    The temporary keeps the suffix, so that writers which choose a format by it work unchanged.
+    A reader therefore sees the old file or the whole new one. If the block raises, the temporary file is removed and
+    `path` stays unchanged. The temporary file has the suffix of `path`, by which some libraries choose the format.
 
-    Raises UserError when the folder is missing or can't be written to, or when the write itself fails.
+    Raises UserError when `path` is a folder, when its folder is missing or can't be written to, and when the write
+    fails.
     """
     target = Path(path)
     if target.is_dir():
@@ -51,10 +53,13 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def fsync(path: Path) -> None:
-    """Waits until a file, or the names in a folder, would survive a loss of power; where the platform can't, no."""
+    """Flushes a file's content, or a folder's entries, to the storage device; does nothing where that isn't supported.
+
+    Folders can't be opened on Windows, and some network file systems have no fsync.
+    """
     try:
         handle = os.open(path, os.O_RDONLY)
-    except OSError:  # folders of Windows
+    except OSError:  # folders on Windows
         return
     try:
         os.fsync(handle)

@@ -1,4 +1,8 @@
-"""Our safetensors files: named tensors, and texts that say which format they are. Nothing is ever unpickled."""
+"""Safetensors files with a declared format: named tensors and text metadata, checked when a file is read.
+
+Safetensors (https://github.com/huggingface/safetensors) holds plain numbers and text, so that reading a file from an
+unknown source runs no code, as unpickling would.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +23,13 @@ from holoview.util.files import atomic_write
 
 @dataclass(frozen=True)
 class TensorFormat:
-    """A kind of file: its name and version, what people call it, and the tensors and texts that it must hold."""
+    """A file format.
+
+    name, version: stored in the metadata as "format" and "version", and compared when a file is read.
+    what: the kind of file in words, for error messages.
+    tensors: names of the tensors that the file holds.
+    metadata_keys: further metadata that the file must hold.
+    """
 
     name: str
     version: str
@@ -30,15 +40,16 @@ class TensorFormat:
     def write(
         self, path: str | os.PathLike[str], tensors: Mapping[str, NDArray[Any]], texts: Mapping[str, str]
     ) -> None:
-        """Writes the file, whole or not at all."""
+        """Writes the tensors of this format and the metadata `texts` atomically. Raises UserError when it fails."""
         contiguous = {name: np.ascontiguousarray(tensors[name]) for name in self.tensors}
         with atomic_write(path) as temporary:
             save_file(contiguous, temporary, metadata={"format": self.name, "version": self.version, **texts})
 
     def read(self, path: str | os.PathLike[str]) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
-        """Tensors and texts. Raises UserError when the file is missing, damaged, of another format, or lacks something.
+        """Reads a file: {name: array} and the metadata. The header is checked before any tensor is read.
 
-        The header is checked before any tensor is read.
+        Raises UserError when the file is missing or damaged, has another format or version, or lacks a tensor or a
+        metadata key.
         """
         if not Path(path).is_file():
             raise UserError(str(path), "no such file", expected=self.what)
@@ -65,7 +76,7 @@ class TensorFormat:
 
 
 def format_of(path: str | os.PathLike[str]) -> str:
-    """The format that one of our files says it has, or "" for any other file; only the header is read."""
+    """The name of the format that a file's metadata declares, "" for any other file. Only the header is read."""
     try:
         with safe_open(path, framework="numpy") as file:
             return str((file.metadata() or {}).get("format", ""))

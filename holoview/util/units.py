@@ -1,6 +1,7 @@
-"""People's units at the edges: text such as "8 um" or "550 nm" to SI and back, without losing a digit.
+"""Text with a unit, such as "8 um" or "5 mrad", to an SI number and back without losing a digit.
 
-Numbers are moved by powers of ten in decimal, so that "460 nm" → 4.6e-07 → "460 nm" is exact.
+Scaling by powers of ten is done in decimal arithmetic, so that "460 nm" → 4.6e-07 → "460 nm" is exact, which a
+multiplication of binary floating-point numbers wouldn't be.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ _TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\s\d.+-
 
 
 def parse(value: str | float, where: str, quantity: Quantity = "length") -> float:
-    """SI value of people's text such as "8 um"; a plain number is SI already.
+    """The SI value (m or rad) of a text such as "8 um"; a number is taken as an SI value.
 
-    Raises UserError that names `where` when the text isn't a number with a known unit of this quantity.
+    Raises UserError, with the place `where`, when the text isn't a number with a known unit of this quantity.
     """
     a = "an angle" if quantity == "angle" else "a length"
     if isinstance(value, bool) or not isinstance(value, str | int | float | np.integer | np.floating):
@@ -49,17 +50,21 @@ def parse(value: str | float, where: str, quantity: Quantity = "length") -> floa
 
 
 def format_exact(value: float, unit: str) -> str:
-    """`value` (SI) in people's `unit`, e.g. text(4.6e-07, "nm") = "460 nm"; parse() gives exactly `value` back."""
-    exponent = next(table[unit] for table in _EXPONENT.values() if unit in table)
-    return f"{_plain(Decimal(repr(float(value))).scaleb(-exponent))} {unit}"
+    """An SI value in `unit` with all its digits, e.g. 4.6e-07 in "nm" is "460 nm": `parse` returns exactly `value`."""
+    return f"{_plain(Decimal(repr(float(value))).scaleb(-_exponent(unit)))} {unit}"
 
 
 def format_rounded(value: float, unit: str, digits: int = 4) -> str:
-    """`value` (SI) in people's `unit`, rounded for reading."""
-    exponent = next(table[unit] for table in _EXPONENT.values() if unit in table)
-    return f"{value * 10.0**-exponent:.{digits}g} {unit}"
+    """An SI value in `unit`, rounded to `digits` significant digits."""
+    return f"{value * 10.0 ** -_exponent(unit):.{digits}g} {unit}"
+
+
+def _exponent(unit: str) -> int:
+    """The power of ten of a unit."""
+    return next(table[unit] for table in _EXPONENT.values() if unit in table)
 
 
 def _plain(number: Decimal) -> str:
+    """Without an exponent for ordinary sizes."""
     normal = number.normalize()
     return f"{normal:f}" if -7 < normal.adjusted() < 12 else str(normal)

@@ -1,4 +1,4 @@
-"""Local fits reach analytic minima, stay inside their bounds, and measure how sharp a minimum is."""
+"""Local fits reach analytic minima and those of scipy, stay inside their bounds, and measure how sharp a minimum is."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from holoview.numerics.least_squares import (
     ResidualVector,
     SearchDomain,
     Vector,
-    golden_section,
     jacobian,
     levenberg_marquardt,
+    minimise_along_axis,
     profile_half_width,
 )
 
@@ -70,14 +70,34 @@ def test_slopes_are_taken_away_from_a_bound() -> None:
     assert slopes == pytest.approx(np.array([[3.0]]))
 
 
-def test_a_jump_is_found_without_slopes() -> None:
-    """|x − 0.3| in steps of 1/16: flat between, so no slope points anywhere. 14 evaluations narrow 2 to 2·0.618¹¹."""
+def test_a_minimum_is_found_along_an_axis_where_residuals_jump() -> None:
+    """|x − 0.3| in steps of 1/16: constant between, so derivatives vanish. 14 evaluations narrow 2 to 2·0.618¹¹."""
 
     def function(x: Vector) -> ResidualVector:
         return np.array([np.floor(abs(x[0] - 0.3) * 16) / 16], np.float32)
 
-    found = golden_section(function, np.zeros(1), _bounds(1), 0, 1.0)
+    found = minimise_along_axis(function, np.zeros(1), _bounds(1), 0, 1.0)
     assert abs(found.x[0] - 0.3) < 1 / 16 + 2 * 0.618**11
+
+
+@pytest.mark.parametrize("evaluations", [4, 10, 14])
+def test_minimisation_along_an_axis_keeps_its_budget_its_bounds_and_the_other_parameters(evaluations: int) -> None:
+    points: list[Vector] = []
+
+    def function(x: Vector) -> ResidualVector:
+        points.append(x)
+        return np.array([np.sqrt(abs(x[1] - 0.7))], np.float32)
+
+    bounds = SearchDomain(np.full(2, -0.4), np.full(2, 0.4), np.full(2, 1e-3))
+    found = minimise_along_axis(function, np.array([0.1, 0.0]), bounds, 1, 1.0, evaluations=evaluations)
+    assert len(points) == found.evaluations <= evaluations
+    assert all(x[0] == 0.1 and -0.4 <= x[1] <= 0.4 for x in points)
+    assert found.cost == pytest.approx(min(abs(x[1] - 0.7) for x in points), rel=1e-6)
+
+
+def test_a_start_that_nothing_near_improves_is_the_minimum_along_its_axis() -> None:
+    found = minimise_along_axis(lambda x: x.astype(np.float32), np.zeros(1), _bounds(1), 0, 1.0)
+    assert found.x[0] == 0.0 and found.cost == 0.0
 
 
 @pytest.mark.parametrize("rise", [1.0, 25.0])
