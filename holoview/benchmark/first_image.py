@@ -21,12 +21,12 @@ from holoview.gpu.device import open_device
 with ThreadPoolExecutor(1) as aside:
     device = aside.submit(open_device, sys.argv[1] or None)
     system = preset.loads(sys.stdin.read())
-    from holoview.engine.incremental import FrameSession
+    from holoview.engine.incremental import IncrementalRenderer
     from holoview.view import random_drive
     drive = random_drive(system)
-session = FrameSession(system, drive, device.result())
-session.update()
-session.srgb8()
+renderer = IncrementalRenderer(system, drive, device.result())
+renderer.update()
+renderer.srgb8()
 """
 
 

@@ -1,23 +1,25 @@
-"""WebGPU plumbing: everything that speaks to a graphics adapter, and nothing that knows optics.
+"""WebGPU utilities: devices, shaders and FFTs. Nothing in this package knows optics.
 
-adapter.py       which adapters there are, which one is best, and whether its limits are enough
-device.py        an open device: checked allocation, upload and download, cached pipelines
-recorder.py      passes recorded into one submission
-timer.py         time that passes take on the device
-lines.py         transforms along one axis between functions of the caller
-lines_workgroup.py WGSL of such a transform in workgroup memory
-lines_subgroup.py WGSL of such a transform in the registers of a subgroup
-shader.py        linking WGSL files, and errors that name file and line
-layout.py        one definition for a struct in WGSL and its bytes on the host
-fft.py           complex 2-D FFTs in a buffer
-fft_radices.py   radices of a length, and the order they leave a spectrum in
-fft_codegen.py   WGSL of one FFT pass
-fft_butterfly.py WGSL of a small DFT in registers
-tune.py          which strategy of a transform is the fastest here, found out in the background
-tune_store.py    remembering it
-tune_process.py  the helper process that finds out, from outside
-tune_worker.py   and from inside
-warm.py          shaders compiled ahead
+adapter             finds and ranks the machine's graphics adapters, and checks their limits
+device              an open device: checked allocation, upload and download, compiled pipelines
+recorder            records dispatches, copies and clears, and submits them at once or in slices
+timer               measures the device's time of compute passes by timestamp queries
+shader              links WGSL files by #include and maps compiler errors back to file and line
+wgsl_struct         declaration, byte layout and packing of a WGSL struct from one definition
+rounding            integer division that rounds up
+line_fft            FFTs along one axis, with caller-defined WGSL for load, store and what is in between
+line_fft_workgroup  WGSL of such an FFT in workgroup memory
+line_fft_subgroup   WGSL of such an FFT in registers, with subgroup shuffles
+fft                 complex 2-D FFTs, in place in a buffer
+fft_radices         factorises a length and tells the resulting order of frequencies
+fft_codegen         WGSL of one pass of an FFT
+fft_butterfly       WGSL of a small DFT in registers
+precompile          compiles shaders ahead of their first use
+tune                finds the fastest FFT strategy in the background
+tune_store          caches measured times in a JSON file
+tune_process        starts and reads the helper process that measures
+tune_worker         the helper process itself
 
-Only this package imports wgpu. Importing it needs no driver: adapters are first looked for in `open_device`.
+Besides the viewer's window, only this package imports wgpu. Importing it needs no graphics driver: adapters are first
+enumerated by `open_device`.
 """

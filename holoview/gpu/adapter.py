@@ -1,4 +1,4 @@
-"""Graphics adapters: which there are, which one to take, and whether its limits are enough."""
+"""Finds and ranks the machine's graphics adapters, and checks their limits against what the shaders need."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ REQUIRED_LIMITS: Mapping[str, int] = {
     "max-storage-buffer-binding-size": 64 * MIB,
     "max-buffer-size": 64 * MIB,
 }
-"""The least that the shaders can work with: WebGPU's own defaults, with half of its default binding size."""
+"""Minimum limits of an adapter: the defaults of WebGPU, with half of its default binding size."""
 
 _KIND_RANK = {"DiscreteGPU": 0, "IntegratedGPU": 1, "CPU": 3}
 _OTHER_RANK = 2
@@ -32,7 +32,11 @@ _OTHER_RANK = 2
 
 @dataclass(frozen=True)
 class AdapterInfo:
-    """What an adapter says about itself: `kind` as 'DiscreteGPU' or 'CPU', `backend` as 'Vulkan' or 'OpenGL'."""
+    """Identity of an adapter as its driver reports it.
+
+    kind: 'DiscreteGPU', 'IntegratedGPU', 'CPU', … backend: 'Vulkan', 'Metal', 'D3D12' or 'OpenGL'.
+    driver: name and version of the driver.
+    """
 
     name: str
     kind: str
@@ -41,23 +45,23 @@ class AdapterInfo:
 
     @classmethod
     def of(cls, native: Any) -> AdapterInfo:
-        """Read a wgpu adapter."""
+        """Information about a wgpu adapter."""
         info = native.info
         return cls(info["device"], info["adapter_type"], info["backend_type"], info["description"])
 
     @property
     def is_opengl(self) -> bool:
-        """Whether the adapter is reached through OpenGL, which lacks features and is slower than the native API."""
+        """Whether the backend is OpenGL, which lacks features and is slower than the native API."""
         return self.backend.startswith("OpenGL")
 
     @property
     def is_cpu(self) -> bool:
-        """Whether shaders run on the processor."""
+        """Whether the adapter executes shaders on the CPU."""
         return self.kind == "CPU"
 
     @property
     def label(self) -> str:
-        """All of it in one line, with a warning when it is OpenGL or a CPU adapter."""
+        """Name, backend and driver in one line, with a remark when it is OpenGL or a CPU adapter."""
         driver = re.sub(r"\s*\([^()]*\)$", "", self.driver)
         parts = [self.name, self.backend, driver]
         parts += ["through OpenGL only"] * self.is_opengl + ["a CPU adapter"] * self.is_cpu
@@ -65,23 +69,23 @@ class AdapterInfo:
 
     @property
     def rank(self) -> tuple[int, bool]:
-        """Sorts adapters best first: discrete, integrated, other, CPU; then the native API before OpenGL."""
+        """Sort key, best first: discrete, integrated, other, CPU; then the native API before OpenGL."""
         return _KIND_RANK.get(self.kind, _OTHER_RANK), self.is_opengl
 
 
 def native_adapters() -> list[Any]:
-    """The wgpu adapters of this machine, best first; an empty list where no driver is installed."""
+    """The wgpu adapters of this machine, best first; an empty list if no driver is installed."""
     try:
         with _runtime_folder():
-            found = wgpu.gpu.enumerate_adapters_sync()
+            adapters = wgpu.gpu.enumerate_adapters_sync()
     except RuntimeError:
         return []
-    return sorted(found, key=lambda native: AdapterInfo.of(native).rank)
+    return sorted(adapters, key=lambda native: AdapterInfo.of(native).rank)
 
 
 @contextmanager
 def _runtime_folder() -> Iterator[None]:
-    """XDG_RUNTIME_DIR set while drivers are asked: without it, as in CI, they print an error that concerns nobody."""
+    """Sets XDG_RUNTIME_DIR while adapters are enumerated; drivers print an irrelevant error where it is unset (CI)."""
     if "XDG_RUNTIME_DIR" in os.environ or sys.platform != "linux":
         yield
         return
@@ -93,18 +97,13 @@ def _runtime_folder() -> Iterator[None]:
             del os.environ["XDG_RUNTIME_DIR"]
 
 
-def list_adapters() -> list[AdapterInfo]:
-    """The adapters of this machine, best first."""
-    return [AdapterInfo.of(native) for native in native_adapters()]
+def choose_adapter(adapters: Sequence[Any], name: str | None = None) -> Any:
+    """The best of some wgpu adapters, or the best one whose name contains `name` (case-insensitive).
 
-
-def choose_adapter(found: Sequence[Any], name: str | None = None) -> Any:
-    """The best of the wgpu adapters `found`, or the best one whose name contains `name` (case doesn't matter).
-
-    Without a name, an adapter with too small limits is only taken when there is no other.
-    Raises UserError when there is none, or none of that name.
+    Without a name, an adapter with insufficient limits is chosen only if all are insufficient.
+    Raises UserError if there is no adapter, or none of that name.
     """
-    if not found:
+    if not adapters:
         raise UserError(
             "graphics adapter",
             "none was found",
@@ -113,21 +112,21 @@ def choose_adapter(found: Sequence[Any], name: str | None = None) -> Any:
             "mesa-vulkan-drivers), or use --backend torch",
         )
     if name is None:
-        return min(found, key=lambda native: (bool(missing_limits(native.limits)), AdapterInfo.of(native).rank))
-    fitting = [native for native in found if name.lower() in native.info["device"].lower()]
-    if not fitting:
-        names = {native.info["device"] for native in found}
+        return min(adapters, key=lambda native: (bool(missing_limits(native.limits)), AdapterInfo.of(native).rank))
+    matching = [native for native in adapters if name.lower() in native.info["device"].lower()]
+    if not matching:
+        names = {native.info["device"] for native in adapters}
         raise UserError("adapter", f"no adapter is called '{name}'", remedy=suggest_matches(name, names))
-    return min(fitting, key=lambda native: AdapterInfo.of(native).rank)
+    return min(matching, key=lambda native: AdapterInfo.of(native).rank)
 
 
 def missing_limits(limits: Mapping[str, int]) -> list[str]:
-    """The names of the needed limits that `limits` falls short of."""
+    """Names of the required limits that `limits` doesn't reach."""
     return [name for name, needed in REQUIRED_LIMITS.items() if limits.get(name, 0) < needed]
 
 
 def check_limits(info: AdapterInfo, limits: Mapping[str, int]) -> None:
-    """Raise UserError naming limit, needed and found when the adapter can't run the shaders."""
+    """Raise UserError, which names each insufficient limit, if the adapter can't run the shaders."""
     short = missing_limits(limits)
     if short:
         raise UserError(

@@ -1,7 +1,7 @@
-"""An open graphics device: allocation checked before it happens, transfers, and cached pipelines.
+"""An open graphics device: checked allocation, upload and download, and cached pipelines.
 
-A native call on a lost device or a destroyed buffer aborts the process instead of raising. Buffers are therefore never
-destroyed, only dropped, and every submission is preceded by a question whether the device still lives.
+A native call of wgpu on a lost device or a destroyed buffer aborts the process instead of raising an exception.
+Therefore buffers are never destroyed explicitly, only released, and `check_alive` precedes every submission.
 """
 
 from __future__ import annotations
@@ -14,15 +14,13 @@ import numpy as np
 import wgpu
 from numpy.typing import DTypeLike, NDArray
 
-from holoview.gpu.adapter import MIB, AdapterInfo, check_limits, choose_adapter, list_adapters, native_adapters
+from holoview.gpu.adapter import MIB, AdapterInfo, check_limits, choose_adapter, native_adapters
 from holoview.gpu.shader import ShaderSource, compile_error
 from holoview.util.errors import UserError
 
-__all__ = ["AdapterInfo", "Buffer", "Device", "DeviceLost", "Pipeline", "list_adapters", "open_device"]
-
 Constants = Mapping[str, int | float | bool]
 SUBGROUP, TIMESTAMPS, INT64 = "subgroup", "timestamp-query", "shader-int64"
-"""Features that are worth having: lanes that exchange values, the device's own clock, and 64 bits in one access."""
+"""Optional features: subgroup operations (shuffles), timestamp queries, and 64-bit integers."""
 _UNIFORM_ALIGNMENT = 16
 _COPY_ALIGNMENT = 4
 _REQUESTED_LIMITS = (
@@ -40,7 +38,7 @@ _REQUESTED_LIMITS = (
 
 
 class DeviceLost(UserError):
-    """The device was lost: its driver was reset or updated, or the adapter was removed."""
+    """The device was lost because its driver was reset or updated, or the adapter was removed."""
 
     def __init__(self, info: AdapterInfo) -> None:
         super().__init__(f"adapter {info.label}", "the device was lost", remedy="reopen the device or restart")
@@ -48,7 +46,10 @@ class DeviceLost(UserError):
 
 @dataclass(frozen=True, eq=False)
 class Buffer:
-    """Memory on a device: `raw` is the wgpu buffer, `nbytes` the size asked for. Drop it to free it."""
+    """Memory on a device. `raw` is the wgpu buffer; `nbytes` is the requested size, which padding may exceed.
+
+    The memory is freed when the last reference is gone.
+    """
 
     raw: Any
     nbytes: int
@@ -64,7 +65,11 @@ class Pipeline:
 
 
 class Device:
-    """A wgpu device with checks. `raw` is the wgpu device, for what this class doesn't wrap (drawing)."""
+    """A wgpu device with checks before each native call that could abort the process.
+
+    `raw` is the wgpu device, for what this class doesn't wrap (textures, drawing). `limits` are the limits that all
+    sizes are checked against.
+    """
 
     def __init__(self, raw: Any, info: AdapterInfo, limits: Mapping[str, int]) -> None:
         self.raw = raw
@@ -75,28 +80,28 @@ class Device:
 
     @property
     def features(self) -> frozenset[str]:
-        """Names of the features that the device was opened with."""
+        """Names of the optional features that the device was opened with."""
         return frozenset(self.raw.features)
 
     def buffer(self, nbytes: int, label: str) -> Buffer:
-        """A storage buffer of `nbytes`, filled with zeros. Raises UserError when the device can't hold it."""
+        """A storage buffer of `nbytes` zeros. Raises UserError if it exceeds a limit or the free memory."""
         return self._allocate(nbytes, label, "storage")
 
     def upload(self, array: NDArray[Any], label: str) -> Buffer:
-        """A storage buffer that holds `array` in C order. Raises UserError as `buffer` does."""
+        """A storage buffer with the contents of `array` in C order. Raises UserError as `buffer` does."""
         buffer = self.buffer(array.nbytes, label)
         self.write(buffer, array)
         return buffer
 
     def uniform(self, data: bytes | NDArray[Any], label: str) -> Buffer:
-        """A uniform buffer that holds `data`, as a layout's `pack` makes it. Raises UserError as `buffer` does."""
+        """A uniform buffer with `data`, such as the bytes from `WgslStruct.pack`. Raises UserError as `buffer` does."""
         array = _as_bytes(data)
         buffer = self._allocate(array.nbytes, label, "uniform")
         self.write(buffer, array)
         return buffer
 
     def write(self, buffer: Buffer, data: bytes | NDArray[Any]) -> None:
-        """Overwrite the start of `buffer`. Raises ValueError when the data is longer than it."""
+        """Overwrite the start of `buffer`, after all submitted work. Raises ValueError if the data is longer."""
         array = _as_bytes(data)
         if array.nbytes > buffer.nbytes:
             raise ValueError(f"{buffer.label}: {array.nbytes} bytes of data for a buffer of {buffer.nbytes}")
@@ -105,7 +110,7 @@ class Device:
         self.raw.queue.write_buffer(buffer.raw, 0, np.pad(array, (0, padding)) if padding else array)
 
     def download(self, buffer: Buffer, dtype: DTypeLike, shape: tuple[int, ...]) -> NDArray[Any]:
-        """The start of `buffer` as an array, once all that was submitted has run."""
+        """The start of `buffer` as an array of `shape`; waits for all submitted work."""
         count = int(np.prod(shape))
         nbytes = count * np.dtype(dtype).itemsize
         if not 0 < nbytes <= buffer.nbytes:
@@ -115,31 +120,30 @@ class Device:
         return np.frombuffer(data, dtype=dtype, count=count).reshape(shape)
 
     def wait(self) -> None:
-        """Return when all that was submitted has run."""
-        # wgpu 0.32's own wait raises TypeError; a few bytes read back come after all that was submitted before
+        """Wait for all submitted work."""
+        # The wait function of wgpu 0.32 raises TypeError. Reading a few bytes back waits for all earlier submissions.
         self.check_alive()
         if self._fence is None:
             self._fence = self.buffer(_COPY_ALIGNMENT, "fence")
         self.raw.queue.read_buffer(self._fence.raw)
 
     def check_alive(self) -> None:
-        """Raise DeviceLost when the device was lost (a tiny allocation tells, in about 25 µs)."""
+        """Raise DeviceLost if the device was lost. Tests it by a tiny allocation, in about 25 µs."""
         try:
             self.raw.create_buffer(size=_COPY_ALIGNMENT, usage=wgpu.BufferUsage.COPY_DST)
         except wgpu.GPUError as error:
-            if "lost" in str(error).lower():
-                raise DeviceLost(self.info) from error
+            self._raise_if_lost(error)
             raise _out_of_memory("device", _COPY_ALIGNMENT) from error
 
     def pipeline(self, source: ShaderSource, constants: Constants | None = None, entry: str = "main") -> Pipeline:
-        """The compute pipeline of `source` with its override `constants`, compiled at the first call only.
+        """The compute pipeline of `source` with values for its override constants, compiled at the first call only.
 
-        Raises ShaderError where the shader is wrong, DeviceLost when there is nothing to compile for.
+        Raises ShaderError if the shader doesn't compile, and DeviceLost.
         """
-        chosen = dict(constants or {})
-        key = (source, entry, tuple(sorted(chosen.items())))
+        values = dict(constants or {})
+        key = (source, entry, tuple(sorted(values.items())))
         if key not in self._pipelines:
-            self._pipelines[key] = self._compile(source, chosen, entry)
+            self._pipelines[key] = self._compile(source, values, entry)
         return self._pipelines[key]
 
     def _compile(self, source: ShaderSource, constants: dict[str, int | float | bool], entry: str) -> Pipeline:
@@ -155,7 +159,7 @@ class Device:
             raise compile_error(source, str(error)) from error
 
     def _layout(self, source: ShaderSource) -> Any:
-        """All buffers that the shader declares, so that one declaration serves entry points that don't use them all."""
+        """A pipeline layout with all declared buffers, even those that the entry point doesn't use."""
         declared = source.buffer_bindings()
         if declared is None:
             return "auto"
@@ -177,11 +181,14 @@ class Device:
         try:
             return Buffer(self.raw.create_buffer(label=label, size=size, usage=usage), nbytes, label)
         except wgpu.GPUError as error:
-            if "lost" in str(error).lower():
-                raise DeviceLost(self.info) from error
+            self._raise_if_lost(error)
             if isinstance(error, MemoryError) or "memory" in str(error).lower():
                 raise _out_of_memory(label, size) from error
             raise
+
+    def _raise_if_lost(self, error: wgpu.GPUError) -> None:
+        if "lost" in str(error).lower():
+            raise DeviceLost(self.info) from error
 
     def _check_size(self, size: int, label: str, kind: Literal["storage", "uniform"]) -> None:
         if size < 1:
@@ -197,10 +204,10 @@ class Device:
 
 
 def open_device(adapter: str | None = None, features: Iterable[str] = (SUBGROUP, TIMESTAMPS, INT64)) -> Device:
-    """Open the best adapter, or the best one whose name contains `adapter`, with its own maximum limits.
+    """Open the best adapter, or the best one whose name contains `adapter`, with the highest limits that it supports.
 
-    `features` are opened where the adapter has them and skipped where it hasn't: see `Device.features`.
-    Raises UserError when there is no adapter, none of that name, or when its limits are too small.
+    features: requested if the adapter has them and omitted otherwise; `Device.features` holds the result.
+    Raises UserError if there is no adapter, none of that name, if its limits are too small, or if it can't be opened.
     """
     native = choose_adapter(native_adapters(), adapter)
     info = AdapterInfo.of(native)

@@ -1,4 +1,4 @@
-"""Passes and their recording into one submission."""
+"""Records dispatches, copies and clears into one command buffer and submits it, at once or in slices."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from holoview.gpu.device import Buffer, Device, Pipeline
+from holoview.gpu.rounding import ceil_div
 from holoview.gpu.timer import GpuTimer
 from holoview.util.errors import UserError
 
@@ -16,7 +17,10 @@ _DISPATCH_LIMIT = "max-compute-workgroups-per-dimension"
 
 @dataclass(frozen=True, eq=False)
 class Dispatch:
-    """A dispatch, bound once and recorded often: pipeline, bind groups by their number, workgroups along x, y, z."""
+    """A dispatch with its resources bound, to be recorded any number of times.
+
+    bind_groups: (number, wgpu bind group). workgroups: counts along x, y and z.
+    """
 
     pipeline: Pipeline
     bind_groups: tuple[tuple[int, Any], ...]
@@ -26,10 +30,10 @@ class Dispatch:
     def bind(
         cls, device: Device, pipeline: Pipeline, groups: Sequence[Sequence[Buffer | Any | None]], workgroups: Workgroups
     ) -> Dispatch:
-        """Bind `groups[g][b]` to `@group(g) @binding(b)`: a Buffer, or a wgpu texture view or sampler.
+        """Bind `groups[g][b]`, a Buffer or a wgpu texture view or sampler, to `@group(g) @binding(b)`.
 
-        A group that the shader doesn't have stays empty, and so does a binding whose resource is None.
-        Raises UserError when the dispatch is too large.
+        Empty groups and bindings that are None are left out. Raises UserError if a count of workgroups exceeds the
+        device's limit.
         """
         check_workgroups(device, pipeline.label, workgroups)
         bound = []
@@ -42,9 +46,9 @@ class Dispatch:
 
 
 class CommandRecorder:
-    """Collects passes, copies and clears in order, and submits them once.
+    """Records dispatches, copies and clears in order, and submits them once.
 
-    Each dispatch sees what the ones before it wrote. A timer takes the time of the dispatches on the device.
+    Each dispatch sees what earlier ones have written. A timer, if given, measures the device time of the dispatches.
     """
 
     def __init__(self, device: Device, label: str = "", timer: GpuTimer | None = None) -> None:
@@ -52,7 +56,7 @@ class CommandRecorder:
         self._encoder = device.raw.create_command_encoder(label=label)
         self._compute: Any = None
         self._submitted = False
-        self._then: list[Callable[[], None]] = []
+        self._callbacks: list[Callable[[], None]] = []
 
     def add(self, step: Dispatch) -> None:
         """Record a dispatch."""
@@ -78,16 +82,16 @@ class CommandRecorder:
         self._encoder.copy_buffer_to_buffer(source.raw, 0, target.raw, 0, source.raw.size)
 
     def on_submit(self, call: Callable[[], None]) -> None:
-        """Has a call made once all that was recorded is submitted, such as noting that results are valid."""
-        self._then.append(call)
+        """Call a function after all recorded work has been submitted, for example to mark results as valid."""
+        self._callbacks.append(call)
 
     def submit(self, wait: bool = False) -> None:
-        """Run what was recorded, once; with `wait`, return when it has run. Raises DeviceLost."""
+        """Submit the recorded work, once; with `wait`, return after it has run. Raises DeviceLost."""
         self._end_pass()
         self._device.check_alive()
         self._submitted = True
         self._device.raw.queue.submit([self._encoder.finish()])
-        for call in self._then:
+        for call in self._callbacks:
             call()
         if wait:
             self._device.wait()
@@ -104,9 +108,9 @@ class CommandRecorder:
 
 
 class SlicedRecorder(CommandRecorder):
-    """A recorder whose steps are submitted a few at a time, by `play`, so that other work comes in between.
+    """A recorder whose steps are submitted a few at a time by `submit_next`, so that other work can run in between.
 
-    Where it isn't played to its end, nothing that was to follow is called.
+    Functions given to `on_submit` are called after the last step only.
     """
 
     def __init__(self, device: Device, label: str = "", timer: GpuTimer | None = None) -> None:
@@ -116,7 +120,7 @@ class SlicedRecorder(CommandRecorder):
 
     @property
     def remaining(self) -> int:
-        """Steps that aren't submitted yet."""
+        """Number of steps that haven't been submitted yet."""
         return len(self._steps) - self._next
 
     def add(self, step: Dispatch) -> None:
@@ -132,31 +136,32 @@ class SlicedRecorder(CommandRecorder):
         self._steps.append(lambda recorder: recorder.copy(source, target))
 
     def submit_next(self, count: int, wait: bool = False) -> None:
-        """Submit the next `count` steps; with `wait`, return when they have run. Raises DeviceLost."""
+        """Submit the next `count` steps; with `wait`, return after they have run. Raises DeviceLost."""
         recorder = CommandRecorder(self._device, self._label, self._timer)
         for step in self._steps[self._next : self._next + count]:
             step(recorder)
         self._next = min(self._next + count, len(self._steps))
         if self.remaining == 0:
-            recorder._then = self._then
+            for call in self._callbacks:
+                recorder.on_submit(call)
         recorder.submit(wait)
 
     def submit(self, wait: bool = False) -> None:
-        """Submit all that is left."""
+        """Submit all remaining steps."""
         self.submit_next(self.remaining, wait)
 
 
 def workgroup_grid(workgroups: int, device: Device) -> tuple[int, int]:
-    """Counts along x and y that make at least `workgroups`, each within the device's limit.
+    """Counts along x and y whose product is at least `workgroups`, each within the device's limit.
 
-    The shader numbers them as `id.y * num_workgroups.x + id.x` and ignores those beyond the end.
+    A shader numbers its workgroup as `id.y * num_workgroups.x + id.x` and ignores numbers from `workgroups` on.
     """
-    rows = -(-workgroups // device.limits[_DISPATCH_LIMIT])
-    return -(-workgroups // rows), rows
+    rows = ceil_div(workgroups, device.limits[_DISPATCH_LIMIT])
+    return ceil_div(workgroups, rows), rows
 
 
 def check_workgroups(device: Device, label: str, workgroups: Workgroups) -> None:
-    """Raise UserError when a dispatch has more workgroups along an axis than the device allows."""
+    """Raise UserError if a dispatch has more workgroups along an axis than the device allows."""
     limit = device.limits[_DISPATCH_LIMIT]
     if max(workgroups) > limit:
         raise UserError(

@@ -1,10 +1,10 @@
-"""A small linker for WGSL: files that include one another once, generated text after them, errors with file and line.
+"""Links WGSL files and generated WGSL, and maps the line numbers of compiler errors back to these files.
 
-A WGSL file includes another with a comment of its own on a line, so that it stays valid WGSL:
+A file includes another one by a comment on a line of its own, so that it stays valid WGSL:
 
     //#include "lib/complex.wgsl"
 
-Names are relative to the folder of shaders, wherever the including file is.
+Names are relative to the folder `shaders`, not to the including file. Each file is linked once.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _GUTTER = re.compile(r"^ *(\d+)(?= │)", re.MULTILINE)
 
 
 class ShaderError(RuntimeError):
-    """A shader that doesn't link or compile: a fault of ours, not of the user. `file` and `line` say where."""
+    """A shader doesn't link or compile, which is a bug and not a user's mistake. `file` and `line` locate it."""
 
     def __init__(self, message: str, file: str, line: int) -> None:
         super().__init__(message)
@@ -35,7 +35,7 @@ class ShaderError(RuntimeError):
 
 @dataclass(frozen=True)
 class GeneratedWgsl:
-    """WGSL made by code rather than read from a file; `name` stands for the file in errors."""
+    """WGSL text that isn't read from a file; `name` takes the place of the file name in errors."""
 
     name: str
     text: str
@@ -43,7 +43,7 @@ class GeneratedWgsl:
 
 @dataclass(frozen=True)
 class ShaderSource:
-    """Linked WGSL. `origins` holds the (file, line) that each line of `text` came from."""
+    """Linked WGSL. `origins` holds the (file, line) of each line of `text`."""
 
     label: str
     text: str
@@ -54,24 +54,24 @@ class ShaderSource:
         return self.origins[min(max(line, 1), len(self.origins)) - 1]
 
     def buffer_bindings(self) -> dict[int, dict[int, str]] | None:
-        """WebGPU's buffer type of each binding of each group that is declared, used or not.
+        """WebGPU's buffer type by group and binding of all declared buffers, used or not.
 
-        None where the shader binds something else than buffers, such as a texture.
+        None if the shader binds anything but buffers, such as a texture.
         """
-        found = _BUFFER.findall(self.text)
-        if len(found) != len(_BINDING.findall(self.text)):
+        declarations = _BUFFER.findall(self.text)
+        if len(declarations) != len(_BINDING.findall(self.text)):
             return None
         groups: dict[int, dict[int, str]] = {}
-        for group, binding, kind in found:
+        for group, binding, kind in declarations:
             groups.setdefault(int(group), {})[int(binding)] = _BUFFER_TYPES[kind.replace(" ", "")]
         return groups
 
 
 def link(*parts: str | GeneratedWgsl, label: str = "", root: Path | None = None) -> ShaderSource:
-    """Join shader files (names below the shader folder, or below `root`) and generated text, in this order.
+    """Concatenate shader files (relative to `root`, by default the folder `shaders`) and generated text, in order.
 
-    A file that is named or included several times appears once, before its first use.
-    Raises ShaderError when a file is missing or lies outside the folder.
+    A file that is named or included several times appears once, before its first use. The label is the last part's
+    name unless it is given. Raises ShaderError if a file is missing or lies outside the folder.
     """
     linker = _Linker(root or data_dir("shaders"))
     for part in parts:
@@ -85,17 +85,19 @@ def link(*parts: str | GeneratedWgsl, label: str = "", root: Path | None = None)
 
 
 class _Linker:
+    """Collects lines and their origins while it follows the includes."""
+
     def __init__(self, root: Path) -> None:
         self._root = root.resolve()
-        self._seen: set[Path] = set()
+        self._linked: set[Path] = set()
         self.lines: list[str] = []
         self.origins: list[tuple[str, int]] = []
 
     def add_file(self, name: str, included_by: tuple[str, int]) -> None:
         path = (self._root / name).resolve()
-        if path in self._seen:
+        if path in self._linked:
             return
-        self._seen.add(path)
+        self._linked.add(path)
         if not path.is_relative_to(self._root) or not path.is_file():
             file, line = included_by
             raise ShaderError(f"{file}:{line}: no shader file '{name}' in {self._root}", file, line)
@@ -117,20 +119,20 @@ class _Linker:
 
 
 def compile_error(source: ShaderSource, message: str) -> ShaderError:
-    """The ShaderError for a compiler's `message` about linked text: its line numbers become file and line."""
-    place = _LOCATION.search(message)
-    if place is None:
+    """A ShaderError with a compiler's `message`, in which positions in the linked text become file and line."""
+    location = _LOCATION.search(message)
+    if location is None:
         return ShaderError(f"{source.label}: {message.strip()}", source.label, 0)
-    file, line = source.source_location(int(place[1]))
+    file, line = source.source_location(int(location[1]))
     lines = source.text.splitlines()
-    quoted = lines[min(int(place[1]), len(lines)) - 1].strip()
+    quoted = lines[min(int(location[1]), len(lines)) - 1].strip()
 
-    def place_in_origin(match: re.Match[str]) -> str:
+    def original_location(match: re.Match[str]) -> str:
         name, number = source.source_location(int(match[1]))
         return f"{name}:{number}:{match[2]}"
 
-    def line_in_origin(match: re.Match[str]) -> str:
+    def original_line(match: re.Match[str]) -> str:
         return str(source.source_location(int(match[1]))[1])
 
-    located = _LOCATION.sub(place_in_origin, _GUTTER.sub(line_in_origin, message))
+    located = _LOCATION.sub(original_location, _GUTTER.sub(original_line, message))
     return ShaderError(f"{file}:{line}: {quoted}\n{located.strip()}", file, line)

@@ -1,7 +1,7 @@
-"""Structs shared by host and shader: one definition gives the WGSL declaration, the byte layout and the packing.
+"""WGSL structs shared with Python: one definition gives the declaration, the byte layout and the packing.
 
-Layouts follow WGSL's rules for the uniform address space, which storage buffers accept as well: a vec3 or vec4 starts
-at a multiple of 16 bytes, a vec2 at one of 8; elements of an array are multiples of 16 bytes.
+Layouts follow WGSL's rules for the uniform address space, which are valid for storage buffers too: a vec3 or vec4 is
+aligned to 16 bytes, a vec2 to 8 bytes, and the elements of an array have a stride of a multiple of 16 bytes.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from holoview.gpu.rounding import round_up
 
 _SCALARS = {"u32": np.uint32, "i32": np.int32, "f32": np.float32}
 _VECTOR_ALIGNMENT = {2: 8, 3: 16, 4: 16}
@@ -24,9 +26,9 @@ _ARRAY_ALIGNMENT = 16
 class WgslStruct:
     """A WGSL struct of scalars (u32, i32, f32), vectors (vec2<f32> or vec2f, …) and arrays of vec4.
 
-    `fields` are (name, WGSL type) in order. `dtype` is the same layout as a numpy dtype, padding included: an array
-    of it is what a shader sees as an array of the struct. `size` is in bytes. Raises ValueError for a type that a
-    uniform can't hold.
+    `fields` are (name, WGSL type) in order. `dtype` is the same layout as a numpy dtype, including padding, so that an
+    array of it has the bytes of an array of the struct in a shader. `size` is in bytes. Raises ValueError for a type
+    that a uniform buffer can't hold.
     """
 
     def __init__(self, name: str, fields: Sequence[tuple[str, str]]) -> None:
@@ -36,21 +38,21 @@ class WgslStruct:
         end, widest = 0, 4
         for field_name, wgsl_type in self.fields:
             dtype, alignment = _layout(wgsl_type)
-            offset = _round_up(end, alignment)
+            offset = round_up(end, alignment)
             names.append(field_name)
             formats.append(dtype)
             offsets.append(offset)
             end, widest = offset + dtype.itemsize, max(widest, alignment)
         if not names or len(set(names)) != len(names):
             raise ValueError(f"struct {name}: expected fields with names of their own, got {names}")
-        self.size = _round_up(end, widest)
+        self.size = round_up(end, widest)
         self.dtype: np.dtype[np.void] = np.dtype(
             {"names": names, "formats": formats, "offsets": offsets, "itemsize": self.size}
         )
 
     @property
     def wgsl(self) -> str:
-        """The declaration, as `struct Name { … }`."""
+        """The WGSL declaration, `struct Name { … }`."""
         members = "".join(f"    {name}: {wgsl_type},\n" for name, wgsl_type in self.fields)
         return f"struct {self.name} {{\n{members}}}\n"
 
@@ -72,7 +74,7 @@ class WgslStruct:
         return packed.tobytes()
 
     def _checked(self, name: str, value: Any) -> NDArray[Any]:
-        """`value` as an array; numpy's own assignment would repeat a scalar and cut a fraction without a word."""
+        """`value` as an array, or ValueError: numpy's assignment would broadcast a scalar or truncate a float."""
         array, dtype = np.asarray(value), self.dtype[name]
         if array.shape != dtype.shape:
             raise ValueError(f"{self.name}.{name}: expected the shape {dtype.shape}, got {array.shape}")
@@ -97,7 +99,3 @@ def _layout(wgsl_type: str) -> tuple[np.dtype[Any], int]:
             raise ValueError(f"{wgsl_type}: elements of a uniform array must be multiples of 16 bytes, as vec4 is")
         return np.dtype((element.base, (int(array[2]), *element.shape))), _ARRAY_ALIGNMENT
     raise ValueError(f"{wgsl_type}: expected u32, i32, f32, a vector of them, or an array of vec4")
-
-
-def _round_up(value: int, multiple: int) -> int:
-    return -(-value // multiple) * multiple
