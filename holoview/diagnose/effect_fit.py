@@ -250,7 +250,8 @@ def search_along_axes(effects: Sequence[Effect], fit: CandidateFit, comparison: 
         step = float(bounds.step[axis])
         near = axis_scan(function, found.x, bounds, axis, step * np.linspace(-_REACH, _REACH, _POINTS))
         found = min(found, near, key=lambda m: m.cost)
-        moved = minimise_along_axis(function, found.x, bounds, axis, 2 * step * _REACH / (_POINTS - 1), evaluations=_ALONG)
+        spacing = 2 * step * _REACH / (_POINTS - 1)
+        moved = minimise_along_axis(function, found.x, bounds, axis, spacing, evaluations=_ALONG)
         found = min(found, moved, key=lambda m: m.cost)
     if found.cost >= fit.cost:
         return fit
