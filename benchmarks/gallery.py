@@ -13,7 +13,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from holoview.commands.common import progress_bar
+from holoview.commands.console import progress_bar
 from holoview.study.plots import render_figure
 from holoview.study.registry import studies_by_name
 from holoview.study.report import version_summary, write_report

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, NoReturn
 
+from holoview.commands.exit_codes import EXIT_INTERRUPTED, EXIT_USER_ERROR
 from holoview.util.errors import UserError
 from holoview.util.version import __version__
 
-EXIT_INTERRUPTED = 130
 COMMANDS = {
     "presets": "list the presets, a line each",
     "info": "show the derived numbers of a preset",
@@ -75,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _refuse(message: str) -> int:
     """Says in one line why nothing was done."""
     print(f"holoview: {' '.join(message.splitlines())}", file=sys.stderr)
-    return 2
+    return EXIT_USER_ERROR
 
 
 def _drop_output() -> None:

@@ -1,10 +1,32 @@
-"""The subcommands of `holoview`, one a file: `configure` adds its arguments, `run` does it; no physics.
+"""The subcommands of `holoview`: they parse arguments, call the library and print its results; no physics.
 
-common    arguments and messages that several share
-presets   list the benches that come with holoview
-info      derived numbers of a bench
-render    what an observer sees, as PNG
-optimise  a hologram for a picture
-export    patterns of a hologram as PNG
-demo      both of it on the shipped picture, compared with simultaneous colour
+Each subcommand is a module of its name. `configure(parser)` adds its arguments, `run(args)` carries it out and returns
+the exit code; the module's docstring is what `--help` prints.
+
+presets             list the shipped presets
+info                print numbers derived from a bench
+system_info         the numbers that `info` prints
+view                open the interactive viewer
+render              render what an observer sees, as PNG
+optimise            find patterns and laser amplitudes for a target
+optimise_options    arguments of `optimise`: target, settings, and how to run
+optimise_score      image quality of an optimised hologram
+export              write a hologram's patterns as PNG
+captures            make, check, show and import capture files
+captures_plan       `captures plan`: laser powers and exposure times
+diagnose            name the causes of the difference between captures and simulation
+calibrate           dispatch to the next two
+calibrate_captures  learn maps of a bench from captures
+calibrate_lut       `calibrate lut`: fit a look-up table to a diffraction-efficiency sweep
+bench               time frames and edits
+study               reproduce a figure of the paper
+contrast            measure speckle contrast
+demo                optimise, render and compare two displays
+
+What they share:
+
+arguments           arguments of several subcommands, and the bench that they describe
+output_files        checks that a file or folder can be written
+console             messages, progress bars and Ctrl-C
+exit_codes          exit codes besides 0
 """

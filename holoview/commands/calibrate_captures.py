@@ -21,14 +21,10 @@ from holoview.calibrate.train import TrainingState, train
 from holoview.calibrate.training_data import TrainingData
 from holoview.captures import read_captures
 from holoview.captures.dataset import Captures
-from holoview.commands.common import (
-    check_output_file,
-    deferred_interrupt,
-    make_folder,
-    parse_seed,
-    print_stderr,
-    progress_bar,
-)
+from holoview.commands.arguments import parse_seed
+from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
+from holoview.commands.exit_codes import EXIT_INTERRUPTED
+from holoview.commands.output_files import check_output_file, make_folder
 from holoview.effects.learned_maps import MapLayout
 from holoview.model import preset
 from holoview.model.system import System
@@ -83,7 +79,7 @@ def run_captures(args: argparse.Namespace, file: Path) -> int:
         print("\n".join([*format_score(found.score), f"written: {args.output}, {maps}"]))
     if interrupted:
         print_stderr(f"interrupted after epoch {state.epoch}: the best so far is kept in {args.output}")
-        return 130
+        return EXIT_INTERRUPTED
     return 0
 
 

@@ -10,7 +10,7 @@ from holoview.calibrate import lut_file
 from holoview.calibrate.efficiency_sweep import read_sweep
 from holoview.calibrate.figure_file import plot_lut
 from holoview.calibrate.lut import fit_lut
-from holoview.commands.common import check_output_file
+from holoview.commands.output_files import check_output_file
 from holoview.model import preset
 from holoview.util import units
 from holoview.util.errors import UserError

@@ -11,15 +11,9 @@ from holoview.captures.folder_import import BENCH_FILE, TABLE_FILE, import_folde
 from holoview.captures.summary import capture_sheet, summarise
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
 from holoview.commands import captures_plan
-from holoview.commands.common import (
-    add_effects,
-    add_system,
-    check_output_file,
-    parse_effects,
-    parse_seed,
-    progress_bar,
-    system_from_args,
-)
+from holoview.commands.arguments import add_effects, add_system, parse_effects, parse_seed, system_from_args
+from holoview.commands.console import progress_bar
+from holoview.commands.output_files import check_output_file
 from holoview.io.png import write_png
 from holoview.util import units
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from holoview.calibrate.exposure import HEADROOM, ExposureLimits, ExposureSetting, plan_exposures
 from holoview.captures import read_captures
 from holoview.captures.folder_import import read_greyscale
-from holoview.commands.common import check_output_file
+from holoview.commands.output_files import check_output_file
 from holoview.util.files import atomic_write
 
 _HEADS = ("wavelength_nm", "power", "exposure_s", "reached_counts", "note")

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ
-from holoview.commands.common import check_output_file, parse_seed, system_from_args
+from holoview.commands.arguments import parse_seed, system_from_args
+from holoview.commands.output_files import check_output_file
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.image_quality import central_region
 from holoview.metrics.speckle import Region, independent_patterns, speckle_contrast

@@ -15,15 +15,10 @@ from numpy.typing import NDArray
 
 import holoview
 from holoview.colour import to_srgb8
-from holoview.commands.common import (
-    add_backend,
-    check_adapter_applies,
-    check_output_file,
-    make_folder,
-    print_stderr,
-    progress_bar,
-)
+from holoview.commands.arguments import add_backend, check_adapter_applies
+from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.optimise import optimise_hologram
+from holoview.commands.output_files import check_output_file, make_folder
 from holoview.engine.backend import open_executor
 from holoview.io.hologram import Hologram
 from holoview.io.png import write_png

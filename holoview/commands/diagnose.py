@@ -8,7 +8,8 @@ from pathlib import Path
 
 from holoview.captures import read_captures
 from holoview.captures.effect_check import check_user_effects
-from holoview.commands.common import check_folder, check_output_file, make_folder, print_stderr, progress_bar
+from holoview.commands.console import print_stderr, progress_bar
+from holoview.commands.output_files import check_folder, check_output_file, make_folder
 from holoview.diagnose.comparison import Values
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.extended_model import extended_system, with_preset_geometry

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.commands.common import make_folder
+from holoview.commands.output_files import make_folder
 from holoview.io.hologram import load_hologram
 from holoview.io.plm import CELL_MAPS, memory_cells
 from holoview.io.png import write_pattern, write_png

@@ -6,7 +6,7 @@ import argparse
 import json
 from itertools import groupby
 
-from holoview.commands.common import add_system, system_from_args
+from holoview.commands.arguments import add_system, system_from_args
 from holoview.commands.system_info import info_rows
 from holoview.model import preset
 

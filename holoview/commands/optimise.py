@@ -12,15 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from holoview.colour import to_srgb8
-from holoview.commands.common import (
-    ProgressCallback,
-    check_output_file,
-    deferred_interrupt,
-    print_stderr,
-    progress_bar,
-    system_from_args,
-    warn_of_camera_effects,
-)
+from holoview.commands.arguments import system_from_args, warn_of_camera_effects
+from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
+from holoview.commands.exit_codes import EXIT_INTERRUPTED
 from holoview.commands.optimise_options import (
     RunOptions,
     TargetSource,
@@ -29,6 +23,7 @@ from holoview.commands.optimise_options import (
     settings_from_args,
 )
 from holoview.commands.optimise_score import format_scores, score_hologram
+from holoview.commands.output_files import check_output_file
 from holoview.io.hologram import Hologram
 from holoview.io.png import write_png
 from holoview.model.system import System
@@ -39,6 +34,7 @@ from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.targets.focal_stack import Target
 from holoview.util.errors import UserError
+from holoview.util.progress import ProgressCallback
 
 _PREVIEW_EVERY_S = 2.0
 
@@ -60,11 +56,11 @@ def run(args: argparse.Namespace) -> int:
     with torchrun_group(how.device) if how.sharded else nullcontext(SINGLE_PROCESS) as team:
         found = optimise_hologram(system, target, settings, how, team)
     if not team.is_main:
-        return 130 if found.interrupted else 0
+        return EXIT_INTERRUPTED if found.interrupted else 0
     found.hologram.save(output)
     if found.interrupted:
         print_stderr(f"interrupted after iteration {found.state.iteration}: the best so far is kept in {output}")
-        return 130
+        return EXIT_INTERRUPTED
     _report(args, output, found, score_hologram(found.hologram, source, settings.region))
     return 0
 

@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.commands.common import add_system, check_output_file, parse_seed, print_stderr
+from holoview.commands.arguments import add_system, parse_seed
+from holoview.commands.console import print_stderr
+from holoview.commands.output_files import check_output_file
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.model.plan import make_plan
 from holoview.model.system import System

@@ -11,20 +11,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.commands.common import (
+from holoview.commands.arguments import (
     add_backend,
     add_system,
     check_adapter_applies,
-    check_output_file,
     parse_effects,
     parse_seed,
-    print_stderr,
-    progress_bar,
     system_from_args,
     warn_of_camera_effects,
     with_changes,
     with_effects,
 )
+from holoview.commands.console import print_stderr, progress_bar
+from holoview.commands.output_files import check_output_file
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.io.png import path_with_suffix, read_pattern, write_png
 from holoview.metrics.image_quality import central_region

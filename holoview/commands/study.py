@@ -6,8 +6,10 @@ import argparse
 import time
 from pathlib import Path
 
-from holoview.cli import EXIT_INTERRUPTED
-from holoview.commands.common import make_folder, parse_seed, print_stderr, progress_bar
+from holoview.commands.arguments import parse_seed
+from holoview.commands.console import print_stderr, progress_bar
+from holoview.commands.exit_codes import EXIT_INTERRUPTED
+from holoview.commands.output_files import make_folder
 from holoview.study.registry import find_study, studies_by_name
 from holoview.study.report import format_claims, write_report
 from holoview.study.runner import ExecutionTarget, run_jobs

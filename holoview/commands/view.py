@@ -6,7 +6,9 @@ import argparse
 import re
 from pathlib import Path
 
-from holoview.commands.common import add_changes, check_output_file, print_stderr, with_changes
+from holoview.commands.arguments import add_changes, with_changes
+from holoview.commands.console import print_stderr
+from holoview.commands.output_files import check_output_file
 from holoview.model import preset
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System

@@ -4,6 +4,7 @@ errors            `UserError`, the exception for a user's mistake, and suggestio
 units             text with units such as "8 um" to SI numbers and back, without losing a digit
 files             folders of shaders, presets and assets; atomic writing of files
 safetensors_file  named tensors with metadata in safetensors files, checked when they are read
+progress          types of functions that report progress
 cpu_count         number of CPUs that this process may use
 version           version of the installed package
 """

@@ -18,7 +18,7 @@ from holoview.cli import main
 SHAPE = (24, 32)
 
 # The real program, with a progress line at every step to wait for rather than one every ten seconds.
-PROGRAM = "import sys; from holoview.commands import common; common._LINE_INTERVAL_S = 0.0; from holoview import cli; "
+PROGRAM = "import sys; from holoview.commands import console; console.LINE_INTERVAL_S = 0.0; from holoview import cli; "
 PROGRAM += "sys.exit(cli.main())"
 
 

@@ -1,0 +1,133 @@
+"""Arguments that several subcommands share, and the bench that they describe."""
+
+from __future__ import annotations
+
+import argparse
+import tomllib
+from typing import Any
+
+from holoview.commands.console import print_stderr
+from holoview.model import preset
+from holoview.model.effects.active_effects import ActiveEffects
+from holoview.model.effects.effect_table import EffectTable
+from holoview.model.effects.registry import load_user_effects
+from holoview.model.scheme import with_scheme
+from holoview.model.system import System
+from holoview.util.errors import UserError
+
+_MAX_SEED = 2**63 - 1
+
+
+def add_system(parser: argparse.ArgumentParser, *, optional: bool = False, effects: bool = True) -> None:
+    """Adds PRESET (which may be absent if `optional`), --scheme, --set and, with `effects`, --effects.
+
+    `system_from_args` makes the System.
+    """
+    parser.add_argument(
+        "preset", nargs="?" if optional else None, help="a preset's name (see `holoview presets`) or a TOML file"
+    )
+    add_changes(parser)
+    if effects:
+        add_effects(parser, dest="switched_on")
+
+
+def add_changes(parser: argparse.ArgumentParser) -> None:
+    """Adds --scheme and --set KEY=VALUE."""
+    parser.add_argument(
+        "--scheme",
+        metavar="NAME",
+        help="drive the bench by a colour scheme: simultaneous, time-sequential, multiplexed, holochrome-8x3, and "
+        "+multisource-3x3, +1slm; before --set",
+    )
+    parser.add_argument(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        dest="changes",
+        help='change the bench, e.g. --set gap="3 mm" --set relay2.iris_na=0.02; several may be given',
+    )
+
+
+def add_effects(parser: argparse.ArgumentParser, dest: str = "effects") -> None:
+    """Adds --effects, for values of effects and Python files with the user's own effects; see `parse_effects`."""
+    parser.add_argument(
+        "--effects",
+        dest=dest,
+        metavar="NAME.KEY=VALUE|FILE.py",
+        nargs="+",
+        action="extend",
+        default=[],
+        help='e.g. gap.gap_error="0.1 mm" crosstalk.sigma=0.4; a Python file that defines effects of your own is run',
+    )
+
+
+def add_backend(parser: argparse.ArgumentParser) -> None:
+    """Adds --backend and --adapter; see `check_adapter_applies`."""
+    parser.add_argument(
+        "--backend", default="auto", help="wgpu (WGSL shaders), torch, torch64, or auto: wgpu where an adapter is found"
+    )
+    parser.add_argument("--adapter", metavar="NAME", help="part of the name of the WebGPU adapter to use")
+
+
+def check_adapter_applies(args: argparse.Namespace) -> None:
+    """Raises UserError for --adapter with a backend that uses none, which would ignore it."""
+    if args.adapter is not None and args.backend.startswith("torch"):
+        raise UserError("--adapter", f"with --backend {args.backend}", expected="--backend wgpu or auto")
+
+
+def parse_seed(text: str) -> int:
+    """The seed of a random generator, as an argparse type."""
+    if not text.strip().isdecimal() or int(text) > _MAX_SEED:
+        raise argparse.ArgumentTypeError(f"{text}; expected a whole number from 0 to {_MAX_SEED}")
+    return int(text)
+
+
+def parse_effects(texts: list[str]) -> dict[str, dict[str, float]]:
+    """The values that --effects states, {effect id: {parameter: value in SI units}}.
+
+    Python files among the texts are run first, with a message, so that values can be of the effects they define.
+    """
+    files = [text for text in texts if text.endswith(".py") and "=" not in text]
+    for file in files:
+        print_stderr(f"running {file} for its effects")
+        load_user_effects(file)
+    changes = dict(_parse_assignment(text, "--effects", "gap.gap_error=0.1mm") for text in texts if text not in files)
+    table = EffectTable().with_changes((), changes, "--effects")
+    return {name: dict(values) for name, values in table}
+
+
+def system_from_args(args: argparse.Namespace) -> System:
+    """The preset with the effects of --effects, driven by --scheme, with the changes of --set."""
+    effects = parse_effects(getattr(args, "switched_on", []))  # first: the preset may name effects of the user's files
+    system = with_effects(preset.load(args.preset), effects)
+    return with_changes(system if args.scheme is None else with_scheme(system, args.scheme), args.changes)
+
+
+def with_effects(system: System, effects: dict[str, dict[str, float]]) -> System:
+    """A system with effects switched on besides those that it has. effects: as `parse_effects` returns them."""
+    changes = {f"effects.{name}.{key}": value for name, table in effects.items() for key, value in table.items()}
+    return system.edit(changes) if changes else system
+
+
+def with_changes(system: System, changes: list[str]) -> System:
+    """A system with KEY=VALUE texts applied together. A value is read as TOML, or as plain text if it isn't TOML."""
+    return system.edit(dict(_parse_assignment(change) for change in changes)) if changes else system
+
+
+def warn_of_camera_effects(system: System) -> None:
+    """Prints a note that names effects of the camera, which change captures but nothing that an observer sees."""
+    if not system.effects:
+        return
+    if camera := [effect.id for effect in ActiveEffects(system.effect_values).camera_effects()]:
+        print_stderr(f"note: {', '.join(camera)} belong to the camera that took captures; eyes don't look through it")
+
+
+def _parse_assignment(text: str, flag: str = "--set", example: str = 'gap="3 mm"') -> tuple[str, Any]:
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise UserError(f"{flag} {text}", "isn't KEY=VALUE", expected=f"e.g. {flag} {example}")
+    try:
+        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key.strip(), value.strip()

@@ -1,0 +1,7 @@
+"""Exit codes of the command line besides 0. This module imports nothing, so that `holoview --help` starts fast."""
+
+EXIT_USER_ERROR = 2
+"""The command wasn't carried out: a mistake of the user, or no memory or disk space. One line on stderr says which."""
+
+EXIT_INTERRUPTED = 130
+"""Ctrl-C: 128 + SIGINT, as shells report it."""

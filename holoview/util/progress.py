@@ -1,0 +1,11 @@
+"""Types of the functions that a long computation calls to report its progress."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+ProgressCallback = Callable[[int, int, str], None]
+"""Called with the number of steps done, the number of steps in all, and a note of a few words."""
+
+StepCallback = Callable[[int, int], None]
+"""Called with the number of steps done and the number of steps in all."""
