@@ -275,7 +275,7 @@ HAZE = """
 from holoview.effects import Effect, Parameter
 
 class Haze(Effect):
-    id, cause, finding, where = "haze", "Haze.", "Haze of {share}.", ("camera",)
+    id, cause, finding, acts_on = "haze", "Haze.", "Haze of {share}.", ("camera",)
     parameters = (Parameter("share", "Of the mean.", low=0.0, prior=0.05),)
 
     def image(self, image, at, v):

@@ -25,7 +25,10 @@ def _excess(more: np.ndarray | float) -> ExcessBreakdown:
     captures = pictures(COUNT, distance_m=np.repeat([3e-3, 4e-3], COUNT // 2))
     ones = np.ones((COUNT, *SIZE), np.float32)
     comparison: Any = SimpleNamespace(
-        indices=np.arange(COUNT), weight=ones, pixels=ones.sum((1, 2)).astype(float), count=float(PIXELS)
+        indices=np.arange(COUNT),
+        weight=ones,
+        pixels_per_capture=ones.sum((1, 2)).astype(float),
+        pixel_count=float(PIXELS),
     )
     fitted: Any = SimpleNamespace(residual=residual, expected=expected, squares=np.square(residual).sum((1, 2)))
     return break_down_excess(captures, comparison, fitted, ROUGH)

@@ -17,9 +17,9 @@ class Paraboloid:
     """Each capture fits best at a wavelength of its own: 100 pixels of noise and a parabola."""
 
     def __init__(self, offsets: np.ndarray) -> None:
-        self.offsets, self.count = offsets, 100.0 * len(offsets)
+        self.offsets, self.pixel_count = offsets, 100.0 * len(offsets)
 
-    def fit(self, values: dict[str, dict[str, float]]) -> Any:
+    def fit_gains(self, values: dict[str, dict[str, float]]) -> Any:
         at = values["wavelength_offset"]["offset"]
         return SimpleNamespace(squares=100.0 + CURVATURE * (at - self.offsets) ** 2)
 

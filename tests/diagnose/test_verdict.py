@@ -21,7 +21,7 @@ def _judged(causes: str, chi2: float) -> HeldOutScore:
 
 
 def _decided(nominal: float, *tried: tuple[str, float]) -> Decision:
-    comparison: Any = SimpleNamespace(count=PIXELS)
+    comparison: Any = SimpleNamespace(pixel_count=PIXELS)
     selection = SearchResult(_judged("", nominal), tuple(_judged(*t) for t in tried), comparison, comparison)
     return decide(selection, EQUALS)
 
