@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from holoview.model.effects.effect import DataProperties
 from holoview.model.system import Modulator, Relay, Sampling, System
 
 Floats = NDArray[np.float64]
+Real = TypeVar("Real", bound=np.floating)
 
 
 @dataclass(frozen=True)
@@ -56,14 +58,15 @@ class Camera:
         """Standard deviation (counts) of a pixel without light: read noise and quantisation."""
         return float(self.noise_variance(np.zeros(1))[0]) ** 0.5
 
-    def noise_variance(self, signal: NDArray[np.floating]) -> NDArray[np.floating]:
+    def noise_variance(self, signal: NDArray[Real]) -> NDArray[Real]:
         """Variance (counts²) of a pixel with an expected signal s of any shape, in counts above the black level.
 
         σ² = (g·max(s, 0) + r²)/g² + 1/12 with g electrons per count: shot noise, read noise r, and quantisation to
         whole counts. The data type of `signal` is kept.
         """
         electrons = np.maximum(signal, 0.0) * self.electrons_per_count
-        return (electrons + self.read_noise**2) / self.electrons_per_count**2 + 1 / 12
+        variance = (electrons + self.read_noise**2) / self.electrons_per_count**2 + 1 / 12
+        return variance.astype(signal.dtype, copy=False)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
-"""Weights: how far a pixel may lie from its prediction by chance, or because the model isn't there yet.
+"""Variances of the camera's pixels, which weight residuals, and an estimate of unequal pixel sensitivity (PRNU).
 
-Weights that follow the prediction of each candidate reward candidates that predict much light. So they are frozen: all
-candidates of a comparison are judged with the same ones, from the pictures themselves (`blind_variance`) while no good
-model is known, then from the prediction of the best (`model_variance`).
+If each candidate model were weighted with the variance of its own prediction, candidates that predict more light would
+win. All candidates of a comparison therefore share the same weights: from the images themselves (`neighbour_variance`)
+while no good model is known, later from the prediction of the best model (`Camera.noise_variance`).
 """
 
 from __future__ import annotations
@@ -11,58 +11,64 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from holoview.captures.dataset import Camera
 from holoview.captures.prepared_captures import Images, PreparedCaptures
 
-
-def model_variance(camera: Camera, expected: Images) -> Images:
-    """Variance (counts²) of an expected signal in counts above black: shot noise, read noise, quantisation."""
-    return camera.noise_variance(expected).astype(np.float32)
+_PRNU_SIGNIFICANCE = 5.0  # standard deviations of the covariance of two unrelated maps
+_MIN_PRNU_PIXELS = 100
+_MIN_RELATIVE_LIGHT = 0.1  # of the median Σ expected² of a pixel; darker pixels don't determine a gain
+_WINDOW = 3  # pixels, side of the mean that is subtracted as the smooth part of a gain map
 
 
 def neighbour_variance(data: PreparedCaptures, indices: NDArray[np.intp]) -> Images:
-    """Variance (counts²) without a model, (capture, y, x): the mean of a pixel's eight neighbours stands for its
-    signal.
+    """Variance (counts²) without a model, (capture, y, x): the signal is taken as the mean of the eight neighbours.
 
-    The pixel itself is left out. If its own noise set its weight, low readings would weigh more than high ones, which
-    looks like a black level that is too low.
+    The pixel itself is left out. If its own noise determined its weight, readings that are too low would get more
+    weight than readings that are too high, which biases the fit like a wrong black level.
     """
     light = data.light[indices]
-    around = (uniform_filter(light, size=(0, 3, 3), mode="nearest") * np.float32(9.0) - light) / np.float32(8.0)
-    return data.camera.noise_variance(around).astype(np.float32)
+    neighbours = (uniform_filter(light, size=(0, 3, 3), mode="nearest") * np.float32(9.0) - light) / np.float32(8.0)
+    return data.camera.noise_variance(neighbours)
 
 
 def add_model_error(variance: Images, light: Images, relative_model_error: float) -> Images:
-    """Variance of a model that is still off by `share` of each picture's mean light: coarse fits before fine ones."""
+    """Adds the variance of a model that is still wrong by a fraction of each image's mean light, (capture, y, x).
+
+    σ² + (relative_model_error · ⟨light⟩)². Early fits use it, so that they aren't dominated by the brightest pixels.
+    """
     mean = light.mean(axis=(1, 2), keepdims=True, dtype=np.float64)
     return variance + np.square(relative_model_error * mean).astype(np.float32)
 
 
 def estimate_prnu(residuals: list[Images], expected: list[Images], usable: list[NDArray[np.bool_]]) -> float:
-    """Share (1 σ) by which pixels differ in sensitivity, from two disjoint sets of captures; 0 where they don't.
+    """Photo-response non-uniformity: relative standard deviation of the pixels' sensitivity; 0 where insignificant.
 
-    residuals, expected, usable: for each set (capture, y, x) counts. For each set the gain of every pixel against the
-    model is regressed and its smooth part removed; only what both sets agree on is the camera's own pattern. A wrong
-    model errs differently in each capture and drops out.
+    residuals, expected, usable: for each of two disjoint sets of captures, (capture, y, x), in counts.
+
+    In each set the residuals of every pixel are regressed on its expected signal, and the smooth part of the slopes is
+    removed. The covariance of the two maps is the variance of the fixed pattern: errors of the model differ from
+    capture to capture and don't correlate. The result is 0 unless the covariance exceeds 5 σ of unrelated maps.
     """
     maps = [_high_pass_gain(*parts) for parts in zip(residuals, expected, usable, strict=True)]
     known = np.isfinite(maps[0]) & np.isfinite(maps[1])
-    if known.sum() < 100:
+    if known.sum() < _MIN_PRNU_PIXELS:
         return 0.0
     first, second = (m[known] - m[known].mean() for m in maps)
     covariance = float(np.mean(first * second))
-    doubt = 5.0 * float(np.std(first) * np.std(second)) / np.sqrt(known.sum())
-    return float(np.sqrt(covariance / (1 - 1 / 9))) if covariance > doubt else 0.0
+    threshold = _PRNU_SIGNIFICANCE * float(np.std(first) * np.std(second)) / np.sqrt(known.sum())
+    if covariance <= threshold:
+        return 0.0
+    passed = 1 - 1 / _WINDOW**2  # of the variance of independent pixels, by subtracting the mean of a window
+    return float(np.sqrt(covariance / passed))
 
 
 def _high_pass_gain(residual: Images, expected: Images, usable: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Relative gain of each pixel beyond its surroundings; NaN where too little light fell."""
+    """Relative gain (y, x) of each pixel minus the mean of its neighbourhood; NaN where it got too little light."""
     e = np.where(usable, expected, 0.0).astype(np.float64)
     power = np.square(e).sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         gain = (np.where(usable, residual, 0.0) * e).sum(axis=0) / power
-    lit = power > 0.1 * np.median(power[power > 0]) if (power > 0).any() else power > 0
+    lit = power > _MIN_RELATIVE_LIGHT * np.median(power[power > 0]) if (power > 0).any() else power > 0
     gain = np.where(lit, gain, 0.0)
-    share = uniform_filter(lit.astype(np.float64), 3)
-    fine = gain - uniform_filter(gain, 3) / np.maximum(share, 1e-9)
-    return np.where(lit, fine, np.nan)
+    lit_fraction = uniform_filter(lit.astype(np.float64), _WINDOW)
+    high_pass = gain - uniform_filter(gain, _WINDOW) / np.maximum(lit_fraction, 1e-9)
+    return np.where(lit, high_pass, np.nan)

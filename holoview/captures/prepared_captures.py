@@ -1,4 +1,4 @@
-"""What the camera saw, ready to be compared: counts above black, and which pixels may be trusted."""
+"""Camera images prepared for comparison with a model: black level subtracted, unusable pixels masked."""
 
 from __future__ import annotations
 
@@ -13,14 +13,19 @@ from holoview.captures.dataset import Camera, Captures
 Images = NDArray[np.float32]
 Masks = NDArray[np.bool_]
 
-BORDER = 10  # pixels at the edge of the picture that are left out: light from beyond the modulator's edge ends there
-_STUCK = 0.02  # a pixel that varies less than this share of its neighbours' variance over the captures is dead or hot
-_LEAST_FOR_STUCK = 4  # captures
+BORDER_PX = 10
+"""Pixels at each edge of an image that are masked: light that left the modulator's area isn't modelled well there."""
+_MAX_STUCK_VARIANCE = 0.02  # over the captures, relative to the median of the neighbours, of a dead or hot pixel
+_MIN_CAPTURES_FOR_STUCK = 4
 
 
 @dataclass(frozen=True)
 class PreparedCaptures:
-    """light (capture, y, x): counts above the nominal black level. usable (capture, y, x): trusted pixels."""
+    """Captures with the images as a comparison needs them.
+
+    light: (capture, y, x), counts above the nominal black level.
+    usable: (capture, y, x), False for pixels that a comparison must leave out.
+    """
 
     captures: Captures
     light: Images
@@ -28,15 +33,15 @@ class PreparedCaptures:
 
     @property
     def camera(self) -> Camera:
-        """The camera as its maker describes it."""
+        """The camera's data sheet values."""
         return self.captures.camera
 
 
 def prepare_captures(captures: Captures) -> PreparedCaptures:
-    """Black subtracted; borders, saturated pixels and pixels that never change left out.
+    """Subtracts the nominal black level and masks the borders, saturated pixels and stuck pixels.
 
-    A saturated pixel tells only "at least so much". Its neighbours in the picture stay: charge doesn't spill over in
-    the sensors that this field uses.
+    A saturated pixel only gives a lower bound of the light. Its neighbours stay usable: charge of scientific CMOS
+    sensors doesn't spill over to them.
     """
     camera = captures.camera
     light = captures.images.astype(np.float32) - np.float32(camera.black_level)
@@ -46,16 +51,19 @@ def prepare_captures(captures: Captures) -> PreparedCaptures:
 
 
 def stuck_pixel_mask(images: NDArray[np.uint16]) -> Masks:
-    """Pixels (y, x) that hardly vary over the captures although those around them do: dead, hot or stuck ones."""
-    if len(images) < _LEAST_FOR_STUCK:
+    """True for dead, hot and stuck pixels (y, x): they hardly vary over the captures although their neighbours do.
+
+    All False with fewer than four captures, where the variance says too little.
+    """
+    if len(images) < _MIN_CAPTURES_FOR_STUCK:
         return np.zeros(images.shape[1:], dtype=bool)
     variance = images.var(axis=0, dtype=np.float64)
-    return variance < _STUCK * median_filter(variance, size=5, mode="nearest")
+    return variance < _MAX_STUCK_VARIANCE * median_filter(variance, size=5, mode="nearest")
 
 
 def _border_mask(shape: tuple[int, int]) -> Masks:
-    """True away from the border; of small pictures at least the middle half is kept."""
+    """True inside the borders, (y, x). A border takes at most a quarter of a small image."""
     inner = np.zeros(shape, dtype=bool)
-    y, x = (min(BORDER, n // 4) for n in shape)
+    y, x = (min(BORDER_PX, n // 4) for n in shape)
     inner[y : shape[0] - y, x : shape[1] - x] = True
     return inner

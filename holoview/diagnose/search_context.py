@@ -12,7 +12,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.captures.noise_model import add_model_error, model_variance, neighbour_variance
+from holoview.captures.noise_model import add_model_error, neighbour_variance
 from holoview.captures.prepared_captures import Images, PreparedCaptures
 from holoview.diagnose.capture_split import CaptureSplit
 from holoview.diagnose.comparison import Comparison, Prediction, PredictorProtocol, Values
@@ -102,7 +102,7 @@ class SearchContext:
         shifts = self.has_camera_jitter and len(indices) > 1
         blind = self.data_weighted_comparison(indices, 0.0)
         expected = (blind.fitting_shifts() if shifts else blind).fit_gains(values).expected
-        variance = model_variance(self.data.camera, expected)
+        variance = self.data.camera.noise_variance(expected)
         if self.prnu:
             variance = variance + np.square(np.float32(self.prnu) * expected)
         return Comparison(self.predictor, self.data, indices, variance, fit_shifts=shifts)

@@ -10,7 +10,6 @@ import pytest
 
 import holoview as hv
 from holoview.captures import Captures
-from holoview.captures.patterns import random_levels
 from holoview.captures.predictor import Predictor
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
 from holoview.model.system import System
@@ -68,17 +67,6 @@ def test_pictures_are_well_exposed_and_each_wavelength_has_its_own_scale() -> No
     for same in (scale[:8], scale[8:]):
         assert same == pytest.approx(np.full(8, same.mean()), rel=5e-3)  # of the shot noise
     assert scale[0] != pytest.approx(scale[-1], rel=0.02)
-
-
-def test_patterns_go_from_smooth_to_rough_and_use_the_range() -> None:
-    rng = np.random.default_rng(0)
-    steps = []
-    for sigma in (6.0, 1.5, 0.0):
-        levels = random_levels(rng, (64, 80), 16, sigma)
-        assert (levels.min(), levels.max(), levels.dtype) == (0, 15, np.uint8)
-        steps.append(np.abs(np.diff(levels.astype(int), axis=1)).mean())
-    assert steps[0] < 0.3 * steps[1] < 0.3 * steps[2]
-    assert random_levels(rng, (4, 4), 1024, 0.0).dtype == np.uint16
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holoview.captures.dataset import Camera, Captures, SlmSpec
+from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings
@@ -21,10 +20,9 @@ from holoview.diagnose.search_context import PerThreadPredictor, SearchContext, 
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.registry import listed_effects
 from holoview.model.system import Modulator, Relay, System
+from tests.captures.conftest import SHAPE, pictures
 
 MakeBench = Callable[..., SearchContext]
-
-SHAPE = (32, 40)
 
 
 def small_system(modulators: int = 2, **changes: Any) -> System:
@@ -42,25 +40,6 @@ def small_system(modulators: int = 2, **changes: Any) -> System:
         observer="mono",
     )
     return plain.edit(changes) if changes else plain
-
-
-def pictures(count: int = 4, seed: int = 0, **changes: Any) -> Captures:
-    """Captures whose pictures are independent random numbers; wavelengths take turns."""
-    rng = np.random.default_rng(seed)
-    plain = Captures(
-        levels=rng.integers(0, 16, (count, 2, *SHAPE), dtype=np.uint8),
-        images=rng.integers(200, 1500, (count, 2 * SHAPE[0], 2 * SHAPE[1])).astype(np.uint16),
-        wavelength_m=np.resize([450e-9, 600e-9], count),
-        distance_m=np.full(count, 4e-3),
-        power=np.ones(count),
-        exposure_s=np.ones(count),
-        slms=(SlmSpec(8e-6, 16, 825e-9),) * 2,
-        camera=Camera(4e-6, 12, 4.0, 3.0, 64.0),
-        gap_m=1e-3,
-        iris1_na=0.03,
-        iris2_na=0.03,
-    )
-    return dataclasses.replace(plain, **changes)
 
 
 @pytest.fixture

@@ -8,23 +8,9 @@ import numpy as np
 import pytest
 
 from holoview.captures.dataset import Captures
-from holoview.captures.patterns import pattern_roughness
 from holoview.diagnose.capture_split import split_captures
 
 Make = Callable[..., Captures]
-
-
-def test_roughness_is_the_mean_squared_step() -> None:
-    """A ramp of one level a column: (1/15)² along rows, 0 along columns; a chequerboard: 1 and 1."""
-    from tests.diagnose.conftest import SHAPE, pictures
-
-    ramp = np.broadcast_to(np.arange(SHAPE[1]) % 16, SHAPE)
-    chequers = 15 * (np.indices(SHAPE).sum(axis=0) % 2)
-    flat = np.zeros(SHAPE)
-    levels = np.stack([np.stack([p, p]) for p in (np.minimum(ramp, 15), chequers, flat)]).astype(np.uint8)
-    rough = pattern_roughness(pictures(3, levels=levels))
-    steps = np.diff(ramp.astype(float), axis=1) / 15
-    assert rough == pytest.approx([np.mean(steps**2), 2.0, 0.0])
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 6, 12, 32, 100])

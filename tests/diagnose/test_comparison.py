@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from holoview.captures.dataset import Captures
-from holoview.captures.noise_model import model_variance
 from holoview.captures.prepared_captures import PreparedCaptures, prepare_captures
 from holoview.diagnose.comparison import Comparison
 from holoview.numerics.subpixel_shift import shift_images
@@ -55,7 +54,7 @@ def _session(gain: NDArray[np.float64], shift: NDArray[np.float64], black: float
 
 def _comparison(captures: Captures, fake: Fake, shifts: bool = False, black: float = 0.0) -> Comparison:
     seen: PreparedCaptures = prepare_captures(captures)
-    variance = model_variance(captures.camera, np.maximum(seen.light - black, 0))
+    variance = captures.camera.noise_variance(np.maximum(seen.light - black, 0))
     smooth = gaussian_filter(variance, (0, 3, 3))
     return Comparison(fake, seen, np.arange(COUNT), smooth, fit_shifts=shifts)
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from holoview.captures.dataset import Camera, Captures
-from holoview.captures.noise_model import add_model_error, estimate_prnu, model_variance, neighbour_variance
-from holoview.captures.prepared_captures import BORDER, prepare_captures
+from holoview.captures.noise_model import add_model_error, estimate_prnu, neighbour_variance
+from holoview.captures.prepared_captures import prepare_captures
 
 Make = Callable[..., Captures]
 CAMERA = Camera(4e-6, 12, 4.0, 3.0, 64.0)
@@ -26,7 +26,9 @@ def test_the_variance_is_that_of_poisson_read_noise_and_quantisation(signal: flo
     """σ² of a variance from n samples is 2/n of it: 5 σ."""
     n = 200_000
     drawn = _counts(np.random.default_rng(0), np.full(n, signal))
-    assert float(model_variance(CAMERA, np.float32(signal))) == pytest.approx(drawn.var(), rel=5 * (2 / n) ** 0.5)
+    assert float(CAMERA.noise_variance(np.array(signal, np.float32))) == pytest.approx(
+        drawn.var(), rel=5 * (2 / n) ** 0.5
+    )
 
 
 def test_a_pixel_says_nothing_about_its_own_weight(make_captures: Make) -> None:
@@ -68,17 +70,3 @@ def test_pixels_that_differ_are_measured() -> None:
 def test_noise_and_errors_that_change_with_the_pattern_are_no_fixed_pattern(error: float) -> None:
     """What counts is beyond 5 σ of chance, so none of three seeds passes; a chance of 1e-6."""
     assert [_fixed(0.0, error, seed) for seed in range(3)] == [0.0] * 3
-
-
-def test_what_cant_be_trusted_is_left_out(make_captures: Make) -> None:
-    captures = make_captures(count=6)
-    images = captures.images.copy()
-    images[2, 30, 30] = captures.camera.saturation
-    images[:, 25, 33] = 700  # a stuck pixel
-    usable = prepare_captures(dataclasses.replace(captures, images=images)).usable
-    assert not usable[2, 30, 30] and usable[1, 30, 30]
-    assert not usable[:, 25, 33].any()
-    rows, columns = captures.shape
-    inner = usable[:, BORDER : rows - BORDER, BORDER : columns - BORDER]
-    assert not usable[:, :BORDER, :].any() and not usable[:, :, -BORDER:].any()
-    assert inner.size - np.count_nonzero(inner) == 1 + 6
