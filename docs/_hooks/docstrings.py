@@ -1,8 +1,9 @@
 """Docstrings as Markdown, for the reference: a griffe extension.
 
 Docstrings of the package are plain prose. Columns and indented lines keep their shape in a block of code, lines that
-begin with `name: ` become a list, and characters that Markdown would take for its own are escaped. What `param(…)`
-states of a field in its default becomes the field's docstring, and the default what a reader would call so.
+begin with `name: ` become a list, examples at a prompt (`>>>`) keep their shape, and characters that Markdown would
+take for its own are escaped. What `described_field(…)` states of a field in its default becomes the field's docstring,
+and the default what a reader would call so.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ def _paragraph(text: str) -> str:
     lines = text.split("\n")
     if text.lstrip().startswith(("```", "- ", "* ", "| ", "#")):
         return text
+    if text.lstrip().startswith(">>> "):
+        return f"```pycon\n{text}\n```"
     if _is_drawn(lines):
         return f"```{_language(text)}\n{text}\n```"
     if sum(bool(_KEY.match(line)) for line in lines) >= 2:
@@ -82,7 +85,7 @@ class Prose(griffe.Extension):
     """Turns every docstring into Markdown once its object is known."""
 
     def on_object(self, *, obj: griffe.Object, **kwargs: Any) -> None:
-        """Rewrites the docstring in place, first made from `param(…)` where there is none."""
+        """Rewrites the docstring in place, first made from `described_field(…)` where there is none."""
         if obj.docstring is None and isinstance(obj, griffe.Attribute):
             _describe(obj)
         if obj.docstring is not None:
@@ -90,9 +93,9 @@ class Prose(griffe.Extension):
 
 
 def _describe(attribute: griffe.Attribute) -> None:
-    """Takes text and default of a field from its `param(kind, "text", default=…)`."""
+    """Takes text and default of a field from its `described_field(type, "text", default=…)`."""
     call = attribute.value
-    if not isinstance(call, griffe.ExprCall) or str(call.function) != "param":
+    if not isinstance(call, griffe.ExprCall) or str(call.function) != "described_field":
         return
     texts = [ast.literal_eval(str(one)) for one in call.arguments if str(one)[:1] in "\"'"]
     named = {one.name: one.value for one in call.arguments if isinstance(one, griffe.ExprKeyword)}

@@ -1,0 +1,13 @@
+"""A display as data: what it consists of, how that is written, and every number that a simulation derives from it.
+
+system            `System` and its parts: source, modulators, relays, focal planes, observer, sampling
+field_types       types of their fields: parse text or numbers to checked SI values, and write them back
+dataclass_fields  frozen dataclasses with such fields: built from tables, written to tables, edited by dotted keys
+shorthand         shorthands of presets and edits (white balance, frames, a grid of sources) as plain fields
+preset            TOML files of systems, with inheritance
+scheme            the colour schemes of the HoloChrome paper, applied to a system
+plan              `Plan`: grid, transfer functions, weights and colours, derived in float64
+effects           the framework of imperfections of real displays; the imperfections are in `holoview.effects`
+
+Nothing here imports torch or wgpu, except what effects do to light (`effects.hook_contexts`).
+"""

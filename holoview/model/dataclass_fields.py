@@ -1,12 +1,14 @@
-"""Descriptions: frozen dataclasses whose fields carry a `Kind`, built from tables, written to tables, and edited.
+"""Frozen dataclasses whose fields have a `FieldType`: built from tables, written to tables, and edited by dotted keys.
 
-People write a field's name without its unit: `gap` for `gap_m`. Errors name the key from the outermost table inwards.
+Such a dataclass is called a description here. In tables its fields are named without their unit: `gap` for `gap_m`.
+Errors name the key from the outermost table inwards, for example `modulators.0.pitch`.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,9 +17,25 @@ from holoview.model.field_types import FieldType, TableType
 from holoview.util.errors import UserError, suggest_matches
 
 
+class Description:
+    """Equality and hash of a frozen dataclass by value, arrays included."""
+
+    @cached_property
+    def _hashable_value(self) -> Any:
+        return hashable_value(self)
+
+    def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
+        return type(other) is type(self) and self._hashable_value == other._hashable_value
+
+    def __hash__(self) -> int:
+        return hash(self._hashable_value)
+
+
 @dataclasses.dataclass(frozen=True)
 class Nested:
-    """A nested description, given as an instance or as a table of its keys."""
+    """Field type of a nested description, given as an instance or as a table of its keys."""
 
     description: type[Any]
 
@@ -39,7 +57,7 @@ class Nested:
 
 @dataclasses.dataclass(frozen=True)
 class NestedList:
-    """A tuple of nested descriptions."""
+    """Field type of a tuple of nested descriptions."""
 
     description: type[Any]
 
@@ -52,23 +70,23 @@ class NestedList:
         return [to_mapping(entry) for entry in value]
 
 
-def described_field(kind: FieldType, doc: str, **kwargs: Any) -> Any:
-    """A dataclass field that carries its `Kind` and a sentence that explains it."""
-    return dataclasses.field(metadata={"kind": kind, "doc": doc}, **kwargs)
+def described_field(field_type: FieldType, doc: str, **kwargs: Any) -> Any:
+    """`dataclasses.field` with the field's type and a sentence that explains it, as metadata "kind" and "doc"."""
+    return dataclasses.field(metadata={"kind": field_type, "doc": doc}, **kwargs)
 
 
 def key_without_unit(name: str) -> str:
-    """The name that people write: the field's name without its unit."""
+    """A field's key in tables: its name without the unit."""
     return name.removesuffix("_m").removesuffix("_rad")
 
 
 def fields_by_key(description: type[Any]) -> dict[str, dataclasses.Field[Any]]:
-    """The fields of a description by the name that people write."""
+    """The fields of a description by their keys in tables."""
     return {key_without_unit(field.name): field for field in dataclasses.fields(description)}
 
 
 def field_for(description: type[Any], key: str) -> dataclasses.Field[Any]:
-    """The field that people call `key`; UserError with near matches when there is none."""
+    """The field of a key. Raises UserError, which suggests similar keys, when there is none."""
     known = fields_by_key(description)
     if key not in known:
         raise UserError(key, "unknown key", remedy=suggest_matches(key, known))
@@ -76,13 +94,13 @@ def field_for(description: type[Any], key: str) -> dataclasses.Field[Any]:
 
 
 def validate(instance: Any) -> None:
-    """Reads every field of a frozen description through its kind; call it first in `__post_init__`."""
+    """Replaces every field of a frozen description by what its type parses from it; called first in `__post_init__`."""
     for key, field in fields_by_key(type(instance)).items():
         object.__setattr__(instance, field.name, field.metadata["kind"].parse(getattr(instance, field.name), key))
 
 
 def from_mapping(description: type[Any], table: Mapping[str, Any]) -> Any:
-    """Builds a description from people's keys and values; UserError names the key that is unknown, missing or wrong."""
+    """Builds a description from a table. Raises UserError that names a key that is unknown, missing or wrong."""
     values = {field_for(description, key).name: value for key, value in table.items()}
     for key, field in fields_by_key(description).items():
         required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
@@ -92,7 +110,7 @@ def from_mapping(description: type[Any], table: Mapping[str, Any]) -> Any:
 
 
 def to_mapping(instance: Any) -> dict[str, Any]:
-    """People's keys and values of a description, ready for TOML; absent options and empty text are left out."""
+    """The table of a description, ready for TOML, without options that are None and texts and tables that are empty."""
     written = {
         key: field.metadata["kind"].to_toml(getattr(instance, field.name))
         for key, field in fields_by_key(type(instance)).items()
@@ -101,32 +119,35 @@ def to_mapping(instance: Any) -> dict[str, Any]:
 
 
 def with_changes(instance: Any, changes: Mapping[str, Any]) -> Any:
-    """A copy of a description with some keys changed; dots reach inside ("relay1.iris_na", "modulators.0.pitch").
+    """A copy of a description with some keys changed; dots reach nested ones ("relay1.iris_na", "modulators.0.pitch").
 
-    All changes are applied together and checked once, so that several may depend on each other.
+    All changes are applied before the copy is checked, so that several may depend on each other. Raises UserError for
+    unknown keys and wrong values.
     """
     values: dict[str, Any] = {}
-    inner: dict[str, dict[str, Any]] = {}
+    nested_changes: dict[str, dict[str, Any]] = {}
     for key, value in changes.items():
         head, _, rest = key.partition(".")
         field = field_for(type(instance), head)
         if rest:
-            inner.setdefault(field.name, {})[rest] = value
+            nested_changes.setdefault(field.name, {})[rest] = value
         else:
             values[field.name] = value
-    for name, nested in inner.items():
-        kind, key = fields_by_key(type(instance))[key_without_unit(name)].metadata["kind"], key_without_unit(name)
-        whole = kind.parse(values.get(name, getattr(instance, name)), key)
-        values[name] = _edited_inside(kind, whole, nested, key)
+    for name, inner in nested_changes.items():
+        key = key_without_unit(name)
+        field_type = fields_by_key(type(instance))[key].metadata["kind"]
+        before = field_type.parse(values.get(name, getattr(instance, name)), key)
+        values[name] = _change_nested(field_type, before, inner, key)
     return dataclasses.replace(instance, **values)
 
 
-def _edited_inside(kind: FieldType, value: Any, changes: Mapping[str, Any], where: str) -> Any:
-    if isinstance(kind, NestedList):
-        return _edited_entries(kind, value, changes, where)
-    if isinstance(kind, TableType):
-        return kind.with_changes(value, changes, where)
-    if not isinstance(kind, Nested):
+def _change_nested(field_type: FieldType, value: Any, changes: Mapping[str, Any], where: str) -> Any:
+    """The value of a field with changes inside it."""
+    if isinstance(field_type, NestedList):
+        return _change_entries(field_type, value, changes, where)
+    if isinstance(field_type, TableType):
+        return field_type.with_changes(value, changes, where)
+    if not isinstance(field_type, Nested):
         raise UserError(f"{where}.{next(iter(changes))}", "unknown key", remedy=f"{where} has no parts")
     try:
         return with_changes(value, changes)
@@ -134,17 +155,18 @@ def _edited_inside(kind: FieldType, value: Any, changes: Mapping[str, Any], wher
         raise error.inside(f"{where}.") from error
 
 
-def _edited_entries(
-    kind: NestedList, value: tuple[Any, ...], changes: Mapping[str, Any], where: str
+def _change_entries(
+    field_type: NestedList, value: tuple[Any, ...], changes: Mapping[str, Any], where: str
 ) -> tuple[Any, ...]:
+    """The tuple of a `NestedList` with changes in some entries: {"0.pitch": …}."""
     entries = list(value)
     for key, change in changes.items():
         index, _, rest = key.partition(".")
         if not rest or index not in map(str, range(len(entries))):
             expected = f"{where}.0 to {where}.{len(entries) - 1} and a key"
             raise UserError(f"{where}.{key}", "unknown key", expected=expected)
-        item = Nested(kind.description)
-        entries[int(index)] = _edited_inside(item, entries[int(index)], {rest: change}, f"{where}.{index}")
+        entry_type = Nested(field_type.description)
+        entries[int(index)] = _change_nested(entry_type, entries[int(index)], {rest: change}, f"{where}.{index}")
     return tuple(entries)
 
 

@@ -1,7 +1,7 @@
-"""What a parameter is: its unit, its range, how it is read from people's text and written to it.
+"""Types of configuration fields: how a value is parsed from text or numbers, checked, and written to TOML.
 
-A `Kind` serves presets, the command line's `--set` and, through the metadata of a description's fields, sliders and
-tooltips, so that a parameter is described once.
+A field type serves presets, the command line's `--set`, and the viewer's widgets, so that a field's unit and range are
+stated once. Parsed values are in SI units; they are immutable, arrays are read-only.
 """
 
 from __future__ import annotations
@@ -19,23 +19,31 @@ from holoview.util.errors import UserError
 
 
 class FieldType(Protocol):
-    """How a field's value is read (text or plain values → checked SI) and written (SI → TOML value)."""
+    """What every type of a field offers."""
 
-    def parse(self, value: Any, where: str) -> Any: ...
+    def parse(self, value: Any, where: str) -> Any:
+        """The checked SI value of text, numbers or an SI value. Raises UserError, with the place `where`, if wrong."""
 
-    def to_toml(self, value: Any) -> Any: ...
+    def to_toml(self, value: Any) -> Any:
+        """The value that a TOML file holds for a checked value; `parse` gives an equal value back."""
 
 
 @runtime_checkable
 class TableType(FieldType, Protocol):
-    """A kind whose value is a table of named entries, which can be changed one by one."""
+    """A field type whose value is a table of named entries, which can be changed one by one."""
 
-    def with_changes(self, value: Any, changes: Mapping[str, Any], where: str) -> Any: ...
+    def with_changes(self, value: Any, changes: Mapping[str, Any], where: str) -> Any:
+        """The checked value with some entries changed, {key: new value}."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Number:
-    """A real number, or a physical quantity when `unit` is given; `low`/`high` are inclusive SI bounds."""
+    """A real number, or a length or an angle.
+
+    unit: in which text is written, such as "mm" or "mrad"; "" for a plain number.
+    low, high: inclusive bounds, in SI units.
+    optional: whether None is allowed.
+    """
 
     unit: str = ""
     low: float = -math.inf
@@ -59,6 +67,7 @@ class Number:
         return value if value is None or not self.unit else units.format_exact(value, self.unit)
 
     def format_range(self) -> str:
+        """The range in words, for error messages."""
         if math.isinf(self.low) and math.isinf(self.high):
             return "a finite number" + (f" in {self.unit}" if self.unit else "")
         if math.isinf(self.high):
@@ -71,9 +80,12 @@ class Number:
 
 @dataclasses.dataclass(frozen=True)
 class Array:
-    """An array of `Number`s with a fixed number of axes.
+    """A read-only float64 array of `Number`s.
 
-    One axis also accepts a single value and {first, last, count}; two axes also accept a single row.
+    item: type of each number.
+    axes: number of axes. One axis also accepts a single number, and {first, last, count} for equally spaced numbers;
+    two axes also accept a single row.
+    optional: whether None is allowed.
     """
 
     item: Number
@@ -84,44 +96,44 @@ class Array:
         if value is None and self.optional:
             return None
         if self.axes == 1 and isinstance(value, Mapping):
-            return self._ramp(value, where)
+            return self._linspace(value, where)
         if self.axes == 1 and (isinstance(value, str) or not isinstance(value, Iterable)):
             value = [value]
         if self.axes == 2 and isinstance(value, Iterable) and not isinstance(value, str):
             rows = list(value)
             value = [rows] if rows and all(_is_scalar(row) for row in rows) else rows
-        return _frozen(self._nested(value, where, self.axes))
+        return _read_only(self._parse_nested(value, where, self.axes))
 
     def to_toml(self, value: NDArray[np.float64] | None) -> Any:
-        return None if value is None else self._written(value)
+        return None if value is None else self._to_list(value)
 
-    def _written(self, value: NDArray[np.float64]) -> list[Any]:
+    def _to_list(self, value: NDArray[np.float64]) -> list[Any]:
         if value.ndim > 1:
-            return [self._written(row) for row in value]
+            return [self._to_list(row) for row in value]
         return [self.item.to_toml(float(x)) for x in value]
 
-    def _nested(self, value: Any, where: str, axes: int) -> NDArray[np.float64]:
+    def _parse_nested(self, value: Any, where: str, axes: int) -> NDArray[np.float64]:
         if isinstance(value, str) or not isinstance(value, Iterable):
             raise UserError(where, f"{value!r} is not a list", expected=f"a list, nested {self.axes} deep")
         entries = list(value)
         if axes == 1:
             return np.array([self.item.parse(x, f"{where}[{i}]") for i, x in enumerate(entries)], dtype=np.float64)
-        rows = [self._nested(row, f"{where}[{i}]", axes - 1) for i, row in enumerate(entries)]
+        rows = [self._parse_nested(row, f"{where}[{i}]", axes - 1) for i, row in enumerate(entries)]
         if len({row.shape for row in rows}) > 1:
             raise UserError(where, f"rows have lengths {[len(row) for row in rows]}", expected="rows of equal length")
         return np.array(rows, dtype=np.float64)
 
-    def _ramp(self, value: Mapping[str, Any], where: str) -> NDArray[np.float64]:
+    def _linspace(self, value: Mapping[str, Any], where: str) -> NDArray[np.float64]:
         if set(value) != {"first", "last", "count"}:
             raise UserError(where, f"has the keys {sorted(value)}", expected="the keys first, last and count")
         first, last = (self.item.parse(value[key], f"{where}.{key}") for key in ("first", "last"))
         count = Integer(low=1).parse(value["count"], f"{where}.count")
-        return _frozen(np.linspace(first, last, count))  # type: ignore[arg-type]
+        return _read_only(np.linspace(first, last, count))  # type: ignore[arg-type]
 
 
 @dataclasses.dataclass(frozen=True)
 class Integer:
-    """A whole number."""
+    """A whole number from `low` to `high`, both included."""
 
     low: int = 1
     high: int = 1 << 20
@@ -136,8 +148,36 @@ class Integer:
 
 
 @dataclasses.dataclass(frozen=True)
+class LevelFractions:
+    """Fractions of the stroke that a modulator can show, rising from 0 to 1; None for a continuous modulator.
+
+    Text "continuous" means None; a whole number means so many equal steps.
+    """
+
+    def parse(self, value: Any, where: str) -> NDArray[np.float64] | None:
+        if value is None or (isinstance(value, str) and value == "continuous"):
+            return None
+        if isinstance(value, int | np.integer) and not isinstance(value, bool):
+            count = Integer(low=2, high=65536).parse(value, where)
+            value = np.linspace(0.0, 1.0, count)
+        fractions = Array(Number(low=0.0, high=1.0)).parse(value, where)
+        assert fractions is not None
+        if len(fractions) < 2 or np.any(np.diff(fractions) <= 0) or fractions[0] != 0.0 or fractions[-1] != 1.0:
+            raise UserError(
+                where, f"{fractions.tolist()}", expected="stroke fractions that rise from 0 to 1, or a number of levels"
+            )
+        return fractions
+
+    def to_toml(self, value: NDArray[np.float64] | None) -> Any:
+        if value is None:
+            return None
+        equal = np.array_equal(value, np.linspace(0.0, 1.0, len(value)))
+        return len(value) if equal else [float(x) for x in value]
+
+
+@dataclasses.dataclass(frozen=True)
 class Shape:
-    """Rows and columns."""
+    """A pair (rows, columns), each from 2 to 16384."""
 
     def parse(self, value: Any, where: str) -> tuple[int, int]:
         if isinstance(value, str) or not isinstance(value, Iterable) or len(pair := list(value)) != 2:
@@ -151,7 +191,7 @@ class Shape:
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """One of a few words; any text when `options` is empty."""
+    """One of the words in `options`, or any text when there are none."""
 
     options: tuple[str, ...] = ()
 
@@ -168,7 +208,12 @@ class Choice:
 
 @dataclasses.dataclass(frozen=True)
 class Coefficients:
-    """Named lengths, such as Zernike terms {"Z4" = "50 nm"}; kept as sorted (index, metres) pairs."""
+    """A table of numbered coefficients, such as Zernike terms { Z4 = "50 nm" }; its value is sorted (index, SI) pairs.
+
+    prefix: of the keys, here "Z".
+    item: type of each coefficient.
+    highest: the largest index; the smallest is 1.
+    """
 
     prefix: str
     item: Number
@@ -192,7 +237,7 @@ class Coefficients:
         return {f"{self.prefix}{index}": self.item.to_toml(x) for index, x in value}
 
     def with_changes(self, value: tuple[tuple[int, float], ...], changes: Mapping[str, Any], where: str) -> Any:
-        """With some terms changed: {"Z4": "50 nm"}."""
+        """The pairs with some coefficients changed, {"Z4": "50 nm"}."""
         return self.parse({**self.to_toml(value), **changes}, where)
 
     def _index(self, key: Any, where: str) -> int:
@@ -208,6 +253,6 @@ def _is_scalar(value: Any) -> bool:
     )
 
 
-def _frozen(array: NDArray[np.float64]) -> NDArray[np.float64]:
+def _read_only(array: NDArray[np.float64]) -> NDArray[np.float64]:
     array.setflags(write=False)
     return array

@@ -13,7 +13,7 @@ from typing import Any
 
 import tomli_w
 
-from holoview.model import dataclass_fields as describe
+from holoview.model.dataclass_fields import from_mapping, to_mapping
 from holoview.model.effects.parameter import FileParameter
 from holoview.model.effects.registry import get_effect
 from holoview.model.shorthand import expand_table
@@ -53,7 +53,7 @@ def loads(text: str, where: str = "preset") -> System:
 
 def from_table(table: Mapping[str, Any]) -> System:
     """The system of a parsed preset, shorthands allowed."""
-    system: System = describe.from_mapping(System, expand_table(table))
+    system: System = from_mapping(System, expand_table(table))
     return system
 
 
@@ -70,7 +70,7 @@ def save(system: System, path: str | os.PathLike[str]) -> None:
 
 
 def _written(system: System) -> dict[str, Any]:
-    table = describe.to_mapping(system)
+    table = to_mapping(system)
     head = {key: table[key] for key in ("name", "description") if key in table}
     plain = {key: value for key, value in table.items() if key not in (*_TABLES, "modulators", *head)}
     nested = {key: table[key] for key in ("modulators", *_TABLES) if key in table}

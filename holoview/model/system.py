@@ -10,16 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.model import dataclass_fields as describe
-from holoview.model.dataclass_fields import Nested, NestedList, described_field
+from holoview.model.dataclass_fields import Description, Nested, NestedList, described_field, validate, with_changes
 from holoview.model.effects.effect_table import EffectPairs, EffectTable
-from holoview.model.field_types import Array, Choice, Coefficients, Integer, Number, Shape
+from holoview.model.field_types import Array, Choice, Coefficients, Integer, LevelFractions, Number, Shape
 from holoview.model.shorthand import expand_edit
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -35,49 +33,8 @@ PLANE_DISTANCES = Array(Number("mm", low=0.0, high=_LONGEST_M))
 """Distances of focal planes, measured from the last modulator."""
 
 
-@dataclass(frozen=True)
-class LevelFractions:
-    """Stroke fractions that a modulator can show: a count (equal steps), a rising list 0…1, None (continuous)."""
-
-    def parse(self, value: Any, where: str) -> Floats | None:
-        if value is None or (isinstance(value, str) and value == "continuous"):
-            return None
-        if isinstance(value, int | np.integer) and not isinstance(value, bool):
-            count = Integer(low=2, high=65536).parse(value, where)
-            value = np.linspace(0.0, 1.0, count)
-        fractions = Array(Number(low=0.0, high=1.0)).parse(value, where)
-        assert fractions is not None
-        if len(fractions) < 2 or np.any(np.diff(fractions) <= 0) or fractions[0] != 0.0 or fractions[-1] != 1.0:
-            raise UserError(
-                where, f"{fractions.tolist()}", expected="stroke fractions that rise from 0 to 1, or a number of levels"
-            )
-        return fractions
-
-    def to_toml(self, value: Floats | None) -> Any:
-        if value is None:
-            return None
-        equal = np.array_equal(value, np.linspace(0.0, 1.0, len(value)))
-        return len(value) if equal else [float(x) for x in value]
-
-
-class _Description:
-    """Equality and hash of a description by value, arrays included."""
-
-    @cached_property
-    def _hashable_value(self) -> Any:
-        return describe.hashable_value(self)
-
-    def __eq__(self, other: object) -> bool:
-        if self is other:
-            return True
-        return type(other) is type(self) and self._hashable_value == other._hashable_value
-
-    def __hash__(self) -> int:
-        return hash(self._hashable_value)
-
-
 @dataclass(frozen=True, eq=False)
-class Source(_Description):
+class Source(Description):
     """Plane waves that illuminate the first modulator, mutually incoherent, equally strong."""
 
     directions_rad: Floats = described_field(
@@ -92,14 +49,14 @@ class Source(_Description):
     )
 
     def __post_init__(self) -> None:
-        describe.validate(self)
+        validate(self)
         for key, table in (("directions", self.directions_rad), ("tilts", self.tilts_rad)):
             if table is not None and (table.ndim != 2 or table.shape[0] < 1 or table.shape[1] != 2):
                 raise UserError(key, f"a table of shape {table.shape}", expected="rows of two angles [y, x]")
 
 
 @dataclass(frozen=True, eq=False)
-class Modulator(_Description):
+class Modulator(Description):
     """A phase modulator: square pixels of constant optical path."""
 
     pitch_m: float = described_field(Number("um", low=0.1e-6, high=1e-3), "Distance between pixel centres.")
@@ -108,11 +65,11 @@ class Modulator(_Description):
     levels: Floats | None = described_field(LevelFractions(), "Stroke fractions that can be shown.", default=None)
 
     def __post_init__(self) -> None:
-        describe.validate(self)
+        validate(self)
 
 
 @dataclass(frozen=True, eq=False)
-class Relay(_Description):
+class Relay(Description):
     """Imaging optics between two planes: what its Fourier plane lets through, and with which path error."""
 
     iris_na: float | None = described_field(
@@ -131,7 +88,7 @@ class Relay(_Description):
     )
 
     def __post_init__(self) -> None:
-        describe.validate(self)
+        validate(self)
         if self.dc_block_na and self.iris_na and self.dc_block_na >= self.iris_na:
             raise UserError(
                 "dc_block_na",
@@ -149,7 +106,7 @@ class Relay(_Description):
 
 
 @dataclass(frozen=True, eq=False)
-class Sampling(_Description):
+class Sampling(Description):
     """How finely and on how large a grid the light is computed."""
 
     upsample: int = described_field(Integer(1, 16), "Simulation samples a modulator pixel and axis.", default=2)
@@ -161,11 +118,11 @@ class Sampling(_Description):
     padding: int = described_field(Integer(2, 8), "Sides of a linear grid in sides of the modulators.", default=2)
 
     def __post_init__(self) -> None:
-        describe.validate(self)
+        validate(self)
 
 
 @dataclass(frozen=True, eq=False)
-class System(_Description):
+class System(Description):
     """A display bench. Arrays: wavelengths (wavelength,), amplitudes (frame, wavelength), planes (plane,).
 
     An amplitude multiplies the intensity of its laser in its frame; frames and sources are averaged. Raises UserError
@@ -201,7 +158,7 @@ class System(_Description):
     description: str = described_field(Choice(), "The bench in a sentence.", default="")
 
     def __post_init__(self) -> None:
-        describe.validate(self)
+        validate(self)
         for key, array in (("wavelengths", self.wavelengths_m), ("planes", self.planes_m)):
             if array.ndim != 1 or len(array) == 0:
                 raise UserError(key, f"an array of shape {array.shape}", expected="a list of at least one length")
@@ -294,7 +251,7 @@ class System(_Description):
         `pitch`, `shape`, `stroke` and `levels` change every modulator; amplitudes="white" balances the lasers.
         Raises UserError for unknown keys and impossible values.
         """
-        edited: System = describe.with_changes(self, expand_edit(self, changes))
+        edited: System = with_changes(self, expand_edit(self, changes))
         return edited
 
     def with_(self, **changes: Any) -> System:

@@ -47,6 +47,10 @@ def test_columns_and_formulas_keep_their_shape() -> None:
     assert to_markdown("    a = hv.load('x')\n    b = a") == "```python\n    a = hv.load('x')\n    b = a\n```"
 
 
+def test_examples_at_a_prompt_keep_their_shape() -> None:
+    assert to_markdown("One.\n\n>>> a_b = 2\n>>> a_b\n2") == "One.\n\n```pycon\n>>> a_b = 2\n>>> a_b\n2\n```"
+
+
 def test_lines_that_explain_names_are_a_list() -> None:
     text = "What it is.\n\nshape: of a_b\nand more. step (x, y): how far.\nlast, next: two.\nRaises UserError for none."
     assert to_markdown(text) == (
