@@ -1,4 +1,4 @@
-"""What a measurement session holds, in numbers and in pictures, and what it can't tell."""
+"""Summary of a measurement session: as numbers for `holoview captures check`, and as a contact sheet."""
 
 from __future__ import annotations
 
@@ -9,59 +9,63 @@ from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.model.effects.registry import listed_effects
-from holoview.report.contact_sheet import CaptionedTile, contact_sheet
+from holoview.report.contact_sheet import CaptionedTile, contact_sheet, greyscale_pixels
 
-_DARK_SIGMAS = 3.0  # of the noise: a picture whose mean signal is less shows nothing
+_DARK_SIGMAS = 3.0  # an image is dark if its mean signal is less than this many standard deviations of a dark mean
+_WHITE_QUANTILE = 0.999  # of the pixels, shown white
+_SATURATED_COLOUR = (230, 40, 40)
+_TILE_WIDTH_PX = 420
 
 
 def summarise(captures: Captures) -> dict[str, Any]:
-    """Facts of a session, ready for JSON. `cant_tell`: {effect: why these data don't show it}."""
-    camera, facts = captures.camera, captures.data_properties()
+    """The contents of a session as a dictionary for JSON.
+
+    saturated: fractions of the pixels, in the worst capture and on average. dark: captures without significant light.
+    mean_electrons: median over the captures of the mean signal per pixel. cant_tell: {effect id: why these data can't
+    show it}.
+    """
+    camera, properties = captures.camera, captures.data_properties()
     signal = captures.images.mean(axis=(1, 2)) - camera.black_level
-    noise = float(camera.noise_variance(np.zeros(1))[0]) ** 0.5
+    dark_limit = _DARK_SIGMAS * camera.dark_noise / np.sqrt(captures.images[0].size)
     saturated = (captures.images >= camera.saturation).mean(axis=(1, 2))
+    unmet = {name: effect.needs.unmet_by(properties) for name, effect in listed_effects().items()}
     return {
         "captures": len(captures),
         "modulators": len(captures.slms),
         "pixels": list(captures.levels.shape[2:]),
-        "levels": [panel.num_levels for panel in captures.slms],
+        "levels": [slm.num_levels for slm in captures.slms],
         "image": list(captures.shape),
         "geometry": "Fourier bench" if captures.is_fourier else "near field",
         "wavelengths_m": captures.wavelengths_m.tolist(),
         "distances_m": np.unique(captures.distance_m).tolist(),
-        "powers": facts.powers,
+        "powers": properties.powers,
         "saturated": {"worst": float(saturated.max()), "mean": float(saturated.mean())},
-        "dark": np.flatnonzero(signal < _DARK_SIGMAS * noise / np.sqrt(captures.images[0].size)).tolist(),
+        "dark": np.flatnonzero(signal < dark_limit).tolist(),
         "mean_electrons": float(np.median(signal) * camera.electrons_per_count),
-        "cant_tell": {name: why for name, one in listed_effects().items() if (why := one.needs.unmet_by(facts))},
+        "cant_tell": {name: reason for name, reason in unmet.items() if reason},
     }
 
 
 def capture_sheet(captures: Captures, max_captures: int = 12) -> NDArray[np.uint8]:
-    """A picture (y, x, 3): patterns and camera image of captures spread over the session, each scaled to its range."""
+    """A contact sheet (y, x, 3): patterns and image of at most `max_captures` captures, evenly spread over the session.
+
+    Each image is scaled to its own range; saturated pixels are red.
+    """
     chosen = np.unique(np.linspace(0, len(captures) - 1, max_captures).round().astype(int))
-    heads = [*(f"modulator {n + 1}" for n in range(len(captures.slms))), "camera"]
+    titles = [*(f"modulator {n + 1}" for n in range(len(captures.slms))), "camera"]
     rows = []
     for k in chosen:
         λ, z = captures.wavelength_m[k] * 1e9, captures.distance_m[k] * 1e3
-        said = f"{k}: {λ:g} nm, {z:g} mm, power {captures.power[k]:g}, {captures.exposure_s[k] * 1e3:.3g} ms"
-        patterns = [
-            CaptionedTile(_grey(levels / (panel.num_levels - 1)), "")
-            for levels, panel in zip(captures.levels[k], captures.slms, strict=True)
-        ]
-        rows.append([*patterns, CaptionedTile(_camera_picture(captures, int(k)), said)])
-    return contact_sheet(f"{len(captures)} captures", heads, rows, width=420)
+        caption = f"{k}: {λ:g} nm, {z:g} mm, power {captures.power[k]:g}, {captures.exposure_s[k] * 1e3:.3g} ms"
+        patterns = [CaptionedTile(greyscale_pixels(drive), "") for drive in captures.drive(int(k))]
+        rows.append([*patterns, CaptionedTile(_camera_pixels(captures, int(k)), caption)])
+    return contact_sheet(f"{len(captures)} captures", titles, rows, width=_TILE_WIDTH_PX)
 
 
-def _camera_picture(captures: Captures, k: int) -> NDArray[np.uint8]:
-    """A camera image, saturated pixels in red."""
+def _camera_pixels(captures: Captures, k: int) -> NDArray[np.uint8]:
+    """A camera image as 8-bit pixels (y, x, 3), proportional to the square root of the light."""
     image, camera = captures.images[k].astype(np.float64), captures.camera
-    top = max(float(np.quantile(image, 0.999)) - camera.black_level, 1.0)
-    pixels = _grey(np.sqrt(np.clip((image - camera.black_level) / top, 0, 1)))
-    pixels[captures.images[k] >= camera.saturation] = (230, 40, 40)
+    white = max(float(np.quantile(image, _WHITE_QUANTILE)) - camera.black_level, 1.0)
+    pixels = greyscale_pixels(np.sqrt(np.clip((image - camera.black_level) / white, 0, 1)))
+    pixels[captures.images[k] >= camera.saturation] = _SATURATED_COLOUR
     return pixels
-
-
-def _grey(values: NDArray[np.floating]) -> NDArray[np.uint8]:
-    shades = np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
-    return np.repeat(shades[..., None], 3, axis=-1)

@@ -1,4 +1,7 @@
-"""What a measurement session can't be, and what looks like a mistake: clear words instead of a wrong diagnosis."""
+"""Validates a measurement session and hints at wrong units, so that mistakes in a file don't become a wrong diagnosis.
+
+Errors name the dataset or attribute of the capture file (`docs/captures.md`).
+"""
 
 from __future__ import annotations
 
@@ -21,32 +24,38 @@ _LENGTH_LIMITS: dict[str, tuple[float, float, str]] = {
     "geometry attribute gap": (0.0, 1.0, "a distance in metres, such as 0.001"),
     "geometry attribute focal_length": (1e-3, 1.0, "a focal length in metres, such as 0.2"),
 }
-"""Smallest and largest value that can be meant, and what is expected."""
+"""Smallest and largest plausible value (m) of each length, and what an error says is expected."""
 
 _UNITS = {1e-3: "millimetres", 1e-6: "micrometres", 1e-9: "nanometres", 1e-2: "centimetres"}
-_MAX_SPREAD_WIDTHS = (
-    10.0  # modulator widths that light may spread sideways on its way: beyond, nothing is left of a picture
-)
+_MAX_SPREAD_WIDTHS = 10.0  # modulator widths by which light may spread sideways: beyond, the image is empty
+_USUAL_MAX_DISTANCE_M = 0.05  # a hint suggests the unit in which a distance would be at most this
+_MIN_LIGHT_SIGMAS = 0.5  # of a pixel's dark noise, for the mean signal of the brightest image
+_MAX_SATURATED = 0.5  # fraction of the pixels of the least saturated image
 
 
 def check_captures(captures: Captures) -> None:
-    """UserError unless the session can be measured data in SI units and fits together."""
-    _check_counts(captures)
+    """Raises UserError unless the session is consistent and plausible as measured data in SI units."""
+    _check_columns(captures)
     _check_lengths(captures)
     _check_geometry(captures)
     _check_spread(captures)
-    for number, panel in enumerate(captures.slms):
-        where = f"slm{number + 1}"
-        if not 2 <= panel.num_levels <= 65536:
-            raise UserError(f"{where} attribute num_levels", f"{panel.num_levels}", expected="2 to 65536")
-        highest = int(captures.levels[:, number].max())
-        if highest >= panel.num_levels:
-            raise UserError(f"{where}/levels", f"level {highest}", expected=f"0 to {panel.num_levels - 1}")
+    _check_levels(captures)
     _check_camera(captures)
     _check_images(captures)
 
 
-def _check_counts(captures: Captures) -> None:
+def _check_levels(captures: Captures) -> None:
+    for number, slm in enumerate(captures.slms):
+        where = f"slm{number + 1}"
+        if not 2 <= slm.num_levels <= 65536:
+            raise UserError(f"{where} attribute num_levels", f"{slm.num_levels}", expected="2 to 65536")
+        highest = int(captures.levels[:, number].max())
+        if highest >= slm.num_levels:
+            raise UserError(f"{where}/levels", f"level {highest}", expected=f"0 to {slm.num_levels - 1}")
+
+
+def _check_columns(captures: Captures) -> None:
+    """The arrays with one entry per capture have equal lengths; numbers are finite; powers and exposures positive."""
     columns: dict[str, NDArray[Any]] = {
         "camera/images": captures.images,
         "wavelength": captures.wavelength_m,
@@ -73,9 +82,9 @@ def _check_lengths(captures: Captures) -> None:
     }
     if not captures.is_fourier:
         values["distance"] = captures.distance_m
-    for number, panel in enumerate(captures.slms):
-        values[f"slm{number + 1} attribute pitch"] = np.array([panel.pitch_m])
-        values[f"slm{number + 1} attribute opd_range"] = np.array([panel.opd_range_m])
+    for number, slm in enumerate(captures.slms):
+        values[f"slm{number + 1} attribute pitch"] = np.array([slm.pitch_m])
+        values[f"slm{number + 1} attribute opd_range"] = np.array([slm.opd_range_m])
     for name, value in (("gap", captures.gap_m), ("focal_length", captures.focal_length_m)):
         if value is not None:
             values[f"geometry attribute {name}"] = np.array([value])
@@ -87,28 +96,34 @@ def _check_lengths(captures: Captures) -> None:
     if captures.is_fourier and np.any(np.abs(captures.distance_m) > float(captures.focal_length_m or 0.0)):
         worst = float(np.abs(captures.distance_m).max())
         expected = "defocus from the focal plane in metres, less than the focal length"
-        raise UserError("distance", f"{worst:g}", expected=expected, remedy=_unit_hint(worst, 0.0, 0.05))
+        raise UserError(
+            "distance", f"{worst:g}", expected=expected, remedy=_unit_hint(worst, 0.0, _USUAL_MAX_DISTANCE_M)
+        )
 
 
 def _check_spread(captures: Captures) -> None:
-    """A distance over which light would leave the picture: 0.5 for half a millimetre."""
+    """No distance is so long that diffraction would spread the light over many modulator widths.
+
+    Such a distance, for example 0.5 for half a millimetre, is within the limits of `_check_lengths`, but its unit is
+    wrong. The light spreads by distance × the smaller of the iris's sine and λ/(2·pitch), the edge of the first order.
+    """
     if captures.is_fourier:
         return
     width = max(captures.levels.shape[2:]) * captures.slms[0].pitch_m
-    diffracted = float(captures.wavelength_m.min()) / (2 * captures.slms[0].pitch_m)
+    edge_sine = float(captures.wavelength_m.min()) / (2 * captures.slms[0].pitch_m)
     paths = {"distance": (float(captures.distance_m.max()), captures.iris2_na)}
     if captures.gap_m is not None:
         paths["geometry attribute gap"] = (captures.gap_m, captures.iris1_na)
     for name, (length, na) in paths.items():
-        if length * min(na or 1.0, diffracted) > _MAX_SPREAD_WIDTHS * width:
+        if length * min(na or 1.0, edge_sine) > _MAX_SPREAD_WIDTHS * width:
             found = (
                 f"{length:g}: light would spread over {_MAX_SPREAD_WIDTHS:g} times the modulator's {width * 1e3:.3g} mm"
             )
-            raise UserError(name, found, remedy=_unit_hint(length, 0.0, 0.05))
+            raise UserError(name, found, remedy=_unit_hint(length, 0.0, _USUAL_MAX_DISTANCE_M))
 
 
 def _unit_hint(value: float, low: float, high: float) -> str:
-    """In which unit the value would make sense."""
+    """Which unit would bring the value within the limits, in words; empty if none would."""
     fitting = [name for factor, name in _UNITS.items() if low <= value * factor <= high and value * factor > 1e-9]
     return f"it looks like {fitting[0]}: lengths are in metres" if fitting else ""
 
@@ -149,28 +164,27 @@ def _check_images(captures: Captures) -> None:
     if highest > camera.saturation:
         expected = f"0 to {camera.saturation} at {camera.bit_depth} bits"
         raise UserError("camera/images", f"{highest} counts", expected=expected, remedy="correct bit_depth")
-    noise = (camera.read_noise**2 / camera.electrons_per_count**2 + 1 / 12) ** 0.5
-    if float(images.mean(axis=(1, 2)).max()) - camera.black_level < 0.5 * noise:
+    if float(images.mean(axis=(1, 2)).max()) - camera.black_level < _MIN_LIGHT_SIGMAS * camera.dark_noise:
         raise UserError(
             "camera/images",
             "all are dark",
             expected="light above black_level + noise",
-            remedy=("check shutter, exposure and black_level"),
+            remedy="check shutter, exposure and black_level",
         )
-    if float((images >= camera.saturation).mean(axis=(1, 2)).min()) > 0.5:
+    if float((images >= camera.saturation).mean(axis=(1, 2)).min()) > _MAX_SATURATED:
         raise UserError("camera/images", "all are saturated", expected="a shorter exposure or less laser power")
     _check_orientation(captures)
 
 
 def _check_orientation(captures: Captures) -> None:
-    """Rows and columns swapped: the picture covers the modulator only when it is turned."""
+    """Images and patterns are either both wide or both tall; otherwise rows and columns are swapped in one of them."""
     if captures.is_fourier:
         return
-    (rows, columns), (h, w) = captures.levels.shape[2:], captures.shape
-    if rows == columns or h == w:
+    (rows, columns), (image_rows, image_columns) = captures.levels.shape[2:], captures.shape
+    if rows == columns or image_rows == image_columns:
         return
-    if (rows < columns) != (h < w):
-        found = f"pictures of {h} × {w} pixels for modulators of {rows} × {columns}"
+    if (rows < columns) != (image_rows < image_columns):
+        found = f"pictures of {image_rows} × {image_columns} pixels for modulators of {rows} × {columns}"
         raise UserError(
             "camera/images",
             found,

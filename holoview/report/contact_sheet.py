@@ -21,6 +21,12 @@ class CaptionedTile:
     caption: str
 
 
+def greyscale_pixels(values: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Values 0 … 1 (y, x) as 8-bit grey pixels (y, x, 3); values beyond are clipped, NaN becomes medium grey."""
+    shades = np.rint(255 * np.clip(np.nan_to_num(values, nan=0.5), 0, 1)).astype(np.uint8)
+    return np.repeat(shades[..., None], 3, axis=-1)
+
+
 def contact_sheet(
     title: str, column_titles: Sequence[str], rows: Sequence[Sequence[CaptionedTile]], width: int = 480
 ) -> NDArray[np.uint8]:

@@ -12,6 +12,7 @@ import holoview as hv
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.pipeline import diagnose
+from holoview.report.contact_sheet import greyscale_pixels
 from holoview.study.claims import SHOWN
 from holoview.study.hologram_jobs import mean_number
 from holoview.study.hologram_study import Results
@@ -114,13 +115,8 @@ def _pictures(found: Diagnosis) -> dict[str, NDArray[np.uint8]]:
     bright = float(np.quantile(sample.light, _WHITE_QUANTILE))
     before, after = (residual / (2 * _RANGE_SIGMAS) + 0.5 for residual in sample.residual)
     light = np.sqrt(np.clip(sample.light / max(bright, 1e-9), 0, 1))
-    return {"light": _grey(light), "left-before": _grey(before), "left-after": _grey(after)}
-
-
-def _grey(values: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Values 0 … 1 as grey."""
-    signal = np.round(255 * np.clip(np.nan_to_num(values, nan=0.5), 0, 1)).astype(np.uint8)
-    return np.repeat(signal[..., None], 3, axis=-1)
+    pictures = {"light": light, "left-before": before, "left-after": after}
+    return {name: greyscale_pixels(values) for name, values in pictures.items()}
 
 
 def _format_outcome(outcome: JobResult) -> str:
