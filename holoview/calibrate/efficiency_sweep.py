@@ -1,4 +1,8 @@
-"""A diffraction-efficiency sweep: power in the first order of a binary grating against the grey level of its bars."""
+"""Reads a diffraction-efficiency sweep of a modulator from a CSV file.
+
+A binary grating of equal bars is shown. One half of the bars stays at the lowest grey level, the other half steps
+through all grey levels; the power in the first diffraction order is measured at each step.
+"""
 
 from __future__ import annotations
 
@@ -16,27 +20,34 @@ from holoview.util.errors import UserError
 Floats = NDArray[np.float64]
 
 _EXPECTED = "two columns, grey level and power, separated by comma, semicolon or space"
-_FEWEST = 12
-_LEAST_CONTRAST = 0.2  # of the highest power, between the lowest and the highest reading
+_MIN_ROWS = 12
+_MIN_CONTRAST = 0.2  # (highest − lowest power) / highest power
 
 
 @dataclass(frozen=True)
 class EfficiencySweep:
-    """levels (n,): grey levels of every other bar, rising, the bars between at the first of them; power (n,)."""
+    """The first-order power of a grating whose bars are at two grey levels.
+
+    levels: (n,), grey level of every other bar, strictly ascending; the bars between them are at levels[0].
+    power: (n,), power in the first order, in any unit.
+    """
 
     levels: Floats
     power: Floats
 
     @property
     def relative_levels(self) -> Floats:
-        """Levels as a share of the sweep's range, 0 … 1."""
+        """The levels scaled linearly to 0 … 1, (n,)."""
         return (self.levels - self.levels[0]) / (self.levels[-1] - self.levels[0])
 
 
 def read_sweep(path: str | os.PathLike[str]) -> EfficiencySweep:
-    """The sweep of a CSV file; one line of headings is allowed, rows may come in any order.
+    """Reads the columns grey level and power, separated by comma, semicolon, tab or space.
 
-    Raises UserError that names the line when the file is missing, isn't two columns of numbers, or tells too little.
+    The first line may hold headings, lines that begin with # are comments, and the rows may have any order.
+
+    Raises UserError when the file is missing or a line isn't two finite numbers (it names the line), and when there are
+    fewer than 12 levels, a level occurs twice, or the power hardly changes.
     """
     file = Path(path)
     if not file.is_file():
@@ -46,17 +57,16 @@ def read_sweep(path: str | os.PathLike[str]) -> EfficiencySweep:
     except (OSError, UnicodeDecodeError) as error:
         raise UserError(str(file), f"can't be read: {error}", expected=f"a text file of {_EXPECTED}") from error
     rows = [(number, line.strip()) for number, line in enumerate(lines, 1) if line.strip() and line.strip()[0] != "#"]
-    if rows and not any(_is_number(cell) for cell in _cells(rows[0][1])):
+    if rows and not any(_is_number(cell) for cell in _split_cells(rows[0][1])):
         rows = rows[1:]
     try:
-        return _validated_sweep(
-            np.array([_row(number, line) for number, line in rows], dtype=np.float64).reshape(-1, 2)
-        )
+        table = np.array([_parse_row(number, line) for number, line in rows], dtype=np.float64).reshape(-1, 2)
+        return _validated_sweep(table)
     except UserError as error:
         raise error.inside(f"{file}: ") from error
 
 
-def _cells(line: str) -> list[str]:
+def _split_cells(line: str) -> list[str]:
     return re.split(r"\s*[,;\t]\s*|\s+", line)
 
 
@@ -68,8 +78,8 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _row(number: int, line: str) -> tuple[float, float]:
-    cells = _cells(line)
+def _parse_row(number: int, line: str) -> tuple[float, float]:
+    cells = _split_cells(line)
     if len(cells) != 2:
         raise UserError(f"line {number}", f'"{line[:40]}", {len(cells)} columns', expected=_EXPECTED)
     for cell in cells:
@@ -79,16 +89,17 @@ def _row(number: int, line: str) -> tuple[float, float]:
 
 
 def _validated_sweep(table: Floats) -> EfficiencySweep:
-    if len(table) < _FEWEST:
-        raise UserError("sweep", f"{len(table)} rows", expected=f"at least {_FEWEST} grey levels")
+    """The sweep of a table (n, 2) of levels and powers, sorted by level. Raises UserError if it can't be one."""
+    if len(table) < _MIN_ROWS:
+        raise UserError("sweep", f"{len(table)} rows", expected=f"at least {_MIN_ROWS} grey levels")
     table = table[np.argsort(table[:, 0], kind="stable")]
     levels, power = table[:, 0], table[:, 1]
-    twice = np.flatnonzero(np.diff(levels) == 0)
-    if len(twice):
-        raise UserError("sweep", f"grey level {levels[twice[0]]:g} occurs twice", expected="each grey level once")
+    repeated = np.flatnonzero(np.diff(levels) == 0)
+    if len(repeated):
+        raise UserError("sweep", f"grey level {levels[repeated[0]]:g} occurs twice", expected="each grey level once")
     if levels[0] < 0:
         raise UserError("sweep", f"grey level {levels[0]:g}", expected="levels from 0")
-    if power.max() <= 0 or power.max() - power.min() < _LEAST_CONTRAST * power.max():
+    if power.max() <= 0 or power.max() - power.min() < _MIN_CONTRAST * power.max():
         found = f"power from {power.min():g} to {power.max():g}"
         remedy = "the columns are grey level, then power; the first level must leave the grating flat"
         raise UserError("sweep", found, expected="power that rises from almost none", remedy=remedy)

@@ -1,9 +1,12 @@
-"""Exposure and laser power for every wavelength, so that captures use the camera's range and none clips.
+"""Chooses laser power and exposure time for each wavelength so that captures fill the camera's range unclipped.
 
-    rate = (the brightest 0.1 % of a picture − black) / (power · exposure)     counts for each unit of both
+The camera is linear: the 99.9th percentile of an image above the black level grows in proportion to power · exposure.
+From first captures of any brightness,
 
-The brightest of a wavelength's first captures decides. Of the lasers' powers the highest is chosen that the camera's
-shortest exposure allows: short exposures suffer least from drift and vibration.
+    rate = max over captures of (99.9th percentile − black) / (power · exposure),
+
+and power · exposure = headroom · (saturation − black) / rate. Of the pairs with this product the one with the highest
+power is chosen, because short exposures suffer least from drift and vibration.
 """
 
 from __future__ import annotations
@@ -17,16 +20,20 @@ from holoview.captures.dataset import Captures
 from holoview.util.errors import UserError
 
 HEADROOM = 0.9
-"""Share of the range between black and saturation that the brightest 0.1 % is to reach."""
+"""Share of the range from black to saturation that the 99.9th percentile is to reach."""
 
-_BRIGHTEST = 1e-3  # share of the pixels that may clip
-_BACK_OFF = 4.0  # a clipped picture tells only that it was too bright: try so many times less
-_DIM = 0.02  # of the range: a dimmer picture's rate isn't worth much
+_CLIPPED_SHARE = 1e-3  # share of the pixels that may clip
+_BACK_OFF = 4.0  # a clipped image only bounds the rate from below: assume that it is so many times higher
+_DIM = 0.02  # share of the range; the rate of a dimmer image is too uncertain
 
 
 @dataclass(frozen=True)
 class ExposureLimits:
-    """What can be set: relative laser powers and exposures (s), smallest and largest."""
+    """The lowest and highest settings of the equipment. The field names appear in error messages.
+
+    powers: laser power, in the unit of the captures.
+    exposures_s: exposure times.
+    """
 
     powers: tuple[float, float] = (0.05, 1.0)
     exposures_s: tuple[float, float] = (1e-4, 1.0)
@@ -40,7 +47,11 @@ class ExposureLimits:
 
 @dataclass(frozen=True)
 class ExposureSetting:
-    """What to set for a wavelength, the counts above black that the brightest 0.1 % then reaches, and a remark."""
+    """The planned setting for a wavelength. The field names are keys of the JSON that `holoview captures plan` writes.
+
+    reached: expected 99.9th percentile of an image, in counts above black.
+    note: a warning, or "".
+    """
 
     wavelength_m: float
     power: float
@@ -49,18 +60,22 @@ class ExposureSetting:
     note: str = ""
 
 
-_ANY = ExposureLimits()
+_DEFAULT_LIMITS = ExposureLimits()
 
 
 def plan_exposures(
     captures: Captures,
     dark: NDArray[np.unsignedinteger] | None = None,
-    limits: ExposureLimits = _ANY,
+    limits: ExposureLimits = _DEFAULT_LIMITS,
     headroom: float = HEADROOM,
 ) -> list[ExposureSetting]:
-    """A line a wavelength, from first captures and a dark picture (y, x) in counts; nominal black without one.
+    """One setting for each wavelength in ascending order, from at least one capture of each.
 
-    Raises UserError where the dark picture isn't of the camera's shape, or is no darker than the captures.
+    dark: image (y, x) in counts with the lasers off; its mean replaces the camera's nominal black level.
+    limits: powers and exposures that can be set.
+    headroom: share of the range from black to saturation to use, 0.05 … 1.
+
+    Raises UserError when `dark` doesn't have the camera's shape or isn't darker than the captures.
     """
     if not 0.05 <= headroom < 1:
         raise UserError("headroom", f"{headroom:g}", expected="from 0.05 to below 1")
@@ -84,39 +99,39 @@ def _black_level(captures: Captures, dark: NDArray[np.unsignedinteger] | None) -
 def _plan_wavelength(
     captures: Captures, wavelength_m: float, black: float, limits: ExposureLimits, headroom: float
 ) -> ExposureSetting:
-    saturation = captures.camera.saturation
-    room = headroom * (saturation - black)
-    mine = np.flatnonzero(captures.wavelength_m == wavelength_m)
-    bright = np.quantile(captures.images[mine].reshape(len(mine), -1), 1 - _BRIGHTEST, axis=1) - black
-    clipped = bright >= saturation - black
-    bright = np.where(clipped, _BACK_OFF * bright, np.maximum(bright, 1e-3))
-    rates = bright / (captures.power[mine] * captures.exposure_s[mine])
+    full_range = captures.camera.saturation - black
+    indices = np.flatnonzero(captures.wavelength_m == wavelength_m)
+    images = captures.images[indices].reshape(len(indices), -1)
+    brightest = np.quantile(images, 1 - _CLIPPED_SHARE, axis=1) - black
+    clipped = brightest >= full_range
+    brightest = np.where(clipped, _BACK_OFF * brightest, np.maximum(brightest, 1e-3))
+    rates = brightest / (captures.power[indices] * captures.exposure_s[indices])
     note = ""
     if clipped.any():
         note = "a first capture was clipped: take this one and plan again"
-    elif bright.max() < _DIM * (saturation - black):
+    elif brightest.max() < _DIM * full_range:
         note = "the first captures were dim: take this one and plan again"
-    return _choose_power_and_exposure(wavelength_m, float(rates.max()), room, limits, note)
+    return _choose_power_and_exposure(wavelength_m, float(rates.max()), headroom * full_range, limits, note)
 
 
 def _choose_power_and_exposure(
-    wavelength_m: float, rate: float, room: float, limits: ExposureLimits, note: str
+    wavelength_m: float, rate: float, target: float, limits: ExposureLimits, note: str
 ) -> ExposureSetting:
-    """Power and exposure whose product fills the room, inside the limits."""
+    """The highest power, with its exposure, at which rate · power · exposure is the target (counts above black)."""
     (weakest, strongest), (shortest, longest) = limits.powers, limits.exposures_s
-    needed = room / rate
-    power = float(np.clip(needed / shortest, weakest, strongest))
-    exposure = float(np.clip(needed / power, shortest, longest))
+    product = target / rate
+    power = float(np.clip(product / shortest, weakest, strongest))
+    exposure = float(np.clip(product / power, shortest, longest))
     power, exposure = _round_down(power), _round_down(exposure)
     reached = rate * power * exposure
-    if reached > 1.001 * room:
+    if reached > 1.001 * target:
         note = "too bright at the lowest power and shortest exposure: dim the laser"
-    elif reached < 0.5 * room and not note:
+    elif reached < 0.5 * target and not note:
         note = "dim at the highest power and longest exposure"
     return ExposureSetting(float(wavelength_m), power, exposure, reached, note)
 
 
 def _round_down(value: float) -> float:
-    """Three digits, never more than the value."""
+    """The value rounded down to three significant digits."""
     scale = 10.0 ** (np.floor(np.log10(value)) - 2)
     return float(f"{np.floor(value / scale * (1 + 1e-12)) * scale:.3g}")

@@ -1,4 +1,4 @@
-"""Figures as PNG files."""
+"""Writes matplotlib figures as PNG files, and plots a fitted look-up table."""
 
 from __future__ import annotations
 
@@ -17,8 +17,12 @@ if TYPE_CHECKING:
 
 @contextmanager
 def png_figure(path: str | os.PathLike[str], size: tuple[float, float]) -> Iterator[Figure]:
-    """A figure (inches) that is written as PNG when the block ends, whole or not at all."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # here: a second to load, and needs no window
+    """Yields an empty figure, and writes it as PNG at 120 dpi when the block ends without an exception.
+
+    size: width and height in inches. The file is replaced only by a complete one; raises UserError when that fails.
+    """
+    # imported here: it takes a second, and calibrations without pictures don't need it
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, layout="constrained")
@@ -29,7 +33,7 @@ def png_figure(path: str | os.PathLike[str], size: tuple[float, float]) -> Itera
 
 
 def plot_lut(path: str | os.PathLike[str], lut: Lut, title: str) -> None:
-    """The sweep with its fit, and the phase of each level."""
+    """Writes a PNG with two plots against grey level: measured and fitted power, and the fitted phase."""
     x = lut.sweep.levels
     with png_figure(path, (10.0, 4.2)) as figure:
         power, phase = figure.subplots(1, 2)
