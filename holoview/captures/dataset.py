@@ -14,8 +14,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.model.bench_parts import Modulator, Relay, Sampling
 from holoview.model.effects.effect import DataProperties
-from holoview.model.system import Modulator, Relay, Sampling, System
+from holoview.model.system import System
 
 Floats = NDArray[np.float64]
 Real = TypeVar("Real", bound=np.floating)

@@ -1,4 +1,8 @@
-"""Effects of one's own are tried once before a search, which would take a hook that fails for a bench that can't be."""
+"""Runs users' own effects once before a search.
+
+A search treats a parameter value at which a hook raises UserError as an impossible bench and goes on, so a mistake in
+an effect's file would stay unnoticed. Here it is reported.
+"""
 
 from __future__ import annotations
 
@@ -9,56 +13,54 @@ import torch
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor
 from holoview.model.effects.effect import Effect
-from holoview.model.effects.parameter import Parameter
 from holoview.util.errors import UserError
 
 _REMEDY = "mend the file that defines it"
-_PROBE_STEP = 0.5  # of the prior
+_PROBE_STEP = 0.5  # of the prior of each parameter
 
 
 def check_user_effects(captures: Captures, effects: Iterable[Effect]) -> None:
-    """UserError, naming the effect, where its hooks fail on the first capture or its words can't be said."""
+    """Raises UserError that names the effect whose hooks fail on the first capture, or whose finding can't be written.
+
+    Effects that need other data than these captures are skipped.
+    """
     predictor, system = Predictor(captures, cache_mb=1), captures.nominal_system()
-    for one in effects:
-        if one.needs.unmet_by(captures.data_properties()):
+    for effect in effects:
+        if effect.needs.unmet_by(captures.data_properties()):
             continue
-        _check_prediction(predictor, one, captures.shape)
+        _check_prediction(predictor, effect, captures.shape)
         try:
-            list(one.starting_points(system))
-            one.format_finding(system, _displaced_values(one, _PROBE_STEP))
+            list(effect.starting_points(system))
+            effect.format_finding(system, _probe_values(effect, _PROBE_STEP))
         except Exception as error:
-            found = f"its starts or words failed: {type(error).__name__}: {error}"
-            raise UserError(f"effects.{one.id}", found, remedy=_REMEDY) from error
+            found = f"its starting points or finding failed: {type(error).__name__}: {error}"
+            raise UserError(f"effects.{effect.id}", found, remedy=_REMEDY) from error
 
 
-def _check_prediction(predictor: Predictor, one: Effect, shape: tuple[int, int]) -> None:
-    """Steps either way from the identity; one of them must leave a picture: the other may be a bench that can't be."""
-    refused, tried = (
-        [],
-        [
-            v
-            for step in (_PROBE_STEP, -_PROBE_STEP)
-            if not one.parameter_values(v := _displaced_values(one, step)).is_identity
-        ],
-    )
-    for values in tried:
+def _check_prediction(predictor: Predictor, effect: Effect, shape: tuple[int, int]) -> None:
+    """Predicts the first capture with all parameters raised, and with all lowered.
+
+    UserError if an image has the wrong shape or isn't finite, or if both predictions fail: one may, where it
+    describes an impossible bench.
+    """
+    probes = [_probe_values(effect, step) for step in (_PROBE_STEP, -_PROBE_STEP)]
+    probes = [values for values in probes if not effect.parameter_values(values).is_identity]
+    errors = []
+    for values in probes:
         try:
-            signal = predictor([0], {one.id: values}).signal[0]
+            signal = predictor([0], {effect.id: values}).signal[0]
         except UserError as error:
-            refused.append(error)
+            errors.append(error)
             continue
         if tuple(signal.shape) != shape:
             found = f"leaves a picture of {tuple(signal.shape)} pixels"
-            raise UserError(f"effects.{one.id}", found, expected=f"{shape}", remedy=_REMEDY)
+            raise UserError(f"effects.{effect.id}", found, expected=f"{shape}", remedy=_REMEDY)
         if not bool(torch.isfinite(signal).all()):
-            raise UserError(f"effects.{one.id}", "leaves a picture that isn't finite", remedy=_REMEDY)
-    if refused and len(refused) == len(tried):
-        raise refused[0]
+            raise UserError(f"effects.{effect.id}", "leaves a picture that isn't finite", remedy=_REMEDY)
+    if errors and len(errors) == len(probes):
+        raise errors[0]
 
 
-def _displaced_values(one: Effect, step: float) -> dict[str, float]:
-    return {p.name: _clamped(p, p.identity + step * p.prior) for p in one.parameters}
-
-
-def _clamped(p: Parameter, value: float) -> float:
-    return min(max(value, p.low), p.high)
+def _probe_values(effect: Effect, step: float) -> dict[str, float]:
+    """Every parameter at its identity plus `step` priors, within its bounds."""
+    return {p.name: min(max(p.identity + step * p.prior, p.low), p.high) for p in effect.parameters}

@@ -1,8 +1,8 @@
-"""A virtual measurement session: patterns, exposures and pictures as a laboratory would take them of a bench.
+"""Simulates a measurement session: a bench with effects, exposure control, camera noise and digitisation.
 
-    pattern ─▶ bench with its effects ─▶ camera's signal × radiometric scale × exposure ─▶ noise, 12 bits ─▶ counts
+    pattern ─▶ bench with effects ─▶ signal × radiometric scale × exposure ─▶ shot and read noise ─▶ counts
 
-The nominal geometry that the session carries is that of the bench without effects.
+The session states the nominal geometry, that of the bench without effects.
 """
 
 from __future__ import annotations
@@ -19,23 +19,27 @@ from holoview.captures.dataset import Camera, Captures, SlmSpec
 from holoview.captures.patterns import BLUR_SIGMAS_PX, random_levels
 from holoview.captures.predictor import Predictor
 from holoview.captures.validation import check_captures
+from holoview.model.bench_parts import Relay, Source
 from holoview.model.effects.active_effects import EffectValues
 from holoview.model.effects.effect import Effect
-from holoview.model.system import Relay, Source, System
+from holoview.model.system import System
 from holoview.util.errors import UserError
 
 ProgressCallback = Callable[[int, int], None]
-_DEFAULT_NUM_LEVELS = 256  # levels sent to a modulator that has none of its own
-_TARGET_EXPOSURE = 0.8  # of full scale, for the brightest but a thousandth of the pixels
-_SHORTEST_S, _LONGEST_S = 1e-4, 10.0
+_DEFAULT_NUM_LEVELS = 256  # of a modulator that is described as continuous
+_BRIGHT_QUANTILE, _TARGET_EXPOSURE = 0.999, 0.8  # this quantile of the pixels is exposed to this fraction of full scale
+_MIN_EXPOSURE_S, _MAX_EXPOSURE_S = 1e-4, 10.0
+_FRAME_RATE_HZ = 60  # the first exposure of a wavelength is one frame time, within about 30 %
 
 
 @dataclass(frozen=True)
 class Nuisances:
-    """What varies from capture to capture in any laboratory, and is nobody's fault: standard deviations.
+    """Random variations that occur in any laboratory and aren't faults of the bench, as standard deviations.
 
-    exposure: relative; prnu: relative, of pixels' sensitivities, the same in all captures; camera_m: shift of the
-    picture; wavelength_m: drift of the laser.
+    exposure_jitter: relative error of each exposure time.
+    prnu: relative differences of the pixels' sensitivities, the same in all captures.
+    camera_jitter_m: shift of the camera, independent in y and x and in each capture.
+    wavelength_jitter_m: deviation of the laser's wavelength in each capture.
     """
 
     exposure_jitter: float = 0.0
@@ -46,11 +50,18 @@ class Nuisances:
 
 @dataclass(frozen=True)
 class AcquisitionSettings:
-    """How to measure. each: captures of every wavelength and plane, their patterns in turn from smooth to rough.
+    """How a session is measured.
 
-    powers: range of the laser powers that are set. camera: its pitch None for the simulation's samples, shape None for
-    the modulator's area. full_well: electrons at full scale. focal_length_m: a Fourier bench, planes then its defocus.
-    finer: samples each way that make the data, for each of the model's; a camera pixel sees the mean of its own.
+    captures_per_condition: captures at each combination of wavelength and plane.
+    power_range: laser powers are uniformly random in this range, relative.
+    blur_sigmas_px: blurs of the random patterns, in modulator pixels; captures cycle through them.
+    camera_pitch_m: None for the pitch of the simulation. camera_shape: None for the area of the modulator.
+    bit_depth, read_noise (electrons), black_level (counts): as in `Camera`. full_well: electrons at full scale.
+    focal_length_m: of a Fourier bench; None for near field.
+    planes_m: distances from the last modulator, or defocus on a Fourier bench; None for the system's planes, or 0.
+    finer: factor by which the simulation is finer than the session's own (`Captures.upsample`); a camera pixel then
+    averages several samples.
+    seed: of patterns, powers and noise.
     """
 
     captures_per_condition: int = 8
@@ -77,32 +88,33 @@ def make_captures(
     extra_effects: Iterable[Effect] = (),
     progress: ProgressCallback | None = None,
 ) -> Captures:
-    """Captures of a bench with `effects` {id: {parameter: value}} beside those that it has.
+    """Simulates captures of a bench with `effects` {id: {parameter: value}} in addition to its own.
 
-    One seed gives one session. Raises UserError for a bench whose nominal geometry a capture file can't hold, and for
-    effects that are unknown or impossible.
+    Equal arguments give equal captures. extra_effects: effects beside those of the registry. progress: called with
+    (captures made, captures in all). Raises UserError for a bench whose nominal geometry a capture file can't hold,
+    and for effects that are unknown or impossible.
     """
     settings = settings or AcquisitionSettings()
     rng = np.random.default_rng(settings.seed)
     captures = blank_captures(system, settings, rng)
     table = {**system.effect_values, **(effects or {})}
     predictor = Predictor(captures, extra_effects, finer=settings.finer)
-    counts = _CameraSimulator(captures, settings, rng)
+    camera = _CameraSimulator(captures, settings, rng)
     images, exposures = captures.images.copy(), captures.exposure_s.copy()
     for k in range(len(captures)):
         prediction = predictor([k], _jittered_effects(table, settings.nuisances, rng))
-        images[k], exposures[k] = counts.expose(k, prediction.signal[0].double().numpy(), prediction.black_level)
+        images[k], exposures[k] = camera.expose(k, prediction.signal[0].double().numpy(), prediction.black_level)
         if progress is not None:
             progress(k + 1, len(captures))
-    made = dataclasses.replace(captures, images=images, exposure_s=exposures)
-    check_captures(made)
-    return made
+    measured = dataclasses.replace(captures, images=images, exposure_s=exposures)
+    check_captures(measured)
+    return measured
 
 
 def blank_captures(system: System, settings: AcquisitionSettings, rng: np.random.Generator) -> Captures:
-    """What is sent and set, with pictures still black and exposures of 1 s."""
+    """A session before it is measured: patterns and settings, with images of zeros and exposures of 1 s."""
     _check_nominal(system, settings)
-    panels = tuple(
+    slms = tuple(
         SlmSpec(m.pitch_m, _DEFAULT_NUM_LEVELS if m.levels is None else len(m.levels), m.stroke_m)
         for m in system.modulators
     )
@@ -110,67 +122,57 @@ def blank_captures(system: System, settings: AcquisitionSettings, rng: np.random
     wavelengths, distances = (a.ravel() for a in np.meshgrid(system.wavelengths_m, planes, indexing="ij"))
     wavelengths, distances = (np.repeat(a, settings.captures_per_condition) for a in (wavelengths, distances))
     shape, count = system.modulators[0].shape, len(wavelengths)
-    levels = np.stack(
-        [
-            np.stack(
-                [
-                    random_levels(rng, shape, p.num_levels, settings.blur_sigmas_px[k % len(settings.blur_sigmas_px)])
-                    for p in panels
-                ]
-            )
-            for k in range(count)
-        ]
-    )
+    sigmas_px = [settings.blur_sigmas_px[k % len(settings.blur_sigmas_px)] for k in range(count)]
+    levels = [[random_levels(rng, shape, slm.num_levels, sigma_px) for slm in slms] for sigma_px in sigmas_px]
     samples = tuple(n * system.sampling.upsample for n in shape)
     pitch_m = settings.camera_pitch_m or system.modulators[0].pitch_m / system.sampling.upsample
     full_scale = 2**settings.bit_depth - 1 - settings.black_level
-    fourier = settings.focal_length_m is not None
     return Captures(
-        levels=levels,
+        levels=np.array(levels),
         images=np.zeros((count, *(settings.camera_shape or samples)), np.uint16),
         wavelength_m=wavelengths,
         distance_m=distances,
         power=np.round(rng.uniform(*settings.power_range, count), 2),
         exposure_s=np.ones(count),
-        slms=panels,
+        slms=slms,
         camera=Camera(
             pitch_m, settings.bit_depth, settings.full_well / full_scale, settings.read_noise, settings.black_level
         ),
         gap_m=system.gap_m,
         iris1_na=system.relay1.iris_na,
-        iris2_na=None if fourier else system.relay2.iris_na,
+        iris2_na=system.relay2.iris_na if settings.focal_length_m is None else None,
         focal_length_m=settings.focal_length_m,
     )
 
 
 class _CameraSimulator:
-    """Turns signals into counts: scale, exposure, noise, quantisation."""
+    """Exposure control and the camera: expected signals become counts."""
 
     def __init__(self, captures: Captures, settings: AcquisitionSettings, rng: np.random.Generator) -> None:
         self._captures, self._nuisances, self._rng = captures, settings.nuisances, rng
         self._sensitivity = 1 + settings.nuisances.prnu * rng.standard_normal(captures.shape)
-        self._scale: dict[float, float] = {}  # counts a unit of signal and second, unknown to the laboratory
+        self._scale: dict[float, float] = {}  # counts per unit of signal and second; a fit has to find it
 
-    def expose(self, k: int, signal: NDArray[np.float64], offset: float) -> tuple[NDArray[np.uint16], float]:
-        """Counts of a picture whose signal is for one second, and the exposure that was set."""
+    def expose(self, k: int, signal: NDArray[np.float64], black_level: float) -> tuple[NDArray[np.uint16], float]:
+        """Image (y, x) in counts of a signal (y, x) per second, and the exposure time (s) that was set for it."""
         camera = self._captures.camera
-        room = _TARGET_EXPOSURE * (camera.saturation - offset)
-        bright = float(np.quantile(signal, 0.999))
-        if not (bright > 0 and room > 0):
+        target = _TARGET_EXPOSURE * (camera.saturation - black_level)
+        bright = float(np.quantile(signal, _BRIGHT_QUANTILE))
+        if not (bright > 0 and target > 0):
             raise UserError("captures", f"no light reaches the camera in capture {k}", remedy="widen irises and stops")
         λ = float(self._captures.wavelength_m[k])
-        scale = self._scale.setdefault(λ, 60 * room / bright * float(self._rng.uniform(0.7, 1.3)))
-        exposure = float(np.clip(float(f"{room / (scale * bright):.2g}"), _SHORTEST_S, _LONGEST_S))
-        actual = exposure * (1 + self._nuisances.exposure_jitter * float(self._rng.standard_normal()))
-        electrons = np.maximum(scale * actual * signal * self._sensitivity, 0) * camera.electrons_per_count
+        scale = self._scale.setdefault(λ, _FRAME_RATE_HZ * target / bright * float(self._rng.uniform(0.7, 1.3)))
+        exposure_s = float(np.clip(float(f"{target / (scale * bright):.2g}"), _MIN_EXPOSURE_S, _MAX_EXPOSURE_S))
+        actual_s = exposure_s * (1 + self._nuisances.exposure_jitter * float(self._rng.standard_normal()))
+        electrons = np.maximum(scale * actual_s * signal * self._sensitivity, 0) * camera.electrons_per_count
         electrons = self._rng.poisson(electrons) + camera.read_noise * self._rng.standard_normal(signal.shape)
-        counts = np.rint(electrons / camera.electrons_per_count + offset)
-        return np.clip(counts, 0, camera.saturation).astype(np.uint16), exposure
+        counts = np.rint(electrons / camera.electrons_per_count + black_level)
+        return np.clip(counts, 0, camera.saturation).astype(np.uint16), exposure_s
 
 
 def _jittered_effects(table: EffectValues, nuisances: Nuisances, rng: np.random.Generator) -> dict[str, dict[str, Any]]:
-    """The effects of one capture: those of the bench, and what varies."""
-    out = {name: dict(values) for name, values in table.items()}
+    """The effects of one capture: those of the bench, with random shifts of camera and wavelength added."""
+    jittered = {name: dict(values) for name, values in table.items()}
     y, x, λ = rng.standard_normal(3)
     for name, key, amount in (
         ("camera_alignment", "shift_y", nuisances.camera_jitter_m * y),
@@ -178,8 +180,8 @@ def _jittered_effects(table: EffectValues, nuisances: Nuisances, rng: np.random.
         ("wavelength_offset", "offset", nuisances.wavelength_jitter_m * λ),
     ):
         if amount:
-            out.setdefault(name, {})[key] = out.get(name, {}).get(key, 0.0) + amount
-    return out
+            jittered.setdefault(name, {})[key] = jittered.get(name, {}).get(key, 0.0) + amount
+    return jittered
 
 
 def _planes(system: System, settings: AcquisitionSettings) -> NDArray[np.float64]:
@@ -189,7 +191,7 @@ def _planes(system: System, settings: AcquisitionSettings) -> NDArray[np.float64
 
 
 def _check_nominal(system: System, settings: AcquisitionSettings) -> None:
-    """UserError unless a capture file can hold the bench's nominal geometry."""
+    """Raises UserError unless a capture file can hold the bench's nominal geometry."""
     remedy = "use a preset without it; `--effects` can add it as what is really there"
     for name in ("relay1", "relay2"):
         relay = getattr(system, name)
