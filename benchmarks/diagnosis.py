@@ -25,8 +25,9 @@ from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
 from holoview.diagnose.effect_sampling import sample_effect
 from holoview.diagnose.pipeline import diagnose
+from holoview.model.bench_parts import Modulator, Relay
 from holoview.model.effects.registry import listed_effects
-from holoview.model.system import Modulator, Relay, System
+from holoview.model.system import System
 from holoview.util.errors import UserError
 
 UNSEEN = 1.02  # χ²/n below which a hidden effect can't be told from nothing

@@ -22,9 +22,10 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
 from holoview.model.plan import Plan, make_plan
 from holoview.model.preset import load
-from holoview.model.system import Modulator, Relay, Sampling, Source, System
+from holoview.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.version import __version__
 

@@ -17,7 +17,7 @@ from holoview.commands.output_files import make_folder
 from holoview.io.hologram import load_hologram
 from holoview.io.plm import CELL_MAPS, memory_cells
 from holoview.io.png import write_pattern, write_png
-from holoview.model.system import Modulator
+from holoview.model.bench_parts import Modulator
 from holoview.optics.slm import level_numbers
 from holoview.util.errors import UserError
 

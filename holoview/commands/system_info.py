@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from holoview.model.bench_parts import Relay
 from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.plan import Plan, band_limit, make_plan, walk_off
-from holoview.model.system import Relay, System
+from holoview.model.system import System
 from holoview.optimise.memory import peak_bytes
 from holoview.util import units
 

@@ -1,6 +1,7 @@
 """A display as data: what it consists of, how that is written, and every number that a simulation derives from it.
 
-system            `System` and its parts: source, modulators, relays, focal planes, observer, sampling
+system            `System`: lasers, modulators, relays, focal planes, observer, effects
+bench_parts       its parts: `Source`, `Modulator`, `Relay`, `Sampling`
 field_types       types of their fields: parse text or numbers to checked SI values, and write them back
 dataclass_fields  frozen dataclasses with such fields: built from tables, written to tables, edited by dotted keys
 shorthand         shorthands of presets and edits (white balance, frames, a grid of sources) as plain fields

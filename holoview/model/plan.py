@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import observer_weights
+from holoview.model.bench_parts import Relay, Sampling
 from holoview.model.effects.active_effects import ActiveEffects
-from holoview.model.system import PLANE_DISTANCES, Relay, Sampling, System
+from holoview.model.system import PLANE_DISTANCES, System
 from holoview.numerics.fft_grid import frequency_indices, is_fast_length, next_fast_length
 from holoview.util.errors import UserError
 

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from holoview.colour import observer_weights, white_amplitudes
-from holoview.model.system import Relay, System
+from holoview.model.bench_parts import Relay
+from holoview.model.system import System
 from holoview.util.errors import UserError, suggest_matches
 
 _RGB_M = (460e-9, 532e-9, 638e-9)

@@ -1,9 +1,9 @@
-"""The bench as data: frozen, checked when it is built, in SI units.
+"""The optical bench as data: frozen, checked when it is built, in SI units.
 
     source ─▶ modulator 1 ─▶ gap (relay 1) ─▶ modulator 2 ─▶ relay 2 to plane z ─▶ |·|² ─▶ observer
 
-A `System` describes this and nothing else; `holoview.model.plan` derives every number from it. `with_` and `edit`
-return a changed copy and accept SI numbers or people's text ("3 mm").
+A `System` describes this bench and computes nothing; `holoview.model.plan` derives every number of a simulation.
+`System.with_` and `System.edit` return a changed copy. Lengths and angles are SI numbers or text such as "3 mm".
 """
 
 from __future__ import annotations
@@ -15,118 +15,51 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
 from holoview.model.dataclass_fields import Description, Nested, NestedList, described_field, validate, with_changes
 from holoview.model.effects.effect_table import EffectPairs, EffectTable
-from holoview.model.field_types import Array, Choice, Coefficients, Integer, LevelFractions, Number, Shape
+from holoview.model.field_types import Array, Choice, Number
 from holoview.model.shorthand import expand_edit
 from holoview.util import units
 from holoview.util.errors import UserError
 
 Floats = NDArray[np.float64]
 
-_ANGLE = Number("mrad", low=-1.0, high=1.0)
-_APERTURE = Number(low=1e-5, high=1.0, optional=True)
 _EYE_RANGE_M = (390e-9, 830e-9)
-_LONGEST_M = 1.0  # of any gap or plane: a bare "3" that meant millimetres is refused, not taken for metres
+_LONGEST_M = 1.0  # of any gap or plane, so that a 3 that was meant in millimetres is refused instead of taken as 3 m
 
 PLANE_DISTANCES = Array(Number("mm", low=0.0, high=_LONGEST_M))
-"""Distances of focal planes, measured from the last modulator."""
-
-
-@dataclass(frozen=True, eq=False)
-class Source(Description):
-    """Plane waves that illuminate the first modulator, mutually incoherent, equally strong."""
-
-    directions_rad: Floats = described_field(
-        Array(_ANGLE, axes=2),
-        "Direction (y, x) of each source: the angles of incidence.",
-        default_factory=lambda: np.zeros((1, 2)),
-    )
-    tilts_rad: Floats | None = described_field(
-        Array(_ANGLE, axes=2, optional=True),
-        "Angle (y, x) that each wavelength adds to every direction: lasers that aren't co-aligned.",
-        default=None,
-    )
-
-    def __post_init__(self) -> None:
-        validate(self)
-        for key, table in (("directions", self.directions_rad), ("tilts", self.tilts_rad)):
-            if table is not None and (table.ndim != 2 or table.shape[0] < 1 or table.shape[1] != 2):
-                raise UserError(key, f"a table of shape {table.shape}", expected="rows of two angles [y, x]")
-
-
-@dataclass(frozen=True, eq=False)
-class Modulator(Description):
-    """A phase modulator: square pixels of constant optical path."""
-
-    pitch_m: float = described_field(Number("um", low=0.1e-6, high=1e-3), "Distance between pixel centres.")
-    shape: tuple[int, int] = described_field(Shape(), "Rows and columns of pixels.")
-    stroke_m: float = described_field(Number("nm", low=1e-9, high=20e-6), "Optical path that full drive adds.")
-    levels: Floats | None = described_field(LevelFractions(), "Stroke fractions that can be shown.", default=None)
-
-    def __post_init__(self) -> None:
-        validate(self)
-
-
-@dataclass(frozen=True, eq=False)
-class Relay(Description):
-    """Imaging optics between two planes: what its Fourier plane lets through, and with which path error."""
-
-    iris_na: float | None = described_field(
-        _APERTURE, "Numerical aperture of a round iris; none when absent.", default=None
-    )
-    dc_block_na: float | None = described_field(
-        _APERTURE, "Radius of a round stop at the zero order, as an aperture.", default=None
-    )
-    apodisation_na: float | None = described_field(
-        _APERTURE, "Aperture at which a Gaussian transmission falls to 1/e in amplitude.", default=None
-    )
-    aberration_m: tuple[tuple[int, float], ...] = described_field(
-        Coefficients("Z", Number("nm", low=-1e-4, high=1e-4), highest=37),
-        "Zernike terms (Noll index, r.m.s. optical path) over the iris.",
-        default=(),
-    )
-
-    def __post_init__(self) -> None:
-        validate(self)
-        if self.dc_block_na and self.iris_na and self.dc_block_na >= self.iris_na:
-            raise UserError(
-                "dc_block_na",
-                f"{self.dc_block_na:g}",
-                expected=f"less than iris_na = {self.iris_na:g}",
-                remedy="nothing would pass the relay otherwise",
-            )
-        if self.aberration_m and self.iris_na is None:
-            raise UserError("aberration", "without an iris", remedy="give iris_na: Zernike terms are over the iris")
-
-    @property
-    def is_clear(self) -> bool:
-        """Whether the relay neither blocks nor delays anything."""
-        return self == Relay()
-
-
-@dataclass(frozen=True, eq=False)
-class Sampling(Description):
-    """How finely and on how large a grid the light is computed."""
-
-    upsample: int = described_field(Integer(1, 16), "Simulation samples a modulator pixel and axis.", default=2)
-    propagation: str = described_field(
-        Choice(("linear", "compact", "periodic")),
-        "linear: padded to `padding` times the size; compact: padded by the largest walk-off; periodic: not padded.",
-        default="linear",
-    )
-    padding: int = described_field(Integer(2, 8), "Sides of a linear grid in sides of the modulators.", default=2)
-
-    def __post_init__(self) -> None:
-        validate(self)
+"""Field type of the distances of focal planes, measured from the last modulator."""
 
 
 @dataclass(frozen=True, eq=False)
 class System(Description):
-    """A display bench. Arrays: wavelengths (wavelength,), amplitudes (frame, wavelength), planes (plane,).
+    """A display: lasers, one or two phase modulators, relays, focal planes, observer and sampling. Frozen.
 
-    An amplitude multiplies the intensity of its laser in its frame; frames and sources are averaged. Raises UserError
-    with the key, the value and the remedy when values are impossible or contradict each other.
+    wavelengths_m: (wavelength,) vacuum wavelengths of the lasers, m.
+    amplitudes: (frame, wavelength) relative power of each laser in each frame; it multiplies the intensity. Frames and
+    directions of the source are averaged.
+    modulators: one or two `Modulator`s of equal shape and pitch.
+    gap_m: distance from modulator 1 to modulator 2, m; None with one modulator.
+    planes_m: (plane,) distances of the focal planes from the last modulator, m.
+    source: illumination of the first modulator, a `Source`.
+    relay1, relay2: `Relay` between the modulators, and behind the last one.
+    observer: "eye" (2° cone fundamentals), "cie1931" or "mono" (a camera with flat response). It determines XYZ.
+    sampling: the grid of the simulation, a `Sampling`.
+    effects: imperfections that are active and their values, {"gap": {"gap_error": "0.1 mm"}}; ids are those of
+    `holoview.effects`.
+    name, description: of the preset.
+
+    Lengths are metres or text such as "2 mm", at most 1 m. Arrays are read-only. Two systems are equal, and have equal
+    hashes, when all values are. Raises UserError, with the key, the value and a remedy, when a value is out of range
+    or values contradict each other. Usually made by `load` and changed by `with_`:
+
+    >>> import holoview as hv
+    >>> system = hv.load("holochrome-8").with_(shape=[48, 64], planes=["5 mm", "10 mm"])
+    >>> len(system.wavelengths_m), len(system.modulators), system.gap_m
+    (8, 2, 0.002)
+    >>> hv.System(["532 nm"], [[1.0]], [hv.Modulator("8 um", (48, 64), "800 nm")]).planes_m.tolist()
+    [0.01]
     """
 
     wavelengths_m: Floats = described_field(
@@ -232,28 +165,59 @@ class System(Description):
 
     @property
     def frames(self) -> int:
-        """Number of time-multiplexed frames that one image takes."""
+        """Number of frames that are shown one after another in one image.
+
+        >>> import holoview as hv
+        >>> hv.load("holochrome-8").with_(frames=3).frames
+        3
+        """
         return len(self.amplitudes)
 
     @property
     def drive_shape(self) -> tuple[int, int, int, int]:
-        """Shape of a drive array: (frame, modulator, y, x)."""
+        """Shape (frame, modulator, y, x) of a drive, the patterns that the modulators show.
+
+        >>> import holoview as hv
+        >>> hv.load("holochrome-8").with_(shape=[48, 64]).drive_shape
+        (1, 2, 48, 64)
+        """
         return (self.frames, len(self.modulators), *self.modulators[0].shape)
 
     @property
     def effect_values(self) -> dict[str, dict[str, Any]]:
-        """Effects that are switched on, {id: {parameter: SI value}}."""
+        """The active effects, {id: {parameter: SI value}}; parameters that aren't stated are at their identity.
+
+        >>> import holoview as hv
+        >>> hv.load("holochrome-8").edit({"effects.gap.gap_error": "0.1 mm"}).effect_values
+        {'gap': {'gap_error': 0.0001}}
+        """
         return {name: dict(pairs) for name, pairs in self.effects}
 
     def edit(self, changes: Mapping[str, Any]) -> System:
-        """A copy with some keys changed, e.g. edit({"gap": 3e-3, "relay2.iris_na": 0.02}); SI numbers or people's text.
+        """A copy of the system with some keys changed.
 
-        `pitch`, `shape`, `stroke` and `levels` change every modulator; amplitudes="white" balances the lasers.
-        Raises UserError for unknown keys and impossible values.
+        changes: {key: value}. Keys are those of presets: the fields' names without units, with dots into nested ones
+        ("relay2.iris_na", "modulators.0.pitch", "effects.gap.gap_error"). Values are SI numbers or text.
+
+        Shorthands: `pitch`, `shape`, `stroke` and `levels` change every modulator; `upsample`, `propagation` and
+        `padding` change the sampling; `amplitudes` "white" balances the lasers to D65; `frames` repeats equal
+        amplitudes; a table `source` with `grid` and `spacing` makes a grid of directions.
+
+        All changes are applied before the copy is checked. Raises UserError for unknown keys and impossible values.
+
+        >>> import holoview as hv
+        >>> system = hv.load("holochrome-8").edit({"gap": 3e-3, "relay2.iris_na": 0.02, "amplitudes": "white"})
+        >>> system.gap_m, system.relay2.iris_na
+        (0.003, 0.02)
         """
         edited: System = with_changes(self, expand_edit(self, changes))
         return edited
 
     def with_(self, **changes: Any) -> System:
-        """`edit` with keywords: system.with_(gap="3 mm", upsample=4)."""
+        """`edit` with keywords, for keys without dots.
+
+        >>> import holoview as hv
+        >>> hv.load("holochrome-8").with_(gap="3 mm", upsample=4).sampling.upsample
+        4
+        """
         return self.edit(changes)

@@ -9,7 +9,7 @@ import math
 
 import torch
 
-from holoview.model.system import Modulator
+from holoview.model.bench_parts import Modulator
 
 
 def optical_path(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:

@@ -14,7 +14,8 @@ from holoview.calibrate.train import TrainingState, train
 from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.effects.learned_maps import MapLayout
-from holoview.model.system import Modulator, Relay, System
+from holoview.model.bench_parts import Modulator, Relay
+from holoview.model.system import System
 
 SHAPE = (36, 48)
 PITCH = 8e-6

@@ -14,7 +14,8 @@ import pytest
 from holoview.captures import write_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.model import preset
-from holoview.model.system import Modulator, Relay, System
+from holoview.model.bench_parts import Modulator, Relay
+from holoview.model.system import System
 
 SHAPE = (24, 32)
 

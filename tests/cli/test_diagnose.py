@@ -21,8 +21,9 @@ from holoview.captures import Captures, write_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.cli import main
 from holoview.model import preset
+from holoview.model.bench_parts import Modulator, Relay
 from holoview.model.effects import registry
-from holoview.model.system import Modulator, Relay, System
+from holoview.model.system import System
 
 Run = Callable[..., Any]
 Edit = Callable[[h5py.File], None]

@@ -18,8 +18,9 @@ from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.search_context import PerThreadPredictor, SearchContext, equivalent_effects
 from holoview.diagnose.worker_pool import WorkerPool
+from holoview.model.bench_parts import Modulator, Relay
 from holoview.model.effects.registry import listed_effects
-from holoview.model.system import Modulator, Relay, System
+from holoview.model.system import System
 from tests.captures.conftest import SHAPE, pictures
 
 MakeBench = Callable[..., SearchContext]

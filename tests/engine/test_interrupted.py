@@ -9,7 +9,8 @@ import pytest
 
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.gpu.device import Device
-from holoview.model.system import Modulator, System
+from holoview.model.bench_parts import Modulator
+from holoview.model.system import System
 from holoview.view import random_drive
 
 pytestmark = pytest.mark.gpu

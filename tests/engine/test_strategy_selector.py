@@ -13,7 +13,8 @@ from holoview.engine import strategy_selector as pace
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.gpu.device import Device
 from holoview.gpu.line_fft import Strategy, TransformShader
-from holoview.model.system import Modulator, System
+from holoview.model.bench_parts import Modulator
+from holoview.model.system import System
 from holoview.view import random_drive
 
 pytestmark = pytest.mark.gpu

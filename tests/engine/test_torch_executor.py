@@ -10,8 +10,9 @@ import torch
 
 from holoview.engine.frame import compute_focal_stack
 from holoview.engine.torch_executor import TorchExecutor
+from holoview.model.bench_parts import Modulator, Relay
 from holoview.model.plan import make_plan
-from holoview.model.system import Modulator, Relay, System
+from holoview.model.system import System
 from holoview.optics.frame_inputs import make_frame_inputs
 
 SINGLE_TOLERANCE = 1e-6  # relative L2 of intensity; measured 3e-7 … 5e-7

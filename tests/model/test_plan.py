@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holoview.colour import observer_weights
+from holoview.model.bench_parts import Modulator
 from holoview.model.plan import Plan, band_limit, make_plan, walk_off
-from holoview.model.system import Modulator, System
+from holoview.model.system import System
 from holoview.numerics.fft_grid import frequency_indices, is_fast_length
 from holoview.util.errors import UserError
 

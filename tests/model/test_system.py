@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from holoview.colour import D65_WHITE, observer_weights
+from holoview.model.bench_parts import Modulator, Relay, Source
 from holoview.model.preset import from_table
-from holoview.model.system import Modulator, Relay, Source, System
+from holoview.model.system import System
 from holoview.util.errors import UserError
 
 MODULATOR = {"pitch": "8 um", "shape": [6, 8], "stroke": "825 nm"}

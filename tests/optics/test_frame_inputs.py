@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import torch
 
+from holoview.model.bench_parts import Modulator
 from holoview.model.plan import Plan, make_plan
-from holoview.model.system import Modulator, System
+from holoview.model.system import System
 from holoview.optics.frame_inputs import make_frame_inputs
 from holoview.util.errors import UserError
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import torch
 
+from holoview.model.bench_parts import Modulator, Sampling
 from holoview.model.plan import Plan, make_plan
-from holoview.model.system import Modulator, Sampling, System
+from holoview.model.system import System
 from holoview.numerics.fft_grid import positions
 from holoview.optics.propagate import phase_wavelength_derivative, transfer_function
 

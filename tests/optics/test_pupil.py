@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import torch
 
+from holoview.model.bench_parts import Modulator, Relay, Sampling
 from holoview.model.plan import Plan, make_plan
-from holoview.model.system import Modulator, Relay, Sampling, System
+from holoview.model.system import System
 from holoview.numerics.zernike import noll_to_nm, zernike
 from holoview.optics.propagate import support_mask, transfer_function
 from holoview.optics.pupil import nominal_pupil

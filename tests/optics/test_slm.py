@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from holoview.model.system import Modulator
+from holoview.model.bench_parts import Modulator
 from holoview.numerics.resample import upsample_nearest
 from holoview.optics.slm import (
     fold_spectrum,

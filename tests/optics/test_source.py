@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
+from holoview.model.bench_parts import Modulator, Sampling, Source
 from holoview.model.plan import Plan, make_plan
-from holoview.model.system import Modulator, Sampling, Source, System
+from holoview.model.system import System
 from holoview.numerics.fft_grid import positions
 from holoview.optics.source import pixel_wave, plane_wave
 

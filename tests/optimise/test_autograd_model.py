@@ -9,8 +9,9 @@ import pytest
 import torch
 
 from holoview.engine.torch_executor import TorchExecutor
+from holoview.model.bench_parts import Modulator
 from holoview.model.plan import make_plan
-from holoview.model.system import Modulator, System
+from holoview.model.system import System
 from holoview.optics.frame_inputs import make_frame_inputs
 from holoview.optimise.autograd_model import AutogradModel
 from holoview.optimise.forward_model import ForwardModel

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import torch
 
+from holoview.model.bench_parts import Modulator
 from holoview.model.plan import Plan, make_plan
-from holoview.model.system import Modulator, System
+from holoview.model.system import System
 from holoview.optics.slm import nearest_level
 from holoview.optimise.forward_model import ForwardModel
 from holoview.optimise.level_gradients import (

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from holoview.model.system import Modulator, System
+from holoview.model.bench_parts import Modulator
+from holoview.model.system import System
 from holoview.optimise.patterns import PatternVariables, initial_drive
 from holoview.optimise.settings import Settings
 

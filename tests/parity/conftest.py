@@ -11,8 +11,9 @@ import pytest
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.engine.wgpu_executor import WgpuExecutor
 from holoview.gpu.device import Device
+from holoview.model.bench_parts import Modulator
 from holoview.model.plan import Plan, make_plan
-from holoview.model.system import Modulator, System
+from holoview.model.system import System
 from holoview.optics.frame_inputs import make_frame_inputs
 from holoview.view import random_drive
 

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from holoview.model.system import Modulator, System
+from holoview.model.bench_parts import Modulator
+from holoview.model.system import System
 from holoview.session.editing_session import EditingSession
 from holoview.session.file_reader import target_from_pixels
 from holoview.session.target_spec import TargetSpec

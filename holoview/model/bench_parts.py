@@ -1,0 +1,159 @@
+"""The parts of a bench: `Source`, `Modulator`, `Relay` and `Sampling`; each frozen, checked, and in SI units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.model.dataclass_fields import Description, described_field, validate
+from holoview.model.field_types import Array, Choice, Coefficients, Integer, LevelFractions, Number, Shape
+from holoview.util.errors import UserError
+
+Floats = NDArray[np.float64]
+
+_ANGLE = Number("mrad", low=-1.0, high=1.0)
+_APERTURE = Number(low=1e-5, high=1.0, optional=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Source(Description):
+    """Illumination of the first modulator: mutually incoherent plane waves of equal intensity.
+
+    directions_rad: (source, 2) angles of incidence (y, x); one wave on the axis by default. Each at most 1 rad.
+    tilts_rad: (wavelength, 2) angles (y, x) that are added to every direction, for lasers that aren't co-aligned, or
+    None.
+
+    Angles are numbers in radians or text such as "5 mrad". Raises UserError for values out of range and for tables
+    that don't consist of pairs. The number of rows of `tilts_rad` is checked by `System`.
+
+    >>> import holoview as hv
+    >>> source = hv.Source(directions_rad=[["-2 mrad", 0.0], ["2 mrad", 0.0]])
+    >>> source.directions_rad.tolist()
+    [[-0.002, 0.0], [0.002, 0.0]]
+    """
+
+    directions_rad: Floats = described_field(
+        Array(_ANGLE, axes=2),
+        "Direction (y, x) of each source: the angles of incidence.",
+        default_factory=lambda: np.zeros((1, 2)),
+    )
+    tilts_rad: Floats | None = described_field(
+        Array(_ANGLE, axes=2, optional=True),
+        "Angle (y, x) that each wavelength adds to every direction: lasers that aren't co-aligned.",
+        default=None,
+    )
+
+    def __post_init__(self) -> None:
+        validate(self)
+        for key, table in (("directions", self.directions_rad), ("tilts", self.tilts_rad)):
+            if table is not None and (table.ndim != 2 or table.shape[0] < 1 or table.shape[1] != 2):
+                raise UserError(key, f"a table of shape {table.shape}", expected="rows of two angles [y, x]")
+
+
+@dataclass(frozen=True, eq=False)
+class Modulator(Description):
+    """A phase modulator with square pixels of constant optical path and a fill factor of 1.
+
+    pitch_m: distance between pixel centres, 0.1 µm to 1 mm.
+    shape: (rows, columns) of pixels, each from 2 to 16384.
+    stroke_m: optical path that full drive adds, 1 nm to 20 µm. Drive is given as a fraction 0…1 of it.
+    levels: stroke fractions that can be shown, rising from 0 to 1, or a number of equal levels; None: continuous.
+
+    Lengths are metres or text such as "8 um". Raises UserError for values out of range.
+
+    >>> import holoview as hv
+    >>> modulator = hv.Modulator(pitch_m="8 um", shape=(768, 1024), stroke_m="800 nm", levels=3)
+    >>> modulator.pitch_m, modulator.levels.tolist()
+    (8e-06, [0.0, 0.5, 1.0])
+    """
+
+    pitch_m: float = described_field(Number("um", low=0.1e-6, high=1e-3), "Distance between pixel centres.")
+    shape: tuple[int, int] = described_field(Shape(), "Rows and columns of pixels.")
+    stroke_m: float = described_field(Number("nm", low=1e-9, high=20e-6), "Optical path that full drive adds.")
+    levels: Floats | None = described_field(LevelFractions(), "Stroke fractions that can be shown.", default=None)
+
+    def __post_init__(self) -> None:
+        validate(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Relay(Description):
+    """Imaging optics between two planes: the stops in its Fourier plane, and its aberrations.
+
+    iris_na: numerical aperture of a round iris, the sine of the steepest direction that passes; None: no iris.
+    dc_block_na: numerical aperture of a round stop at the zero order, less than `iris_na`; None: no stop.
+    apodisation_na: aperture at which a Gaussian transmission falls to 1/e in amplitude; None: uniform.
+    aberration_m: Zernike terms over the iris, a table {"Z4": "50 nm"} or pairs (Noll index 1…37, r.m.s. optical path
+    in metres), each at most 0.1 mm. They need an iris.
+
+    A relay without arguments images perfectly. Magnification isn't modelled: distances and pitches are those of the
+    image space of the relay. Raises UserError for values out of range or that contradict each other.
+
+    >>> import holoview as hv
+    >>> relay = hv.Relay(iris_na=0.02, aberration_m={"Z4": "50 nm"})
+    >>> relay.aberration_m, relay.is_clear, hv.Relay().is_clear
+    (((4, 5e-08),), False, True)
+    """
+
+    iris_na: float | None = described_field(
+        _APERTURE, "Numerical aperture of a round iris; none when absent.", default=None
+    )
+    dc_block_na: float | None = described_field(
+        _APERTURE, "Radius of a round stop at the zero order, as an aperture.", default=None
+    )
+    apodisation_na: float | None = described_field(
+        _APERTURE, "Aperture at which a Gaussian transmission falls to 1/e in amplitude.", default=None
+    )
+    aberration_m: tuple[tuple[int, float], ...] = described_field(
+        Coefficients("Z", Number("nm", low=-1e-4, high=1e-4), highest=37),
+        "Zernike terms (Noll index, r.m.s. optical path) over the iris.",
+        default=(),
+    )
+
+    def __post_init__(self) -> None:
+        validate(self)
+        if self.dc_block_na and self.iris_na and self.dc_block_na >= self.iris_na:
+            raise UserError(
+                "dc_block_na",
+                f"{self.dc_block_na:g}",
+                expected=f"less than iris_na = {self.iris_na:g}",
+                remedy="nothing would pass the relay otherwise",
+            )
+        if self.aberration_m and self.iris_na is None:
+            raise UserError("aberration", "without an iris", remedy="give iris_na: Zernike terms are over the iris")
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the relay has neither a stop, nor apodisation, nor aberrations."""
+        return self == Relay()
+
+
+@dataclass(frozen=True, eq=False)
+class Sampling(Description):
+    """The grid on which the light is computed.
+
+    upsample: samples along each side of a modulator pixel, 1 to 16. 2 or more resolves the sinc envelope of the pixels.
+    propagation: "linear": the grid is `padding` times as large as the modulators, so that light that leaves them at a
+    side doesn't return at the other; "compact": padded by the largest walk-off only; "periodic": not padded, light
+    wraps around.
+    padding: sides of a linear grid in sides of the modulators, 2 to 8.
+
+    Raises UserError for values out of range. What each costs in accuracy is in docs/physics.md.
+
+    >>> import holoview as hv
+    >>> hv.Sampling(upsample=2, propagation="compact")
+    Sampling(upsample=2, propagation='compact', padding=2)
+    """
+
+    upsample: int = described_field(Integer(1, 16), "Simulation samples a modulator pixel and axis.", default=2)
+    propagation: str = described_field(
+        Choice(("linear", "compact", "periodic")),
+        "linear: padded to `padding` times the size; compact: padded by the largest walk-off; periodic: not padded.",
+        default="linear",
+    )
+    padding: int = described_field(Integer(2, 8), "Sides of a linear grid in sides of the modulators.", default=2)
+
+    def __post_init__(self) -> None:
+        validate(self)
