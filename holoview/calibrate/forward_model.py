@@ -1,4 +1,4 @@
-"""The bench that is being learned: tensors that a gradient reaches, through the forward model of the captures."""
+"""Differentiable forward model: predicts camera images from the maps that are being learned."""
 
 from __future__ import annotations
 
@@ -27,13 +27,16 @@ PRIOR_SIGMA: Mapping[str, float] = {
     "pupil1_log_amplitude": 0.3,
     "pupil2_log_amplitude": 0.3,
 }
-"""How large each tensor commonly is (1 σ), in its own unit: what no capture shows stays near the nominal bench."""
+"""Standard deviation of the Gaussian prior of each tensor's elements, in the tensor's unit.
+
+The prior has its mean at the nominal bench, so elements that the captures don't determine stay near zero.
+"""
 
 _CACHE_MB = 128
 
 
 class _TrainableCalibrated(Calibrated):
-    """The effect `calibrated` with tensors at hand instead of a file."""
+    """The effect `calibrated` with maps in memory instead of in a file, so that gradients reach their tensors."""
 
     listed: ClassVar[bool] = False
 
@@ -46,33 +49,45 @@ class _TrainableCalibrated(Calibrated):
 
 
 class CalibrationModel:
-    """Predicts captures for tensors of a layout, on top of effects {id: {parameter: value}} that are known."""
+    """Predicts the camera images of captures for given maps.
 
-    def __init__(self, captures: Captures, layout: MapLayout, known: EffectValues, *, double: bool = False) -> None:
+    captures: their patterns and conditions; the images aren't used.
+    layout: of the maps.
+    known: {effect id: {parameter: value}} of effects that the bench has besides the maps.
+    double_precision: computes in complex128 instead of complex64.
+    """
+
+    def __init__(
+        self, captures: Captures, layout: MapLayout, known: EffectValues, *, double_precision: bool = False
+    ) -> None:
         self.layout, self.known = layout, dict(known)
         self._effect = _TrainableCalibrated()
         self._predictor = Predictor(
-            captures, extra_effects=(self._effect,), double_precision=double, cache_mb=_CACHE_MB
+            captures, extra_effects=(self._effect,), double_precision=double_precision, cache_mb=_CACHE_MB
         )
         self._map_cache, self._version = MapCache(), 0
 
     def set_maps(self, tensors: Mapping[str, Tensor]) -> None:
-        """Predict with these tensors from now on; call it again whenever one of them changed."""
+        """Sets the tensors to predict with; must be called again after a tensor was changed in place."""
         self._map_cache.made = {}
         self._effect.current_maps = LearnedMaps(self.layout, tensors, self._map_cache)
         self._version += 1
 
     def predict(self, indices: Sequence[int], *, grad: bool = False) -> Tensor:
-        """Signals (capture, y, x) before the radiometric scale."""
+        """Predicted images (capture, y, x) of captures, with the maps, up to one factor per capture.
+
+        grad: whether the result carries gradients with respect to the tensors.
+        """
+        # the predictor caches by parameter values: a new version number makes it evaluate the maps again
         table = {**self.known, _TrainableCalibrated.id: {"file": f"version {self._version}"}}
         return self._predictor(indices, table, grad=grad).signal
 
     def predict_nominal(self, indices: Sequence[int]) -> Tensor:
-        """Signals without anything learned."""
+        """As `predict`, without maps: the bench with its known effects only."""
         return self._predictor(indices, self.known).signal
 
 
 def prior_penalty(tensors: Mapping[str, Tensor]) -> Tensor:
-    """Σ (θ/σ)², the cost of what departs from the nominal bench."""
+    """Σ (θ/σ)² over all elements θ of the tensors, with σ from PRIOR_SIGMA: −2 log(prior) up to a constant."""
     parts = [(tensor / PRIOR_SIGMA[name]).square().sum() for name, tensor in tensors.items() if tensor.numel()]
     return torch.stack(parts).sum()

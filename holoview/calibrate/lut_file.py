@@ -1,4 +1,4 @@
-"""What a fitted look-up table leaves behind: a TOML table, a bench that uses it, words."""
+"""Writes a fitted look-up table as TOML, puts it into a bench, and formats it for people."""
 
 from __future__ import annotations
 
@@ -19,36 +19,42 @@ FORMAT, VERSION = "holoview-lut", 1
 
 
 def lut_table(lut: Lut, source: str, wavelength_m: float | None = None) -> dict[str, Any]:
-    """For TOML or JSON. `levels` and, with the sweep's wavelength, `stroke` are as a preset's modulators state them."""
+    """The look-up table as keys and values for TOML or JSON.
+
+    source: name of the file with the sweep.
+    wavelength_m: of the sweep; with it the table states strokes as lengths.
+
+    `levels` and `stroke` have the form of a preset's `[[modulators]]`.
+    """
     low, high = lut.stroke_interval
-    made: dict[str, Any] = {"format": FORMAT, "version": VERSION, "source": source}
-    made["model"] = "power = b + a (1 + c x) sin(phase(x) / 2)^2, phase monotone; binary grating with equal bars"
-    made["stroke_pi"] = lut.fit.stroke / math.pi
-    made["stroke_pi_interval"] = [low / math.pi, high / math.pi]
+    table: dict[str, Any] = {"format": FORMAT, "version": VERSION, "source": source}
+    table["model"] = "power = b + a (1 + c x) sin(phase(x) / 2)^2, phase monotone; binary grating with equal bars"
+    table["stroke_pi"] = lut.fit.stroke / math.pi
+    table["stroke_pi_interval"] = [low / math.pi, high / math.pi]
     if wavelength_m is not None:
         per_radian = wavelength_m / (2 * math.pi)
-        made["wavelength"] = units.format_exact(wavelength_m, "nm")
-        made["stroke"] = units.format_rounded(lut.stroke_m(wavelength_m), "nm", 6)
-        made["stroke_interval"] = [units.format_rounded(bound * per_radian, "nm", 6) for bound in (low, high)]
-    made["contrast_slope"] = lut.fit.contrast_slope
-    made["residual"] = {
+        table["wavelength"] = units.format_exact(wavelength_m, "nm")
+        table["stroke"] = units.format_rounded(lut.stroke_m(wavelength_m), "nm", 6)
+        table["stroke_interval"] = [units.format_rounded(bound * per_radian, "nm", 6) for bound in (low, high)]
+    table["contrast_slope"] = lut.fit.contrast_slope
+    table["residual"] = {
         "monotone": lut.fit.relative_rms,
         "linear_free_stroke": lut.rms_linear_free,
         "linear_2pi": lut.rms_linear_2pi,
     }
-    made["sent"] = lut.sweep.levels.tolist()
-    made["levels"] = lut.stroke_fractions.tolist()
-    return made
+    table["sent"] = lut.sweep.levels.tolist()
+    table["levels"] = lut.stroke_fractions.tolist()
+    return table
 
 
 def save_lut(path: str | os.PathLike[str], lut: Lut, source: str, wavelength_m: float | None = None) -> None:
-    """Writes the table as TOML, whole or not at all."""
+    """Writes `lut_table` as TOML. An existing file is replaced only by a complete one. Raises UserError."""
     with atomic_write(path) as temporary:
         temporary.write_text(tomli_w.dumps(lut_table(lut, source, wavelength_m)), encoding="utf-8")
 
 
 def with_lut(system: System, lut: Lut, wavelength_m: float | None) -> System:
-    """A bench whose modulators have this table and stroke. Raises UserError without the sweep's wavelength."""
+    """A bench whose modulators have this look-up table and stroke. Raises UserError if `wavelength_m` is None."""
     if wavelength_m is None:
         expected = "the wavelength of the sweep, e.g. --wavelength 820nm"
         raise UserError("--wavelength", "is missing", expected=expected, remedy="a stroke is a length")
@@ -58,7 +64,7 @@ def with_lut(system: System, lut: Lut, wavelength_m: float | None) -> System:
 
 
 def format_lut(lut: Lut, wavelength_m: float | None) -> list[str]:
-    """Lines for people."""
+    """Stroke, linearity and residuals as lines of text."""
     low, high = (bound / math.pi for bound in lut.stroke_interval)
     stroke = f"stroke {lut.fit.stroke / math.pi:.3g} π (95 %: {low:.3g} to {high:.3g} π)"
     if wavelength_m is not None:

@@ -1,4 +1,8 @@
-"""Which maps a session can tell about, and how fine they may be."""
+"""Chooses which maps the captures can determine, and at which resolution.
+
+With one modulator there are no warp and no maps of relay 1; a Fourier bench has neither maps of relay 2 nor pupil
+amplitudes. The degree of the Zernike coefficients' polynomial in the wavelength follows the number of wavelengths.
+"""
 
 from __future__ import annotations
 
@@ -10,45 +14,51 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.effects.learned_maps import MapLayout, Pair
 
-_PIXELS_A_NODE = 8  # of the source's maps
-_ANCHORS = 4
+_SOURCE_PIXELS_PER_NODE = 8
+_MAX_ANCHORS = 4
 _PUPIL_NODES = 17
 _WARP_NODES = (4, 5)
-_NOLL_1 = tuple(range(4, 16))  # piston is nothing; tilts of relay 1 are a shift of modulator 2: the warp's
-_NOLL_2 = tuple(range(2, 16))  # tilts of relay 2 shift the picture
+_NOLL_1 = tuple(range(4, 16))  # without tilts: a tilt in relay 1 shifts the field on modulator 2, as the warp does
+_NOLL_2 = tuple(range(2, 16))  # with tilts, which shift the camera's image; a piston changes no intensity
 
 
-def map_layout_for(captures: Captures, train: NDArray[np.intp], pixels_per_node: int = _PIXELS_A_NODE) -> MapLayout:
-    """The maps for a session, of whose captures those of `train` are learned from."""
+def map_layout_for(
+    captures: Captures, train: NDArray[np.intp], pixels_per_node: int = _SOURCE_PIXELS_PER_NODE
+) -> MapLayout:
+    """The layout of the maps that captures of the indices `train` (n,) can determine.
+
+    pixels_per_node: modulator pixels per node and axis of the source's maps.
+    """
     wavelengths = np.unique(captures.wavelength_m[train])
-    two, near = len(captures.slms) == 2, not captures.is_fourier
+    has_two_slms, has_camera_relay = len(captures.slms) == 2, not captures.is_fourier
     return MapLayout(
         modulators=len(captures.slms),
         reference_m=float(wavelengths.mean()),
         anchors_m=_anchors(wavelengths),
         source_nodes=_source_node_counts(captures, pixels_per_node),
-        warp_nodes=_WARP_NODES if two else (0, 0),
-        noll1=_NOLL_1 if two else (),
-        noll2=_NOLL_2 if near else (),
+        warp_nodes=_WARP_NODES if has_two_slms else (0, 0),
+        noll1=_NOLL_1 if has_two_slms else (),
+        noll2=_NOLL_2 if has_camera_relay else (),
         degree=0 if len(wavelengths) < 2 else 1 if len(wavelengths) < 4 else 2,
-        pupil_nodes=(_PUPIL_NODES, _PUPIL_NODES) if near else (0, 0),
+        pupil_nodes=(_PUPIL_NODES, _PUPIL_NODES) if has_camera_relay else (0, 0),
         sine1=_pupil_radius_na(captures, captures.iris1_na),
         sine2=_pupil_radius_na(captures, captures.iris2_na),
     )
 
 
 def _anchors(wavelengths: NDArray[np.float64]) -> tuple[float, ...]:
-    count = min(len(wavelengths), _ANCHORS)
+    """Wavelengths at which the source's maps are stored, evenly spaced; between them they are interpolated."""
+    count = min(len(wavelengths), _MAX_ANCHORS)
     return tuple(float(λ) for λ in np.linspace(wavelengths[0], wavelengths[-1], count))
 
 
-def _source_node_counts(captures: Captures, pixels_a_node: int) -> Pair:
-    rows, columns = (max(3, math.ceil(n / pixels_a_node) + 1) for n in captures.levels.shape[2:])
+def _source_node_counts(captures: Captures, pixels_per_node: int) -> Pair:
+    rows, columns = (max(3, math.ceil(n / pixels_per_node) + 1) for n in captures.levels.shape[2:])
     return rows, columns
 
 
 def _pupil_radius_na(captures: Captures, iris_na: float | None) -> float:
-    """Radius of an aperture: the iris, or the circle around all directions that are simulated."""
+    """Radius of a relay's pupil in direction sines: its iris, or without one the circle around all simulated ones."""
     if iris_na is not None:
         return iris_na
     sample_m = captures.slms[0].pitch_m / captures.upsample

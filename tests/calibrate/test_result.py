@@ -111,7 +111,7 @@ def test_a_file_of_maps_with_nan_is_refused(learnt: Any, tmp_path: Path) -> None
 
 
 def test_maps_of_zeros_change_nothing(learnt: Any) -> None:
-    model = CalibrationModel(learnt.captures, learnt.layout, {}, double=True)
+    model = CalibrationModel(learnt.captures, learnt.layout, {}, double_precision=True)
     model.set_maps(LearnedMaps.nominal(learnt.layout, torch.float64).tensors)
     nominal, mapped = model.predict_nominal([0])[0], model.predict([0])[0]
     # the warp's interpolation and a blur of a thousandth of a pixel are all that is left

@@ -89,7 +89,7 @@ def test_gradients_are_those_of_finite_differences(small: Captures) -> None:
         noll1=(4, 7),
         noll2=(3, 8),
     )
-    model = CalibrationModel(small, layout, {}, double=True)
+    model = CalibrationModel(small, layout, {}, double_precision=True)
     random = torch.Generator().manual_seed(5)
     scale = {"source_opd_m": 5e-8, "warp_m": 2e-6, "zernike1_m": 5e-8, "zernike2_m": 5e-8}
     tensors = {
