@@ -1,4 +1,4 @@
-"""Transforms that skip what an iris blocks are the whole transforms where it lets light through."""
+"""Transforms of a band of frequencies equal the whole transforms within the band."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import torch
 
 import holoview as hv
 from holoview.captures.frequency_band import FrequencyBand
-from holoview.captures.tensor_cache import InvariantCache, TensorCache
 from holoview.optics.propagate import support_mask, transfer_function, transfer_function_at
 
 SHAPE, PADDED = (12, 15), (24, 30)
@@ -47,18 +46,3 @@ def test_a_band_holds_all_that_a_relay_lets_through(na: float | None) -> None:
     assert torch.equal(transfer_function_at(step, ky, kx, torch.complex128), whole[ky][:, kx])
     assert int((whole[ky][:, kx] != 0).sum()) == int((whole != 0).sum())
     assert bool(support_mask(step, kx.abs(), ky % plan.grid.padded[0]).any(dim=0).all())  # and no column more
-
-
-def test_the_longest_unused_results_go_first() -> None:
-    made: list[str] = []
-
-    def make(name: str) -> torch.Tensor:
-        made.append(name)
-        return torch.zeros(10, dtype=torch.float64)
-
-    cache = TensorCache(200)
-    for name in ("a", "b", "a", "c", "a", "b"):
-        cache.get(name, lambda name=name: make(name))  # type: ignore[misc]
-    assert made == ["a", "b", "c", "b"]
-    nothing = InvariantCache(cache)
-    assert nothing.get("a", lambda: torch.zeros(1)) is not nothing.get("a", lambda: torch.zeros(1))

@@ -1,4 +1,4 @@
-"""The fast forward model is the executors' physics, explains what an independent program computed, and never mixes."""
+"""The fast forward model equals the reference executor, also where it caches, and explains independent captures."""
 
 from __future__ import annotations
 
