@@ -1,4 +1,4 @@
-"""`holoview captures make | check | show | import | plan`: measured data, and virtual measurements to try things on."""
+"""`holoview captures make | check | show | import | plan`: measured data and simulated measurements."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Unused: each subcommand has its own."""
+    """Never called: each subcommand sets its own `run`."""
     raise AssertionError
 
 
@@ -70,9 +70,9 @@ def _configure_make(parser: argparse.ArgumentParser) -> None:
 
 
 def _make(args: argparse.Namespace) -> int:
-    """Takes captures of a preset, with what its effects and `--effects` do to it; the file tells the nominal bench."""
+    """Simulates captures of a preset with its effects and those of `--effects`; the file states the nominal bench."""
     check_output_file(args.output, ".h5")
-    session = AcquisitionSettings(
+    settings = AcquisitionSettings(
         captures_per_condition=args.each,
         seed=args.seed,
         finer=args.finer,
@@ -86,7 +86,9 @@ def _make(args: argparse.Namespace) -> int:
     effects = parse_effects(args.effects)
     system = system_from_args(args)
     with progress_bar("measuring") as report:
-        captures = make_captures(system, effects, session, progress=lambda done, total: report(done, total, "captures"))
+        captures = make_captures(
+            system, effects, settings, progress=lambda done, total: report(done, total, "captures")
+        )
     write_captures(args.output, captures)
     print(f"{args.output}: {len(captures)} captures of {len(captures.wavelengths_m)} wavelengths")
     return 0
@@ -97,30 +99,32 @@ def _length(args: argparse.Namespace, name: str) -> float:
 
 
 def _check(args: argparse.Namespace) -> int:
-    """Validates a capture file and tells what is in it, and what it can't tell."""
-    found = summarise(read_captures(args.captures))
+    """Validates a capture file and lists what it contains and what it can't show."""
+    summary = summarise(read_captures(args.captures))
     if args.json:
-        print(json.dumps(found, indent=2, ensure_ascii=False))
+        print(json.dumps(summary, indent=2, ensure_ascii=False))
         return 0
-    rows, columns = found["pixels"]
-    wavelengths = ", ".join(units.format_rounded(λ, "nm") for λ in found["wavelengths_m"])
-    distances = ", ".join(units.format_rounded(z, "mm") for z in found["distances_m"])
-    saturated = found["saturated"]
-    print(f"{args.captures}: {found['captures']} captures, {found['geometry']}")
-    print(f"  modulators   {found['modulators']} of {columns} x {rows} pixels, {found['levels'][0]} levels")
-    print(f"  camera       {found['image'][1]} x {found['image'][0]} pixels, {found['mean_electrons']:.0f} electrons")
+    rows, columns = summary["pixels"]
+    wavelengths = ", ".join(units.format_rounded(λ, "nm") for λ in summary["wavelengths_m"])
+    distances = ", ".join(units.format_rounded(z, "mm") for z in summary["distances_m"])
+    saturated = summary["saturated"]
+    print(f"{args.captures}: {summary['captures']} captures, {summary['geometry']}")
+    print(f"  modulators   {summary['modulators']} of {columns} x {rows} pixels, {summary['levels'][0]} levels")
+    print(
+        f"  camera       {summary['image'][1]} x {summary['image'][0]} pixels, {summary['mean_electrons']:.0f} electrons"
+    )
     print(f"  wavelengths  {wavelengths}")
     print(f"  distances    {distances}")
     print(f"  saturated    {saturated['mean']:.2%} of the pixels, {saturated['worst']:.2%} in the worst picture")
-    if found["dark"]:
-        print(f"  dark         captures {', '.join(map(str, found['dark']))}")
-    for name, why in found["cant_tell"].items():
+    if summary["dark"]:
+        print(f"  dark         captures {', '.join(map(str, summary['dark']))}")
+    for name, why in summary["cant_tell"].items():
         print(f"  can't tell   {name}: {why}")
     return 0
 
 
 def _show(args: argparse.Namespace) -> int:
-    """Draws what was sent and seen in captures spread over the session; saturated pixels are red."""
+    """Draws patterns and camera images of captures spread over the session; saturated pixels are red."""
     check_output_file(args.output, ".png")
     captures = read_captures(args.captures)
     write_png(args.output, capture_sheet(captures, max(args.most, 1)), {"holoview.captures": str(args.captures)})

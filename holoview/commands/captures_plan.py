@@ -1,4 +1,4 @@
-"""`holoview captures plan FIRST.h5`: exposures and laser powers for a session, from first captures."""
+"""`holoview captures plan FIRST.h5`: exposures and laser powers for a session, from a few first captures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from holoview.captures.folder_import import read_greyscale
 from holoview.commands.output_files import check_output_file
 from holoview.util.files import atomic_write
 
-_HEADS = ("wavelength_nm", "power", "exposure_s", "reached_counts", "note")
+_CSV_COLUMNS = ("wavelength_nm", "power", "exposure_s", "reached_counts", "note")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Says, a line a wavelength, what to set; the brightest 0.1 % then stays below saturation."""
+    """Prints power and exposure for each wavelength that keep all but the brightest 0.1 % of the pixels unsaturated."""
     if args.output is not None:
         check_output_file(args.output, ".csv")
     captures = read_captures(args.captures)
@@ -41,13 +41,13 @@ def run(args: argparse.Namespace) -> int:
     if args.output is not None:
         _write(args.output, plan)
     if args.json:
-        print(json.dumps([asdict(line) for line in plan], indent=2))
+        print(json.dumps([asdict(setting) for setting in plan], indent=2))
         return 0
-    for line in plan:
-        note = f"  {line.note}" if line.note else ""
+    for setting in plan:
+        note = f"  {setting.note}" if setting.note else ""
         print(
-            f"{line.wavelength_m * 1e9:.6g} nm: power {line.power:g}, exposure {line.exposure_s * 1e3:.4g} ms, "
-            f"reaches {line.reached:.0f} counts above black{note}"
+            f"{setting.wavelength_m * 1e9:.6g} nm: power {setting.power:g}, "
+            f"exposure {setting.exposure_s * 1e3:.4g} ms, reaches {setting.reached:.0f} counts above black{note}"
         )
     return 0
 
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
 def _write(path: Path, plan: list[ExposureSetting]) -> None:
     with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(_HEADS)
-        for line in plan:
-            nm = f"{line.wavelength_m * 1e9:.6g}"
-            writer.writerow([nm, line.power, line.exposure_s, f"{line.reached:.1f}", line.note])
+        writer.writerow(_CSV_COLUMNS)
+        for setting in plan:
+            nm = f"{setting.wavelength_m * 1e9:.6g}"
+            writer.writerow([nm, setting.power, setting.exposure_s, f"{setting.reached:.1f}", setting.note])
