@@ -183,8 +183,8 @@ def read_greyscale(path: Path) -> NDArray[Any]:
         if path.suffix.lower() in (".tif", ".tiff"):
             values = tifffile.imread(path)
         else:
-            with Image.open(path) as picture:
-                values = np.asarray(picture)
+            with Image.open(path) as image:
+                values = np.asarray(image)
     except FileNotFoundError as error:
         raise UserError(str(path), "no such file", expected=f"a picture that {TABLE_FILE} names") from error
     except Exception as error:  # each decoder raises exceptions of its own

@@ -104,15 +104,13 @@ def _check(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(summary, indent=2, ensure_ascii=False))
         return 0
-    rows, columns = summary["pixels"]
+    (rows, columns), (image_rows, image_columns) = summary["pixels"], summary["image"]
     wavelengths = ", ".join(units.format_rounded(λ, "nm") for λ in summary["wavelengths_m"])
     distances = ", ".join(units.format_rounded(z, "mm") for z in summary["distances_m"])
     saturated = summary["saturated"]
     print(f"{args.captures}: {summary['captures']} captures, {summary['geometry']}")
     print(f"  modulators   {summary['modulators']} of {columns} x {rows} pixels, {summary['levels'][0]} levels")
-    print(
-        f"  camera       {summary['image'][1]} x {summary['image'][0]} pixels, {summary['mean_electrons']:.0f} electrons"
-    )
+    print(f"  camera       {image_columns} x {image_rows} pixels, {summary['mean_electrons']:.0f} electrons")
     print(f"  wavelengths  {wavelengths}")
     print(f"  distances    {distances}")
     print(f"  saturated    {saturated['mean']:.2%} of the pixels, {saturated['worst']:.2%} in the worst picture")
