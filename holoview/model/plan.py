@@ -1,9 +1,10 @@
-"""System → Plan: every number that an executor needs, derived once in float64.
+"""Derives every number of a simulation (grid, transfer functions, weights, colours) from a System, in float64.
 
-Neither executor derives physics itself, so they can't disagree about it, only about arithmetic.
+Both executors evaluate a `Plan` and derive no physics of their own, so that they can differ by rounding only.
 
-Symbols: λ wavelength, dx simulation pitch, N field samples, P padded samples, k signed frequency index, df = 1/(P·dx),
-A = (λ·df_y·k_y)² + (λ·df_x·k_x)² = |λu|² the squared direction sine. Phases are in turns.
+Symbols: λ wavelength, dx simulation pitch, N field samples, P padded samples, k signed frequency index, df = 1/(P·dx)
+frequency step, u spatial frequency, A = (λ·df_y·k_y)² + (λ·df_x·k_x)² = |λu|² squared direction sine. Phases are in
+turns of 2π.
 """
 
 from __future__ import annotations
@@ -24,12 +25,20 @@ from holoview.util.errors import UserError
 
 RowsColumns = tuple[int, int]
 
-_COMPACT_GUARD = 16  # samples beyond the geometric walk-off, for the tails of the band-limited kernel
+_COMPACT_MARGIN = 16  # samples beyond the geometric walk-off, for the tails of the band-limited kernel
+_STEEPEST_SINE = 0.999  # at a sine of 1 the walk-off would be infinite
 
 
 @dataclass(frozen=True)
 class Grid:
-    """The simulated field of `shape` (y, x) samples, and where it lies in the `padded` grid that is transformed."""
+    """The sampled field and the padded grid on which it is Fourier transformed.
+
+    shape: (y, x) samples of the field, which covers the modulators.
+    padded: (y, x) samples of the padded grid.
+    offset: (y, x) index of the field's first sample in the padded grid.
+    pitch_m: distance between samples.
+    upsample: samples along each side of a modulator pixel.
+    """
 
     shape: RowsColumns
     padded: RowsColumns
@@ -39,7 +48,7 @@ class Grid:
 
     @property
     def inside(self) -> tuple[slice, slice]:
-        """Slices that cut the field out of the padded grid."""
+        """Slices (y, x) that cut the field out of the padded grid."""
         (oy, ox), (ny, nx) = self.offset, self.shape
         return slice(oy, oy + ny), slice(ox, ox + nx)
 
@@ -51,12 +60,16 @@ class Grid:
 
 @dataclass(frozen=True)
 class Transfer:
-    """Free-space propagation of one wavelength over one distance, with what the relay's stops let through.
+    """Propagation of one wavelength over one distance, and the frequencies that pass the relay's stops.
 
-    H = exp(−2πi·(z/λ)·A/(1+√(1−A))) where the support passes, 0 elsewhere; the carrier exp(2πi·z/λ) is dropped.
+    H = exp(−2πi·(z/λ)·A/(1 + √(1 − A))) where the support passes, 0 elsewhere; the carrier exp(2πi·z/λ) is left out.
+    Goodman, Introduction to Fourier Optics, 3rd ed., eq. 3-74, in a form without cancellation at small A.
 
-    support: (P_y, 2) int32, for each row of frequencies (`fftfreq` order) the smallest and largest |k_x| that passes;
-    the largest is −1 where nothing does.
+    distance_m: z.
+    wavelength_m: λ.
+    step: distance between spatial frequencies (y, x), 1/m.
+    support: (P_y, 2) int32, for each row of frequencies in `fftfreq` order the smallest and the largest |k_x| that
+    passes; the largest is −1 where nothing passes.
     """
 
     distance_m: float
@@ -75,10 +88,11 @@ class Transfer:
         return self.wavelength_m * self.step[0], self.wavelength_m * self.step[1]
 
     def paraxial_words(self) -> NDArray[np.uint32]:
-        """(2, 2) words [axis y/x][high, low] of frac(z·λ/2·df²) in fixed point: 32 bits of a turn and 16 guard bits.
+        """The paraxial phase at k = 1, frac(z·λ/2·df²) turns, in fixed point: (2, 2) uint32 [axis y/x][high, low].
 
-        k² times this, in wrapping 32-bit arithmetic, is the paraxial phase modulo one turn exactly: float32 alone loses
-        it, since z·λ/2·df²·k² reaches hundreds of turns.
+        The high word holds 32 bits of a turn, the low one 16 guard bits. Multiplied by k² in wrapping 32-bit
+        arithmetic it is the paraxial phase modulo one turn exactly, which float32 can't hold: z·λ/2·df²·k² reaches
+        hundreds of turns.
         """
         return np.stack(
             [turns_to_fixed_point(0.5 * self.distance_m * self.wavelength_m * step * step) for step in self.step]
@@ -87,14 +101,22 @@ class Transfer:
 
 @dataclass(frozen=True)
 class Plan:
-    """Derived numbers of a system for a choice of focal planes.
+    """The numbers that both executors use, derived from a system for a choice of focal planes. Made by `make_plan`.
 
-    system: the bench with its effects on distances, angles, wavelengths, apertures and powers; nominal: as described.
-    moments: factors of the optical paths that each exposure averages over; frame f·M + m of `system` is moment m of
-    the drive's frame f.
-    weights (frame, wavelength): what multiplies |field|²: amplitude / (frames × sources).
-    slopes (source, wavelength, 2): phase slope of the illumination (y, x), turns a sample.
-    colour_weights (wavelength, 3): XYZ of unit intensity.
+    system: the system with the effects that change distances, angles, wavelengths, apertures and powers applied.
+    planes_m: (plane,) distances of the focal planes, with effects.
+    grid: `Grid` of the field and of its padded transform.
+    weights: (frame, wavelength) factors of |field|²: amplitude / (frames · sources).
+    slopes: (source, wavelength, 2) phase slope (y, x) of the illumination, turns a sample.
+    colour_weights: (wavelength, 3) XYZ of unit intensity.
+    nominal: the system as it was given.
+    moments: M factors of the optical paths that each exposure averages over, (1.0,) without such effects. Frame
+    f·M + m of `system` shows frame f of the drive with factor m.
+
+    >>> import holoview as hv
+    >>> plan = hv.make_plan(hv.load("holochrome-8").with_(shape=[48, 64]), ["5 mm"])
+    >>> plan.grid.shape, plan.grid.padded, plan.weights.shape, plan.colour_weights.shape
+    ((96, 128), (192, 256), (1, 8), (8, 3))
     """
 
     system: System
@@ -109,11 +131,30 @@ class Plan:
 
     @property
     def relays(self) -> tuple[Relay, Relay]:
-        """What lies behind the first modulator of two, and behind the last."""
+        """The relays between the modulators and behind the last one.
+
+        >>> import holoview as hv
+        >>> gap, last = hv.make_plan(hv.load("holochrome-8")).relays
+        >>> gap.is_clear
+        True
+        """
         return self.system.relay1, self.system.relay2
 
     def transfer(self, relay: int, wavelength: int, distance_m: float) -> Transfer:
-        """Propagation through relay 0 (the gap) or 1 (to a plane) at the wavelength of that index, derived once."""
+        """The propagation over a distance through a relay; derived at the first call and kept.
+
+        relay: 0 for the gap between the modulators, 1 for the way from the last modulator to a plane.
+        wavelength: index of the wavelength in `system`.
+        distance_m: distance in metres, at least 0.
+
+        Returns a `Transfer`. `holoview.optics.propagate.transfer_function` evaluates it.
+
+        >>> import holoview as hv
+        >>> plan = hv.make_plan(hv.load("holochrome-8").with_(shape=[48, 64]))
+        >>> transfer = plan.transfer(1, 0, 5e-3)
+        >>> round(transfer.waves), transfer.support.shape
+        (10870, (192, 2))
+        """
         key = (distance_m, relay, wavelength)
         if key not in self._transfers:
             λ = float(self.system.wavelengths_m[wavelength])
@@ -122,14 +163,28 @@ class Plan:
         return self._transfers[key]
 
     def lit(self, wavelength: int) -> list[int]:
-        """Frames in which the laser of that index is on."""
+        """Indices of the frames of `system` in which the laser of an index is on.
+
+        >>> import holoview as hv
+        >>> hv.make_plan(hv.load("holochrome-8").with_(frames=3)).lit(0)
+        [0, 1, 2]
+        """
         return [int(frame) for frame in np.flatnonzero(self.weights[:, wavelength])]
 
 
 def make_plan(system: System, planes: Sequence[float | str] | NDArray[np.float64] | None = None) -> Plan:
-    """The plan of a system at `planes` (SI numbers or people's text; the system's own when None).
+    """The numbers of a simulation, derived from a system.
 
-    Raises UserError for a plane behind the modulator.
+    system: the display.
+    planes: distances of the focal planes from the last modulator, metres or text such as "10 mm"; those of the system
+    when None.
+
+    Returns a `Plan`. Raises UserError for an empty list of planes, for a negative distance or one above 1 m, and for
+    effects that such a system can't have.
+
+    >>> import holoview as hv
+    >>> hv.make_plan(hv.load("holochrome-8"), ["5 mm", 0.01]).planes_m.tolist()
+    [0.005, 0.01]
     """
     nominal: System = system
     moments: tuple[float, ...] = (1.0,)
@@ -151,35 +206,38 @@ def make_plan(system: System, planes: Sequence[float | str] | NDArray[np.float64
 
 
 def _as_built(system: System) -> tuple[System, tuple[float, ...]]:
-    """The bench with its effects, and the moments of an exposure."""
-    switched = ActiveEffects(system.effect_values)
-    return switched.as_built(system), tuple(factor for _, factor in switched.exposure_samples())
+    """The system with its effects, and the factors of the optical paths that an exposure averages over."""
+    active = ActiveEffects(system.effect_values)
+    return active.as_built(system), tuple(factor for _, factor in active.exposure_samples())
 
 
 def turns_to_fixed_point(turns: float) -> NDArray[np.uint32]:
-    """A phase modulo one turn in fixed point: [the high 32 bits, 16 guard bits]."""
+    """A phase in turns, modulo one turn, in fixed point: uint32 [high 32 bits, 16 guard bits]."""
     scaled = round(math.fmod(turns, 1.0) * 2.0**48) % (1 << 48)
     return np.array([scaled >> 16, scaled & 0xFFFF], dtype=np.uint32)
 
 
 def walk_off(system: System, relay: Relay, distance_m: float) -> float:
-    """How far (samples) the steepest ray of the sampled spectrum moves sideways over `distance_m`."""
+    """How many samples the steepest ray moves sideways over a distance, z·tan θ / dx.
+
+    The steepest ray is that of the highest sampled frequency at the longest wavelength, or of the relay's iris.
+    """
     dx = system.modulators[0].pitch_m / system.sampling.upsample
     longest = float(system.wavelengths_m.max())
-    sine = min(longest / (2 * dx), 1.0 if relay.iris_na is None else relay.iris_na, 0.999)
+    sine = min(longest / (2 * dx), 1.0 if relay.iris_na is None else relay.iris_na, _STEEPEST_SINE)
     return distance_m * sine / math.sqrt(1 - sine * sine) / dx
 
 
 def band_limit(padded: int, pitch_m: float, wavelength_m: float, distance_m: float) -> float:
-    """Highest spatial frequency (1/m) whose transfer function is sampled without aliasing.
+    """The highest spatial frequency (1/m) along an axis whose transfer function is sampled without aliasing.
 
-    Matsushima & Shimobaba, Opt. Express 17, 19662 (2009), eq. 13: 1/(λ·√((2·Δu·z)² + 1)) with Δu = 1/(P·dx).
+    1/(λ·√((2·Δu·z)² + 1)) with Δu = 1/(P·dx): Matsushima & Shimobaba, Opt. Express 17, 19662 (2009), eq. 13.
     """
     return 1.0 / (wavelength_m * math.hypot(2 * distance_m / (padded * pitch_m), 1.0))
 
 
 def parse_planes(planes: Sequence[float | str] | NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distances of planes, m. Raises UserError for an empty list, and for one behind the modulator."""
+    """Distances of planes in metres, from numbers or text. Raises UserError for an empty list or a wrong distance."""
     read = PLANE_DISTANCES.parse(planes, "planes")
     if read is None or len(read) == 0:
         raise UserError("planes", "an empty list", expected="at least one distance")
@@ -198,16 +256,17 @@ def _grid(system: System, farthest_m: float) -> Grid:
 
 
 def _padded(n: int, sampling: Sampling, reach: float) -> int:
+    """The padded length of a side of n samples, over which light may walk off by `reach` samples."""
     whole = _largest_fast_divisor(sampling.upsample)
     if sampling.propagation == "periodic":
         return n if is_fast_length(n) else next_fast_length(n, whole)
     if sampling.propagation == "linear":
         return next_fast_length(sampling.padding * n, whole)
-    return next_fast_length(min(2 * n, n + math.ceil(reach) + _COMPACT_GUARD), whole)
+    return next_fast_length(min(2 * n, n + math.ceil(reach) + _COMPACT_MARGIN), whole)
 
 
 def _largest_fast_divisor(upsample: int) -> int:
-    """The largest divisor of `upsample` that a good size can have."""
+    """The largest divisor of `upsample` that a fast FFT length can have."""
     return max(d for d in range(1, upsample + 1) if upsample % d == 0 and next_fast_length(d) == d)
 
 
@@ -221,12 +280,12 @@ def _slopes(system: System) -> NDArray[np.float64]:
 
 
 def _passband_rows(grid: Grid, relay: Relay, λ: float, distance_m: float, propagation: str) -> NDArray[np.int32]:
-    """Rows of (smallest, largest) |k_x|: propagating waves inside the band limit and the iris, outside the DC block."""
+    """`Transfer.support`: propagating waves inside the band limit and the iris and outside the DC block."""
     (py, px), (dfy, dfx) = grid.padded, grid.frequency_step
     ky = np.abs(frequency_indices(py))
     reachable = np.arange(px // 2 + 1)
     sine_y2, sine_x2 = (λ * dfy * ky) ** 2, (λ * dfx * reachable) ** 2
-    largest = np.searchsorted(sine_x2, 1.0 - sine_y2, side="left") - 1  # A < 1: evanescent waves are lost
+    largest = np.searchsorted(sine_x2, 1.0 - sine_y2, side="left") - 1  # A < 1: evanescent waves are left out
     if relay.iris_na is not None:
         largest = np.minimum(largest, np.searchsorted(sine_x2, relay.iris_na**2 - sine_y2, side="right") - 1)
     if propagation != "periodic":

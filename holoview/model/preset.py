@@ -1,6 +1,6 @@
-"""Presets: benches as TOML in people's units, by name or by path, and back to TOML without losing a digit.
+"""Reads and writes Systems as TOML files with units, without losing a digit.
 
-A preset may start from another one (`base = "holochrome-8"`) and state only what differs.
+A preset may inherit from another one, `base = "holochrome-8"`, and state only what differs.
 """
 
 from __future__ import annotations
@@ -25,14 +25,22 @@ _TABLES = ("source", "relay1", "relay2", "sampling", "effects")
 
 
 def names() -> list[str]:
-    """Names of the presets that come with holoview."""
+    """Names of the presets that are part of holoview."""
     return sorted(path.stem for path in data_dir("presets").glob("*.toml"))
 
 
 def load(preset: str | os.PathLike[str]) -> System:
-    """The system of a preset's name or of a TOML file.
+    """The system of a preset.
 
-    Raises UserError for an unknown name (with near matches), a file that isn't TOML, and every impossible value.
+    preset: the name of a preset that is part of holoview (`holoview presets` lists them), or the path of a TOML file.
+
+    Returns a `System` with all values in SI units. Raises UserError for an unknown name (similar names are suggested),
+    for a file that can't be read or isn't TOML, and for every wrong key or value, named with its place in the file.
+
+    >>> import holoview as hv
+    >>> system = hv.load("holochrome-8")
+    >>> system.name, system.drive_shape
+    ('holochrome-8', (1, 2, 384, 512))
     """
     path = _find(preset)
     try:
@@ -44,7 +52,7 @@ def load(preset: str | os.PathLike[str]) -> System:
 
 
 def loads(text: str, where: str = "preset") -> System:
-    """The system of a TOML text, for example from the metadata of a hologram file."""
+    """The system of a TOML text, such as the metadata of a hologram file. `where` names the text in errors."""
     try:
         return from_table(_parse(text, where))
     except UserError as error:
@@ -52,24 +60,25 @@ def loads(text: str, where: str = "preset") -> System:
 
 
 def from_table(table: Mapping[str, Any]) -> System:
-    """The system of a parsed preset, shorthands allowed."""
+    """The system of a parsed TOML table, which may use shorthands."""
     system: System = from_mapping(System, expand_table(table))
     return system
 
 
 def dumps(system: System) -> str:
-    """The system as TOML in people's units; `loads` gives an equal system back."""
-    return tomli_w.dumps(_written(system), multiline_strings=False)
+    """The system as TOML text with units; `loads` gives an equal system back."""
+    return tomli_w.dumps(_to_table(system), multiline_strings=False)
 
 
 def save(system: System, path: str | os.PathLike[str]) -> None:
-    """Writes the system as a preset file, whole or not at all."""
-    table = _map_file_paths(_written(system), Path(path).resolve().parent, _relative_path)
+    """Writes the system as a preset file, atomically. Paths of effects' files become relative to its folder."""
+    table = _map_file_paths(_to_table(system), Path(path).resolve().parent, _relative_path)
     with atomic_write(path) as temporary:
         temporary.write_text(tomli_w.dumps(table, multiline_strings=False), encoding="utf-8")
 
 
-def _written(system: System) -> dict[str, Any]:
+def _to_table(system: System) -> dict[str, Any]:
+    """The system as a TOML table: name and description first, nested tables last, as TOML requires."""
     table = to_mapping(system)
     head = {key: table[key] for key in ("name", "description") if key in table}
     plain = {key: value for key, value in table.items() if key not in (*_TABLES, "modulators", *head)}
@@ -78,6 +87,7 @@ def _written(system: System) -> dict[str, Any]:
 
 
 def _find(preset: str | os.PathLike[str]) -> Path:
+    """The file of a preset's name or path."""
     path = Path(preset)
     if path.suffix == ".toml" or path.parent != Path():
         if not path.is_file():
@@ -92,6 +102,7 @@ def _find(preset: str | os.PathLike[str]) -> Path:
 
 
 def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
+    """The table of a file over those that it inherits from; `seen` are the files that led to it."""
     path = path.resolve()
     if path in seen:
         raise UserError(str(path), "its base leads back to itself", expected="a base that ends at a complete preset")
@@ -111,15 +122,15 @@ def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
 
 
 def _map_file_paths(table: dict[str, Any], folder: Path, change: Callable[[str, Path], str]) -> dict[str, Any]:
-    """The table with the paths of its effects' files changed: what a preset states is relative to its own folder."""
+    """The table with `change(path, folder)` applied to every path of a file among the parameters of its effects."""
     effects = table.get("effects")
     if not isinstance(effects, dict):
         return table
     changed: dict[str, Any] = {}
     for name, values in effects.items():
         files = {p.name for p in get_effect(name).parameters if isinstance(p, FileParameter)}
-        known = isinstance(values, dict) and files
-        changed[name] = {k: change(v, folder) if k in files else v for k, v in values.items()} if known else values
+        has_files = isinstance(values, dict) and files
+        changed[name] = {k: change(v, folder) if k in files else v for k, v in values.items()} if has_files else values
     return table | {"effects": changed}
 
 
@@ -128,13 +139,13 @@ def _absolute_path(file: str, folder: Path) -> str:
 
 
 def _relative_path(file: str, folder: Path) -> str:
-    """Relative to the folder where the file lies in it."""
+    """Relative to the folder if the file lies in it."""
     path = Path(file)
     return str(path.relative_to(folder)) if path.is_relative_to(folder) else file
 
 
 def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """`changes` over `base`, table by table; a list or a plain value is replaced whole."""
+    """`base` with `changes`, table by table; a list or a plain value is replaced as a whole."""
     out = dict(base)
     for key, value in changes.items():
         both = isinstance(value, dict) and isinstance(out.get(key), dict)
@@ -143,6 +154,7 @@ def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
 
 
 def _parse(text: str, where: str) -> dict[str, Any]:
+    """The table of a TOML text."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -1,7 +1,4 @@
-"""What people may write instead of plain fields: white balance, a number of frames, a grid of sources.
-
-Both presets and edits pass through here; what comes out has only the fields of a `System`.
-"""
+"""Expands shorthands of presets and edits (white balance, frames, a grid of sources) to plain fields of a `System`."""
 
 from __future__ import annotations
 
@@ -13,12 +10,13 @@ from numpy.typing import NDArray
 
 from holoview.colour import observer_weights, white_amplitudes
 from holoview.model.field_types import Array, Integer, Number
+from holoview.numerics.fft_grid import positions
 from holoview.util import units
 from holoview.util.errors import UserError
 
 
 class SystemLike(Protocol):
-    """What an edit's shorthands need to know of the `System` that is edited."""
+    """The properties of the edited `System` on which shorthands depend."""
 
     @property
     def modulators(self) -> Sequence[Any]: ...
@@ -36,18 +34,23 @@ class SystemLike(Protocol):
     def observer(self) -> str: ...
 
 
-_EVERY_MODULATOR = ("pitch", "shape", "stroke", "levels")
-_SAMPLING = ("upsample", "propagation", "padding")
-_SWITCH = Array(Number(low=0.0, high=1.0), axes=2)
+_MODULATOR_KEYS = ("pitch", "shape", "stroke", "levels")
+_SAMPLING_KEYS = ("upsample", "propagation", "padding")
+_SEQUENCE = Array(Number(low=0.0, high=1.0), axes=2)
 _AMPLITUDES = Array(Number(low=0.0), axes=2)
 _WAVELENGTHS = Array(Number("nm", low=100e-9, high=10e-6))
 
 
 def expand_table(table: Mapping[str, Any]) -> dict[str, Any]:
-    """A preset's table with its shorthands (amplitudes = "white", frames, sequence, source.grid) written out.
+    """A preset's table with its shorthands replaced by plain fields.
 
-    frames = 3 repeats the amplitudes; sequence = [[1, 0], [0, 1]] says which lasers are on in each frame;
-    single = true keeps the first modulator only.
+    amplitudes = "white": powers of the lasers whose mixture is D65.
+    frames = 3: repeats the amplitudes.
+    sequence = [[1, 0], [0, 1]]: with "white", which lasers are on in each frame.
+    single = true: keeps the first modulator only.
+    source.grid, source.spacing: a centred grid of directions.
+
+    Raises UserError for shorthands that are wrong or contradict each other.
     """
     out = dict(table)
     single = out.pop("single", False)
@@ -58,8 +61,8 @@ def expand_table(table: Mapping[str, Any]) -> dict[str, Any]:
     frames, sequence = out.pop("frames", None), out.pop("sequence", None)
     if isinstance(out.get("amplitudes"), str) and out["amplitudes"] == "white" and "wavelengths" in out:
         wavelengths = _read_wavelengths(out["wavelengths"])
-        switches = _on_off_table(sequence, frames, len(wavelengths))
-        out["amplitudes"] = _white(str(out.get("observer", "eye")), wavelengths, switches)
+        lasers_on = _lasers_on(sequence, frames, len(wavelengths))
+        out["amplitudes"] = _white(str(out.get("observer", "eye")), wavelengths, lasers_on)
     elif sequence is not None:
         raise UserError(
             "sequence", "without white balance", remedy='use it with amplitudes = "white", or give the table itself'
@@ -72,14 +75,18 @@ def expand_table(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def expand_edit(system: SystemLike, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Edits of a system with shorthands written out: modulator keys without index, sampling keys, white balance."""
+    """The changes of an edit with shorthands replaced by plain keys.
+
+    `pitch`, `shape`, `stroke` and `levels` change every modulator; `upsample`, `propagation` and `padding` change the
+    sampling; amplitudes = "white", `frames` and `source.grid` are as in presets.
+    """
     out: dict[str, Any] = {}
     for key, value in changes.items():
-        if key in _EVERY_MODULATOR:
+        if key in _MODULATOR_KEYS:
             modulators = changes.get("modulators", system.modulators)
             count = len(modulators) if isinstance(modulators, list | tuple) else len(system.modulators)
             out |= {f"modulators.{i}.{key}": value for i in range(count)}
-        elif key in _SAMPLING:
+        elif key in _SAMPLING_KEYS:
             out[f"sampling.{key}"] = value
         else:
             out[key] = value
@@ -88,23 +95,24 @@ def expand_edit(system: SystemLike, changes: Mapping[str, Any]) -> dict[str, Any
         out["source"] = _source_grid(out["source"])
     if isinstance(out.get("amplitudes"), str):
         wavelengths = _read_wavelengths(out.get("wavelengths", system.wavelengths_m))
-        out["amplitudes"] = _white_edit(system, out, wavelengths, frames)
+        out["amplitudes"] = _white_amplitudes_of_edit(system, out, wavelengths, frames)
     elif frames is not None:
         out["amplitudes"] = _repeated(out.get("amplitudes", system.amplitudes), frames)
     return out
 
 
 def _first_modulator_only(table: Mapping[str, Any]) -> dict[str, Any]:
-    """The same bench with one modulator: no gap, and no relay between modulators."""
+    """The table with the first modulator alone, without the gap and the relay between two."""
     modulators = table.get("modulators")
     if not isinstance(modulators, list) or not modulators:
         raise UserError("modulators", f"{modulators!r}", expected="at least one [[modulators]] table")
     return {k: v for k, v in table.items() if k not in ("gap", "relay1")} | {"modulators": modulators[:1]}
 
 
-def _white_edit(
+def _white_amplitudes_of_edit(
     system: SystemLike, out: Mapping[str, Any], wavelengths: NDArray[np.float64], frames: Any
 ) -> NDArray[np.float64]:
+    """Balanced amplitudes; the lasers stay on in the frames in which they were, where that is still possible."""
     if out["amplitudes"] != "white":
         raise UserError("amplitudes", f'"{out["amplitudes"]}"', expected='a table (frame, wavelength) or "white"')
     sequence = (system.amplitudes > 0).astype(float)
@@ -114,6 +122,7 @@ def _white_edit(
 
 
 def _repeated(table: Any, frames: Any) -> NDArray[np.float64]:
+    """Equal rows of amplitudes for a number of frames."""
     rows = _AMPLITUDES.parse(table, "amplitudes")
     assert rows is not None
     if len(rows) == 0 or np.any(rows != rows[0]):
@@ -137,10 +146,11 @@ def _white(observer: str, wavelengths: NDArray[np.float64], sequence: NDArray[np
     return white_amplitudes(observer_weights(observer, wavelengths), sequence)
 
 
-def _on_off_table(sequence: Any, frames: Any, wavelengths: int) -> NDArray[np.float64]:
+def _lasers_on(sequence: Any, frames: Any, wavelengths: int) -> NDArray[np.float64]:
+    """(frame, wavelength) of 0 and 1: which lasers are on in which frame; all in every frame without a sequence."""
     if sequence is None:
         return np.ones((1 if frames is None else Integer().parse(frames, "frames"), wavelengths))
-    table = _SWITCH.parse(sequence, "sequence")
+    table = _SEQUENCE.parse(sequence, "sequence")
     assert table is not None
     if table.ndim != 2 or table.shape[1] != wavelengths or (frames is not None and len(table) != frames):
         raise UserError("sequence", f"a table of shape {table.shape}", expected=f"(frames, {wavelengths}) of 0 and 1")
@@ -148,7 +158,7 @@ def _on_off_table(sequence: Any, frames: Any, wavelengths: int) -> NDArray[np.fl
 
 
 def _source_grid(source: Mapping[str, Any]) -> dict[str, Any]:
-    """`grid = [rows, columns]` with `spacing` (an angle) as directions centred on the axis."""
+    """The table of a source with `grid = [rows, columns]` and `spacing` (an angle) as directions around the axis."""
     rest = {key: value for key, value in source.items() if key not in ("grid", "spacing")}
     if "directions" in rest or "spacing" not in source:
         raise UserError("source.grid", f"{source['grid']}", expected="grid and spacing together, and no directions")
@@ -157,9 +167,5 @@ def _source_grid(source: Mapping[str, Any]) -> dict[str, Any]:
     except (TypeError, ValueError) as error:
         raise UserError("source.grid", f"{source['grid']}", expected="[rows, columns]") from error
     spacing = units.parse(source["spacing"], "source.spacing", "angle")
-    y, x = np.meshgrid(_centred(rows) * spacing, _centred(columns) * spacing, indexing="ij")
+    y, x = np.meshgrid(positions(rows, spacing), positions(columns, spacing), indexing="ij")
     return rest | {"directions": np.stack([y.ravel(), x.ravel()], axis=1)}
-
-
-def _centred(count: int) -> NDArray[np.float64]:
-    return np.arange(count, dtype=np.float64) - (count - 1) / 2
