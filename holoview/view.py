@@ -1,4 +1,4 @@
-"""What an observer sees of a hologram: the function that the command line, the viewer and notebooks call."""
+"""Simulates what an observer sees of a hologram at each focal plane: `simulate`, `random_drive` and `View`."""
 
 from __future__ import annotations
 
@@ -19,12 +19,21 @@ from holoview.model.system import System
 
 @dataclass(frozen=True)
 class View:
-    """What is seen at each focal plane.
+    """Images of a hologram at focal planes, over the area of the modulators. Made by `simulate`.
 
-    intensity (plane, wavelength, y, x): frames and sources averaged, laser amplitudes applied; on the modulator's own
-    area at the simulation pitch. xyz (plane, y, x, 3). wavelengths_m (wavelength,), planes_m (plane,), pitch_m: metres.
-    Effects of the bench may split wavelengths; planes are called by their nominal distances.
-    backend: what computed it, in words.
+    intensity: (plane, wavelength, y, x) sum over frames and sources of |field|² · amplitude / (frames · sources). A
+    modulator under a uniform wave at amplitude 1 has intensity 1.
+    xyz: (plane, y, x, 3) colours, Y = 1 for the white of the display.
+    wavelengths_m: (wavelength,) of the intensities; an effect may split a laser's line into several.
+    planes_m: (plane,) nominal distances from the last modulator, m.
+    pitch_m: distance between samples, the modulator's pitch divided by `upsample`, m.
+    backend: what computed the view, in words.
+
+    >>> import holoview as hv
+    >>> system = hv.load("holochrome-8").with_(shape=[48, 64])
+    >>> view = hv.simulate(system, hv.random_drive(system), planes=["5 mm", "10 mm"], backend="torch")
+    >>> view.intensity.shape, view.xyz.shape, view.pitch_m, view.backend
+    ((2, 8, 96, 128), (2, 96, 128, 3), 4e-06, 'torch, complex64')
     """
 
     intensity: NDArray[np.floating]
@@ -36,33 +45,80 @@ class View:
 
     @cached_property
     def rgb(self) -> NDArray[np.floating]:
-        """Linear sRGB (plane, y, x, 3), neither clipped nor gamut-mapped: it may leave 0…1."""
+        """Linear sRGB (plane, y, x, 3), not clipped: colours outside the gamut have channels outside 0…1.
+
+        >>> import holoview as hv
+        >>> system = hv.load("holochrome-8").with_(shape=[16, 16])
+        >>> hv.simulate(system, hv.random_drive(system), backend="torch").rgb.shape[1:]
+        (32, 32, 3)
+        """
         return xyz_to_linear_srgb(self.xyz)
 
     @cached_property
     def srgb8(self) -> NDArray[np.uint8]:
-        """Encoded sRGB (plane, y, x, 3), 8 bit; each channel is clipped to the gamut."""
+        """8-bit sRGB (plane, y, x, 3) for a screen; each channel is clipped to 0…1 first.
+
+        >>> import holoview as hv
+        >>> system = hv.load("holochrome-8").with_(shape=[16, 16])
+        >>> hv.simulate(system, hv.random_drive(system), backend="torch").srgb8.dtype
+        dtype('uint8')
+        """
         return to_srgb8(self.rgb)
 
     def at(self, planes: Sequence[int]) -> View:
-        """The view at some of its planes, by their index."""
+        """The view at some of its planes.
+
+        planes: indices of the planes, in the order of the result. Raises IndexError for one that doesn't exist.
+
+        >>> import holoview as hv
+        >>> system = hv.load("holochrome-8").with_(shape=[16, 16])
+        >>> view = hv.simulate(system, hv.random_drive(system), planes=["5 mm", "10 mm"], backend="torch")
+        >>> view.at([1]).planes_m.tolist()
+        [0.01]
+        """
         chosen = list(planes)
         return replace(self, intensity=self.intensity[chosen], xyz=self.xyz[chosen], planes_m=self.planes_m[chosen])
 
     def cropped(self, region: tuple[int, int, int, int]) -> View:
-        """The view in a region (x, y, width, height), samples."""
+        """The view in a rectangle of samples.
+
+        region: (x, y, width, height), samples from the upper left corner.
+
+        >>> import holoview as hv
+        >>> system = hv.load("holochrome-8").with_(shape=[16, 16])
+        >>> view = hv.simulate(system, hv.random_drive(system), planes=["5 mm"], backend="torch")
+        >>> view.cropped((4, 0, 20, 10)).xyz.shape
+        (1, 10, 20, 3)
+        """
         x, y, width, height = region
         rows, columns = slice(y, y + height), slice(x, x + width)
         return replace(self, intensity=self.intensity[..., rows, columns], xyz=self.xyz[:, rows, columns])
 
     def exposed(self, stops: float) -> View:
-        """The view with every intensity multiplied by 2^stops."""
+        """The view with every intensity and colour multiplied by 2^stops, as a longer exposure has.
+
+        >>> import holoview as hv
+        >>> system = hv.load("holochrome-8").with_(shape=[16, 16])
+        >>> view = hv.simulate(system, hv.random_drive(system), planes=["5 mm"], backend="torch")
+        >>> round(float(view.exposed(1).xyz.sum() / view.xyz.sum()), 3)
+        2.0
+        """
         factor = 2.0**stops
         return replace(self, intensity=self.intensity * factor, xyz=self.xyz * factor)
 
 
 def random_drive(system: System, seed: int = 0) -> NDArray[np.float32]:
-    """Uniform random drive (frame, modulator, y, x) in 0…1, which gives speckle; one seed gives one drive."""
+    """Independent random patterns, uniform over the stroke, which show as speckle.
+
+    system: the display whose `drive_shape` the patterns have.
+    seed: the same seed gives the same patterns.
+
+    Returns float32 (frame, modulator, y, x) in 0…1 of the stroke.
+
+    >>> import holoview as hv
+    >>> hv.random_drive(hv.load("holochrome-8").with_(shape=[48, 64]), seed=1).shape
+    (1, 2, 48, 64)
+    """
     return np.random.default_rng(seed).random(system.drive_shape, dtype=np.float32)
 
 
@@ -75,11 +131,29 @@ def simulate(
     adapter: str | None = None,
     progress: ProgressCallback | None = None,
 ) -> View:
-    """The view of a drive (frame, modulator, y, x) in 0…1 at `planes` (metres or text; the system's own when None).
+    """What an observer sees of a hologram at each focal plane.
 
-    backend: "wgpu" (WGSL shaders), "torch" (complex64), "torch64" (complex128), "auto" (wgpu where an adapter is found,
-    else torch; `View.backend` says which). Raises UserError when the drive doesn't fit, for a plane behind the
-    modulator, and when the backend isn't available.
+    system: the display.
+    drive: (frame, modulator, y, x) patterns in 0…1 of the stroke, an array or a tensor of `system.drive_shape`.
+    planes: distances of the focal planes from the last modulator, metres or text such as "10 mm"; those of the system
+    when None.
+    backend: "wgpu" (WGSL shaders), "torch" (complex64), "torch64" (complex128), or "auto": wgpu where an adapter is
+    found, else torch. `View.backend` says which it was.
+    adapter: part of the name of the WebGPU adapter to use.
+    progress: called as progress(done, total) while it computes.
+
+    Returns a `View`. Raises UserError when the drive doesn't fit the system, for a wrong distance, and when the backend
+    or the adapter isn't available.
+
+    Scalar diffraction by the angular spectrum, band-limited (Matsushima & Shimobaba 2009); frames, directions of the
+    source and wavelengths add in intensity. Limits: pixels are squares with a fill factor of 1, polarisation isn't
+    modelled, and effects of the camera are left out, as an observer doesn't look through it.
+
+    >>> import holoview as hv
+    >>> system = hv.load("holochrome-8").with_(shape=[48, 64])
+    >>> view = hv.simulate(system, hv.random_drive(system, seed=0), planes=["10 mm"], backend="torch64")
+    >>> view.srgb8[0].shape
+    (96, 128, 3)
     """
     plan = make_plan(system, planes)
     executor, label = open_executor(plan, drive, backend, adapter)

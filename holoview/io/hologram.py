@@ -1,9 +1,9 @@
-"""The hologram file: patterns, amplitudes, wavelengths and the bench itself, in one self-describing safetensors file.
+"""The hologram file: patterns and the system that shows them, in one safetensors file.
 
 drive        float32 (frame, modulator, y, x), 0…1 of the modulator's stroke
 amplitudes   float64 (frame, wavelength)
 wavelengths  float64 (wavelength,), m
-metadata     format, version, system (TOML in people's units)
+metadata     format, version, system (TOML with units)
 """
 
 from __future__ import annotations
@@ -31,7 +31,19 @@ _FILE = TensorFormat(
 
 @dataclass(frozen=True)
 class Hologram:
-    """Patterns (frame, modulator, y, x) in 0…1 of the stroke, and the system that shows them (amplitudes included)."""
+    """Patterns and the system that shows them.
+
+    drive: (frame, modulator, y, x) float32, 0…1 of the stroke, of shape `system.drive_shape`.
+    system: the display, with the amplitudes of its lasers.
+
+    Raises UserError when the drive has another shape, or values outside 0…1 or NaN.
+
+    >>> import holoview as hv
+    >>> system = hv.load("holochrome-8").with_(shape=[48, 64])
+    >>> hologram = hv.Hologram(hv.random_drive(system), system)
+    >>> hologram.drive.shape
+    (1, 2, 48, 64)
+    """
 
     drive: NDArray[np.float32]
     system: System
@@ -45,7 +57,12 @@ class Hologram:
             raise UserError("drive", "values outside 0…1", expected="fractions of the modulator's stroke")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the file, whole or not at all."""
+        """Writes a hologram file (safetensors), atomically. Raises UserError when the file can't be written.
+
+        >>> import holoview as hv
+        >>> system = hv.load("holochrome-8").with_(shape=[48, 64])
+        >>> hv.Hologram(hv.random_drive(system), system).save("speckle.safetensors")
+        """
         tensors: dict[str, NDArray[np.floating]] = {
             "drive": self.drive.astype(np.float32),
             "amplitudes": self.system.amplitudes,
@@ -55,7 +72,19 @@ class Hologram:
 
 
 def load_hologram(path: str | os.PathLike[str]) -> Hologram:
-    """Reads a hologram file. Raises UserError when it is missing, damaged, of another format, or contradicts itself."""
+    """Reads a hologram file that `Hologram.save` or `holoview optimise` wrote.
+
+    path: of the file (safetensors).
+
+    Returns a `Hologram`. Raises UserError when the file is missing, damaged or of another format, when the drive
+    doesn't fit the system, and when wavelengths or amplitudes differ from those of the system in the file.
+
+    >>> import holoview as hv
+    >>> system = hv.load("holochrome-8").with_(shape=[48, 64])
+    >>> hv.Hologram(hv.random_drive(system), system).save("speckle.safetensors")
+    >>> hv.load_hologram("speckle.safetensors").system == system
+    True
+    """
     tensors, metadata = _FILE.read(path)
     system = preset.loads(metadata["system"], f"{path}: system")
     for name, known in (("wavelengths", system.wavelengths_m), ("amplitudes", system.amplitudes)):

@@ -1,9 +1,9 @@
-"""Memory cells of a phase light modulator: how a level number becomes the bits that its electrodes are given.
+"""The bits in the memory cells of a phase light modulator for a picture of levels.
 
 A pixel of a TI phase light modulator lies over 2 × 2 binary memory cells. A level, counted in rising order of optical
-path, is a 4-bit word (`words`); bit `layout[r][c]` of it goes to the cell in row r and column c of the pixel; the whole
-picture of cells is then mirrored left to right where `mirrored`. The tables of "p67" (the 0.67-inch device, DLP6750)
-are those that TI publishes with its MIT-licensed Python package ti_plm 1.1.
+path, has a 4-bit code. One bit of it goes to each cell of the pixel, and some devices mirror the picture of cells left
+to right. The tables of "p67" (the 0.67-inch device, DLP6750) are those that TI publishes with its MIT-licensed Python
+package ti_plm 1.1.
 """
 
 from __future__ import annotations
@@ -18,7 +18,12 @@ from holoview.util.errors import UserError, suggest_matches
 
 @dataclass(frozen=True)
 class CellMap:
-    """Word of each level, bit of each cell of a pixel, and whether the picture is mirrored left to right."""
+    """How a device stores levels.
+
+    level_codes: code of each level, in rising order of optical path.
+    bit_of_cell: which bit of the code the cell in each row and column of a pixel holds.
+    mirrored: whether the picture of cells is mirrored left to right.
+    """
 
     level_codes: tuple[int, ...]
     bit_of_cell: tuple[tuple[int, ...], ...]
@@ -33,7 +38,10 @@ CELL_MAPS = {
 
 
 def memory_cells(levels: NDArray[np.integer], device: str) -> NDArray[np.uint8]:
-    """Bits (2·rows, 2·columns), 0 or 1, of level numbers (rows, columns).
+    """The bits, 0 or 1, of all memory cells, (2·rows, 2·columns).
+
+    levels: (rows, columns) level of each pixel, counted from 0.
+    device: a key of `CELL_MAPS`.
 
     Raises UserError for an unknown device and for levels that it doesn't have.
     """
@@ -41,13 +49,13 @@ def memory_cells(levels: NDArray[np.integer], device: str) -> NDArray[np.uint8]:
         raise UserError(
             "cells", f'"{device}"', expected=", ".join(CELL_MAPS), remedy=suggest_matches(device, CELL_MAPS)
         )
-    memory = CELL_MAPS[device]
-    highest = len(memory.level_codes) - 1
+    cell_map = CELL_MAPS[device]
+    highest = len(cell_map.level_codes) - 1
     if levels.min() < 0 or levels.max() > highest:
         found = f"levels from {levels.min()} to {levels.max()}"
         raise UserError("cells", found, expected=f"0 to {highest}, the levels of {device}")
-    words = np.array(memory.level_codes, dtype=np.uint8)[levels]
-    shifts = np.array(memory.bit_of_cell, dtype=np.uint8)
-    bits = (words[:, None, :, None] >> shifts[None, :, None, :]) & 1
+    codes = np.array(cell_map.level_codes, dtype=np.uint8)[levels]
+    shifts = np.array(cell_map.bit_of_cell, dtype=np.uint8)
+    bits = (codes[:, None, :, None] >> shifts[None, :, None, :]) & 1
     cells = bits.reshape(len(levels) * shifts.shape[0], -1)
-    return cells[:, ::-1] if memory.mirrored else cells
+    return cells[:, ::-1] if cell_map.mirrored else cells

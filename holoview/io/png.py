@@ -1,4 +1,4 @@
-"""PNG files out and in: what is seen, with the setting that made it in text chunks; and modulator patterns."""
+"""PNG files: rendered views with metadata in text chunks, and patterns of modulators."""
 
 from __future__ import annotations
 
@@ -18,9 +18,11 @@ from holoview.util.version import __version__
 
 
 def write_png(path: str | os.PathLike[str], pixels: NDArray[np.uint8 | np.uint16], texts: Mapping[str, str]) -> None:
-    """Writes (y, x, 3) 8-bit or (y, x) 8- or 16-bit pixels, whole or not at all.
+    """Writes pixels, (y, x, 3) of 8 bits or (y, x) of 8 or 16 bits, atomically.
 
-    `texts` become text chunks, beside "Software" with holoview's version.
+    texts: {keyword: text} of international text chunks (iTXt), beside "Software", which names holoview's version.
+
+    Raises UserError when the file can't be written.
     """
     chunks = PngInfo()
     for key, value in ({"Software": f"holoview {__version__}"} | dict(texts)).items():
@@ -32,9 +34,13 @@ def write_png(path: str | os.PathLike[str], pixels: NDArray[np.uint8 | np.uint16
 def write_pattern(
     path: str | os.PathLike[str], drive: NDArray[np.floating], bits: int = 8, texts: Mapping[str, str] | None = None
 ) -> None:
-    """Writes one modulator's drive (y, x) in 0…1 as a greyscale PNG of 8 or 16 bits: 0…max stands for 0…stroke.
+    """Writes the pattern of one modulator as a greyscale PNG, whose 0…maximum stands for 0…stroke.
 
-    Raises UserError for other bits and for values outside 0…1.
+    drive: (y, x) in 0…1 of the stroke.
+    bits: 8 or 16 a pixel.
+    texts: further text chunks.
+
+    Raises UserError for other numbers of bits and for values outside 0…1.
     """
     if bits not in (8, 16):
         raise UserError("bits", str(bits), expected="8 or 16")
@@ -46,10 +52,12 @@ def write_pattern(
 
 
 def read_pattern(path: str | os.PathLike[str], shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Drive (y, x) in 0…1 of a greyscale PNG of 8 or 16 bits, or of a colour one whose channels are equal.
+    """Reads the pattern of one modulator: drive (y, x) float32 in 0…1 of the stroke.
 
-    Raises UserError for a file that is missing, isn't a PNG, is coloured or transparent, or isn't of `shape` (rows,
-    columns).
+    path: a greyscale PNG of 8 or 16 bits, or a colour PNG whose channels are equal.
+    shape: (rows, columns) that it must have.
+
+    Raises UserError for a file that is missing, isn't a PNG, is coloured or transparent, or has another shape.
     """
     file = Path(path)
     if file_format(file) != "PNG":
@@ -60,11 +68,11 @@ def read_pattern(path: str | os.PathLike[str], shape: tuple[int, int]) -> NDArra
     if raster.alpha is not None and np.any(raster.alpha != 1):
         raise UserError(str(path), "is partly transparent", expected="a greyscale pattern without alpha")
     if raster.values.shape[:2] != shape:
-        found, wanted = (f"{columns} x {rows} pixels" for rows, columns in (raster.values.shape[:2], shape))
-        raise UserError(str(path), found, expected=f"{wanted}, one a modulator pixel", remedy="or change the preset")
+        found, expected = (f"{columns} x {rows} pixels" for rows, columns in (raster.values.shape[:2], shape))
+        raise UserError(str(path), found, expected=f"{expected}, one a modulator pixel", remedy="or change the preset")
     return raster.values[..., 0].astype(np.float32)
 
 
 def path_with_suffix(path: Path, suffix: str) -> Path:
-    """The name of one file of several: out.png with 10mm is out-10mm.png."""
+    """The path of one of several files: "out.png" with the suffix "10mm" is "out-10mm.png"."""
     return path.with_name(f"{path.stem}-{suffix}{path.suffix}")
