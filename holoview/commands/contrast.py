@@ -16,8 +16,9 @@ from holoview.commands.arguments import parse_seed, system_from_args
 from holoview.commands.output_files import check_output_file
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.image_quality import central_region
-from holoview.metrics.speckle import Region, independent_patterns, speckle_contrast
+from holoview.metrics.speckle import independent_patterns, speckle_contrast
 from holoview.model import preset
+from holoview.numerics.image_region import Region
 from holoview.study.plots import make_figure
 from holoview.study.speckle_figure import speckle_figure
 from holoview.study.study import StudyFigure

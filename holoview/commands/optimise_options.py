@@ -16,10 +16,11 @@ from holoview.commands.output_files import check_output_file
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.model.plan import make_plan
 from holoview.model.system import System
+from holoview.numerics.image_region import Region
 from holoview.optimise.checkpoint import Checkpoint, load_checkpoint
 from holoview.optimise.losses import LOSS_SPACES
 from holoview.optimise.process_group import device_for_rank
-from holoview.optimise.settings import INITIAL_PATTERNS, VARIABLES, Region, Settings
+from holoview.optimise.settings import INITIAL_PATTERNS, VARIABLES, Settings
 from holoview.optimise.torch_device import resolve_torch_device
 from holoview.targets.focal_stack import Target
 from holoview.targets.picture import COLOUR_SPACES, Picture, read_picture

@@ -17,7 +17,7 @@ from holoview.metrics.image_quality import (
     plane_midpoints,
 )
 from holoview.model.system import System
-from holoview.optimise.settings import Region
+from holoview.numerics.image_region import Region
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.view import View, simulate

@@ -16,11 +16,10 @@ from holoview.metrics.eyebox import EyeboxUniformity, eyebox_uniformity
 from holoview.metrics.psnr import Psnr, psnr_linear_srgb, psnr_luminance
 from holoview.metrics.speckle import SpeckleContrast, speckle_contrast
 from holoview.model.plan import make_plan
+from holoview.numerics.image_region import Region
 from holoview.optics.first_order import EYEBOX_BLOCKS, first_order
 from holoview.optics.frame_inputs import make_frame_inputs
 from holoview.view import View
-
-Region = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True)

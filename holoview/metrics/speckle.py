@@ -20,13 +20,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from holoview.numerics.image_region import Region, region_slices
 from holoview.util.errors import UserError
 
 TARGET_FLOOR = 0.05
 """Least target, as a share of its mean in the region, at which a pixel takes part."""
-
-Region = tuple[int, int, int, int]
-"""x, y, width, height in pixels; x runs along the last axis, and (0, 0) is the first sample."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ def speckle_contrast(
     image = np.asarray(intensity, dtype=np.float64)
     if image.ndim != 2 or image.size == 0:
         raise UserError("image", f"shape {image.shape}", expected="one channel, (y, x)", remedy="take its luminance")
-    window = _region_slices(region, image.shape[1], image.shape[0])
+    window = _checked_slices(region, image.shape[1], image.shape[0])
     values = image[window].ravel()
     if target is not None:
         wanted = np.asarray(target, dtype=np.float64)
@@ -83,7 +81,7 @@ def independent_patterns(contrast: float) -> float:
     return 1.0 / contrast**2 if contrast > 0.0 else float("inf")
 
 
-def _region_slices(region: Region | None, width: int, height: int) -> tuple[slice, slice]:
+def _checked_slices(region: Region | None, width: int, height: int) -> tuple[slice, slice]:
     """The region as slices of (y, x), checked against the image."""
     if region is None:
         return slice(None), slice(None)
@@ -94,7 +92,7 @@ def _region_slices(region: Region | None, width: int, height: int) -> tuple[slic
             f"x = {x}, y = {y}, width = {w}, height = {h}",
             expected=f"at least one pixel, inside the image of {width} × {height} pixels (width × height)",
         )
-    return slice(y, y + h), slice(x, x + w)
+    return region_slices(region)
 
 
 def _ratio_to_target(values: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from holoview.metrics.speckle import Region
+from holoview.numerics.image_region import Region, region_slices
 from holoview.util.errors import UserError
 
 Floats = NDArray[np.float64]
@@ -56,8 +56,7 @@ def speckle_histogram(
     luminance: NDArray[np.floating], region: Region, pattern_count: float = 1.0, bins: int = 60, max_ratio: float = 4.0
 ) -> SpeckleHistogram:
     """The histogram of a region of (y, x) over its mean, up to `most` times that. Raises UserError if it is dark."""
-    x, y, width, height = region
-    values = np.asarray(luminance[y : y + height, x : x + width], dtype=np.float64).ravel()
+    values = np.asarray(luminance[region_slices(region)], dtype=np.float64).ravel()
     mean = float(values.mean()) if values.size else 0.0
     if not mean > 0:
         raise UserError("region", "no light in it", remedy="choose a brighter region")

@@ -7,6 +7,7 @@ image_region    rectangular regions of an image
 resample        Gaussian blur, affine warp and interpolation of two-dimensional maps, differentiable
 subpixel_shift  images shifted by fractions of a pixel, and their gradients, by a windowed sinc
 zernike         Zernike polynomials in Noll's order
+image_region    rectangles of an image as slices, and setting everything outside to zero
 least_squares   Levenberg–Marquardt inside bounds, minimisation along one axis, profile likelihood intervals
 nelder_mead     the downhill simplex for cost functions without a gradient at their minimum
 """

@@ -1,24 +1,26 @@
-"""Finding hologram patterns, laser amplitudes and wavelengths for a focal stack.
+"""Computer-generated holography: patterns, laser amplitudes and wavelengths for a focal stack, by gradient descent.
 
-solve        the iteration: an iterator of states
-settings     how to optimise
-state        what is shown after each iteration
-unknowns     all that is sought, how it moves, what a checkpoint keeps of it
-patterns     where patterns begin, what a modulator shows of them
-quantise     slopes towards neighbouring levels
-wavelengths  range and spacing of free wavelengths; how colours depend on them
-amplitudes   laser amplitudes in closed form
-adam         moments and step
-problem      one evaluation of the loss: model, objective and eyebox together
-objective    target, region and weights of planes; the loss of an image and its slope
-losses       colour spaces by name
-model        intensities of every laser and frame plane by plane, and the hand-written adjoint
-responses    what spectra are multiplied by, made once
-chromatic    the gradient with respect to wavelengths
-eyebox       how evenly the eyebox is filled, and a penalty
-memory       what it all takes, and a clear word when there is less
-team         processes that share the lasers
-threads      as many as the size deserves
-device       which torch device
-checkpoint   all that goes on from where it stopped, in a file
+solve                the optimisation loop, a generator of states
+settings             options of the optimiser
+iteration_state      what the loop yields after each iteration
+variables            patterns, amplitudes and wavelengths, their Adam steps and their checkpoint form
+patterns             the modulator patterns: initial values, quantisation, the Adam step
+level_gradients      secants to the neighbouring level, for modulators with few phase levels
+wavelengths          projection onto the allowed range and spacing; derivatives of colour
+amplitudes           laser amplitudes by non-negative least squares
+adam                 Adam's moments and step, and two learning-rate schedules
+problem              one evaluation of the loss and of the requested gradients
+objective            the loss of an image stack and its derivative
+losses               the colour spaces in which image and target are compared
+forward_model        wave propagation from patterns to intensities, and its hand-written adjoint
+autograd_model       the same with torch's autograd, where effects change the modulators' light
+transfer_functions   precomputed transfer functions, pupils and spectra of pixels
+wavelength_gradient  derivative of the loss with respect to a laser's wavelength
+eyebox_penalty       penalty on an unevenly filled eyebox
+lasers               the lasers of a plan that are on
+memory               estimate of the memory needed, and an error that says what to reduce
+process_group        the lasers of one optimisation split over several processes or GPUs
+threads              one CPU thread where fields are small
+torch_device         choice of the torch device
+checkpoint           an optimisation saved in a safetensors file
 """

@@ -1,4 +1,7 @@
-"""Adam (Kingma & Ba, arXiv:1412.6980) on tensors that the caller owns, and its falling step."""
+"""Adam (Kingma & Ba, arXiv:1412.6980): moments and step, and two learning-rate schedules.
+
+The caller owns the variables, so that they can be projected after each step or live in numpy.
+"""
 
 from __future__ import annotations
 
@@ -8,44 +11,47 @@ import torch
 
 Tensor = torch.Tensor
 
-_EPSILON = 1e-20  # beside gradients, whose scale is that of the loss: about 1e-9 a pixel
+_EPSILON = 1e-20  # small beside gradients, which scale with the loss: about 1e-9 for one pixel
 
 
 class Adam:
-    """The two moments of a gradient, and the step they advise.
+    """The exponential means m of a gradient g and v of its square, and the step that they give.
 
-    floor: elements whose gradients are below this share of the r.m.s. of all take smaller steps, instead of full ones
-    along nothing but noise.
+        m ← β₁·m + (1 − β₁)·g,   v ← β₂·v + (1 − β₂)·g²,   step = m/(1 − β₁ᵗ) / (√(v/(1 − β₂ᵗ)) + ε)
+
+    variable: a tensor whose shape, type and device the moments take. betas: β₁ and β₂.
+    rms_floor: lower bound of the denominator, as a fraction of its root mean square over all elements. Elements whose
+    gradients are mostly noise then take smaller steps than the others, instead of equal ones.
     """
 
-    def __init__(self, like: Tensor, betas: tuple[float, float], rms_floor: float = 0.0) -> None:
+    def __init__(self, variable: Tensor, betas: tuple[float, float], rms_floor: float = 0.0) -> None:
         self.betas, self.rms_floor = betas, rms_floor
-        self.first_moment, self.second_moment = torch.zeros_like(like), torch.zeros_like(like)
+        self.first_moment, self.second_moment = torch.zeros_like(variable), torch.zeros_like(variable)
         self.step_count = 0
 
     def unit_step(self, gradient: Tensor) -> Tensor:
-        """The advised step at unit rate (to be subtracted), after one more gradient."""
+        """Updates the moments with a gradient and returns the step for learning rate 1, to be subtracted."""
         beta1, beta2 = self.betas
         self.step_count += 1
         self.first_moment.mul_(beta1).add_(gradient, alpha=1 - beta1)
         self.second_moment.mul_(beta2).addcmul_(gradient, gradient, value=1 - beta2)
-        spread = self.second_moment.div(1 - beta2**self.step_count).sqrt_().add_(_EPSILON)
+        denominator = self.second_moment.div(1 - beta2**self.step_count).sqrt_().add_(_EPSILON)
         if self.rms_floor:
-            spread.clamp_min_(self.rms_floor * float(spread.square().mean().sqrt()))
-        return self.first_moment.div(1 - beta1**self.step_count).div_(spread)
+            denominator.clamp_min_(self.rms_floor * float(denominator.square().mean().sqrt()))
+        return self.first_moment.div(1 - beta1**self.step_count).div_(denominator)
 
     def reset(self) -> None:
-        """Begins anew."""
+        """Sets the moments and the number of steps to zero."""
         self.first_moment.zero_()
         self.second_moment.zero_()
         self.step_count = 0
 
 
 def sqrt_decay(done: int, total: int) -> float:
-    """Falls from 1 to 0 while `done` goes from 0 to `total`: the root of the share that is left."""
+    """√(1 − done/total): falls from 1 to 0, most steeply at the end."""
     return math.sqrt(1 - min(done, total) / total)
 
 
 def cosine_decay(done: float, total: int) -> float:
-    """Falls from 1 to 0 while `done` goes from 0 to `total`."""
+    """(1 + cos(π·done/total))/2: falls from 1 to 0, flat at both ends."""
     return 0.5 * (1 + math.cos(math.pi * min(done, total) / total))

@@ -1,10 +1,11 @@
-"""The forward model where effects shape modulators' light: its first half is traced, so that any effect has a slope.
+"""The forward model with torch's automatic differentiation, for benches whose effects change the modulators' light.
 
-    light₁ ─▶ V = H_gap·F light₁ ─▶ E = F⁻¹V ─▶ W = F[E·light₂]
+    t₁ ─▶ V = H_gap·F[s·t₁] ─▶ E = F⁻¹V ─▶ W = F[E·t₂]
 
-light is whatever the effects make of the optical paths that are sought. From W on, planes and gradients are those of
-`Model`; torch carries them from W to the paths. An evaluation with its gradient takes 1.3 to 1.6 times as long as the
-plain bench's (holochrome-8 at 512×384 samples, 5 planes, one thread), and what torch keeps on the way comes on top.
+with the illumination s and the transmissions t that the effects make of the optical paths. From W on, planes and
+gradients are those of `ForwardModel`; torch differentiates W with respect to the paths, so that effects need no adjoint
+of their own. An evaluation with its gradient takes 1.3 to 1.6 times as long as that of a bench without effects
+(holochrome-8 at 512×384 samples, 5 planes, one thread), and torch holds the intermediate fields in addition.
 """
 
 from __future__ import annotations
@@ -25,18 +26,19 @@ Tensor = torch.Tensor
 class AutogradModel(ForwardModel):
     """Intensities and gradients of a plan whose modulators have effects, or another stroke than the nominal one.
 
-    Slopes towards neighbouring levels aren't taken: gradients are those of the paths themselves.
+    Gradients are derivatives also for modulators with few levels (`level_steps` is ignored). There is no gradient of
+    the wavelengths.
     """
 
     def set_plan(self, plan: Plan) -> None:
-        """Goes on with a plan of the same grid, lasers and planes."""
+        """Changes to a plan of the same grid, lasers and planes."""
         super().set_plan(plan)
-        self._dense_light = SampledTransmissions(plan, torch.empty(0))
-        strokes = [panel.stroke_m for panel in plan.nominal.modulators]
+        self._transmissions = SampledTransmissions(plan, torch.empty(0))
+        strokes = [modulator.stroke_m for modulator in plan.nominal.modulators]
         self._strokes = torch.tensor(strokes, dtype=torch.float64, device=self.device)[:, None, None]
 
     def forward(self, opd_m: Tensor, *, wavelength_gradient: bool = False) -> None:
-        """Spectra behind the last modulator for nominal optical paths (frame, modulator, y, x), m."""
+        """Computes the spectra behind the last modulator for nominal optical paths (frame, modulator, y, x), m."""
         assert not wavelength_gradient
         self.opd_m = opd_m.detach().requires_grad_()
         self.z_weighted_adjoint, self._graph_spectra = None, []
@@ -50,33 +52,33 @@ class AutogradModel(ForwardModel):
     def accumulate_gradients(
         self, path_gradient: Tensor, wavelength_gradient: Tensor | None = None, level_steps: LevelSteps | None = None
     ) -> None:
-        """Adds ∂L/∂opd to `gradient` (frame, modulator, y, x)."""
+        """Adds ∂L/∂opd to `path_gradient` (frame, modulator, y, x)."""
         assert wavelength_gradient is None
-        for spectrum, carried in zip(self._graph_spectra, self.adjoint_spectra, strict=True):
-            (found,) = torch.autograd.grad(spectrum, self.opd_m, carried.conj())  # torch wants ∂L/∂Re + i·∂L/∂Im
-            path_gradient += found
+        for spectrum, adjoint in zip(self._graph_spectra, self.adjoint_spectra, strict=True):
+            (gradient,) = torch.autograd.grad(spectrum, self.opd_m, adjoint.conj())  # torch: ∂L/∂Re + i·∂L/∂Im
+            path_gradient += gradient
         self._graph_spectra = []
 
     def _spectrum(self, frame: int, wavelength: int, source: int) -> Tensor:
-        """W of a beam."""
-        light = self._modulator_transmission(frame, 0, wavelength)
+        """W of a beam (P_y, P_x)."""
+        field = self._modulator_transmission(frame, 0, wavelength)
         if self.plan.slopes[source, wavelength].any():
-            light = light * plane_wave(self.plan, wavelength, source, self.complex_dtype, self.device)
-        spectrum = self._padded_fft(light)
+            field = field * plane_wave(self.plan, wavelength, source, self.complex_dtype, self.device)
+        spectrum = self._padded_fft(field)
         if not self.has_second_modulator:
             return spectrum
         field = torch.fft.ifft2(spectrum * self.transfer_functions.across_gap(wavelength))[self.plan.grid.inside]
         return self._padded_fft(field * self._modulator_transmission(frame, 1, wavelength))
 
     def _modulator_transmission(self, frame: int, modulator: int, wavelength: int) -> Tensor:
-        if self._dense_light.is_sampled(modulator):
-            share = (self.opd_m[frame, modulator] / self._strokes[modulator]).to(self.real_dtype)
-            return self._dense_light.transmission_for(share, modulator, wavelength, self.complex_dtype)
+        """Complex transmission (y, x) of a modulator on the simulation grid."""
+        if self._transmissions.is_sampled(modulator):
+            drive = (self.opd_m[frame, modulator] / self._strokes[modulator]).to(self.real_dtype)
+            return self._transmissions.transmission_for(drive, modulator, wavelength, self.complex_dtype)
         scale = self.plan.system.modulators[modulator].stroke_m / float(self._strokes[modulator])
         λ = float(self.plan.system.wavelengths_m[wavelength])
-        return upsample_nearest(
-            phasor(self.opd_m[frame, modulator] * scale, λ, self.complex_dtype), self.plan.grid.upsample
-        )
+        pixels = phasor(self.opd_m[frame, modulator] * scale, λ, self.complex_dtype)
+        return upsample_nearest(pixels, self.plan.grid.upsample)
 
     def _padded_fft(self, field: Tensor) -> Tensor:
         (top, left), (ny, nx) = self.plan.grid.offset, field.shape
@@ -85,10 +87,11 @@ class AutogradModel(ForwardModel):
         return torch.fft.fft2(torch.nn.functional.pad(field, edges))
 
 
-def make_forward_model(plan: Plan, *, device: str, keep_fields: bool) -> ForwardModel:
-    """The model of a plan: the fast one unless effects shape the light of its modulators."""
-    strokes = [[m.stroke_m for m in system.modulators] for system in (plan.system, plan.nominal)]
-    shaped = plan.nominal.effects and (
-        strokes[0] != strokes[1] or SampledTransmissions(plan, torch.empty(0)).is_any_sampled
+def make_forward_model(plan: Plan, *, device: str, keep_fields: bool, double: bool = False) -> ForwardModel:
+    """The model of a plan: an `AutogradModel` if effects change the light of its modulators. Arguments as there."""
+    strokes_m = [[m.stroke_m for m in system.modulators] for system in (plan.system, plan.nominal)]
+    needs_autograd = plan.nominal.effects and (
+        strokes_m[0] != strokes_m[1] or SampledTransmissions(plan, torch.empty(0)).is_any_sampled
     )
-    return (AutogradModel if shaped else ForwardModel)(plan, device=device, keep_fields=keep_fields)
+    model = AutogradModel if needs_autograd else ForwardModel
+    return model(plan, double=double, device=device, keep_fields=keep_fields)

@@ -1,4 +1,4 @@
-"""Checkpoints: all that an optimisation needs to go on bit for bit on the same machine, in one safetensors file.
+"""Saves and restores an optimisation in a safetensors file, from which it continues bit for bit on the same machine.
 
 drive first second               float32 (frame, modulator, y, x): patterns and Adam's two moments
 best_drive                       float32: the best hologram so far
@@ -6,7 +6,7 @@ amplitudes best_amplitudes       float64 (frame, wavelength)
 wavelengths best_wavelengths     float64 (wavelength,), m
 amplitude_moments                float64 (2, frame, wavelength), of Adam
 wavelength_moments               float64 (2, wavelength)
-steps                            float64 (3,): how many gradients patterns, amplitudes and wavelengths have seen
+steps                            float64 (3,): Adam's number of steps of patterns, amplitudes and wavelengths
 metadata                         format, version, system (TOML), settings and progress (JSON), digest of the target
 """
 
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
+from holoview.util.checkpoint import differing_fields, refuse_differences
 from holoview.util.errors import UserError
 from holoview.util.safetensors_file import TensorFormat
 
@@ -43,7 +44,11 @@ _FORMAT = TensorFormat(
 
 @dataclass(frozen=True)
 class CheckpointProgress:
-    """How far an optimisation has come: iteration to do next, seconds spent, the best so far, and the eyebox."""
+    """How far an optimisation has come.
+
+    iteration: the next one. seconds: time spent. best_loss, best_psnr_db: of the smallest loss so far. eyebox: the
+    latest coefficient of variation of the light in the eyebox.
+    """
 
     iteration: int
     seconds: float
@@ -54,7 +59,7 @@ class CheckpointProgress:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """An optimisation between two iterations."""
+    """An optimisation between two iterations. target: `target_digest` of its focal stack."""
 
     system: System
     settings: Settings
@@ -63,7 +68,7 @@ class Checkpoint:
     tensors: dict[str, NDArray[np.floating]]
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the file, whole or not at all: the one before stays until then."""
+        """Writes the file; an existing one is replaced only by a complete one."""
         texts = {
             "system": preset.dumps(self.system),
             "settings": json.dumps(dataclasses.asdict(self.settings)),
@@ -73,27 +78,24 @@ class Checkpoint:
         _FORMAT.write(path, self.tensors, texts)
 
     def check_matches(self, system: System, settings: Settings, target: str, where: str) -> None:
-        """UserError that names what differs, unless the checkpoint is of this system, settings and target."""
-        mine, given = (tomllib.loads(preset.dumps(s)) for s in (self.system, system))
-        differing = [key for key in {**mine, **given} if mine.get(key) != given.get(key)]
-        ours, theirs = dataclasses.asdict(self.settings), dataclasses.asdict(settings)
-        differing += [key for key, value in ours.items() if value != theirs[key]]
+        """Raises UserError that names what differs, unless the checkpoint is of this system, settings and target.
+
+        where: how the error names the checkpoint.
+        """
+        stored, given = (tomllib.loads(preset.dumps(s)) for s in (self.system, system))
+        differing = [key for key in {**stored, **given} if stored.get(key) != given.get(key)]
+        differing += differing_fields(self.settings, settings)
         differing += ["the target"] * (self.target != target)
-        if differing:
-            raise UserError(
-                where,
-                f"is of another optimisation: {', '.join(differing)} differ",
-                expected="the same preset, picture and options as when it was begun",
-            )
+        refuse_differences(differing, where, "optimisation", "preset, picture and options")
 
 
 def load_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
-    """Reads a checkpoint. Raises UserError when it is missing, damaged, or no checkpoint."""
+    """Reads a checkpoint. Raises UserError when the file is missing, damaged, or something else."""
     tensors, texts = _FORMAT.read(path)
     system = preset.loads(texts["system"], f"{path}: system")
     try:
-        written = json.loads(texts["settings"]).items()
-        settings: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in written}
+        stored = json.loads(texts["settings"]).items()
+        settings: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in stored}
         progress = CheckpointProgress(**json.loads(texts["progress"]))
         return Checkpoint(system, Settings(**settings), texts["target"], progress, tensors)
     except UserError:
@@ -103,6 +105,6 @@ def load_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
 
 
 def target_digest(stack: NDArray[np.floating]) -> str:
-    """A fingerprint of a target stack."""
+    """The SHA-256 of a focal stack's shape and float32 values."""
     values = np.ascontiguousarray(stack, dtype=np.float32)
     return hashlib.sha256(repr(values.shape).encode() + values.tobytes()).hexdigest()

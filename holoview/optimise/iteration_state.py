@@ -1,4 +1,4 @@
-"""What an optimisation shows after each iteration."""
+"""What the optimisation yields after each iteration: loss, PSNR and the best hologram so far."""
 
 from __future__ import annotations
 
@@ -14,12 +14,15 @@ from holoview.optimise.checkpoint import Checkpoint
 
 @dataclass(frozen=True)
 class IterationState:
-    """Where the optimisation stands after an iteration; `best` is the hologram of least loss so far.
+    """The state of an optimisation after an iteration.
 
+    iteration, iterations: number of this iteration, from 0, and of the last one. loss: with the eyebox's penalty.
     psnr_db: of linear sRGB clipped to 0…1, mean over planes (of luminance where only that is optimised).
-    eyebox: coefficient of variation of the eyebox's filling when it was last judged, at most `amplitudes_every`
-    iterations ago. picture(): the middle plane as it is now, linear sRGB (y, x, 3). checkpoint(): all that continues
-    from here. Call both before the next state is asked for.
+    best_psnr_db, best: PSNR and hologram of the smallest loss so far.
+    eyebox: coefficient of variation of the light in the eyebox, measured at most `amplitudes_every` iterations ago.
+    seconds: time spent, including that before a checkpoint.
+    picture(): the present image at the middle plane, linear sRGB (y, x, 3). checkpoint(): everything that is needed to
+    continue. Both must be called before the next state is requested.
     """
 
     iteration: int

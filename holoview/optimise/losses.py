@@ -1,4 +1,4 @@
-"""In which colour space an image is compared with its target: names, channels, and the curve of encoded sRGB."""
+"""The colour spaces in which image and target are compared, and the curve of encoded sRGB with its derivative."""
 
 from __future__ import annotations
 
@@ -20,9 +20,11 @@ _SRGB_KNEE, _SRGB_SLOPE = 0.0031308, 12.92  # IEC 61966-2-1
 
 @dataclass(frozen=True)
 class LossSpace:
-    """Channels as a matrix (channel, XYZ); `flat`: a mono camera that sees every laser alike; `encoded`: sRGB's curve.
+    """The channels that are compared.
 
-    rgb: the matrix (3, channel) back to linear sRGB, None where channels are fewer than three.
+    matrix (channel, XYZ): linear channels of CIE XYZ. description: for the command line's help.
+    ignores_wavelength: a monochrome camera, for which all lasers are equally bright. is_encoded: the channels pass
+    through sRGB's curve before they are compared.
     """
 
     matrix: Floats
@@ -32,10 +34,11 @@ class LossSpace:
 
     @property
     def to_rgb(self) -> Floats | None:
+        """The matrix (3, channel) back to linear sRGB; None for fewer than three channels."""
         return XYZ_TO_SRGB @ np.linalg.inv(self.matrix) if len(self.matrix) == 3 else None
 
     def channels_of_xyz(self, xyz: Floats) -> Floats:
-        """Channels (laser, channel) of lasers whose unit intensity makes XYZ (laser, 3)."""
+        """Channels (laser, channel) of lasers whose XYZ at unit intensity are given, (laser, 3)."""
         return np.ones((len(xyz), 1)) if self.ignores_wavelength else xyz @ self.matrix.T
 
     def channels_of_rgb(self, rgb: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -59,20 +62,20 @@ LOSS_SPACES = {
 
 
 def find_loss_space(name: str) -> LossSpace:
-    """The loss of that name. Raises UserError for another."""
+    """The loss space of a name. Raises UserError for an unknown one."""
     if name not in LOSS_SPACES:
         raise UserError("loss", f'"{name}"', expected=", ".join(LOSS_SPACES), remedy=suggest_matches(name, LOSS_SPACES))
     return LOSS_SPACES[name]
 
 
 def torch_srgb_encode(light: Tensor) -> Tensor:
-    """Linear light to the sRGB signal, odd-symmetric, any shape; the power is kept away from 0, where it is steep."""
-    size = light.abs()
-    curve = 1.055 * size.clamp_min(_SRGB_KNEE) ** (1 / 2.4) - 0.055
-    return torch.where(size <= _SRGB_KNEE, _SRGB_SLOPE * light, torch.copysign(curve, light))
+    """sRGB's curve (IEC 61966-2-1) of linear light of any shape, continued to negative values as an odd function."""
+    magnitude = light.abs()
+    curve = 1.055 * magnitude.clamp_min(_SRGB_KNEE) ** (1 / 2.4) - 0.055
+    return torch.where(magnitude <= _SRGB_KNEE, _SRGB_SLOPE * light, torch.copysign(curve, light))
 
 
 def torch_srgb_encode_derivative(light: Tensor) -> Tensor:
-    """Derivative of `encoded`: finite everywhere, 12.92 at most."""
-    size = light.abs().clamp_min(_SRGB_KNEE)
-    return torch.where(size <= _SRGB_KNEE, _SRGB_SLOPE, (1.055 / 2.4) * size ** (1 / 2.4 - 1))
+    """Derivative of `torch_srgb_encode`: at most 12.92."""
+    magnitude = light.abs().clamp_min(_SRGB_KNEE)
+    return torch.where(magnitude <= _SRGB_KNEE, _SRGB_SLOPE, (1.055 / 2.4) * magnitude ** (1 / 2.4 - 1))

@@ -1,4 +1,4 @@
-"""What a hologram is optimised for: a focal stack in a colour space, compared at fixed brightness."""
+"""The loss: mean squared error of a focal stack in a colour space, inside a region, weighted by plane."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.model.plan import Plan
+from holoview.numerics.image_region import Region, region_slices, zero_outside
 from holoview.optimise.losses import LossSpace, find_loss_space, torch_srgb_encode, torch_srgb_encode_derivative
-from holoview.optimise.settings import Region, Settings
+from holoview.optimise.settings import Settings
 from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
@@ -18,16 +19,17 @@ Tensor = torch.Tensor
 
 @dataclass(frozen=True)
 class PlaneLoss:
-    """What a plane adds to the loss, and its PSNR (dB) clipped to 0…1: of linear sRGB, or of the only channel."""
+    """A plane's part of the loss, and its PSNR (dB) clipped to 0…1: of linear sRGB, or of the only channel."""
 
     loss: float
     psnr_db: float
 
 
 class Objective:
-    """L = Σ_k weight_k·mean(residual_k²)/K over K planes, in the region. Brightness is fixed: 1 is the display's white.
+    """L = Σ_k weight_k·mean(residual_k²)/K over K planes, inside the region.
 
-    target (plane, channel, y, x): linear, before any encoding. colours (wavelength, channel): of unit intensity.
+    Brightness is fixed: 1 is the display's white, and no scale factor is fitted. target (plane, channel, y, x): linear,
+    before any encoding. wavelength_channels (wavelength, channel): of unit intensity. region_slices: of (y, x).
     """
 
     def __init__(
@@ -35,37 +37,35 @@ class Objective:
         loss: LossSpace,
         wavelength_channels: Tensor,
         target: Tensor,
-        weights: NDArray[np.float64],
+        plane_weights: NDArray[np.float64],
         region: Region | None,
     ):
         self.loss, self.wavelength_channels, self.target = loss, wavelength_channels, target
-        self.plane_weights = weights
+        self.plane_weights = plane_weights
         rows, columns = target.shape[-2:]
-        x, y, width, height = region or (0, 0, columns, rows)
-        self.region_slices = (slice(y, y + height), slice(x, x + width))
+        self.region_slices = region_slices(region or (0, 0, columns, rows))
         low, high = torch.aminmax(target)
         matrix = loss.to_rgb
-        self._target_in_srgb_range = (
-            bool(low >= 0 and high <= 1) and matrix is not None and np.allclose(matrix, np.eye(3))
-        )
-        self._to_rgb = None if matrix is None or np.allclose(matrix, np.eye(3)) else torch.as_tensor(matrix).to(target)
+        is_linear_srgb = matrix is not None and np.allclose(matrix, np.eye(3))
+        self._target_needs_no_clipping = bool(low >= 0 and high <= 1) and is_linear_srgb
+        self._to_rgb = None if matrix is None or is_linear_srgb else torch.as_tensor(matrix).to(target)
 
     def evaluate_plane(self, plane: int, image: Tensor) -> PlaneLoss:
-        """Judges a plane's image (channel, y, x), and overwrites it with ∂L/∂image."""
-        part, wanted = (t[(..., *self.region_slices)] for t in (image, self.target[plane]))
-        psnr_db = self._psnr_db(part, wanted)
-        share = float(self.plane_weights[plane]) / (len(self.target) * part.numel())
+        """The loss of a plane's image (channel, y, x), which is overwritten with ∂L/∂image."""
+        cropped, target = (t[(..., *self.region_slices)] for t in (image, self.target[plane]))
+        psnr_db = self._psnr_db(cropped, target)
+        sample_weight = float(self.plane_weights[plane]) / (len(self.target) * cropped.numel())
         if self.loss.is_encoded:
-            slope = torch_srgb_encode_derivative(part)
-            part.copy_(torch_srgb_encode(part)).sub_(torch_srgb_encode(wanted))
+            derivative = torch_srgb_encode_derivative(cropped)
+            cropped.copy_(torch_srgb_encode(cropped)).sub_(torch_srgb_encode(target))
         else:
-            slope = None
-            part.sub_(wanted)
-        loss = share * float(torch.linalg.vector_norm(part)) ** 2
-        part.mul_(2 * share)
-        if slope is not None:
-            part.mul_(slope)
-        self._zero_outside_region(image)
+            derivative = None
+            cropped.sub_(target)
+        loss = sample_weight * float(torch.linalg.vector_norm(cropped)) ** 2
+        cropped.mul_(2 * sample_weight)
+        if derivative is not None:
+            cropped.mul_(derivative)
+        zero_outside(image, *self.region_slices)
         return PlaneLoss(loss, psnr_db)
 
     def picture(self, image: Tensor) -> NDArray[np.floating]:
@@ -76,20 +76,12 @@ class Objective:
             image = torch.einsum("rc,cyx->ryx", self._to_rgb, image)
         return image.movedim(0, -1).cpu().numpy().copy()
 
-    def _psnr_db(self, part: Tensor, wanted: Tensor) -> float:
-        shown, known = part, wanted
+    def _psnr_db(self, image: Tensor, target: Tensor) -> float:
         if self._to_rgb is not None:
-            shown, known = (torch.einsum("rc,cyx->ryx", self._to_rgb, t) for t in (part, wanted))
-        error = shown.clamp(0, 1).sub_(known if self._target_in_srgb_range else known.clamp(0, 1))
-        mean = float(torch.linalg.vector_norm(error)) ** 2 / error.numel()
-        return float(-10 * np.log10(max(mean, 1e-20)))
-
-    def _zero_outside_region(self, image: Tensor) -> None:
-        rows, columns = self.region_slices
-        image[:, : rows.start].zero_()
-        image[:, rows.stop :].zero_()
-        image[:, rows, : columns.start].zero_()
-        image[:, rows, columns.stop :].zero_()
+            image, target = (torch.einsum("rc,cyx->ryx", self._to_rgb, t) for t in (image, target))
+        error = image.clamp(0, 1).sub_(target if self._target_needs_no_clipping else target.clamp(0, 1))
+        mean_square = float(torch.linalg.vector_norm(error)) ** 2 / error.numel()
+        return float(-10 * np.log10(max(mean_square, 1e-20)))
 
 
 def make_objective(
@@ -97,7 +89,7 @@ def make_objective(
 ) -> Objective:
     """The objective for a focal stack (plane, y, x, 3) in linear sRGB, on the plan's planes and simulation grid.
 
-    Raises UserError when the stack, the region or the planes' weights don't fit the plan.
+    double: compute in float64. Raises UserError when the stack, the region or the planes' weights don't fit the plan.
     """
     planes, shape = len(plan.planes_m), plan.grid.shape
     expected = (planes, *shape, 3)
@@ -114,7 +106,7 @@ def make_objective(
         channels_of_wavelengths(loss, plan, target),
         target,
         _plane_weights(settings, planes),
-        _region(settings, shape),
+        _checked_region(settings, shape),
     )
 
 
@@ -124,6 +116,7 @@ def channels_of_wavelengths(loss: LossSpace, plan: Plan, like: Tensor) -> Tensor
 
 
 def _plane_weights(settings: Settings, planes: int) -> NDArray[np.float64]:
+    """The settings' weights, scaled to a mean of 1."""
     if settings.plane_weights is None:
         return np.ones(planes)
     weights = np.asarray(settings.plane_weights, dtype=np.float64)
@@ -132,7 +125,7 @@ def _plane_weights(settings: Settings, planes: int) -> NDArray[np.float64]:
     return weights * (planes / weights.sum())
 
 
-def _region(settings: Settings, shape: tuple[int, int]) -> Region | None:
+def _checked_region(settings: Settings, shape: tuple[int, int]) -> Region | None:
     if settings.region is not None:
         x, y, width, height = settings.region
         if x + width > shape[1] or y + height > shape[0]:

@@ -1,4 +1,4 @@
-"""One evaluation of the loss: model, objective and eyebox together, plane by plane."""
+"""One evaluation of the loss and the requested gradients: forward model, objective and eyebox penalty together."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from holoview.model.system import System
 from holoview.optimise.amplitudes import AmplitudeLeastSquares
 from holoview.optimise.autograd_model import make_forward_model
 from holoview.optimise.eyebox_penalty import EyeboxPenalty
+from holoview.optimise.lasers import with_only_lasers
 from holoview.optimise.level_gradients import LevelSteps, gauss_newton_diagonal
 from holoview.optimise.memory import memory_guard, should_keep_fields
-from holoview.optimise.objective import channels_of_wavelengths, make_objective
-from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, shard_lasers, with_only_lasers
+from holoview.optimise.objective import PlaneLoss, channels_of_wavelengths, make_objective
+from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, shard_lasers
 from holoview.optimise.settings import Settings
 from holoview.optimise.threads import limit_torch_threads
 from holoview.optimise.wavelengths import channel_wavelength_derivatives, check_wavelength_search
@@ -31,31 +32,35 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class EvaluationRequest:
-    """What an evaluation shall bring beside loss and PSNR."""
+    """What an evaluation computes beside loss and PSNR; the fields are those of `LossEvaluation`.
+
+    amplitude_gradient, wavelength_gradient: only together with path_gradient. level_step_m: replace the path gradient
+    by secants to the neighbouring levels, at this optical path from those shown (see `level_gradients`).
+    curvature_weight: the weight s of the secant's second term.
+    """
 
     path_gradient: bool = False
-    optimal_amplitudes: bool = False  # their closed form
+    optimal_amplitudes: bool = False
     eyebox_variation: bool = False
-    amplitude_gradient: bool = False  # with the gradient, for losses without a closed form
-    wavelength_gradient: bool = False  # the gradient with respect to the wavelengths
-    level_step_m: Tensor | None = (
-        None  # take slopes to neighbouring levels, this far from those shown, for the gradient
-    )
-    curvature_weight: float = 0.0  # share of a jump's own cost that counts
+    amplitude_gradient: bool = False
+    wavelength_gradient: bool = False
+    level_step_m: Tensor | None = None
+    curvature_weight: float = 0.0
 
     @property
     def needs_image_products(self) -> bool:
-        """Whether Σ ∂L/∂image·intensity is needed."""
+        """Whether Σ ∂L/∂image·intensity is needed for a gradient."""
         return self.amplitude_gradient or self.wavelength_gradient
 
 
 @dataclass(frozen=True)
 class LossEvaluation:
-    """loss and PSNR (dB, mean over planes); what wasn't wanted is None.
+    """The result of an evaluation; what wasn't requested is None.
 
-    gradient: ∂L/∂opd (frame, modulator, y, x). amplitude_slopes: ∂(image loss)/∂amplitude, solved: amplitudes of least
-    squares, both (frame, wavelength). chromatic: ∂L/∂λ (wavelength,), 1/m. eyebox: coefficient of variation.
-    picture: the middle plane in linear sRGB, (y, x, 3).
+    loss: with the eyebox's penalty. psnr_db: mean over planes. picture(): the middle plane in linear sRGB, (y, x, 3).
+    path_gradient: ∂L/∂opd (frame, modulator, y, x), 1/m. wavelength_gradient: ∂L/∂λ (wavelength,), 1/m.
+    amplitude_gradient: ∂(loss without penalty)/∂amplitude; optimal_amplitudes: the least-squares solution; both
+    (frame, wavelength), 0 for lasers that are off. eyebox_variation: coefficient of variation of the eyebox's light.
     """
 
     loss: float
@@ -69,9 +74,11 @@ class LossEvaluation:
 
 
 class Problem:
-    """A system, a target and how to compare them, ready to be evaluated on a device.
+    """A system, a target and a loss on a device, whose variables are then given to `evaluate`.
 
-    Of a team, this process's model has its part of the lasers; what `evaluate` brings is everybody's.
+    In a process group this process's model has only its own lasers, but `evaluate` returns the results of all.
+    lasers: (frame, wavelength) of the whole group. double: compute in float64 instead of float32.
+    Raises UserError for a target or settings that don't fit the system, and when memory is too small.
     """
 
     def __init__(
@@ -81,28 +88,33 @@ class Problem:
         settings: Settings,
         device: str = "cpu",
         group: ProcessGroup = SINGLE_PROCESS,
+        *,
+        double: bool = False,
     ) -> None:
         self.system, self.settings, self.group = system, settings, group
-        plan = self._plan_of(system, settings)
+        free_wavelengths = "wavelengths" in settings.free
+        plan = _plan_for(system, settings)
         _check_effects(plan, settings)
-        parts = shard_lasers(plan, group)
-        self.lasers = [laser for part in parts for laser in part]
+        shards = shard_lasers(plan, group)
+        self.lasers = [laser for shard in shards for laser in shard]
         self._own_lasers = group.shard(len(self.lasers))
-        plan = with_only_lasers(plan, parts[group.rank])
-        self._memory_guard = partial(memory_guard, free_wavelengths="wavelengths" in settings.free)
-        self.objective = make_objective(plan, stack, settings, device=device)
-        if "wavelengths" in settings.free:
+        plan = with_only_lasers(plan, shards[group.rank])
+        self._memory_guard = partial(memory_guard, free_wavelengths=free_wavelengths)
+        self.objective = make_objective(plan, stack, settings, device=device, double=double)
+        if free_wavelengths:
             check_wavelength_search(system.observer, settings)
-        self.samples = int(np.prod(plan.grid.padded))
-        with self._memory_guard(plan, device), limit_torch_threads(self.samples):
-            self.model = make_forward_model(plan, device=device, keep_fields=should_keep_fields(plan))
-            self._intensity_buffer = torch.empty(len(self.model.lasers), *plan.grid.shape, device=self.model.device)
-            self._image_buffers = torch.empty(2, *self.objective.target.shape[1:], device=self.model.device)
+        self._padded_samples = math.prod(plan.grid.padded)
+        with self._memory_guard(plan, device), limit_torch_threads(self._padded_samples):
+            keep_fields = should_keep_fields(plan)
+            self.model = make_forward_model(plan, device=device, keep_fields=keep_fields, double=double)
+            target = self.objective.target
+            self._intensity_buffer = target.new_empty(len(self.model.lasers), *plan.grid.shape)
+            self._image_buffers = target.new_empty(2, *target.shape[1:])  # the present plane and the middle one
             self.eyebox = EyeboxPenalty(self.model)
             self._transmittance_cache: dict[int, tuple[float, float]] = {}
 
     def set_wavelengths(self, wavelengths_m: Floats) -> None:
-        """Goes on with other wavelengths, on the same grid."""
+        """Changes to other wavelengths (wavelength,) on the same grid."""
         self.system = self.system.edit({"wavelengths": wavelengths_m})
         plan = replace(make_plan(self.system), grid=self.model.plan.grid)
         self.model.set_plan(with_only_lasers(plan, self.model.lasers))
@@ -110,126 +122,158 @@ class Problem:
         self.eyebox = EyeboxPenalty(self.model)
 
     def evaluate(self, opd_m: Tensor, amplitudes: Floats, request: EvaluationRequest) -> LossEvaluation:
-        """The loss of optical paths (frame, modulator, y, x) and laser amplitudes (frame, wavelength)."""
-        with self._memory_guard(self.model.plan, str(self.model.device)), limit_torch_threads(self.samples):
+        """The loss of optical paths (frame, modulator, y, x), m, and laser amplitudes (frame, wavelength)."""
+        with self._memory_guard(self.model.plan, str(self.model.device)), limit_torch_threads(self._padded_samples):
             return self._evaluate(opd_m, amplitudes, request)
 
-    def _evaluate(self, opd_m: Tensor, amplitudes: Floats, wanted: EvaluationRequest) -> LossEvaluation:
-        model, objective, intensity = self.model, self.objective, self._intensity_buffer
-        model.forward(opd_m, wavelength_gradient=wanted.wavelength_gradient)
-        colours, weights = self._laser_channels(), self._laser_amplitudes(amplitudes)
-        problem = AmplitudeLeastSquares(colours, self.group)
-        share = torch.as_tensor((colours * weights[:, None])[self._own_lasers]).to(intensity)
-        products = torch.zeros(objective.target.shape[1], len(self.lasers), dtype=torch.float64)
-        judged, middle = [], len(objective.target) // 2
-        for plane in range(len(objective.target)):
-            model.plane_intensity(plane, intensity)
-            image = self._image_buffers[0]
-            torch.mm(share.T, intensity.flatten(1), out=image.flatten(1))
-            self.group.all_reduce_sum(image)
-            if plane == middle:
-                self._image_buffers[1].copy_(image)
-            if wanted.optimal_amplitudes:
-                inside = (..., *objective.region_slices)
-                weight = float(objective.plane_weights[plane])
-                problem.add_plane(intensity[inside], objective.target[plane][inside], weight)
-            judged.append(objective.evaluate_plane(plane, image))
-            if wanted.path_gradient:
-                if wanted.needs_image_products:
-                    products[:, self._own_lasers] += (image.flatten(1) @ intensity.flatten(1).T).cpu().double()
-                torch.mm(share, image.flatten(1), out=intensity.flatten(1))
-                model.backpropagate_plane(plane, intensity)
-        found = LossEvaluation(
-            loss=sum(j.loss for j in judged),
-            psnr_db=float(np.mean([j.psnr_db for j in judged])),
+    def _evaluate(self, opd_m: Tensor, amplitudes: Floats, request: EvaluationRequest) -> LossEvaluation:
+        objective, planes = self.objective, len(self.objective.target)
+        self.model.forward(opd_m, wavelength_gradient=request.wavelength_gradient)
+        channels, laser_amplitudes = self._laser_channels(), self._laser_amplitudes(amplitudes)
+        least_squares = AmplitudeLeastSquares(channels, self.group)
+        weights = torch.as_tensor((channels * laser_amplitudes[:, None])[self._own_lasers]).to(self._intensity_buffer)
+        image_products = torch.zeros(objective.target.shape[1], len(self.lasers), dtype=torch.float64)
+        plane_losses = [
+            self._evaluate_plane(plane, weights, request, least_squares, image_products) for plane in range(planes)
+        ]
+        evaluation = LossEvaluation(
+            loss=sum(plane.loss for plane in plane_losses),
+            psnr_db=float(np.mean([plane.psnr_db for plane in plane_losses])),
             picture=lambda: objective.picture(self._image_buffers[1]),
-            optimal_amplitudes=self._solve_amplitudes(problem) if wanted.optimal_amplitudes else None,
+            optimal_amplitudes=self._solve_amplitudes(least_squares) if request.optimal_amplitudes else None,
         )
-        found = self._with_eyebox(found, amplitudes, wanted)
-        return self._with_gradients(found, products, weights, opd_m, wanted) if wanted.path_gradient else found
+        evaluation = self._with_eyebox(evaluation, amplitudes, request)
+        if not request.path_gradient:
+            return evaluation
+        return self._with_gradients(evaluation, image_products, laser_amplitudes, opd_m, request)
 
-    def _with_eyebox(self, found: LossEvaluation, amplitudes: Floats, wanted: EvaluationRequest) -> LossEvaluation:
-        if not wanted.eyebox_variation and self.settings.eyebox == 0:
-            return found
-        blocks = self.eyebox.block_means(amplitudes)
-        self.group.all_reduce_sum(blocks)
-        variation = self.eyebox.variation(blocks)
+    def _evaluate_plane(
+        self,
+        plane: int,
+        weights: Tensor,
+        request: EvaluationRequest,
+        least_squares: AmplitudeLeastSquares,
+        image_products: Tensor,
+    ) -> PlaneLoss:
+        """Loss of a plane; carries its gradient back to the model's spectra.
+
+        weights (own laser, channel): what a laser's unit intensity adds to the image. The plane is added to
+        `least_squares`, and Σ ∂L/∂image·intensity of own lasers to `image_products` (channel, laser).
+        """
+        model, objective, intensity = self.model, self.objective, self._intensity_buffer
+        model.plane_intensity(plane, intensity)
+        image = self._image_buffers[0]
+        torch.mm(weights.T, intensity.flatten(1), out=image.flatten(1))
+        self.group.all_reduce_sum(image)
+        if plane == len(objective.target) // 2:
+            self._image_buffers[1].copy_(image)
+        if request.optimal_amplitudes:
+            region = (..., *objective.region_slices)
+            plane_weight = float(objective.plane_weights[plane])
+            least_squares.add_plane(intensity[region], objective.target[plane][region], plane_weight)
+        plane_loss = objective.evaluate_plane(plane, image)  # image is now ∂L/∂image
+        if request.path_gradient:
+            if request.needs_image_products:
+                image_products[:, self._own_lasers] += (image.flatten(1) @ intensity.flatten(1).T).cpu().double()
+            torch.mm(weights, image.flatten(1), out=intensity.flatten(1))
+            model.backpropagate_plane(plane, intensity)
+        return plane_loss
+
+    def _with_eyebox(
+        self, evaluation: LossEvaluation, amplitudes: Floats, request: EvaluationRequest
+    ) -> LossEvaluation:
+        """The evaluation with the eyebox's variation and penalty, where one of them is needed."""
+        if not request.eyebox_variation and self.settings.eyebox == 0:
+            return evaluation
+        block_means = self.eyebox.block_means(amplitudes)
+        self.group.all_reduce_sum(block_means)
+        variation = self.eyebox.variation(block_means)
         if not math.isfinite(variation):
             raise _no_light_error()
-        loss = found.loss
+        loss = evaluation.loss
         if self.settings.eyebox > 0:
-            loss += self.eyebox.add_penalty(blocks, amplitudes, self.settings.eyebox)
-        return replace(found, loss=loss, eyebox_variation=variation)
+            loss += self.eyebox.add_penalty(block_means, amplitudes, self.settings.eyebox)
+        return replace(evaluation, loss=loss, eyebox_variation=variation)
 
     def _with_gradients(
-        self, found: LossEvaluation, products: Tensor, weights: Floats, opd_m: Tensor, wanted: EvaluationRequest
+        self,
+        evaluation: LossEvaluation,
+        image_products: Tensor,
+        laser_amplitudes: Floats,
+        opd_m: Tensor,
+        request: EvaluationRequest,
     ) -> LossEvaluation:
-        """products (channel, laser): Σ ∂L/∂image·intensity, of this process's lasers."""
-        gradient = torch.zeros_like(opd_m)
-        model = self.model
-        chromatic = (
-            torch.zeros(len(self.system.wavelengths_m), dtype=torch.float64) if wanted.wavelength_gradient else None
-        )
-        jumps = (
-            None
-            if wanted.level_step_m is None
-            else LevelSteps(wanted.level_step_m, wanted.curvature_weight * self._step_curvatures(weights))
-        )
-        model.accumulate_gradients(gradient, chromatic, jumps)
-        self.group.all_reduce_sum(
-            gradient, *([products] if wanted.needs_image_products else []), *([] if chromatic is None else [chromatic])
-        )
-        pulls = products.numpy()
-        if chromatic is not None:
-            colour = channel_wavelength_derivatives(
-                self.objective.loss, self.system.wavelengths_m, self.system.observer
-            )
-            for laser, (_, λ) in enumerate(self.lasers):
-                chromatic[λ] += float(weights[laser] * (colour[λ] @ pulls[:, laser]) / self.system.frames)
+        """The evaluation with its gradients; image_products (channel, laser): of this process's lasers."""
+        path_gradient, level_steps, sums = torch.zeros_like(opd_m), None, []
+        wavelength_gradient = None
+        if request.wavelength_gradient:
+            wavelength_gradient = torch.zeros(len(self.system.wavelengths_m), dtype=torch.float64)
+        if request.level_step_m is not None:
+            curvature = request.curvature_weight * self._step_curvatures(laser_amplitudes)
+            level_steps = LevelSteps(request.level_step_m, curvature)
+        self.model.accumulate_gradients(path_gradient, wavelength_gradient, level_steps)
+        if request.needs_image_products:
+            sums.append(image_products)
+        if wavelength_gradient is not None:
+            sums.append(wavelength_gradient)
+        self.group.all_reduce_sum(path_gradient, *sums)
+        products = image_products.numpy()
+        if wavelength_gradient is not None:
+            self._add_colour_derivative(wavelength_gradient, products, laser_amplitudes)
+        amplitude_gradient = None
+        if request.amplitude_gradient:
+            amplitude_gradient = self._per_frame_table(np.einsum("lc,cl->l", self._laser_channels(), products))
         return replace(
-            found,
-            path_gradient=gradient,
-            amplitude_gradient=self._per_frame_table(np.einsum("lc,cl->l", self._laser_channels(), pulls))
-            if wanted.amplitude_gradient
-            else None,
-            wavelength_gradient=None if chromatic is None else chromatic.numpy(),
+            evaluation,
+            path_gradient=path_gradient,
+            amplitude_gradient=amplitude_gradient,
+            wavelength_gradient=None if wavelength_gradient is None else wavelength_gradient.numpy(),
         )
 
-    def _solve_amplitudes(self, problem: AmplitudeLeastSquares) -> Floats:
-        problem.all_reduce()
-        if problem.is_dark:
+    def _add_colour_derivative(
+        self, wavelength_gradient: Tensor, image_products: NDArray[np.floating], laser_amplitudes: Floats
+    ) -> None:
+        """Adds the part of ∂L/∂λ that is due to the dependence of each laser's colour on its wavelength."""
+        derivatives = channel_wavelength_derivatives(
+            self.objective.loss, self.system.wavelengths_m, self.system.observer
+        )
+        for i, (_, λ) in enumerate(self.lasers):
+            pull = derivatives[λ] @ image_products[:, i]
+            wavelength_gradient[λ] += float(laser_amplitudes[i] * pull / self.system.frames)
+
+    def _solve_amplitudes(self, least_squares: AmplitudeLeastSquares) -> Floats:
+        least_squares.all_reduce()
+        if least_squares.is_dark:
             raise _no_light_error()
-        found = problem.solve()
-        if not np.any(found > 0):
+        amplitudes = least_squares.solve()
+        if not np.any(amplitudes > 0):
             raise UserError(
                 "target",
                 "is shown best with every laser off",
                 expected="light in the region that these lasers can show",
                 remedy="change the target, the region or the lasers",
             )
-        return self._per_frame_table(found)
+        return self._per_frame_table(amplitudes)
 
-    def _step_curvatures(self, weights: Floats) -> Tensor:
-        """κ of each own laser at each modulator; light that stops absorb costs nothing, in its field and its own."""
+    def _step_curvatures(self, laser_amplitudes: Floats) -> Tensor:
+        """κ (own laser, modulator), reduced by what stops absorb of the pixel's light and of the field it meets."""
         grid = self.model.plan.grid
-        inside = self.objective.target[0, 0][self.objective.region_slices].numel()
-        squares = np.mean((self._laser_channels() * weights[:, None])[self._own_lasers] ** 2, axis=1)
+        samples = self.objective.target[0, 0][self.objective.region_slices].numel()
+        squares = np.mean((self._laser_channels() * laser_amplitudes[:, None])[self._own_lasers] ** 2, axis=1)
         rows = []
         for (_, λ), square in zip(self.model.lasers, squares, strict=True):
-            first, last = self._transmittance(λ)
-            cost = gauss_newton_diagonal(float(square), grid.upsample, inside, self.model.source_count)
-            rows.append(
-                [cost * first * last, cost * last * last] if self.model.has_second_modulator else [cost * last * last]
-            )
+            first, last = self._transmittances(λ)
+            κ = gauss_newton_diagonal(float(square), grid.upsample, samples, self.model.source_count)
+            rows.append([κ * first * last, κ * last * last] if self.model.has_second_modulator else [κ * last * last])
         return torch.tensor(rows)
 
-    def _transmittance(self, wavelength: int) -> tuple[float, float]:
+    def _transmittances(self, wavelength: int) -> tuple[float, float]:
         if wavelength not in self._transmittance_cache:
             self._transmittance_cache[wavelength] = self.model.transfer_functions.transmittances(wavelength)
         return self._transmittance_cache[wavelength]
 
     def _laser_channels(self) -> Floats:
-        """Channels (laser, channel) that a laser adds at unit amplitude and intensity: frames are averaged."""
+        """What a laser of unit amplitude and intensity adds to the mean over frames, (laser, channel)."""
         table = self.objective.wavelength_channels.cpu().double().numpy()
         return table[[λ for _, λ in self.lasers]] / self.system.frames
 
@@ -243,29 +287,28 @@ class Problem:
             table[laser] = value
         return table
 
-    @staticmethod
-    def _plan_of(system: System, settings: Settings) -> Plan:
-        """The plan; where wavelengths are free, on a grid that has room for the walk-off of the longest allowed."""
-        plan = make_plan(system)
-        if "wavelengths" not in settings.free:
-            return plan
-        longest = system.wavelengths_m.copy()
-        longest[np.argmax(longest)] = max(settings.wavelength_range_m[1], float(longest.max()))
-        return replace(plan, grid=make_plan(system.edit({"wavelengths": longest})).grid)
+
+def _plan_for(system: System, settings: Settings) -> Plan:
+    """The plan; where wavelengths are free, on a grid padded for the walk-off of the longest one allowed."""
+    plan = make_plan(system)
+    if "wavelengths" not in settings.free:
+        return plan
+    longest = system.wavelengths_m.copy()
+    longest[np.argmax(longest)] = max(settings.wavelength_range_m[1], float(longest.max()))
+    return replace(plan, grid=make_plan(system.edit({"wavelengths": longest})).grid)
 
 
 def _check_effects(plan: Plan, settings: Settings) -> None:
-    """UserError for effects under which a laser isn't one wavelength, one frame and its own power any more."""
+    """Raises UserError for effects that split a laser into several, or change its frames or power."""
     if not plan.nominal.effects:
         return
-    lasers = (len(plan.system.wavelengths_m), plan.system.frames)
-    if lasers != (len(plan.nominal.wavelengths_m), plan.nominal.frames) or np.any(
-        plan.system.amplitudes != plan.nominal.amplitudes
-    ):
+    system, nominal = plan.system, plan.nominal
+    same_count = (len(system.wavelengths_m), system.frames) == (len(nominal.wavelengths_m), nominal.frames)
+    if not same_count or np.any(system.amplitudes != nominal.amplitudes):
         hooks = ("bandwidth", "flicker", "laser_power")
-        found = " and ".join(name for name in plan.nominal.effect_values if name in hooks) or "an effect"
+        names = " and ".join(name for name in nominal.effect_values if name in hooks) or "an effect"
         raise UserError(
-            f"effects.{found}",
+            f"effects.{names}",
             "changes the lasers themselves, which patterns can't be optimised for",
             expected="effects that change the light of each laser",
             remedy="switch it off for the optimisation; rendering shows what it does",

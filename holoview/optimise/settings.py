@@ -1,14 +1,12 @@
-"""How to optimise."""
+"""Options of the optimiser: iterations, step size, loss, region, which variables are free."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+from holoview.numerics.image_region import Region
 from holoview.util.errors import UserError, suggest_matches
-
-Region = tuple[int, int, int, int]
-"""x, y, width, height in samples of the simulated image."""
 
 VARIABLES = ("patterns", "amplitudes", "wavelengths")
 INITIAL_PATTERNS = ("random", "smooth")
@@ -16,18 +14,22 @@ INITIAL_PATTERNS = ("random", "smooth")
 
 @dataclass(frozen=True)
 class Settings:
-    """How to optimise.
+    """Options of the optimiser.
 
-    step_rad: Adam's first step, as phase at the middle wavelength; it falls as √(share of iterations left).
-    amplitudes_every: iterations between two solutions of the laser amplitudes (and two steps of the wavelengths).
-    free: which unknowns are sought; the others stay as the system and the start have them.
-    loss: a name in `losses.LOSSES`; None: linear sRGB, or "mono" for a mono observer.
-    region: (x, y, w, h), samples that count; everything when None. plane_weights: one a plane; equal when None.
-    eyebox: weight of the squared variation of the eyebox's filling, added to the loss; 0 leaves it free.
-    begin: patterns to begin with, "random" over the stroke or "smooth" (higher PSNR, an almost empty eyebox).
-    wavelength_range_m, wavelength_spacing_m, wavelength_step_m: where wavelengths may go and how fast, when free.
+    iterations: number of gradient steps. seed: of random initial patterns.
+    step_rad: Adam's first step, as phase at the middle wavelength; it falls as √(fraction of iterations left).
+    betas: Adam's decay rates of the mean gradient and of its mean square.
+    amplitudes_every: iterations between two solutions for the laser amplitudes, and between two wavelength steps.
+    free: the variables that are optimised; the others keep the values of the system and of the initial patterns.
+    loss: a name in `losses.LOSS_SPACES`; None: linear sRGB, or "mono" for a monochrome observer.
+    region: (x, y, width, height), samples of the simulated image that count; all when None.
+    plane_weights: one for each plane; equal when None.
+    eyebox: weight of the squared variation of light in the eyebox, which is added to the loss; 0 for no penalty.
+    begin: initial patterns, "random" over the stroke or "smooth" (higher PSNR, an almost empty eyebox).
+    wavelength_range_m, wavelength_spacing_m, wavelength_step_m: limits of free wavelengths, the least distance between
+    two of them, and Adam's first step.
 
-    Raises UserError for values that make no sense.
+    Raises UserError for values out of range.
     """
 
     iterations: int = 60
@@ -64,14 +66,14 @@ class Settings:
             raise UserError("free", "nothing", expected=f"at least one of {', '.join(VARIABLES)}")
         if self.begin not in INITIAL_PATTERNS:
             raise UserError("begin", f'"{self.begin}"', expected=" or ".join(INITIAL_PATTERNS))
-        self._check_area()
+        self._check_region_and_weights()
         self._check_wavelengths()
 
     def loss_for(self, observer: str) -> str:
-        """The loss's name, chosen by the observer where it is None."""
+        """The name of the loss, chosen by the observer where `loss` is None."""
         return self.loss or ("mono" if observer == "mono" else "linear-srgb")
 
-    def _check_area(self) -> None:
+    def _check_region_and_weights(self) -> None:
         if self.region is not None and (min(self.region[:2]) < 0 or min(self.region[2:]) < 1):
             raise UserError("region", str(self.region), expected="x, y ≥ 0 and a width and height ≥ 1")
         weights = self.plane_weights

@@ -1,8 +1,8 @@
-"""The iteration: patterns by Adam inside the stroke, amplitudes in closed form, wavelengths along their gradient.
+"""The optimisation loop: Adam steps on patterns, least squares for laser amplitudes, gradient steps on wavelengths.
 
 for state in iterate(system, stack, Settings(iterations=60)):
     print(state.iteration, state.psnr_db)
-hologram = state.best          # whatever iteration it came from; stop at any time
+hologram = state.best          # of the smallest loss so far; the loop may be left at any time
 """
 
 from __future__ import annotations
@@ -40,17 +40,19 @@ def iterate(
     device: str = "cpu",
     team: ProcessGroup = SINGLE_PROCESS,
 ) -> Iterator[IterationState]:
-    """Optimises for a focal stack (plane, y, x, 3) in linear sRGB at the system's planes; a state an iteration.
+    """Optimises for a focal stack (plane, y, x, 3) in linear sRGB at the system's planes; yields after each iteration.
 
-    start: a drive (frame, modulator, y, x) to begin with; as the settings say when None. resume: a checkpoint to go on
-    from, bit for bit on the same machine. device: of torch, "cpu", "cuda", "cuda:1", "mps". team: the processes that
-    share the lasers; each is given the same arguments, and asks for as many states.
+    start: initial drive (frame, modulator, y, x) in 0…1; `settings.begin` chooses it when None. resume: a checkpoint to
+    continue from, bit for bit on the same machine. device: of torch, "cpu", "cuda", "cuda:1" or "mps". team: the group
+    of processes that share the lasers; each has to give the same arguments and request as many states.
     Raises UserError when the stack, the drive or the checkpoint doesn't fit, and when memory runs out.
     """
     return _Optimiser(system, stack, settings, start, resume, device, team).states()
 
 
 class _Optimiser:
+    """The state between two iterations: the problem, its variables, the best hologram and the progress."""
+
     def __init__(
         self,
         system: System,
@@ -79,42 +81,42 @@ class _Optimiser:
         started = time.perf_counter() - self.progress.seconds
         for iteration in range(self.progress.iteration, self.settings.iterations + 1):
             shown = self.variables.patterns.displayed_drive()
-            found = self._evaluate(shown, iteration)
-            if not math.isfinite(found.loss):
+            evaluation = self._evaluate(shown, iteration)
+            if not math.isfinite(evaluation.loss):
                 raise UserError(
-                    "optimisation", f"the loss became {found.loss}", remedy="lower the step or check the target"
+                    "optimisation", f"the loss became {evaluation.loss}", remedy="lower the step or check the target"
                 )
             best = (self.progress.best_loss, self.progress.best_psnr_db)
-            if found.loss < best[0] or self.best is None:
-                best, self.best = (found.loss, found.psnr_db), self._hologram(shown)
-            if iteration < self.settings.iterations and self.variables.step(found, iteration):
+            if evaluation.loss < best[0] or self.best is None:
+                best, self.best = (evaluation.loss, evaluation.psnr_db), self._hologram(shown)
+            if iteration < self.settings.iterations and self.variables.step(evaluation, iteration):
                 self.problem.set_wavelengths(self.variables.wavelengths_m)
-            eyebox = self.progress.eyebox if found.eyebox_variation is None else found.eyebox_variation
+            eyebox = self.progress.eyebox if evaluation.eyebox_variation is None else evaluation.eyebox_variation
             self.progress = CheckpointProgress(iteration + 1, time.perf_counter() - started, *best, eyebox)
             yield IterationState(
                 iteration=iteration,
                 iterations=self.settings.iterations,
-                loss=found.loss,
-                psnr_db=found.psnr_db,
+                loss=evaluation.loss,
+                psnr_db=evaluation.psnr_db,
                 best_psnr_db=best[1],
                 eyebox=eyebox,
                 seconds=self.progress.seconds,
                 best=self.best,
-                picture=found.picture,
+                picture=evaluation.picture,
                 checkpoint=self._checkpoint,
             )
 
     def _evaluate(self, shown: torch.Tensor, iteration: int) -> LossEvaluation:
-        """The iteration's evaluation; the last one is made twice, so that its amplitudes are the best for it."""
-        unknowns, path_m = self.variables, self.variables.patterns.optical_path_m(shown)
-        wanted = unknowns.evaluation_request(iteration)
+        """The evaluation of an iteration; in the last one, amplitudes are solved for first and the loss is theirs."""
+        variables, path_m = self.variables, self.variables.patterns.optical_path_m(shown)
+        request = variables.evaluation_request(iteration)
         if iteration < self.settings.iterations:
-            return self.problem.evaluate(path_m, unknowns.amplitudes, wanted)
-        if wanted.optimal_amplitudes:
-            found = self.problem.evaluate(path_m, unknowns.amplitudes, EvaluationRequest(optimal_amplitudes=True))
-            assert found.optimal_amplitudes is not None
-            unknowns.amplitudes = found.optimal_amplitudes
-        return self.problem.evaluate(path_m, unknowns.amplitudes, EvaluationRequest(eyebox_variation=True))
+            return self.problem.evaluate(path_m, variables.amplitudes, request)
+        if request.optimal_amplitudes:
+            solved = self.problem.evaluate(path_m, variables.amplitudes, EvaluationRequest(optimal_amplitudes=True))
+            assert solved.optimal_amplitudes is not None
+            variables.amplitudes = solved.optimal_amplitudes
+        return self.problem.evaluate(path_m, variables.amplitudes, EvaluationRequest(eyebox_variation=True))
 
     def _hologram(self, shown: torch.Tensor) -> Hologram:
         changes = {"wavelengths": self.variables.wavelengths_m, "amplitudes": self.variables.amplitudes}
@@ -132,9 +134,9 @@ class _Optimiser:
         )
 
     def _resume(self, resume: Checkpoint) -> None:
-        kept = resume.tensors
-        self.variables.load_state_dict(kept)
-        changes = {"wavelengths": kept["best_wavelengths"], "amplitudes": kept["best_amplitudes"]}
-        self.best = Hologram(kept["best_drive"].astype(np.float32), self.system.edit(changes))
+        tensors = resume.tensors
+        self.variables.load_state_dict(tensors)
+        changes = {"wavelengths": tensors["best_wavelengths"], "amplitudes": tensors["best_amplitudes"]}
+        self.best = Hologram(tensors["best_drive"].astype(np.float32), self.system.edit(changes))
         self.progress = resume.progress
         self.problem.set_wavelengths(self.variables.wavelengths_m)

@@ -1,4 +1,4 @@
-"""As many CPU threads as the size of the work deserves."""
+"""Limits torch to one CPU thread where fields are small."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from contextlib import contextmanager
 import torch
 
 MIN_SAMPLES_FOR_THREADS = 1 << 17
-"""Below this many samples of a padded field, starting threads costs more than they save."""
+"""Samples of a padded field below which starting threads takes longer than they save."""
 
 
 @contextmanager
 def limit_torch_threads(samples: int) -> Iterator[None]:
-    """One torch thread inside the block for fields of few samples; the caller's number otherwise."""
+    """One torch thread inside the block for fields of few samples, unless OMP_NUM_THREADS is set; else no change."""
     before = torch.get_num_threads()
     chosen = 1 if samples < MIN_SAMPLES_FOR_THREADS and "OMP_NUM_THREADS" not in os.environ else before
     if chosen != before:

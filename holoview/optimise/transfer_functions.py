@@ -1,4 +1,4 @@
-"""What a spectrum is multiplied by on its way, made once and kept: transfer functions, pupils, the pixel's shape."""
+"""Precomputed factors of a beam's spectrum: transfer functions, pupils and the spectrum of a pixel's shape."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from holoview.optics.source import pixel_wave
 
 Tensor = torch.Tensor
 
-_DARK = 1e-100  # of a pupil's transmission: below, its logarithm's slope is lost, and no light comes through
+_MIN_TRANSMISSION = 1e-100  # of a pupil: below, the derivative of its logarithm is rounding, and no light passes
 
 
 class TransferFunctions:
-    """Responses of a plan on a device, each (P_y, P_x). Built in float64 on the CPU: not every device has it.
+    """The factors of a plan for each wavelength in use, complex (P_y, P_x) on the padded grid.
 
-    Their storage is taken first and filled then: what is made on the way leaves no holes between them.
+    They are computed in float64 on the CPU, since not every device has float64, and then moved to the device. Memory is
+    allocated for all of them before the first is computed, so that temporary tensors don't fragment it.
     """
 
     def __init__(self, plan: Plan, dtype: torch.dtype, device: torch.device) -> None:
@@ -43,15 +44,15 @@ class TransferFunctions:
         return self._plane_transfers[self._active_wavelengths.index(wavelength), plane]
 
     def from_first_modulator(self, wavelength: int, source: int) -> Tensor:
-        """From the repeated spectrum of modulator 1's pixels to the next modulator: the pixel's shape × H of the gap.
+        """Spectrum of the pixel's shape × H × pupil of the gap; with one modulator the spectrum of the shape alone.
 
-        With one modulator, the pixel's shape alone. The shape depends on the source's slope.
+        The shape's spectrum depends on the slope of the source's plane wave.
         """
-        kept = self._first_transfers[self._active_wavelengths.index(wavelength)]
-        return kept if len(self.plan.slopes) == 1 else kept * self._pixel_spectrum(wavelength, source)
+        transfer = self._first_transfers[self._active_wavelengths.index(wavelength)]
+        return transfer if len(self.plan.slopes) == 1 else transfer * self._pixel_spectrum(wavelength, source)
 
     def transmittances(self, wavelength: int) -> tuple[float, float]:
-        """Share of the light of a pixel of modulator 1, and of the last one, that reaches the focal planes."""
+        """Fractions of the power of a pixel's light, from modulator 1 and from the last one, that reach the planes."""
         shape = self._pixel_spectrum(wavelength, 0).abs().square()
         last = (shape * self.to_plane(wavelength, 0).abs().square()).sum() / shape.sum()
         gap = self.from_first_modulator(wavelength, 0).abs().square().sum() / shape.sum()
@@ -63,7 +64,7 @@ class TransferFunctions:
         return self._relay_transfer(0, wavelength, self.plan.system.gap_m).to(self.device)
 
     def illumination(self, wavelength: int, source: int) -> Tensor | None:
-        """The illumination at the first sample of each pixel, (rows, columns); None on the axis, where it is 1."""
+        """The plane wave at the first sample of each pixel, (rows, columns); None for a source on the axis: it is 1."""
         key = (wavelength, source)
         if not self.plan.slopes[source, wavelength].any():
             return None
@@ -73,18 +74,18 @@ class TransferFunctions:
 
     def phase_derivative(self, wavelength: int) -> Tensor:
         """∂(phase of H)/∂λ per metre of distance, real."""
-        slope = phase_wavelength_derivative(float(self.plan.system.wavelengths_m[wavelength]), self.plan.grid)
-        return slope.to(torch.float64 if self.dtype == torch.complex128 else torch.float32).to(self.device)
+        derivative = phase_wavelength_derivative(float(self.plan.system.wavelengths_m[wavelength]), self.plan.grid)
+        return derivative.to(torch.float64 if self.dtype == torch.complex128 else torch.float32).to(self.device)
 
     def log_pupil_derivative(self, relay: int, wavelength: int) -> Tensor | None:
         """∂(ln pupil)/∂λ of a relay, 1/m; None where it has neither aberration nor apodisation.
 
-        By central differences over 2·10⁻⁶·λ in float64. Stops are left out: their edges move with λ in whole samples.
+        Central differences over 2·10⁻⁶·λ in float64. Stops don't contribute: their edges move with λ in whole samples.
         """
         cpu, step = torch.device("cpu"), 1e-6
         λ = self.plan.system.wavelengths_m[wavelength]
-        here = nominal_pupil(self.plan, relay, wavelength, torch.complex128, cpu)
-        if here is None:
+        pupil = nominal_pupil(self.plan, relay, wavelength, torch.complex128, cpu)
+        if pupil is None:
             return None
         sides = []
         for sign in (1, -1):
@@ -92,15 +93,15 @@ class TransferFunctions:
             side = nominal_pupil(replace(self.plan, system=moved), relay, wavelength, torch.complex128, cpu)
             assert side is not None
             sides.append(side)
-        slope = (sides[0] - sides[1]) / (2 * step * λ * here)
-        return torch.where(here.abs() > _DARK, slope, 0).to(self.dtype).to(self.device)
+        derivative = (sides[0] - sides[1]) / (2 * step * λ * pupil)
+        return torch.where(pupil.abs() > _MIN_TRANSMISSION, derivative, 0).to(self.dtype).to(self.device)
 
     def _pixel_spectrum(self, wavelength: int, source: int) -> Tensor:
-        sides = zip(self.plan.grid.padded, self.plan.slopes[source, wavelength], strict=True)
-        y, x = (pixel_spectrum(n, self.plan.grid.upsample, float(slope)) for n, slope in sides)
+        axes = zip(self.plan.grid.padded, self.plan.slopes[source, wavelength], strict=True)
+        y, x = (pixel_spectrum(n, self.plan.grid.upsample, float(slope)) for n, slope in axes)
         return (y[:, None] * x[None, :]).to(self.dtype).to(self.device)
 
     def _relay_transfer(self, relay: int, wavelength: int, distance_m: float) -> Tensor:
-        glass = pupil_with_effects(self.plan, relay, wavelength)
-        step = self.plan.transfer(relay, wavelength, distance_m)
-        return relay_transfer_function(step, self.plan.grid, glass, self.dtype, torch.device("cpu"))
+        pupil = pupil_with_effects(self.plan, relay, wavelength)
+        transfer = self.plan.transfer(relay, wavelength, distance_m)
+        return relay_transfer_function(transfer, self.plan.grid, pupil, self.dtype, torch.device("cpu"))

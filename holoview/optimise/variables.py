@@ -1,4 +1,4 @@
-"""All that is sought (patterns, laser amplitudes, wavelengths), how each moves, and what a checkpoint keeps of it."""
+"""The optimisation variables (patterns, amplitudes, wavelengths), their Adam steps and their checkpoint form."""
 
 from __future__ import annotations
 
@@ -17,13 +17,16 @@ from holoview.optimise.wavelengths import project_wavelengths
 
 Floats = NDArray[np.float64]
 
-_LOG_AMPLITUDE_STEP = 0.02  # Adam's step of the amplitudes' logarithm, where they have no closed form
-_MIN_WAVELENGTH_STEPS = 8  # steps of the wavelengths, in runs too short for one at every solution of the amplitudes
-_MIN_RELATIVE_AMPLITUDE = 1e-6  # of the brightest laser: from nothing, a logarithm can't move
+_LOG_AMPLITUDE_STEP = 0.02  # Adam's step of the amplitudes' logarithm, for a loss that isn't quadratic in them
+_MIN_WAVELENGTH_STEPS = 8  # in a run; short ones take a step more often than they solve for amplitudes
+_MIN_RELATIVE_AMPLITUDE = 1e-6  # of the brightest laser: the logarithm of 0 couldn't move
 
 
 class OptimisationVariables:
-    """Patterns, amplitudes (frame, wavelength) and wavelengths (wavelength,), and the moments that move them."""
+    """Patterns, amplitudes (frame, wavelength) and wavelengths (wavelength,) m, each with Adam's moments.
+
+    wavelengths_adjusted: whether the wavelengths were projected onto the allowed ones at the start.
+    """
 
     def __init__(self, system: System, settings: Settings, drive: torch.Tensor) -> None:
         self.settings = settings
@@ -39,46 +42,45 @@ class OptimisationVariables:
 
     @property
     def wavelength_iterations(self) -> int:
-        """Iterations in which wavelengths move: half of them. Then the patterns' steps start over at full size."""
+        """Iterations in which wavelengths move: the first half. After it, the patterns' steps restart at full size."""
         return self.settings.iterations // 2 if "wavelengths" in self.settings.free else 0
 
     def evaluation_request(self, iteration: int) -> EvaluationRequest:
-        """What the evaluation of an iteration has to bring."""
-        free = self.settings.free
-        due = iteration % self.settings.amplitudes_every == 0
-        shifting = (
-            iteration % max(1, min(self.settings.amplitudes_every, self.wavelength_iterations // _MIN_WAVELENGTH_STEPS))
-            == 0
-        )
-        last = iteration == self.settings.iterations
-        closed = "amplitudes" in free and (not self._is_nonlinear_loss or iteration == 0)
+        """What the evaluation of an iteration has to compute."""
+        every, wavelength_iterations = self.settings.amplitudes_every, self.wavelength_iterations
+        amplitudes_due = iteration % every == 0
+        wavelengths_due = iteration % max(1, min(every, wavelength_iterations // _MIN_WAVELENGTH_STEPS)) == 0
+        is_last = iteration == self.settings.iterations
+        free_amplitudes = "amplitudes" in self.settings.free
+        solvable = free_amplitudes and (not self._is_nonlinear_loss or iteration == 0)
         return EvaluationRequest(
-            path_gradient=not last,
-            optimal_amplitudes=closed and (due or last),
-            eyebox_variation=due or last,
-            amplitude_gradient="amplitudes" in free and self._is_nonlinear_loss,
-            wavelength_gradient=shifting and 0 < iteration < self.wavelength_iterations,
+            path_gradient=not is_last,
+            optimal_amplitudes=solvable and (amplitudes_due or is_last),
+            eyebox_variation=amplitudes_due or is_last,
+            amplitude_gradient=free_amplitudes and self._is_nonlinear_loss,
+            wavelength_gradient=wavelengths_due and 0 < iteration < wavelength_iterations,
             level_step_m=self.patterns.level_step_m(),
             curvature_weight=curvature_weight(iteration / self.settings.iterations),
         )
 
-    def step(self, found: LossEvaluation, iteration: int) -> bool:
-        """Takes the iteration's steps; whether wavelengths moved."""
-        if found.optimal_amplitudes is not None:
-            self.amplitudes = found.optimal_amplitudes
-        elif "amplitudes" in self.settings.free and self._is_nonlinear_loss and found.amplitude_gradient is not None:
-            self._step_amplitudes(found.amplitude_gradient)
+    def step(self, evaluation: LossEvaluation, iteration: int) -> bool:
+        """Takes the steps of an iteration. Returns whether the wavelengths moved."""
+        free, amplitude_gradient = self.settings.free, evaluation.amplitude_gradient
+        if evaluation.optimal_amplitudes is not None:
+            self.amplitudes = evaluation.optimal_amplitudes
+        elif "amplitudes" in free and self._is_nonlinear_loss and amplitude_gradient is not None:
+            self._step_amplitudes(amplitude_gradient)
         if iteration == self.wavelength_iterations > 0:
             self.patterns.adam.reset()
-        if "patterns" in self.settings.free and found.path_gradient is not None:
-            self.patterns.step(found.path_gradient, self._pattern_step_size(iteration))
-        if found.wavelength_gradient is None:
+        if "patterns" in free and evaluation.path_gradient is not None:
+            self.patterns.step(evaluation.path_gradient, self._pattern_step_scale(iteration))
+        if evaluation.wavelength_gradient is None:
             return False
-        self._step_wavelengths(found.wavelength_gradient, sqrt_decay(iteration, self.wavelength_iterations))
+        self._step_wavelengths(evaluation.wavelength_gradient, sqrt_decay(iteration, self.wavelength_iterations))
         return True
 
     def state_dict(self) -> dict[str, NDArray[np.floating]]:
-        """Everything that the next step depends on, copied."""
+        """Copies of everything that the next step depends on."""
         adam, amplitude, wavelength = self.patterns.adam, self._amplitude_adam, self._wavelength_adam
         return {
             "drive": self.patterns.drive.cpu().numpy().copy(),
@@ -92,7 +94,7 @@ class OptimisationVariables:
         }
 
     def load_state_dict(self, state: dict[str, NDArray[np.floating]]) -> None:
-        """Goes on from what `tensors` gave."""
+        """Restores what `state_dict` gave."""
         adam, device = self.patterns.adam, self.patterns.drive.device
         self.patterns.drive, adam.first_moment, adam.second_moment = (
             torch.from_numpy(state[name].copy()).to(device) for name in ("drive", "first", "second")
@@ -105,23 +107,21 @@ class OptimisationVariables:
             int(n) for n in state["steps"]
         )
 
-    def _pattern_step_size(self, iteration: int) -> float:
-        """The patterns' step falls to zero; twice, where wavelengths move in the first half."""
-        searching, total = self.wavelength_iterations, self.settings.iterations
-        if iteration < searching:
-            return sqrt_decay(iteration, searching)
-        return sqrt_decay(iteration - searching, total - searching)
+    def _pattern_step_scale(self, iteration: int) -> float:
+        """The patterns' step over the first one: it falls to zero, twice where wavelengths move in the first half."""
+        first_half, total = self.wavelength_iterations, self.settings.iterations
+        if iteration < first_half:
+            return sqrt_decay(iteration, first_half)
+        return sqrt_decay(iteration - first_half, total - first_half)
 
-    def _step_amplitudes(self, slopes: Floats) -> None:
-        lit = self.amplitudes > 0
-        self.amplitudes = np.where(
-            lit, np.maximum(self.amplitudes, _MIN_RELATIVE_AMPLITUDE * self.amplitudes.max()), 0.0
-        )
-        step = self._amplitude_adam.unit_step(torch.from_numpy(slopes * self.amplitudes)).numpy()
+    def _step_amplitudes(self, gradient: Floats) -> None:
+        """A step of the amplitudes' logarithms, whose gradient is a·∂L/∂a; lasers that are off stay off."""
+        least = _MIN_RELATIVE_AMPLITUDE * self.amplitudes.max()
+        self.amplitudes = np.where(self.amplitudes > 0, np.maximum(self.amplitudes, least), 0.0)
+        step = self._amplitude_adam.unit_step(torch.from_numpy(gradient * self.amplitudes)).numpy()
         self.amplitudes = self.amplitudes * np.exp(-_LOG_AMPLITUDE_STEP * step)
 
-    def _step_wavelengths(self, slopes: Floats, fall: float) -> None:
-        step = self._wavelength_adam.unit_step(torch.from_numpy(slopes)).numpy()
-        self.wavelengths_m = project_wavelengths(
-            self.wavelengths_m - fall * self.settings.wavelength_step_m * step, self.settings
-        )
+    def _step_wavelengths(self, gradient: Floats, scale: float) -> None:
+        step = self._wavelength_adam.unit_step(torch.from_numpy(gradient)).numpy()
+        moved_m = self.wavelengths_m - scale * self.settings.wavelength_step_m * step
+        self.wavelengths_m = project_wavelengths(moved_m, self.settings)

@@ -1,67 +1,91 @@
-"""The gradient with respect to a wavelength, of all but the modulators, from what the adjoint carries.
+"""Derivative of the loss with respect to a laser's wavelength, at fixed optical paths of the modulators.
 
-A beam's light depends on λ through the modulators' phase 2π·opd/λ (`Model.finish` has it), the transfer functions, the
-pupils, and the phase slope sin θ·dx/λ of oblique illumination. With dL = Re Σ c·dx, and φ = z·φ₁(f) the phase of H:
+A beam's light depends on λ through the modulators' phase 2π·opd/λ, the transfer functions H and pupils P of the relays,
+and the phase 2π·n·s of oblique illumination at sample n, with the slope s = sin θ·dx/λ. Let φ = z·φ′ be the phase of H
+over a distance z, and c the conjugate gradients that `forward_model` defines: dL = Re Σ c·dx. Then
 
-    ∂L/∂λ = −Σ φ₁′·Im(W·Σ_k z_k·c_k) − z_gap·Σ φ₁′·Im(V·c_V) + Re Σ (ln P)′·W·c_W + …
+    ∂L/∂λ = −Σ ∂φ′/∂λ·Im(W·Σ_k z_k·c_Wk) − z_gap·Σ ∂φ′/∂λ·Im(V·c_V)
+            + Re Σ ∂(ln P₂)/∂λ·W·c_W + Re Σ ∂(ln P₁)/∂λ·V·c_V + illumination + modulators
 
-Colour depends on λ as well: `objective` has that.
+with the spectra W behind the last modulator and V at modulator 2. The dependence of colour on λ isn't contained here:
+`problem` adds it.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import torch
 
+from holoview.model.plan import Plan
 from holoview.numerics.resample import upsample_nearest
 from holoview.optics.slm import phasor
 from holoview.optics.source import plane_wave
-
-if TYPE_CHECKING:
-    from holoview.optimise.forward_model import ForwardModel
+from holoview.optimise.transfer_functions import TransferFunctions
 
 Tensor = torch.Tensor
 
 
-def beam_wavelength_gradient(model: ForwardModel, i: int, incident_adjoint: Tensor) -> float:
-    """∂L/∂λ (1/m) of beam i but for its modulators; arriving (P_y, P_x): c_V, of the spectrum at modulator 2."""
-    beam, responses = model.beams[i], model.transfer_functions
-    assert model.z_weighted_adjoint is not None
-    total = -_sum_to_float(
-        responses.phase_derivative(beam.wavelength) * (model.z_weighted_adjoint[i] * model.spectra[i]).imag
-    )
-    total += _pupil_term(model, 1, beam.wavelength, model.adjoint_spectra[i] * model.spectra[i])
-    gap_m = model.plan.system.gap_m
+@dataclass(frozen=True)
+class BeamAdjoint:
+    """The spectra of one beam and their conjugate gradients, complex (P_y, P_x) on the padded grid.
+
+    wavelength, source: indices in the plan. spectrum: W. spectrum_adjoint: c_W. z_weighted_adjoint: Σ_k z_k·c_Wk with
+    the part c_Wk of plane k at distance z_k. incident_spectrum, incident_adjoint: V and c_V.
+    opd_m: optical paths of the modulators in the beam's frame, (modulator, y, x). pixel_products: c·w of each
+    modulator, summed over the samples of each pixel, (y, x).
+    """
+
+    wavelength: int
+    source: int
+    spectrum: Tensor
+    spectrum_adjoint: Tensor
+    z_weighted_adjoint: Tensor
+    incident_spectrum: Tensor
+    incident_adjoint: Tensor
+    opd_m: Tensor
+    pixel_products: Sequence[Tensor]
+
+
+def wavelength_derivative(plan: Plan, transfer_functions: TransferFunctions, beam: BeamAdjoint) -> float:
+    """∂L/∂λ (1/m) of the loss through one beam."""
+    λ = float(plan.system.wavelengths_m[beam.wavelength])
+    phase_derivative = transfer_functions.phase_derivative(beam.wavelength)
+    total = -_sum(phase_derivative * (beam.z_weighted_adjoint * beam.spectrum).imag)
+    total += _pupil_term(transfer_functions, 1, beam.wavelength, beam.spectrum_adjoint * beam.spectrum)
+    gap_m = plan.system.gap_m
     if gap_m is not None:
-        product = model.incident_spectrum(i, torch.empty_like(incident_adjoint)).mul_(incident_adjoint)
-        total -= gap_m * _sum_to_float(responses.phase_derivative(beam.wavelength) * product.imag)
-        total += _pupil_term(model, 0, beam.wavelength, product)
-    return total + _oblique_illumination_term(model, i, incident_adjoint)
+        product = beam.incident_spectrum.mul(beam.incident_adjoint)
+        total -= gap_m * _sum(phase_derivative * product.imag)
+        total += _pupil_term(transfer_functions, 0, beam.wavelength, product)
+    total += _illumination_term(plan, transfer_functions, beam, λ)
+    pairs = zip(beam.pixel_products, beam.opd_m, strict=True)
+    return total + 2 * math.pi * sum(_sum(product.imag * opd) for product, opd in pairs) / λ**2
 
 
-def _pupil_term(model: ForwardModel, relay: int, wavelength: int, product: Tensor) -> float:
-    slope = model.transfer_functions.log_pupil_derivative(relay, wavelength)
-    return 0.0 if slope is None else _sum_to_float((slope * product).real)
+def _pupil_term(transfer_functions: TransferFunctions, relay: int, wavelength: int, product: Tensor) -> float:
+    derivative = transfer_functions.log_pupil_derivative(relay, wavelength)
+    return 0.0 if derivative is None else _sum((derivative * product).real)
 
 
-def _oblique_illumination_term(model: ForwardModel, i: int, arriving: Tensor) -> float:
-    """Through the illumination: its phase 2π·s·n has ∂s/∂λ = −s/λ at sample n, counted from the grid's centre."""
-    beam, plan = model.beams[i], model.plan
+def _illumination_term(plan: Plan, transfer_functions: TransferFunctions, beam: BeamAdjoint, λ: float) -> float:
+    """The part of the illumination: its phase 2π·s·n has ∂s/∂λ = −s/λ at sample n, counted from the grid's centre."""
     slopes = plan.slopes[beam.source, beam.wavelength]
     if not slopes.any():
         return 0.0
-    λ = float(plan.system.wavelengths_m[beam.wavelength])
-    gap_m = plan.system.gap_m
-    back = arriving if gap_m is None else arriving * model.transfer_functions.across_gap(beam.wavelength)
-    conjugate = torch.fft.fft2(back)[plan.grid.inside]
-    pixels = upsample_nearest(phasor(model.opd_m[beam.frame, 0], λ, model.complex_dtype), plan.grid.upsample)
-    product = conjugate * plane_wave(plan, beam.wavelength, beam.source, model.complex_dtype, model.device) * pixels
+    dtype, device = beam.spectrum.dtype, beam.spectrum.device
+    adjoint = beam.incident_adjoint
+    if plan.system.gap_m is not None:
+        adjoint = adjoint * transfer_functions.across_gap(beam.wavelength)
+    field_adjoint = torch.fft.fft2(adjoint)[plan.grid.inside]
+    pixels = upsample_nearest(phasor(beam.opd_m[0], λ, dtype), plan.grid.upsample)
+    product = field_adjoint * plane_wave(plan, beam.wavelength, beam.source, dtype, device) * pixels
     rows, columns = (torch.arange(n, dtype=torch.float64) - (n - 1) / 2 for n in plan.grid.shape)
     turns = (slopes[0] * rows[:, None] + slopes[1] * columns[None, :]).to(product.imag)
-    return 2 * math.pi / λ * _sum_to_float(turns * product.imag)
+    return 2 * math.pi / λ * _sum(turns * product.imag)
 
 
-def _sum_to_float(values: Tensor) -> float:
+def _sum(values: Tensor) -> float:
     return float(values.sum())

@@ -1,4 +1,4 @@
-"""Wavelengths as unknowns: steps along the gradient, inside the lasers' range and apart from each other."""
+"""Wavelengths as variables: projection onto the allowed range and spacing, and derivatives of colour."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Floats = NDArray[np.float64]
 
 
 def project_wavelengths(wavelengths_m: Floats, settings: Settings) -> Floats:
-    """The nearest wavelengths that are in range and spaced, in the same order by size.
+    """The nearest wavelengths (least squares) inside the range and at least the spacing apart, in the same order.
 
-    With x_i rising and spacing s, x_i − i·s must rise too: the nearest such sequence is an isotonic regression.
-    Raises UserError when the range has no room for so many.
+    For sorted wavelengths x_i and spacing s, x_i − i·s must not fall: the nearest such sequence is an isotonic
+    regression. Raises UserError when the range has no room for so many.
     """
     low, high = settings.wavelength_range_m
     count, spacing = len(wavelengths_m), settings.wavelength_spacing_m
@@ -30,15 +30,15 @@ def project_wavelengths(wavelengths_m: Floats, settings: Settings) -> Floats:
             remedy="widen the range or lower the spacing",
         )
     order = np.argsort(wavelengths_m, kind="stable")
-    steps = spacing * np.arange(count)
-    level = isotonic_regression(wavelengths_m[order] - steps).x.clip(low, high - (count - 1) * spacing)
-    out = np.empty(count)
-    out[order] = level + steps
-    return out
+    offsets = spacing * np.arange(count)
+    monotone = isotonic_regression(wavelengths_m[order] - offsets).x.clip(low, high - (count - 1) * spacing)
+    projected = np.empty(count)
+    projected[order] = monotone + offsets
+    return projected
 
 
 def check_wavelength_search(observer: str, settings: Settings) -> None:
-    """UserError for an observer whose response has no slopes here, and for a range where it is unknown."""
+    """Raises UserError for an observer whose derivative isn't implemented, and for a range where it has no data."""
     if observer not in ("eye", "mono"):
         raise UserError(
             "free wavelengths",
@@ -53,11 +53,11 @@ def check_wavelength_search(observer: str, settings: Settings) -> None:
 
 
 def channel_wavelength_derivatives(loss: LossSpace, wavelengths_m: Floats, observer: str) -> Floats:
-    """∂(channels of unit intensity)/∂λ, (wavelength, channel), 1/m, through the eye's cone fundamentals.
+    """∂(channels of unit intensity)/∂λ, (wavelength, channel), 1/m, from the eye's cone fundamentals.
 
-    Zero for a mono camera, which sees every wavelength alike.
+    Zero for a monochrome camera, to which all wavelengths are equally bright.
     """
     if loss.ignores_wavelength or observer == "mono":
         return np.zeros((len(wavelengths_m), len(loss.matrix)))
-    slopes: Floats = cone_fundamental_derivatives(wavelengths_m) @ (loss.matrix @ LMS_TO_XYZ).T
-    return slopes
+    derivatives: Floats = cone_fundamental_derivatives(wavelengths_m) @ (loss.matrix @ LMS_TO_XYZ).T
+    return derivatives

@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from holoview.metrics.speckle import Region, independent_patterns
+from holoview.metrics.speckle import independent_patterns
 from holoview.metrics.speckle_histogram import speckle_density, speckle_histogram
+from holoview.numerics.image_region import Region, region_slices
 
 _HIGHEST_QUANTILE = 0.999
 _MIN_CONTRAST = 1e-3
@@ -18,8 +19,8 @@ _MIN_CONTRAST = 1e-3
 
 def speckle_figure(luminance: NDArray[np.floating], region: Region, contrast: float) -> Callable[[Figure], None]:
     """Draws the region of (y, x) and the histogram of I/Ī in it."""
-    x, y, width, height = region
-    part = np.asarray(luminance[y : y + height, x : x + width], dtype=np.float64)
+    _, _, width, height = region
+    part = np.asarray(luminance[region_slices(region)], dtype=np.float64)
 
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2, width_ratios=(1, 1.4))

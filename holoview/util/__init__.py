@@ -5,6 +5,7 @@ units             text with units such as "8 um" to SI numbers and back, without
 files             folders of shaders, presets and assets; atomic writing of files
 safetensors_file  named tensors with metadata in safetensors files, checked when they are read
 progress          types of functions that report progress
+checkpoint        comparison of a checkpoint with the run that is to continue from it
 cpu_count         number of CPUs that this process may use
 version           version of the installed package
 """

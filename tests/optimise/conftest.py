@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 import torch
 
+from holoview.model.bench_parts import Modulator
 from holoview.model.plan import Plan, make_plan
-from holoview.model.system import Modulator, System
+from holoview.model.system import System
 from holoview.numerics.fft_grid import positions
 from holoview.optics.propagate import transfer_function
 from holoview.optics.pupil import nominal_pupil
-from holoview.optimise.forward_model import ForwardModel
-from holoview.optimise.objective import make_objective
 from holoview.optimise.problem import Problem
 from holoview.optimise.settings import Settings
 
@@ -160,19 +159,7 @@ def stack_for() -> Callable[..., np.ndarray]:
     return made
 
 
-@pytest.fixture
-def double_problem(monkeypatch: pytest.MonkeyPatch) -> Callable[[System, np.ndarray, Settings], Problem]:
-    """A `Problem` all of whose numbers are float64, so that finite differences can judge it to eight digits."""
-
-    def made(system: System, stack: np.ndarray, settings: Settings) -> Problem:
-        before = torch.get_default_dtype()
-        with monkeypatch.context() as patch:
-            patch.setattr("holoview.optimise.autograd_model.ForwardModel", partial(ForwardModel, double=True))
-            patch.setattr("holoview.optimise.problem.make_objective", partial(make_objective, double=True))
-            torch.set_default_dtype(torch.float64)
-            try:
-                return Problem(system, stack, settings)
-            finally:
-                torch.set_default_dtype(before)
-
-    return made
+@pytest.fixture(scope="session")
+def double_problem() -> Callable[[System, np.ndarray, Settings], Problem]:
+    """A `Problem` that computes in float64, so that finite differences can check it to eight digits."""
+    return partial(Problem, double=True)

@@ -14,10 +14,8 @@ import numpy as np
 import torch
 
 from holoview.model.plan import make_plan
-from holoview.optimise import autograd_model as traced
-from holoview.optimise import problem
-from holoview.optimise.forward_model import ForwardModel
-from holoview.optimise.objective import make_objective
+from holoview.optimise import solve
+from holoview.optimise.problem import Problem
 from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, torchrun_group
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
@@ -75,8 +73,7 @@ def main(folder: Path) -> None:
     with torchrun_group("cpu") as team:
         found = both("single", next(iter(CASES)), team)
         torch.set_default_dtype(torch.float64)
-        traced.ForwardModel = partial(ForwardModel, double=True)  # type: ignore[misc,assignment]
-        problem.make_objective = partial(make_objective, double=True)
+        solve.Problem = partial(Problem, double=True)  # type: ignore[misc,assignment]
         for case in CASES:
             found |= both(case, case, team)
         for probe in range(PROBES if team.is_main else 0):

@@ -94,7 +94,7 @@ def test_the_estimate_is_within_a_tenth_of_what_an_optimisation_holds_at_its_pea
     name: str, keep: bool, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not keep:
-        monkeypatch.setattr(memory, "_FIELD_BUDGET_BYTES", 0)
+        monkeypatch.setattr(memory, "FIELD_BUDGET_BYTES", 0)
     system = with_compact_grid(_system(bench, name))
     assert should_keep_fields(make_plan(system)) is keep
     assert peak_bytes(system) == pytest.approx(_peak_of(system), rel=0.1)

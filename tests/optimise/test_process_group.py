@@ -16,13 +16,13 @@ import torch
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.optimise.forward_model import ForwardModel
+from holoview.optimise.lasers import with_only_lasers
 from holoview.optimise.process_group import (
     SINGLE_PROCESS,
     ProcessGroup,
     device_for_rank,
     shard_lasers,
     torchrun_group,
-    with_only_lasers,
 )
 from holoview.util.errors import UserError
 
