@@ -104,13 +104,15 @@ def fit_lut(sweep: EfficiencySweep) -> Lut:
     other_strokes = [fit(knots, with_slope=needs_slope).stroke for knots in _OTHER_KNOTS]
     spread = float(np.std([best.stroke, *other_strokes], ddof=1))
     half_width = 1.96 * math.hypot(best.stroke_sigma, spread)
-    turn = 2 * math.pi * sweep.relative_levels
+    x = sweep.relative_levels
     return Lut(
         sweep,
         best,
         (best.stroke - half_width, best.stroke + half_width),
-        rms_linear_2pi=_relative_rms(sweep, turn),
-        rms_linear_free=min(_relative_rms(sweep, turns * turn) for turns in np.arange(0.2, _MAX_STROKE_TURNS, 0.002)),
+        rms_linear_2pi=_relative_rms(sweep, 2 * math.pi * x),
+        rms_linear_free=min(
+            _relative_rms(sweep, turns * 2 * math.pi * x) for turns in np.arange(0.2, _MAX_STROKE_TURNS, 0.002)
+        ),
     )
 
 

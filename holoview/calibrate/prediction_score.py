@@ -1,36 +1,47 @@
-"""How well captures are predicted, before and after: χ²/n and PSNR, group by group and wavelength by wavelength.
+"""Scores predictions before and after calibration: χ² per pixel and PSNR by group and wavelength.
 
-One scale a wavelength, from the training captures of that wavelength; a wavelength that was held out whole has its own.
-Both models are judged with the same weights: the camera's noise at what the calibrated one expects. PSNR is against the
-brightest 0.1 % of each picture.
+The signals s that a model predicts are scaled by one gain per wavelength, fitted to the training captures of that
+wavelength (to its own captures for a wavelength that was held out whole); the gain of the calibrated model also
+follows the laser's power law. With light y and weights w, each capture of n used pixels and gain g has
+
+    χ²/n = Σ w·(y − g·s)² / n        PSNR = 10·log₁₀(peak²·n / Σ (y − g·s)²),   peak = 99.9th percentile of y
+
+Both models are scored with the same weights, from the camera's noise at the signal of the calibrated model.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.calibrate.data_split import DataSplit
+from holoview.calibrate.data_split import DataSplit, Indices
 from holoview.calibrate.laser_response import LaserResponse, fit_laser_response
 from holoview.calibrate.training_data import TrainingData, WeightedImage
 from holoview.captures.dataset import Captures
+from holoview.util.progress import ProgressCallback
 
 Tensor = torch.Tensor
 Floats = NDArray[np.float64]
 PredictSignals = Callable[[list[int]], Tensor]
-ProgressCallback = Callable[[int, int, str], None]
+"""A model: predicts the signals (capture, y, x) of captures of some indices."""
+
+_PEAK_QUANTILE = 0.999
+_TINY = 1e-300  # avoids division by zero for an image without light
 
 
 @dataclass(frozen=True)
 class RegressionSums:
-    """Sums over the trusted pixels of every capture, of light y and signal s: what any scale's error follows from.
+    """Sums over the used pixels of each capture, from which the errors for any gain follow.
 
-    weighted: Σwyy Σwys Σwss, plain: Σyy Σys Σss, (capture, 3) each; pixels and peak (capture,).
+    weighted: (capture, 3), Σ w·y², Σ w·y·s, Σ w·s².
+    plain: (capture, 3), Σ y², Σ y·s, Σ s².
+    pixels: (capture,), number of used pixels.
+    peak: (capture,), 99.9th percentile of the light.
     """
 
     weighted: Floats
@@ -40,26 +51,26 @@ class RegressionSums:
 
     @staticmethod
     def from_rows(rows: Floats) -> RegressionSums:
-        """Of rows (capture, 8): weighted sums, plain sums, pixels, peak."""
+        """From an array (capture, 8) with the fields side by side."""
         return RegressionSums(rows[:, :3], rows[:, 3:6], rows[:, 6], rows[:, 7])
 
     @property
     def best_gains(self) -> Floats:
-        """The best scale of each capture."""
-        return self.weighted[:, 1] / np.maximum(self.weighted[:, 2], 1e-300)
+        """The gain of each capture with the lowest χ², (capture,)."""
+        return self.weighted[:, 1] / np.maximum(self.weighted[:, 2], _TINY)
 
-    def chi2(self, scale: Floats) -> Floats:
-        """χ²/n of each capture at a scale of each."""
-        return _squared_error(self.weighted, scale) / self.pixels
+    def chi2(self, gain: Floats) -> Floats:
+        """χ² per pixel of each capture for gains (capture,)."""
+        return _squared_error(self.weighted, gain) / self.pixels
 
-    def psnr_db(self, scale: Floats) -> Floats:
-        """PSNR of each capture at a scale of each."""
-        return 10 * np.log10(self.peak**2 * self.pixels / np.maximum(_squared_error(self.plain, scale), 1e-300))
+    def psnr_db(self, gain: Floats) -> Floats:
+        """PSNR of each capture for gains (capture,)."""
+        return 10 * np.log10(self.peak**2 * self.pixels / np.maximum(_squared_error(self.plain, gain), _TINY))
 
 
 @dataclass(frozen=True)
 class FitQuality:
-    """Means over captures."""
+    """Means over captures of χ² per pixel and PSNR."""
 
     chi2: float
     psnr_db: float
@@ -67,7 +78,10 @@ class FitQuality:
 
 @dataclass(frozen=True)
 class ScoreRow:
-    """One line of a score: a group (train, captures, planes, wavelengths), a wavelength (None: all), before, after."""
+    """The score of the captures of a group (a key of `DataSplit.groups`) and a wavelength (None: all of the group).
+
+    captures: how many there are. before, after: quality of the nominal and of the calibrated model.
+    """
 
     group: str
     wavelength_m: float | None
@@ -75,97 +89,115 @@ class ScoreRow:
     before: FitQuality
     after: FitQuality
 
-    @property
-    def psnr_gain_db(self) -> float:
-        """What was gained."""
-        return self.after.psnr_db - self.before.psnr_db
-
 
 @dataclass(frozen=True)
 class PredictionScore:
-    """All lines, and what the lasers emit."""
+    """The scores of all groups and wavelengths, and the response of the lasers that the gains show."""
 
     rows: tuple[ScoreRow, ...]
     response: LaserResponse
 
     def overall(self, group: str) -> ScoreRow:
-        """The line of a whole group."""
+        """The score of a group over all its wavelengths."""
         return next(row for row in self.rows if row.group == group and row.wavelength_m is None)
 
 
 def score_predictions(
-    material: TrainingData,
+    data: TrainingData,
     split: DataSplit,
     predict_nominal: PredictSignals,
     predict_calibrated: PredictSignals,
     progress: ProgressCallback,
 ) -> PredictionScore:
-    """Scores two models, each a function from indices to signals (capture, y, x). report: (done, total, note)."""
-    captures = material.captures
-    first, second = _regression_sums(material, predict_nominal, predict_calibrated, progress)
-    response = fit_laser_response(captures, split.train, second.best_gains[split.train])
-    scales = _gain_per_capture(captures, split, first, None), _gain_per_capture(captures, split, second, response)
-    rows: list[ScoreRow] = []
+    """Scores the nominal and the calibrated model on all captures.
+
+    split: groups to score; the gains are fitted to `split.train`.
+    progress: called after each capture.
+    """
+    captures = data.captures
+    sums = _regression_sums(data, predict_nominal, predict_calibrated, progress)
+    response = fit_laser_response(captures, split.train, sums[1].best_gains[split.train])
+    gains = [_gain_per_capture(captures, split, *model) for model in zip(sums, (None, response), strict=True)]
+    rows = tuple(
+        ScoreRow(
+            group, wavelength_m, len(indices), *(_mean_quality(*m, indices) for m in zip(sums, gains, strict=True))
+        )
+        for group, wavelength_m, indices in _groups(captures, split)
+    )
+    return PredictionScore(rows, response)
+
+
+def _groups(captures: Captures, split: DataSplit) -> Iterator[tuple[str, float | None, Indices]]:
+    """Name, wavelength and indices of each group: first all its captures, then those of each wavelength."""
     for name, indices in split.groups().items():
-        parts: list[tuple[float | None, NDArray[np.intp]]] = [(None, indices)]
-        λs = captures.wavelength_m[indices]
-        parts += [(float(λ), indices[λs == λ]) for λ in np.unique(λs)]
-        for λ, chosen in parts:
-            qualities = [_quality(m, s, chosen) for m, s in zip((first, second), scales, strict=True)]
-            rows.append(ScoreRow(name, λ, len(chosen), *qualities))
-    return PredictionScore(tuple(rows), response)
+        yield name, None, indices
+        wavelengths = captures.wavelength_m[indices]
+        for wavelength in np.unique(wavelengths):
+            yield name, float(wavelength), indices[wavelengths == wavelength]
 
 
 def _regression_sums(
-    material: TrainingData, before: PredictSignals, after: PredictSignals, report: ProgressCallback
+    data: TrainingData, predict_nominal: PredictSignals, predict_calibrated: PredictSignals, progress: ProgressCallback
 ) -> tuple[RegressionSums, RegressionSums]:
-    """Of both models, with the same weights."""
-    count = len(material.captures)
-    rows: tuple[list[list[float]], ...] = ([], [])
+    """The sums of the nominal and of the calibrated model, with the same weights."""
+    count = len(data.captures)
+    nominal_rows, calibrated_rows = [], []
     for k in range(count):
-        signals, seen = [model([k])[0] for model in (before, after)], material.weighted_image(k)
-        seen = seen.reweighted(material.captures.camera, seen.best_gain(signals[1]) * signals[1])
-        for mine, signal in zip(rows, signals, strict=True):
-            mine.append(_sums(seen, signal))
-        report(k + 1, count, "scoring")
-    first, second = (np.array(mine) for mine in rows)
-    return RegressionSums.from_rows(first), RegressionSums.from_rows(second)
+        nominal, calibrated = predict_nominal([k])[0], predict_calibrated([k])[0]
+        image = data.weighted_image(k)
+        image = image.reweighted(data.captures.camera, image.best_gain(calibrated) * calibrated)
+        nominal_rows.append(_sums(image, nominal))
+        calibrated_rows.append(_sums(image, calibrated))
+        progress(k + 1, count, "scoring")
+    return RegressionSums.from_rows(np.array(nominal_rows)), RegressionSums.from_rows(np.array(calibrated_rows))
 
 
-def _sums(seen: WeightedImage, signal: Tensor) -> list[float]:
-    """Weighted Σyy Σys Σss, plain ones, pixels, peak."""
-    trusted = seen.weight > 0
-    s, y, w = (values[trusted].double() for values in (signal, seen.light, seen.weight))
+def _sums(image: WeightedImage, signal: Tensor) -> list[float]:
+    """The fields of `RegressionSums` for one capture, side by side."""
+    used = image.weight > 0
+    s, y, w = (values[used].double() for values in (signal, image.light, image.weight))
     pairs = ((y, y), (y, s), (s, s))
     weighted, plain = [float((w * a * b).sum()) for a, b in pairs], [float((a * b).sum()) for a, b in pairs]
-    return [*weighted, *plain, float(trusted.sum()), float(np.quantile(y.numpy(), 0.999))]
+    return [*weighted, *plain, float(used.sum()), float(np.quantile(y.numpy(), _PEAK_QUANTILE))]
 
 
 def _gain_per_capture(
-    captures: Captures, split: DataSplit, moments: RegressionSums, response: LaserResponse | None
+    captures: Captures, split: DataSplit, sums: RegressionSums, response: LaserResponse | None
 ) -> Floats:
-    """The scale of each capture: one a wavelength, times what the laser's response says about its power."""
-    bend = np.ones(len(captures))
-    if response is not None and response.is_nonlinear:
-        exponents = dict(zip(response.wavelength_m, response.excess_exponent, strict=True))
-        known = {λ: e for (λ, e), σ in zip(exponents.items(), response.exponent_sigma, strict=True) if math.isfinite(σ)}
-        common = response.common_exponent[0]
-        bend = np.array([p ** known.get(λ, common) for λ, p in zip(captures.wavelength_m, captures.power, strict=True)])
-    train = np.isin(np.arange(len(captures)), split.train)
-    scales = np.empty(len(captures))
-    for λ in captures.wavelengths_m:
-        mine = captures.wavelength_m == λ
-        by = mine & train if (mine & train).any() else mine
-        _, ys, ss = moments.weighted[by].T
-        scales[mine] = (bend[by] * ys).sum() / max(float((bend[by] ** 2 * ss).sum()), 1e-300)
-    return scales * bend
+    """The gain of each capture, (capture,): one factor per wavelength times power^e of the laser's response."""
+    power_law = np.ones(len(captures)) if response is None else _power_law(captures, response)
+    is_train = np.isin(np.arange(len(captures)), split.train)
+    factors = np.empty(len(captures))
+    for wavelength in captures.wavelengths_m:
+        of_wavelength = captures.wavelength_m == wavelength
+        fitted = of_wavelength & is_train if (of_wavelength & is_train).any() else of_wavelength
+        _, ys, ss = sums.weighted[fitted].T
+        law = power_law[fitted]
+        factors[of_wavelength] = (law * ys).sum() / max(float((law**2 * ss).sum()), _TINY)
+    return factors * power_law
 
 
-def _quality(moments: RegressionSums, scale: Floats, chosen: NDArray[np.intp]) -> FitQuality:
-    chi2, psnr = moments.chi2(scale)[chosen], moments.psnr_db(scale)[chosen]
+def _power_law(captures: Captures, response: LaserResponse) -> Floats:
+    """power^e of each capture, (capture,), with the common e for wavelengths whose own is undetermined."""
+    if not response.is_nonlinear:
+        return np.ones(len(captures))
+    common = response.common_exponent[0]
+    exponents = {
+        wavelength: exponent if math.isfinite(sigma) else common
+        for wavelength, exponent, sigma in zip(
+            response.wavelength_m, response.excess_exponent, response.exponent_sigma, strict=True
+        )
+    }
+    conditions = zip(captures.wavelength_m, captures.power, strict=True)
+    return np.array([power ** exponents.get(wavelength, common) for wavelength, power in conditions])
+
+
+def _mean_quality(sums: RegressionSums, gain: Floats, indices: Indices) -> FitQuality:
+    chi2, psnr = sums.chi2(gain)[indices], sums.psnr_db(gain)[indices]
     return FitQuality(float(chi2.mean()), float(psnr.mean()))
 
 
-def _squared_error(sums: Floats, scale: Floats) -> Floats:
+def _squared_error(sums: Floats, gain: Floats) -> Floats:
+    """Σ (y − g·s)² = Σ y² − 2g·Σ y·s + g²·Σ s² of each capture, (capture,)."""
     yy, ys, ss = sums.T
-    return yy - 2 * scale * ys + scale**2 * ss
+    return yy - 2 * gain * ys + gain**2 * ss

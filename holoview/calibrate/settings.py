@@ -1,4 +1,4 @@
-"""How a calibration is run."""
+"""Settings of a calibration, and the learning rate of each tensor."""
 
 from __future__ import annotations
 
@@ -19,25 +19,33 @@ LEARNING_RATES: Mapping[str, float] = {
     "pupil1_log_amplitude": 0.02,
     "pupil2_log_amplitude": 0.02,
 }
-"""The first step of each tensor, in its own unit."""
+"""First step of Adam for each tensor, in the tensor's unit; `CalibrationSettings.rate` multiplies all of them."""
 
 ADAM_BETAS = (0.9, 0.95)
 
 ADAM_FLOOR = 0.1
-"""Elements that the captures say little about move less: Adam would have them follow the noise in full steps."""
+"""Lower bound of Adam's denominator as a share of its r.m.s. over a tensor (`rms_floor`).
 
-_EPOCHS, _STEPS = 40, 300  # at least, of a calibration that isn't told how many
+Elements that the captures hardly determine, whose gradients are mostly noise, then move less than the others.
+"""
+
+_MIN_EPOCHS, _MIN_STEPS = 40, 300  # of a calibration without --epochs
 
 
 def default_epochs(captures: int, batch: int) -> int:
-    """Epochs that make enough steps of so many training captures."""
-    return max(_EPOCHS, math.ceil(_STEPS / math.ceil(captures / batch)))
+    """Epochs for a number of training captures: at least 300 steps and at least 40 epochs."""
+    return max(_MIN_EPOCHS, math.ceil(_MIN_STEPS / math.ceil(captures / batch)))
 
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """epochs: how often every capture is seen. batch: captures a step. rate: factor of all steps. seed: of the order of
-    captures and of what is held out. share: of the captures that is held out.
+    """How to train. The field names are keys of checkpoints and appear in error messages.
+
+    epochs: number of passes over the training captures.
+    batch: captures per step.
+    rate: factor on all LEARNING_RATES.
+    seed: of the order of the captures and of the choice of validation captures.
+    share: of the captures that is held out for validation, see `split_captures`.
     """
 
     epochs: int = 40

@@ -1,14 +1,18 @@
-"""Gradient descent on the maps: Adam through the forward model, from smooth captures to rough ones.
+"""Trains the maps with Adam through the forward model, smooth captures first; yields a state after each epoch.
 
-    loss = mean over a batch of Σ w·(light − gain·signal)² / pixels  +  prior / (captures · pixels)
+    loss = mean over the captures of a batch of χ²/pixels  +  Σ (θ/σ)² / (training captures · pixels)
 
-The gain of each capture is the best one, always: exposure and laser power can't be mistaken for anything else. Smooth
-patterns stay linear for longer, so training begins with the smoothest captures. The weights of a picture that is still
-far off count the model's own error, so that bright pixels lead; they tighten as the error falls.
+- χ² = Σ w·(light − g·signal)² has the best gain g for each capture (`WeightedImage.best_gain`), so errors of exposure
+  and laser power don't change the maps.
+- The second term is the Gaussian prior of the maps (`prior_penalty`).
+- An error of the bench decorrelates the speckle of rough patterns before that of smooth ones. So the first epoch has
+  the smoothest 40 % of the captures, and the share rises to all of them after 30 % of the epochs.
+- The weights allow for the model's own error, m = ½·√U of the mean light, with U the share of the image's variance that
+  the model left unexplained when the capture was last trained on (`TrainingData.weighted_image`).
 
-for state in train(captures, known, split, layout, Settings()):
-    print(state.epoch, state.chi2)
-learned = state.best          # whatever epoch it came from; stop at any time
+    for state in train(captures, known, split, layout, CalibrationSettings()):
+        print(state.epoch, state.validation_chi2)
+    maps = state.best_maps        # of the epoch with the lowest validation χ²; the loop may be left at any time
 """
 
 from __future__ import annotations
@@ -36,16 +40,21 @@ from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
 
-_CURRICULUM_FIRST_SHARE, _CURRICULUM_END = (
-    0.4,
-    0.3,
-)  # of the captures in the first epoch; of the epochs until all take part
-_MAX_MODEL_ERROR = 0.5
+_CURRICULUM_FIRST_SHARE = 0.4  # of the training captures, in the first epoch
+_CURRICULUM_END = 0.3  # share of the epochs after which all training captures take part
+_MAX_MODEL_ERROR = 0.5  # of the mean light; also the value before a capture was first trained on
 
 
 @dataclass(frozen=True)
 class TrainingState:
-    """After an epoch: epochs of all, χ²/n on held-out captures, the best so far and its maps, seconds spent."""
+    """The state after an epoch.
+
+    epoch: 0 is the nominal bench, before any step. epochs: the last one.
+    validation_chi2: χ² per pixel on the validation captures, with the camera's noise alone.
+    best_chi2, best_maps: lowest validation_chi2 so far, and the maps of that epoch.
+    seconds: time spent so far, including that before a checkpoint.
+    checkpoint: makes a checkpoint of this state; must be called before the next state is asked for.
+    """
 
     epoch: int
     epochs: int
@@ -64,15 +73,20 @@ def train(
     settings: CalibrationSettings,
     resume: CalibrationCheckpoint | None = None,
 ) -> Iterator[TrainingState]:
-    """Learns the maps of a layout; a state after every epoch, the first one (epoch 0) of the nominal bench.
+    """Trains the maps of a layout; yields a state after every epoch, beginning with the nominal bench as epoch 0.
 
-    known: effects {id: {parameter: value}} that the bench has beside. resume: a checkpoint to go on from, bit for bit
-    on the same machine. Raises UserError when it is of another session, or when the loss isn't finite.
+    known: {effect id: {parameter: value}} of effects that the bench has besides the maps.
+    split: `split.train` is trained on, `split.validation` chooses the best epoch.
+    resume: a checkpoint to continue from; on the same machine the results are the same bit for bit.
+
+    Raises UserError when the checkpoint is of other captures, effects, layout or settings, or the loss isn't finite.
     """
     yield from _Training(captures, known, split, layout, settings, resume).run()
 
 
 class _Training:
+    """The tensors that are trained and the state of the optimiser."""
+
     def __init__(
         self,
         captures: Captures,
@@ -83,40 +97,38 @@ class _Training:
         resume: CalibrationCheckpoint | None,
     ) -> None:
         self.captures, self.known, self.layout, self.settings = captures, known, layout, settings
-        self.material, self.model = TrainingData(captures), CalibrationModel(captures, layout, known)
-        rough = pattern_roughness(captures)
-        self.train_indices = split.train[np.argsort(rough[split.train], kind="stable")]
+        self.data, self.model = TrainingData(captures), CalibrationModel(captures, layout, known)
+        roughness = pattern_roughness(captures)
+        self.train_indices = split.train[np.argsort(roughness[split.train], kind="stable")]
         self.validation_indices = split.validation if len(split.validation) else split.train
         self.tensors = {n: t for n, t in LearnedMaps.nominal(layout).tensors.items() if t.numel()}
         self.adam = {name: Adam(tensor, ADAM_BETAS, ADAM_FLOOR) for name, tensor in self.tensors.items()}
-        self.mismatch = np.full(len(captures), _MAX_MODEL_ERROR)
-        self.best = {name: tensor.clone() for name, tensor in self.tensors.items()}
+        self.model_errors = np.full(len(captures), _MAX_MODEL_ERROR)
+        self.best_tensors = {name: tensor.clone() for name, tensor in self.tensors.items()}
         self.progress = TrainingProgress(0, 0.0, math.inf)
         if resume is not None:
             resume.check_matches(captures, known, layout, settings, "checkpoint")
             self._restore(resume)
 
     def run(self) -> Iterator[TrainingState]:
+        """Trains the epochs that are left; yields a state after each."""
         started = time.perf_counter() - self.progress.seconds
         for epoch in range(self.progress.epoch, self.settings.epochs + 1):
             if epoch > 0:
-                self._epoch(epoch)
+                self._train_epoch(epoch)
             chi2 = self._validation_chi2()
             if chi2 < self.progress.best_chi2:
-                self.best = {name: tensor.clone() for name, tensor in self.tensors.items()}
+                self.best_tensors = {name: tensor.clone() for name, tensor in self.tensors.items()}
             best = min(chi2, self.progress.best_chi2)
             self.progress = TrainingProgress(epoch + 1, time.perf_counter() - started, best)
-            learned = LearnedMaps(self.layout, self._with_empty_maps(self.best))
+            best_maps = LearnedMaps(self.layout, self._with_empty_maps(self.best_tensors))
             seconds = self.progress.seconds
-            yield TrainingState(epoch, self.settings.epochs, chi2, best, learned, seconds, self._checkpoint)
+            yield TrainingState(epoch, self.settings.epochs, chi2, best, best_maps, seconds, self._checkpoint)
 
-    def _epoch(self, epoch: int) -> None:
-        """Every capture once, in random order, or of the first epochs the smoothest of them."""
-        share = min(
-            1.0,
-            _CURRICULUM_FIRST_SHARE
-            + (1 - _CURRICULUM_FIRST_SHARE) * epoch / max(1.0, _CURRICULUM_END * self.settings.epochs),
-        )
+    def _train_epoch(self, epoch: int) -> None:
+        """Trains on the captures of an epoch in random order."""
+        ramp_epochs = max(1.0, _CURRICULUM_END * self.settings.epochs)
+        share = min(1.0, _CURRICULUM_FIRST_SHARE + (1 - _CURRICULUM_FIRST_SHARE) * epoch / ramp_epochs)
         chosen = self.train_indices[: max(1, math.ceil(share * len(self.train_indices)))]
         order = np.random.default_rng([self.settings.seed, epoch]).permutation(chosen)
         batches = [order[i : i + self.settings.batch] for i in range(0, len(order), self.settings.batch)]
@@ -125,6 +137,7 @@ class _Training:
             self._step(batch, cosine_decay(done, self.settings.epochs) * self.settings.rate)
 
     def _step(self, batch: NDArray[np.intp], rate: float) -> None:
+        """One step of Adam on the captures of a batch. rate: factor on all learning rates."""
         leaves = {name: tensor.requires_grad_() for name, tensor in self.tensors.items()}
         loss = self._loss(batch)
         if not math.isfinite(loss.item()):
@@ -136,52 +149,55 @@ class _Training:
                 tensor.sub_(self.adam[name].unit_step(gradient), alpha=rate * LEARNING_RATES[name])
 
     def _loss(self, batch: NDArray[np.intp]) -> Tensor:
+        """The loss of a batch, with gradients; also updates the model errors of its captures."""
         self.model.set_maps(self._with_empty_maps(self.tensors))
         signals = self.model.predict(batch.tolist(), grad=True)
-        parts = []
+        terms = []
         for k, signal in zip(batch, signals, strict=True):
-            seen = self.material.weighted_image(int(k), float(self.mismatch[k]))
-            parts.append(seen.chi2(signal, seen.best_gain(signal)))
-            self.mismatch[k] = _mismatch(seen.unexplained_variance(signal.detach()))
+            image = self.data.weighted_image(int(k), float(self.model_errors[k]))
+            terms.append(image.chi2(signal, image.best_gain(signal)))
+            self.model_errors[k] = _model_error(image.unexplained_variance(signal.detach()))
         pixels = len(self.train_indices) * signals[0].numel()
-        return torch.stack(parts).mean() + prior_penalty(self.tensors) / pixels
+        return torch.stack(terms).mean() + prior_penalty(self.tensors) / pixels
 
     def _validation_chi2(self) -> float:
-        """χ²/n of the held-out captures with the weights of the camera's noise alone."""
+        """Mean χ² per pixel of the validation captures, with weights from the camera's noise alone."""
         self.model.set_maps(self._with_empty_maps(self.tensors))
         total = 0.0
         for k in self.validation_indices:
-            signal, seen = self.model.predict([int(k)])[0], self.material.weighted_image(int(k))
-            total += float(seen.chi2(signal, seen.best_gain(signal)))
+            signal, image = self.model.predict([int(k)])[0], self.data.weighted_image(int(k))
+            total += float(image.chi2(signal, image.best_gain(signal)))
         return total / len(self.validation_indices)
 
     def _with_empty_maps(self, tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-        """With the empty ones of the layout."""
+        """The tensors with those of the layout that have no elements, which aren't trained."""
         return {name: tensors.get(name, torch.zeros(shape)) for name, shape in self.layout.shapes().items()}
 
     # --- checkpoints ------------------------------------------------------------------------------------------------
 
     def _checkpoint(self) -> CalibrationCheckpoint:
-        kept = {"mismatch": self.mismatch.copy()}
+        arrays = {"mismatch": self.model_errors.copy()}
         for name, tensor in self.tensors.items():
-            parts = {"": tensor, ".best": self.best[name], ".first": self.adam[name].first_moment}
+            parts = {"": tensor, ".best": self.best_tensors[name], ".first": self.adam[name].first_moment}
             parts[".second"] = self.adam[name].second_moment
-            kept |= {name + part: value.numpy().copy() for part, value in parts.items()}
-            kept[f"{name}.count"] = np.array([self.adam[name].step_count], dtype=np.int64)
-        return CalibrationCheckpoint.create(self.captures, self.known, self.layout, self.settings, self.progress, kept)
+            arrays |= {name + part: value.numpy().copy() for part, value in parts.items()}
+            arrays[f"{name}.count"] = np.array([self.adam[name].step_count], dtype=np.int64)
+        return CalibrationCheckpoint.create(
+            self.captures, self.known, self.layout, self.settings, self.progress, arrays
+        )
 
     def _restore(self, resume: CalibrationCheckpoint) -> None:
-        kept = resume.tensors
-        self.mismatch = kept["mismatch"].copy()
+        arrays = resume.tensors
+        self.model_errors = arrays["mismatch"].copy()
         for name, adam in self.adam.items():
-            self.tensors[name] = torch.from_numpy(kept[name].copy())
-            self.best[name] = torch.from_numpy(kept[f"{name}.best"].copy())
-            adam.first_moment = torch.from_numpy(kept[f"{name}.first"].copy())
-            adam.second_moment = torch.from_numpy(kept[f"{name}.second"].copy())
-            adam.step_count = int(kept[f"{name}.count"][0])
+            self.tensors[name] = torch.from_numpy(arrays[name].copy())
+            self.best_tensors[name] = torch.from_numpy(arrays[f"{name}.best"].copy())
+            adam.first_moment = torch.from_numpy(arrays[f"{name}.first"].copy())
+            adam.second_moment = torch.from_numpy(arrays[f"{name}.second"].copy())
+            adam.step_count = int(arrays[f"{name}.count"][0])
         self.progress = resume.progress
 
 
-def _mismatch(unexplained: float) -> float:
-    """The model's own error (share of the mean light) that weights allow for."""
-    return min(_MAX_MODEL_ERROR, 0.5 * math.sqrt(max(unexplained, 0.0)))
+def _model_error(unexplained_variance: float) -> float:
+    """Standard deviation of the model's error, as a share of the mean light, from the unexplained variance U."""
+    return min(_MAX_MODEL_ERROR, 0.5 * math.sqrt(max(unexplained_variance, 0.0)))

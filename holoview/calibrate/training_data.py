@@ -1,4 +1,4 @@
-"""What the camera saw, as tensors: light above black and how much each pixel weighs."""
+"""Camera images above the black level with inverse-variance weights, as tensors to train on."""
 
 from __future__ import annotations
 
@@ -15,46 +15,59 @@ from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
 
+_MIN_USABLE_SHARE = 1e-3
+
 
 @dataclass(frozen=True)
 class WeightedImage:
-    """One capture: light (y, x) counts above black; weight (y, x): 1/variance, 0 where a pixel can't be trusted."""
+    """The image of one capture.
+
+    light: (y, x), counts above the black level.
+    weight: (y, x), 1/variance in counts⁻²; 0 for a pixel that isn't used (saturated, stuck, or at the border).
+    """
 
     light: Tensor
     weight: Tensor
 
     def best_gain(self, signal: Tensor) -> Tensor:
-        """The scale of a predicted signal (y, x) that fits best; no gradient: at the best fit it makes none."""
+        """The factor g on a predicted signal s (y, x) that minimises Σ w·(light − g·s)²: Σ w·s·light / Σ w·s².
+
+        It carries no gradient, because at the minimum the derivative of χ² with respect to g is zero.
+        """
         with torch.no_grad():
             weighted = self.weight * signal
             return (weighted * self.light).sum() / (weighted * signal).sum().clamp_min(1e-30)
 
     def chi2(self, signal: Tensor, gain: Tensor | float) -> Tensor:
-        """χ² a trusted pixel of a signal times its gain."""
+        """χ² per used pixel of gain · signal, Σ w·(light − g·s)² / n."""
         squares = self.weight * (self.light - gain * signal).square()
         return squares.sum() / (self.weight > 0).sum()
 
     def reweighted(self, camera: Camera, expected: Tensor) -> WeightedImage:
-        """With the camera's noise at the expected signal (y, x) for weights; trusted pixels stay the same."""
+        """The same image with weights from the camera's noise at an expected signal (y, x); the used pixels stay."""
         variance = torch.from_numpy(camera.noise_variance(expected.numpy()).astype(np.float32))
         return WeightedImage(self.light, torch.where(self.weight > 0, 1 / variance, 0.0))
 
     def unexplained_variance(self, signal: Tensor) -> float:
-        """Share of the picture's variance that the best scaled signal leaves."""
-        trusted = self.weight > 0
-        light, rest = self.light[trusted], (self.light - self.best_gain(signal) * signal)[trusted]
-        return float(rest.square().mean() / light.var().clamp_min(1e-30))
+        """Mean square of the residual light − g·s over the variance of the light, with the best gain g."""
+        used = self.weight > 0
+        light, residual = self.light[used], (self.light - self.best_gain(signal) * signal)[used]
+        return float(residual.square().mean() / light.var().clamp_min(1e-30))
 
 
 class TrainingData:
-    """All captures of a session. Weights come from the pictures themselves, so that no model earns its own."""
+    """The images of all captures, to train on and to score with.
+
+    Weights follow from the images alone (see `neighbour_variance`), so that a model can't lower its χ² by predicting
+    light that widens the error bars. Raises UserError for a capture that has hardly a usable pixel.
+    """
 
     def __init__(self, captures: Captures) -> None:
         self.captures = captures
-        self._measured: PreparedCaptures = prepare_captures(captures)
-        trusted = self._measured.usable.mean(axis=(1, 2))
-        if float(trusted.min()) < 1e-3:
-            worst = int(trusted.argmin())
+        self._prepared: PreparedCaptures = prepare_captures(captures)
+        usable_share = self._prepared.usable.mean(axis=(1, 2))
+        if float(usable_share.min()) < _MIN_USABLE_SHARE:
+            worst = int(usable_share.argmin())
             raise UserError(
                 f"camera/images, capture {worst}",
                 "hardly a pixel can be used: all are saturated or stuck",
@@ -63,9 +76,14 @@ class TrainingData:
             )
 
     def weighted_image(self, capture: int, model_error: float = 0.0) -> WeightedImage:
-        """One capture, for a model that is still off by `mismatch` of the picture's mean light."""
-        only: NDArray[np.intp] = np.array([capture])
-        light = self._measured.light[only]
-        variance = add_model_error(neighbour_variance(self._measured, only), light, model_error)
-        weight = np.where(self._measured.usable[only], 1 / variance, 0.0).astype(np.float32)
+        """The image of a capture of this index.
+
+        model_error: standard deviation of the model's own error as a share of the image's mean light. Adding it to the
+        camera's noise makes the weights more uniform, so that dim pixels with little noise don't dominate the fit of a
+        model that is still far off.
+        """
+        indices: NDArray[np.intp] = np.array([capture])
+        light = self._prepared.light[indices]
+        variance = add_model_error(neighbour_variance(self._prepared, indices), light, model_error)
+        weight = np.where(self._prepared.usable[indices], 1 / variance, 0.0).astype(np.float32)
         return WeightedImage(torch.from_numpy(light[0]), torch.from_numpy(weight[0]))
