@@ -31,6 +31,7 @@ from holoview.calibrate.settings import CalibrationSettings
 from holoview.captures.dataset import Camera, Captures, SlmSpec
 from holoview.effects.learned_maps import MapLayout
 from holoview.model.effects.active_effects import EffectValues
+from holoview.util.checkpoint import differing_fields, refuse_differences
 from holoview.util.errors import UserError
 from holoview.util.safetensors_file import TensorFormat
 
@@ -113,14 +114,8 @@ class CalibrationCheckpoint:
         differing = ["the captures"] * (self.digest != captures_digest(captures))
         differing += ["the known effects"] * (self.known_effects_json != _effects_json(known))
         differing += ["the maps"] * (self.layout != layout)
-        ours, theirs = dataclasses.asdict(self.settings), dataclasses.asdict(settings)
-        differing += [key for key, value in ours.items() if value != theirs[key]]
-        if differing:
-            raise UserError(
-                where,
-                f"is of another calibration: {', '.join(differing)} differ",
-                expected="the same captures, preset and options as when it was begun",
-            )
+        differing += differing_fields(self.settings, settings)
+        refuse_differences(differing, where, "calibration", "captures, preset and options")
 
 
 def load_checkpoint(path: str | os.PathLike[str]) -> CalibrationCheckpoint:
