@@ -14,18 +14,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import holoview as hv
 from holoview.colour import to_srgb8
 from holoview.io.hologram import Hologram
 from holoview.metrics.image_quality import eyebox_uniformity_of, measure_image_quality, plane_midpoints
+from holoview.model import preset
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.optimise.iteration_state import IterationState
+from holoview.optimise.settings import Settings
+from holoview.optimise.solve import iterate
 from holoview.optimise.torch_device import resolve_torch_device
 from holoview.study.study import JobResult, StatusCallback, StudyJob
-from holoview.targets.target import Placement
+from holoview.targets.target import Placement, target_for
 from holoview.util.files import data_dir
-from holoview.view import View
+from holoview.view import View, simulate
 
 _BASE = "holochrome-8"
 _PLANES_M = (9e-3, 11e-3)
@@ -46,7 +48,7 @@ JobSettings = Mapping[str, Any]
 def job_system(settings: JobSettings) -> System:
     """The bench of a job, on a periodic grid."""
     planes = np.linspace(*_PLANES_M, settings["planes"]) if settings["planes"] > 1 else np.array([np.mean(_PLANES_M)])
-    base = hv.load(_BASE).with_(shape=settings["shape"], propagation="periodic", planes=planes)
+    base = preset.load(_BASE).with_(shape=settings["shape"], propagation="periodic", planes=planes)
     return with_scheme(base, settings["scheme"]).edit(settings.get("set", {}))
 
 
@@ -55,16 +57,16 @@ def job_target(system: System, settings: JobSettings, planes_m: NDArray[np.float
     name = settings["target"]
     depth = data_dir("assets") / "still-life-depth.png" if name == "still-life" else None
     options = {"saturation": settings.get("saturation", 1.0), "planes": planes_m}
-    return hv.target_for(system, data_dir("assets") / f"{name}.png", Placement(depth=depth), **options).stack
+    return target_for(system, data_dir("assets") / f"{name}.png", Placement(depth=depth), **options).stack
 
 
 def optimise_job(
     system: System, stack: NDArray[np.floating], settings: JobSettings, status: StatusCallback, label: str = ""
 ) -> IterationState:
     """The last state of the job's optimisation."""
-    options = hv.Settings(iterations=settings["iterations"], seed=settings["seed"], **_options(settings))
+    options = Settings(iterations=settings["iterations"], seed=settings["seed"], **_options(settings))
     state: IterationState | None = None
-    for state in hv.iterate(system, stack, options, device=resolve_torch_device()):
+    for state in iterate(system, stack, options, device=resolve_torch_device()):
         if state.iteration % _REPORT_EVERY == 0:
             status(f"{label}{state.iteration}/{state.iterations}, {state.psnr_db:.1f} dB")
     assert state is not None
@@ -78,7 +80,7 @@ def run_hologram_job(settings: JobSettings, status: StatusCallback) -> JobResult
     planes_m = np.concatenate([system.planes_m, plane_midpoints(system.planes_m)])
     wanted = job_target(system, settings, planes_m)
     state = optimise_job(system, wanted[:count], settings, status)
-    view = hv.simulate(state.best.system, state.best.drive, planes_m, backend="torch")
+    view = simulate(state.best.system, state.best.drive, planes_m, backend="torch")
     numbers = hologram_metrics(state.best, view.at(range(count)), wanted[:count])
     between = [measure_image_quality(view.at([i]), wanted[i : i + 1]).psnr.mean_db for i in range(count, len(planes_m))]
     numbers |= {

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-import holoview as hv
 from holoview.colour import to_srgb8
 from holoview.metrics.speckle import independent_patterns, speckle_contrast
 from holoview.study.claims import DIRECTION_ONLY, REPRODUCES, SHOWN
@@ -16,6 +15,7 @@ from holoview.study.hologram_study import Results
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale, format_size, speckle_shape
 from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob, StudyPicture
+from holoview.view import random_drive, simulate
 
 _COUNTS = (1, 2, 4, 8, 16, 32)
 _SEEDS = 4
@@ -56,7 +56,7 @@ class _Contrast(Study):
         system = job_system({**settings, "planes": 1, "scheme": "simultaneous", "set": _changes(settings)})
         if settings["way"].endswith("1 modulator"):
             system = system.edit({"modulators": system.modulators[:1], "gap": None})
-        view = hv.simulate(system, hv.random_drive(system, settings["seed"]), backend="torch")
+        view = simulate(system, random_drive(system, settings["seed"]), backend="torch")
         image = view.intensity[0].mean(axis=0)
         contrast = speckle_contrast(image).contrast
         picture = to_srgb8(np.repeat((_MEAN_SHOWN * image / image.mean())[..., None], 3, axis=-1))

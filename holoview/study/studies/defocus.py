@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-import holoview as hv
 from holoview.metrics.image_quality import measure_image_quality
 from holoview.study.claims import SHOWN
 from holoview.study.hologram_jobs import job_system, job_target, mean_curve, optimise_job
@@ -15,6 +14,7 @@ from holoview.study.hologram_study import Results, scheme_jobs
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale
 from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob, StudyPicture
+from holoview.view import simulate
 
 _SCHEMES = ("simultaneous", "holochrome-8", "holochrome-8x3")
 _SWEEP = 9
@@ -40,7 +40,7 @@ class _Defocus(Study):
         count = len(system.planes_m)
         wanted = job_target(system, settings, np.concatenate([system.planes_m, sweep_m]))
         state = optimise_job(system, wanted[:count], settings, status)
-        view = hv.simulate(state.best.system, state.best.drive, sweep_m, backend="torch")
+        view = simulate(state.best.system, state.best.drive, sweep_m, backend="torch")
         scores = [measure_image_quality(view.at([i]), wanted[count + i : count + i + 1]) for i in range(len(sweep_m))]
         numbers = {
             "planes_mm": (sweep_m * 1e3).tolist(),

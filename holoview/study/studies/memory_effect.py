@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import holoview as hv
 from holoview.model.system import System
 from holoview.study.claims import CONTRADICTS, REPRODUCES, SHOWN
 from holoview.study.hologram_jobs import job_system, mean_curve
@@ -17,6 +16,7 @@ from holoview.study.hologram_study import Results
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale, format_size, speckle_shape
 from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob
+from holoview.view import random_drive, simulate
 
 _MIDDLE_M, _PLANE_M = 550e-9, 10e-3
 _STEPS_NM = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
@@ -55,7 +55,7 @@ class _MemoryEffect(Study):
         bench = job_system(settings).edit({"observer": "mono"})
         gap = settings["gap_mm"]
         bench = bench.edit({"modulators": bench.modulators[:1], "gap": None} if gap is None else {"gap": gap * 1e-3})
-        drive = hv.random_drive(_laser(bench, _MIDDLE_M), settings["seed"])
+        drive = random_drive(_laser(bench, _MIDDLE_M), settings["seed"])
         first = _speckle(_laser(bench, _MIDDLE_M), drive, _PLANE_M)
         steps = [_grid_step(bench, settings["way"], step) for step in _STEPS_BY_CHANGE[settings["way"]]]
         found = [_correlation(first, *_changed_speckle(bench, drive, settings["way"], step)) for step in steps]
@@ -144,7 +144,7 @@ def _laser(bench: System, wavelength_m: float) -> System:
 
 
 def _speckle(system: System, drive: NDArray[np.float32], plane_m: float) -> NDArray[np.float64]:
-    return np.asarray(hv.simulate(system, drive, [plane_m], backend="torch").intensity[0, 0], dtype=np.float64)
+    return np.asarray(simulate(system, drive, [plane_m], backend="torch").intensity[0, 0], dtype=np.float64)
 
 
 def _correlation(first: NDArray[np.float64], second: NDArray[np.float64], reach: int) -> float:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import holoview as hv
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.pipeline import diagnose
+from holoview.model import preset
 from holoview.report.contact_sheet import greyscale_pixels
 from holoview.study.claims import SHOWN
 from holoview.study.hologram_jobs import mean_number
@@ -70,7 +70,7 @@ class _ModelVsCapture(Study):
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         lasers = {"wavelengths": list(_WAVELENGTHS_M), "amplitudes": [[1.0] * len(_WAVELENGTHS_M)], "observer": "mono"}
-        system = hv.load("holochrome-8").with_(shape=settings["shape"]).edit(lasers)
+        system = preset.load("holochrome-8").with_(shape=settings["shape"]).edit(lasers)
         session = AcquisitionSettings(
             captures_per_condition=_CAPTURES_PER_SETTING, seed=settings["seed"], planes_m=_PLANES_M
         )

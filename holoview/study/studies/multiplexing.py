@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-import holoview as hv
 from holoview.colour import SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights
 from holoview.metrics.psnr import psnr_xyz
 from holoview.study.claims import CONTRADICTS, REPRODUCES
@@ -16,6 +15,7 @@ from holoview.study.hologram_study import Results, targets_and_seeds
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale
 from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob
+from holoview.view import simulate
 
 _LASERS_M = (532e-9, 638e-9)
 _MIXES = (0.0, 0.17, 0.33, 0.5, 0.67, 0.83, 1.0)
@@ -53,7 +53,7 @@ class _Multiplexing(Study):
         system = job_system(settings)
         wanted = tinted(job_target(system, settings, system.planes_m), settings["mix"])
         state = optimise_job(system, wanted, settings, status)
-        view = hv.simulate(state.best.system, state.best.drive, backend="torch")
+        view = simulate(state.best.system, state.best.drive, backend="torch")
         numbers = hologram_metrics(state.best, view, wanted) | {
             "psnr_xyz_db": psnr_xyz(view.xyz, wanted @ SRGB_TO_XYZ.T).mean_db
         }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import holoview as hv
+from holoview.model import preset
 from holoview.study.claims import SHOWN
 from holoview.study.hologram_jobs import METRIC_LABELS, mean_by_case
 from holoview.study.hologram_study import HologramStudy, Results, result_table, scheme_jobs
@@ -53,7 +53,7 @@ class _Quantisation(HologramStudy):
 
 def _cases() -> dict[str, dict[str, Any]]:
     """Changes of the bench, by name."""
-    measured = hv.load("bench-plm").modulators[0].levels
+    measured = preset.load("bench-plm").modulators[0].levels
     assert measured is not None
     equal = {f"{count} levels": {"levels": count} for count in (2, 4, 8, 16)}
     return {**equal, _MEASURED: {"levels": measured.tolist()}, "continuous": {}}
