@@ -1,12 +1,24 @@
-"""Calibration: the bench as it is, learned from measurements.
+"""Calibration: learns corrections to a bench's model from camera captures.
 
-sweep lut lut_file            a modulator's look-up table from the first-order power of a grating
-held_out layout material      captures to learn from and to judge by; which maps; what was seen, and how much it weighs
-model settings train          what is predicted for maps, and the gradient descent on them, from coarse to fine
-checkpoint                    a calibration between two epochs, kept
-response score                what the lasers emit; how well held-out captures are predicted
-result pictures drawing       the files that are written, and pictures of what was learned
-exposure                      exposure and laser power for captures that use the camera's range
+From a diffraction-efficiency sweep of one modulator:
 
-The maps themselves, and what they make of light, are in `holoview.effects.learned_maps`.
+efficiency_sweep  reads the sweep from a CSV file
+lut               fits a monotone phase look-up table to it, with the stroke's 95 % interval
+lut_file          writes the table as TOML, puts it into a bench, formats it for people
+
+From captures of a whole bench (the maps themselves are `holoview.effects.learned_maps`):
+
+exposure          plans laser power and exposure time of the captures
+data_split        splits captures into training, validation, and unseen planes and wavelengths
+training_data     camera images with inverse-variance weights
+map_layout        chooses which maps the captures can determine, and their resolution
+forward_model     predicts camera images from maps, with gradients; prior of the maps
+settings          settings of the training, and learning rates
+train             trains the maps with Adam
+checkpoint        saves and restores the state of the training
+laser_response    fits each laser's scale and power-law exponent
+prediction_score  scores predictions before and after
+result            writes the preset, its maps and the scores
+map_plots         plots the maps and the residuals
+figure_file       writes matplotlib figures as PNG files
 """

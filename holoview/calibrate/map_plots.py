@@ -1,4 +1,4 @@
-"""Pictures of what a calibration learned: source, tables, warp, pupils, and residuals before and after."""
+"""Plots the learned maps (source, look-up tables, warp, pupils), and residuals before and after calibration."""
 
 from __future__ import annotations
 
@@ -25,55 +25,58 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.floating]
 
-_MOST_ROWS = 4
+_MAX_RESIDUAL_ROWS = 4
 _PUPIL_SAMPLES = 129
 
 
 def plot_calibration(
     folder: Path,
-    material: TrainingData,
+    data: TrainingData,
     learned: LearnedMaps,
     split: DataSplit,
     predict_nominal: PredictSignals,
     predict_calibrated: PredictSignals,
 ) -> list[Path]:
-    """Writes the pictures into a folder that exists; returns their paths."""
-    captures = material.captures
+    """Writes source.png, lut.png, residual.png and, where there are such maps, warp.png and pupils.png.
+
+    folder: must exist. Returns the paths of the files.
+    """
+    captures = data.captures
     with torch.no_grad():
-        drawn: dict[str, Callable[[Path], None]] = {
-            "source": lambda path: _source(path, learned, captures),
-            "lut": lambda path: _tables(path, learned),
-            "residual": lambda path: _residuals(path, material, split, predict_nominal, predict_calibrated),
+        plots: dict[str, Callable[[Path], None]] = {
+            "source": lambda path: _plot_source(path, learned, captures),
+            "lut": lambda path: _plot_tables(path, learned),
+            "residual": lambda path: _plot_residuals(path, data, split, predict_nominal, predict_calibrated),
         }
         if learned.has("warp_m"):
-            drawn["warp"] = lambda path: _warp(path, learned, captures)
+            plots["warp"] = lambda path: _plot_warp(path, learned, captures)
         if learned.has("zernike2_m"):
-            drawn["pupils"] = lambda path: _pupils(path, learned)
-        paths = [folder / f"{name}.png" for name in drawn]
-        for path, draw in zip(paths, drawn.values(), strict=True):
-            draw(path)
+            plots["pupils"] = lambda path: _plot_pupils(path, learned)
+        paths = [folder / f"{name}.png" for name in plots]
+        for path, plot in zip(paths, plots.values(), strict=True):
+            plot(path)
     return paths
 
 
-def _source(path: Path, learned: LearnedMaps, captures: Captures) -> None:
-    """Amplitude and optical path of the light on modulator 1 at every anchor."""
+def _plot_source(path: Path, learned: LearnedMaps, captures: Captures) -> None:
+    """Amplitude and optical path of the light on modulator 1 at every anchor wavelength."""
     shape = (captures.levels.shape[2], captures.levels.shape[3])
-    panel = captures.slms[0]
+    slm = captures.slms[0]
     anchors = learned.layout.anchors_m
     with png_figure(path, (4.0 * len(anchors), 6.4)) as figure:
         for axes, anchor in zip(_columns(figure, 2, len(anchors)), anchors, strict=True):
-            at = ModulatorContext(0, anchor, panel.opd_range_m, panel.pitch_m, shape, captures.upsample)
+            at = ModulatorContext(0, anchor, slm.opd_range_m, slm.pitch_m, shape, captures.upsample)
             amplitude = learned.source_map("source_log_amplitude", at).exp()
-            path_m = learned.source_map("source_opd_m", at)
+            opd_m = learned.source_map("source_opd_m", at)
             title = format_rounded(anchor, "nm")
             _show_map(figure, axes[0], amplitude.numpy(), f"amplitude, {title}", "viridis")
             _show_map(
-                figure, axes[1], ((path_m - path_m.mean()) * 1e9).numpy(), f"optical path / nm, {title}", "RdBu", 0.0
+                figure, axes[1], ((opd_m - opd_m.mean()) * 1e9).numpy(), f"optical path / nm, {title}", "RdBu", 0.0
             )
 
 
-def _tables(path: Path, learned: LearnedMaps) -> None:
-    """The table of each modulator beside the nominal straight line."""
+def _plot_tables(path: Path, learned: LearnedMaps) -> None:
+    """The look-up table of each modulator beside the nominal straight line."""
     drive = np.linspace(0, 1, learned.layout.knots)
     with png_figure(path, (5.0, 4.2)) as figure:
         axes = figure.subplots()
@@ -86,21 +89,21 @@ def _tables(path: Path, learned: LearnedMaps) -> None:
         axes.legend()
 
 
-def _warp(path: Path, learned: LearnedMaps, captures: Captures) -> None:
-    """How far what modulator 2 shows is displaced."""
+def _plot_warp(path: Path, learned: LearnedMaps, captures: Captures) -> None:
+    """Displacement of modulator 2 in pixels: its magnitude as a map, and arrows."""
     rows, columns = captures.levels.shape[2:]
     pitch_m = captures.slms[0].pitch_m
-    moved = (learned.displacement((rows, columns)) / pitch_m).numpy()
+    shift = (learned.displacement((rows, columns)) / pitch_m).numpy()
     step = max(1, columns // 16)
     y, x = np.mgrid[step // 2 : rows : step, step // 2 : columns : step]
     with png_figure(path, (7.0, 5.0)) as figure:
         axes = figure.subplots()
-        _show_map(figure, axes, np.hypot(*moved), "displacement of modulator 2 / pixels", "viridis")
-        if moved.any():
-            axes.quiver(x, y, moved[1][y, x], moved[0][y, x], angles="xy", color="white")
+        _show_map(figure, axes, np.hypot(*shift), "displacement of modulator 2 / pixels", "viridis")
+        if shift.any():
+            axes.quiver(x, y, shift[1][y, x], shift[0][y, x], angles="xy", color="white")
 
 
-def _pupils(path: Path, learned: LearnedMaps) -> None:
+def _plot_pupils(path: Path, learned: LearnedMaps) -> None:
     """Optical path and amplitude of each relay at the reference wavelength."""
     layout = learned.layout
     relays = [relay for relay in range(2) if learned.has(f"zernike{relay + 1}_m")]
@@ -110,51 +113,45 @@ def _pupils(path: Path, learned: LearnedMaps) -> None:
             side = torch.linspace(-sine, sine, _PUPIL_SAMPLES, dtype=torch.float64)
             at = RelayContext(relay, layout.reference_m, side[:, None], side[None, :], sine)
             inside = (torch.hypot(side[:, None], side[None, :]) <= sine).numpy()
-            delay = np.where(inside, learned.relay_opd(at).numpy() * 1e9, np.nan)
-            gain = np.where(inside, learned.relay_amplitude(at).numpy(), np.nan)
+            opd_nm = np.where(inside, learned.relay_opd(at).numpy() * 1e9, np.nan)
+            amplitude = np.where(inside, learned.relay_amplitude(at).numpy(), np.nan)
             title = f"relay {relay + 1}, {format_rounded(layout.reference_m, 'nm')}"
-            _show_map(figure, axes[0], delay, f"optical path / nm, {title}", "RdBu", 0.0)
-            _show_map(figure, axes[1], gain, f"amplitude, {title}", "viridis")
+            _show_map(figure, axes[0], opd_nm, f"optical path / nm, {title}", "RdBu", 0.0)
+            _show_map(figure, axes[1], amplitude, f"amplitude, {title}", "viridis")
 
 
-def _residuals(
+def _plot_residuals(
     path: Path,
-    material: TrainingData,
+    data: TrainingData,
     split: DataSplit,
     predict_nominal: PredictSignals,
     predict_calibrated: PredictSignals,
 ) -> None:
-    """A held-out capture of every wavelength: what was seen, and what is left before and after, in the noise's σ."""
-    shown = _examples(material.captures, split)
+    """For a held-out capture of each wavelength: the image, and residuals of both models over the noise's σ."""
+    shown = _examples(data.captures, split)
     heads = ("seen / counts", "left before / σ", "left after / σ")
     with png_figure(path, (12.0, 3.2 * len(shown))) as figure:
         for axes, capture in zip(figure.subplots(len(shown), 3, squeeze=False), shown, strict=True):
-            seen = material.weighted_image(capture)
-            title = f"{format_rounded(float(material.captures.wavelength_m[capture]), 'nm')}, capture {capture}"
-            _show_map(figure, axes[0], seen.light.numpy(), f"{heads[0]}, {title}", "magma")
-            rests = []
-            for signals in (predict_nominal, predict_calibrated):
-                signal = signals([capture])[0]
-                rests.append((seen.weight.sqrt() * (seen.light - seen.best_gain(signal) * signal)).numpy())
-            reach = max(3.0, float(np.quantile(np.abs(rests[0]), 0.99)))
-            for one, rest, head in zip(axes[1:], rests, heads[1:], strict=True):
-                _show_map(
-                    figure,
-                    one,
-                    rest,
-                    f"{head}, r.m.s. {np.sqrt(np.mean(rest[rest != 0] ** 2)):.3g}",
-                    "RdBu",
-                    0.0,
-                    reach,
-                )
+            image = data.weighted_image(capture)
+            title = f"{format_rounded(float(data.captures.wavelength_m[capture]), 'nm')}, capture {capture}"
+            _show_map(figure, axes[0], image.light.numpy(), f"{heads[0]}, {title}", "magma")
+            residuals = []
+            for predict in (predict_nominal, predict_calibrated):
+                signal = predict([capture])[0]
+                residuals.append((image.weight.sqrt() * (image.light - image.best_gain(signal) * signal)).numpy())
+            limit = max(3.0, float(np.quantile(np.abs(residuals[0]), 0.99)))
+            for map_axes, residual, head in zip(axes[1:], residuals, heads[1:], strict=True):
+                rms = np.sqrt(np.mean(residual[residual != 0] ** 2))
+                _show_map(figure, map_axes, residual, f"{head}, r.m.s. {rms:.3g}", "RdBu", 0.0, limit)
 
 
 def _examples(captures: Captures, split: DataSplit) -> list[int]:
-    """A held-out capture of every wavelength, at most a few."""
-    held = np.concatenate([split.validation, split.unseen_planes, split.unseen_wavelengths]).astype(np.intp)
-    held = held if len(held) else split.train
-    first = [int(held[captures.wavelength_m[held] == λ][0]) for λ in np.unique(captures.wavelength_m[held])]
-    return first[:_MOST_ROWS]
+    """The first held-out capture of each wavelength, at most four; training captures if none is held out."""
+    indices = np.concatenate([split.validation, split.unseen_planes, split.unseen_wavelengths]).astype(np.intp)
+    indices = indices if len(indices) else split.train
+    wavelengths = captures.wavelength_m[indices]
+    first = [int(indices[wavelengths == wavelength][0]) for wavelength in np.unique(wavelengths)]
+    return first[:_MAX_RESIDUAL_ROWS]
 
 
 def _columns(figure: Figure, rows: int, columns: int) -> Iterator[Sequence[Axes]]:
@@ -162,15 +159,19 @@ def _columns(figure: Figure, rows: int, columns: int) -> Iterator[Sequence[Axes]
 
 
 def _show_map(
-    figure: Figure, axes: Any, values: Floats, title: str, colours: str, middle: float | None = None, reach: float = 0.0
+    figure: Figure, axes: Any, values: Floats, title: str, colours: str, centre: float | None = None, limit: float = 0.0
 ) -> None:
-    """A map with its scale; a `middle` makes the colours symmetric about it."""
+    """Shows a map (y, x) with a colour bar.
+
+    centre: value about which the colours are symmetric; None for a range from the lowest to the highest value.
+    limit: largest difference from the centre that the colours show; 0 for that of the map.
+    """
     limits = {}
-    if middle is not None:
-        reach = reach or float(np.nanmax(np.abs(values - middle))) or 1.0
-        limits = {"vmin": middle - reach, "vmax": middle + reach}
-    shown = axes.imshow(values, cmap=colours, **limits)
+    if centre is not None:
+        limit = limit or float(np.nanmax(np.abs(values - centre))) or 1.0
+        limits = {"vmin": centre - limit, "vmax": centre + limit}
+    mappable = axes.imshow(values, cmap=colours, **limits)
     axes.set_title(title, fontsize=9)
     axes.set_xticks([])
     axes.set_yticks([])
-    figure.colorbar(shown, ax=axes, shrink=0.8)
+    figure.colorbar(mappable, ax=axes, shrink=0.8)

@@ -97,10 +97,6 @@ class PredictionScore:
     rows: tuple[ScoreRow, ...]
     response: LaserResponse
 
-    def overall(self, group: str) -> ScoreRow:
-        """The score of a group over all its wavelengths."""
-        return next(row for row in self.rows if row.group == group and row.wavelength_m is None)
-
 
 def score_predictions(
     data: TrainingData,

@@ -1,4 +1,4 @@
-"""What a calibration leaves behind: a preset and the file of its maps, figures, words."""
+"""Writes a calibration's result: the preset, the file of its maps, and the scores as JSON and as a table."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from holoview.captures.dataset import Captures
 from holoview.effects.calibration_file import write_calibration
 from holoview.effects.learned_maps import LearnedMaps
 from holoview.model import preset
-from holoview.model.effects.active_effects import EffectValues
 from holoview.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -28,14 +27,16 @@ _GROUPS = {
     "planes": "another plane",
     "wavelengths": "another wavelength",
 }
-_CLOSE = 1e-6  # relative
+_GEOMETRY_TOLERANCE = 1e-6  # relative
 
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """bench: as described, with the effects that are known; learned: its maps; score: how well they predict.
+    """The result of a calibration.
 
-    normalised: state the lasers' powers that make wavelengths as bright as the camera saw them.
+    bench: nominal bench with its known effects. learned: its maps. score: how well they predict the captures.
+    normalise_amplitudes: set the bench's laser amplitudes to the relative brightness of the wavelengths that the
+    camera recorded (`LaserResponse.scale`).
     """
 
     captures: Captures
@@ -45,12 +46,15 @@ class CalibrationResult:
     normalise_amplitudes: bool = False
 
     def calibrated_system(self, maps: Path) -> System:
-        """The bench with its maps in a file, and its lasers' response where light isn't proportional to power."""
+        """The bench with the effect `calibrated`, whose maps are in the file `maps`.
+
+        Where the lasers' light isn't proportional to power, their exponent is added to the effect `laser_power`.
+        """
         effects: dict[str, Any] = {**self.bench.effect_values, "calibrated": {"file": str(maps.resolve())}}
         response = self.score.response
         if response.is_nonlinear:
-            already = effects.get("laser_power", {}).get("exponent", 0.0)
-            effects["laser_power"] = {"exponent": already + response.common_exponent[0]}
+            known_exponent = effects.get("laser_power", {}).get("exponent", 0.0)
+            effects["laser_power"] = {"exponent": known_exponent + response.common_exponent[0]}
         changes: dict[str, Any] = {"effects": effects}
         if self.normalise_amplitudes:
             scale = np.interp(self.bench.wavelengths_m, response.wavelength_m, response.scale)
@@ -58,22 +62,22 @@ class CalibrationResult:
         return self.bench.edit(changes)
 
     def as_json(self) -> dict[str, Any]:
-        """For JSON: what was learned from, how well it predicts, what the lasers emit."""
+        """Digest of the captures, scores, and response of the lasers, for JSON."""
         response = self.score.response
         common, sigma = response.common_exponent
         lasers = [
-            {"wavelength_nm": _nm(λ), "scale": float(a), "exponent": _number(1 + e), "sigma": _number(s)}
+            {"wavelength_nm": _nm(λ), "scale": float(a), "exponent": _rounded(1 + e), "sigma": _rounded(s)}
             for λ, a, e, s in zip(*dataclasses.astuple(response), strict=True)
         ]
         return {
             "captures": captures_digest(self.captures),
-            "scores": [_row(row) for row in self.score.rows],
+            "scores": [_row_as_json(row) for row in self.score.rows],
             "lasers": lasers,
-            "laser_exponent": {"value": _number(1 + common), "sigma": _number(sigma)},
+            "laser_exponent": {"value": _rounded(1 + common), "sigma": _rounded(sigma)},
         }
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Writes the maps beside the preset, then the preset, each whole or not at all; returns the maps' path."""
+        """Writes the maps beside the preset, then the preset, each atomically. Returns the path of the maps."""
         maps = maps_path(Path(path))
         write_calibration(maps, self.learned, self.as_json())
         preset.save(self.calibrated_system(maps), path)
@@ -81,66 +85,65 @@ class CalibrationResult:
 
 
 def maps_path(path: Path) -> Path:
-    """Where the maps of a preset's file are written."""
+    """The file beside a preset into which its maps are written: the same name with the suffix .safetensors."""
     return path.with_suffix(".safetensors")
 
 
 def starting_bench(captures: Captures, preset_system: System | None, name: str) -> System:
-    """The bench that the captures are of: as their file tells, or as a preset does that agrees with it.
+    """The bench that the calibration begins with: the captures' nominal bench, or a preset of the same geometry.
 
-    Raises UserError that names what a preset states differently, and where it is calibrated already.
+    preset_system: the preset, whose effects count as known; None for the nominal bench.
+    name: of the nominal bench.
+
+    Raises UserError, naming the quantity, where the preset's geometry differs from that of the captures, or if the
+    preset has learned maps already.
     """
     nominal = captures.nominal_system()
     if preset_system is None:
         return nominal.edit({"name": name, "description": f"Calibrated from {len(captures)} captures."})
     if "calibrated" in preset_system.effect_values:
         raise UserError("preset", "is calibrated already", remedy="start from the preset without [effects.calibrated]")
-    facts = {"gap": "gap_m", "relay1": "relay1", "modulators": "modulators", "relay2": "relay2"}
-    for key, attribute in facts.items():
-        mine, theirs = getattr(preset_system, attribute), getattr(nominal, attribute)
-        if not _nearly_equal(mine, theirs):
+    geometry = {"gap": "gap_m", "relay1": "relay1", "modulators": "modulators", "relay2": "relay2"}
+    for key, attribute in geometry.items():
+        stated, expected = getattr(preset_system, attribute), getattr(nominal, attribute)
+        if not _nearly_equal(stated, expected):
             raise UserError(
                 f"preset: {key}",
-                _format_value(mine),
-                expected=f"{_format_value(theirs)}, as the captures' file tells",
+                _format_value(stated),
+                expected=f"{_format_value(expected)}, as the captures' file tells",
                 remedy="change the preset with --set, or leave it out",
             )
     return preset_system
 
 
-def known_effects(bench: System) -> EffectValues:
-    """What the bench is known to do."""
-    return bench.effect_values
-
-
-def _nearly_equal(mine: Any, theirs: Any) -> bool:
-    """Whether descriptions are the same but for rounding."""
-    if isinstance(mine, tuple) and isinstance(theirs, tuple):
-        return len(mine) == len(theirs) and all(_nearly_equal(a, b) for a, b in zip(mine, theirs, strict=True))
-    if dataclasses.is_dataclass(mine):
-        names = [field.name for field in dataclasses.fields(mine) if field.name != "levels"]
-        return all(_nearly_equal(getattr(mine, n), getattr(theirs, n)) for n in names)
-    if isinstance(mine, float) and isinstance(theirs, float | int):
-        return math.isclose(mine, theirs, rel_tol=_CLOSE)
-    return bool(np.all(mine == theirs))
+def _nearly_equal(a: Any, b: Any) -> bool:
+    """Whether two parts of a System are equal except for rounding; the levels of modulators may differ."""
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return len(a) == len(b) and all(_nearly_equal(x, y) for x, y in zip(a, b, strict=True))
+    if dataclasses.is_dataclass(a):
+        names = [field.name for field in dataclasses.fields(a) if field.name != "levels"]
+        return all(_nearly_equal(getattr(a, name), getattr(b, name)) for name in names)
+    if isinstance(a, float) and isinstance(b, float | int):
+        return math.isclose(a, b, rel_tol=_GEOMETRY_TOLERANCE)
+    return bool(np.all(a == b))
 
 
 def _format_value(value: Any) -> str:
     return units.format_rounded(value, "mm", 6) if isinstance(value, float) else str(value)
 
 
-def _row(row: ScoreRow) -> dict[str, Any]:
+def _row_as_json(row: ScoreRow) -> dict[str, Any]:
     return {
         "group": row.group,
         "wavelength_nm": None if row.wavelength_m is None else _nm(row.wavelength_m),
         "captures": row.captures,
-        "before": {"chi2_per_pixel": _number(row.before.chi2), "psnr_db": _number(row.before.psnr_db)},
-        "after": {"chi2_per_pixel": _number(row.after.chi2), "psnr_db": _number(row.after.psnr_db)},
+        "before": {"chi2_per_pixel": _rounded(row.before.chi2), "psnr_db": _rounded(row.before.psnr_db)},
+        "after": {"chi2_per_pixel": _rounded(row.after.chi2), "psnr_db": _rounded(row.after.psnr_db)},
     }
 
 
 def format_score(score: PredictionScore) -> list[str]:
-    """Lines for people."""
+    """The scores as lines of a table, and the exponent of the lasers if it was determined."""
     lines = [f"{'':22}{'captures':>9}{'PSNR before':>14}{'after':>9}{'chi2/n before':>15}{'after':>9}"]
     for row in score.rows:
         name = _GROUPS[row.group] if row.wavelength_m is None else f"  {_nm(row.wavelength_m):g} nm"
@@ -150,8 +153,8 @@ def format_score(score: PredictionScore) -> list[str]:
         )
     exponent, sigma = score.response.common_exponent
     if math.isfinite(sigma):
-        bent = "" if score.response.is_nonlinear else ": no departure from proportionality is told"
-        lines.append(f"lasers' light rises as power to the {1 + exponent:.3f} ± {max(sigma, 5e-4):.3f}{bent}")
+        remark = "" if score.response.is_nonlinear else ": no departure from proportionality is told"
+        lines.append(f"lasers' light rises as power to the {1 + exponent:.3f} ± {max(sigma, 5e-4):.3f}{remark}")
     return lines
 
 
@@ -159,5 +162,6 @@ def _nm(wavelength_m: float) -> float:
     return round(wavelength_m * 1e9, 3)
 
 
-def _number(value: float) -> float | None:
+def _rounded(value: float) -> float | None:
+    """The value with six significant digits; None, which JSON can hold, for one that isn't finite."""
     return float(f"{value:.6g}") if math.isfinite(value) else None

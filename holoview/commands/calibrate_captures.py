@@ -15,7 +15,7 @@ from holoview.calibrate.forward_model import CalibrationModel
 from holoview.calibrate.map_layout import map_layout_for
 from holoview.calibrate.map_plots import plot_calibration
 from holoview.calibrate.prediction_score import score_predictions
-from holoview.calibrate.result import CalibrationResult, format_score, known_effects, starting_bench
+from holoview.calibrate.result import CalibrationResult, format_score, starting_bench
 from holoview.calibrate.settings import CalibrationSettings, default_epochs
 from holoview.calibrate.train import TrainingState, train
 from holoview.calibrate.training_data import TrainingData
@@ -109,9 +109,8 @@ def _train(args: argparse.Namespace, job: _CalibrationTask) -> tuple[TrainingSta
     resume = None if args.resume is None else load_checkpoint(args.resume)
     state: TrainingState | None = None
     with deferred_interrupt() as asked, progress_bar("calibrating") as report:
-        known = known_effects(job.bench)
         begun: tuple[float, int] | None = None
-        for state in train(job.captures, known, job.split, job.layout, job.settings, resume):
+        for state in train(job.captures, job.bench.effect_values, job.split, job.layout, job.settings, resume):
             begun = begun or (time.monotonic(), state.epoch)
             report(state.epoch, state.epochs, f"chi2/n {state.validation_chi2:.4g}{_time_left(state, begun)}")
             _save_checkpoint(args.checkpoint, state)
@@ -145,7 +144,7 @@ def _time_left(state: TrainingState, begun: tuple[float, int]) -> str:
 def _evaluate(args: argparse.Namespace, job: _CalibrationTask, state: TrainingState) -> CalibrationResult:
     """Scores the best maps, and draws them."""
     material = TrainingData(job.captures)
-    model = CalibrationModel(job.captures, job.layout, known_effects(job.bench))
+    model = CalibrationModel(job.captures, job.layout, job.bench.effect_values)
     model.set_maps(state.best_maps.tensors)
     with progress_bar("scoring") as report:
         found = score_predictions(material, job.split, model.predict_nominal, model.predict, report)
