@@ -36,63 +36,62 @@ def main() -> None:
     app = App(
         EditingSession(preset.load(args.preset)), device, OffscreenRenderCanvas(size=(width, height)), frame_s=1 / 60
     )
-    hand = InputDriver(app)
-    hand.draw_frames(4)
-    hand.draw_until_idle()
+    driver = InputDriver(app)
+    driver.draw_frames(4)
+    driver.draw_until_idle()
     print(f"{args.preset}, window {args.size}, {device.info.label}")
-    _line("the window alone", [_timed(hand.draw_frames) for _ in range(EVENTS)])
-    _line("input while all is computed anew", _while_computing(hand, lambda i: _gap(hand, 2e-3 + 1e-5 * (i + 1))))
-    hand.draw_until_idle()
-    _line("scrub: quick frame on the screen", [_scrub(hand, 9.1e-3 + 2e-5 * i) for i in range(EVENTS)])
+    _line("the window alone", [_timed(driver.draw_frames) for _ in range(EVENTS)])
+    _line("input while all is computed anew", _while_computing(driver, lambda i: _gap(driver, 2e-3 + 1e-5 * (i + 1))))
+    driver.draw_until_idle()
+    _line("scrub: quick frame on the screen", [_scrub(driver, 9.1e-3 + 2e-5 * i) for i in range(EVENTS)])
     for name, change in (
-        ("focal plane", lambda i: _plane(hand, 1.05e-2 + 1e-5 * i)),
-        ("gap", lambda i: _gap(hand, 3e-3 + 1e-5 * i)),
+        ("focal plane", lambda i: _plane(driver, 1.05e-2 + 1e-5 * i)),
+        ("gap", lambda i: _gap(driver, 3e-3 + 1e-5 * i)),
     ):
-        _line(f"full frame after {name}", [_full(hand, change, i) for i in range(3)])
+        _line(f"full frame after {name}", [_full(driver, change, i) for i in range(3)])
     app.close()
 
 
-def _while_computing(hand: InputDriver, edit: Callable[[int], None]) -> list[float]:
+def _while_computing(driver: InputDriver, edit: Callable[[int], None]) -> list[float]:
     """Moves of the pointer, each answered while slices of a full frame are computed."""
     answers: list[float] = []
-    hand.app.side_renderers.now._requested_at = 0.0
     for number in range(EVENTS):
-        if not hand.app.side_renderers.now.is_busy:
+        if not driver.context.side_renderers.now.is_busy:
             edit(number)
         begun = time.perf_counter()
-        hand.app.compute_slice()
-        hand.move((400 + 5.0 * number, 300))
+        driver.app.compute_slice()
+        driver.move((400 + 5.0 * number, 300))
         answers.append(time.perf_counter() - begun)
-        time.sleep(hand.app.side_renderers.wait_s)
+        time.sleep(driver.context.side_renderers.wait_s)
     return answers
 
 
-def _scrub(hand: InputDriver, plane_m: float) -> float:
+def _scrub(driver: InputDriver, plane_m: float) -> float:
     """From a change of the focal plane to its quick frame on the screen, the window drawn between slices as it is."""
-    begun, version = time.perf_counter(), hand.app.side_renderers.now.picture
-    _plane(hand, plane_m)
-    while hand.app.side_renderers.now.picture is version:
-        hand.app.compute_slice()
-    hand.draw_frames()
+    begun, version = time.perf_counter(), driver.context.side_renderers.now.picture
+    _plane(driver, plane_m)
+    while driver.context.side_renderers.now.picture is version:
+        driver.app.compute_slice()
+    driver.draw_frames()
     return time.perf_counter() - begun
 
 
-def _full(hand: InputDriver, change: Callable[[int], None], number: int) -> float:
+def _full(driver: InputDriver, change: Callable[[int], None], number: int) -> float:
     """From an edit to the full frame, the rest of the hand and the quick frame before it included."""
     begun = time.perf_counter()
     change(number)
-    hand.app.compute_slice()
-    while hand.app.side_renderers.is_busy:
-        hand.app.compute_slice()
+    driver.app.compute_slice()
+    while driver.context.side_renderers.is_busy:
+        driver.app.compute_slice()
     return time.perf_counter() - begun
 
 
-def _plane(hand: InputDriver, plane_m: float) -> None:
-    hand.app.session.edit_view("Plane", plane_m=plane_m)
+def _plane(driver: InputDriver, plane_m: float) -> None:
+    driver.app.session.edit_view("Plane", plane_m=plane_m)
 
 
-def _gap(hand: InputDriver, gap_m: float) -> None:
-    hand.app.session.change("Gap", {"gap": gap_m})
+def _gap(driver: InputDriver, gap_m: float) -> None:
+    driver.app.session.change("Gap", {"gap": gap_m})
 
 
 def _timed(call: Callable[[], object]) -> float:

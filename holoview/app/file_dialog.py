@@ -1,20 +1,16 @@
-"""Choosing a file, in a dialog of the app's own: the same on a screen, off screen, and in a browser."""
+"""A file dialog drawn by the viewer itself, so that it is the same on a screen, off screen and in a browser."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from imgui_bundle import imgui
 
 from holoview.app import theme
-from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
-
-if TYPE_CHECKING:
-    from holoview.app.app import App
+from holoview.session.editing_session import EditingSession
 
 MODAL = imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_docking
 _ROWS = 12
@@ -22,7 +18,11 @@ _ROWS = 12
 
 @dataclass(frozen=True)
 class FileRequest:
-    """A file that is wanted: to open where it must be there, else to save with one of the suffixes."""
+    """What the dialog asks for: a file to open, which must exist, or one to save with one of the suffixes.
+
+    on_chosen: called with the path. name: what the name field contains at first. takes_folders: offers a button that
+    chooses the listed folder itself.
+    """
 
     title: str
     suffixes: Sequence[str]
@@ -32,43 +32,47 @@ class FileRequest:
     takes_folders: bool = False
 
 
-class FileDialog(Panel):
-    """A folder's content, a field for a name, and a button; typed paths may lead anywhere."""
+class FileDialog:
+    """Lists a folder, with a field for a name; a typed path may be in any folder.
+
+    folder: the folder that is listed. name: the content of the field. problem: a sentence for the user, or "".
+    """
 
     title = "File dialog"
 
-    def __init__(self) -> None:
+    def __init__(self, session: EditingSession) -> None:
+        self._session = session
         self._request: FileRequest | None = None
         self._is_new = False
         self.folder = Path.cwd()
         self.name = ""
         self._entries: list[Path] = []
         self.problem = ""
-        self._replaces: Path | None = None
+        self._overwritten: Path | None = None
 
     @property
     def is_open(self) -> bool:
-        """Whether it waits for an answer."""
+        """Whether the dialog is shown."""
         return self._request is not None
 
     def ask(self, request: FileRequest) -> None:
-        """Opens it; `request.chosen` is called with the path, unless it is cancelled."""
+        """Opens the dialog; `request.on_chosen` is called with the path, unless the user cancels."""
         self._request, self._is_new = request, True
-        self.name, self.problem, self._replaces = request.name, "", None
+        self.name, self.problem, self._overwritten = request.name, "", None
         self.list_folder(self.folder)
 
     def list_folder(self, folder: Path) -> None:
-        """Lists another folder."""
+        """Lists another folder; where it can't be read, `problem` says why."""
         try:
-            found = sorted(folder.iterdir(), key=lambda path: (not path.is_dir(), path.name.lower()))
+            entries = sorted(folder.iterdir(), key=lambda path: (not path.is_dir(), path.name.lower()))
         except OSError as error:
             self.problem = f"{folder}: {error.strerror}"
             return
         self.folder, self.problem = folder, ""
-        self._entries = [path for path in found if not path.name.startswith(".") and self._fits(path)]
+        self._entries = [path for path in entries if not path.name.startswith(".") and self._is_listed(path)]
 
-    def draw(self, app: App) -> None:
-        """Draws it while it is open."""
+    def draw(self) -> None:
+        """Draws the dialog while it is open."""
         if self._request is None:
             return
         if self._is_new:
@@ -77,12 +81,33 @@ class FileDialog(Panel):
         centre_next_window(min(620.0, imgui.get_main_viewport().work_size.x - 20))
         is_shown, is_open = imgui.begin_popup_modal(self._request.title, True, MODAL)
         if is_shown:
-            self._draw_inside(app, self._request)
+            self._draw_inside(self._request)
             imgui.end_popup()
         if not is_open:
             self._request = None
 
-    def _draw_inside(self, app: App, request: FileRequest) -> None:
+    def _draw_inside(self, request: FileRequest) -> None:
+        self._draw_entries()
+        imgui.set_next_item_width(-1)
+        entered, self.name = imgui.input_text("##name", self.name, imgui.InputTextFlags_.enter_returns_true)
+        if imgui.is_window_appearing() or entered:
+            imgui.set_keyboard_focus_here(-1)
+        if self.problem:
+            imgui.text_colored(theme.ERROR, self.problem)
+        accepted = imgui.button("Save##file" if request.is_save else "Open##file", imgui.ImVec2(120, 0)) or entered
+        imgui.same_line()
+        if request.takes_folders:
+            if imgui.button("This folder", imgui.ImVec2(120, 0)):
+                self._finish(request, self.folder)
+                return
+            tooltip("A focal stack, a picture a plane, or the patterns of a bench.")
+            imgui.same_line()
+        if imgui.button("Cancel##file", imgui.ImVec2(120, 0)) or imgui.is_key_pressed(imgui.Key.escape):
+            self._close()
+        elif accepted:
+            self.accept()
+
+    def _draw_entries(self) -> None:
         if imgui.button("Up"):
             self.list_folder(self.folder.parent)
         imgui.same_line()
@@ -94,29 +119,9 @@ class FileDialog(Panel):
             if clicked:
                 self._on_click(path)
         imgui.end_child()
-        imgui.set_next_item_width(-1)
-        entered, self.name = imgui.input_text("##name", self.name, imgui.InputTextFlags_.enter_returns_true)
-        if imgui.is_window_appearing() or entered:
-            imgui.set_keyboard_focus_here(-1)
-        if self.problem:
-            imgui.text_colored(theme.ERROR, self.problem)
-        accepted = imgui.button("Save##file" if request.is_save else "Open##file", imgui.ImVec2(120, 0)) or entered
-        imgui.same_line()
-        if request.takes_folders:
-            if imgui.button("This folder", imgui.ImVec2(120, 0)):
-                self._close()
-                with app.session.report_errors():
-                    request.on_chosen(self.folder)
-                return
-            tooltip("A focal stack, a picture a plane, or the patterns of a bench.")
-            imgui.same_line()
-        if imgui.button("Cancel##file", imgui.ImVec2(120, 0)) or imgui.is_key_pressed(imgui.Key.escape):
-            self._close()
-        elif accepted:
-            self.accept(app)
 
-    def accept(self, app: App) -> None:
-        """Takes the name that is in the field: a folder is shown, a file is chosen."""
+    def accept(self) -> None:
+        """Takes the name in the field: a folder is listed, a file is chosen. Overwriting asks for a second time."""
         request = self._request
         if request is None or not self.name.strip():
             return
@@ -130,12 +135,10 @@ class FileDialog(Panel):
         if not request.is_save and not path.exists():
             self.problem = f"{path.name} isn't there"
             return
-        if request.is_save and path.exists() and path != self._replaces:
-            self._replaces, self.problem = path, f"{path.name} is there already: once more replaces it"
+        if request.is_save and path.exists() and path != self._overwritten:
+            self._overwritten, self.problem = path, f"{path.name} is there already: once more replaces it"
             return
-        self._close()
-        with app.session.report_errors():
-            request.on_chosen(path)
+        self._finish(request, path)
 
     def _on_click(self, path: Path) -> None:
         if path.is_dir():
@@ -143,9 +146,14 @@ class FileDialog(Panel):
         else:
             self.name = path.name
 
-    def _fits(self, path: Path) -> bool:
+    def _is_listed(self, path: Path) -> bool:
         suffixes = self._request.suffixes if self._request is not None else ()
         return path.is_dir() or not suffixes or path.suffix.lower() in suffixes
+
+    def _finish(self, request: FileRequest, path: Path) -> None:
+        self._close()
+        with self._session.report_errors():
+            request.on_chosen(path)
 
     def _close(self) -> None:
         self._request = None
@@ -153,8 +161,8 @@ class FileDialog(Panel):
 
 
 def centre_next_window(width: float) -> None:
-    """The next window appears in the middle, `width` wide."""
-    place = imgui.get_main_viewport().get_center()
-    imgui.set_next_window_pos(place, imgui.Cond_.appearing, imgui.ImVec2(0.5, 0.5))
+    """Makes the next window appear in the middle of the main one, `width` logical pixels wide."""
+    centre = imgui.get_main_viewport().get_center()
+    imgui.set_next_window_pos(centre, imgui.Cond_.appearing, imgui.ImVec2(0.5, 0.5))
     imgui.set_next_window_size_constraints(imgui.ImVec2(width, 0), imgui.ImVec2(width, 2000))
     imgui.set_next_window_bg_alpha(1.0)

@@ -1,28 +1,28 @@
-"""What opens above the panels: the sheet of keys, the palette of commands."""
+"""Help above the panels: a sheet of all keys, and a command palette with search."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import groupby
-from typing import TYPE_CHECKING
 
 from imgui_bundle import imgui
 
-from holoview.app.command_registry import Command
-from holoview.app.panel import Panel
-
-if TYPE_CHECKING:
-    from holoview.app.app import App
+from holoview.app.command_registry import Command, CommandRegistry
 
 _PALETTE_ROWS = 12
 
 
-class HelpOverlay(Panel):
-    """The sheet of keys and the palette of commands, at most one of them open."""
+class HelpOverlay:
+    """The sheet of keys and the command palette; at most one of them is open.
+
+    run: runs a command by its name. page: "keys", "palette", or "" while both are closed. query: the words typed into
+    the palette.
+    """
 
     title = "Keys and commands"
 
-    def __init__(self, app: App) -> None:
-        self._app = app
+    def __init__(self, commands: CommandRegistry, run: Callable[[str], None]) -> None:
+        self._commands, self._run = commands, run
         self.page = ""
         self.query, self._chosen = "", 0
         self._is_new = False
@@ -36,8 +36,8 @@ class HelpOverlay(Panel):
         """Closes what is open."""
         self.page = ""
 
-    def draw(self, app: App) -> None:
-        """Draws what is open."""
+    def draw(self) -> None:
+        """Draws the page that is open."""
         if not self.page:
             return
         place = imgui.get_main_viewport()
@@ -66,11 +66,11 @@ class HelpOverlay(Panel):
     def matches(self) -> list[Command]:
         """Commands whose name holds every word that was typed, those that begin with it first."""
         words = self.query.lower().split()
-        found = [c for c in self._app.commands if all(word in f"{c.group} {c.name}".lower() for word in words)]
+        found = [c for c in self._commands if all(word in f"{c.group} {c.name}".lower() for word in words)]
         return sorted(found, key=lambda c: not c.name.lower().startswith(self.query.lower()))
 
     def _draw_sheet(self) -> None:
-        commands = sorted((c for c in self._app.commands if c.keys), key=lambda c: c.group)
+        commands = sorted((c for c in self._commands if c.keys), key=lambda c: c.group)
         groups = [(name, list(some)) for name, some in groupby(commands, key=lambda c: c.group)]
         columns = 3 if imgui.get_content_region_avail().x > 700 else 2
         if not imgui.begin_table("keys", columns, imgui.TableFlags_.sizing_stretch_same):
@@ -111,7 +111,7 @@ class HelpOverlay(Panel):
                 imgui.text_disabled(keys)
             if clicked or (number == self._chosen and imgui.is_key_pressed(imgui.Key.enter)):
                 self.close()
-                self._app.attempt(self._app.commands.run, command.name)
+                self._run(command.name)
         if not found:
             imgui.text_disabled("no command has these words")
 

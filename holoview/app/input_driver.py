@@ -20,7 +20,7 @@ class InputDriver:
     """Moves the pointer, presses keys, and draws frames. Places are in logical pixels."""
 
     def __init__(self, app: App) -> None:
-        self.app, self.canvas = app, app.window.canvas
+        self.app, self.context, self.canvas = app, app.context, app.window.canvas
         self._at: Point = (0.0, 0.0)
         self._buttons: tuple[int, ...] = ()
 
@@ -46,9 +46,11 @@ class InputDriver:
 
     def item_position(self, name: str, x: float = 0.5, y: float = 0.5) -> Point:
         """A place in the rectangle of a marked item, in shares of it. Raises UserError for an unknown name."""
-        if name not in self.app.item_rects:
-            raise UserError("script", f'no item is called "{name}"', remedy=suggest_matches(name, self.app.item_rects))
-        left, top, right, bottom = self.app.item_rects[name]
+        if name not in self.context.item_rects:
+            raise UserError(
+                "script", f'no item is called "{name}"', remedy=suggest_matches(name, self.context.item_rects)
+            )
+        left, top, right, bottom = self.context.item_rects[name]
         return left + x * (right - left), top + y * (bottom - top)
 
     # --- the pointer ------------------------------------------------------------------------------------------------

@@ -2,63 +2,59 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from imgui_bundle import hello_imgui, imgui
 
+from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
 from holoview.app.theme import THEMES
 from holoview.model import preset
 
-if TYPE_CHECKING:
-    from holoview.app.app import App
-
 MENUS = ("File", "Edit", "Image", "Compare", "Focal plane", "Lasers", "Speckle", "Optimise", "Help")
 
 
-def draw_menus(app: App) -> None:
+def draw_menus(context: AppContext) -> None:
     """All menus; groups of commands that have no menu are reached by keys and the palette."""
     for group in MENUS:
-        commands = [command for command in app.commands if command.group == group]
+        commands = [command for command in context.commands if command.group == group]
         if not commands or not imgui.begin_menu(group):
             continue
         if group == "File":
-            _draw_open(app)
+            _draw_open(context)
         for command in commands:
             keys = command.keys[0].text if command.keys else ""
             if imgui.menu_item(command.name, keys, False, command.is_enabled())[0]:
-                app.attempt(command.action)
+                context.attempt(command.action)
             tooltip(command.help)
         imgui.end_menu()
     if imgui.begin_menu("Window"):
-        _draw_windows(app)
+        _draw_windows(context)
         imgui.end_menu()
 
 
-def _draw_open(app: App) -> None:
+def _draw_open(context: AppContext) -> None:
     if imgui.begin_menu("Preset"):
         for name in preset.names():
-            if imgui.menu_item(name, "", name == app.session.system.name)[0]:
-                app.attempt(app.loader.open, name)
+            if imgui.menu_item(name, "", name == context.session.system.name)[0]:
+                context.attempt(context.loader.open, name)
         imgui.end_menu()
-    recent = app.store.preferences.recent_files if app.store is not None else ()
+    recent = context.store.preferences.recent_files if context.store is not None else ()
     if imgui.begin_menu("Recent", bool(recent)):
         for number, path in enumerate(recent, start=1):
             if imgui.menu_item(f"{number} {path.name}", "", False)[0]:
-                app.attempt(app.loader.open, path)
+                context.attempt(context.loader.open, path)
             tooltip(str(path))
         imgui.end_menu()
     imgui.separator()
 
 
-def _draw_windows(app: App) -> None:
+def _draw_windows(context: AppContext) -> None:
     for window in hello_imgui.get_runner_params().docking_params.dockable_windows:
         clicked, visible = imgui.menu_item(window.label, "", window.is_visible)
         if clicked:
             window.is_visible = visible
     imgui.separator()
     for name in THEMES:
-        if imgui.menu_item(f"{name} theme", "", app.theme == name)[0]:
-            app.set_theme(name)
+        if imgui.menu_item(f"{name} theme", "", context.theme == name)[0]:
+            context.set_theme(name)
     if imgui.menu_item("Original layout", "", False)[0]:
         hello_imgui.get_runner_params().docking_params.layout_reset = True

@@ -23,7 +23,7 @@ from holoview.util.errors import UserError
 
 Showable = System | Hologram | EditingSession | str
 _MOST_FRAMES_A_SECOND = 30
-_open_viewers: list[Viewer] = []
+open_viewers: list[Viewer] = []
 """The viewer that is open: ImGui has one window a process."""
 
 
@@ -32,18 +32,18 @@ class Viewer:
 
     def __init__(self, session: EditingSession, app: App, task: asyncio.Task[None]) -> None:
         self.session = session
-        self._app, self._task = app, task
+        self.app, self._task = app, task
 
     def close(self) -> None:
         """Ends it; the cell keeps its last picture."""
-        if self in _open_viewers:
-            _open_viewers.remove(self)
+        if self in open_viewers:
+            open_viewers.remove(self)
             self._task.cancel()
-            self._app.close()
+            self.app.close()
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         """What IPython asks of whatever is the last line of a cell."""
-        return self._app.window.canvas._repr_mimebundle_(**options)
+        return self.app.window.canvas._repr_mimebundle_(**options)
 
 
 def show(
@@ -53,22 +53,35 @@ def show(
     size: tuple[int, int] = (1100, 720),
     adapter: str | None = None,
 ) -> Viewer:
-    """Opens the viewer in a notebook's cell, in place of the one that was open before.
+    """Opens the viewer in a notebook's cell; a viewer that was open before is closed.
 
-    what: a system, a hologram, a session, or a preset's name or file. drive (frame, modulator, y, x) in 0…1: patterns
-    of a system, random when None. size: of the widget, in pixels. adapter: part of the name of the WebGPU adapter.
-    Raises UserError outside a notebook, without an adapter or anywidget, and for a drive that doesn't fit.
+    what: a `System`, a `Hologram`, an editing session, or a preset's name or file.
+    drive: (frame, modulator, y, x) patterns in 0…1 of a system's stroke; random when None.
+    size: (width, height) of the widget in pixels.
+    adapter: part of the name of the WebGPU adapter to use.
+
+    Returns a `Viewer`, which the notebook displays as the last line of a cell. Its `session` is what the viewer edits:
+    code in other cells reads `session.system` and `session.drive`, and changes the display by `session.change`. There
+    is one viewer in a process. Raises UserError outside a notebook, without a WebGPU adapter or anywidget (`pip install
+    "holoview[notebook]"`), for a wrong preset and for a drive that doesn't fit.
+
+    >>> import holoview as hv
+    >>> viewer = hv.show("holochrome-8", size=(640, 400))
+    >>> viewer.session.change("Gap", {"gap": "3 mm"})
+    >>> viewer.session.system.gap_m
+    0.003
+    >>> viewer.close()
     """
     canvas_class, loop = _widgets()
     session = _session(what, drive)
     device = open_device(adapter)
-    for viewer in list(_open_viewers):
+    for viewer in list(open_viewers):
         viewer.close()
     canvas = canvas_class(size=size, title="holoview", max_fps=_MOST_FRAMES_A_SECOND)
     app = App(session, device, canvas)
     session.wake = lambda: loop.call_soon_threadsafe(app.window.wake)
     viewer = Viewer(session, app, asyncio.get_running_loop().create_task(compute_loop(app)))
-    _open_viewers.append(viewer)
+    open_viewers.append(viewer)
     return viewer
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from holoview.app.progressive_renderer import Scene, TimedRenderer
+from holoview.app.progressive_renderer import TimedRenderer
 from holoview.app.viewport import DeviceImage
 from holoview.engine.incremental import UpdateProgress
 from holoview.gpu.device import Device
@@ -15,6 +15,7 @@ from holoview.model.system import System
 from holoview.session.document import Drive
 from holoview.session.editing_session import EditingSession
 from holoview.session.quick_system import make_quick_system
+from holoview.session.scene import Scene
 from holoview.util.errors import UserError
 
 _MOST_PLANES = 24

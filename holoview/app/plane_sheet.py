@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from imgui_bundle import imgui
 
-from holoview.app.tiles import SAME_PLANE_M, PlaneTiles
-
-if TYPE_CHECKING:
-    from holoview.app.app import App
+from holoview.app.context import AppContext
+from holoview.app.tiles import PlaneTiles
+from holoview.session.focal_plane import SAME_PLANE_M
 
 _GAP = 6.0
 
@@ -18,20 +16,20 @@ _GAP = 6.0
 class PlaneSheet:
     """A sheet of tiles."""
 
-    def __init__(self, app: App) -> None:
-        self._tiles = PlaneTiles(app, "sheet")
+    def __init__(self, context: AppContext) -> None:
+        self._tiles = PlaneTiles(context, "sheet")
 
-    def draw(self, app: App, room: tuple[int, int]) -> float | None:
+    def draw(self, context: AppContext, room: tuple[int, int]) -> float | None:
         """Draws the sheet; the plane that was clicked."""
-        planes, here, chosen = app.plane_previews.planes_m, app.session.view_settings.plane_m, None
-        columns, size = fitting_tiles(len(planes), room, app.session.document.image_shape)
+        planes, here, chosen = context.plane_previews.planes_m, context.session.view_settings.plane_m, None
+        columns, size = fitting_tiles(len(planes), room, context.session.document.image_shape)
         corner = imgui.get_cursor_pos()
         for number, plane_m in enumerate(planes):
             row, column = divmod(number, columns)
             place = imgui.ImVec2(corner.x + column * (size[0] + _GAP), corner.y + row * (size[1] + _GAP))
             imgui.set_cursor_pos(place)
             if self._tiles.draw(
-                plane_m, app.plane_previews.pictures.get(plane_m), size, abs(plane_m - here) < SAME_PLANE_M
+                plane_m, context.plane_previews.pictures.get(plane_m), size, abs(plane_m - here) < SAME_PLANE_M
             ):
                 chosen = plane_m
         imgui.set_cursor_pos(imgui.ImVec2(corner.x, corner.y + room[1]))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from holoview.app.viewport import DeviceImage
 from holoview.engine.incremental import IncrementalRenderer, UpdateProgress
 from holoview.gpu.device import Device
-from holoview.model.system import System
 from holoview.session.document import Drive
 from holoview.session.quick_system import make_quick_system
+from holoview.session.scene import Scene
 from holoview.util.errors import UserError
 
 QUICK_FRAME_ABOVE_S = 0.1
@@ -31,24 +31,6 @@ IDLE_BEFORE_FULL_S = 0.12
 SLICE_S = 0.012
 """About so long the device is kept from drawing the window."""
 _FEWEST_LASERS = 3
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """What is to be seen."""
-
-    system: System
-    drive: Drive
-    plane_m: float
-
-    def is_same(self, other: Scene | None) -> bool:
-        """Whether the image would be the same."""
-        return (
-            other is not None
-            and self.drive is other.drive
-            and self.plane_m == other.plane_m
-            and self.system == other.system
-        )
 
 
 class TimedRenderer:
@@ -118,6 +100,11 @@ class ProgressiveRenderer:
     def is_fresh(self) -> bool:
         """Whether the picture is the full one of what is wanted."""
         return self._stage == "done" and self.picture is not None
+
+    @property
+    def full_renderer(self) -> IncrementalRenderer | None:
+        """The renderer of full frames; None before the first was begun."""
+        return self._full.renderer
 
     @property
     def update_s(self) -> float:
@@ -215,9 +202,8 @@ class ProgressiveRenderer:
         if self._stage == "full":
             return self._full.start(scene)
         try:
-            return self._quick.start(
-                Scene(make_quick_system(scene.system, self._quick_laser_count(scene)), scene.drive, scene.plane_m)
-            )
+            quick_system = make_quick_system(scene.system, self._quick_laser_count(scene))
+            return self._quick.start(replace(scene, system=quick_system))
         except UserError:  # a grid that has no cheaper version
             self._stage = "full"
             return self._full.start(scene)

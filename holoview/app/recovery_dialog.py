@@ -1,39 +1,38 @@
-"""The offer to take up a session again that a crash has left."""
+"""The dialog that offers the sessions that a crash left."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from imgui_bundle import imgui
 
 from holoview.app.file_dialog import MODAL, centre_next_window
-from holoview.app.panel import Panel
-from holoview.session.autosave import SavedSession
-
-if TYPE_CHECKING:
-    from holoview.app.app import App
+from holoview.session.editing_session import EditingSession
+from holoview.session.session_store import SavedSession, SessionStore
 
 _RECOVER = "Recover your work"
 
 
-class RecoveryDialog(Panel):
-    """At the start after a crash: sessions that were left, to be taken up again or thrown away."""
+class RecoveryDialog:
+    """Offers sessions that a crash left: each can be recovered into the open session, or deleted.
+
+    saved: the sessions that are still offered.
+    """
 
     title = "Recovery"
 
-    def __init__(self, saved: Sequence[SavedSession]) -> None:
-        self.saved = list(saved)
+    def __init__(self, session: EditingSession, store: SessionStore | None) -> None:
+        self._session, self._store = session, store
+        self.saved = [] if store is None else store.crashed_sessions()
         self._is_new = bool(self.saved)
 
     @property
     def is_open(self) -> bool:
-        """Whether something is still offered."""
+        """Whether a session is still offered."""
         return bool(self.saved)
 
-    def draw(self, app: App) -> None:
-        """Draws it while something is offered."""
+    def draw(self) -> None:
+        """Draws the dialog while a session is offered."""
         if not self.saved:
             return
         if self._is_new:
@@ -44,7 +43,7 @@ class RecoveryDialog(Panel):
         if is_shown:
             imgui.text_wrapped("The viewer ended without closing. Your work up to then was saved:")
             for saved in list(self.saved):
-                self._draw_one(app, saved)
+                self._draw_one(saved)
             imgui.separator()
             if imgui.button("Later", imgui.ImVec2(120, 0)):
                 self.saved = []
@@ -56,32 +55,31 @@ class RecoveryDialog(Panel):
         if not is_open:
             self.saved = []
 
-    def recover(self, app: App, saved: SavedSession) -> None:
-        """Makes the open session the saved one, which is then no longer offered."""
-        store, session = app.store, app.session
-        assert store is not None
+    def recover(self, saved: SavedSession) -> None:
+        """Restores a saved session into the open one and closes the dialog."""
+        session = self._session
+        assert self._store is not None
         with session.report_errors("recovery"):
             saved.restore_into(session)
             session.messages.post(f"recovered, with {len(session.history) - 1} edits to undo")
-            store.discard(saved)
+            self._store.discard(saved)
         self.saved = []
 
-    def discard(self, app: App, saved: SavedSession) -> None:
-        """Throws one away."""
-        store = app.store
-        assert store is not None
-        store.discard(saved)
+    def discard(self, saved: SavedSession) -> None:
+        """Deletes a saved session."""
+        assert self._store is not None
+        self._store.discard(saved)
         self.saved = [other for other in self.saved if other != saved]
 
-    def _draw_one(self, app: App, saved: SavedSession) -> None:
+    def _draw_one(self, saved: SavedSession) -> None:
         imgui.push_id(str(saved.folder))
         imgui.separator()
         imgui.text_wrapped(saved.title)
         when = time.strftime("%d %B, %H:%M", time.localtime(saved.when))
         imgui.text_disabled(f"{when}, {saved.steps - 1} edits")
         if imgui.button("Recover", imgui.ImVec2(120, 0)):
-            self.recover(app, saved)
+            self.recover(saved)
         imgui.same_line()
         if imgui.button("Discard", imgui.ImVec2(120, 0)):
-            self.discard(app, saved)
+            self.discard(saved)
         imgui.pop_id()

@@ -12,8 +12,9 @@ from holoview.app.input_driver import InputDriver
 from holoview.app.script import run_script, screenshot, wait_until_idle
 from holoview.app.serve import Address, serve
 from holoview.gpu.device import Device
-from holoview.session.autosave import Autosave, SessionStore
+from holoview.session.autosave import Autosave
 from holoview.session.editing_session import EditingSession
+from holoview.session.session_store import SessionStore
 from holoview.util.errors import UserError
 
 _IDLE_S = 0.05  # between looks at what there is to do, while there is nothing
@@ -35,15 +36,15 @@ def run_offscreen(
 
     app = App(session, device, OffscreenRenderCanvas(size=size), frame_s=SCRIPT_FRAME_S)
     try:
-        hand = InputDriver(app)
-        hand.draw_frames(3)
+        driver = InputDriver(app)
+        driver.draw_frames(3)
         if names:
-            app.loader.open(list(names) if len(names) > 1 else names[0])
-        wait_until_idle(hand)
-        run_script(hand, script, where)
+            app.context.loader.open(list(names))
+        wait_until_idle(driver)
+        run_script(driver, script, where)
         if picture is not None:
-            wait_until_idle(hand)
-            screenshot(hand, picture)
+            wait_until_idle(driver)
+            screenshot(driver, picture)
     finally:
         app.close()
 
@@ -60,8 +61,8 @@ def run_on_screen(
     if not glfw.init():
         raise _no_screen(None)
     canvas = RenderCanvas(size=size, title=_TITLE, max_fps=60)
-    app = _open_app(session, device, canvas, store, names)
-    connect_desktop(app, glfw, canvas._window)
+    app = open_app(session, device, canvas, store, names)
+    connect_desktop(app.context, glfw, canvas._window)
     _run_loop(app, store, loop, loop.run)
 
 
@@ -80,19 +81,19 @@ def run_in_browser(
     except ImportError as error:
         raise UserError("--serve", f"{error}", remedy='pip install "holoview[serve]"') from error
     canvas = RenderCanvas(size=size, title=_TITLE, max_fps=30)
-    app = _open_app(session, device, canvas, store, names)
+    app = open_app(session, device, canvas, store, names)
     _run_loop(app, store, loop, lambda: serve(address, began, canvas.get_closed))
 
 
-def _open_app(session: EditingSession, device: Device, canvas: Any, store: SessionStore, names: Sequence[str]) -> App:
+def open_app(session: EditingSession, device: Device, canvas: Any, store: SessionStore, names: Sequence[str]) -> App:
     app = App(session, device, canvas, store=store, tunes=True)
     if not store.preferences.get("has_begun"):
         session.messages.post(
             "Drop a picture here to see it as a hologram. ? shows all keys, Ctrl+P finds any command."
         )
-        app.attempt(store.preferences.set, "has_begun", True)
+        app.context.attempt(store.preferences.set, "has_begun", True)
     if names:
-        app.attempt(app.loader.open, list(names) if len(names) > 1 else names[0])
+        app.context.attempt(app.context.loader.open, list(names))
     return app
 
 
@@ -126,7 +127,7 @@ async def compute_loop(app: App) -> None:
 
     while not app.window.canvas.get_closed():
         app.redraw_if_due()
-        await sleep(0 if app.compute_slice() else max(app.side_renderers.wait_s, _IDLE_S))
+        await sleep(0 if app.compute_slice() else max(app.context.side_renderers.wait_s, _IDLE_S))
 
 
 def _no_screen(error: BaseException | None) -> UserError:

@@ -31,77 +31,76 @@ from holoview.util.errors import UserError, suggest_matches
 _JOBS_S = 600.0
 
 
-def run_script(hand: InputDriver, text: str, where: str = "script") -> None:
+def run_script(driver: InputDriver, text: str, where: str = "script") -> None:
     """Runs a script's lines. Raises UserError that names the line which is wrong or can't be done."""
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.strip()
         if not words or words.startswith("#"):
             continue
         try:
-            _run(hand, words)
+            _run(driver, words)
         except UserError as error:
             raise error.inside(f"{where}:{number}: ") from error
 
 
-def _run(hand: InputDriver, line: str) -> None:
+def _run(driver: InputDriver, line: str) -> None:
     verb, _, rest = line.partition(" ")
     verbs: dict[str, Callable[[InputDriver, str], None]] = {
         "open": _open,
         "set": _set,
         "look": _look,
-        "command": lambda hand, name: hand.app.commands.run(name),
-        "show": lambda hand, title: hand.app.show_panel(title),
-        "key": lambda hand, chord: hand.press_chord(chord),
-        "type": lambda hand, text: hand.type_text(text),
+        "command": lambda driver, name: driver.context.commands.run(name),
+        "show": lambda driver, title: driver.app.show_panel(title),
+        "key": lambda driver, chord: driver.press_chord(chord),
+        "type": lambda driver, text: driver.type_text(text),
         "click": _click,
         "drag": _drag,
         "wheel": _wheel,
-        "wait": lambda hand, _: wait_until_idle(hand),
-        "screenshot": lambda hand, path: screenshot(hand, Path(path)),
+        "wait": lambda driver, _: wait_until_idle(driver),
+        "screenshot": lambda driver, path: screenshot(driver, Path(path)),
     }
     if verb not in verbs:
         raise UserError(f'"{verb}"', "unknown", remedy=suggest_matches(verb, verbs))
-    verbs[verb](hand, rest.strip())
-    hand.draw_frames(2)
-    _raise_errors(hand)
+    verbs[verb](driver, rest.strip())
+    driver.draw_frames(2)
+    _raise_errors(driver)
 
 
-def wait_until_idle(hand: InputDriver) -> None:
+def wait_until_idle(driver: InputDriver) -> None:
     """Draws until everything is computed and all jobs have ended."""
-    hand.draw_until_idle(_JOBS_S)
-    if not hand.app.session.wait_until_idle(_JOBS_S):
+    driver.draw_until_idle(_JOBS_S)
+    if not driver.app.session.wait_until_idle(_JOBS_S):
         raise UserError("wait", f"jobs still run after {_JOBS_S:g} s")
-    hand.draw_until_idle(_JOBS_S)
+    driver.draw_until_idle(_JOBS_S)
 
 
-def screenshot(hand: InputDriver, path: Path) -> None:
+def screenshot(driver: InputDriver, path: Path) -> None:
     """Writes the window as PNG."""
-    write_png(path, hand.draw_frames(2), {})
+    write_png(path, driver.draw_frames(2), {})
 
 
-def _raise_errors(hand: InputDriver) -> None:
+def _raise_errors(driver: InputDriver) -> None:
     """A script has nobody who reads messages: what went wrong ends it."""
-    for guarded in hand.app.panels:
+    for guarded in driver.app.panels:
         if guarded.failure is not None:
             raise guarded.failure
-    wrong = [message for message in hand.app.session.messages.all if message.kind == "error"]
+    wrong = [message for message in driver.app.session.messages.all if message.kind == "error"]
     if wrong:
         raise UserError("the viewer", wrong[-1].text)
 
 
-def _open(hand: InputDriver, names: str) -> None:
-    several = shlex.split(names)
-    hand.app.loader.open(several[0] if len(several) == 1 else several)
-    wait_until_idle(hand)
+def _open(driver: InputDriver, names: str) -> None:
+    driver.context.loader.open(shlex.split(names))
+    wait_until_idle(driver)
 
 
-def _set(hand: InputDriver, text: str) -> None:
+def _set(driver: InputDriver, text: str) -> None:
     for key, value in _parse_assignment(text).items():
-        hand.app.session.change(f"Set {key}", {key: value})
+        driver.app.session.change(f"Set {key}", {key: value})
 
 
-def _look(hand: InputDriver, text: str) -> None:
-    hand.app.session.edit_view("Look", **_parse_assignment(text))
+def _look(driver: InputDriver, text: str) -> None:
+    driver.app.session.edit_view("Look", **_parse_assignment(text))
 
 
 def _parse_assignment(text: str) -> dict[str, Any]:
@@ -131,21 +130,21 @@ def _is_number(word: str) -> bool:
     return word.lstrip("-").replace(".", "", 1).isdigit()
 
 
-def _click(hand: InputDriver, text: str) -> None:
+def _click(driver: InputDriver, text: str) -> None:
     name, (x, y) = _split_numbers(text, 2, (0.5, 0.5))
-    hand.click(hand.item_position(name, x, y))
+    driver.click(driver.item_position(name, x, y))
 
 
-def _drag(hand: InputDriver, text: str) -> None:
+def _drag(driver: InputDriver, text: str) -> None:
     name, numbers = _split_numbers(text, 4, ())
     if len(numbers) != 4:
         raise UserError(f"drag {text}", "isn't ITEM X0 Y0 X1 Y1")
     x0, y0, x1, y1 = numbers
-    hand.drag(hand.item_position(name, x0, y0), hand.item_position(name, x1, y1), steps=6)
+    driver.drag(driver.item_position(name, x0, y0), driver.item_position(name, x1, y1), steps=6)
 
 
-def _wheel(hand: InputDriver, text: str) -> None:
+def _wheel(driver: InputDriver, text: str) -> None:
     name, numbers = _split_numbers(text, 3, ())
     if len(numbers) != 3:
         raise UserError(f"wheel {text}", "isn't ITEM X Y NOTCHES")
-    hand.wheel(hand.item_position(name, *numbers[:2]), float(np.clip(numbers[2], -100, 100)))
+    driver.wheel(driver.item_position(name, *numbers[:2]), float(np.clip(numbers[2], -100, 100)))

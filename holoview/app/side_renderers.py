@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.app.progressive_renderer import ProgressiveRenderer, Scene
+from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.app.viewport import DeviceImage
 from holoview.colour import SRGB_TO_XYZ
 from holoview.gpu.device import Device
 from holoview.session.editing_session import EditingSession
-from holoview.session.scene import Scene as SessionScene
+from holoview.session.scene import Scene
 from holoview.session.view_settings import NOW, TARGET, ComparisonSide
 
 _MOST_OTHERS = 2  # feeds besides "now": the memory of a device isn't endless
@@ -23,7 +25,7 @@ class SideRenderers:
         self._device, self._session = device, session
         self.now = ProgressiveRenderer(device)
         self._others: dict[ComparisonSide, ProgressiveRenderer] = {}
-        self._presets: dict[tuple[str, tuple[int, int], int], SessionScene | None] = {}
+        self._presets: dict[tuple[str, tuple[int, int], int], Scene | None] = {}
         self._target: tuple[NDArray[np.float32], DeviceImage] | None = None
 
     def visible_sides(self) -> tuple[ComparisonSide, ...]:
@@ -38,7 +40,7 @@ class SideRenderers:
                 continue
             scene = self._scene(side)
             if scene is not None:
-                self._renderer_for(side).request(Scene(scene.system, scene.drive, self._session.view_settings.plane_m))
+                self._renderer_for(side).request(scene)
 
     def compute_slice(self) -> bool:
         """Computes a slice of the first side that has something to do; whether a picture has changed."""
@@ -85,15 +87,16 @@ class SideRenderers:
         for feed in (self.now, *self._others.values()):
             feed.close()
 
-    def _scene(self, side: ComparisonSide) -> SessionScene | None:
-        """A preset's patterns are random: they are made once a bench, or every frame would be new."""
+    def _scene(self, side: ComparisonSide) -> Scene | None:
+        """The scene of a side; that of a preset is cached, since new random patterns would restart its rendering."""
         if side.kind != "preset":
             return self._session.scene_for(side)
         system = self._session.system
         key = (side.name, system.modulators[0].shape, system.sampling.upsample)
         if key not in self._presets:
             self._presets[key] = self._session.scene_for(side)
-        return self._presets[key]
+        scene = self._presets[key]
+        return None if scene is None else replace(scene, plane_m=self._session.view_settings.plane_m)
 
     def _renderer_for(self, side: ComparisonSide) -> ProgressiveRenderer:
         if side == NOW:

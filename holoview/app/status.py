@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from imgui_bundle import imgui
 
 from holoview.app import theme
+from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
 
-if TYPE_CHECKING:
-    from holoview.app.app import App
 
-
-def draw_status(app: App) -> None:
+def draw_status(context: AppContext) -> None:
     """A line of facts; details as tooltips."""
-    info, feed = app.device.info, app.side_renderers.now
+    info, feed = context.device.info, context.side_renderers.now
     imgui.text(info.name)
     tooltip(info.label)
     if info.is_cpu:
@@ -24,7 +20,7 @@ def draw_status(app: App) -> None:
         tooltip("Shaders run on the processor: a GPU's driver wasn't found, or --adapter chose this one.")
     parts = [f"full frame {_ms(feed.update_s)}"] if feed.update_s else []
     parts += [f"quick {_ms(feed.quick_s)}"] if feed.quick_s else []
-    parts += [f"window {_ms(app.window.draw_s)}"]
+    parts += [f"window {_ms(context.window.draw_s)}"]
     imgui.same_line(spacing=20)
     imgui.text_disabled("  ·  ".join(parts))
     tooltip("Time of the last full frame, of the last quick one, and of drawing this window (processor's part).")
@@ -35,7 +31,7 @@ def draw_status(app: App) -> None:
         imgui.progress_bar(feed.progress, imgui.ImVec2(110, imgui.get_text_line_height()), text)
         imgui.pop_style_var()
         tooltip("A cheaper image is shown at once; the full one follows when your hand rests.")
-    for job in app.session.jobs.active:
+    for job in context.session.jobs.active:
         imgui.same_line(spacing=20)
         imgui.text(f"{job.title} {job.fraction:.0%}")
 

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from imgui_bundle import imgui
 
+from holoview.app.context import AppContext
 from holoview.app.viewport import DeviceImage, Viewport, visible_area_of
 from holoview.session.view_settings import ViewSettings
 
-if TYPE_CHECKING:
-    from holoview.app.app import App
-
-SAME_PLANE_M = 1e-9
-"""Planes so close are the same."""
 _CHOSEN = imgui.IM_COL32(80, 160, 245, 255)
 _EMPTY = imgui.IM_COL32(20, 20, 22, 255)
 _GROUND, _INK = imgui.IM_COL32(0, 0, 0, 160), imgui.IM_COL32(255, 255, 255, 255)
@@ -23,8 +18,8 @@ _GROUND, _INK = imgui.IM_COL32(0, 0, 0, 160), imgui.IM_COL32(255, 255, 255, 255)
 class PlaneTiles:
     """Draws pictures by plane; each has a texture of its own, drawn anew when it or the look has changed."""
 
-    def __init__(self, app: App, name: str) -> None:
-        self._app, self._name = app, name
+    def __init__(self, context: AppContext, name: str) -> None:
+        self._context, self._name = context, name
         self._drawn: dict[float, tuple[Viewport, imgui.ImTextureRef]] = {}
 
     def draw(self, plane_m: float, picture: DeviceImage | None, size: tuple[int, int], is_chosen: bool) -> bool:
@@ -33,7 +28,7 @@ class PlaneTiles:
         corner = imgui.ImVec2(float(round(corner.x)), float(round(corner.y)))
         name = f"{plane_m * 1e3:.4g} mm"
         clicked = imgui.invisible_button(f"##{self._name} {name}", imgui.ImVec2(*size))
-        self._app.record_item_rect(f"{self._name} {name}")
+        self._context.record_item_rect(f"{self._name} {name}")
         if not imgui.is_item_visible():
             return False
         end = imgui.ImVec2(corner.x + size[0], corner.y + size[1])
@@ -50,18 +45,18 @@ class PlaneTiles:
         return clicked
 
     def _texture(self, plane_m: float, picture: DeviceImage, size: tuple[int, int]) -> imgui.ImTextureRef:
-        look = _tile_view_settings(self._app.session.view_settings)
-        picture = replace(picture, gain=self._app.side_renderers.now.quick_gain)
+        look = _tile_view_settings(self._context.session.view_settings)
+        picture = replace(picture, gain=self._context.side_renderers.now.quick_gain)
         known = self._drawn.get(plane_m)
-        viewport = known[0] if known is not None else Viewport(self._app.device, f"{self._name} {plane_m:g}")
+        viewport = known[0] if known is not None else Viewport(self._context.device, f"{self._name} {plane_m:g}")
         scale = imgui.get_io().display_framebuffer_scale.x
         pixels = (max(round(size[0] * scale), 1), max(round(size[1] * scale), 1))
         is_new = viewport.draw(picture, None, look, visible_area_of(look, pixels, picture.shape))
         if known is not None and not is_new:
             return known[1]
         if known is not None:
-            self._app.window.forget_texture(known[1])
-        reference = self._app.window.texture(viewport.view)
+            self._context.window.forget_texture(known[1])
+        reference = self._context.window.texture(viewport.view)
         self._drawn[plane_m] = (viewport, reference)
         return reference
 

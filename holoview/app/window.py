@@ -1,7 +1,7 @@
-"""A window in which Dear ImGui is drawn: rendercanvas owns the window and its events, wgpu draws.
+"""Dear ImGui in a window of rendercanvas, drawn by wgpu on the device that renders the holograms.
 
-HelloImGui runs with its null platform and null renderer, so that docking, themes and the saved layout work on the
-device of the holograms, on a screen, off screen and in a browser alike.
+HelloImGui runs with its null platform and null renderer backends, so that docking, themes and the stored layout work
+in the same way on a screen, off screen and in a browser.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from holoview.app.imgui_input import EVENT_TYPES, ImguiInputQueue
 from holoview.gpu.device import Device, DeviceLost
 
 _LONGEST_FRAME_S, _SHORTEST_FRAME_S = 0.25, 1e-4
-_TOOLTIP_MOMENTS_S = (0.2, 0.45, 0.7)  # after the last event: ImGui counts the time that frames tell it
-_BLINK_S = 0.4
+_TOOLTIP_MOMENTS_S = (0.2, 0.45, 0.7)  # after the last event; ImGui's tooltip delay advances only with drawn frames
+_BLINK_S = 0.4  # between frames while a text field has the focus
 _CURSORS = {
     imgui.MouseCursor_.text_input: "text",
     imgui.MouseCursor_.resize_all: "pointer",
@@ -29,20 +29,21 @@ _CURSORS = {
     imgui.MouseCursor_.hand: "pointer",
     imgui.MouseCursor_.not_allowed: "not_allowed",
 }
-_SETTLING_FRAMES = 3  # drawn after an event: ImGui answers some of them a frame or two late
+_SETTLING_FRAMES = 3  # drawn after an event: ImGui responds to some events one or two frames later
 
 
 class Window:
-    """Draws what `params` describe into a canvas, whenever something happened.
+    """Draws ImGui into a canvas when something has happened: an event, or a call of `wake`.
 
-    frame_s: a fixed time between frames, which makes pictures repeatable; measured when None. Call `close` once done:
-    ImGui has a single window a process.
+    frame_s: a fixed time between frames, which makes pictures repeatable; measured when None. Call `open` once before
+    the first frame and `close` at the end: a process has one ImGui window at a time.
+
+    draw_s: time that drawing the last frame took on the CPU. error: the exception that ended the last frame, or None.
     """
 
-    def __init__(
-        self, canvas: Any, device: Device, params: hello_imgui.RunnerParams, *, frame_s: float | None = None
-    ) -> None:
-        self.canvas, self.device, self.params = canvas, device, params
+    def __init__(self, canvas: Any, device: Device, *, frame_s: float | None = None) -> None:
+        self.canvas, self.device = canvas, device
+        self._params = hello_imgui.RunnerParams()
         self.draw_s = 0.0
         self.closed = False
         self.error: BaseException | None = None
@@ -53,12 +54,16 @@ class Window:
         self._format = self._context.get_preferred_format(device.raw.adapter).removesuffix("-srgb")
         self._context.configure(device=device.raw, format=self._format)
         self._backend: ImguiWgpuBackend | None = None
+
+    def open(self, params: hello_imgui.RunnerParams) -> None:
+        """Starts HelloImGui as `params` describe, and takes the canvas's events from now on."""
+        self._params = params
         self._set_up(params)
-        canvas.add_event_handler(self._on_event, *EVENT_TYPES, "resize")
-        canvas.request_draw(self.draw)
+        self.canvas.add_event_handler(self._on_event, *EVENT_TYPES, "resize")
+        self.canvas.request_draw(self.draw)
 
     def texture(self, view: Any) -> imgui.ImTextureRef:
-        """A reference by which ImGui draws a texture of the device."""
+        """Registers the view of a device texture with ImGui; the reference is for `imgui.image` and draw lists."""
         assert self._backend is not None
         return self._backend.register_texture(view)
 
@@ -68,12 +73,12 @@ class Window:
         self._backend.unregister_texture(reference)
 
     def wake(self) -> None:
-        """Draws soon. From the thread of the window."""
+        """Requests a frame. Call it on the window's thread."""
         self._settling = max(self._settling, 1)
         self.canvas.request_draw()
 
     def needs_redraw(self) -> bool:
-        """Whether a frame is due without any event: tooltips wait for a moment of rest, a text's cursor blinks."""
+        """Whether a frame is due without an event: for a tooltip after a rest of the pointer, for a blinking cursor."""
         now = time.perf_counter()
         rested = sum(self._event_at + moment <= now for moment in _TOOLTIP_MOMENTS_S)
         if rested > self._rested:
@@ -81,10 +86,14 @@ class Window:
             return True
         return imgui.get_io().want_text_input and now - self._last > _BLINK_S
 
-    def draw(self) -> None:
-        """Draws a frame. An exception is kept in `failed` and raised: the canvas would only log it.
+    def request_close(self) -> None:
+        """Closes the window after the present frame."""
+        self._params.app_shall_exit = True
 
-        Where the device was lost, nothing can be drawn any more, and the window closes.
+    def draw(self) -> None:
+        """Draws a frame. An exception is stored as `error` and raised, since the canvas would only log it.
+
+        When the device was lost, nothing can be drawn any more: the exception is stored and the window closes.
         """
         begun = time.perf_counter()
         try:
@@ -98,14 +107,14 @@ class Window:
             raise
         self.draw_s = time.perf_counter() - begun
         self._input.after_frame()
-        if self.params.app_shall_exit:
+        if self._params.app_shall_exit:
             self.canvas.close()
         elif self._settling > 0 or self._input.has_pending:
             self._settling = max(self._settling - 1, 0)
             self.canvas.request_draw()
 
     def close(self) -> None:
-        """Gives the context up."""
+        """Ends ImGui and closes the canvas."""
         if not self.closed:
             self.closed = True
             self._backend = None

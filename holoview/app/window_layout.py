@@ -1,19 +1,15 @@
-"""Where windows are at first, menus and the status bar, as HelloImGui wants them described."""
+"""The initial arrangement of windows, and the settings of HelloImGui."""
 
 from __future__ import annotations
 
-from functools import partial
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
 
 from imgui_bundle import hello_imgui, imgui
 
 from holoview.app import theme
-from holoview.app.menus import draw_menus
-from holoview.app.status import draw_status
-from holoview.session.autosave import SessionStore
-
-if TYPE_CHECKING:
-    from holoview.app.app import App
+from holoview.app.panel import GuardedPanel
 
 _SPLITS = (
     ("MainDockSpace", "Left", imgui.Dir.left, 0.24),
@@ -21,11 +17,28 @@ _SPLITS = (
     ("Right", "Low right", imgui.Dir.down, 0.50),
     ("MainDockSpace", "Bottom", imgui.Dir.down, 0.20),
 )
-_NAMES = {"Centre": "MainDockSpace"}
+"""Docks: the one that is split, the new one, where it lies, and its share of the space."""
+_DOCK_NAMES = {"Centre": "MainDockSpace"}
 
 
-def runner_params(app: App, store: SessionStore | None) -> hello_imgui.RunnerParams:
-    """All that HelloImGui is told of the app."""
+@dataclass(frozen=True)
+class LayoutCallbacks:
+    """What HelloImGui calls: once to apply the theme, then in each frame for menus, status bar, and around panels."""
+
+    apply_theme: Callable[[], None]
+    draw_menus: Callable[[], None]
+    draw_status: Callable[[], None]
+    before_frame: Callable[[], None]
+    after_frame: Callable[[], None]
+
+
+def runner_params(
+    panels: Iterable[GuardedPanel], callbacks: LayoutCallbacks, folder: Path | None
+) -> hello_imgui.RunnerParams:
+    """The settings of HelloImGui: a full-screen dock space, menus, status bar, a dockable window for each panel.
+
+    folder: where the layout is stored as layout.ini; None stores nothing.
+    """
     params = hello_imgui.RunnerParams()
     params.app_window_params.window_title = "holoview"
     window = params.imgui_window_params
@@ -33,44 +46,39 @@ def runner_params(app: App, store: SessionStore | None) -> hello_imgui.RunnerPar
     window.show_menu_bar = window.show_status_bar = True
     window.show_menu_app = window.show_menu_view = window.show_status_fps = False
     window.remember_status_bar_settings = window.remember_theme = False
-    if store is None:
+    if folder is None:
         params.ini_disable = True
     else:
-        store.folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         params.ini_folder_type = hello_imgui.IniFolderType.absolute_path
-        params.ini_filename = str(store.folder / "layout.ini")
-    params.docking_params.docking_splits = [_split(*split) for split in _SPLITS]
-    params.docking_params.dockable_windows = _windows(app)
-    calls = params.callbacks
-    calls.default_icon_font = hello_imgui.DefaultIconFont.no_icons
-    calls.load_additional_fonts = theme.load_fonts
-    calls.setup_imgui_style = partial(theme.apply, app.theme)
-    calls.post_init = partial(_begin, app)
-    calls.pre_new_frame = lambda: None
-    calls.show_menus = partial(draw_menus, app)
-    calls.show_status = partial(draw_status, app)
-    calls.before_imgui_render = app.after_frame
-    calls.post_new_frame = app.before_frame
+        params.ini_filename = str(folder / "layout.ini")
+    params.docking_params.docking_splits = [hello_imgui.DockingSplit(*split) for split in _SPLITS]
+    params.docking_params.dockable_windows = [_dockable_window(guarded) for guarded in panels]
+    _set_callbacks(params.callbacks, callbacks)
     return params
 
 
-def _begin(app: App) -> None:
-    io = imgui.get_io()
-    io.config_windows_move_from_title_bar_only = True
-    io.config_input_trickle_event_queue = True
-    theme.apply(app.theme)
+def _set_callbacks(target: hello_imgui.RunnerCallbacks, callbacks: LayoutCallbacks) -> None:
+    def configure_imgui() -> None:
+        io = imgui.get_io()
+        io.config_windows_move_from_title_bar_only = True
+        io.config_input_trickle_event_queue = True
+        callbacks.apply_theme()
+
+    target.default_icon_font = hello_imgui.DefaultIconFont.no_icons
+    target.load_additional_fonts = theme.load_fonts
+    target.setup_imgui_style = callbacks.apply_theme
+    target.post_init = configure_imgui
+    target.pre_new_frame = lambda: None
+    target.show_menus = callbacks.draw_menus
+    target.show_status = callbacks.draw_status
+    target.before_imgui_render = callbacks.after_frame
+    target.post_new_frame = callbacks.before_frame
 
 
-def _split(initial: str, new: str, direction: imgui.Dir, ratio: float) -> hello_imgui.DockingSplit:
-    return hello_imgui.DockingSplit(initial, new, direction, ratio)
-
-
-def _windows(app: App) -> list[hello_imgui.DockableWindow]:
-    windows = []
-    for guarded in app.panels:
-        panel = guarded.panel
-        dock = _NAMES.get(panel.dock, panel.dock)
-        window = hello_imgui.DockableWindow(panel.title, dock, guarded.draw, is_visible_=panel.starts_open)
-        window.imgui_window_flags = panel.flags
-        windows.append(window)
-    return windows
+def _dockable_window(guarded: GuardedPanel) -> hello_imgui.DockableWindow:
+    panel = guarded.panel
+    dock = _DOCK_NAMES.get(panel.dock, panel.dock)
+    window = hello_imgui.DockableWindow(panel.title, dock, guarded.draw, is_visible_=panel.starts_open)
+    window.imgui_window_flags = panel.flags
+    return window

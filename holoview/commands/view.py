@@ -56,8 +56,8 @@ def _open(args: argparse.Namespace, system: System, names: list[str], size: tupl
         raise UserError("view", f"its window can't be drawn: {error}", remedy=_REMEDY) from error
     from holoview.app.serve import Address
     from holoview.gpu.device import open_device
-    from holoview.session.autosave import SessionStore
     from holoview.session.editing_session import EditingSession, middle_plane
+    from holoview.session.session_store import SessionStore
     from holoview.session.view_settings import SPECKLE_EXPOSURE_STOPS, ViewSettings
 
     address = None if args.serve is None else Address.parse(args.serve)

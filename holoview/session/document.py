@@ -5,17 +5,15 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.model.system import System
+from holoview.session.target_spec import TargetSpec
 from holoview.session.view_settings import Region, ViewSettings
 from holoview.util.errors import UserError
-
-if TYPE_CHECKING:
-    from holoview.session.target_spec import TargetSpec
 
 Drive = NDArray[np.float32]
 

@@ -23,7 +23,8 @@ from holoview.session.history import History, HistoryStep
 from holoview.session.jobs import JobManager
 from holoview.session.messages import MessageLog
 from holoview.session.scene import Scene, resolve_scene
-from holoview.session.target_spec import TargetBuilder, TargetSpec
+from holoview.session.target_builder import TargetBuilder
+from holoview.session.target_spec import TargetSpec
 from holoview.session.view_settings import NOW, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
 from holoview.view import random_drive

@@ -1,4 +1,4 @@
-"""What has to be rendered for a side of a comparison."""
+"""A scene: all that an image is rendered from. Each side of a comparison has one."""
 
 from __future__ import annotations
 
@@ -14,25 +14,36 @@ from holoview.view import random_drive
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A bench and its patterns."""
+    """A system, the drive of its modulators (frame, modulator, y, x), and the focal plane in metres."""
 
     system: System
     drive: Drive
+    plane_m: float
+
+    def is_same(self, other: Scene | None) -> bool:
+        """Whether the image is the same; drives are compared by identity, since edits share unchanged arrays."""
+        return (
+            other is not None
+            and self.drive is other.drive
+            and self.plane_m == other.plane_m
+            and self.system == other.system
+        )
 
 
-def resolve_scene(side: ComparisonSide, shown: Document, snapshots: Mapping[str, Document]) -> Scene | None:
-    """What to render for a side; None for the target, which isn't rendered, and for a snapshot that is gone.
+def resolve_scene(side: ComparisonSide, displayed: Document, snapshots: Mapping[str, Document]) -> Scene | None:
+    """The scene of a side at the focal plane of `displayed`, the document that the side "now" shows.
 
-    shown: the state that is drawn for "now". Another preset is taken at this bench's pixel count, with random
-    patterns, so that images lie over each other.
+    None for the target, which isn't rendered, and for a snapshot that has been deleted. A preset gets the pixel count
+    and the sampling of the displayed system, so that both images have the same size, and random patterns.
     """
+    plane_m = displayed.view_settings.plane_m
     if side.kind == "now":
-        return Scene(shown.system, shown.drive)
+        return Scene(displayed.system, displayed.drive, plane_m)
     if side.kind == "snapshot":
         pinned = snapshots.get(side.name)
-        return None if pinned is None else Scene(pinned.lit_system, pinned.drive)
+        return None if pinned is None else Scene(pinned.lit_system, pinned.drive, plane_m)
     if side.kind == "preset":
-        sampling = {"shape": shown.system.modulators[0].shape, "upsample": shown.system.sampling.upsample}
+        sampling = {"shape": displayed.system.modulators[0].shape, "upsample": displayed.system.sampling.upsample}
         system = preset.load(side.name).edit(sampling)
-        return Scene(system, random_drive(system))
+        return Scene(system, random_drive(system), plane_m)
     return None

@@ -148,7 +148,7 @@ def test_the_description_of_a_bench_reaches_no_engine_and_no_window(module: str)
 
 @pytest.mark.parametrize("module", [m for m in MODULES if _under(m, "holoview.app")])
 def test_of_the_app_only_what_draws_windows_knows_webgpu(module: str) -> None:
-    drawing = {f"holoview.app.{name}" for name in ("window", "viewport", "textures")}
+    drawing = {f"holoview.app.{name}" for name in ("window", "viewport")}
     assert drawing <= set(MODULES)
     knows = any(_under(name, "wgpu") for name in _imported(module, everywhere=True))
     assert knows == (module in drawing)

@@ -36,7 +36,7 @@ def small_bench(**changes: Any) -> System:
 
 
 class Gui(InputDriver):
-    """A hand, and ImGui's test engine for widgets by name."""
+    """A driver, and ImGui's test engine for widgets by name."""
 
     def __init__(self, app: App, engine: dict[str, Any]) -> None:
         super().__init__(app)
@@ -80,7 +80,7 @@ def make_gui(device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
         tests = (lambda: _register(box)) if engine else None
         session = EditingSession(system or small_bench())
         app = App(session, device, canvas, frame_s=SCRIPT_FRAME_S, register_tests=tests, **more)
-        app.loader.optimises_new_targets = False  # no optimisation that nobody asked for
+        app.context.loader.optimises_new_targets = False  # no optimisation that nobody asked for
         opened.append(app)
         gui = Gui(app, box)
         gui.draw_frames(4)

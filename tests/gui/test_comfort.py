@@ -20,9 +20,9 @@ from holoview.app.input_driver import InputDriver
 from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.gpu.device import Device
-from holoview.session.autosave import SessionStore
 from holoview.session.editing_session import EditingSession
-from tests.gui.conftest import SIZE, small_bench
+from holoview.session.session_store import SessionStore
+from tests.gui.conftest import SIZE, Gui, small_bench
 
 pytestmark = pytest.mark.gpu
 
@@ -37,12 +37,12 @@ def start(device: Device, tmp_path: Path) -> Iterator[Callable[[], InputDriver]]
             app.close()
         opened.clear()
         canvas = OffscreenRenderCanvas(size=SIZE)
-        app = run._open_app(EditingSession(small_bench()), device, canvas, SessionStore(tmp_path), [])
-        app.loader.optimises_new_targets = False
+        app = run.open_app(EditingSession(small_bench()), device, canvas, SessionStore(tmp_path), [])
+        app.context.loader.optimises_new_targets = False
         opened.append(app)
-        hand = InputDriver(app)
-        hand.draw_frames(4)
-        return hand
+        driver = InputDriver(app)
+        driver.draw_frames(4)
+        return driver
 
     yield started
     for app in opened:
@@ -54,18 +54,18 @@ def _is_visible(title: str) -> bool:
 
 
 def test_theme_and_layout_come_back_and_hints_come_once(start: Callable[[], InputDriver]) -> None:
-    hand = start()
-    first = hand.app
+    driver = start()
+    first = driver.app
     assert "? shows all keys" in first.session.messages.all[0].text
-    first.set_theme("Light")
+    first.context.set_theme("Light")
     hello_imgui.get_runner_params().docking_params.dockable_window_of_name("Gamut").is_visible = False
-    hand.draw_frames(3)
+    driver.draw_frames(3)
     again = start().app
-    assert again.theme == "Light" and not _is_visible("Gamut") and _is_visible("Lasers")
+    assert again.context.theme == "Light" and not _is_visible("Gamut") and _is_visible("Lasers")
     assert list(again.session.messages.all) == []
 
 
-def test_recent_files_are_in_the_menu(make_gui: Callable[..., Any], tmp_path: Path) -> None:
+def test_recent_files_are_in_the_menu(make_gui: Callable[..., Gui], tmp_path: Path) -> None:
     picture = tmp_path / "red.png"
     Image.fromarray(np.full((8, 8, 3), (200, 10, 10), np.uint8)).save(picture)
     store = SessionStore(tmp_path / "store")
@@ -76,7 +76,7 @@ def test_recent_files_are_in_the_menu(make_gui: Callable[..., Any], tmp_path: Pa
     assert gui.session.target_spec is not None and gui.session.target_spec.title == "red.png"
 
 
-def test_files_dropped_on_the_window_are_opened_and_text_goes_to_the_clipboard(gui: Any, tmp_path: Path) -> None:
+def test_files_dropped_on_the_window_are_opened_and_text_goes_to_the_clipboard(gui: Gui, tmp_path: Path) -> None:
     picture = tmp_path / "red.png"
     Image.fromarray(np.full((8, 8, 3), (200, 10, 10), np.uint8)).save(picture)
     dropped: list[Callable[[Any, Sequence[str]], None]] = []
@@ -86,7 +86,7 @@ def test_files_dropped_on_the_window_are_opened_and_text_goes_to_the_clipboard(g
         set_clipboard_string=lambda window, text: held.append(text),
         get_clipboard_string=lambda window: held[-1].encode(),
     )
-    connect_desktop(gui.app, glfw, window=None)
+    connect_desktop(gui.context, glfw, window=None)
     dropped[0](None, [str(picture)])
     assert gui.session.wait_until_idle(30)
     assert gui.session.target_spec is not None and gui.session.target_spec.title == "red.png"
@@ -96,7 +96,7 @@ def test_files_dropped_on_the_window_are_opened_and_text_goes_to_the_clipboard(g
     assert held == ["λ"] and imgui.get_clipboard_text() == "λ"
 
 
-def test_the_window_redraws_only_when_something_happened(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_window_redraws_only_when_something_happened(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> None:
     gui.draw_until_idle()
     gui.draw_frames(6)
     asked: list[bool] = []

@@ -12,7 +12,7 @@ from holoview.app.panels.effects import EffectsPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.model.effects.registry import listed_effects
 from holoview.session.view_settings import NOW
-from tests.gui.conftest import small_bench
+from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu
 
@@ -20,8 +20,8 @@ IRISES = {"relay1.iris_na": 0.02, "relay2.iris_na": 0.02}
 
 
 @pytest.fixture
-def make(make_gui: Callable[..., Any]) -> Callable[..., Any]:
-    def opened(**changes: Any) -> Any:
+def make(make_gui: Callable[..., Gui]) -> Callable[..., Gui]:
+    def opened(**changes: Any) -> Gui:
         return make_gui(small_bench(**changes), (800, 480), engine=True, panels=(ImagePanel, EffectsPanel))
 
     return opened
@@ -31,25 +31,25 @@ def _switch(name: str) -> Callable[[Any], None]:
     return lambda ctx: ctx.item_click(f"Effects/**/{name}")
 
 
-def test_every_effect_of_the_library_has_a_switch(make_gui: Callable[..., Any]) -> None:
+def test_every_effect_of_the_library_has_a_switch(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(small_bench(**IRISES), (640, 1000), panels=(EffectsPanel,))
-    lines = [name for name in gui.app.item_rects if name.startswith("effect ")]
+    lines = [name for name in gui.context.item_rects if name.startswith("effect ")]
     for line in lines[::-1]:  # from below, so that sliders that open don't move what is next
         gui.click(gui.item_position(line, 0.1))
     assert set(gui.session.system.effect_values) == set(listed_effects())
-    gui.app.commands.run("Switch off all effects")
+    gui.context.commands.run("Switch off all effects")
     assert gui.session.system == small_bench(**IRISES)
 
 
-def test_an_effect_changes_the_image_and_undo_brings_it_back(make: Callable[..., Any]) -> None:
+def test_an_effect_changes_the_image_and_undo_brings_it_back(make: Callable[..., Gui]) -> None:
     gui = make()
     gui.draw_until_idle()
-    plain = gui.app.side_renderers.xyz(NOW).copy()
+    plain = gui.context.side_renderers.xyz(NOW).copy()
     gui.engine(_switch("gap"))
     gui.draw_until_idle()
     common = listed_effects()["gap"].parameters[0].prior
     assert gui.session.system.effect_values == {"gap": {"gap_error": common}}
-    assert np.abs(gui.app.side_renderers.xyz(NOW) - plain).mean() > 0.01
+    assert np.abs(gui.context.side_renderers.xyz(NOW) - plain).mean() > 0.01
     steps = len(gui.session.history)
     gui.drag(gui.item_position("effects.gap.gap_error", 0.55), gui.item_position("effects.gap.gap_error", 0.8), steps=6)
     assert gui.session.system.effect_values["gap"]["gap_error"] > 2 * common
@@ -60,10 +60,10 @@ def test_an_effect_changes_the_image_and_undo_brings_it_back(make: Callable[...,
         gui.press_chord("Ctrl+Z")
     assert gui.session.system == small_bench()
     gui.draw_until_idle()
-    assert np.array_equal(gui.app.side_renderers.xyz(NOW), plain)
+    assert np.array_equal(gui.context.side_renderers.xyz(NOW), plain)
 
 
-def test_an_effect_that_is_switched_off_and_on_has_its_values_again(make: Callable[..., Any]) -> None:
+def test_an_effect_that_is_switched_off_and_on_has_its_values_again(make: Callable[..., Gui]) -> None:
     gui = make()
     gui.engine(_switch("tilt"))
     gui.engine(lambda ctx: ctx.item_input_value("Effects/**/tilt x", 3.0))
@@ -75,7 +75,7 @@ def test_an_effect_that_is_switched_off_and_on_has_its_values_again(make: Callab
     assert gui.session.system.effect_values == values
 
 
-def test_what_the_bench_lacks_cannot_be_switched_on(make: Callable[..., Any]) -> None:
+def test_what_the_bench_lacks_cannot_be_switched_on(make: Callable[..., Gui]) -> None:
     gui = make()
     gui.engine(lambda ctx: ctx.item_input_value("Effects/##words", "aberration1"))
     gui.click(gui.item_position("effect aberration1", 0.1))
@@ -86,9 +86,9 @@ def test_what_the_bench_lacks_cannot_be_switched_on(make: Callable[..., Any]) ->
     assert set(gui.session.system.effect_values) == {"aberration1"}
 
 
-def test_effects_are_found_by_words_of_their_cause(make: Callable[..., Any]) -> None:
+def test_effects_are_found_by_words_of_their_cause(make: Callable[..., Gui]) -> None:
     gui = make()
     gui.engine(lambda ctx: ctx.item_input_value("Effects/##words", "falls in at an angle"))
-    gui.app.item_rects.clear()
+    gui.context.item_rects.clear()
     gui.draw_frames(2)
-    assert [name for name in gui.app.item_rects if name.startswith("effect ")] == ["effect tilt"]
+    assert [name for name in gui.context.item_rects if name.startswith("effect ")] == ["effect tilt"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +17,13 @@ from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.history import HistoryPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.io.hologram import Hologram, load_hologram
-from holoview.session.autosave import SessionStore
 from holoview.session.editing_session import EditingSession
+from holoview.session.session_store import SessionStore
 from holoview.session.tone_mapping import tone_map
 from holoview.session.view_settings import NOW
 from holoview.util.errors import UserError
 from holoview.view import random_drive
-from tests.gui.conftest import small_bench
+from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu
 
@@ -31,20 +31,20 @@ PANELS = (ImagePanel, FilesPanel, HistoryPanel)
 
 
 @pytest.fixture
-def gui(make_gui: Callable[..., Any], tmp_path: Path) -> Any:
+def gui(make_gui: Callable[..., Gui], tmp_path: Path) -> Gui:
     opened = make_gui(size=(800, 480), engine=True, panels=PANELS)
     opened.draw_until_idle()
     opened.app.panel(FilesPanel).dialog.folder = tmp_path
     return opened
 
 
-def _dialog(gui: Any) -> Any:
+def _dialog(gui: Gui) -> Any:
     return gui.app.panel(FilesPanel).dialog
 
 
-def _save_as(gui: Any, command: str, name: str) -> None:
+def _save_as(gui: Gui, command: str, name: str) -> None:
     """Runs a command that asks for a file, types its name and presses Enter."""
-    gui.app.commands.run(command)
+    gui.context.commands.run(command)
     gui.draw_frames(2)
     assert _dialog(gui).is_open
     gui.press_chord("Ctrl+A")
@@ -55,7 +55,7 @@ def _save_as(gui: Any, command: str, name: str) -> None:
     assert gui.session.wait_until_idle(60)
 
 
-def test_a_hologram_is_saved_by_keys_and_opened_again(gui: Any, tmp_path: Path) -> None:
+def test_a_hologram_is_saved_by_keys_and_opened_again(gui: Gui, tmp_path: Path) -> None:
     gui.press_chord("Ctrl+S")
     gui.draw_frames(2)
     gui.press_chord("Ctrl+A")
@@ -77,12 +77,14 @@ def test_a_hologram_is_saved_by_keys_and_opened_again(gui: Any, tmp_path: Path) 
     assert np.array_equal(gui.session.drive, other.drive) and gui.session.undo() == "Open other.safetensors"
 
 
-def test_the_view_is_saved_as_it_is_seen(gui: Any, tmp_path: Path) -> None:
+def test_the_view_is_saved_as_it_is_seen(gui: Gui, tmp_path: Path) -> None:
     gui.session.edit_view("Exposure", exposure_stops=-1.0)
     gui.draw_until_idle()
     _save_as(gui, "Save view…", "view")
     with Image.open(tmp_path / "view.png") as picture:
-        assert np.array_equal(np.asarray(picture), tone_map(gui.app.side_renderers.xyz(NOW), gui.session.view_settings))
+        assert np.array_equal(
+            np.asarray(picture), tone_map(gui.context.side_renderers.xyz(NOW), gui.session.view_settings)
+        )
 
 
 @pytest.mark.parametrize(
@@ -95,14 +97,14 @@ def test_the_view_is_saved_as_it_is_seen(gui: Any, tmp_path: Path) -> None:
     ],
 )
 def test_everything_that_can_be_saved_is_written(
-    gui: Any, tmp_path: Path, command: str, name: str, written: list[str]
+    gui: Gui, tmp_path: Path, command: str, name: str, written: list[str]
 ) -> None:
     gui.app.panel(FilesPanel).frames = 2
     _save_as(gui, command, name)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(written), gui.last_message()
 
 
-def test_a_name_that_is_not_there_is_told_in_the_dialog_and_escape_closes_it(gui: Any) -> None:
+def test_a_name_that_is_not_there_is_told_in_the_dialog_and_escape_closes_it(gui: Gui) -> None:
     gui.press_chord("Ctrl+O")
     gui.draw_frames(2)
     gui.type_text("missing.png")
@@ -114,10 +116,10 @@ def test_a_name_that_is_not_there_is_told_in_the_dialog_and_escape_closes_it(gui
     assert not _dialog(gui).is_open
 
 
-def test_a_file_that_is_there_is_replaced_only_when_asked_twice(gui: Any, tmp_path: Path) -> None:
+def test_a_file_that_is_there_is_replaced_only_when_asked_twice(gui: Gui, tmp_path: Path) -> None:
     there = tmp_path / "mine.toml"
     there.write_text("precious")
-    gui.app.commands.run("Save preset…")
+    gui.context.commands.run("Save preset…")
     gui.draw_frames(2)
     gui.press_chord("Ctrl+A")
     gui.type_text("mine.toml")
@@ -130,7 +132,7 @@ def test_a_file_that_is_there_is_replaced_only_when_asked_twice(gui: Any, tmp_pa
     assert not _dialog(gui).is_open and load(there) == gui.session.system
 
 
-def test_a_folder_of_patterns_is_opened(gui: Any, tmp_path: Path) -> None:
+def test_a_folder_of_patterns_is_opened(gui: Gui, tmp_path: Path) -> None:
     drive = random_drive(gui.session.system, 7)
     for number in (1, 2):
         levels = np.rint(255 * drive[0, number - 1]).astype(np.uint8)
@@ -142,7 +144,7 @@ def test_a_folder_of_patterns_is_opened(gui: Any, tmp_path: Path) -> None:
     assert np.abs(gui.session.drive - drive).max() < 0.003
 
 
-def test_a_folder_that_is_typed_is_shown(gui: Any, tmp_path: Path) -> None:
+def test_a_folder_that_is_typed_is_shown(gui: Gui, tmp_path: Path) -> None:
     (tmp_path / "inner").mkdir()
     gui.press_chord("Ctrl+O")
     gui.draw_frames(2)
@@ -152,17 +154,17 @@ def test_a_folder_that_is_typed_is_shown(gui: Any, tmp_path: Path) -> None:
     assert _dialog(gui).is_open and _dialog(gui).folder == tmp_path / "inner"
 
 
-def test_a_mistake_in_saving_is_told(gui: Any, tmp_path: Path) -> None:
+def test_a_mistake_in_saving_is_told(gui: Gui, tmp_path: Path) -> None:
     _save_as(gui, "Save preset…", str(tmp_path / "no" / "folder.toml"))
     message = gui.session.messages.all[-1]
     assert message.kind == "error" and "doesn't exist" in message.text
 
 
-def test_the_image_is_copied_and_a_picture_pasted(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_image_is_copied_and_a_picture_pasted(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> None:
     copied: list[np.ndarray] = []
     monkeypatch.setattr(files, "copy_picture", copied.append)
     gui.press_chord("Ctrl+Shift+C")
-    assert np.array_equal(copied[0], tone_map(gui.app.side_renderers.xyz(NOW), gui.session.view_settings))
+    assert np.array_equal(copied[0], tone_map(gui.context.side_renderers.xyz(NOW), gui.session.view_settings))
     monkeypatch.setattr(files, "paste_picture", lambda: copied[0])
     gui.press_chord("Ctrl+V")
     assert gui.session.target_spec is not None and gui.session.target_spec.title == "pasted picture"
@@ -179,7 +181,7 @@ def test_without_a_clipboard_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch)
         clipboard.copy_picture(np.zeros((2, 2, 3), np.uint8))
 
 
-def test_the_list_of_edits_goes_anywhere(gui: Any) -> None:
+def test_the_list_of_edits_goes_anywhere(gui: Gui) -> None:
     gui.session.change("Gap", {"gap": 3e-3})
     gui.session.edit_view("Exposure", exposure_stops=1.0)
     gui.app.show_panel("History")
@@ -196,7 +198,7 @@ def test_the_list_of_edits_goes_anywhere(gui: Any) -> None:
 
 
 @pytest.fixture
-def crashed(make_gui: Callable[..., Any], tmp_path: Path) -> Any:
+def crashed(make_gui: Callable[..., Gui], tmp_path: Path) -> Iterator[Gui]:
     """A viewer that starts beside a session whose program is gone."""
     store = SessionStore(tmp_path)
     lost = EditingSession(small_bench())
@@ -210,17 +212,17 @@ def crashed(make_gui: Callable[..., Any], tmp_path: Path) -> Any:
     lost.close()
 
 
-def test_work_that_a_crash_left_is_offered_and_recovered(crashed: Any) -> None:
+def test_work_that_a_crash_left_is_offered_and_recovered(crashed: Gui) -> None:
     offer = crashed.app.panel(FilesPanel).recovery
     assert offer.is_open
     crashed.engine(lambda ctx: ctx.item_click("//Recover your work/**/Recover"))
     assert not offer.is_open and crashed.session.system.gap_m == 4e-3
-    assert crashed.session.undo() == "Gap" and crashed.app.store.crashed_sessions() == []
+    assert crashed.session.undo() == "Gap" and crashed.context.store.crashed_sessions() == []
 
 
-def test_what_is_discarded_is_gone_and_later_keeps_it(crashed: Any) -> None:
+def test_what_is_discarded_is_gone_and_later_keeps_it(crashed: Gui) -> None:
     offer = crashed.app.panel(FilesPanel).recovery
     crashed.engine(lambda ctx: ctx.item_click("//Recover your work/Later"))
-    assert not offer.is_open and len(crashed.app.store.crashed_sessions()) == 1
-    offer.discard(crashed.app, crashed.app.store.crashed_sessions()[0])
-    assert crashed.app.store.crashed_sessions() == []
+    assert not offer.is_open and len(crashed.context.store.crashed_sessions()) == 1
+    offer.discard(crashed.context.store.crashed_sessions()[0])
+    assert crashed.context.store.crashed_sessions() == []

@@ -13,6 +13,7 @@ from holoview.session.colour_maps import colour_map
 from holoview.session.file_reader import target_from_pixels
 from holoview.session.tone_mapping import compose_comparison, tone_map
 from holoview.session.view_settings import NOW, ComparisonSide, ViewSettings
+from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu
 
@@ -20,12 +21,12 @@ ONE_TO_ONE = {"zoom": 1.0, "centre": (0.5, 0.5)}
 LEVEL = 1  # of 255: powers in f32 beside float64
 
 
-def _shown(gui: Any) -> tuple[np.ndarray, tuple[int, int]]:
+def _shown(gui: Gui) -> tuple[np.ndarray, tuple[int, int]]:
     """The panel's pixels of the image, and its corner in them."""
     frame = gui.app.panel(ImagePanel).visible_area
     left, top = (round(value) for value in frame.to_pixel(0.0, 0.0))
     rows, columns = gui.session.document.image_shape
-    return gui.app.displayed_pixels()[top : top + rows, left : left + columns], (left, top)
+    return gui.context.displayed_pixels()[top : top + rows, left : left + columns], (left, top)
 
 
 LOOKS: tuple[dict[str, Any], ...] = (
@@ -39,32 +40,32 @@ LOOKS: tuple[dict[str, Any], ...] = (
 )
 
 
-def test_one_to_one_the_panel_shows_what_the_reference_makes_of_xyz(gui: Any) -> None:
+def test_one_to_one_the_panel_shows_what_the_reference_makes_of_xyz(gui: Gui) -> None:
     plain = gui.session.view_settings
     for look in LOOKS:
         gui.session.edit("Look", view_settings=plain.with_(**ONE_TO_ONE, **look))
         gui.draw_until_idle()
         seen, _ = _shown(gui)
-        expected = tone_map(gui.app.side_renderers.xyz(NOW), gui.session.view_settings)
+        expected = tone_map(gui.context.side_renderers.xyz(NOW), gui.session.view_settings)
         assert seen.shape == expected.shape
         table = colour_map(look.get("false_colour") or "grey").astype(int)
         step = LEVEL * np.abs(np.diff(table, axis=0)).max()
         assert np.abs(seen.astype(int) - expected).max() <= step, look
 
 
-def test_smaller_than_one_to_one_a_pixel_is_the_mean_light_of_what_it_covers(gui: Any) -> None:
+def test_smaller_than_one_to_one_a_pixel_is_the_mean_light_of_what_it_covers(gui: Gui) -> None:
     gui.session.edit_view("Look", zoom=0.5, centre=(0.5, 0.5))
     gui.draw_until_idle()
     frame = gui.app.panel(ImagePanel).visible_area
     left, top = (round(value) for value in frame.to_pixel(0.0, 0.0))
     rows, columns = (side // 2 for side in gui.session.document.image_shape)
-    xyz = gui.app.side_renderers.xyz(NOW)
+    xyz = gui.context.side_renderers.xyz(NOW)
     means = xyz.reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3))
-    seen = gui.app.displayed_pixels()[top : top + rows, left : left + columns]
+    seen = gui.context.displayed_pixels()[top : top + rows, left : left + columns]
     assert np.abs(seen.astype(int) - tone_map(means, gui.session.view_settings)).max() <= LEVEL
 
 
-def test_the_wheel_zooms_about_the_pointer(gui: Any) -> None:
+def test_the_wheel_zooms_about_the_pointer(gui: Gui) -> None:
     panel, at = gui.app.panel(ImagePanel), gui.item_position("image", 0.3, 0.6)
     corner = gui.item_position("image", 0, 0)
     before = panel.visible_area.to_image(at[0] - corner[0], at[1] - corner[1])
@@ -77,25 +78,25 @@ def test_the_wheel_zooms_about_the_pointer(gui: Any) -> None:
     assert gui.session.view_settings.zoom == 0
 
 
-def test_dragging_pans_and_is_no_step_of_undo(gui: Any) -> None:
+def test_dragging_pans_and_is_no_step_of_undo(gui: Gui) -> None:
     steps = len(gui.session.history)
     gui.wheel(gui.item_position("image"), 4)
     before, zoom = gui.session.view_settings.centre, gui.session.view_settings.zoom
     gui.drag(gui.item_position("image", 0.5, 0.5), gui.item_position("image", 0.4, 0.5))
-    left, _, right, _ = gui.app.item_rects["image"]
+    left, _, right, _ = gui.context.item_rects["image"]
     moved = 0.1 * (right - left) / zoom / gui.session.document.image_shape[1]
     assert gui.session.view_settings.centre[0] - before[0] == pytest.approx(moved, rel=0.15)  # whole pixels
     assert len(gui.session.history) == steps
 
 
-def test_ctrl_and_the_wheel_change_the_focal_plane(gui: Any) -> None:
+def test_ctrl_and_the_wheel_change_the_focal_plane(gui: Gui) -> None:
     before = gui.session.view_settings.plane_m
     gui.wheel(gui.item_position("image"), 2, "Control")
     assert gui.session.view_settings.plane_m > before
     assert gui.session.view_settings.zoom == 0
 
 
-def test_shift_and_drag_draw_a_region(gui: Any) -> None:
+def test_shift_and_drag_draw_a_region(gui: Gui) -> None:
     gui.hold_keys(("Shift",))
     gui.drag(gui.item_position("image", 0.4, 0.4), gui.item_position("image", 0.6, 0.6))
     gui.release_keys(("Shift",))
@@ -103,17 +104,17 @@ def test_shift_and_drag_draw_a_region(gui: Any) -> None:
     rows, columns = gui.session.document.image_shape
     assert 0 < x < columns / 2 < x + width < columns
     assert 0 < y < rows / 2 < y + height < rows
-    assert gui.app.drag_tool == ""
+    assert gui.context.drag_tool == ""
 
 
-def test_the_values_under_the_pointer_are_those_of_the_image(gui: Any) -> None:
+def test_the_values_under_the_pointer_are_those_of_the_image(gui: Gui) -> None:
     gui.move(gui.item_position("image", 0.5, 0.5))
     gui.draw_frames(2)
     rows, columns = gui.session.document.image_shape
-    line = describe_pixel(gui.app, columns // 2, rows // 2)
-    x, y, z = gui.app.side_renderers.xyz(NOW)[rows // 2, columns // 2]
+    line = describe_pixel(gui.context, columns // 2, rows // 2)
+    x, y, z = gui.context.side_renderers.xyz(NOW)[rows // 2, columns // 2]
     assert f"XYZ {x:.3f}  {y:.3f}  {z:.3f}" in line
-    intensity = gui.app.side_renderers.now.intensities()[:, rows // 2, columns // 2]
+    intensity = gui.context.side_renderers.now.intensities()[:, rows // 2, columns // 2]
     assert intensity.shape == (3,) and np.all(intensity > 0)
 
 
@@ -121,7 +122,7 @@ def test_the_values_under_the_pointer_are_those_of_the_image(gui: Any) -> None:
 
 
 @pytest.fixture
-def pinned(gui: Any) -> Any:
+def pinned(gui: Gui) -> Gui:
     """A viewer in which A is now and B a snapshot of another plane."""
     name = gui.session.pin()
     gui.session.change("Gap", {"gap": "4 mm"})
@@ -130,14 +131,14 @@ def pinned(gui: Any) -> Any:
     return gui
 
 
-def _both(gui: Any) -> tuple[np.ndarray, np.ndarray]:
+def _both(gui: Gui) -> tuple[np.ndarray, np.ndarray]:
     look: ViewSettings = gui.session.view_settings
-    a, b = gui.app.side_renderers.xyz(look.a), gui.app.side_renderers.xyz(look.b)
+    a, b = gui.context.side_renderers.xyz(look.a), gui.context.side_renderers.xyz(look.b)
     assert np.abs(a - b).mean() > 0.01
     return tone_map(a, look).astype(int), tone_map(b, look).astype(int)
 
 
-def test_wipe_shows_a_left_of_the_line_and_b_right_of_it(pinned: Any) -> None:
+def test_wipe_shows_a_left_of_the_line_and_b_right_of_it(pinned: Gui) -> None:
     pinned.session.edit_view("Wipe", compare="wipe", wipe=0.5)
     pinned.draw_until_idle()
     seen, (left, _) = _shown(pinned)
@@ -147,14 +148,14 @@ def test_wipe_shows_a_left_of_the_line_and_b_right_of_it(pinned: Any) -> None:
     assert np.abs(seen[:, middle + 2 :] - b[:, middle + 2 :]).max() <= LEVEL
 
 
-def test_the_wipe_follows_the_hand(pinned: Any) -> None:
+def test_the_wipe_follows_the_hand(pinned: Gui) -> None:
     pinned.session.edit_view("Wipe", compare="wipe", wipe=0.5)
     pinned.draw_until_idle()
     pinned.drag(pinned.item_position("image", 0.5, 0.5), pinned.item_position("image", 0.25, 0.5))
     assert pinned.session.view_settings.wipe == pytest.approx(0.25, abs=0.02)
 
 
-def test_b_is_shown_while_its_key_is_held(pinned: Any) -> None:
+def test_b_is_shown_while_its_key_is_held(pinned: Gui) -> None:
     pinned.session.edit_view("Hold", compare="hold")
     pinned.draw_until_idle()
     a, b = _both(pinned)
@@ -166,11 +167,11 @@ def test_b_is_shown_while_its_key_is_held(pinned: Any) -> None:
     assert np.abs(_shown(pinned)[0] - a).max() <= LEVEL
 
 
-def test_a_difference_acts_on_exposed_channels(pinned: Any) -> None:
+def test_a_difference_acts_on_exposed_channels(pinned: Gui) -> None:
     pinned.session.edit_view("Difference", compare="difference", exposure_stops=-2.0)
     pinned.draw_until_idle()
     look = pinned.session.view_settings
-    a, b = pinned.app.side_renderers.xyz(look.a), pinned.app.side_renderers.xyz(look.b)
+    a, b = pinned.context.side_renderers.xyz(look.a), pinned.context.side_renderers.xyz(look.b)
     from holoview.colour import srgb_encode, xyz_to_linear_srgb
 
     difference = np.abs(xyz_to_linear_srgb(a - b)) * 2.0**look.exposure_stops
@@ -179,16 +180,16 @@ def test_a_difference_acts_on_exposed_channels(pinned: Any) -> None:
     assert np.abs(compose_comparison(a, b, look) - expected).max() <= LEVEL, "and so it is saved"
 
 
-def test_side_by_side_shows_the_same_part_of_both(pinned: Any) -> None:
+def test_side_by_side_shows_the_same_part_of_both(pinned: Gui) -> None:
     pinned.session.edit_view("Sides", compare="side-by-side", zoom=0.5)
     pinned.draw_until_idle()
-    frame, seen = pinned.app.panel(ImagePanel).visible_area, pinned.app.displayed_pixels().astype(int)
+    frame, seen = pinned.app.panel(ImagePanel).visible_area, pinned.context.displayed_pixels().astype(int)
     left, top = (round(value) for value in frame.to_pixel(0.0, 0.0))
     rows, columns = (side // 2 for side in pinned.session.document.image_shape)
     half = frame.size[0] // 2
     a, b = (
         tone_map(
-            pinned.app.side_renderers.xyz(side).reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3)),
+            pinned.context.side_renderers.xyz(side).reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3)),
             pinned.session.view_settings,
         )
         for side in (pinned.session.view_settings.a, pinned.session.view_settings.b)
@@ -197,7 +198,7 @@ def test_side_by_side_shows_the_same_part_of_both(pinned: Any) -> None:
     assert np.abs(seen[top : top + rows, half + left + 1 : half + left + columns] - b[:, 1:]).max() <= LEVEL
 
 
-def test_another_preset_can_be_a_side(gui: Any) -> None:
+def test_another_preset_can_be_a_side(gui: Gui) -> None:
     gui.session.edit_view("Preset", b=ComparisonSide("preset", "simultaneous"), compare="wipe", **ONE_TO_ONE)
     gui.draw_until_idle()
     a, b = _both(gui)
@@ -207,13 +208,13 @@ def test_another_preset_can_be_a_side(gui: Any) -> None:
 # --- other pages ----------------------------------------------------------------------------------------------------
 
 
-def _paged(gui: Any, page: str) -> np.ndarray:
+def _paged(gui: Gui, page: str) -> np.ndarray:
     gui.session.edit_view("Page", page=page, **ONE_TO_ONE)
     gui.draw_until_idle()
     return _shown(gui)[0]
 
 
-def test_the_phase_page_shows_a_pattern_as_turns_of_hue(gui: Any) -> None:
+def test_the_phase_page_shows_a_pattern_as_turns_of_hue(gui: Gui) -> None:
     seen = _paged(gui, "phase")[:64, :96]
     system, drive = gui.session.system, gui.session.drive
     waves = system.modulators[0].stroke_m / np.sort(system.wavelengths_m)[1]
@@ -222,38 +223,38 @@ def test_the_phase_page_shows_a_pattern_as_turns_of_hue(gui: Any) -> None:
     expected = colour_map("hue")[np.rint(255 * turns).astype(int)].astype(int)
     frame = gui.app.panel(ImagePanel).visible_area
     left, top = (round(value) for value in frame.to_pixel(0.0, 0.0))
-    seen = gui.app.displayed_pixels()[top : top + 64, left : left + 96].astype(int)
+    seen = gui.context.displayed_pixels()[top : top + 64, left : left + 96].astype(int)
     assert np.median(np.abs(seen - expected)) <= LEVEL
 
 
-def test_the_spectrum_page_shows_where_light_leaves_to(gui: Any) -> None:
+def test_the_spectrum_page_shows_where_light_leaves_to(gui: Gui) -> None:
     gui.session.change("Iris", {"relay2.iris_na": 0.01})
     gui.session.edit_view("Page", page="spectrum")
     gui.draw_until_idle()
-    seen = gui.app.displayed_pixels()
+    seen = gui.context.displayed_pixels()
     rows, columns = seen.shape[:2]
     centre = seen[rows // 2 - 5 : rows // 2 + 5, columns // 2 - 5 : columns // 2 + 5]
-    left, top = (round(value) for value in gui.app.panel(ImagePanel).visible_area.pixel(0.0, 0.0))
+    left, top = (round(value) for value in gui.app.panel(ImagePanel).visible_area.to_pixel(0.0, 0.0))
     corner = seen[top + 2 : top + 12, left + 2 : left + 12]
     assert centre.mean() > 60 and corner.mean() < 5, "the iris is open in the middle"
 
 
-def test_the_target_page_shows_what_is_wanted(gui: Any) -> None:
+def test_the_target_page_shows_what_is_wanted(gui: Gui) -> None:
     red = np.zeros((64, 96, 3), np.uint8)
     red[..., 0] = 200
     gui.session.edit("Target", target_spec=target_from_pixels(red))
     assert gui.session.wait_until_idle(30)
     seen = _paged(gui, "target")
     assert np.median(seen.reshape(-1, 3), axis=0) == pytest.approx([200, 0, 0], abs=LEVEL)
-    line = describe_pixel(gui.app, 96, 64)
+    line = describe_pixel(gui.context, 96, 64)
     assert line.startswith("x 96  y 64   RGB 0.5") and " I " not in line, line
 
 
-def test_the_contact_sheet_has_every_plane_and_a_click_goes_to_one(gui: Any) -> None:
+def test_the_contact_sheet_has_every_plane_and_a_click_goes_to_one(gui: Gui) -> None:
     gui.press_chord("G")
     gui.draw_until_idle()
-    x0, y0, x1, y1 = (round(value) for value in gui.app.item_rects["sheet 9 mm"])
+    x0, y0, x1, y1 = (round(value) for value in gui.context.item_rects["sheet 9 mm"])
     assert gui.draw_frames(2)[y0 + 20 : y1, x0:x1].std() > 20
-    assert {f"sheet {z} mm" for z in ("9", "9.5", "10", "10.5", "11")} <= set(gui.app.item_rects)
+    assert {f"sheet {z} mm" for z in ("9", "9.5", "10", "10.5", "11")} <= set(gui.context.item_rects)
     gui.click(gui.item_position("sheet 10.5 mm"))
     assert gui.session.view_settings.plane_m == pytest.approx(10.5e-3) and gui.session.view_settings.page == "image"

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 
 from holoview.app.panels.files import FilesPanel
+from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu
 
 TEXT = "compare_side_by_side 0123456789"
 
 
-def test_fast_typing_is_taken_to_its_end_though_nothing_else_happens(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fast_typing_is_taken_to_its_end_though_nothing_else_happens(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> None:
     gui.press_chord("Ctrl+P")
     gui.draw_frames(5)
     for letter in TEXT:
@@ -21,11 +20,11 @@ def test_fast_typing_is_taken_to_its_end_though_nothing_else_happens(gui: Any, m
         gui.submit_event("char", data=letter, is_composing=False, input_type="insertText")
         gui.submit_event("key_up", key=letter, modifiers=())
     _draw_on_demand(gui, monkeypatch)
-    assert gui.app.help_overlay.query == TEXT
+    assert gui.context.help_overlay.query == TEXT
 
 
-def test_a_drag_within_one_frame_is_the_whole_drag(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where frames take longer than a hand."""
+def test_a_drag_within_one_frame_is_the_whole_drag(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where frames take longer than a hand moves."""
     (x, y), (x1, y1) = gui.item_position("image", 0.3, 0.3), gui.item_position("image", 0.7, 0.7)
     gui.move((x, y))
     gui.submit_event("key_down", key="Shift", modifiers=())
@@ -40,7 +39,7 @@ def test_a_drag_within_one_frame_is_the_whole_drag(gui: Any, monkeypatch: pytest
 
 @pytest.mark.parametrize("seen_early", [False, True])
 def test_a_chord_let_go_before_a_frame_keeps_its_modifier(
-    gui: Any, monkeypatch: pytest.MonkeyPatch, seen_early: bool
+    gui: Gui, monkeypatch: pytest.MonkeyPatch, seen_early: bool
 ) -> None:
     """However the keys of a quick Ctrl+S, and of the S after it, fall on frames: one saves, the other compares."""
     gui.submit_event("key_down", key="Control", modifiers=("Control",))
@@ -53,7 +52,7 @@ def test_a_chord_let_go_before_a_frame_keeps_its_modifier(
     assert gui.session.view_settings.compare == "off"
 
 
-def test_a_letter_before_a_modifier_is_without_it(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_letter_before_a_modifier_is_without_it(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> None:
     for kind, key in (("key_down", "s"), ("key_down", "Control"), ("key_up", "s"), ("key_up", "Control")):
         gui.submit_event(kind, key=key, modifiers=())
     _draw_on_demand(gui, monkeypatch)
@@ -61,7 +60,7 @@ def test_a_letter_before_a_modifier_is_without_it(gui: Any, monkeypatch: pytest.
     assert gui.session.view_settings.compare == "side-by-side"
 
 
-def _draw_on_demand(gui: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def _draw_on_demand(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> None:
     """As a loop on demand does it: a frame only where one was asked for."""
     asked = [True]
     monkeypatch.setattr(gui.canvas, "request_draw", lambda *_: asked.append(True))

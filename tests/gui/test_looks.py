@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from PIL import Image
 
 from holoview import cli
 from holoview.app import theme
+from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu
 
@@ -25,7 +25,7 @@ READABLE = 4.5  # contrast of texts, WCAG 2.2, 1.4.3
 DARK = {"exposure_stops": -30.0}  # speckle makes large files
 
 
-def _drawn(gui: Any) -> NDArray[np.uint8]:
+def _drawn(gui: Gui) -> NDArray[np.uint8]:
     gui.move((2, 60))
     gui.draw_until_idle()
     return gui.draw_frames(3)[:-STATUS]
@@ -36,7 +36,7 @@ def _drawn(gui: Any) -> NDArray[np.uint8]:
     [
         ("start", lambda gui: None),
         ("keys", lambda gui: (gui.session.edit_view("Dark", **DARK), gui.press_chord("?"))),
-        ("light", lambda gui: (gui.session.edit_view("Dark", **DARK), gui.app.set_theme("Light"))),
+        ("light", lambda gui: (gui.session.edit_view("Dark", **DARK), gui.context.set_theme("Light"))),
         ("gamut", lambda gui: (gui.session.edit_view("Look", solo=1), gui.app.show_panel("Gamut"))),
         (
             "wipe",
@@ -48,13 +48,13 @@ def _drawn(gui: Any) -> NDArray[np.uint8]:
     ],
 )
 def test_the_window_looks_as_it_did(
-    gui: Any, golden: Callable[..., None], name: str, prepare: Callable[..., None]
+    gui: Gui, golden: Callable[..., None], name: str, prepare: Callable[..., None]
 ) -> None:
     prepare(gui)
     golden(name, _drawn(gui))
 
 
-def test_every_sign_that_is_written_has_a_glyph(gui: Any) -> None:
+def test_every_sign_that_is_written_has_a_glyph(gui: Gui) -> None:
     """Of the texts in panels, and of docstrings and sentences that panels show."""
     package = Path(theme.__file__).parents[1]
     files = [*package.glob("app/**/*.py"), *package.glob("session/**/*.py"), *package.glob("effects/*.py")]
@@ -64,13 +64,13 @@ def test_every_sign_that_is_written_has_a_glyph(gui: Any) -> None:
     assert {"λ", "Δ", "→"} <= signs and missing <= set("─▶"), missing
 
 
-def test_frames_of_the_same_state_are_identical(gui: Any) -> None:
+def test_frames_of_the_same_state_are_identical(gui: Gui) -> None:
     assert np.array_equal(_drawn(gui), _drawn(gui))
 
 
 @pytest.mark.parametrize("name", theme.THEMES)
-def test_texts_can_be_read_in_every_theme(gui: Any, name: str) -> None:
-    gui.app.set_theme(name)
+def test_texts_can_be_read_in_every_theme(gui: Gui, name: str) -> None:
+    gui.context.set_theme(name)
     gui.draw_frames(2)
     colours = imgui.Col_
     for text in (colours.text, colours.text_disabled):
@@ -99,20 +99,20 @@ def _contrast(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     return bright / dark
 
 
-def test_a_screen_of_high_resolution_is_drawn_in_its_pixels(make_gui: Callable[..., Any]) -> None:
+def test_a_screen_of_high_resolution_is_drawn_in_its_pixels(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(size=(640, 400), pixel_ratio=2.0)
     image = gui.draw_until_idle()
     assert image.shape == (800, 1280, 3)
-    x0, y0, x1, y1 = (round(2 * value) for value in gui.app.item_rects["image"])
-    seen = gui.app.displayed_pixels()
+    x0, y0, x1, y1 = (round(2 * value) for value in gui.context.item_rects["image"])
+    seen = gui.context.displayed_pixels()
     assert seen.shape[:2] == (y1 - y0, x1 - x0)
     assert np.array_equal(image[y0 + 40 : y1 - 40, x0 + 40 : x1 - 40], seen[40:-40, 40:-40])
 
 
-def test_the_manual_names_every_key(gui: Any) -> None:
+def test_the_manual_names_every_key(gui: Gui) -> None:
     manual = (Path(__file__).parents[2] / "docs" / "viewer.md").read_text(encoding="utf-8")
     lines = manual.splitlines()
-    for command in gui.app.commands:
+    for command in gui.context.commands:
         if command.keys:
             assert any(f"`{command.keys[0].text}`" in line and command.name in line for line in lines), command.name
 

@@ -38,16 +38,16 @@ async def _frames(canvas: Any, sent: list[Any], count: int) -> None:
 def test_frames_are_sent_and_an_edit_by_code_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     async def play() -> tuple[list[Any], Any]:
         viewer = holoview.show(SYSTEM, size=(640, 400))
-        canvas, sent = viewer._app.window.canvas, []
+        canvas, sent = viewer.app.window.canvas, []
         monkeypatch.setattr(canvas, "send", lambda message, buffers: sent.append((message, buffers)))
         _resized(canvas, 640, 400)
         await _frames(canvas, sent, 5)
         viewer.session.change("Gap", {"gap": "3 mm"})
         await _frames(canvas, sent, len(sent) + 3)
         again = holoview.show(viewer.session.system, size=(320, 200))
-        assert notebook._open_viewers == [again], "one at a time"
+        assert notebook.open_viewers == [again], "one at a time"
         again.close()
-        assert notebook._open_viewers == []
+        assert notebook.open_viewers == []
         return sent, viewer.session
 
     sent, session = asyncio.run(play())

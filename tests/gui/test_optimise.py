@@ -13,12 +13,13 @@ from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.optimise import OptimisePanel
 from holoview.session.file_reader import target_from_pixels
 from holoview.session.optimisation_job import last_optimisation, running_optimisation
+from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu
 
 
 @pytest.fixture
-def gui(make_gui: Callable[..., Any]) -> Any:
+def gui(make_gui: Callable[..., Gui]) -> Gui:
     opened = make_gui(size=(800, 480), engine=True, panels=(ImagePanel, OptimisePanel))
     pixels = np.full((64, 96, 3), 90, np.uint8)
     pixels[16:48, 24:72] = 230
@@ -27,7 +28,7 @@ def gui(make_gui: Callable[..., Any]) -> Any:
     return opened
 
 
-def _until(gui: Any, condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
+def _until(gui: Gui, condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
     until = time.monotonic() + timeout_s
     while not condition():
         gui.draw_frames()
@@ -35,7 +36,7 @@ def _until(gui: Any, condition: Callable[[], bool], timeout_s: float = 60.0) -> 
         assert time.monotonic() < until, "waited too long"
 
 
-def test_optimise_is_followed_kept_and_taken_back(gui: Any) -> None:
+def test_optimise_is_followed_kept_and_taken_back(gui: Gui) -> None:
     old = gui.session.drive
     gui.app.panel(OptimisePanel).iterations = 5000
     gui.engine(lambda ctx: ctx.item_click("Optimise/Optimise##start"))
@@ -52,7 +53,7 @@ def test_optimise_is_followed_kept_and_taken_back(gui: Any) -> None:
     assert gui.session.drive is old
 
 
-def test_cancel_leaves_the_old_patterns(gui: Any) -> None:
+def test_cancel_leaves_the_old_patterns(gui: Gui) -> None:
     old = gui.session.drive
     gui.app.panel(OptimisePanel).iterations = 5000
     gui.press_chord("Ctrl+Enter")
@@ -64,7 +65,7 @@ def test_cancel_leaves_the_old_patterns(gui: Any) -> None:
     assert job.status == "cancelled" and gui.session.drive is old
 
 
-def test_what_is_chosen_is_what_is_done(gui: Any) -> None:
+def test_what_is_chosen_is_what_is_done(gui: Gui) -> None:
     panel = gui.app.panel(OptimisePanel)
 
     def choose(ctx: Any) -> None:
@@ -75,13 +76,13 @@ def test_what_is_chosen_is_what_is_done(gui: Any) -> None:
 
     gui.engine(choose)
     plan = panel.request()
-    assert (plan.scheme, plan.begin, plan.settings.iterations) == ("holochrome-8", "smooth", 2)
+    assert (plan.scheme, plan.start_patterns, plan.settings.iterations) == ("holochrome-8", "smooth", 2)
     gui.press_chord("Ctrl+Enter")
     _until(gui, lambda: last_optimisation(gui.session) is not None and running_optimisation(gui.session) is None)
     assert len(gui.session.system.wavelengths_m) == 8 and "2 iterations" in gui.session.document.origin
 
 
-def test_brightness_of_the_target_is_one_step_of_undo(gui: Any) -> None:
+def test_brightness_of_the_target_is_one_step_of_undo(gui: Gui) -> None:
     gui.engine(lambda ctx: ctx.item_input_value("Optimise/brightness", 0.5))
     assert gui.session.target_spec.brightness == pytest.approx(0.5)
     gui.press_chord("Ctrl+Z")

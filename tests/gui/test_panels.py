@@ -15,7 +15,7 @@ from holoview.app.panel import Panel
 from holoview.app.panels import ALL
 from holoview.app.panels.focus import FocusPanel
 from holoview.session.view_settings import NOW, ComparisonSide
-from tests.gui.conftest import small_bench
+from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu
 
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.gpu
 # --- bench ----------------------------------------------------------------------------------------------------------
 
 
-def test_dragging_a_slider_is_one_step_of_undo_and_can_be_undone(gui: Any) -> None:
+def test_dragging_a_slider_is_one_step_of_undo_and_can_be_undone(gui: Gui) -> None:
     steps, before = len(gui.session.history), gui.session.system.gap_m
     gui.drag(gui.item_position("gap", 0.2), gui.item_position("gap", 0.5), steps=8)
     assert gui.session.system.gap_m > before
@@ -34,20 +34,20 @@ def test_dragging_a_slider_is_one_step_of_undo_and_can_be_undone(gui: Any) -> No
     assert gui.session.system.gap_m > before
 
 
-def test_a_right_click_resets_a_slider(gui: Any) -> None:
+def test_a_right_click_resets_a_slider(gui: Gui) -> None:
     before = gui.session.system.gap_m
     gui.drag(gui.item_position("gap", 0.2), gui.item_position("gap", 0.5))
     gui.click(gui.item_position("gap", 0.3), button=2)
     assert gui.session.system.gap_m == before
 
 
-def test_ctrl_and_click_take_an_exact_value(make_gui: Callable[..., Any]) -> None:
+def test_ctrl_and_click_take_an_exact_value(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(engine=True)
     gui.engine(lambda ctx: ctx.item_input_value("**/gap", 3.21))
     assert gui.session.system.gap_m == pytest.approx(3.21e-3)
 
 
-def test_what_is_impossible_is_told_and_changes_nothing(make_gui: Callable[..., Any]) -> None:
+def test_what_is_impossible_is_told_and_changes_nothing(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(engine=True)
     before = gui.session.system
     gui.engine(lambda ctx: ctx.item_input_value("**/gap", -5.0))
@@ -55,7 +55,7 @@ def test_what_is_impossible_is_told_and_changes_nothing(make_gui: Callable[..., 
     assert "out of range" in gui.last_message()
 
 
-def test_every_group_of_parameters_opens(make_gui: Callable[..., Any]) -> None:
+def test_every_group_of_parameters_opens(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(engine=True, size=(900, 700))
     headers = ("Modulators", "Source", "Relay 2 (to the focal plane)", "Simulation")
 
@@ -65,10 +65,10 @@ def test_every_group_of_parameters_opens(make_gui: Callable[..., Any]) -> None:
             ctx.item_open(header)
 
     gui.engine(open_all)
-    assert {"modulators.stroke", "relay2.iris_na", "sampling.upsample"} <= set(gui.app.item_rects)
+    assert {"modulators.stroke", "relay2.iris_na", "sampling.upsample"} <= set(gui.context.item_rects)
 
 
-def test_an_iris_and_an_aberration_are_switched_on_and_off(make_gui: Callable[..., Any]) -> None:
+def test_an_iris_and_an_aberration_are_switched_on_and_off(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(engine=True, size=(900, 700))
 
     def script(ctx: Any) -> None:
@@ -85,7 +85,7 @@ def test_an_iris_and_an_aberration_are_switched_on_and_off(make_gui: Callable[..
 # --- lasers ---------------------------------------------------------------------------------------------------------
 
 
-def test_dragging_a_peak_changes_wavelength_and_power(gui: Any) -> None:
+def test_dragging_a_peak_changes_wavelength_and_power(gui: Gui) -> None:
     before = gui.session.system
     x, y = gui.item_position("laser 1")
     gui.drag((x, y), (x + 12, y + 15))
@@ -95,7 +95,7 @@ def test_dragging_a_peak_changes_wavelength_and_power(gui: Any) -> None:
     assert np.array_equal(after.wavelengths_m[[0, 2]], before.wavelengths_m[[0, 2]])
 
 
-def test_lasers_are_added_balanced_soloed_and_removed(make_gui: Callable[..., Any]) -> None:
+def test_lasers_are_added_balanced_soloed_and_removed(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(engine=True, size=(900, 700))
     gui.engine(lambda ctx: ctx.item_click("Lasers/Add"))
     assert len(gui.session.system.wavelengths_m) == 4
@@ -108,7 +108,7 @@ def test_lasers_are_added_balanced_soloed_and_removed(make_gui: Callable[..., An
     assert len(gui.session.system.wavelengths_m) == 3
 
 
-def test_lasers_are_entered_exactly_muted_and_taken_from_a_preset(make_gui: Callable[..., Any]) -> None:
+def test_lasers_are_entered_exactly_muted_and_taken_from_a_preset(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(engine=True, size=(900, 700))
     gui.engine(lambda ctx: ctx.item_input_value("Lasers/**/$$0/##nm", 471.5))
     assert gui.session.system.wavelengths_m[0] == pytest.approx(471.5e-9)
@@ -124,14 +124,14 @@ def test_lasers_are_entered_exactly_muted_and_taken_from_a_preset(make_gui: Call
     assert np.array_equal(gui.session.system.wavelengths_m, load("holochrome-8").wavelengths_m)
 
 
-def test_frames_have_patterns_of_their_own(make_gui: Callable[..., Any]) -> None:
+def test_frames_have_patterns_of_their_own(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(engine=True, size=(900, 700))
     gui.engine(lambda ctx: ctx.item_input_value("Bench/**/frames", 3))
     assert gui.session.system.frames == 3 and len(gui.session.drive) == 3
-    gui.app.commands.run("Random patterns")
+    gui.context.commands.run("Random patterns")
     drive = gui.session.drive
     assert not np.array_equal(drive[0], drive[1])
-    gui.app.commands.run("Random patterns")
+    gui.context.commands.run("Random patterns")
     assert not np.array_equal(gui.session.drive, drive)
     gui.press_chord("Ctrl+Z")
     assert gui.session.drive is drive
@@ -140,7 +140,7 @@ def test_frames_have_patterns_of_their_own(make_gui: Callable[..., Any]) -> None
 # --- focal plane ----------------------------------------------------------------------------------------------------
 
 
-def test_the_focal_plane_is_scrubbed_by_slider_keys_and_thumbnails(make_gui: Callable[..., Any]) -> None:
+def test_the_focal_plane_is_scrubbed_by_slider_keys_and_thumbnails(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(size=(900, 700))
     gui.draw_until_idle()
     gui.drag(gui.item_position("plane", 0.5), gui.item_position("plane", 0.8))
@@ -154,7 +154,7 @@ def test_the_focal_plane_is_scrubbed_by_slider_keys_and_thumbnails(make_gui: Cal
     assert gui.session.view_settings.plane_m == pytest.approx(9e-3)
 
 
-def test_play_goes_through_the_stack_until_it_is_stopped(gui: Any) -> None:
+def test_play_goes_through_the_stack_until_it_is_stopped(gui: Gui) -> None:
     gui.press_chord("Space")
     assert gui.app.panel(FocusPanel).is_playing
     gui.draw_frames(3)
@@ -168,7 +168,7 @@ def test_play_goes_through_the_stack_until_it_is_stopped(gui: Any) -> None:
 # --- look -----------------------------------------------------------------------------------------------------------
 
 
-def test_keys_change_the_look(gui: Any) -> None:
+def test_keys_change_the_look(gui: Gui) -> None:
     changes = {
         "E": ("exposure_stops", 0.25),
         "R": ("exposure_stops", 0.0),
@@ -186,7 +186,7 @@ def test_keys_change_the_look(gui: Any) -> None:
         assert getattr(gui.session.view_settings, field) == value, key
 
 
-def test_exposure_has_a_slider(gui: Any) -> None:
+def test_exposure_has_a_slider(gui: Gui) -> None:
     gui.app.show_panel("View")
     gui.draw_frames(3)
     gui.drag(gui.item_position("exposure", 0.5), gui.item_position("exposure", 0.7))
@@ -195,12 +195,12 @@ def test_exposure_has_a_slider(gui: Any) -> None:
     assert gui.session.view_settings.exposure_stops == 0
 
 
-def test_pinning_keeps_the_present_state(gui: Any) -> None:
+def test_pinning_keeps_the_present_state(gui: Gui) -> None:
     gui.press_chord("P")
     assert list(gui.session.snapshots) == ["Snapshot 1"]
 
 
-def test_a_snapshot_is_renamed_in_its_field_and_still_compared_with(make_gui: Callable[..., Any]) -> None:
+def test_a_snapshot_is_renamed_in_its_field_and_still_compared_with(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(size=(900, 900))
     first, second = gui.session.pin(), gui.session.pin()
     gui.session.edit_view("Compare", b=ComparisonSide("snapshot", first))
@@ -223,7 +223,7 @@ def test_a_snapshot_is_renamed_in_its_field_and_still_compared_with(make_gui: Ca
     assert "isn't taken" in gui.last_message()
 
 
-def test_a_snapshot_is_forgotten_by_its_button(make_gui: Callable[..., Any]) -> None:
+def test_a_snapshot_is_forgotten_by_its_button(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(size=(900, 900))
     kept, gone = gui.session.pin(), gui.session.pin()
     gui.session.edit_view("Compare", a=ComparisonSide("snapshot", gone), b=ComparisonSide("snapshot", kept))
@@ -237,23 +237,23 @@ def test_a_snapshot_is_forgotten_by_its_button(make_gui: Callable[..., Any]) -> 
 # --- the app --------------------------------------------------------------------------------------------------------
 
 
-def test_no_two_commands_share_a_key_and_every_menu_has_some(gui: Any) -> None:
-    codes = [chord.code for command in gui.app.commands for chord in command.keys]
+def test_no_two_commands_share_a_key_and_every_menu_has_some(gui: Gui) -> None:
+    codes = [chord.code for command in gui.context.commands for chord in command.keys]
     assert len(codes) == len(set(codes))
-    assert {"File", "Edit", "Image", "Compare", "Help"} <= {command.group for command in gui.app.commands}
+    assert {"File", "Edit", "Image", "Compare", "Help"} <= {command.group for command in gui.context.commands}
 
 
-def test_the_palette_finds_and_runs_a_command(gui: Any) -> None:
+def test_the_palette_finds_and_runs_a_command(gui: Gui) -> None:
     gui.press_chord("Ctrl+P")
     gui.draw_frames(2)
     gui.type_text("wipe")
-    assert [command.name for command in gui.app.help_overlay.matches()] == ["Compare: wipe"]
+    assert [command.name for command in gui.context.help_overlay.matches()] == ["Compare: wipe"]
     gui.press_chord("Enter")
     assert gui.session.view_settings.compare == "wipe"
-    assert gui.app.help_overlay.page == ""
+    assert gui.context.help_overlay.page == ""
 
 
-def test_keys_typed_into_a_field_are_no_commands(gui: Any) -> None:
+def test_keys_typed_into_a_field_are_no_commands(gui: Gui) -> None:
     gui.press_chord("Ctrl+P")
     gui.draw_frames(2)
     gui.type_text("w")
@@ -275,7 +275,7 @@ class _Broken(Panel):
         imgui.end_child()
 
 
-def test_a_failing_panel_shows_its_error_and_the_rest_goes_on(make_gui: Callable[..., Any]) -> None:
+def test_a_failing_panel_shows_its_error_and_the_rest_goes_on(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(panels=(*ALL, _Broken))
     broken = next(guarded for guarded in gui.app.panels if isinstance(guarded.panel, _Broken))
     broken.panel.fails = True
@@ -293,36 +293,36 @@ def test_a_failing_panel_shows_its_error_and_the_rest_goes_on(make_gui: Callable
 
 
 @pytest.mark.parametrize("preset", ["time-sequential", "multisource-3x3", "holochrome-8-1slm"])
-def test_other_benches_are_shown_too(make_gui: Callable[..., Any], preset: str) -> None:
+def test_other_benches_are_shown_too(make_gui: Callable[..., Gui], preset: str) -> None:
     gui = make_gui(load(preset).edit({"shape": [32, 48]}))
     gui.draw_until_idle()
-    assert gui.app.side_renderers.now.is_fresh
-    assert gui.app.side_renderers.xyz(gui.session.view_settings.a).shape == (64, 96, 3)
+    assert gui.context.side_renderers.now.is_fresh
+    assert gui.context.side_renderers.xyz(gui.session.view_settings.a).shape == (64, 96, 3)
 
 
-def test_an_edit_while_the_image_is_computed_drops_what_is_stale(make_gui: Callable[..., Any]) -> None:
+def test_an_edit_while_the_image_is_computed_drops_what_is_stale(make_gui: Callable[..., Gui]) -> None:
     gui = make_gui(small_bench())
     gui.app.compute_slice()
     for plane_m in (9.1e-3, 9.2e-3, 9.3e-3):
         gui.session.edit_view("Plane", plane_m=plane_m)
         gui.app.compute_slice()
     gui.draw_until_idle()
-    assert gui.app.side_renderers.now.full_scene.plane_m == 9.3e-3
-    lights = gui.app.side_renderers.now._full.renderer.kernels["light"]
+    assert gui.context.side_renderers.now.full_scene.plane_m == 9.3e-3
+    lights = gui.context.side_renderers.now.full_renderer.dispatch_counts["light"]
     assert lights == 3  # the first rows of each laser, once: planes share them
 
 
-def test_a_key_that_is_held_goes_on_without_further_events(gui: Any) -> None:
+def test_a_key_that_is_held_goes_on_without_further_events(gui: Gui) -> None:
     gui.hold_keys(("ArrowRight",))
     first = gui.session.view_settings.plane_m
     gui.draw_frames(40)
-    assert gui.app.commands.is_repeating()
+    assert gui.context.commands.is_repeating()
     assert gui.session.view_settings.plane_m > first
     gui.release_keys(("ArrowRight",))
-    assert not gui.app.commands.is_repeating()
+    assert not gui.context.commands.is_repeating()
 
 
-def test_a_moment_after_the_last_event_frames_are_due_for_tooltips(gui: Any) -> None:
+def test_a_moment_after_the_last_event_frames_are_due_for_tooltips(gui: Gui) -> None:
     gui.move(gui.item_position("gap"))
     time.sleep(0.75)
     assert gui.app.window.needs_redraw()

@@ -13,73 +13,75 @@ from holoview.app.panels.speckle import SpecklePanel
 from holoview.session.file_reader import target_from_pixels
 from holoview.session.measure import measure_region
 from holoview.session.view_settings import NOW
+from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu
 
 
 @pytest.fixture
-def gui(make_gui: Callable[..., Any]) -> Any:
+def gui(make_gui: Callable[..., Gui]) -> Gui:
     opened = make_gui(size=(800, 480), engine=True, panels=(ImagePanel, SpecklePanel))
     opened.draw_until_idle()
     return opened
 
 
-def _drag(gui: Any, start: tuple[float, float], end: tuple[float, float]) -> None:
+def _drag(gui: Gui, start: tuple[float, float], end: tuple[float, float]) -> None:
     gui.drag(gui.item_position("image", *start), gui.item_position("image", *end))
     gui.draw_until_idle()
 
 
-def test_a_region_is_drawn_on_the_image_and_its_figures_follow(gui: Any) -> None:
-    whole = gui.app.live_measurement.figures.region
+def test_a_region_is_drawn_on_the_image_and_its_figures_follow(gui: Gui) -> None:
+    whole = gui.context.live_measurement.measurements.region
     assert whole.contrast == pytest.approx(
-        measure_region(gui.app.side_renderers.xyz(NOW), gui.session.document.region).contrast
+        measure_region(gui.context.side_renderers.xyz(NOW), gui.session.document.measured_region).contrast
     )
     gui.engine(lambda ctx: ctx.item_click("Speckle/Region"))
-    assert gui.app.drag_tool == "region"
+    assert gui.context.drag_tool == "region"
     _drag(gui, (0.4, 0.4), (0.6, 0.6))
     region = gui.session.view_settings.region
-    assert region is not None and region != whole and gui.app.drag_tool == ""
-    figures = gui.app.live_measurement.figures
-    assert figures.region.pixels == region[2] * region[3]
-    assert figures.region.contrast == measure_region(gui.app.side_renderers.xyz(NOW), region).contrast
+    assert region is not None and region != whole and gui.context.drag_tool == ""
+    figures = gui.context.live_measurement.measurements
+    assert figures.region.n_pixels == region[2] * region[3]
+    assert figures.region.contrast == measure_region(gui.context.side_renderers.xyz(NOW), region).contrast
     gui.session.change("Gap", {"gap": 3e-3})
     gui.draw_until_idle()
-    assert gui.app.live_measurement.figures is not figures, "figures follow the image"
+    assert gui.context.live_measurement.measurements is not figures, "figures follow the image"
     gui.engine(lambda ctx: ctx.item_click("Speckle/Forget"))
     assert gui.session.view_settings.region is None
     gui.session.undo()
     assert gui.session.view_settings.region == region
 
 
-def test_with_a_target_its_structure_is_divided_out_and_fidelity_is_told(gui: Any) -> None:
-    assert gui.app.live_measurement.figures.region.psnr_db is None
+def test_with_a_target_its_structure_is_divided_out_and_fidelity_is_told(gui: Gui) -> None:
+    assert gui.context.live_measurement.measurements.region.psnr_db is None
     gui.session.edit("Target", target_spec=target_from_pixels(np.full((64, 96, 3), 128, np.uint8)))
     assert gui.session.wait_until_idle(30)
     gui.draw_until_idle()
-    region = gui.app.live_measurement.figures.region
-    expected = measure_region(gui.app.side_renderers.xyz(NOW), gui.session.document.region, gui.session.target_at())
+    region = gui.context.live_measurement.measurements.region
+    xyz = gui.context.side_renderers.xyz(NOW)
+    expected = measure_region(xyz, gui.session.document.measured_region, gui.session.target_at())
     assert (region.psnr_db, region.delta_e) == (expected.psnr_db, expected.delta_e)
     assert region.psnr_db is not None and region.delta_e > 0
 
 
-def test_the_curve_and_the_histogram_are_of_every_wavelength(gui: Any) -> None:
-    figures = gui.app.live_measurement.figures
+def test_the_curve_and_the_histogram_are_of_every_wavelength(gui: Gui) -> None:
+    figures = gui.context.live_measurement.measurements
     assert len(figures.curve.measured) == 3
     assert figures.curve.measured[-1] == pytest.approx(figures.region.contrast, rel=1e-3), "all lasers together"
     assert figures.curve.measured[0] > figures.curve.measured[-1]
     assert figures.histogram.density.sum() > 0
 
 
-def test_a_line_is_drawn_and_its_profile_plotted(gui: Any) -> None:
+def test_a_line_is_drawn_and_its_profile_plotted(gui: Gui) -> None:
     gui.press_chord("Shift+L")
     _drag(gui, (0.45, 0.5), (0.55, 0.5))
-    profile, line = gui.app.live_measurement.figures.profile, gui.session.view_settings.profile
+    profile, line = gui.context.live_measurement.measurements.profile, gui.session.view_settings.profile
     assert line is not None and profile.values.max() > 0
     pitch_m = gui.session.system.modulators[0].pitch_m / gui.session.system.sampling.upsample
     assert profile.distance_m[-1] == pytest.approx(np.hypot(line[2] - line[0], line[3] - line[1]) * pitch_m)
 
 
-def test_a_region_is_entered_exactly(gui: Any) -> None:
+def test_a_region_is_entered_exactly(gui: Gui) -> None:
     def enter(ctx: Any) -> None:
         for number, value in enumerate((8, 9, 30, 20)):
             ctx.item_input_value(f"Speckle/x y w h/$${number}", value)
@@ -89,13 +91,13 @@ def test_a_region_is_entered_exactly(gui: Any) -> None:
     assert gui.session.view_settings.region == (8, 9, 30, 20)
 
 
-def test_one_key_shows_simultaneous_beside_holochrome_with_their_contrasts(gui: Any) -> None:
+def test_one_key_shows_simultaneous_beside_holochrome_with_their_contrasts(gui: Gui) -> None:
     gui.press_chord("F5")
     assert gui.session.wait_until_idle(60)
     gui.draw_until_idle()
     look = gui.session.view_settings
     assert look.compare == "side-by-side" and look.a.label.startswith("Simultaneous, 3 wavelengths: contrast 0.")
     assert look.b.label.startswith("HoloChrome, 8 wavelengths: contrast 0.")
-    result = gui.app.panel(SpecklePanel).result
+    result = gui.app.panel(SpecklePanel).comparison
     assert result.right.contrast < result.left.contrast
     assert gui.draw_frames(2).std() > 20

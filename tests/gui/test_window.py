@@ -19,8 +19,8 @@ from PIL import Image, ImageGrab
 from holoview.io.hologram import load_hologram
 from holoview.model import preset
 from holoview.model.system import System
-from holoview.session.autosave import SessionStore
-from tests.gui.conftest import small_bench
+from holoview.session.session_store import SessionStore
+from tests.gui.conftest import Gui, small_bench
 
 SIZE = (900, 700)
 NEEDED = ("Xvfb", "xdotool")
@@ -155,18 +155,18 @@ def _brightness_of_the_menu_bar(picture: np.ndarray) -> float:
 
 
 def test_a_real_window_draws_answers_rests_and_saves(
-    screen: Screen, make_gui: Callable[..., Any], tmp_path: Path
+    screen: Screen, make_gui: Callable[..., Gui], tmp_path: Path
 ) -> None:
     twin = make_gui(_tiny_bench(name="bench"), size=SIZE)  # the same layout off screen tells where things are
     twin.draw_until_idle()
-    screen.wait_for(_is_busy_inside(twin.app.item_rects["image"]))
+    screen.wait_for(_is_busy_inside(twin.context.item_rects["image"]))
     x, y = twin.item_position("laser 1")
     screen.drag((x, y), (x + 12, y + 10))
     screen.drag(twin.item_position("plane", 0.5), twin.item_position("plane", 0.8))
     screen.xdotool("keydown", "shift")
     screen.drag(twin.item_position("image", 0.4, 0.4), twin.item_position("image", 0.6, 0.6))
     screen.xdotool("keyup", "shift")
-    screen.wait_for(_shows_a_frame_inside(twin.app.item_rects["image"]))
+    screen.wait_for(_shows_a_frame_inside(twin.context.item_rects["image"]))
     saved = SessionStore(tmp_path / "holoview")
     screen.wait_until(lambda: "Optimise" in _labels(saved))  # the quick look at the picture
     screen.xdotool("key", "ctrl+Return")
@@ -205,8 +205,8 @@ def _labels(store: SessionStore) -> str:
 def test_without_an_adapter_a_page_tells_what_to_do(display: str) -> None:
     """Where OpenGL can't draw either, the command's line on stderr has to do."""
     page = (
-        "from holoview.util.errors import UserError; from holoview.app.no_adapter import show_page;"
-        "show_page(UserError('graphics adapter', 'none was found', expected='a driver'))"
+        "from holoview.util.errors import UserError; from holoview.app.no_adapter import show_no_adapter_page;"
+        "show_no_adapter_page(UserError('graphics adapter', 'none was found', expected='a driver'))"
     )
     with subprocess.Popen([sys.executable, "-c", page], env=os.environ | {"DISPLAY": display}) as viewer:
         until = time.monotonic() + PATIENCE_S

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 import tests.session.conftest as bench
-from holoview.session.autosave import SessionStore
+from holoview.session.archive import SessionArchive
 from holoview.session.editing_session import EditingSession
 from holoview.session.preferences import Preferences
+from holoview.session.session_store import SessionStore
 from holoview.session.target_spec import TargetSpec
 from holoview.session.view_settings import TARGET, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
@@ -24,7 +25,7 @@ from holoview.util.errors import UserError
 _PROGRAM = """
 import sys, time
 from pathlib import Path
-from holoview.session.autosave import SessionStore
+from holoview.session.session_store import SessionStore
 from holoview.session.file_reader import target_from_pixels
 from holoview.session.editing_session import EditingSession
 from tests.session.conftest import small_system
@@ -119,7 +120,6 @@ def test_what_is_damaged_is_left_out_and_told(tmp_path: Path, session: EditingSe
     folder = autosave.folder
     table = json.loads((folder / "session.json").read_text())
     (folder / "objects" / f"{table['steps'][0]['drive']}.safetensors").write_bytes(b"damaged")
-    autosave._remove_listener()
     saved = next(saved for saved in store.saved_sessions() if saved.folder == folder)
     restored = saved.restore()
     assert [step.label for step in restored.history] == ["Pattern", "Gap"] and restored.system.gap_m == 2e-3
@@ -151,7 +151,6 @@ def test_what_an_optimisation_had_found_is_pinned_after_a_crash(tmp_path: Path, 
     found = session.document.with_changes({"drive": np.zeros(session.drive.shape, np.float32), "origin": "half way"})
     session.set_preview(session.document, found)
     assert autosave.flush()
-    autosave._remove_listener()
     (saved,) = [saved for saved in SessionStore(tmp_path).saved_sessions() if saved.folder == autosave.folder]
     pinned = saved.restore().snapshots["Unfinished optimisation"]
     assert pinned.origin == "half way" and pinned.drive.max() == 0
@@ -178,7 +177,7 @@ def test_a_full_disk_is_told_once_and_the_session_goes_on(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(autosave._archive, "write", full)
+    monkeypatch.setattr(SessionArchive, "write", full)
     for gap in (2e-3, 3e-3):
         session.change("Gap", {"gap": gap})
         assert autosave.flush()

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from imgui_bundle import imgui
 
+from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import WidgetEdit, choice_field, count_field, format_value, number_field, tooltip
 from holoview.model import dataclass_fields as describe
 from holoview.model.field_types import Array, Choice, Coefficients, Integer, Number, Shape
 from holoview.model.system import System
 from holoview.util import units
-
-if TYPE_CHECKING:
-    from holoview.app.app import App
 
 _ELSEWHERE = ("wavelengths", "amplitudes", "name", "description", "modulators", "source")
 _LEVELS = {"continuous": None, "2": 2, "4": 4, "8": 8, "16": 16, "64": 64, "256": 256}
@@ -42,27 +40,27 @@ class BenchPanel(Panel):
         self._grid = (3, 3)
         self._spacing_rad = 2e-3
 
-    def draw(self, app: App) -> None:
-        system = app.session.system
+    def draw(self, context: AppContext) -> None:
+        system = context.session.system
         if self._name != system.name or self._reset is None:
             self._reset, self._name = system, system.name
         imgui.push_item_width(imgui.get_content_region_avail().x * 0.56)
         imgui.text_wrapped(system.description or system.name or "a bench of your own")
-        self._draw_fields(app, system, self._reset, "")
-        _draw_frames(app, system, self._reset)
-        self._draw_modulators(app, system)
-        self._draw_source(app, system)
+        self._draw_fields(context, system, self._reset, "")
+        _draw_frames(context, system, self._reset)
+        self._draw_modulators(context, system)
+        self._draw_source(context, system)
         for key, field in describe.fields_by_key(type(system)).items():
             if key in _ELSEWHERE or not isinstance(field.metadata["kind"], describe.Nested):
                 continue
             if key == "relay1" and len(system.modulators) == 1:
                 continue
-            if _header(app, _TITLES.get(key, key.capitalize())):
+            if _header(context, _TITLES.get(key, key.capitalize())):
                 tooltip(field.metadata["doc"])
-                self._draw_fields(app, getattr(system, field.name), getattr(self._reset, field.name), f"{key}.")
+                self._draw_fields(context, getattr(system, field.name), getattr(self._reset, field.name), f"{key}.")
         imgui.pop_item_width()
 
-    def _draw_fields(self, app: App, item: Any, reset: Any, path: str) -> None:
+    def _draw_fields(self, context: AppContext, item: Any, reset: Any, path: str) -> None:
         for key, field in describe.fields_by_key(type(item)).items():
             if path == "" and key in _ELSEWHERE:
                 continue
@@ -70,10 +68,10 @@ class BenchPanel(Panel):
             if isinstance(kind, describe.Nested):
                 continue
             imgui.push_id(path + key)
-            self._draw_field(app, path + key, kind, value, getattr(reset, field.name), doc)
+            self._draw_field(context, path + key, kind, value, getattr(reset, field.name), doc)
             imgui.pop_id()
 
-    def _draw_field(self, app: App, path: str, kind: Any, value: Any, reset: Any, doc: str) -> None:
+    def _draw_field(self, context: AppContext, path: str, kind: Any, value: Any, reset: Any, doc: str) -> None:
         name = path.rpartition(".")[2].replace("_", " ").replace(" na", " NA")
         edited: WidgetEdit | None = None
         if isinstance(kind, Number) and kind.optional and path.rpartition(".")[2] in _FIRST_VALUE:
@@ -90,14 +88,14 @@ class BenchPanel(Panel):
             edited = _coefficients(name, kind, value, doc)
         elif isinstance(kind, Array) and kind.axes == 1:
             edited = _lengths(name, kind, value, doc)
-        app.record_item_rect(path)
+        context.record_item_rect(path)
         if edited is not None:
-            app.change(name.capitalize(), path, edited.value, is_held=edited.is_held)
+            context.change(name.capitalize(), path, edited.value, is_held=edited.is_held)
 
     # --- modulators and source --------------------------------------------------------------------------------------
 
-    def _draw_modulators(self, app: App, system: System) -> None:
-        if not _header(app, "Modulators"):
+    def _draw_modulators(self, context: AppContext, system: System) -> None:
+        if not _header(context, "Modulators"):
             return
         modulator, reset = system.modulators[0], self._reset.modulators[0] if self._reset else system.modulators[0]
         for key, field in describe.fields_by_key(type(modulator)).items():
@@ -110,18 +108,18 @@ class BenchPanel(Panel):
                 tooltip(doc)
             else:
                 edited = _levels(key, value, doc)
-            app.record_item_rect(f"modulators.{key}")
+            context.record_item_rect(f"modulators.{key}")
             if edited is not None:
-                app.change(key.capitalize(), key, edited.value, is_held=edited.is_held)
+                context.change(key.capitalize(), key, edited.value, is_held=edited.is_held)
         two = len(system.modulators) == 2
         if imgui.button("Leave out modulator 2" if two else "Add a second modulator"):
             changes: dict[str, Any] = {"modulators": system.modulators[:1], "gap": None, "relay1": {}}
             if not two:
                 changes = {"modulators": system.modulators * 2, "gap": "2 mm"}
-            app.attempt(app.session.change, "Modulators", changes)
+            context.attempt(context.session.change, "Modulators", changes)
 
-    def _draw_source(self, app: App, system: System) -> None:
-        if not _header(app, "Source"):
+    def _draw_source(self, context: AppContext, system: System) -> None:
+        if not _header(context, "Source"):
             return
         count = len(system.source.directions_rad)
         imgui.text_disabled("one plane wave" if count == 1 else f"{count} plane waves, mutually incoherent")
@@ -133,40 +131,40 @@ class BenchPanel(Panel):
         if spacing is not None:
             self._spacing_rad = spacing.value
         if (changed or (spacing is not None and count > 1)) and max(self._grid) > 1:
-            self._apply_grid(app)
+            self._apply_grid(context)
         if imgui.button("Use this grid"):
-            self._apply_grid(app)
+            self._apply_grid(context)
         imgui.same_line()
         if imgui.button("One source"):
-            app.attempt(app.session.change, "One source", {"source": {}})
-        _tilt(app, system)
+            context.attempt(context.session.change, "One source", {"source": {}})
+        _tilt(context, system)
 
-    def _apply_grid(self, app: App) -> None:
+    def _apply_grid(self, context: AppContext) -> None:
         source = {"grid": list(self._grid), "spacing": units.format_exact(self._spacing_rad, "mrad")}
-        app.attempt(app.session.change, "Source grid", {"source": source}, merge_key="source grid")
+        context.attempt(context.session.change, "Source grid", {"source": source}, merge_key="source grid")
 
 
-def _draw_frames(app: App, system: System, reset: System) -> None:
+def _draw_frames(context: AppContext, system: System, reset: System) -> None:
     """How many patterns are shown in turn; frames of different lasers have their own table."""
     is_even = bool((system.amplitudes == system.amplitudes[0]).all())
     doc = "Patterns that are shown in turn and averaged by the eye, each with patterns of its own."
     imgui.begin_disabled(not is_even)
     edited = count_field("frames", Integer(1, 64), system.frames, reset.frames, doc)
-    app.record_item_rect("frames")
+    context.record_item_rect("frames")
     imgui.end_disabled()
     if not is_even:
         tooltip("These frames are lit by different lasers: their powers are in the table of lasers.")
     if edited is not None:
-        app.change("Frames", "frames", edited.value, is_held=edited.is_held)
+        context.change("Frames", "frames", edited.value, is_held=edited.is_held)
 
 
-def _header(app: App, title: str) -> bool:
+def _header(context: AppContext, title: str) -> bool:
     is_open = imgui.collapsing_header(title)
-    app.record_item_rect(title)
+    context.record_item_rect(title)
     return is_open
 
 
-def _tilt(app: App, system: System) -> None:
+def _tilt(context: AppContext, system: System) -> None:
     """The direction of the first source, which moves all of them."""
     kind = Number("mrad", low=-1.0, high=1.0)
     directions = system.source.directions_rad
@@ -176,7 +174,7 @@ def _tilt(app: App, system: System) -> None:
         if edited is not None:
             moved = directions.copy()
             moved[:, axis] += edited.value - middle[axis]
-            app.change(name.capitalize(), "source.directions", moved, is_held=edited.is_held)
+            context.change(name.capitalize(), "source.directions", moved, is_held=edited.is_held)
 
 
 def _optional(

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from imgui_bundle import imgui
 from numpy.typing import NDArray
 
 from holoview.app.clipboard import copy_picture, paste_picture
+from holoview.app.context import AppContext
 from holoview.app.file_dialog import FileDialog, FileRequest
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
@@ -25,9 +25,6 @@ from holoview.session.jobs import format_job
 from holoview.session.tone_mapping import compose_comparison
 from holoview.session.view_settings import DERIVED_PAGES, displayed_side
 from holoview.util.errors import UserError
-
-if TYPE_CHECKING:
-    from holoview.app.app import App
 
 _OPENS = (".safetensors", ".toml", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 
@@ -51,22 +48,22 @@ class FilesPanel(Panel):
 
     def __init__(self) -> None:
         self.frames, self.seconds = 24, 3.0
-        self.dialog = FileDialog()
 
-    def set_up(self, app: App) -> None:
-        """Adds the commands of the File menu, the file dialog, and the offer to recover what a crash has left."""
-        self.recovery = RecoveryDialog(app.store.crashed_sessions() if app.store is not None else ())
-        app.overlays += [self.recovery, self.dialog]
-        self._saves = self._all_saves(app)
-        add = app.commands.add
-        add("Open…", lambda: self._open(app), "File", "Ctrl+O", "A preset, hologram, patterns, or picture.")
+    def set_up(self, context: AppContext) -> None:
+        """Adds the commands of the File menu, the file dialog, and the dialog that recovers sessions after a crash."""
+        self.dialog = FileDialog(context.session)
+        self.recovery = RecoveryDialog(context.session, context.store)
+        context.overlays += [self.recovery, self.dialog]
+        self._saves = self._all_saves(context)
+        add = context.commands.add
+        add("Open…", lambda: self._open(context), "File", "Ctrl+O", "A preset, hologram, patterns, or picture.")
         for save in self._saves:
-            add(f"{save.name}…", partial(self._save, app, save), "File", save.keys, save.help)
-        add("Copy image", lambda: _copy(app), "File", "Ctrl+Shift+C", "The image as it is seen, to the clipboard.")
-        add("Paste picture", lambda: _paste(app), "File", "Ctrl+V", "The clipboard's picture becomes the target.")
+            add(f"{save.name}…", partial(self._save, context, save), "File", save.keys, save.help)
+        add("Copy image", lambda: _copy(context), "File", "Ctrl+Shift+C", "The image as it is seen, to the clipboard.")
+        add("Paste picture", lambda: _paste(context), "File", "Ctrl+V", "The clipboard's picture becomes the target.")
 
-    def _all_saves(self, app: App) -> list[_Save]:
-        session = app.session
+    def _all_saves(self, context: AppContext) -> list[_Save]:
+        session = context.session
         return [
             _Save(
                 "Save hologram",
@@ -79,7 +76,7 @@ class FilesPanel(Panel):
             _Save(
                 "Save view",
                 (".png",),
-                lambda path: save_view(session, path, _export_pixels(app)),
+                lambda path: save_view(session, path, _export_pixels(context)),
                 "The image as it is seen.",
                 "Ctrl+E",
             ),
@@ -98,14 +95,14 @@ class FilesPanel(Panel):
             ),
         ]
 
-    def draw(self, app: App) -> None:
+    def draw(self, context: AppContext) -> None:
         """Open, save, what the sweep is like, and jobs."""
         if imgui.button("Open…", imgui.ImVec2(-1, 0)):
-            app.attempt(self._open, app)
+            context.attempt(self._open, context)
         width = (imgui.get_content_region_avail().x - imgui.get_style().item_spacing.x) / 2
         for number, save in enumerate(self._saves):
             if imgui.button(f"{save.name}…", imgui.ImVec2(width, 0)):
-                app.attempt(self._save, app, save)
+                context.attempt(self._save, context, save)
             tooltip(save.help)
             if number % 2 == 0:
                 imgui.same_line()
@@ -115,29 +112,29 @@ class FilesPanel(Panel):
         imgui.set_next_item_width(0.7 * width)
         _, seconds = imgui.input_float("seconds there and back", self.seconds, 0.5, 1.0, "%.1f")
         self.seconds = min(max(seconds, 0.1), 600.0)
-        _draw_watch(app)
-        _draw_jobs(app)
+        _draw_watch(context)
+        _draw_jobs(context)
 
-    def _open(self, app: App) -> None:
-        self.dialog.ask(FileRequest("Open", _OPENS, lambda path: app.loader.open(path), takes_folders=True))
+    def _open(self, context: AppContext) -> None:
+        self.dialog.ask(FileRequest("Open", _OPENS, lambda path: context.loader.open(path), takes_folders=True))
 
-    def _save(self, app: App, save: _Save) -> None:
-        name = f"{app.session.system.name or 'hologram'}{save.suffixes[0]}"
+    def _save(self, context: AppContext, save: _Save) -> None:
+        name = f"{context.session.system.name or 'hologram'}{save.suffixes[0]}"
         self.dialog.ask(FileRequest(save.name, save.suffixes, save.write, name, is_save=True))
 
 
-def _draw_watch(app: App) -> None:
-    path = app.session.document.path
+def _draw_watch(context: AppContext) -> None:
+    path = context.session.document.path
     if path is None:
         return
-    changed, watches = imgui.checkbox("read again when rewritten", app.loader.watched_path is not None)
+    changed, watches = imgui.checkbox("read again when rewritten", context.loader.watched_path is not None)
     tooltip(f"{path} is read again when another program has written it.")
     if changed:
-        app.loader.set_watching(watches)
+        context.loader.set_watching(watches)
 
 
-def _draw_jobs(app: App) -> None:
-    for number, job in enumerate(app.session.jobs.active):
+def _draw_jobs(context: AppContext) -> None:
+    for number, job in enumerate(context.session.jobs.active):
         imgui.push_id(number)
         imgui.progress_bar(job.fraction, imgui.ImVec2(-70, 0), format_job(job))
         imgui.same_line()
@@ -146,29 +143,30 @@ def _draw_jobs(app: App) -> None:
         imgui.pop_id()
 
 
-def _export_pixels(app: App) -> NDArray[np.uint8]:
+def _export_pixels(context: AppContext) -> NDArray[np.uint8]:
     """The image at its own resolution, compared as it is on the screen; other pages as large as they are shown."""
-    look = app.session.view_settings
+    look = context.session.view_settings
     if look.page == "planes":
         raise UserError("view", "shows all planes", remedy="save all planes, or go to one of them first")
     if look.page in DERIVED_PAGES:
-        seen = app.displayed_pixels()
-        assert seen is not None
-        return seen
+        pixels = context.displayed_pixels()
+        if pixels is None:
+            raise UserError("image", "is still being computed", remedy="try again in a moment")
+        return pixels
     b = look.b if look.compare != "off" and look.page == "image" else None
-    xyz, other = app.side_renderers.xyz(displayed_side(look)), None if b is None else app.side_renderers.xyz(b)
+    xyz, other = context.side_renderers.xyz(displayed_side(look)), None if b is None else context.side_renderers.xyz(b)
     if xyz is None or (b is not None and other is None):
         raise UserError("image", "is still being computed", remedy="try again in a moment")
     return compose_comparison(xyz, other, look)
 
 
-def _copy(app: App) -> None:
-    copy_picture(_export_pixels(app))
-    app.session.messages.post("copied the image")
+def _copy(context: AppContext) -> None:
+    copy_picture(_export_pixels(context))
+    context.session.messages.post("copied the image")
 
 
-def _paste(app: App) -> None:
+def _paste(context: AppContext) -> None:
     picture = paste_picture()
     if picture is None:
         raise UserError("clipboard", "holds no picture", remedy="copy one, or open a file")
-    app.loader.paste(picture)
+    context.loader.paste(picture)

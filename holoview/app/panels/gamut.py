@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from imgui_bundle import imgui, implot
 from numpy.typing import NDArray
 
+from holoview.app.context import AppContext
 from holoview.app.laser_colours import laser_colour
 from holoview.app.panel import Panel
 from holoview.session.chromaticity_diagram import (
@@ -19,9 +18,6 @@ from holoview.session.chromaticity_diagram import (
     spectral_locus,
 )
 from holoview.session.view_settings import NOW
-
-if TYPE_CHECKING:
-    from holoview.app.app import App
 
 _TRIANGLE_COLOURS = {"sRGB": imgui.ImVec4(0.75, 0.75, 0.75, 1.0), "Display P3": imgui.ImVec4(0.95, 0.72, 0.30, 1.0)}
 _LASER_LINE = imgui.ImVec4(0.35, 0.75, 1.0, 1.0)
@@ -38,8 +34,8 @@ class GamutPanel(Panel):
     def __init__(self) -> None:
         self._cloud: tuple[object, NDArray[np.float64], NDArray[np.uint8]] | None = None
 
-    def draw(self, app: App) -> None:
-        system = app.session.system
+    def draw(self, context: AppContext) -> None:
+        system = context.session.system
         flags = implot.Flags_.equal | implot.Flags_.no_menus
         if not implot.begin_plot("##gamut", imgui.ImVec2(-1, -1), flags):
             return
@@ -49,17 +45,17 @@ class GamutPanel(Panel):
         _plot_outline("spectrum", spectral_locus(system.observer), _OUTLINE)
         for name, corners in DISPLAY_PRIMARIES.items():
             _plot_outline(name, np.array(corners), _TRIANGLE_COLOURS[name])
-        self._draw_cloud(app)
+        self._draw_cloud(context)
         _plot_outline("lasers", laser_gamut(system), _LASER_LINE, 2.0)
         for index, (x, y) in enumerate(laser_chromaticities(system)):
             _dot(f"##laser{index}", x, y, laser_colour(float(system.wavelengths_m[index])), 5)
         _dot("##white", *D65_XY, imgui.ImVec4(1, 1, 1, 1), 3)
         implot.end_plot()
 
-    def _draw_cloud(self, app: App) -> None:
-        xyz = app.side_renderers.xyz(NOW)
+    def _draw_cloud(self, context: AppContext) -> None:
+        xyz = context.side_renderers.xyz(NOW)
         if xyz is not None and (self._cloud is None or self._cloud[0] is not xyz):
-            points, colours = image_chromaticities(xyz * 2.0**app.session.view_settings.exposure_stops, _CLOUD)
+            points, colours = image_chromaticities(xyz * 2.0**context.session.view_settings.exposure_stops, _CLOUD)
             self._cloud = (xyz, points, colours)
         if self._cloud is None or len(self._cloud[1]) == 0:
             return

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
 
 from imgui_bundle import imgui
 
+from holoview.app.context import AppContext
 from holoview.app.panel import Panel
-
-if TYPE_CHECKING:
-    from holoview.app.app import App
 
 
 class HistoryPanel(Panel):
@@ -22,9 +19,9 @@ class HistoryPanel(Panel):
     def __init__(self) -> None:
         self._followed = -1
 
-    def draw(self, app: App) -> None:
+    def draw(self, context: AppContext) -> None:
         """Steps, those that were undone in grey."""
-        session = app.session
+        session = context.session
         width = (imgui.get_content_region_avail().x - imgui.get_style().item_spacing.x) / 2
         for name, act, is_possible in (
             ("Undo", session.undo, session.can_undo),
@@ -32,17 +29,17 @@ class HistoryPanel(Panel):
         ):
             imgui.begin_disabled(not is_possible)
             if imgui.button(name, imgui.ImVec2(width, 0)):
-                app.attempt(act)
+                context.attempt(act)
             imgui.end_disabled()
             if name == "Undo":
                 imgui.same_line()
         imgui.begin_child("steps")
         for index, step in enumerate(session.history):
-            self._draw_step(app, index, step.label, step.when)
+            self._draw_step(context, index, step.label, step.when)
         imgui.end_child()
 
-    def _draw_step(self, app: App, index: int, label: str, when: float) -> None:
-        position = app.session.history_position
+    def _draw_step(self, context: AppContext, index: int, label: str, when: float) -> None:
+        position = context.session.history_position
         is_undone = index > position
         if is_undone:
             imgui.push_style_color(imgui.Col_.text, imgui.get_style_color_vec4(imgui.Col_.text_disabled))
@@ -52,7 +49,7 @@ class HistoryPanel(Panel):
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
             imgui.set_tooltip(f"{time.strftime('%H:%M:%S', time.localtime(when))}; click to go here")
         if clicked:
-            app.attempt(app.session.go_to_step, index)
+            context.attempt(context.session.go_to_step, index)
         if index == position != self._followed:
             imgui.set_scroll_here_y()
             self._followed = position

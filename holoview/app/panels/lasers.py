@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from imgui_bundle import imgui, implot
 from numpy.typing import NDArray
 
+from holoview.app.context import AppContext
 from holoview.app.laser_colours import laser_colour
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
 from holoview.colour import cone_fundamentals
 from holoview.model import preset
 from holoview.model.system import System
-
-if TYPE_CHECKING:
-    from holoview.app.app import App
 
 _SHOWN_NM = (390.0, 720.0)
 _EYE_NM = (390.0, 830.0)
@@ -43,31 +39,36 @@ class LasersPanel(Panel):
         self._frame = 0
         self._held_scale: float | None = None
 
-    def set_up(self, app: App) -> None:
-        add = app.commands.add
-        add("Balance to white", lambda: _balance_to_white(app), "Lasers", help="Powers that make an even image white.")
-        add("Add a laser", lambda: _add(app), "Lasers", help="In the middle of the widest gap.")
-        add("All lasers", lambda: app.edit_view("All lasers", solo=None, muted=frozenset()), "Lasers", "0")
+    def set_up(self, context: AppContext) -> None:
+        add = context.commands.add
+        add(
+            "Balance to white",
+            lambda: _balance_to_white(context),
+            "Lasers",
+            help="Powers that make an even image white.",
+        )
+        add("Add a laser", lambda: _add(context), "Lasers", help="In the middle of the widest gap.")
+        add("All lasers", lambda: context.edit_view("All lasers", solo=None, muted=frozenset()), "Lasers", "0")
         keys = " ".join(str(number) for number in range(1, 10))
-        add("Solo a laser", lambda: _solo(app, _digit_pressed() - 1), "Lasers", keys, "By its number; again: all.")
+        add("Solo a laser", lambda: _solo(context, _digit_pressed() - 1), "Lasers", keys, "By its number; again: all.")
 
-    def draw(self, app: App) -> None:
-        system = app.session.system
+    def draw(self, context: AppContext) -> None:
+        system = context.session.system
         self._frame = min(self._frame, system.frames - 1)
-        self._draw_plot(app, system)
-        self._draw_buttons(app, system)
-        self._draw_table(app, system)
+        self._draw_plot(context, system)
+        self._draw_buttons(context, system)
+        self._draw_table(context, system)
 
     # --- spectrum ---------------------------------------------------------------------------------------------------
 
-    def _draw_plot(self, app: App, system: System) -> None:
+    def _draw_plot(self, context: AppContext, system: System) -> None:
         height = min(max(imgui.get_content_region_avail().y * 0.42, 110), 220)
         flags = (
             implot.Flags_.no_menus | implot.Flags_.no_mouse_text | implot.Flags_.no_box_select | implot.Flags_.no_legend
         )
         if not implot.begin_plot("##spectrum", imgui.ImVec2(-1, height), flags):
             return
-        app.record_item_rect("spectrum")
+        context.record_item_rect("spectrum")
         implot.setup_axes("wavelength (nm)", "", 0, implot.AxisFlags_.no_tick_labels)
         implot.setup_axes_limits(*_SHOWN_NM, 0.0, 1.18)
         implot.setup_axis_limits_constraints(implot.ImAxis_.x1, 200, 2000)
@@ -81,18 +82,20 @@ class LasersPanel(Panel):
         is_held = False
         for index, wavelength_m in enumerate(system.wavelengths_m):
             is_held |= self._draw_laser(
-                app, system, index, float(wavelength_m) * 1e9, float(powers[index]) / scale, scale
+                context, system, index, float(wavelength_m) * 1e9, float(powers[index]) / scale, scale
             )
         if self._held_scale is not None and not is_held:
-            app.session.end_gesture()
+            context.session.end_gesture()
         self._held_scale = scale if is_held else None
         low = implot.plot_to_pixels(_SHOWN_NM[0], 0.0)
-        app.item_rects["spectrum origin"] = (low.x, low.y, low.x, low.y)
+        context.item_rects["spectrum origin"] = (low.x, low.y, low.x, low.y)
         implot.end_plot()
 
-    def _draw_laser(self, app: App, system: System, index: int, nm: float, height: float, scale: float) -> bool:
+    def _draw_laser(
+        self, context: AppContext, system: System, index: int, nm: float, height: float, scale: float
+    ) -> bool:
         """A stem with a peak that can be dragged; whether the hand holds it."""
-        is_lit = _is_lit(app, index)
+        is_lit = _is_lit(context, index)
         colour = laser_colour(nm * 1e-9, 1.0 if is_lit else 0.35)
         stem = implot.Spec(line_color=colour, line_weight=3.0 if is_lit else 1.0)
         implot.plot_line(f"##stem{index}", np.array([nm, nm]), np.array([0.0, height]), spec=stem)
@@ -100,34 +103,34 @@ class LasersPanel(Panel):
             index, nm, height, colour, 6.0, 0, out_clicked=False, out_hovered=False, out_held=False
         )
         pixel = implot.plot_to_pixels(nm, height)
-        app.item_rects[f"laser {index}"] = (pixel.x - 6, pixel.y - 6, pixel.x + 6, pixel.y + 6)
+        context.item_rects[f"laser {index}"] = (pixel.x - 6, pixel.y - 6, pixel.x + 6, pixel.y + 6)
         if hovered and not held:
             imgui.set_tooltip(f"laser {index + 1}: {nm:.4g} nm, power {height * scale:.4g}\ndrag: wavelength and power")
         if moved:
             power = min(max(y, 0.0), 1.1) * scale
-            _edit_laser(app, system, index, nm=round(x, 2), power=power, frame=self._frame, merge=("laser", index))
+            _edit_laser(context, system, index, nm=round(x, 2), power=power, frame=self._frame, merge=("laser", index))
         return bool(held)
 
     # --- sets and table ---------------------------------------------------------------------------------------------
 
-    def _draw_buttons(self, app: App, system: System) -> None:
+    def _draw_buttons(self, context: AppContext, system: System) -> None:
         if imgui.button("Add"):
-            _add(app)
+            _add(context)
         tooltip("Another laser, in the middle of the widest gap; powers are balanced to white again.")
         imgui.same_line()
         if imgui.button("White"):
-            _balance_to_white(app)
+            _balance_to_white(context)
         tooltip("Powers that make an even image white.")
         imgui.same_line()
         if imgui.button("All on"):
-            app.edit_view("All lasers", solo=None, muted=frozenset())
+            context.edit_view("All lasers", solo=None, muted=frozenset())
         tooltip("Ends solo and mute.")
         imgui.same_line()
         imgui.set_next_item_width(-1)
         if imgui.begin_combo("##set", "Lasers of…"):
             for name in preset.names():
                 if imgui.selectable(name, False)[0]:
-                    _take_lasers(app, name)
+                    _take_lasers(context, name)
             imgui.end_combo()
         tooltip("Takes the wavelengths and powers of a preset.")
         if system.frames > 1:
@@ -136,7 +139,7 @@ class LasersPanel(Panel):
             self._frame = frame - 1
             tooltip("The frame of the time sequence whose powers are shown.")
 
-    def _draw_table(self, app: App, system: System) -> None:
+    def _draw_table(self, context: AppContext, system: System) -> None:
         flags = imgui.TableFlags_.row_bg | imgui.TableFlags_.scroll_y | imgui.TableFlags_.sizing_stretch_prop
         if not imgui.begin_table("lasers", 4, flags):
             return
@@ -147,43 +150,43 @@ class LasersPanel(Panel):
         for index in range(len(system.wavelengths_m)):
             imgui.table_next_row()
             imgui.push_id(index)
-            self._draw_row(app, system, index)
+            self._draw_row(context, system, index)
             imgui.pop_id()
         imgui.end_table()
 
-    def _draw_row(self, app: App, system: System, index: int) -> None:
-        nm, look = float(system.wavelengths_m[index]) * 1e9, app.session.view_settings
+    def _draw_row(self, context: AppContext, system: System, index: int) -> None:
+        nm, look = float(system.wavelengths_m[index]) * 1e9, context.session.view_settings
         imgui.table_next_column()
         imgui.color_button("##colour", laser_colour(nm * 1e-9), imgui.ColorEditFlags_.no_tooltip, imgui.ImVec2(14, 14))
         imgui.table_next_column()
         imgui.set_next_item_width(-1)
         changed, value = imgui.drag_float("##nm", nm, 0.25, *_EYE_NM, "%.5g")
-        app.record_item_rect(f"nm {index}")
+        context.record_item_rect(f"nm {index}")
         tooltip("Wavelength in nm: drag, or double click to enter it.")
         if changed:
-            _edit_laser(app, system, index, nm=round(value, 3), frame=self._frame, merge=("nm", index))
+            _edit_laser(context, system, index, nm=round(value, 3), frame=self._frame, merge=("nm", index))
         imgui.table_next_column()
         imgui.set_next_item_width(-1)
         power = float(system.amplitudes[self._frame, index])
         changed, value = imgui.drag_float("##power", power, max(power, 0.1) * 0.01, 0.0, 1e6, "%.4g")
         tooltip("Relative power: drag, or double click to enter it.")
         if changed:
-            _edit_laser(app, system, index, power=max(value, 0.0), frame=self._frame, merge=("power", index))
+            _edit_laser(context, system, index, power=max(value, 0.0), frame=self._frame, merge=("power", index))
         imgui.table_next_column()
-        self._draw_switches(app, system, index, look.solo == index, index in look.muted)
+        self._draw_switches(context, system, index, look.solo == index, index in look.muted)
 
-    def _draw_switches(self, app: App, system: System, index: int, is_solo: bool, is_muted: bool) -> None:
+    def _draw_switches(self, context: AppContext, system: System, index: int, is_solo: bool, is_muted: bool) -> None:
         if _toggle("S", is_solo, "Shows this laser alone."):
-            _solo(app, index)
+            _solo(context, index)
         imgui.same_line(spacing=2)
         if _toggle("M", is_muted, "Leaves this laser out of the image."):
-            muted = app.session.view_settings.muted ^ {index}
-            app.edit_view("Mute", muted=muted)
+            muted = context.session.view_settings.muted ^ {index}
+            context.edit_view("Mute", muted=muted)
         imgui.same_line(spacing=2)
         imgui.begin_disabled(len(system.wavelengths_m) == 1)
         if imgui.small_button("×"):
-            _remove(app, system, index)
-        app.record_item_rect(f"remove {index}")
+            _remove(context, system, index)
+        context.record_item_rect(f"remove {index}")
         tooltip("Takes this laser off the bench.")
         imgui.end_disabled()
 
@@ -203,18 +206,18 @@ def _digit_pressed() -> int:
     return next((n for n in range(1, 10) if imgui.is_key_pressed(imgui.Key(imgui.Key._0.value + n), False)), 1)
 
 
-def _is_lit(app: App, index: int) -> bool:
-    look = app.session.view_settings
+def _is_lit(context: AppContext, index: int) -> bool:
+    look = context.session.view_settings
     return look.solo == index if look.solo is not None else index not in look.muted
 
 
-def _solo(app: App, index: int) -> None:
-    if index < len(app.session.system.wavelengths_m):
-        app.edit_view("Solo", solo=None if app.session.view_settings.solo == index else index)
+def _solo(context: AppContext, index: int) -> None:
+    if index < len(context.session.system.wavelengths_m):
+        context.edit_view("Solo", solo=None if context.session.view_settings.solo == index else index)
 
 
 def _edit_laser(
-    app: App,
+    context: AppContext,
     system: System,
     index: int,
     *,
@@ -229,37 +232,37 @@ def _edit_laser(
     if power is not None:
         amplitudes[frame, index] = power
     changes = {"wavelengths": wavelengths, "amplitudes": amplitudes}
-    app.attempt(app.session.change, f"Laser {index + 1}", changes, merge_key=merge)
+    context.attempt(context.session.change, f"Laser {index + 1}", changes, merge_key=merge)
 
 
-def _balance_to_white(app: App) -> None:
-    app.attempt(app.session.change, "Balance to white", {"amplitudes": "white"})
+def _balance_to_white(context: AppContext) -> None:
+    context.attempt(context.session.change, "Balance to white", {"amplitudes": "white"})
 
 
-def _add(app: App) -> None:
-    wavelengths = np.sort(app.session.system.wavelengths_m)
+def _add(context: AppContext) -> None:
+    wavelengths = np.sort(context.session.system.wavelengths_m)
     if len(wavelengths) >= _MOST_LASERS:
-        app.session.messages.post(f"{_MOST_LASERS} lasers are the most that the viewer adds", "warning")
+        context.session.messages.post(f"{_MOST_LASERS} lasers are the most that the viewer adds", "warning")
         return
     ends = np.array([450e-9, *wavelengths, 650e-9])
     widest = int(np.argmax(np.diff(ends)))
     new = round(float(ends[widest] + ends[widest + 1]) / 2, 10)
-    _replace(app, "Add a laser", np.append(app.session.system.wavelengths_m, new))
+    _replace(context, "Add a laser", np.append(context.session.system.wavelengths_m, new))
 
 
-def _remove(app: App, system: System, index: int) -> None:
-    app.edit_view("All lasers", solo=None, muted=frozenset())
+def _remove(context: AppContext, system: System, index: int) -> None:
+    context.edit_view("All lasers", solo=None, muted=frozenset())
     amplitudes = np.delete(system.amplitudes, index, axis=1)
     changes = {"wavelengths": np.delete(system.wavelengths_m, index), "amplitudes": amplitudes, "source.tilts": None}
-    app.attempt(app.session.change, "Remove a laser", changes)
+    context.attempt(context.session.change, "Remove a laser", changes)
 
 
-def _replace(app: App, label: str, wavelengths: NDArray[np.float64]) -> None:
+def _replace(context: AppContext, label: str, wavelengths: NDArray[np.float64]) -> None:
     changes = {"wavelengths": np.sort(wavelengths), "amplitudes": "white", "source.tilts": None}
-    app.attempt(app.session.change, label, changes)
+    context.attempt(context.session.change, label, changes)
 
 
-def _take_lasers(app: App, name: str) -> None:
+def _take_lasers(context: AppContext, name: str) -> None:
     other = preset.load(name)
     changes = {"wavelengths": other.wavelengths_m, "amplitudes": other.amplitudes, "source.tilts": None}
-    app.attempt(app.session.change, f"Lasers of {name}", changes)
+    context.attempt(context.session.change, f"Lasers of {name}", changes)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from imgui_bundle import imgui
 
 from holoview.app import plots, theme
+from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
 from holoview.optimise.losses import LOSS_SPACES
@@ -25,9 +25,6 @@ from holoview.session.optimisation_job import (
     start_quick_optimisation,
 )
 from holoview.util.errors import UserError
-
-if TYPE_CHECKING:
-    from holoview.app.app import App
 
 _AS_IT_IS = "the bench as it is"
 _SCHEMES = (
@@ -55,16 +52,16 @@ class OptimisePanel(Panel):
         self.scheme, self.loss, self.start_patterns = _AS_IT_IS, "by the observer", "random"
         self.iterations, self.eyebox = 60, 0.0
 
-    def set_up(self, app: App) -> None:
+    def set_up(self, context: AppContext) -> None:
         """Adds the commands."""
-        add = app.commands.add
+        add = context.commands.add
         add(
             "Optimise",
-            lambda: self.start(app),
+            lambda: self.start(context),
             "Optimise",
             "Ctrl+Enter",
             "Find patterns for the target; undo brings the old ones back.",
-            is_possible=lambda: running_optimisation(app.session) is None,
+            is_possible=lambda: running_optimisation(context.session) is None,
         )
         for name, act in (
             ("Keep the best so far", OptimisationJob.stop_and_keep),
@@ -73,27 +70,27 @@ class OptimisePanel(Panel):
         ):
             add(
                 name,
-                partial(_with_running, app, act),
+                partial(_with_running, context, act),
                 "Optimise",
-                is_possible=lambda: running_optimisation(app.session) is not None,
+                is_possible=lambda: running_optimisation(context.session) is not None,
             )
-        add("Quick look", lambda: _quick_look(app), "Optimise", help="A few iterations with large pixels: seconds.")
+        add("Quick look", lambda: _quick_look(context), "Optimise", help="A few iterations with large pixels: seconds.")
 
-    def draw(self, app: App) -> None:
+    def draw(self, context: AppContext) -> None:
         """The target and the choices, or what is running."""
-        _draw_target(app)
-        job = running_optimisation(app.session)
+        _draw_target(context)
+        job = running_optimisation(context.session)
         if job is None:
-            self._draw_choices(app)
+            self._draw_choices(context)
         else:
             _draw_progress(job)
-        shown = job or last_optimisation(app.session)
+        shown = job or last_optimisation(context.session)
         if shown is not None and len(shown.progress) > 1:
             _draw_plot(shown)
 
-    def start(self, app: App) -> None:
+    def start(self, context: AppContext) -> None:
         """Starts what is chosen."""
-        app.attempt(lambda: start_optimisation(app.session, self.request()))
+        context.attempt(lambda: start_optimisation(context.session, self.request()))
 
     def request(self) -> OptimisationRequest:
         """What is chosen. Raises UserError for what makes no sense."""
@@ -102,7 +99,7 @@ class OptimisePanel(Panel):
         scheme = None if self.scheme == _AS_IT_IS else self.scheme
         return OptimisationRequest(settings, scheme=scheme, start_patterns=self.start_patterns)
 
-    def _draw_choices(self, app: App) -> None:
+    def _draw_choices(self, context: AppContext) -> None:
         self.scheme = _combo("scheme", self.scheme, _SCHEMES)
         self.loss = _combo("loss", self.loss, ("by the observer", *LOSS_SPACES))
         self.start_patterns = _combo("begin", self.start_patterns, START_PATTERNS)
@@ -112,24 +109,24 @@ class OptimisePanel(Panel):
         _, weight = imgui.input_float("eyebox", self.eyebox, 0.005, 0.05, "%.3g")
         tooltip(_TIPS["eyebox"])
         self.eyebox = max(weight, 0.0)
-        imgui.begin_disabled(app.session.target_spec is None)
+        imgui.begin_disabled(context.session.target_spec is None)
         if imgui.button("Optimise##start", imgui.ImVec2(-1, 1.4 * imgui.get_frame_height())):
-            self.start(app)
+            self.start(context)
         imgui.end_disabled()
-        if app.session.target_spec is None:
+        if context.session.target_spec is None:
             imgui.text_wrapped("Open a picture to optimise for, drop one on the window, or paste one.")
 
 
-def _draw_target(app: App) -> None:
-    wanted = app.session.target_spec
+def _draw_target(context: AppContext) -> None:
+    wanted = context.session.target_spec
     if wanted is None:
         return
     imgui.text_wrapped(f"target: {wanted.title}")
     changed, brightness = imgui.slider_float("brightness", wanted.brightness, 0.1, 2.0, "%.2f")
     tooltip(_TIPS["brightness"])
     if changed and brightness > 0:
-        app.attempt(
-            app.session.edit,
+        context.attempt(
+            context.session.edit,
             "Target brightness",
             target_spec=replace(wanted, brightness=float(f"{brightness:.3g}")),
             merge_key="brightness",
@@ -180,16 +177,16 @@ def _pause_or_go_on(job: OptimisationJob) -> None:
         job.pause()
 
 
-def _with_running(app: App, act: Callable[[OptimisationJob], None]) -> None:
-    job = running_optimisation(app.session)
+def _with_running(context: AppContext, act: Callable[[OptimisationJob], None]) -> None:
+    job = running_optimisation(context.session)
     if job is not None:
         act(job)
 
 
-def _quick_look(app: App) -> None:
-    if app.session.target_spec is None:
+def _quick_look(context: AppContext) -> None:
+    if context.session.target_spec is None:
         raise UserError("quick look", "there is no target", remedy="open a picture first")
-    start_quick_optimisation(app.session)
+    start_quick_optimisation(context.session)
 
 
 def _combo(name: str, chosen: str, options: tuple[str, ...]) -> str:

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from imgui_bundle import imgui, implot
 
 from holoview.app import plots, theme
+from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
 from holoview.metrics.speckle_histogram import SpeckleHistogram
 from holoview.session.live_measurement import ImageMeasurements
 from holoview.session.measure import ContrastCurve, LineProfile
 from holoview.session.scheme_comparison import SchemeComparison, SchemeComparisonJob, start_scheme_comparison
-
-if TYPE_CHECKING:
-    from holoview.app.app import App
 
 _GROUP = "Speckle"
 _TIPS = {
@@ -40,57 +36,57 @@ class SpecklePanel(Panel):
         self._showcase: SchemeComparisonJob | None = None
         self._iterations = 0
 
-    def set_up(self, app: App) -> None:
+    def set_up(self, context: AppContext) -> None:
         """Adds the commands."""
-        add = app.commands.add
+        add = context.commands.add
         add(
             "Draw a region",
-            lambda: _toggle_tool(app, "region"),
+            lambda: _toggle_tool(context, "region"),
             _GROUP,
             "Shift+R",
             "Drag on the image; figures follow it.",
         )
         add(
             "Draw a line",
-            lambda: _toggle_tool(app, "line"),
+            lambda: _toggle_tool(context, "line"),
             _GROUP,
             "Shift+L",
             "Drag on the image; its profile is plotted.",
         )
         add(
             "Forget region and line",
-            lambda: _clear_selection(app),
+            lambda: _clear_selection(context),
             _GROUP,
             help="Back to the central half of the image.",
         )
         add(
             "Simultaneous beside HoloChrome",
-            lambda: self._compare(app),
+            lambda: self._compare(context),
             _GROUP,
             "F5",
             "The same bench with 3 and with 8 wavelengths, side by side, each with its speckle contrast.",
         )
 
-    def draw(self, app: App) -> None:
+    def draw(self, context: AppContext) -> None:
         """Tools, numbers, plots, and the comparison of schemes."""
-        app.wants_measurement = True
-        _draw_tools(app)
-        figures = app.live_measurement.measurements
+        context.wants_measurement = True
+        _draw_tools(context)
+        figures = context.live_measurement.measurements
         if figures is None:
             imgui.text_disabled("The image is on its way.")
         else:
             _draw_numbers(figures)
             _draw_plots(figures)
-        self._draw_showcase(app)
+        self._draw_showcase(context)
 
     @property
     def comparison(self) -> SchemeComparison | None:
         """What the last comparison of schemes found."""
         return None if self._showcase is None else self._showcase.result
 
-    def _draw_showcase(self, app: App) -> None:
+    def _draw_showcase(self, context: AppContext) -> None:
         imgui.separator_text("Simultaneous beside HoloChrome")
-        if app.session.target_spec is not None:
+        if context.session.target_spec is not None:
             imgui.set_next_item_width(6 * imgui.get_font_size())
             _, self._iterations = imgui.input_int("iterations##showcase", self._iterations, 10, 50)
             self._iterations = min(max(self._iterations, 0), 1000)
@@ -102,49 +98,49 @@ class SpecklePanel(Panel):
                 job.cancel()
             return
         if imgui.button("Compare##showcase", imgui.ImVec2(-1, 0)):
-            self._compare(app)
+            self._compare(context)
         if self.comparison is not None:
             for shown in (self.comparison.left, self.comparison.right):
                 imgui.text_wrapped(f"{shown.name}: contrast {shown.contrast:.3f}")
             imgui.text_disabled(self.comparison.method)
 
-    def _compare(self, app: App) -> None:
-        with app.session.report_errors():
-            self._showcase = start_scheme_comparison(app.session, self._iterations)
+    def _compare(self, context: AppContext) -> None:
+        with context.session.report_errors():
+            self._showcase = start_scheme_comparison(context.session, self._iterations)
 
 
-def _toggle_tool(app: App, tool: str) -> None:
-    app.drag_tool = "" if app.drag_tool == tool else tool
+def _toggle_tool(context: AppContext, tool: str) -> None:
+    context.drag_tool = "" if context.drag_tool == tool else tool
 
 
-def _clear_selection(app: App) -> None:
-    app.drag_tool = ""
-    app.session.edit_view("Forget region and line", region=None, profile=None)
+def _clear_selection(context: AppContext) -> None:
+    context.drag_tool = ""
+    context.session.edit_view("Forget region and line", region=None, profile=None)
 
 
-def _draw_tools(app: App) -> None:
+def _draw_tools(context: AppContext) -> None:
     width = (imgui.get_content_region_avail().x - 2 * imgui.get_style().item_spacing.x) / 3
     for tool, name in (("region", "Region"), ("line", "Line")):
-        is_taken = app.drag_tool == tool
+        is_taken = context.drag_tool == tool
         if is_taken:
             imgui.push_style_color(imgui.Col_.button, theme.ACCENT)
         if imgui.button(name, imgui.ImVec2(width, 0)):
-            _toggle_tool(app, tool)
+            _toggle_tool(context, tool)
         if is_taken:
             imgui.pop_style_color()
         tooltip(f"Draw a {tool} on the image by a drag; its figures are below.")
         imgui.same_line()
     if imgui.button("Forget", imgui.ImVec2(width, 0)):
-        _clear_selection(app)
-    state = app.session.document
+        _clear_selection(context)
+    state = context.session.document
     changed, numbers = imgui.input_int4(
         "x y w h", list(state.measured_region), imgui.InputTextFlags_.enter_returns_true
     )
     tooltip("The region in samples of the image: left, top, width, height. Enter applies.")
     if changed:
-        with app.session.report_errors("region"):
+        with context.session.report_errors("region"):
             x, y, w, h = numbers
-            app.session.edit_view("Region", region=(x, y, w, h))
+            context.session.edit_view("Region", region=(x, y, w, h))
 
 
 def _draw_numbers(figures: ImageMeasurements) -> None:

@@ -1,0 +1,114 @@
+"""The application context: what panels, overlays, menus and commands of the viewer share.
+
+It holds the editing session, the GPU device, the renderers, the commands and the drawing services, and imports no
+panel: panels import it, and `App` owns both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from imgui_bundle import imgui
+from numpy.typing import NDArray
+
+from holoview.app import theme
+from holoview.app.command_registry import CommandRegistry
+from holoview.app.derived_images import DerivedImages
+from holoview.app.help_overlay import HelpOverlay
+from holoview.app.plane_previews import PlanePreviews
+from holoview.app.side_renderers import SideRenderers
+from holoview.app.window import Window
+from holoview.gpu.device import Device
+from holoview.session.editing_session import EditingSession
+from holoview.session.file_loader import FileLoader
+from holoview.session.live_measurement import LiveMeasurement
+from holoview.session.session_store import SessionStore
+
+Rect = tuple[float, float, float, float]
+"""Left, top, right, bottom in logical pixels of the window."""
+
+
+class Overlay(Protocol):
+    """Something that is drawn above all panels while it is open: a dialog, or help."""
+
+    title: str
+
+    def draw(self) -> None:
+        """Draws it, if it is open."""
+
+
+class AppContext:
+    """What panels, overlays, menus and commands are given.
+
+    Edits go through `attempt`, `change` and `edit_view`, which report errors to the user. store: the user's preferences
+    and saved sessions; None where nothing is stored.
+
+    drag_tool: what a drag on the image draws, "region" or "line"; "" pans. wants_measurement: set by a panel in each
+    frame in which it shows measurements of the image. item_rects: where items were drawn in the last frame, by name.
+    displayed_pixels: returns what the image panel shows, 8-bit sRGB (y, x, 3), or None before anything is shown.
+    """
+
+    def __init__(self, session: EditingSession, device: Device, window: Window, store: SessionStore | None) -> None:
+        self.session, self.device, self.window, self.store = session, device, window, store
+        self.commands, self.item_rects = CommandRegistry(), dict[str, Rect]()
+        self.drag_tool, self.wants_measurement = "", False
+        self.side_renderers = SideRenderers(device, session)
+        self.plane_previews = PlanePreviews(device, session)
+        self.derived_images = DerivedImages(device, session)
+        self.live_measurement = LiveMeasurement(session, window.wake)
+        remember = store.preferences.add_recent_file if store is not None else lambda path: None
+        self.loader = FileLoader(session, remember=remember)
+        self.theme = str(store.preferences.get("theme", theme.THEMES[0])) if store else theme.THEMES[0]
+        self.help_overlay = HelpOverlay(self.commands, self._run_command)
+        self.overlays: list[Overlay] = [self.help_overlay]
+        self.displayed_pixels: Callable[[], NDArray[np.uint8] | None] = lambda: None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether an image, a target or measurements are still being computed."""
+        return (
+            self.side_renderers.is_busy
+            or self.plane_previews.is_busy
+            or self.derived_images.is_busy
+            or self.session.target_builder.is_building
+            or self.live_measurement.is_busy
+        )
+
+    def attempt(self, edit: Callable[..., Any], *arguments: Any, **keywords: Any) -> None:
+        """Calls `edit`; an error becomes a message to the user, and the document stays as it was."""
+        with self.session.report_errors():
+            edit(*arguments, **keywords)
+
+    def change(self, label: str, key: str, value: Any, *, is_held: bool = False) -> None:
+        """Changes a key of the system, as `System.edit` does. Edits while `is_held` merge into one step of undo."""
+        self.attempt(self.session.change, label, {key: value}, merge_key=key)
+        if not is_held:
+            self.session.end_gesture()
+
+    def edit_view(self, label: str, **fields: Any) -> None:
+        """Changes fields of the view settings; successive edits of the same fields are one step of undo."""
+        self.attempt(self.session.edit_view, label, merge_key=tuple(sorted(fields)), **fields)
+
+    def record_item_rect(self, name: str) -> None:
+        """Stores the rectangle of the item that ImGui drew last, for scripts and tests."""
+        low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
+        self.item_rects[name] = (low.x, low.y, high.x, high.y)
+
+    def set_theme(self, name: str) -> None:
+        """Applies a theme of `theme.THEMES` and stores the choice."""
+        self.theme = name
+        theme.apply(name)
+        if self.store is not None:
+            self.attempt(self.store.preferences.set, "theme", name)
+
+    def close(self) -> None:
+        """Ends the threads of the renderers, the loader and the measurement."""
+        self.loader.close()
+        self.live_measurement.close()
+        self.side_renderers.close()
+        self.derived_images.close()
+
+    def _run_command(self, name: str) -> None:
+        self.attempt(self.commands.run, name)
