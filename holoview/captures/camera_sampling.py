@@ -27,13 +27,13 @@ _INTERPOLATION_MARGIN = 3  # samples that cubic interpolation needs beyond the o
 class PixelGrid:
     """The camera's pixels, referred to the modulator's plane and centred on the axis: pitch, (rows, columns).
 
-    points_per_pixel: number of points along each axis over which a pixel averages the intensity; None: one point for
+    points_per_axis: a pixel averages the intensity over this number of points along each axis; None: one point for
     each simulation sample that fits on the pixel.
     """
 
     pitch_m: float
     shape: tuple[int, int]
-    points_per_pixel: int | None = None
+    points_per_axis: int | None = None
 
 
 def sample_intensity(spectrum: Tensor, band: FrequencyBand, grid: Grid, pixel_grid: PixelGrid, pose: Pose) -> Tensor:
@@ -44,7 +44,7 @@ def sample_intensity(spectrum: Tensor, band: FrequencyBand, grid: Grid, pixel_gr
     and acts only if the camera has the simulation's pitch.
     """
     same_pitch = abs(pixel_grid.pitch_m / grid.pitch_m - 1) < _PITCH_TOLERANCE
-    points = pixel_grid.points_per_pixel or max(1, round(pixel_grid.pitch_m / grid.pitch_m))
+    points = pixel_grid.points_per_axis or max(1, round(pixel_grid.pitch_m / grid.pitch_m))
     if same_pitch and points == 1 and pixel_grid.shape == grid.shape and pose.is_identity:
         return squared_magnitude(band.inverse(spectrum, grid.shape))
     point_grid = PixelGrid(pixel_grid.pitch_m / points, (pixel_grid.shape[0] * points, pixel_grid.shape[1] * points))
