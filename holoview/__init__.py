@@ -1,20 +1,38 @@
-"""holoview: an interactive hologram previewer for polychromatic, dual-modulator displays.
+"""holoview simulates and optimises holograms for polychromatic displays with one or two phase modulators.
 
-    system = holoview.load("holochrome-8")
-    drive = holoview.random_drive(system, seed=0)
-    view = holoview.simulate(system, drive, planes=["10 mm"])
-    view.srgb8[0]  # what an eye sees, (y, x, 3)
+>>> import holoview as hv
+>>> system = hv.load("holochrome-8").with_(shape=[48, 64])
+>>> drive = hv.random_drive(system, seed=0)
+>>> view = hv.simulate(system, drive, planes=["10 mm"])
+>>> view.srgb8[0].shape  # what an eye sees, (y, x, 3)
+(96, 128, 3)
 
-errors units             how mistakes read; people's units
-schema describe          what a parameter is; descriptions built from parameters
-system shorthand preset  the bench as data, and as TOML
-grid plan                FFT conventions; every derived number
-optics engine gpu        elements in torch; two executors of a plan; WebGPU plumbing
-colour metrics targets   the eye; PSNR, ΔE, speckle, eyebox; pictures to focal stacks
-optimise hologram        finding patterns; the file that holds them (tensors: how such files are read)
-effects captures         what real benches do besides; measured data and what the model expects of them
-view cli                 what is seen; the command line
-session app              what a viewer edits; the viewer itself, `show` in a notebook
+All numbers are in SI units (metres, radians); text such as "10 mm" is accepted wherever a length or an angle of a
+display is. Drives have the axes (frame, modulator, y, x), intensities (plane, wavelength, y, x). A user's mistake
+raises `UserError`. The packages, from the lowest layer to the highest:
+
+util        errors, units, atomic files, safetensors
+numerics    FFT lengths, Zernike polynomials, resampling, least squares
+colour      cone fundamentals, CIE XYZ, sRGB, white balance
+gpu         WebGPU: adapters, devices, WGSL linking, FFTs in shaders
+model       the display as data: `System`, presets, colour schemes, `Plan`; the framework of effects
+effects     imperfections of real displays, one physical cause in each file
+optics      source, modulator, propagation and pupil as torch functions; effects applied to light
+targets     pictures with depth as focal stacks with natural defocus
+engine      the graph of stages of a frame, evaluated by torch and by shaders; incremental rendering
+io          files of holograms, pictures and modulator patterns
+view        `simulate`: what an observer sees of a hologram
+metrics     PSNR, colour difference, speckle contrast, eyebox uniformity
+optimise    patterns, laser amplitudes and wavelengths for a focal stack
+captures    measured data, virtual measurements, and the expected camera images
+diagnose    which imperfections explain captures, with intervals
+calibrate   maps and tables learned from captures
+benchmark   timings
+study       the figures of the HoloChrome paper as jobs
+report      contact sheets
+session     what a viewer edits: document, undo, background jobs
+app         the viewer; `show` in a notebook
+commands    the subcommands of the command line, which `cli` parses
 """
 
 from __future__ import annotations
@@ -75,7 +93,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Loads what needs torch (seconds) when it is first used."""
+    """Imports names whose modules need torch (seconds) when they are first used."""
     if name not in _LAZY:
         raise AttributeError(f"module 'holoview' has no attribute {name!r}")
     return getattr(import_module(_LAZY[name]), name)

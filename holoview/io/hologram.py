@@ -57,7 +57,11 @@ class Hologram:
             raise UserError("drive", "values outside 0…1", expected="fractions of the modulator's stroke")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes a hologram file (safetensors), atomically. Raises UserError when the file can't be written.
+        """Writes the hologram to a file, atomically.
+
+        path: of the file (safetensors), which is replaced if it exists.
+
+        Raises UserError when the file can't be written.
 
         >>> import holoview as hv
         >>> system = hv.load("holochrome-8").with_(shape=[48, 64])

@@ -126,7 +126,12 @@ class Relay(Description):
 
     @property
     def is_clear(self) -> bool:
-        """Whether the relay has neither a stop, nor apodisation, nor aberrations."""
+        """Whether the relay has neither a stop, nor apodisation, nor aberrations.
+
+        >>> import holoview as hv
+        >>> hv.Relay().is_clear, hv.Relay(iris_na=0.02).is_clear
+        (True, False)
+        """
         return self == Relay()
 
 

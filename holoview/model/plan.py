@@ -163,7 +163,9 @@ class Plan:
         return self._transfers[key]
 
     def lit(self, wavelength: int) -> list[int]:
-        """Indices of the frames of `system` in which the laser of an index is on.
+        """Indices of the frames of `system` in which a laser is on.
+
+        wavelength: index of the laser in `system.wavelengths_m`.
 
         >>> import holoview as hv
         >>> hv.make_plan(hv.load("holochrome-8").with_(frames=3)).lit(0)

@@ -214,7 +214,11 @@ class System(Description):
         return edited
 
     def with_(self, **changes: Any) -> System:
-        """`edit` with keywords, for keys without dots.
+        """`edit` with keywords: a changed copy.
+
+        changes: keys without dots and their new values.
+
+        Raises UserError for unknown keys and impossible values.
 
         >>> import holoview as hv
         >>> hv.load("holochrome-8").with_(gap="3 mm", upsample=4).sampling.upsample

@@ -22,7 +22,19 @@ from holoview.util.errors import UserError
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a picture stands: at one distance, or by a depth map from the nearest to the farthest distance (m)."""
+    """Where a picture stands in front of the observer: at one distance, or in depth.
+
+    at_m: one distance from the last modulator, m; the middle plane of the system when None.
+    depth: a depth map, an image file of the picture's size; 0 is the nearest distance and 1 the farthest. Not with
+    `at_m`.
+    nearest_m, farthest_m: distances of 0 and 1 in the map, m; the first and the last plane of the system when None.
+
+    `target_for` checks the distances against the planes of the system.
+
+    >>> import holoview as hv
+    >>> hv.Placement(at_m=8e-3)
+    Placement(at_m=0.008, depth=None, nearest_m=None, farthest_m=None)
+    """
 
     at_m: float | None = None
     depth: str | os.PathLike[str] | None = None
@@ -40,19 +52,34 @@ def target_for(
     space: str = "srgb",
     planes: Sequence[float] | NDArray[np.floating] | None = None,
 ) -> Target:
-    """The focal stack of a picture with the natural defocus of the bench's eyebox.
+    """The focal stack of a picture on a display: what an observer should see at each plane, with natural defocus.
 
-    Without a depth map the picture stands at `at_m` (the middle plane when None). With one, 0 … 1 in the map is spread
-    from `nearest_m` to `farthest_m` (the system's first and last planes when None). Blur comes from the largest angle
-    that the modulator diffracts to at the middle wavelength, or from the iris where that is smaller.
+    Away from its distance the picture is blurred by the cone of light that reaches an image point. The cone's half
+    angle is that of the first diffraction order of the modulator at the middle wavelength, or of the iris of relay 2
+    where that is smaller.
 
-    `saturation` is a factor on the picture's chroma in CIE LCHuv, before it is blurred; `space` what a float file holds
-    ("srgb" or "xyz"; a Picture has been converted when it was read). `planes` (m) are the distances at which the stack
-    is wanted, the system's own when None: depth and layers stay those of the system's planes, so that a plane between
-    them belongs to the same scene.
+    system: the display, whose planes and simulation grid the stack has.
+    picture: an image file (PNG, JPEG, TIFF, EXR), or a `holoview.targets.picture.Picture`. It is scaled to cover the
+    grid.
+    placement: the distance or the depth map of the picture.
+    brightness: factor on linear light, positive.
+    saturation: factor on the picture's chroma in CIE LCHuv, before it is blurred.
+    space: what a float file holds, "srgb" or "xyz"; a `Picture` has been converted already.
+    planes: distances (m) at which the stack is wanted, those of the system when None. Depth range and layers stay those
+    of the system's planes, so that planes between them show the same scene.
 
-    Raises UserError for files that can't be used, a distance outside the system's planes, a depth map of another size,
-    and factors out of range; ValueError for a Picture with a space, and for planes that aren't a list of distances.
+    Returns a `Target`: `stack` is (plane, y, x, 3) linear sRGB for `iterate`. Raises UserError for files that can't be
+    used, a distance outside the system's planes, a depth map of another size, and factors out of range; ValueError for
+    a `Picture` with another `space`, and for planes that aren't a list of distances.
+
+    Limits: surfaces are matt and opaque, and what they hide is filled in from its surroundings.
+
+    >>> import holoview as hv
+    >>> from PIL import Image
+    >>> Image.new("RGB", (48, 32), "orange").save("orange.png")
+    >>> system = hv.load("holochrome-8").with_(shape=[16, 24], planes=["5 mm", "10 mm"])
+    >>> hv.target_for(system, "orange.png", hv.Placement(at_m=5e-3)).stack.shape
+    (2, 32, 48, 3)
     """
     check_brightness(brightness)
     check_saturation(saturation)

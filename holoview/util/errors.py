@@ -45,7 +45,14 @@ class UserError(ValueError):
         return partial(UserError, expected=self.expected, remedy=self.remedy), (self.where, self.found)
 
     def inside(self, outer: str) -> UserError:
-        """The same mistake with a prefix to its place: "gap" inside "bench.toml: " becomes "bench.toml: gap"."""
+        """The same mistake with a longer description of its place.
+
+        outer: what comes before `where`, with its own punctuation.
+
+        >>> import holoview as hv
+        >>> hv.UserError("gap", "is missing").inside("bench.toml: ").where
+        'bench.toml: gap'
+        """
         return UserError(outer + self.where, self.found, expected=self.expected, remedy=self.remedy)
 
 
