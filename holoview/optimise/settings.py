@@ -14,22 +14,30 @@ INITIAL_PATTERNS = ("random", "smooth")
 
 @dataclass(frozen=True)
 class Settings:
-    """Options of the optimiser.
+    """Options of the optimiser, for `iterate`.
 
-    iterations: number of gradient steps. seed: of random initial patterns.
+    iterations: number of gradient steps, at least 1.
+    seed: of random initial patterns.
     step_rad: Adam's first step, as phase at the middle wavelength; it falls as √(fraction of iterations left).
-    betas: Adam's decay rates of the mean gradient and of its mean square.
+    betas: Adam's decay rates of the mean gradient and of its mean square, each from 0 to below 1.
     amplitudes_every: iterations between two solutions for the laser amplitudes, and between two wavelength steps.
-    free: the variables that are optimised; the others keep the values of the system and of the initial patterns.
-    loss: a name in `losses.LOSS_SPACES`; None: linear sRGB, or "mono" for a monochrome observer.
+    free: the variables that are optimised, of "patterns", "amplitudes" and "wavelengths"; the others keep the values of
+    the system and of the initial patterns.
+    loss: a name in `holoview.optimise.losses.LOSS_SPACES`; None: linear sRGB, or "mono" for a monochrome observer.
     region: (x, y, width, height), samples of the simulated image that count; all when None.
-    plane_weights: one for each plane; equal when None.
+    plane_weights: one weight for each plane, of 0 or more; equal when None.
     eyebox: weight of the squared variation of light in the eyebox, which is added to the loss; 0 for no penalty.
     begin: initial patterns, "random" over the stroke or "smooth" (higher PSNR, an almost empty eyebox).
-    wavelength_range_m, wavelength_spacing_m, wavelength_step_m: limits of free wavelengths, the least distance between
-    two of them, and Adam's first step.
+    wavelength_range_m: least and greatest wavelength of lasers whose wavelength is free, m.
+    wavelength_spacing_m: least distance between two of them, m.
+    wavelength_step_m: Adam's first step of wavelengths, m.
 
     Raises UserError for values out of range.
+
+    >>> import holoview as hv
+    >>> settings = hv.Settings(iterations=30, free=("patterns",), region=(8, 8, 32, 32))
+    >>> settings.iterations, settings.begin
+    (30, 'random')
     """
 
     iterations: int = 60
@@ -70,7 +78,14 @@ class Settings:
         self._check_wavelengths()
 
     def loss_for(self, observer: str) -> str:
-        """The name of the loss, chosen by the observer where `loss` is None."""
+        """The name of the loss.
+
+        observer: `System.observer`, which chooses the loss where `loss` is None.
+
+        >>> import holoview as hv
+        >>> hv.Settings().loss_for("eye"), hv.Settings().loss_for("mono"), hv.Settings(loss="xyz").loss_for("eye")
+        ('linear-srgb', 'mono', 'xyz')
+        """
         return self.loss or ("mono" if observer == "mono" else "linear-srgb")
 
     def _check_region_and_weights(self) -> None:

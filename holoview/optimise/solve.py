@@ -40,12 +40,31 @@ def iterate(
     device: str = "cpu",
     team: ProcessGroup = SINGLE_PROCESS,
 ) -> Iterator[IterationState]:
-    """Optimises for a focal stack (plane, y, x, 3) in linear sRGB at the system's planes; yields after each iteration.
+    """Optimises patterns, and laser amplitudes and wavelengths where these are free, for a focal stack.
 
-    start: initial drive (frame, modulator, y, x) in 0…1; `settings.begin` chooses it when None. resume: a checkpoint to
-    continue from, bit for bit on the same machine. device: of torch, "cpu", "cuda", "cuda:1" or "mps". team: the group
-    of processes that share the lasers; each has to give the same arguments and request as many states.
-    Raises UserError when the stack, the drive or the checkpoint doesn't fit, and when memory runs out.
+    Adam on the patterns with the analytic adjoint of the simulation (complex64); amplitudes by non-negative least
+    squares; wavelengths by gradient steps. Scalar diffraction as in `simulate`; the optimum is a local one.
+
+    system: the display. Its effects are optimised for, except those that split a laser or change its power.
+    stack: (plane, y, x, 3) linear sRGB at the system's planes, on the simulation grid, (rows, columns) · `upsample`.
+    `target_for` makes it.
+    settings: options of the optimiser.
+    start: initial drive (frame, modulator, y, x) in 0…1 of the stroke; `settings.begin` chooses it when None.
+    resume: a checkpoint to continue from, bit for bit on the same machine.
+    device: of torch, "cpu", "cuda", "cuda:1" or "mps".
+    team: the group of processes that share the lasers; each has to give the same arguments and request as many states.
+
+    Yields an `IterationState` after each iteration, `settings.iterations` + 1 of them: its `psnr_db` and `loss`, and
+    `best`, the `Hologram` of the smallest loss so far. The loop may be left at any time. Raises UserError when the
+    stack, the drive or the checkpoint doesn't fit, and when memory runs out.
+
+    >>> import numpy as np
+    >>> import holoview as hv
+    >>> system = hv.load("holochrome-8").with_(shape=[16, 24], planes=["10 mm"])
+    >>> stack = np.full((1, 32, 48, 3), 0.2, dtype=np.float32)
+    >>> states = list(hv.iterate(system, stack, hv.Settings(iterations=3)))
+    >>> len(states), states[-1].psnr_db > states[0].psnr_db, states[-1].best.drive.shape
+    (4, True, (1, 2, 16, 24))
     """
     return _Optimiser(system, stack, settings, start, resume, device, team).states()
 
