@@ -1,13 +1,14 @@
-"""What the display should show: pictures, depths and focal stacks, in linear sRGB and SI units.
+"""Target images: pictures, depth maps and focal stacks as linear sRGB, on a bench's planes and grid.
 
-samples.py       Raster: decoded samples of one picture, and what all decoders share
-tiff.py exr.py   files that may hold several pictures: pages; parts and layers
-raster.py        decode a picture file into samples, without deciding what they mean
-spaces.py        what float samples mean: linear sRGB, CIE XYZ, other primaries
-picture.py       read_picture, read_depth, fit: a user's files as linear light and as depth
-defocus.py       how wide and how shaped the blur of a point out of focus is; convolution without wrap-around
-focal_stack.py   picture_stack and the Target that the optimiser aims at
-saturation.py    more or less colourful targets
-build.py         target_for: a bench and a picture to the Target on its planes
-stacks.py        stack_for: focal stacks that were rendered elsewhere
+target           from a bench and a picture to the focal stack that is optimised for
+focal_stack      `Target`; a focal stack rendered with incoherent defocus from a picture and a depth map
+defocus          defocus blur kernels (square or disc), and FFT convolution without wrap-around
+rendered_stacks  focal stacks rendered elsewhere: a folder, TIFF pages, OpenEXR parts or layers
+picture          a picture or a depth map as linear light, and resizing to the simulation grid
+image_reader     decodes PNG, JPEG, TIFF and OpenEXR files, recognised by their first bytes
+raster           the decoded image (`Raster`), and helpers that all decoders share
+exr              parts and layers of OpenEXR files as rasters
+tiff             pages of TIFF files as rasters
+colour_spaces    float images (linear sRGB, CIE XYZ, other primaries) to linear sRGB
+saturation       chroma scaled in CIE LCHuv at constant lightness and hue
 """

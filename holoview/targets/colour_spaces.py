@@ -1,7 +1,7 @@
-"""What the numbers of a float file mean: linear sRGB, CIE XYZ, or the primaries that the file states.
+"""Converts float images (linear sRGB, CIE XYZ, or the primaries that the file states) to linear sRGB.
 
-All become linear sRGB that isn't limited to 0…1. That loses nothing, as XYZ ↔ linear sRGB is one to one: a colour
-outside the triangle of the sRGB primaries has a negative channel.
+The result isn't limited to 0…1. Nothing is lost, since XYZ ↔ linear sRGB is one to one: a colour outside the triangle
+of the sRGB primaries has a negative channel.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from holoview.targets.raster import Chromaticities, Raster
 from holoview.util.errors import UserError
 
 COLOUR_SPACES = ("srgb", "xyz")
-"""What the three channels of a float file may be: linear sRGB, or CIE XYZ with Y = 1 the display's white (D65)."""
+"""Interpretations of a float file's three channels: linear sRGB, or CIE XYZ with Y = 1 the display's white (D65)."""
 
 _XYZ_PRIMARIES = ((1.0, 0.0), (0.0, 1.0), (0.0, 0.0))
 """Chromaticities by which OpenEXR files say that they hold XYZ."""
@@ -26,33 +26,33 @@ _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0
 def to_linear_srgb(
     where: str, raster: Raster, light: NDArray[np.float64], space: str = "srgb"
 ) -> tuple[NDArray[np.float64], str]:
-    """Light (y, x, 1 or 3) of a raster as linear sRGB of the same shape, and a note of what was done, or "".
+    """Light (y, x, 1 or 3) of a raster as linear sRGB of the same shape, and a note on what was done, or "".
 
-    `space` "xyz" wins over what the file states. Raises UserError, located at `where`, for another space, for XYZ that
-    isn't three channels of float, and for primaries that can't make white.
+    `space` "xyz" overrides the primaries that the file states. Raises UserError, located at `where`, for another space,
+    for "xyz" without three float channels, and for primaries that can't make white.
     """
     if space not in COLOUR_SPACES:
         raise UserError("space", f'"{space}"', expected=" or ".join(COLOUR_SPACES))
-    stated = raster.primaries
+    primaries = raster.primaries
     if space == "xyz":
         if raster.encoded or light.shape[-1] != 3:
             found = "holds integers, a display signal" if raster.encoded else "has one channel"
             remedy = "save it as float TIFF or OpenEXR, or read it as sRGB"
             raise UserError(where, found, expected="three float channels of CIE XYZ", remedy=remedy)
-        ignored = "" if stated is None or _is_xyz(stated) else "; the chromaticities in its header are ignored"
+        ignored = "" if primaries is None or _is_xyz(primaries) else "; the chromaticities in its header are ignored"
         return xyz_to_linear_srgb(light), f"CIE XYZ converted to linear sRGB{ignored}"
-    if stated is None:
+    if primaries is None:
         return light, ""
-    if _is_xyz(stated):
+    if _is_xyz(primaries):
         return xyz_to_linear_srgb(light), "CIE XYZ, as its header says, converted to linear sRGB"
-    return light @ srgb_from_primaries(where, stated).T, "converted from the file's own primaries"
+    return light @ srgb_from_primaries(where, primaries).T, "converted from the file's own primaries"
 
 
 def srgb_from_primaries(where: str, chromaticities: Chromaticities) -> NDArray[np.float64]:
-    """The matrix (3, 3) from linear light of other primaries to linear sRGB; their white becomes the display's.
+    """The matrix (3, 3) from linear light of other primaries to linear sRGB, which maps their white to D65.
 
-    `chromaticities` are (x, y) of red, green, blue and white (SMPTE RP 177 gives the matrix to XYZ). A white that isn't
-    D65 is adapted in Bradford's cone space. Raises UserError when the primaries lie on a line, or can't make the white.
+    `chromaticities`: (x, y) of red, green, blue and white; SMPTE RP 177 gives the matrix to XYZ. A white other than D65
+    is adapted in Bradford's cone space. Raises UserError when the primaries lie on a line, or can't make the white.
     """
     corners = np.array([(x, y, 1 - x - y) for x, y in chromaticities], dtype=np.float64)
     primaries, white = corners[:3].T, corners[3]

@@ -1,8 +1,9 @@
-"""The blur of a point out of focus, and how a picture is blurred without wrapping around at its borders.
+"""Defocus blur kernels (square or disc), and FFT convolution without wrap-around.
 
-A point at distance d seen on the plane z is the aperture's shape, scaled to the half-width |z − d|·tan θ, where θ is
-the half-angle of the light cone: a square for a pixelated modulator's eyebox, a disc for a round iris. Kernels are
-area-true: each sample is the share of the shape's area in that pixel, so that the width may be any fraction of a pixel.
+In incoherent light, a point at distance d gives on the plane z the shape of the aperture, scaled to the half-width
+|z − d|·tan θ with the half-angle θ of the light cone: a square for the eyebox of a pixelated modulator, a disc for a
+round iris. Each sample of a kernel is the fraction of the shape's area in that pixel, so that the width needn't be a
+whole number of pixels.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ _STRIPS_PER_PIXEL = 64
 def diffraction_half_angle(wavelength_m: float, pitch_m: float) -> float:
     """Half-angle (rad) of the cone that a modulator of pixel pitch p diffracts into: θ = asin(λ / 2p).
 
-    It is the grating equation at the finest grating that the pixels can carry, period 2p, and so the half-width of the
+    The grating equation for the finest grating that the pixels can show, of period 2p; it gives the half-width of the
     square eyebox. Arguments: wavelength and modulator pitch in metres.
 
     Raises ValueError when either isn't positive or λ > 2p, where no such angle exists.
@@ -37,11 +38,11 @@ def blur_radius_px(distance_m: float, half_angle_rad: float, pitch_m: float) -> 
 
 
 def blur_kernel(radius_px: float, aperture: Aperture) -> NDArray[np.float64]:
-    """The blur of a point, shape (2r + 1, 2r + 1) with r = ceil(radius − ½), summing to 1.
+    """The blur of a point, shape (2r + 1, 2r + 1) with r = ceil(radius − ½) and sum 1.
 
-    A radius below half a pixel is a single sample: nothing is blurred. A square of radius R reaches R in x and y, a
-    disc R all round. The disc's pixel shares are exact along one axis and summed over 64 strips a pixel along the
-    other, both ways round so that x and y are alike.
+    radius_px: half the side of the square, or radius of the disc. Below half a pixel the kernel is a single sample.
+    The disc's area in a pixel is exact along one axis and a sum over 64 strips along the other; the average with its
+    transpose makes x and y equal.
     """
     reach = max(math.ceil(radius_px - 0.5), 0)
     if reach == 0:
@@ -60,22 +61,22 @@ def blur_kernel(radius_px: float, aperture: Aperture) -> NDArray[np.float64]:
 def kernel_share_in_frame(
     blur: NDArray[np.float64], shape: tuple[int, int], window: tuple[slice, slice] = (slice(None), slice(None))
 ) -> NDArray[np.float32]:
-    """Share of the kernel inside a frame of `shape` (y, x), for the pixels in `window`; 1 away from the borders."""
+    """Fraction of the kernel inside an image of `shape` (y, x) when centred on each pixel of `window`; 1 far inside."""
     reach = blur.shape[0] // 2
     sums = np.zeros((blur.shape[0] + 1, blur.shape[1] + 1))
     sums[1:, 1:] = blur.cumsum(axis=0).cumsum(axis=1)
     (top, bottom), (left, right) = (
-        (np.clip(reach - at, 0, 2 * reach + 1), np.clip(reach + size - at, 0, 2 * reach + 1))
-        for size, at in ((size, np.arange(size)[part]) for size, part in zip(shape, window, strict=True))
+        (np.clip(reach - index, 0, 2 * reach + 1), np.clip(reach + size - index, 0, 2 * reach + 1))
+        for size, index in ((size, np.arange(size)[part]) for size, part in zip(shape, window, strict=True))
     )
     inside = sums[bottom][:, right] - sums[top][:, right] - sums[bottom][:, left] + sums[top][:, left]
     return np.asarray(inside, dtype=np.float32)
 
 
 class FftConvolver:
-    """One picture (channel, y, x) to be convolved with many kernels: its spectrum is computed once.
+    """Convolves one picture (channel, y, x) with many kernels; its spectrum is computed once.
 
-    It is padded with zeros by `reach`, the largest kernel radius to come, so that nothing wraps around.
+    The picture is padded with zeros by `reach`, the largest radius of a kernel, so that nothing wraps around.
     """
 
     def __init__(self, picture: NDArray[np.float32], reach: int) -> None:
@@ -85,7 +86,7 @@ class FftConvolver:
         self._spectrum: NDArray[np.complex64] | None = None
 
     def convolve(self, blur: NDArray[np.float64]) -> NDArray[np.float32]:
-        """The picture convolved with `blur`, same shape; light from outside the frame is missing, not wrapped."""
+        """The picture convolved with `blur`, of the same shape. Raises ValueError for a kernel wider than `reach`."""
         reach = blur.shape[0] // 2
         if reach == 0:
             return self._picture

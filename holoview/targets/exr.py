@@ -1,9 +1,9 @@
-"""OpenEXR files: one picture, or several as parts or as numbered layers of one part.
+"""Reads the pictures of an OpenEXR file, which are parts or numbered layers of one part, as rasters.
 
-A picture is the channels R, G, B and perhaps A, bare or behind one layer's name ("beauty.R"), or a single channel as
-grey. With several parts, each that has R, G, B is a picture; if none has, each with a single channel. In one part
-without bare R, G, B, layers that all have a number in their names ("0.R" … "4.B", "plane-10.R") are pictures. What
-else a renderer stored beside them, depths and normals, is left out.
+A picture consists of the channels R, G, B and perhaps A, bare or with a layer's name ("beauty.R"), or of a single
+channel as grey. In a file of several parts, each part with R, G, B is a picture; if there is none, each part with a
+single channel. In one part without bare R, G, B, the layers are pictures if all their names contain a number ("0.R" …
+"4.B", "plane-10.R"). Other channels that a renderer stored, such as depths and normals, are ignored.
 """
 
 from __future__ import annotations
@@ -22,14 +22,13 @@ from holoview.util.errors import UserError
 
 _RGB = ("R", "G", "B")
 
-
-_Span = tuple[int, int]  # first pixel, and the one after the last
+_Span = tuple[int, int]  # first pixel, and one after the last
 _Window = tuple[_Span, _Span]  # x, y
 
 
 @dataclass(frozen=True)
 class _Part:
-    """What the header of a part says."""
+    """The header of a part."""
 
     name: str
     channels: tuple[str, ...]
@@ -39,14 +38,14 @@ class _Part:
 
     @property
     def data_covers_display(self) -> bool:
-        """Whether there are data wherever the picture is."""
+        """Whether the display window lies inside the data window."""
         spans = zip(self.data_window, self.display_window, strict=True)
         return all(data[0] <= display[0] and data[1] >= display[1] for data, display in spans)
 
 
 @dataclass(frozen=True)
 class _ImageLocation:
-    """Where a picture is: the part's index and the channels' names."""
+    """The part (by index) and the channels (by name) of a picture."""
 
     part: int
     colour_channels: tuple[str, ...]
@@ -55,53 +54,58 @@ class _ImageLocation:
 
     @property
     def alpha(self) -> str:
-        """The alpha that belongs to the colours, where there is one: "A" to "R", "0.A" to "0.R"."""
+        """Name of the alpha channel of these colours, if the part has it: "A" for "R", "0.A" for "0.R"."""
         layer, dot, _ = self.colour_channels[0].rpartition(".")
         return f"{layer}{dot}A"
 
 
 def exr_count(path: Path) -> int:
-    """How many pictures the file holds, by its headers. Raises UserError when none, ValueError if damaged."""
+    """Number of pictures, from the headers alone. Raises UserError when there are none, ValueError if damaged."""
     return len(_locate_images(path, _headers(path)))
 
 
 def exr_pictures(path: Path) -> Iterator[Raster]:
-    """Every picture in the order of the numbers in their names; without numbers, in the file's order.
+    """Every picture, in the order of the numbers in their names or, without numbers, in that of the file.
 
-    Raises UserError for channels that aren't a picture, RuntimeError and ValueError for damaged files.
+    Raises UserError for channels that don't make a picture, RuntimeError and ValueError for damaged files.
     """
     parts = _headers(path)
-    places = _locate_images(path, parts)
+    locations = _locate_images(path, parts)
     with OpenEXR.File(str(path), separate_channels=True) as file:  # closing it empties its channels
         if len(file.parts) != len(parts):  # the library leaves out parts that end too early
             raise ValueError(f"{len(file.parts)} of {len(parts)} parts are whole")
-        for place in places:
-            yield _raster(dict(file.channels(place.part)), place, parts[place.part])
+        for location in locations:
+            yield _raster(dict(file.channels(location.part)), location, parts[location.part])
 
 
-def _raster(channels: Mapping[str, Any], place: _ImageLocation, part: _Part) -> Raster:
-    planes = {name: channel.pixels for name, channel in channels.items()}
-    values = np.stack([_in_display_window(planes[name], part) for name in place.colour_channels], axis=-1)
-    alpha = planes.get(place.alpha)
+def _raster(channels: Mapping[str, Any], location: _ImageLocation, part: _Part) -> Raster:
+    names, pixels = location.colour_channels, {name: channel.pixels for name, channel in channels.items()}
+    values = np.stack([_in_display_window(pixels[name], part) for name in names], axis=-1)
+    alpha = pixels.get(location.alpha)
     if alpha is None and not part.data_covers_display:
-        alpha = np.ones_like(planes[place.colour_channels[0]])
-    coverage = None if alpha is None else _in_display_window(alpha, part)
-    stated = part.primaries if len(place.colour_channels) == 3 else None
-    return Raster(values, coverage, False, premultiplied=True, notes=place.notes, page=place.page, primaries=stated)
+        alpha = np.ones_like(pixels[names[0]])
+    return Raster(
+        values,
+        alpha=None if alpha is None else _in_display_window(alpha, part),
+        encoded=False,
+        premultiplied=True,
+        notes=location.notes,
+        page=location.page,
+        primaries=part.primaries if len(names) == 3 else None,
+    )
 
 
 def _in_display_window(pixels: NDArray[Any], part: _Part) -> NDArray[np.float64]:
-    """The display window (y, x) of a channel that is stored in the data window; 0 where nothing is."""
-    seen, shown = zip(
-        *(_overlap_slices(part.data_window[axis], part.display_window[axis]) for axis in (1, 0)), strict=True
-    )
-    whole = np.zeros([last - first for first, last in reversed(part.display_window)])
-    whole[shown] = pixels[seen]
-    return whole
+    """The display window (y, x) of a channel that is stored in the data window; 0 outside the latter."""
+    overlaps = [_overlap_slices(part.data_window[axis], part.display_window[axis]) for axis in (1, 0)]
+    data_slices, display_slices = zip(*overlaps, strict=True)
+    image = np.zeros([last - first for first, last in reversed(part.display_window)])
+    image[display_slices] = pixels[data_slices]
+    return image
 
 
 def _overlap_slices(data: _Span, display: _Span) -> tuple[slice, slice]:
-    """What both spans share, counted from the start of each."""
+    """The overlap of two spans, counted from the start of each."""
     first = max(data[0], display[0])
     last = max(min(data[1], display[1]), first)
     return slice(first - data[0], last - data[0]), slice(first - display[0], last - display[0])
@@ -123,20 +127,20 @@ def _part(path: Path, header: Mapping[str, Any]) -> _Part:
     for (left, right), (top, bottom) in (display, data):
         if (right - left) * (bottom - top) > MAX_PIXELS:
             raise too_large_error(path, right - left, bottom - top)
-    stated = header.get("chromaticities")
-    numbers = [] if stated is None else [float(number) for number in stated]
-    pairs = tuple(zip(numbers[0::2], numbers[1::2], strict=True)) or None
-    return _Part(str(header.get("name", "")), tuple(c.name for c in channels), pairs, display, data)
+    chromaticities = header.get("chromaticities")
+    numbers = [] if chromaticities is None else [float(number) for number in chromaticities]
+    primaries = tuple(zip(numbers[0::2], numbers[1::2], strict=True)) or None
+    return _Part(str(header.get("name", "")), tuple(c.name for c in channels), primaries, display, data)
 
 
 def _window(corners: tuple[Sequence[int], Sequence[int]]) -> _Window:
-    """From the first and the last pixel, (x, y) each."""
+    """The spans from the first to the last pixel, whose (x, y) are given."""
     (left, top), (right, bottom) = corners
     return (int(left), int(right) + 1), (int(top), int(bottom) + 1)
 
 
 def _locate_images(path: Path, parts: Sequence[_Part]) -> list[_ImageLocation]:
-    """The pictures in their order; at least one."""
+    """The pictures in their order. Raises UserError when there are none."""
     if len(parts) == 1:
         return _locate_layers(path, parts[0])
     coloured = [(index, _rgb_channels(part.channels)) for index, part in enumerate(parts)]
@@ -154,7 +158,7 @@ def _locate_images(path: Path, parts: Sequence[_Part]) -> list[_ImageLocation]:
 
 
 def _locate_layers(path: Path, part: _Part) -> list[_ImageLocation]:
-    """One part's only picture, or a picture for each of its numbered layers."""
+    """The only picture of a single part, or a picture for each of its numbered layers."""
     colours, layers = _rgb_channels(part.channels) or _grey_channel(part.channels), _rgb_layers(part.channels)
     if colours:
         return [_ImageLocation(0, colours, notes=_ignored_note(layers if colours == _RGB else ()))]
@@ -176,7 +180,7 @@ def _rgb_layers(channels: Iterable[str]) -> list[str]:
 
 
 def _rgb_channels(channels: Iterable[str]) -> tuple[str, ...]:
-    """Names of R, G and B: bare, or those of the only layer that has them; none otherwise."""
+    """Names of R, G and B: bare, or those of the only layer that has them; empty otherwise."""
     names = tuple(channels)
     if set(_RGB) <= set(names):
         return _RGB
@@ -185,9 +189,9 @@ def _rgb_channels(channels: Iterable[str]) -> tuple[str, ...]:
 
 
 def _grey_channel(channels: Iterable[str]) -> tuple[str, ...]:
-    """The one channel of a grey or depth file; none when there are others."""
-    plain = tuple(name for name in channels if name != "A")
-    return plain if len(plain) == 1 else ()
+    """The only channel beside A, as a tuple; empty when there are several."""
+    colours = tuple(name for name in channels if name != "A")
+    return colours if len(colours) == 1 else ()
 
 
 def _has_number(name: str) -> bool:

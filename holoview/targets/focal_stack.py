@@ -1,18 +1,15 @@
-"""What an eye should see at each plane: a picture with depth, naturally out of focus everywhere but where it belongs.
+"""Renders a focal stack with incoherent defocus from a picture and a depth map (layers, occlusion, inpainting).
 
-`picture_stack` makes such a focal stack from one picture; stacks.py reads one that was rendered elsewhere. `Target` is
-either with its planes: what the optimiser aims at.
-
-A picture with a depth map is cut into layers of nearly equal depth. On each plane they are laid over each other from
-far to near, each blurred by its own distance, its blurred coverage hiding what lies behind:
+The picture is cut into layers of nearly equal depth. On each plane they are composited from far to near; each layer's
+light and mask m are convolved with the blur kernel K of its distance, and its blurred mask occludes what lies behind:
 
     light ← light·(1 − K∗m) + K∗(m·rgb)        coverage ← coverage·(1 − K∗m) + K∗m        result = light / coverage
 
-Where a nearer layer hides a farther one, the farther is continued beneath it with its neighbouring colours, because a
-blurred edge is translucent and a lens looks round it. Dividing by the coverage makes up for what is still missing.
+Where a nearer layer occludes a farther one, the farther one is inpainted beneath it from its neighbourhood, because a
+blurred edge is translucent. The division by the coverage compensates for light that is still missing.
 
-Limits: coverages of different layers are taken as independent, surfaces as matt (a reflection blurs with the mirror,
-not with what it shows), and hidden things are guessed.
+Limits: the masks of different layers count as statistically independent, surfaces as matt (a reflection is blurred by
+the mirror's distance, not by that of what it shows), and occluded parts of the scene are guessed.
 """
 
 from __future__ import annotations
@@ -29,17 +26,16 @@ from holoview.targets.defocus import Aperture, FftConvolver, blur_kernel, blur_r
 from holoview.util.errors import UserError
 
 MAX_LAYERS = 24
-_LAYER_STEP_PX = 1.0  # half a pixel either way is no blur; finer cuts are further from a real lens, seams add up
+_LAYER_STEP_PX = 1.0  # change of blur radius from layer to layer: finer layers only add errors at their seams
 
 
 @dataclass(frozen=True)
 class Target:
-    """A focal stack to aim at.
+    """The focal stack that a hologram is optimised for.
 
-    `stack` (plane, y, x, 3) float32 linear sRGB with `brightness` already applied, `planes_m` the planes' distances,
-    `source` what it was made from, in words, `notes` what was done to it that a person should know.
-
-    Raises UserError when the number of pictures and of planes differ, ValueError for other shapes.
+    stack: (plane, y, x, 3) float32 linear sRGB with `brightness` already applied. planes_m: distances of the planes.
+    source: what it was made from, in words. notes: what was changed on the way, for the user.
+    Raises UserError when the numbers of pictures and of planes differ, ValueError for other shapes.
     """
 
     stack: NDArray[np.float32]
@@ -67,7 +63,7 @@ class Target:
         brightness: float = 1.0,
         notes: tuple[str, ...] = (),
     ) -> Target:
-        """The target that shows `stack` at `brightness`, a factor on linear light. UserError unless it is above 0."""
+        """The target of `stack` times `brightness`, a factor on linear light. UserError unless it is positive."""
         check_brightness(brightness)
         scaled = np.asarray(stack, dtype=np.float32) * np.float32(brightness)
         return cls(scaled, tuple(float(z) for z in planes_m), source, brightness, notes)
@@ -88,15 +84,15 @@ def render_focal_stack(
     aperture: Aperture = "square",
     layers: int | None = None,
 ) -> NDArray[np.float32]:
-    """Natural incoherent defocus of one picture, (plane, y, x, 3) float32.
+    """The focal stack of a picture in incoherent light, (plane, y, x, 3) float32.
 
-    `rgb_linear` (y, x, 3) linear light; `depth_m` where it lies, one distance or one per pixel (y, x), on the same axis
-    as `planes_m` (n,), the smaller the nearer: near layers hide far ones; `pitch_m` of the picture's pixels;
-    `half_angle_rad` of the light cone. `layers` at most; by default as many as keep every depth within half a pixel
-    of blur of its layer, but no more than 24.
+    rgb_linear: (y, x, 3) linear light. depth_m: distance of the picture or of each pixel (y, x); smaller is nearer.
+    planes_m: distances (n,) of the planes. pitch_m: of the picture's pixels. half_angle_rad: of the light cone.
+    layers: greatest number of layers. By default as many as keep the blur radius of each depth within half a pixel of
+    its layer's, but at most 24.
 
-    At the borders the missing light from outside is made up by dividing by the share of the blur inside the frame, so
-    that an even picture stays even and the borders don't darken.
+    Near the borders the result is divided by the fraction of the kernel inside the picture, so that an even picture
+    stays even and the borders don't darken.
 
     Raises ValueError for wrong shapes, an unknown aperture, or numbers that aren't finite (positive where due).
     """
@@ -129,7 +125,7 @@ def _checked_depth(
     half_angle_rad: float,
     aperture: Aperture,
 ) -> NDArray[np.float64]:
-    """The depth per pixel (y, x), all arguments being sound."""
+    """The depth of each pixel (y, x). Raises ValueError for arguments that `render_focal_stack` refuses."""
     if rgb.ndim != 3 or rgb.shape[-1] != 3 or rgb.size == 0:
         raise ValueError(f"picture {rgb.shape}: expected (y, x, 3)")
     depth = np.asarray(depth_m, dtype=np.float64)
@@ -146,47 +142,48 @@ def _checked_depth(
 
 
 def _layer_count(depth: NDArray[np.float64], half_angle_rad: float, pitch_m: float) -> int:
-    spread_px = blur_radius_px(float(np.ptp(depth)), half_angle_rad, pitch_m)
-    return min(max(math.ceil(spread_px / _LAYER_STEP_PX), 1), MAX_LAYERS)
+    range_px = blur_radius_px(float(np.ptp(depth)), half_angle_rad, pitch_m)
+    return min(max(math.ceil(range_px / _LAYER_STEP_PX), 1), MAX_LAYERS)
 
 
 def _split_layers(depth: NDArray[np.float64], count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Layer (y, x) of each pixel, 0 nearest, and each layer's mean depth; layers without pixels are left out."""
-    low, spread = float(depth.min()), float(np.ptp(depth))
-    if spread == 0:
-        return np.zeros(depth.shape, dtype=np.int64), np.array([low])
-    slot = np.minimum(((depth - low) * (count / spread)).astype(np.int64), count - 1)
-    used, labels = np.unique(slot, return_inverse=True)
+    """The layer of each pixel (y, x), 0 nearest, and the mean depth of each layer; empty layers are left out."""
+    nearest, depth_range = float(depth.min()), float(np.ptp(depth))
+    if depth_range == 0:
+        return np.zeros(depth.shape, dtype=np.int64), np.array([nearest])
+    bins = np.minimum(((depth - nearest) * (count / depth_range)).astype(np.int64), count - 1)
+    used, labels = np.unique(bins, return_inverse=True)
     labels = labels.reshape(depth.shape)
     sums = np.bincount(labels.ravel(), weights=depth.ravel(), minlength=len(used))
     return labels, sums / np.bincount(labels.ravel(), minlength=len(used))
 
 
 def _bounding_window(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
-    """The smallest rectangle about the mask, widened by `margin` inside the frame."""
+    """The bounding box of the mask, widened by `margin` but not beyond the image."""
     spans = []
     for axis, size in enumerate(mask.shape):
-        hit = np.flatnonzero(mask.any(axis=1 - axis))
-        spans.append(slice(max(int(hit[0]) - margin, 0), min(int(hit[-1]) + 1 + margin, size)))
+        occupied = np.flatnonzero(mask.any(axis=1 - axis))
+        spans.append(slice(max(int(occupied[0]) - margin, 0), min(int(occupied[-1]) + 1 + margin, size)))
     return spans[0], spans[1]
 
 
 def _inpaint_occluded(
     rgb: NDArray[np.float32], labels: NDArray[np.int64], layer: int, reach: int
 ) -> NDArray[np.float32]:
-    """The layer's light and coverage (4, y, x), continued by up to `reach` pixels beneath the nearer layers.
+    """The layer's light and mask (4, y, x), continued by up to `reach` pixels beneath the nearer layers.
 
-    A hidden pixel belongs to whichever of this and the farther layers is seen nearest to it, and takes the colour found
-    there. Pixels that touch a much nearer layer don't lend their colour: antialiasing has mixed the nearer one into it.
+    An occluded pixel takes the colour of the nearest visible pixel of this or a farther layer, and belongs to the
+    layer of that pixel. Visible pixels next to a much nearer layer aren't used as sources, because antialiasing has
+    mixed the nearer colour into them.
     """
-    seen = labels == layer
-    behind = labels >= layer
-    source, owned = np.indices(labels.shape), seen
-    if not behind.all():
+    visible = labels == layer
+    not_nearer = labels >= layer
+    source, mask = np.indices(labels.shape), visible
+    if not not_nearer.all():
         mixed = ndimage.binary_dilation(labels < layer - 1, np.ones((3, 3), dtype=bool))
-        lenders = behind & ~mixed if (seen & ~mixed).any() else behind
-        distance, nearest = ndimage.distance_transform_edt(~lenders, return_indices=True)
-        source = np.where(behind, source, nearest)
-        owned = seen | (~behind & (labels[tuple(source)] == layer) & (distance <= reach))
-    light = np.where(owned[..., None], rgb[tuple(source)], np.float32(0))
-    return np.stack([*np.moveaxis(light, -1, 0), owned.astype(np.float32)])
+        usable = not_nearer & ~mixed if (visible & ~mixed).any() else not_nearer
+        distance, nearest = ndimage.distance_transform_edt(~usable, return_indices=True)
+        source = np.where(not_nearer, source, nearest)
+        mask = visible | (~not_nearer & (labels[tuple(source)] == layer) & (distance <= reach))
+    light = np.where(mask[..., None], rgb[tuple(source)], np.float32(0))
+    return np.stack([*np.moveaxis(light, -1, 0), mask.astype(np.float32)])

@@ -1,7 +1,7 @@
-"""Picture files as plain samples: which format, how many channels, integers or floats. No colour is decided here.
+"""Decodes PNG, JPEG, TIFF and OpenEXR files as rasters, without interpreting their colours.
 
-The format is told by the file's first bytes, never by its name. PNG with 16 bits goes through imagecodecs, because
-Pillow reduces colour PNG to 8 bits.
+The format is recognised by the file's first bytes, never by its name. PNG with 16 bits is decoded by imagecodecs,
+because Pillow reduces colour PNG to 8 bits.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from holoview.util.errors import UserError
 
 READABLE_FORMATS = "a PNG, JPEG, TIFF or OpenEXR picture"
 
-_ORIENTATION = 0x0112  # EXIF tag
+_EXIF_ORIENTATION = 0x0112
 
 _SIGNATURES: tuple[tuple[bytes, str], ...] = (
     (b"\x89PNG\r\n\x1a\n", "PNG"),
@@ -50,7 +50,7 @@ _DECODER_EXCEPTIONS = (
 
 
 def file_format(path: Path) -> str:
-    """The format that the file's first bytes announce, or "".
+    """The format that the file's first bytes indicate, or "" for an unknown one.
 
     Raises UserError when the file is missing, a folder, empty or unreadable.
     """
@@ -69,9 +69,9 @@ def file_format(path: Path) -> str:
 
 
 def picture_count(path: Path) -> int:
-    """How many pictures a file holds: TIFF pages, OpenEXR parts or layers; 1 for PNG and JPEG. Nothing is decoded.
+    """Number of pictures in a file (TIFF pages, OpenEXR parts or layers; 1 for PNG and JPEG), from its headers alone.
 
-    Raises UserError as `decode` does, as far as can be told from the file's headers.
+    Raises UserError as `read_raster` does, as far as the headers show.
     """
     kind = _supported_format(path)
     counts: dict[str, Callable[[Path], int]] = {"TIFF": tiff_count, "OpenEXR": exr_count}
@@ -80,9 +80,9 @@ def picture_count(path: Path) -> int:
 
 
 def read_raster(path: Path) -> Raster:
-    """Samples of a PNG, JPEG, TIFF or OpenEXR file; the first of several pictures, with a note.
+    """The first picture of a PNG, JPEG, TIFF or OpenEXR file; a note says so if there are several.
 
-    Raises UserError when it is none of these, truncated, damaged, without pixels, or of an unknown layout.
+    Raises UserError when the file has another format, is damaged or without pixels, or has an unknown layout.
     """
     with closing(read_rasters(path)) as pictures:
         first = next(pictures)
@@ -93,9 +93,9 @@ def read_raster(path: Path) -> Raster:
 
 
 def read_rasters(path: Path) -> Generator[Raster]:
-    """Samples of every picture in a file, decoded one after the other; `page` says which, where there are several.
+    """Every picture of a file, decoded one after the other; `page` says which, if there are several.
 
-    Raises UserError as `decode` does.
+    Raises UserError as `read_raster` does.
     """
     kind = _supported_format(path)
     with _naming_file(path, kind):
@@ -115,7 +115,7 @@ def _supported_format(path: Path) -> str:
 
 @contextmanager
 def _naming_file(path: Path, kind: str) -> Iterator[None]:
-    """Turns whatever a decoder raises into a UserError that names the file."""
+    """Turns the exceptions of decoders into a UserError that names the file."""
     try:
         yield
     except UserError:
@@ -123,9 +123,9 @@ def _naming_file(path: Path, kind: str) -> Iterator[None]:
     except Image.DecompressionBombError as error:
         raise too_large_error(path) from error
     except _DECODER_EXCEPTIONS as error:
-        why = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise UserError(
-            str(path), f"the {kind} data is truncated or damaged ({why})", remedy="save or copy the file again"
+            str(path), f"the {kind} data is truncated or damaged ({reason})", remedy="save or copy the file again"
         ) from error
 
 
@@ -138,22 +138,20 @@ def _read_png(path: Path) -> Raster:
         raise too_large_error(path, width, height)
     if width * height == 0:
         raise UserError(str(path), f"has no pixels: {width} × {height}")
-    return (
-        split_alpha(integers_to_unit_range(imagecodecs.png_decode(data)), encoded=True)
-        if bits == 16
-        else _read_with_pillow(path)
-    )
+    if bits != 16:
+        return _read_with_pillow(path)
+    return split_alpha(integers_to_unit_range(imagecodecs.png_decode(data)), encoded=True)
 
 
 def _read_with_pillow(path: Path) -> Raster:
-    """8-bit PNG and JPEG; palettes are looked up, CMYK is converted, a camera's rotation flag is obeyed."""
+    """8-bit PNG and JPEG: palettes and CMYK become RGB, and the picture is turned as its EXIF orientation says."""
     with Image.open(io.BytesIO(path.read_bytes())) as opened:
         if opened.width * opened.height > MAX_PIXELS:
             raise too_large_error(path, opened.width, opened.height)
         opened.load()
         upright = ImageOps.exif_transpose(opened)
     notes: tuple[str, ...] = ()
-    if opened.getexif().get(_ORIENTATION, 1) != 1:
+    if opened.getexif().get(_EXIF_ORIENTATION, 1) != 1:
         notes = ("turned upright as the camera's orientation flag says",)
     if "transparency" in upright.info or upright.mode == "PA":
         upright = upright.convert("RGBA")

@@ -1,8 +1,8 @@
-"""A user's picture as linear light, and a depth map as numbers from near to far.
+"""Reads a picture or a depth map as linear light, and resizes it to the simulation grid.
 
-Integer files hold a display signal and are decoded with the sRGB curve; float files hold light: linear sRGB, other
-primaries where an OpenEXR file states them, or CIE XYZ where the caller says so. All end as (y, x, 3) linear light with
-sRGB primaries, 1 = the display's white; colours outside sRGB are kept as values outside 0…1.
+Integer files hold a display signal and are decoded with the sRGB curve. Float files hold light: linear sRGB, other
+primaries where an OpenEXR file states them, or CIE XYZ where the caller says so. All become (y, x, 3) linear light with
+sRGB primaries, where 1 is the display's white; colours outside sRGB are kept as values outside 0…1.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _DEPTH_FILES = "a grey PNG, TIFF or OpenEXR picture or a numpy .npy array"
 
 @dataclass(frozen=True)
 class Picture:
-    """`rgb` (y, x, 3) float32 linear sRGB; `source` the file; `notes` what was done to it that a person should know."""
+    """rgb: (y, x, 3) float32 linear sRGB. source: the file. notes: what was changed when it was read, for the user."""
 
     rgb: NDArray[np.float32]
     source: str
@@ -40,11 +40,11 @@ class Picture:
 def read_picture(path: str | os.PathLike[str], space: str = "srgb") -> Picture:
     """A PNG, JPEG, TIFF or OpenEXR file as linear light; the first picture of a file with several.
 
-    `space` is one of `SPACES` and says what a float file holds. Alpha is composited over black, grey is copied to three
-    channels, values above 1 or below 0 in float files are kept; each is told in `notes`.
+    space: what a float file holds, one of `COLOUR_SPACES`. Alpha is composited over black, grey is copied to three
+    channels, and values above 1 or below 0 in float files are kept; `notes` mentions each.
 
-    Raises UserError when the file is missing, a folder, no picture, truncated, without pixels, holds NaN or infinity,
-    or isn't three channels of float where XYZ is asked for.
+    Raises UserError when the file is missing, damaged, no picture or without pixels, holds NaN or infinity, or doesn't
+    have three float channels although `space` is "xyz".
     """
     return _to_picture(Path(path), read_raster(Path(path)), space)
 
@@ -57,7 +57,7 @@ def read_pictures(path: str | os.PathLike[str], space: str = "srgb") -> Iterator
 
 def _to_picture(file: Path, raster: Raster, space: str) -> Picture:
     where = f"{file}, {raster.page}" if raster.page else str(file)
-    _refuse_non_finite(where, raster.values)
+    _check_finite(where, raster.values)
     notes = list(raster.notes)
     light = srgb_decode(raster.values) if raster.encoded else raster.values
     if raster.alpha is not None:
@@ -70,7 +70,7 @@ def _to_picture(file: Path, raster: Raster, space: str) -> Picture:
         notes.append("grey copied to red, green and blue")
     with np.errstate(over="ignore"):
         rgb = light.astype(np.float32)
-    _refuse_non_finite(where, rgb)
+    _check_finite(where, rgb)
     if rgb.max() > 1:
         notes.append(f"values up to {rgb.max():.4g} kept: brighter than the display's white (1)")
     if rgb.min() < 0:
@@ -81,16 +81,16 @@ def _to_picture(file: Path, raster: Raster, space: str) -> Picture:
 def read_depth(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     """A depth map (y, x), 0 nearest … 1 farthest.
 
-    Integer files are scaled by the full range of their type; float files and arrays must hold 0…1 already. Colour files
-    pass if their channels are equal. Arrays are loaded without unpickling.
+    Integer files are scaled by the full range of their type; float files and arrays must hold 0…1 already. The channels
+    of a colour file must be equal. Numpy arrays are loaded without unpickling.
 
-    Raises UserError for the faults of `read_picture`, for colours, transparency, and float values outside 0…1.
+    Raises UserError as `read_picture` does, and for colours, transparency, and float values outside 0…1.
     """
     file = Path(path)
     values = _load_array(file) if file_format(file) == "NPY" else _single_channel(file, read_raster(file))
     if values.ndim != 2 or values.size == 0:
         raise UserError(str(file), f"holds an array of shape {values.shape}", expected="depths of shape (y, x)")
-    _refuse_non_finite(str(file), values)
+    _check_finite(str(file), values)
     low, high = float(values.min()), float(values.max())
     if low < 0 or high > 1:
         raise UserError(
@@ -103,11 +103,11 @@ def read_depth(path: str | os.PathLike[str]) -> NDArray[np.float32]:
 
 
 def resize_to_cover(array: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
-    """`array` scaled to cover `shape` (y, x) and cropped about its centre.
+    """`array` scaled to cover `shape` (y, x) and cropped about its centre; unchanged if it has that shape already.
 
-    Light, (y, x, channel), is averaged over the source's area, which is right because it is linear, with a filter
-    without negative lobes, so that no ringing appears. Depth, (y, x), takes the nearest sample: an average across an
-    edge would be a depth at which there is nothing. An array of the right shape comes back equal.
+    Linear light (y, x, channel) is averaged over the source's area, with a filter without negative lobes to avoid
+    ringing. A depth map (y, x) takes the nearest sample: an average across an edge would be a depth at which there is
+    no object.
 
     Raises ValueError when `shape` isn't positive or `array` has neither two nor three axes.
     """
@@ -125,23 +125,23 @@ def resize_to_cover(array: NDArray[np.float32], shape: tuple[int, int]) -> NDArr
         columns = _nearest(shape[1], left, scale, width)
         return np.ascontiguousarray(array[np.ix_(rows, columns)], dtype=np.float32)
     box = max(left, 0.0), max(top, 0.0), min(left + used[1], width), min(top + used[0], height)
-    how = Image.Resampling.HAMMING if scale < 1 else Image.Resampling.BILINEAR
+    method = Image.Resampling.HAMMING if scale < 1 else Image.Resampling.BILINEAR
     channels = np.moveaxis(np.asarray(array, dtype=np.float32), -1, 0)
     size = shape[1], shape[0]
-    resized = [np.asarray(Image.fromarray(np.ascontiguousarray(c)).resize(size, how, box)) for c in channels]
+    resized = [np.asarray(Image.fromarray(np.ascontiguousarray(c)).resize(size, method, box)) for c in channels]
     return np.stack(resized, axis=-1)
 
 
 def _nearest(count: int, start: float, scale: float, size: int) -> NDArray[np.int64]:
-    """Index of the source sample under the middle of each of `count` results."""
+    """Index of the source sample at the middle of each of `count` results."""
     index: NDArray[np.int64] = np.floor(start + (np.arange(count) + 0.5) / scale).astype(np.int64)
     return np.clip(index, 0, size - 1)
 
 
 def _composite_over_black(where: str, raster: Raster, light: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Light through its coverage; premultiplied files carry it already, but encoded ones must shed it for the curve."""
+    """The light times alpha. Premultiplied light contains it; a premultiplied signal is divided by it to be decoded."""
     assert raster.alpha is not None
-    _refuse_non_finite(where, raster.alpha)
+    _check_finite(where, raster.alpha)
     alpha = np.clip(raster.alpha, 0, 1)[..., None]
     if not raster.premultiplied:
         return light * alpha
@@ -176,8 +176,8 @@ def _load_array(file: Path) -> NDArray[np.float64]:
     return np.asarray(array, dtype=np.float64)
 
 
-def _refuse_non_finite(where: str, values: NDArray[np.floating]) -> None:
-    wrong = int(np.count_nonzero(~np.isfinite(values)))
-    if wrong:
-        found = f"{wrong} of {values.size} values are NaN or infinite"
+def _check_finite(where: str, values: NDArray[np.floating]) -> None:
+    count = int(np.count_nonzero(~np.isfinite(values)))
+    if count:
+        found = f"{count} of {values.size} values are NaN or infinite"
         raise UserError(where, found, expected="finite numbers", remedy="repair the file or export it again")

@@ -1,4 +1,4 @@
-"""Decoded samples of one picture, before anything is decided about their colour, and what all decoders share."""
+"""The decoded image (`Raster`) before its colours are interpreted, and helpers that all decoders share."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from holoview.util.errors import UserError
 
 MAX_PIXELS = 1 << 27
+"""Larger pictures are refused, since a damaged header may claim any size."""
 
 Chromaticities = tuple[tuple[float, float], ...]
 """CIE (x, y) of red, green, blue and white."""
@@ -20,12 +21,12 @@ Chromaticities = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class Raster:
-    """Decoded samples.
+    """Decoded samples of one picture.
 
-    `values` (y, x, 1 or 3): integers scaled to 0…1 of their full range, floats as stored. `alpha` (y, x) or
-    None. `encoded`: the samples came as integers (a display signal) rather than floats (light).
-    `premultiplied`: alpha is already in the colours. `notes`: what a person should know about the reading.
-    `page`: which picture of a file with several, in words. `primaries`: what the file states its colours to be.
+    values: (y, x, 1 or 3), integers scaled to 0…1 of their full range, floats as stored. alpha: (y, x) or None.
+    encoded: whether the samples were integers (a display signal) rather than floats (light).
+    premultiplied: whether the colours are already multiplied by alpha. notes: what was changed, for the user.
+    page: which picture of a file with several, in words. primaries: those that the file states.
     """
 
     values: NDArray[np.float64]
@@ -38,7 +39,7 @@ class Raster:
 
 
 def integers_to_unit_range(samples: NDArray[Any], full_scale: int | None = None) -> NDArray[np.float64]:
-    """Unsigned integers over their full range, so 0…1; floats untouched."""
+    """Unsigned integers divided by the full scale of their type or by `full_scale`; floats and booleans unscaled."""
     if samples.dtype.kind in "fb":
         return samples.astype(np.float64)
     if samples.dtype.kind != "u":
@@ -54,22 +55,22 @@ def split_alpha(
     notes: tuple[str, ...] = (),
     page: str = "",
 ) -> Raster:
-    """Colour and alpha apart: 1 grey, 2 grey and alpha, 3 RGB, 4 RGB and alpha."""
-    cube = values[..., None] if values.ndim == 2 else values
-    count = cube.shape[-1]
-    if cube.ndim != 3 or count not in (1, 2, 3, 4):
+    """The raster of grey, grey and alpha, RGB, or RGB and alpha (y, x, 1 to 4). Raises ValueError for other shapes."""
+    samples = values[..., None] if values.ndim == 2 else values
+    count = samples.shape[-1]
+    if samples.ndim != 3 or count not in (1, 2, 3, 4):
         raise ValueError(f"{count} samples a pixel")
     colours = 1 if count < 3 else 3
-    alpha = cube[..., colours] if count > colours else None
-    return Raster(cube[..., :colours], alpha, encoded, premultiplied, notes, page)
+    alpha = samples[..., colours] if count > colours else None
+    return Raster(samples[..., :colours], alpha, encoded, premultiplied, notes, page)
 
 
 def too_large_error(path: Path, width: int = 0, height: int = 0) -> UserError:
-    """The error for a picture of more pixels than can be meant."""
+    """The error for a picture of more than `MAX_PIXELS` pixels."""
     size = f"{width} × {height} pixels" if width else "too many pixels"
     return UserError(str(path), f"has {size}", expected=f"at most {MAX_PIXELS}", remedy="scale it down first")
 
 
 def natural_sort_key(name: str) -> list[tuple[int, str]]:
-    """A key that sorts plane-2 before plane-10."""
+    """A sort key by which plane-2 comes before plane-10."""
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]

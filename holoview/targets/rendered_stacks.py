@@ -1,4 +1,4 @@
-"""Focal stacks rendered elsewhere: a folder of pictures, pages of a TIFF, parts or layers of an OpenEXR file."""
+"""Reads focal stacks rendered elsewhere: a folder of pictures, TIFF pages, OpenEXR parts or layers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from holoview.model.plan import make_plan
 from holoview.model.system import System
@@ -21,13 +20,14 @@ from holoview.util.errors import UserError
 
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 
-_StackSource = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
+StackSource = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
+"""A folder, a file of several pictures, or the files of single pictures."""
 
 
 def is_stack(path: str | os.PathLike[str]) -> bool:
     """Whether a path holds several pictures: a folder, or a file of several pages, parts or numbered layers.
 
-    Only headers are read. Raises UserError when the file is missing, no picture, empty, or broken off.
+    Only headers are read. Raises UserError when the file is missing, empty, truncated, or no picture.
     """
     return Path(path).is_dir() or picture_count(Path(path)) > 1
 
@@ -40,37 +40,29 @@ def target_from_stack(
     saturation: float = 1.0,
     space: str = "srgb",
 ) -> Target:
-    """A ready focal stack, one picture a plane of the system in its order, fitted to the simulation grid.
+    """The target of a rendered focal stack: one picture for each plane of the system, resized to the simulation grid.
 
-    `path`: a folder (its PNG, JPEG, TIFF and OpenEXR files in the order of the numbers in their names), a TIFF with a
-    page a plane, or an OpenEXR file with a part or a numbered layer a plane. `brightness` is a factor on linear light,
-    `saturation` one on chroma in CIE LCHuv, `space` what float files hold ("srgb" or "xyz").
+    path: a folder (its PNG, JPEG, TIFF and OpenEXR files in the order of the numbers in their names), a TIFF file with
+    a page for each plane, or an OpenEXR file with a part or a numbered layer for each. brightness: factor on linear
+    light. saturation: factor on chroma in CIE LCHuv. space: what float files hold, "srgb" or "xyz".
 
-    Raises UserError when the number of pictures and of planes differ, when one can't be read, or their sizes differ.
+    Raises UserError when a picture can't be read, when their sizes differ, or when there isn't one for each plane.
     """
     check_brightness(brightness)
     check_saturation(saturation)
-    pictures = _read_resized(path, make_plan(system).grid.shape, space, len(system.planes_m))
+    pictures = read_resized_pictures(path, make_plan(system).grid.shape, space, len(system.planes_m))
     stack = np.stack([scale_saturation(picture.rgb, saturation) for picture in pictures])
     return Target.from_stack(stack, tuple(system.planes_m), str(path), brightness, _merge_notes(pictures))
 
 
-def read_stack(
-    source: _StackSource, shape: tuple[int, int], space: str = "srgb", pictures: int | None = None
-) -> NDArray[np.float32]:
-    """A ready focal stack as (plane, y, x, 3) linear light fitted to `shape` (y, x).
-
-    `source` as the path of `stack_for`, or the files in the planes' order. `pictures`: how many there have to be.
-
-    Raises UserError when there are none or another number, when one can't be read, or when their sizes differ.
-    """
-    return np.stack([picture.rgb for picture in _read_resized(source, shape, space, pictures)])
-
-
-def _read_resized(
-    source: _StackSource, shape: tuple[int, int], space: str, expected_count: int | None
+def read_resized_pictures(
+    source: StackSource, shape: tuple[int, int], space: str = "srgb", expected_count: int | None = None
 ) -> list[Picture]:
-    """The stack's pictures, fitted one by one as they are read."""
+    """The pictures of a stack, each resized to `shape` (y, x) when it is read.
+
+    source: a path as in `target_from_stack`, or the files in the order of the planes. expected_count: number of
+    pictures, any when None. Raises UserError as `target_from_stack` does.
+    """
     where, count, pictures = _open_source(source, space)
     if count == 0:
         raise UserError(where, "holds no pictures", expected=f"one a plane ({', '.join(_IMAGE_SUFFIXES)})")
@@ -82,16 +74,16 @@ def _read_resized(
             remedy="change the planes (--set planes=…) or the stack",
         )
     first: Picture | None = None
-    fitted = []
+    resized = []
     for picture in pictures:
         first = first or picture
         _check_size(picture, first)
-        fitted.append(replace(picture, rgb=resize_to_cover(picture.rgb, shape)))
-    return fitted
+        resized.append(replace(picture, rgb=resize_to_cover(picture.rgb, shape)))
+    return resized
 
 
-def _open_source(source: _StackSource, space: str) -> tuple[str, int, Iterator[Picture]]:
-    """What to call the stack, how many pictures it holds, and the pictures, read when their turn comes."""
+def _open_source(source: StackSource, space: str) -> tuple[str, int, Iterator[Picture]]:
+    """Name of the stack in errors, number of pictures, and the pictures, which are read one by one."""
     if isinstance(source, str | os.PathLike):
         where, path = str(source), Path(source)
         if not path.is_dir():
@@ -122,7 +114,7 @@ def _check_size(picture: Picture, first: Picture) -> None:
 
 
 def _merge_notes(pictures: Sequence[Picture]) -> tuple[str, ...]:
-    """The pictures' notes, those that all share once, the others with the picture they are about."""
+    """The notes of all pictures once, then those of some with the picture's name."""
     shared = [note for note in pictures[0].notes if all(note in picture.notes for picture in pictures)]
     single = [f"{Path(p.source).name}: {note}" for p in pictures for note in p.notes if note not in shared]
     return (*shared, *single)

@@ -1,13 +1,13 @@
-"""More or less colourful targets: chroma scaled in CIE LCHuv, lightness and hue kept, as in the paper's gamut study.
+"""Scales chroma in CIE LCHuv at constant lightness and hue, up to the spectral locus, as in the paper's gamut study.
 
 With u′, v′ the CIE 1976 chromaticities, u* = 13·L*·(u′ − u′ₙ) and the same for v* (CIE 15:2004, 8.2.2). L* depends on
-luminance alone, so that to scale chroma C*uv = √(u*² + v*²) by t at fixed L* and hue is to move the chromaticity
-along its ray from white, at fixed luminance:
+luminance alone, so that scaling the chroma C*uv = √(u*² + v*²) by t at fixed L* and hue moves the chromaticity along
+its ray from white, at fixed luminance:
 
     u′ ← u′ₙ + t·(u′ − u′ₙ)        v′ ← v′ₙ + t·(v′ − v′ₙ)        X = Y·9u′/4v′        Z = Y·(12 − 3u′ − 20v′)/4v′
 
-How far it can go: t > 1 leads out of sRGB, then out of all colours that any light has. Towards blue the ray even
-reaches v′ = 0, where X and Z are infinite: for the sRGB blue at t = 1.5. So chroma stops at the purest light of its
+For t > 1 the ray leaves sRGB and finally the colours that any light can have. Towards blue it even reaches v′ = 0,
+where X and Z are infinite: for the sRGB blue at t = 1.5. Chroma is therefore limited to that of the purest light of its
 hue, on the spectral locus or the line of purples (CIE 1931 2°), inside which X, Y and Z are never negative.
 """
 
@@ -21,20 +21,20 @@ from numpy.typing import NDArray
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights
 from holoview.util.errors import UserError
 
-_LOCUS_WAVELENGTHS_M = np.arange(390, 701) * 1e-9  # beyond, the locus' ends stay where they are
+_LOCUS_WAVELENGTHS_M = np.arange(390, 701) * 1e-9  # beyond, the chromaticity hardly changes
 _PURPLE_LINE_POINTS = 512
 
 
 def scale_saturation(rgb_linear: NDArray[np.floating], factor: float) -> NDArray[np.float32]:
     """Linear sRGB (…, 3), inside or outside 0…1, with its chroma in LCHuv (white D65) times `factor`; float32.
 
-    0 is the grey of the same luminance, 1 changes nothing, more than 1 is more colourful, as far as a light of that hue
-    can be; what lies beyond already is left there. Luminance is kept throughout.
+    0 gives the grey of the same luminance, 1 changes nothing, and above 1 chroma rises up to that of the purest light
+    of the hue; colours beyond it already aren't changed then. Luminance is constant.
 
-    Where there is no positive light to have a chromaticity (Y and X + 15Y + 3Z not of one sign: black, or imaginary
-    colours), the colour is mixed with the grey of its luminance instead, and a factor above 1 changes nothing.
+    Colours without a chromaticity (Y and X + 15Y + 3Z aren't of one sign: black, or imaginary colours) are mixed with
+    the grey of their luminance instead, and a factor above 1 doesn't change them.
 
-    Raises UserError for a factor that isn't 0 or more.
+    Raises UserError for a negative factor, infinity and NaN.
     """
     check_saturation(factor)
     rgb = np.asarray(rgb_linear)
@@ -45,11 +45,11 @@ def scale_saturation(rgb_linear: NDArray[np.floating], factor: float) -> NDArray
     u, v = _uv_chromaticity(np.where(lit, x, D65_WHITE[0]), np.where(lit, y, 1), np.where(lit, z, D65_WHITE[2]))
     white_u, white_v = _uv_chromaticity(*D65_WHITE)
     du, dv = u - white_u, v - white_v
-    reach = factor if factor < 1 else np.clip(_max_factor(du, dv), 1, factor)
-    u, v = white_u + reach * du, white_v + reach * dv
-    mixed = min(factor, 1.0)
-    scaled_x = np.where(lit, y * 9 * u / (4 * v), mixed * x + (1 - mixed) * y * D65_WHITE[0])
-    scaled_z = np.where(lit, y * (12 - 3 * u - 20 * v) / (4 * v), mixed * z + (1 - mixed) * y * D65_WHITE[2])
+    scale = factor if factor < 1 else np.clip(_max_factor(du, dv), 1, factor)
+    u, v = white_u + scale * du, white_v + scale * dv
+    weight = min(factor, 1.0)
+    scaled_x = np.where(lit, y * 9 * u / (4 * v), weight * x + (1 - weight) * y * D65_WHITE[0])
+    scaled_z = np.where(lit, y * (12 - 3 * u - 20 * v) / (4 * v), weight * z + (1 - weight) * y * D65_WHITE[2])
     scaled: NDArray[np.float64] = np.stack([scaled_x, y, scaled_z], axis=-1) @ XYZ_TO_SRGB.T
     return scaled.astype(np.float32)
 
@@ -71,7 +71,7 @@ def _uv_chromaticity(
 
 
 def _max_factor(du: NDArray[np.float64], dv: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The factor on each (u′ − u′ₙ, v′ − v′ₙ) that leads to the purest light of its hue; infinite for neutrals."""
+    """The factor by which each (u′ − u′ₙ, v′ − v′ₙ) reaches the purest light of its hue; infinite for greys."""
     hues, radii = _spectral_boundary()
     radius = np.interp(np.arctan2(dv, du), hues, radii, period=2 * np.pi)
     distance = np.hypot(du, dv)

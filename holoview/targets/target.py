@@ -1,4 +1,4 @@
-"""A bench and a picture → the focal stack to aim at, on the bench's planes and simulation grid."""
+"""From a bench and a picture to the focal stack that is optimised for, on the bench's planes and simulation grid."""
 
 from __future__ import annotations
 
@@ -98,6 +98,7 @@ def target_for(
 def _scene_depth(
     system: System, placement: Placement, source: Picture, shape: tuple[int, int]
 ) -> float | NDArray[np.floating]:
+    """Distance (m) of the picture, or of each sample of the simulation grid (y, x)."""
     first, last = float(system.planes_m.min()), float(system.planes_m.max())
     if placement.depth is None:
         at_m = float(np.median(system.planes_m)) if placement.at_m is None else placement.at_m
@@ -133,7 +134,7 @@ def _check_inside(at_m: float, first: float, last: float, what: str) -> None:
 
 
 def _blur_cone(system: System) -> tuple[float, Aperture]:
-    """Half angle and shape of the cone that reaches an image point: the modulator's first order, or a smaller iris."""
+    """Half-angle (rad) and shape of an image point's light cone: the modulator's first order, or a smaller iris."""
     angle = diffraction_half_angle(float(np.median(system.wavelengths_m)), system.modulators[0].pitch_m)
     iris = system.relay2.iris_na
     return (math.asin(iris), "disc") if iris is not None and iris < math.sin(angle) else (angle, "square")

@@ -1,4 +1,4 @@
-"""TIFF files: each page is a picture, except thumbnails and masks."""
+"""Reads the pages of TIFF files as rasters, except thumbnails and masks."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ _PHOTOMETRICS = (
 
 
 def tiff_count(path: Path) -> int:
-    """How many pictures the file holds. Raises ValueError when its chain of pages breaks off."""
+    """Number of pictures. Raises ValueError when the linked list of pages is truncated."""
     with tifffile.TiffFile(path) as file:
         return len(_pages(file))
 
 
 def tiff_pictures(path: Path) -> Iterator[Raster]:
-    """Every picture in the file's order; a page is decoded when its turn comes.
+    """Every picture in the file's order; pages are decoded one by one.
 
-    Raises UserError for layouts and colours that aren't a flat picture, ValueError and others for damaged files.
+    Raises UserError for layouts and colours other than one flat picture, ValueError and others for damaged files.
     """
     with tifffile.TiffFile(path) as file:
         pages = _pages(file)
@@ -39,7 +39,7 @@ def tiff_pictures(path: Path) -> Iterator[Raster]:
 
 
 def _pages(file: tifffile.TiffFile) -> list[tifffile.TiffPage]:
-    """The full pages; tifffile only logs where the chain of pages leaves the file, and goes on with those before."""
+    """The full-size pages. Raises ValueError for a truncated list of pages, which tifffile only logs."""
     pages = [file.pages[number] for number in range(len(file.pages))]
     if _next_offset(file, pages[-1]) != 0:
         raise ValueError(f"it breaks off after page {len(pages)}")
@@ -48,7 +48,7 @@ def _pages(file: tifffile.TiffFile) -> list[tifffile.TiffPage]:
 
 
 def _next_offset(file: tifffile.TiffFile, page: tifffile.TiffPage) -> int:
-    """Where the page's directory says that the next page is; 0 after the last one."""
+    """Offset of the next page in the file, from the page's directory; 0 after the last one."""
     layout, handle = file.tiff, file.filehandle
     handle.seek(page.offset)
     (tags,) = struct.unpack(layout.tagnoformat, handle.read(layout.tagnosize))

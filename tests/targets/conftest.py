@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 import holoview
 from holoview.model.plan import make_plan
 from holoview.model.system import System
+from holoview.targets.rendered_stacks import StackSource, read_resized_pictures
 
 Bench = Callable[..., System]
 """(planes, shape): a bench with that many planes and a simulation grid of that shape."""
@@ -23,6 +24,13 @@ WriteExr = Callable[..., Path]
 
 Layers = Callable[..., dict[str, NDArray[np.float32]]]
 """(stack, pattern): the channels 0.R, 0.G, 0.B, 1.R … of a stack, layers named by the pattern."""
+
+
+def read_stack(
+    source: StackSource, shape: tuple[int, int], space: str = "srgb", pictures: int | None = None
+) -> NDArray[np.float32]:
+    """The pictures of a rendered focal stack as (plane, y, x, 3) linear light."""
+    return np.stack([picture.rgb for picture in read_resized_pictures(source, shape, space, pictures)])
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from holoview.targets.defocus import diffraction_half_angle
 from holoview.targets.focal_stack import render_focal_stack
 from holoview.targets.picture import read_depth, read_picture
-from holoview.targets.rendered_stacks import read_stack
 from holoview.util.files import data_dir
+from tests.targets.conftest import read_stack
 
 ASSETS = data_dir("assets")
 SHAPE = (768, 1024)
