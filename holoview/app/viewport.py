@@ -56,19 +56,19 @@ class VisibleArea:
         return (u - self.origin[0]) / self.step[0], (v - self.origin[1]) / self.step[1]
 
 
-def visible_area_of(look: ViewSettings, size: tuple[int, int], shape: tuple[int, int]) -> VisibleArea:
+def visible_area_of(view: ViewSettings, size: tuple[int, int], shape: tuple[int, int]) -> VisibleArea:
     """The part of an image of `shape` (y, x) that a look shows in `size` (x, y) pixels; its corner is on a pixel's."""
-    panes = 2 if look.compare == "side-by-side" else 1
+    panes = 2 if view.compare == "side-by-side" else 1
     width, height = max(size[0] // panes, 1), max(size[1], 1)
-    zoom = look.zoom or zoom_to_fit(look, size, shape)
+    zoom = view.zoom or zoom_to_fit(view, size, shape)
     step = (1 / (zoom * shape[1]), 1 / (zoom * shape[0]))
-    left, top = round(width / 2 - look.centre[0] / step[0]), round(height / 2 - look.centre[1] / step[1])
+    left, top = round(width / 2 - view.centre[0] / step[0]), round(height / 2 - view.centre[1] / step[1])
     return VisibleArea(size, (-left * step[0], -top * step[1]), step)
 
 
-def zoom_to_fit(look: ViewSettings, size: tuple[int, int], shape: tuple[int, int]) -> float:
+def zoom_to_fit(view: ViewSettings, size: tuple[int, int], shape: tuple[int, int]) -> float:
     """Screen pixels a sample at which the whole image is seen."""
-    panes = 2 if look.compare == "side-by-side" else 1
+    panes = 2 if view.compare == "side-by-side" else 1
     return max(min(size[0] / panes / shape[1], size[1] / shape[0]), 1e-3)
 
 
@@ -88,10 +88,10 @@ class Viewport:
         self,
         a: DeviceImage,
         b: DeviceImage | None,
-        view_settings: ViewSettings,
+        view: ViewSettings,
         frame: VisibleArea,
         *,
-        holds_b: bool = False,
+        shows_b: bool = False,
     ) -> bool:
         """Draws where something has changed; whether `view` is another one than before.
 
@@ -99,14 +99,14 @@ class Viewport:
         """
         is_new = self._resize(frame.size)
         b_or_a = a if b is None else b
-        view_settings = view_settings if b is not None else replace(view_settings, compare="off")
-        asked = (a.buffer, a.version, a.gain, b_or_a.buffer, b_or_a.version, b_or_a.gain, view_settings, frame, holds_b)
+        view = view if b is not None else replace(view, compare="off")
+        asked = (a.buffer, a.version, a.gain, b_or_a.buffer, b_or_a.version, b_or_a.gain, view, frame, shows_b)
         if asked == self._drawn and not is_new:
             return False
-        self._device.write(self._uniform, _pack_uniform(a, b_or_a, view_settings, frame))
+        self._device.write(self._uniform, _pack_uniform(a, b_or_a, view, frame))
         source = link(GeneratedWgsl("structs", VIEWPORT.wgsl), "display/viewport.wgsl")
-        pipeline = self._device.pipeline(source, _constants(a, b_or_a, view_settings, frame, holds_b and b is not None))
-        groups = [[self._uniform], [a.buffer, b_or_a.buffer, self._palette(view_settings), self.view]]
+        pipeline = self._device.pipeline(source, _constants(a, b_or_a, view, frame, shows_b and b is not None))
+        groups = [[self._uniform], [a.buffer, b_or_a.buffer, self._palette(view), self.view]]
         tiles = (-(-frame.size[0] // _TILE), -(-frame.size[1] // _TILE), 1)
         recorder = CommandRecorder(self._device, self._label)
         recorder.add(Dispatch.bind(self._device, pipeline, groups, tiles))
@@ -135,8 +135,8 @@ class Viewport:
         self.view, self.size = self._texture.create_view(), size
         return True
 
-    def _palette(self, look: ViewSettings) -> Buffer:
-        name = colour_map_of(look) or "grey"
+    def _palette(self, view: ViewSettings) -> Buffer:
+        name = colour_map_of(view) or "grey"
         if name not in self._palettes:
             opaque = np.full((256, 4), 255, np.uint8)
             opaque[:, :3] = colour_map(name)
@@ -144,46 +144,46 @@ class Viewport:
         return self._palettes[name]
 
 
-def colour_map_of(look: ViewSettings) -> str:
+def colour_map_of(view: ViewSettings) -> str:
     """The palette that a look needs; "" where colours are shown as they are."""
-    if look.page == "phase":
+    if view.page == "phase":
         return "hue"
-    if look.channel == "colour":
+    if view.channel == "colour":
         return ""
-    return "signed" if look.compare == "difference" else look.false_colour or "grey"
+    return "signed" if view.compare == "difference" else view.false_colour or "grey"
 
 
 def _constants(
-    a: DeviceImage, b: DeviceImage, look: ViewSettings, frame: VisibleArea, only_b: bool
+    a: DeviceImage, b: DeviceImage, view: ViewSettings, frame: VisibleArea, only_b: bool
 ) -> dict[str, int | float | bool]:
     """What a shader is made for: the comparison, the palette, and how many samples a pixel covers."""
     shape = max(a.shape, b.shape)
     covered = max(frame.step[0] * shape[1], frame.step[1] * shape[0])
     taps = next((taps for most, taps in _TAPS if covered <= most), _SPARSE_TAPS)
     return {
-        "comparison": _COMPARISONS[look.compare],
+        "comparison": _COMPARISONS[view.compare],
         "only_b": only_b,
-        "has_palette": bool(colour_map_of(look)),
-        "is_linear": look.page == "phase",
-        "has_gamma": look.gamma != 1.0,
+        "has_palette": bool(colour_map_of(view)),
+        "is_linear": view.page == "phase",
+        "has_gamma": view.gamma != 1.0,
         "has_grid": covered <= 1 / _GRID_FROM and not a.is_quick,
         "taps": taps,
         "is_sparse": covered > _TAPS[-1][0],
     }
 
 
-def _pack_uniform(a: DeviceImage, b: DeviceImage, look: ViewSettings, frame: VisibleArea) -> bytes:
+def _pack_uniform(a: DeviceImage, b: DeviceImage, view: ViewSettings, frame: VisibleArea) -> bytes:
     rows = np.zeros((3, 4))
-    matrix = np.array([[0.0, 1.0, 0.0]]) if look.page == "phase" else channel_matrix(look.channel)
-    scale = 1.0 if look.page == "phase" else 2.0**look.exposure_stops / (look.high - look.low)
+    matrix = np.array([[0.0, 1.0, 0.0]]) if view.page == "phase" else channel_matrix(view.channel)
+    scale = 1.0 if view.page == "phase" else 2.0**view.exposure_stops / (view.high - view.low)
     rows[:, :3] = matrix * scale
-    is_offset = look.page != "phase" and look.compare != "difference"  # of a difference, blacks cancel
-    rows[:, 3] = -look.low / (look.high - look.low) if is_offset else 0.0
+    is_offset = view.page != "phase" and view.compare != "difference"  # of a difference, blacks cancel
+    rows[:, 3] = -view.low / (view.high - view.low) if is_offset else 0.0
     first, second, third = rows
     return VIEWPORT.pack(
-        first=first,
-        second=second,
-        third=third,
+        channel_r=first,
+        channel_g=second,
+        channel_b=third,
         background=(*BACKGROUND, 1.0),
         origin=frame.origin,
         step=frame.step,
@@ -192,6 +192,6 @@ def _pack_uniform(a: DeviceImage, b: DeviceImage, look: ViewSettings, frame: Vis
         size=frame.size,
         gain_a=a.gain,
         gain_b=b.gain,
-        split=look.wipe * frame.size[0],
-        gamma=look.gamma,
+        split=view.wipe * frame.size[0],
+        gamma=view.gamma,
     )

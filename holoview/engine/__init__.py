@@ -1,13 +1,19 @@
-"""Two executors of one Plan, and the frame that both run.
+"""Simulates one frame of a hologram: two interchangeable executors, PyTorch and WebGPU, of the same stages.
 
-frame    the graph of stages: which stage follows which, for every wavelength, frame, source and plane
-torch    the reference: complex64 and complex128, differentiable
-wgpu     WGSL compute shaders on any WebGPU adapter
-session  a hologram that is edited: only what is stale is computed again
-results  what a session has computed, and how it computes what is stale
-pace     which strategy of the transforms it uses
-fused    the five fused kernels of a frame, bound to `inputs`, whose numbers are `values`
-kernels  their shaders, and which variants of them a plan needs
-shelf    what a session keeps on the device
-display  intensities to XYZ and to a picture
+backend            opens an executor by name
+frame              the sequence of stages from the laser to the intensity, independent of the executor
+torch_executor     the reference executor: PyTorch in complex64 or complex128, differentiable
+wgpu_executor      the WebGPU executor: fused kernels, and each stage by itself for comparison with PyTorch
+fused              records the fused kernels of a frame: the hooks with row and column FFTs
+kernels            generates the WGSL of the fused kernels and lists the variants that a plan needs
+shader_inputs      what shaders read from the inputs of a frame, as a protocol without PyTorch
+shader_structs     the structs that Python and WGSL share
+uniforms           converts numbers of a plan to the values of these structs
+device_tables      device buffers with the inputs of the kernels, and fingerprints of their contents
+compositor         weighted sum of intensities in CIE XYZ, and 8-bit sRGB of it, on the device
+incremental        IncrementalRenderer: recomputes only what an edit has made stale
+result_cache       fields, intensities, XYZ and sRGB on the device with the fingerprints of their inputs
+device_cache       caches of fields and of intensities within a memory budget
+pending_work       lists the GPU submissions that are still needed, and submits them
+strategy_selector  chooses the FFT strategy of a renderer
 """

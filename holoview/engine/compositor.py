@@ -1,4 +1,4 @@
-"""What comes after the intensities: the observer's XYZ, and a picture of it in 8-bit sRGB. Both stay on the device."""
+"""Sums intensities, weighted by the observer's response, to CIE XYZ, and encodes XYZ as 8-bit sRGB, on the device."""
 
 from __future__ import annotations
 
@@ -12,53 +12,54 @@ from holoview.colour import XYZ_TO_SRGB
 from holoview.engine.shader_structs import BLEND, BLEND_TERM, SRGB_ENCODING
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
+from holoview.gpu.rounding import ceil_div, round_up
 from holoview.gpu.shader import GeneratedWgsl, link
 
 QUAD = 4
-"""Pixels that a thread blends: an intensity on the device is padded to a multiple of it."""
+"""Pixels of an invocation: an intensity on the device is padded to a multiple of it."""
 _WORKGROUP = 64
-_PITCH = 64  # pixels: rows of 256 bytes, as copies to a texture ask for
+_PITCH = 64  # pixels: WebGPU copies rows of a multiple of 256 bytes to a texture
 _F32, _VEC4, _RGBA8 = 4, 16, 4
 
 WeightedIntensity = tuple[int, NDArray[np.float64]]
-"""Number of an intensity in its buffer, and the XYZ (3,) that one unit of it adds."""
+"""Index of an intensity in its buffer, and the XYZ (3,) of unit intensity."""
 
 
 def padded_pixels(shape: tuple[int, int]) -> int:
-    """Pixels from one intensity to the next in a buffer that holds several."""
-    return -(-math.prod(shape) // QUAD) * QUAD
+    """Pixels from one intensity to the next in a buffer of several intensities of `shape` (y, x)."""
+    return round_up(math.prod(shape), QUAD)
 
 
 class Compositor:
-    """Blends intensities of `shape` (y, x) into XYZ, and XYZ into pictures."""
+    """Computes XYZ from intensities of `shape` (y, x), and sRGB images from XYZ. `pitch` is pixels from row to row."""
 
     def __init__(self, device: Device, shape: tuple[int, int]) -> None:
         self._device, self.shape = device, shape
-        self.pitch = -(-shape[1] // _PITCH) * _PITCH
+        self.pitch = round_up(shape[1], _PITCH)
         self._pixels = padded_pixels(shape)
-        self._uniforms: dict[Hashable, Buffer] = {}
-        self._passes: dict[Hashable, Dispatch] = {}
+        self._params: dict[Hashable, Buffer] = {}
+        self._dispatches: dict[Hashable, Dispatch] = {}
 
     @property
     def intensity_bytes(self) -> int:
-        """Size of an intensity on the device."""
+        """Size of one intensity on the device."""
         return self._pixels * _F32
 
     @property
     def largest_bytes(self) -> int:
-        """Size of the largest buffer that the device takes."""
+        """Size of the largest buffer that the device supports."""
         return min(self._device.limits[f"max-{name}-size"] for name in ("storage-buffer-binding", "buffer"))
 
     def intensity_buffer(self, count: int, label: str = "intensities") -> Buffer:
-        """Storage for `count` intensities."""
+        """A new buffer for `count` intensities, f32."""
         return self._device.buffer(count * self.intensity_bytes, label)
 
     def xyz_buffer(self, label: str) -> Buffer:
-        """Storage for XYZ (y, x, 4), f32."""
+        """A new buffer for XYZ, f32 (y, x, 4)."""
         return self._device.buffer(self._pixels * _VEC4, label)
 
     def srgb_buffer(self, label: str) -> Buffer:
-        """Storage for a picture, `pitch` pixels of 8-bit RGBA a row."""
+        """A new buffer for an sRGB image, `pitch` pixels of 8-bit RGBA in each row."""
         return self._device.buffer(self.shape[0] * self.pitch * _RGBA8, label)
 
     def composite(
@@ -68,67 +69,73 @@ class Compositor:
         terms: Sequence[WeightedIntensity],
         xyz_buffer: Buffer,
         *,
-        adds: bool = False,
+        accumulates: bool = False,
     ) -> None:
-        """Records XYZ = Σ share·intensity, or adding it to XYZ; the shares hold for all that isn't submitted."""
+        """Record XYZ = Σ weight·intensity over `terms`, or with `accumulates` add it to the stored XYZ.
+
+        The weights hold for all work with these buffers that hasn't been submitted yet.
+        """
         quads = self._pixels // QUAD
-        blend = self._uniform(("blend", intensity, xyz_buffer, adds), BLEND.size, "blend")
-        table = self._table(("shares", intensity, xyz_buffer, adds), max(len(terms), 1))
+        blend = self._uniform(("blend", intensity, xyz_buffer, accumulates), BLEND.size, "blend")
+        table = self._table(("terms", intensity, xyz_buffer, accumulates), max(len(terms), 1))
         self._device.write(blend, BLEND.pack(quads=quads, count=len(terms)))
         if terms:
-            items = ({"xyz": xyz, "slice": number} for number, xyz in terms)
+            items = ({"xyz": xyz, "intensity_index": index} for index, xyz in terms)
             self._device.write(table, BLEND_TERM.pack_array(items))
-        key = ("composite", intensity, table, xyz_buffer, adds)
-        if key not in self._passes:
+        key = ("composite", intensity, table, xyz_buffer, accumulates)
+        if key not in self._dispatches:
             source = link(GeneratedWgsl("structs", BLEND.wgsl + BLEND_TERM.wgsl), "display/composite.wgsl")
             groups = [[blend, table], [intensity, xyz_buffer]]
-            workgroups = (*workgroup_grid(-(-quads // _WORKGROUP), self._device), 1)
-            self._passes[key] = Dispatch.bind(
-                self._device, self._device.pipeline(source, {"adds": adds}), groups, workgroups
-            )
-        recorder.add(self._passes[key])
+            pipeline = self._device.pipeline(source, {"accumulates": accumulates})
+            workgroups = (*workgroup_grid(ceil_div(quads, _WORKGROUP), self._device), 1)
+            self._dispatches[key] = Dispatch.bind(self._device, pipeline, groups, workgroups)
+        recorder.add(self._dispatches[key])
 
     def encode_srgb(
         self, recorder: CommandRecorder, xyz_buffer: Buffer, srgb_buffer: Buffer, exposure_stops: float = 0.0
     ) -> None:
-        """Records the picture of XYZ × 2^exposure_stops. The exposure holds for all that isn't submitted."""
+        """Record the 8-bit sRGB image of XYZ × 2^exposure_stops.
+
+        The exposure holds for all work with these buffers that hasn't been submitted yet.
+        """
         rows, columns = self.shape
-        screen = self._uniform(("screen", xyz_buffer, srgb_buffer), SRGB_ENCODING.size, "screen")
+        encoding = self._uniform(("encoding", xyz_buffer, srgb_buffer), SRGB_ENCODING.size, "sRGB encoding")
         matrix = np.zeros((3, 4))
         matrix[:, :3] = XYZ_TO_SRGB.T * 2.0**exposure_stops
         x, y, z = matrix
-        packed = SRGB_ENCODING.pack(from_x=x, from_y=y, from_z=z, width=columns, pitch=self.pitch)
-        self._device.write(screen, packed)
+        packed = SRGB_ENCODING.pack(x_to_rgb=x, y_to_rgb=y, z_to_rgb=z, width=columns, pitch=self.pitch)
+        self._device.write(encoding, packed)
         key = ("show", xyz_buffer, srgb_buffer)
-        if key not in self._passes:
+        if key not in self._dispatches:
             source = link(GeneratedWgsl("structs", SRGB_ENCODING.wgsl), "display/show.wgsl")
-            groups = [[screen], [xyz_buffer, srgb_buffer]]
-            workgroups = (-(-columns // _WORKGROUP), rows, 1)
-            self._passes[key] = Dispatch.bind(self._device, self._device.pipeline(source), groups, workgroups)
-        recorder.add(self._passes[key])
+            groups = [[encoding], [xyz_buffer, srgb_buffer]]
+            workgroups = (ceil_div(columns, _WORKGROUP), rows, 1)
+            self._dispatches[key] = Dispatch.bind(self._device, self._device.pipeline(source), groups, workgroups)
+        recorder.add(self._dispatches[key])
 
-    def download_intensity(self, buffer: Buffer, number: int) -> NDArray[np.float32]:
-        """One of the intensities in a buffer, (y, x), on the host."""
+    def download_intensity(self, buffer: Buffer, index: int) -> NDArray[np.float32]:
+        """Intensity `index` of a buffer, (y, x), on the host."""
         count = buffer.nbytes // self.intensity_bytes
-        flat = self._device.download(buffer, np.float32, (count, self._pixels))[number]
+        flat = self._device.download(buffer, np.float32, (count, self._pixels))[index]
         return flat[: math.prod(self.shape)].reshape(self.shape)
 
-    def download_xyz(self, seen: Buffer) -> NDArray[np.float32]:
+    def download_xyz(self, xyz_buffer: Buffer) -> NDArray[np.float32]:
         """XYZ (y, x, 3) on the host."""
-        return self._device.download(seen, np.float32, (*self.shape, 4))[..., :3]
+        return self._device.download(xyz_buffer, np.float32, (*self.shape, 4))[..., :3]
 
-    def download_srgb8(self, picture: Buffer) -> NDArray[np.uint8]:
-        """A picture (y, x, 3) on the host."""
-        return self._device.download(picture, np.uint8, (self.shape[0], self.pitch, 4))[:, : self.shape[1], :3]
+    def download_srgb8(self, srgb_buffer: Buffer) -> NDArray[np.uint8]:
+        """8-bit sRGB (y, x, 3) on the host."""
+        return self._device.download(srgb_buffer, np.uint8, (self.shape[0], self.pitch, 4))[:, : self.shape[1], :3]
 
     def _uniform(self, key: Hashable, nbytes: int, label: str) -> Buffer:
-        if key not in self._uniforms:
-            self._uniforms[key] = self._device.uniform(bytes(nbytes), label)
-        return self._uniforms[key]
+        """The uniform buffer of a key."""
+        if key not in self._params:
+            self._params[key] = self._device.uniform(bytes(nbytes), label)
+        return self._params[key]
 
     def _table(self, key: Hashable, count: int) -> Buffer:
-        """A table of at least `count` shares."""
-        known = self._uniforms.get(key)
-        if known is None or known.nbytes < count * BLEND_TERM.size:
-            self._uniforms[key] = self._device.buffer(count * BLEND_TERM.size, "shares")
-        return self._uniforms[key]
+        """The storage buffer of a key, with room for at least `count` blend terms."""
+        table = self._params.get(key)
+        if table is None or table.nbytes < count * BLEND_TERM.size:
+            self._params[key] = self._device.buffer(count * BLEND_TERM.size, "blend terms")
+        return self._params[key]

@@ -1,7 +1,7 @@
-"""The tables that the fused kernels read, on the device, and what identifies them.
+"""Device buffers with the inputs of the fused kernels, and fingerprints that tell when a result is stale.
 
-Tables are rewritten in place when the bench is edited, so that whatever is bound to them stays bound. Two results are
-the same if the bytes that they are computed from are the same: `rows_of` and `plane_of` tell these, as digests, and
+The buffers are rewritten in place when the bench is edited, so that bound dispatches stay valid. Two results are equal
+if the bytes of their inputs are equal: `field_fingerprints` and `relay_fingerprint` return digests of these bytes, and
 nothing else decides what an edit makes stale.
 """
 
@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
 from hashlib import blake2b
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from holoview.engine.shader_inputs import ShaderInputs
 from holoview.engine.shader_structs import MODULATOR, PLANE_WAVE, PROPAGATION
 from holoview.engine.uniforms import (
     column_support,
@@ -24,10 +24,7 @@ from holoview.engine.uniforms import (
 from holoview.gpu.device import Buffer, Device
 from holoview.model.plan import Plan
 
-if TYPE_CHECKING:
-    from holoview.optics.frame_inputs import AnyFrameInputs
-
-_STOPS_BYTES = 8
+_SUPPORT_BYTES = 8  # of two i32: the smallest and the largest |k_y| of a column
 
 Key = tuple[str | int, ...]
 Fingerprint = Hashable
@@ -35,100 +32,111 @@ Fingerprint = Hashable
 
 
 class DeviceTables:
-    """Tables of a plan and its slots: waves; lights, paths, samples of modulators; paths, stops, pupils of relays."""
+    """The inputs of a plan's kernels in device memory. A key is a name followed by indices:
 
-    def __init__(self, device: Device, plan: Plan, inputs: AnyFrameInputs) -> None:
+    ("plane waves",)                          PlaneWave of each source and wavelength
+    ("modulators", modulator)                 Modulator of each wavelength
+    ("opd", frame, modulator)                 optical path of each pixel, in strokes
+    ("dense", frame, modulator, wavelength)   transmission of each sample, if it is given sample by sample
+    ("propagations", relay)                   Propagation of each wavelength
+    ("support", relay)                        column support of each wavelength
+    ("pupil", relay, wavelength)              pupil of a relay, if it apodises or aberrates
+    """
+
+    def __init__(self, device: Device, plan: Plan, inputs: ShaderInputs) -> None:
         self.plan, self.inputs = plan, inputs
         self._device = device
         self._tables: dict[Key, Buffer] = {}
         self._digests: dict[Key, tuple[bytes, ...]] = {}
         self._items: dict[Key, list[bytes]] = {}
         self._no_table = device.upload(np.zeros(1, np.complex64), "no table")
-        self._fill_slots()
+        self._fill_inputs()
         self.set_plan(plan, inputs)
 
-    def set_plan(self, plan: Plan, inputs: AnyFrameInputs) -> None:
-        """Go on with another plan of the same grid and the same numbers of wavelengths, frames and sources."""
-        changed = inputs is not self.inputs
+    def set_plan(self, plan: Plan, inputs: ShaderInputs) -> None:
+        """Replace the plan by one with the same grid and the same numbers of wavelengths, frames and sources.
+
+        The distance of relay 1 stays that of the last `set_distance`.
+        """
+        has_changed = inputs is not self.inputs
         self.plan, self.inputs = plan, inputs
         wavelengths, sources = range(len(plan.system.wavelengths_m)), range(len(plan.slopes))
-        self._fill(
-            ("waves",), [PLANE_WAVE.pack(**plane_wave_uniform(plan, w, s)) for s in sources for w in wavelengths]
-        )
+        waves = [plane_wave_uniform(plan, wavelength, source) for source in sources for wavelength in wavelengths]
+        self._fill(("plane waves",), [PLANE_WAVE.pack(**values) for values in waves])
         for modulator in range(len(plan.system.modulators)):
-            self._fill(
-                ("lights", modulator), [MODULATOR.pack(**modulator_uniform(plan, modulator, w)) for w in wavelengths]
-            )
-        if changed:
-            self._fill_slots()
+            strokes = [modulator_uniform(plan, modulator, wavelength) for wavelength in wavelengths]
+            self._fill(("modulators", modulator), [MODULATOR.pack(**values) for values in strokes])
+        if has_changed:
+            self._fill_inputs()
         if plan.system.gap_m is not None:
             self.set_distance(0, plan.system.gap_m)
 
     def set_distance(self, relay: int, distance_m: float, wavelengths: Iterable[int] | None = None) -> None:
-        """Where relay 0 (the gap) or 1 (to a plane) leads, at all wavelengths or some, for all that isn't submitted."""
+        """Set the propagation distance of relay 0 (the gap) or 1 (to a plane), at all wavelengths or some.
+
+        It holds for all work that hasn't been submitted yet, including recorded work.
+        """
         grid, count = self.plan.grid, len(self.plan.system.wavelengths_m)
-        paths = list(self._items.get(("paths", relay), [bytes(PROPAGATION.size)] * count))
-        stops = list(self._items.get(("stops", relay), [bytes(_STOPS_BYTES * (grid.padded[1] // 2 + 1))] * count))
+        propagations = list(self._items.get(("propagations", relay), [bytes(PROPAGATION.size)] * count))
+        columns = grid.padded[1] // 2 + 1
+        supports = list(self._items.get(("support", relay), [bytes(_SUPPORT_BYTES * columns)] * count))
         for wavelength in range(count) if wavelengths is None else wavelengths:
             step = self.plan.transfer(relay, wavelength, distance_m)
-            paths[wavelength] = PROPAGATION.pack(**propagation_uniform(step))
-            stops[wavelength] = column_support(step, grid).tobytes()
-        for name, items in (("paths", paths), ("stops", stops)):
+            propagations[wavelength] = PROPAGATION.pack(**propagation_uniform(step))
+            supports[wavelength] = column_support(step, grid).tobytes()
+        for name, items in (("propagations", propagations), ("support", supports)):
             self._items[name, relay] = items
             self._fill((name, relay), items)
 
     def table(self, *key: str | int) -> Buffer:
-        """The table of a name and its numbers: ("waves",), ("lights", modulator), ("opd", frame, modulator), …"""
+        """The buffer of a key."""
         return self._tables[key]
 
     def pupil(self, relay: int, wavelength: int) -> tuple[bool, Buffer]:
-        """Whether the relay has a pupil at that wavelength, and its table; any table when it has none."""
+        """Whether the relay has a pupil at that wavelength, and its buffer; a dummy buffer if it has none."""
         return self._optional("pupil", relay, wavelength)
 
     def dense(self, frame: int, modulator: int, wavelength: int) -> tuple[bool, Buffer]:
-        """Whether a modulator has a transmission of samples, and its table; any table when it has none."""
+        """Whether a modulator's transmission is given sample by sample, and its buffer; a dummy buffer if it isn't."""
         return self._optional("dense", frame, modulator, wavelength)
 
     def _optional(self, *key: str | int) -> tuple[bool, Buffer]:
-        found = self._tables.get(key)
-        return found is not None, found or self._no_table
+        table = self._tables.get(key)
+        return table is not None, table or self._no_table
 
     def is_tilted(self, source: int, wavelengths: range) -> bool:
-        """Whether any of the waves of a source falls in at an angle."""
+        """Whether the plane wave of a source is tilted at any of some wavelengths."""
         return bool(np.any(self.plan.slopes[source, wavelengths.start : wavelengths.stop]))
 
-    # --- what results depend on -------------------------------------------------------------------------------------
+    # --- fingerprints -----------------------------------------------------------------------------------------------
 
     def field_fingerprints(self, frame: int, source: int, wavelength: int) -> tuple[Fingerprint, Fingerprint]:
-        """What the light behind the first and behind the last modulator is computed from."""
-        number = source * len(self.plan.system.wavelengths_m) + wavelength
-        first = (self._digests[("waves",)][number], *self._modulator_fingerprint(0, frame, wavelength))
+        """Fingerprints of the fields behind the first and behind the last modulator."""
+        wave = source * len(self.plan.system.wavelengths_m) + wavelength
+        first = (self._digests[("plane waves",)][wave], *self._modulator_fingerprint(0, frame, wavelength))
         if self.plan.system.gap_m is None:
             return first, first
-        return first, (
-            first,
-            self.relay_fingerprint(wavelength, relay=0),
-            *self._modulator_fingerprint(1, frame, wavelength),
-        )
+        gap = self.relay_fingerprint(wavelength, relay=0)
+        return first, (first, gap, *self._modulator_fingerprint(1, frame, wavelength))
 
     def relay_fingerprint(self, wavelength: int, relay: int = 1) -> Fingerprint:
-        """What the way through a relay is computed from: to the plane, or over the gap."""
-        tables = tuple(self._digests[name, relay][wavelength] for name in ("paths", "stops"))
+        """Fingerprint of the propagation through a relay: over the gap (0) or to the plane (1)."""
+        tables = tuple(self._digests[name, relay][wavelength] for name in ("propagations", "support"))
         return (*tables, self._digests.get(("pupil", relay, wavelength)))
 
     def _modulator_fingerprint(self, modulator: int, frame: int, wavelength: int) -> tuple[Fingerprint, ...]:
         dense = self._digests.get(("dense", frame, modulator, wavelength))
-        return dense or (self._digests["lights", modulator][wavelength], self._digests["opd", frame, modulator])
+        return dense or (self._digests["modulators", modulator][wavelength], self._digests["opd", frame, modulator])
 
     # --- filling ----------------------------------------------------------------------------------------------------
 
-    def _fill_slots(self) -> None:
-        """Optical paths and pupils."""
+    def _fill_inputs(self) -> None:
+        """Fill the tables of the inputs: optical paths, transmissions and pupils."""
         for frame in range(self.plan.system.frames):
-            for modulator, panel in enumerate(self.plan.system.modulators):
-                maps = self.inputs.stroke_fractions(frame, modulator, panel.stroke_m)
-                self._fill(("opd", frame, modulator), [maps.tobytes()])
-                self._fill_dense(frame, modulator)
+            for index, modulator in enumerate(self.plan.system.modulators):
+                strokes = self.inputs.stroke_fractions(frame, index, modulator.stroke_m)
+                self._fill(("opd", frame, index), [strokes.tobytes()])
+                self._fill_dense(frame, index)
         for relay, pupils in enumerate(self.inputs.pupils):
             for wavelength, pupil in enumerate(pupils):
                 key = ("pupil", relay, wavelength)
@@ -138,7 +146,7 @@ class DeviceTables:
                     self._drop(key)
 
     def _fill_dense(self, frame: int, modulator: int) -> None:
-        """Transmissions of a modulator's samples at the wavelengths that are lit, where effects give it any."""
+        """Fill the transmissions of a modulator's samples, if it has any, at the wavelengths with light."""
         for wavelength in range(len(self.plan.system.wavelengths_m)):
             key = ("dense", frame, modulator, wavelength)
             if self.inputs.is_sampled(modulator) and self.plan.weights[frame, wavelength] > 0:
@@ -151,7 +159,7 @@ class DeviceTables:
             del self._tables[key], self._digests[key]
 
     def _fill(self, key: Key, items: list[bytes]) -> None:
-        """The table of that key holds `items` for all that isn't submitted."""
+        """Write the concatenated `items` to the buffer of a key, unless they are there already."""
         digests = tuple(blake2b(item, digest_size=16).digest() for item in items)
         if self._digests.get(key) == digests:
             return

@@ -1,4 +1,4 @@
-"""The fused kernels of a frame, five a pair of modulators, bound to the inputs of a plan.
+"""Records the fused kernels of a frame: five for two modulators, three for one.
 
     light      source × modulator 1 → row FFT              → first rows
     propagate  column FFT × H of the gap → column IFFT
@@ -6,8 +6,9 @@
     propagate  column FFT × H to the plane → column IFFT
     observe    row IFFT → |field|² × weight                → intensity
 
-Between kernels lie only the rows that hold the field, transformed along x: rows of zero padding are neither stored nor
-transformed along x. With one modulator the first rows are the second ones.
+Only the rows that hold the field are stored between kernels, transformed along x; rows of zero padding are neither
+stored nor transformed along x. The first rows are the field behind the first modulator, the second rows the field
+behind the last one; with one modulator they are the same. H is the transfer function.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ import math
 from collections import Counter
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from holoview.engine.device_tables import DeviceTables
 from holoview.engine.kernels import (
@@ -29,21 +29,19 @@ from holoview.engine.kernels import (
     required_variants,
     works_in_place,
 )
+from holoview.engine.shader_inputs import ShaderInputs
 from holoview.engine.shader_structs import DISPATCH_PARAMS
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import Strategy
 from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.model.plan import Plan
 
-if TYPE_CHECKING:
-    from holoview.optics.frame_inputs import AnyFrameInputs
-
 _COMPLEX64, _COMPLEX32, _F32 = 8, 4, 4
 
 
 @dataclass(frozen=True)
 class WavelengthSpan:
-    """What one dispatch computes: neighbouring wavelengths of a frame, lit from one source."""
+    """`count` successive wavelengths of one frame and source, from index `wavelength`: what one dispatch computes."""
 
     frame: int
     source: int
@@ -53,24 +51,24 @@ class WavelengthSpan:
 
 @dataclass(frozen=True)
 class BufferRegion:
-    """Where fields of a span are: the buffer, and the number of the first field in it."""
+    """The fields or intensities of a span: their buffer, and the index of the first one in it."""
 
     buffer: Buffer
     first: int = 0
 
 
 class FusedFrame:
-    """Records the kernels of a frame of one plan; another plan on the same grid can take its place.
+    """Records the kernels of a frame of one plan, which `tables.set_plan` can replace by another on the same grid.
 
-    half: store what lies between kernels as f16. together: the most wavelengths of a span. shaders: of this grid, where
-    there are any yet.
-    Raises UserError when the grid exceeds the device's limits.
+    half: store fields as f16 between kernels (if `fused_kernels` is None). max_wavelengths: the most wavelengths of a
+    span. fused_kernels: the kernels for this grid, if they exist already.
+    Raises UserError if the grid exceeds the device's limits.
     """
 
     def __init__(
         self,
         plan: Plan,
-        inputs: AnyFrameInputs,
+        inputs: ShaderInputs,
         device: Device,
         *,
         half: bool = False,
@@ -84,19 +82,19 @@ class FusedFrame:
         self.dispatch_counts: Counter[str] = Counter()
         self.fused_kernels = FusedKernels(device, grid, half=half) if fused_kernels is None else fused_kernels
         self.strategy = strategy
-        self._passes: dict[Hashable, list[Dispatch]] = {}
+        self._dispatches: dict[Hashable, list[Dispatch]] = {}
         size = f"{grid.padded[1]} x {grid.shape[0]}"
-        self._work = self._working_memory()
+        self._work = self._allocate_work()
         self._scratch = [self.allocate_fields(f"rows of the field {i}, {size}") for i in (0, 1)]
         self.tables = DeviceTables(device, plan, inputs)
 
     def allocate_fields(self, label: str, fields: int | None = None) -> BufferRegion:
-        """New storage for the rows of `fields` fields, those of a span by default."""
+        """New memory for the rows of `fields` fields, by default for a span of `max_wavelengths`."""
         return BufferRegion(self.device.buffer(self.field_bytes * (fields or self.max_wavelengths), label))
 
     @property
     def memory_bytes(self) -> int:
-        """Memory that is needed to go from kernel to kernel."""
+        """Device memory of the fields between kernels and of the work buffer."""
         return sum(rows.buffer.nbytes for rows in self._scratch) + (self._work.nbytes if self._work else 0)
 
     @property
@@ -109,50 +107,51 @@ class FusedFrame:
 
     @property
     def works_in_place(self) -> bool:
-        """Whether `second` is best given the rows that `first` was, as its target."""
+        """Whether `record_second_modulator` is faster if its target is the region of the first rows."""
         return works_in_place(self.strategy)
 
     def use_strategy(self, strategy: Strategy) -> None:
-        """Transform by another strategy from now on, which has spectra in its own order."""
+        """Use another FFT strategy from now on. Stored fields become invalid: their spectra are in another order."""
         self.strategy = strategy
-        self._passes.clear()
-        self._work = self._working_memory()
+        self._dispatches.clear()
+        self._work = self._allocate_work()
 
     def required_variants(self) -> frozenset[KernelVariant]:
-        """The kernels that the plan needs."""
+        """The kernel variants that the plan needs."""
         wavelengths = range(len(self.tables.plan.system.wavelengths_m))
-        glass = [{self.tables.pupil(relay, w)[0] for w in wavelengths} for relay in (0, 1)]
-        return required_variants(
-            self.tables.plan, glass, [self.tables.inputs.is_sampled(modulator) for modulator in (0, 1)]
-        )
+        has_pupil = [{self.tables.pupil(relay, w)[0] for w in wavelengths} for relay in (0, 1)]
+        is_dense = [self.tables.inputs.is_sampled(modulator) for modulator in (0, 1)]
+        return required_variants(self.tables.plan, has_pupil, is_dense)
 
     # --- kernels ----------------------------------------------------------------------------------------------------
 
     def record_first_modulator(
         self, recorder: CommandRecorder, span: WavelengthSpan, target: BufferRegion | None = None
     ) -> BufferRegion:
-        """Records light behind modulator 1, transformed along x."""
+        """Record the kernel of the first rows: the field behind modulator 1, transformed along x."""
         target = target or self._scratch[0]
-        inputs = self.tables
-        tilted = inputs.is_tilted(span.source, range(span.wavelength, span.wavelength + span.count))
-        is_dense, dense = inputs.dense(span.frame, 0, span.wavelength)
-        tables = [inputs.table("waves"), inputs.table("lights", 0), inputs.table("opd", span.frame, 0), dense]
-        self._record_kernel(
-            recorder, "light", span, None, target, tables, (("is_tilted", tilted), ("is_dense", is_dense))
-        )
+        tables, frame = self.tables, span.frame
+        is_tilted = tables.is_tilted(span.source, range(span.wavelength, span.wavelength + span.count))
+        is_dense, dense = tables.dense(frame, 0, span.wavelength)
+        buffers = [tables.table("plane waves"), tables.table("modulators", 0), tables.table("opd", frame, 0), dense]
+        switches = (("is_tilted", is_tilted), ("is_dense", is_dense))
+        self._record_kernel(recorder, "light", span, None, target, buffers, switches)
         return target
 
     def record_second_modulator(
         self, recorder: CommandRecorder, span: WavelengthSpan, first: BufferRegion, target: BufferRegion | None = None
     ) -> BufferRegion:
-        """Records light behind modulator 2, transformed along x; with one modulator that is `first`."""
+        """Record the kernels of the second rows: the field behind modulator 2, transformed along x.
+
+        With one modulator nothing is recorded, and `first` is returned.
+        """
         if self.tables.plan.system.gap_m is None:
             return first
         target = target or (self._scratch[0] if self.works_in_place else self._scratch[1])
-        self._propagate(recorder, span, 0, first, target)
+        self._record_propagation(recorder, span, 0, first, target)
         is_dense, dense = self.tables.dense(span.frame, 1, span.wavelength)
-        tables = [self.tables.table("lights", 1), self.tables.table("opd", span.frame, 1), dense]
-        self._record_kernel(recorder, "modulate", span, target, target, tables, (("is_dense", is_dense),))
+        buffers = [self.tables.table("modulators", 1), self.tables.table("opd", span.frame, 1), dense]
+        self._record_kernel(recorder, "modulate", span, target, target, buffers, (("is_dense", is_dense),))
         return target
 
     def record_intensity(
@@ -163,19 +162,20 @@ class FusedFrame:
         intensity: BufferRegion,
         *,
         weight: float = 1.0,
-        adds: bool = False,
+        accumulates: bool = False,
     ) -> None:
-        """Records weight·|field|² at the plane of relay 1 into slices of `intensity`, added to what is there or not."""
-        seen = self._scratch[1] if second != self._scratch[1] else self._scratch[0]
-        self._propagate(recorder, span, 1, second, seen)
-        self._record_kernel(recorder, "observe", span, seen, intensity, [], (("adds", adds),), weight=weight)
+        """Record weight·|field|² at the plane of relay 1, stored to or, with `accumulates`, added to `intensity`."""
+        at_plane = self._scratch[1] if second != self._scratch[1] else self._scratch[0]
+        self._record_propagation(recorder, span, 1, second, at_plane)
+        switches = (("accumulates", accumulates),)
+        self._record_kernel(recorder, "observe", span, at_plane, intensity, [], switches, weight=weight)
 
-    def _propagate(
+    def _record_propagation(
         self, recorder: CommandRecorder, span: WavelengthSpan, relay: int, source: BufferRegion, target: BufferRegion
     ) -> None:
         has_pupil, pupil = self.tables.pupil(relay, span.wavelength)
-        tables = [self.tables.table("paths", relay), self.tables.table("stops", relay), pupil]
-        self._record_kernel(recorder, "propagate", span, source, target, tables, (("has_pupil", has_pupil),))
+        buffers = [self.tables.table("propagations", relay), self.tables.table("support", relay), pupil]
+        self._record_kernel(recorder, "propagate", span, source, target, buffers, (("has_pupil", has_pupil),))
 
     def _record_kernel(
         self,
@@ -185,33 +185,34 @@ class FusedFrame:
         source: BufferRegion | None,
         target: BufferRegion,
         tables: Sequence[Buffer],
-        constants: Switches = (),
+        switches: Switches = (),
         *,
         weight: float = 0.0,
     ) -> None:
-        key = (kernel, span, source, target, *tables, constants, weight)
-        if key not in self._passes:
-            batch = DISPATCH_PARAMS.pack(
-                wave=span.source * len(self.tables.plan.system.wavelengths_m) + span.wavelength,
-                wavelength=span.wavelength,
+        """Record a kernel; its dispatches are bound once for equal arguments."""
+        key = (kernel, span, source, target, *tables, switches, weight)
+        if key not in self._dispatches:
+            params = DISPATCH_PARAMS.pack(
+                first_wave=span.source * len(self.tables.plan.system.wavelengths_m) + span.wavelength,
+                first_wavelength=span.wavelength,
                 source_field=source.first if source else 0,
                 target_field=target.first,
                 work_field=source.first if source and kernel == "observe" else target.first,
                 weight=weight,
             )
-            two = kernel in FIELD_TO_FIELD and source != target
-            rows = [source.buffer, target.buffer] if source and two else [(source or target).buffer, None]
+            separate = kernel in FIELD_TO_FIELD and source != target
+            rows = [source.buffer, target.buffer] if source and separate else [(source or target).buffer, None]
             out = [target.buffer] if kernel == "observe" else []
-            buffers = [self.device.uniform(batch, f"batch of {kernel}"), *rows, *tables, *out]
-            transform = self.fused_kernels.transform((kernel, constants, two), self.strategy)
+            buffers = [self.device.uniform(params, f"parameters of {kernel}"), *rows, *tables, *out]
+            transform = self.fused_kernels.transform((kernel, switches, separate), self.strategy)
             lines = self.grid.shape[0] if transform.axis == "x" else self.grid.padded[1]
-            self._passes[key] = transform.bind(buffers, lines, span.count, self._work)
-        for step in self._passes[key]:
-            recorder.add(step)
+            self._dispatches[key] = transform.bind(buffers, lines, span.count, self._work)
+        for dispatch in self._dispatches[key]:
+            recorder.add(dispatch)
         self.dispatch_counts[kernel] += 1
 
-    def _working_memory(self) -> Buffer | None:
-        """What the transforms need besides the rows, if anything. Raises UserError for a size that has no transform."""
+    def _allocate_work(self) -> Buffer | None:
+        """The work buffer of the transforms, if they need one. Raises UserError for an unsupported size."""
         transforms = (self.fused_kernels.transform((kernel, (), False), self.strategy) for kernel in KERNELS)
         nbytes = self.max_wavelengths * max(transform.work_bytes for transform in transforms)
         size = f"{self.grid.padded[1]} x {self.grid.padded[0]}"
@@ -219,7 +220,10 @@ class FusedFrame:
 
 
 def group_into_spans(lit: Iterable[tuple[int, int]], max_wavelengths: int) -> list[WavelengthSpan]:
-    """(frame, wavelength) in order as spans: neighbouring wavelengths of a frame, as many as may be `together`."""
+    """Group sorted (frame, wavelength) pairs into spans of successive wavelengths, all of source 0.
+
+    A span starts at a multiple of `max_wavelengths` or after a gap, and doesn't cross such a multiple.
+    """
     spans: list[WavelengthSpan] = []
     for frame, wavelength in lit:
         last = spans[-1] if spans else None

@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from holoview.engine.fused import WavelengthSpan
 from holoview.engine.kernels import FusedKernels
 from holoview.engine.pending_work import Submission, Submitter, intensity_submissions, pending_submissions
 from holoview.engine.result_cache import RenderSettings, ResultCache, has_no_dense_maps
+from holoview.engine.shader_inputs import ShaderInputs
 from holoview.engine.strategy_selector import StrategySelector
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import Strategy
@@ -38,9 +39,6 @@ from holoview.gpu.timer import GpuTimer
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.optics.plain_inputs import plain_frame_inputs
-
-if TYPE_CHECKING:
-    from holoview.optics.frame_inputs import AnyFrameInputs
 
 BUDGET_BYTES = 2**30
 """Device memory for results that are kept, unless another budget is given."""
@@ -266,7 +264,7 @@ class IncrementalRenderer:
         shaders.precompile(self._pace.initial_strategy(plan.grid.padded), plan)
         return shaders
 
-    def _opened(self, plan: Plan, slots: AnyFrameInputs, shaders: FusedKernels) -> ResultCache:
+    def _opened(self, plan: Plan, slots: ShaderInputs, shaders: FusedKernels) -> ResultCache:
         """Memory on the device for the results of a plan, none of which is known yet."""
         results = ResultCache(plan, slots, shaders, self._settings, self._pace.initial_strategy(plan.grid.padded))
         results.frame.tables.set_distance(1, float(plan.planes_m[-1]))
@@ -280,7 +278,7 @@ class IncrementalRenderer:
         return True
 
 
-def _make_inputs(plan: Plan, drive: Any) -> AnyFrameInputs:
+def _make_inputs(plan: Plan, drive: Any) -> ShaderInputs:
     plain = plain_frame_inputs(plan, drive) if isinstance(drive, np.ndarray) else None
     if plain is not None:
         return plain
@@ -289,7 +287,7 @@ def _make_inputs(plan: Plan, drive: Any) -> AnyFrameInputs:
     return make_frame_inputs(plan, drive)
 
 
-def _structure(plan: Plan, slots: AnyFrameInputs) -> Fingerprint:
+def _structure(plan: Plan, slots: ShaderInputs) -> Fingerprint:
     """What decides how much memory is taken, and what the kernels are compiled for."""
     return plan.grid, plan.weights.shape, len(plan.slopes), len(plan.system.modulators), has_no_dense_maps(slots)
 

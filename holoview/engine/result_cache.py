@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +19,11 @@ from holoview.engine.device_cache import FieldCache, FrameWavelength, IntensityC
 from holoview.engine.device_tables import Fingerprint
 from holoview.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
 from holoview.engine.kernels import FusedKernels
+from holoview.engine.shader_inputs import ShaderInputs
 from holoview.gpu.device import Buffer
 from holoview.gpu.line_fft import Strategy
 from holoview.gpu.recorder import CommandRecorder
 from holoview.model.plan import Plan
-
-if TYPE_CHECKING:
-    from holoview.optics.frame_inputs import AnyFrameInputs
 
 
 @dataclass(frozen=True)
@@ -46,7 +43,7 @@ class ResultCache:
     def __init__(
         self,
         plan: Plan,
-        inputs: AnyFrameInputs,
+        inputs: ShaderInputs,
         fused_kernels: FusedKernels,
         settings: RenderSettings,
         strategy: Strategy,
@@ -74,7 +71,7 @@ class ResultCache:
         """Memory on the device that fields and intensities take."""
         return self.frame.memory_bytes + self._shelf.memory_bytes + self._slices.memory_bytes
 
-    def set_plan(self, plan: Plan, inputs: AnyFrameInputs, plane_m: float) -> None:
+    def set_plan(self, plan: Plan, inputs: ShaderInputs, plane_m: float) -> None:
         """Go on with a plan of the same structure."""
         before = self._rows_identities()
         self.frame.tables.set_plan(plan, inputs)
@@ -130,7 +127,7 @@ class ResultCache:
         second = self._record_last_field(span, recorder)
         keys = [(span.frame, span.wavelength + i) for i in range(span.count)]
         self._slices.fingerprints.update(dict.fromkeys(keys))
-        self.frame.record_intensity(recorder, span, second, self._slices.region(keys[0]), adds=span.source > 0)
+        self.frame.record_intensity(recorder, span, second, self._slices.region(keys[0]), accumulates=span.source > 0)
         if span.source == len(self.plan.slopes) - 1:
             complete = {key: self.intensity_fingerprint(key) for key in keys}
             recorder.on_submit(partial(self._slices.fingerprints.update, complete))
@@ -144,7 +141,7 @@ class ResultCache:
             recorder.clear(self.xyz_buffer)
         housed = {key: weight for key, weight in weights.items() if self.is_resident(key)}
         for number, bank in enumerate(self._slices.buffers):
-            self._composite(recorder, bank, self._slices.blend_terms(housed, bank), adds=number > 0)
+            self._composite(recorder, bank, self._slices.blend_terms(housed, bank), accumulates=number > 0)
 
     def composite_transient(
         self,
@@ -156,7 +153,7 @@ class ResultCache:
         """Adds intensities to XYZ before the next ones take their place."""
         some = {key: weights[key] for key in ((run.frame, run.wavelength + i) for i in range(run.count))}
         place = self._slices.region((run.frame, run.wavelength))
-        self._composite(recorder, place.buffer, self._slices.blend_terms(some, place.buffer), adds=True)
+        self._composite(recorder, place.buffer, self._slices.blend_terms(some, place.buffer), accumulates=True)
         self._see(seen_of, recorder)
 
     def encode_srgb(self, exposure_stops: float, picture_of: Fingerprint, recorder: CommandRecorder) -> None:
@@ -226,12 +223,12 @@ class ResultCache:
         recorder.on_submit(partial(setattr, self, "xyz_fingerprint", seen_of))
 
     def _composite(
-        self, recorder: CommandRecorder, intensity: Buffer, shares: Sequence[WeightedIntensity], *, adds: bool
+        self, recorder: CommandRecorder, intensity: Buffer, shares: Sequence[WeightedIntensity], *, accumulates: bool
     ) -> None:
-        self.compositor.composite(recorder, intensity, shares, self.xyz_buffer, adds=adds)
+        self.compositor.composite(recorder, intensity, shares, self.xyz_buffer, accumulates=accumulates)
         self.frame.dispatch_counts["composite"] += 1
 
 
-def has_no_dense_maps(inputs: AnyFrameInputs) -> bool:
+def has_no_dense_maps(inputs: ShaderInputs) -> bool:
     """Whether no relay has a pupil, and no modulator a transmission of its samples."""
     return inputs.sampled_transmissions is None and all(pupil is None for pupils in inputs.pupils for pupil in pupils)

@@ -1,48 +1,47 @@
-"""What the shaders are told of a plan: the values of their structs, and the stops of each column of frequencies."""
+"""Converts the numbers of a plan to the values of the shader structs, and the support of a relay to columns."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.engine.shader_inputs import ShaderInputs
 from holoview.model.plan import Grid, Plan, Transfer, turns_to_fixed_point
 
-if TYPE_CHECKING:
-    from holoview.optics.frame_inputs import AnyFrameInputs
-
 UniformValues = dict[str, object]
+"""Values of a struct by the names of its fields, for `WgslStruct.pack`."""
 
 
 def plane_wave_uniform(plan: Plan, wavelength: int, source: int) -> UniformValues:
-    """`Wave`: the illumination by a source."""
+    """Values of `PlaneWave`: the illumination by a source, with phase 0 at the centre of the field."""
     slopes = plan.slopes[source, wavelength]
-    start = -float(np.dot(slopes, [(n - 1) / 2 for n in plan.grid.shape]))
+    offset_turns = -float(np.dot(slopes, [(n - 1) / 2 for n in plan.grid.shape]))
     return {
         "slope_y": turns_to_fixed_point(slopes[0]),
         "slope_x": turns_to_fixed_point(slopes[1]),
-        "start": turns_to_fixed_point(start)[0],
+        "phase_offset": turns_to_fixed_point(offset_turns)[0],
     }
 
 
 def modulator_uniform(plan: Plan, modulator: int, wavelength: int) -> UniformValues:
-    """`Light`: a modulator's stroke in wavelengths."""
-    return {"waves": plan.system.modulators[modulator].stroke_m / float(plan.system.wavelengths_m[wavelength])}
+    """Values of `Modulator`: stroke/λ."""
+    stroke_m = plan.system.modulators[modulator].stroke_m
+    return {"stroke_waves": stroke_m / float(plan.system.wavelengths_m[wavelength])}
 
 
 def propagation_uniform(step: Transfer) -> UniformValues:
-    """`Path`: free-space propagation."""
+    """Values of `Propagation`: free space over the distance of a relay."""
     words = step.paraxial_words()
     sine_step2 = [sine * sine for sine in step.sine_step]
-    return {"paraxial_y": words[0], "paraxial_x": words[1], "sine_step2": sine_step2, "waves": step.waves}
+    return {"paraxial_y": words[0], "paraxial_x": words[1], "sine_step2": sine_step2, "distance_waves": step.waves}
 
 
 def column_support(step: Transfer, grid: Grid) -> NDArray[np.int32]:
-    """Smallest and largest |k_y| that passes for each |k_x| = 0 … P_x/2, (P_x/2 + 1, 2); the largest is −1 for none.
+    """Smallest and largest |k_y| that passes for each |k_x| = 0 … P_x/2, (P_x/2 + 1, 2).
 
-    The same frequencies as the plan's rows of (smallest, largest) |k_x|, neither of which rises with |k_y|: irises and
-    blocks are round, the band limit is a rectangle.
+    The largest is −1 if none passes. These are the frequencies of `Transfer.support`, which holds the smallest and
+    largest |k_x| for each |k_y|. Neither of its bounds increases with |k_y|, since irises and DC blocks are discs and
+    the band limit is a rectangle; therefore both can be inverted by binary search.
     """
     py, px = grid.padded
     smallest, largest = step.support[: py // 2 + 1].T
@@ -52,8 +51,8 @@ def column_support(step: Transfer, grid: Grid) -> NDArray[np.int32]:
     return np.stack([first, end - 1], axis=1).astype(np.int32)
 
 
-def dense_transmission(inputs: AnyFrameInputs, frame: int, modulator: int, wavelength: int) -> NDArray[np.complex64]:
-    """Transmission of a modulator's samples (y, x), where effects give it one."""
+def dense_transmission(inputs: ShaderInputs, frame: int, modulator: int, wavelength: int) -> NDArray[np.complex64]:
+    """Transmission (y, x) of a modulator that is given sample by sample."""
     samples = inputs.transmission(frame, modulator, wavelength)
     assert samples is not None
     return np.ascontiguousarray(samples.cpu().numpy().astype(np.complex64))

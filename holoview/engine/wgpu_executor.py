@@ -1,8 +1,8 @@
-"""The WGSL executor: a whole wavelength by fused kernels, or each stage of it by a kernel of its own.
+"""The WebGPU executor: `run` computes a wavelength by fused kernels; each stage also has a kernel of its own.
 
-Both are made of the same WGSL functions. The stages exist to be compared with torch's one by one: they work on two
-padded fields, in place but `transmit`, which writes to the other field, so that the last spectrum survives for the next
-plane. Stages are recorded; reading an intensity submits them.
+Both use the same WGSL functions. The single stages exist for tests and benchmarks, which compare them with those of the
+TorchExecutor one by one. They work on two padded fields: in place, except `transmit`, which writes to the other field,
+so that the last spectrum stays valid for the next plane. Stages are only recorded; reading an intensity submits them.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from holoview.engine.compositor import Compositor
 from holoview.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
+from holoview.engine.shader_inputs import DeviceArray, ShaderInputs
 from holoview.engine.shader_structs import GRID, MODULATOR, PLANE_WAVE, PROPAGATION, WEIGHT
 from holoview.engine.uniforms import (
     UniformValues,
@@ -28,150 +29,152 @@ from holoview.engine.uniforms import (
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.fft import FftPlan
 from holoview.gpu.recorder import CommandRecorder, Dispatch
+from holoview.gpu.rounding import ceil_div
 from holoview.gpu.shader import GeneratedWgsl, link
 from holoview.gpu.tune import remembered_strategy
 from holoview.gpu.wgsl_struct import WgslStruct
 from holoview.model.plan import Plan
-from holoview.optics.frame_inputs import FrameInputs
 
 _WORKGROUP = 64
 
 
 @dataclass(frozen=True)
 class GpuField:
-    """One of the executor's two padded fields, in space or as a spectrum in the FFT's own order."""
+    """One of the executor's two padded fields, in space or as a spectrum in the order of the FFT."""
 
-    number: int
+    index: int
     is_spectrum: bool = False
 
 
 class WgpuExecutor:
-    """Runs a frame on a device, fused or stage by stage. Raises UserError when the grid exceeds the device's limits."""
+    """Computes a frame on a device. Raises UserError if the grid exceeds the device's limits."""
 
-    def __init__(self, plan: Plan, inputs: FrameInputs, device: Device) -> None:
+    def __init__(self, plan: Plan, inputs: ShaderInputs, device: Device) -> None:
         self.plan, self.inputs, self.device = plan, inputs, device
         self._fused = FusedFrame(plan, inputs, device, strategy=remembered_strategy(device, plan.grid.padded))
-        self._display = Compositor(device, plan.grid.shape)
+        self._compositor = Compositor(device, plan.grid.shape)
         planes = range(len(plan.planes_m))
-        self._intensity = [self._display.intensity_buffer(1, f"intensity of plane {i}") for i in planes]
-        self._xyz = [self._display.xyz_buffer(f"XYZ of plane {i}") for i in planes]
+        self._intensity = [self._compositor.intensity_buffer(1, f"intensity of plane {i}") for i in planes]
+        self._xyz = [self._compositor.xyz_buffer(f"XYZ of plane {i}") for i in planes]
         self._buffers: dict[Hashable, Buffer] = {}
-        self._passes: dict[Hashable, Dispatch] = {}
+        self._dispatches: dict[Hashable, Dispatch] = {}
         self._recorder: CommandRecorder | None = None
 
     def run(self, wavelength: int) -> None:
-        """Leaves each plane's intensity at one wavelength in the executor, averaged over frames and sources."""
-        rounds = [
-            WavelengthSpan(f, s, wavelength) for f in self.plan.lit(wavelength) for s in range(len(self.plan.slopes))
-        ]
-        for plane in range(len(self._intensity) if not rounds else 0):
+        """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
+        sources = range(len(self.plan.slopes))
+        spans = [WavelengthSpan(frame, source, wavelength) for frame in self.plan.lit(wavelength) for source in sources]
+        for plane in range(len(self._intensity) if not spans else 0):
             self.clear(plane)
-        for number, span in enumerate(rounds):
+        for number, span in enumerate(spans):
             recorder = self._recording()
-            second = self._fused.record_second_modulator(
-                recorder, span, self._fused.record_first_modulator(recorder, span)
-            )
+            first = self._fused.record_first_modulator(recorder, span)
+            second = self._fused.record_second_modulator(recorder, span, first)
             weight = float(self.plan.weights[span.frame, wavelength])
             for plane, distance_m in enumerate(self.plan.planes_m.tolist()):
-                self.submit()  # what is recorded still goes to the plane before
+                self.submit()  # since set_distance affects all recorded work that isn't submitted
                 self._fused.tables.set_distance(1, distance_m, [wavelength])
                 target = BufferRegion(self._intensity[plane])
-                self._fused.record_intensity(self._recording(), span, second, target, weight=weight, adds=number > 0)
+                self._fused.record_intensity(
+                    self._recording(), span, second, target, weight=weight, accumulates=number > 0
+                )
 
     # --- stage by stage ---------------------------------------------------------------------------------------------
 
     def illuminate(self, wavelength: int, source: int) -> GpuField:
-        """The plane wave that falls on the first modulator."""
+        """The plane wave that illuminates the first modulator."""
         key = ("wave", wavelength, source)
         wave = self._uniform(key, PLANE_WAVE, lambda: plane_wave_uniform(self.plan, wavelength, source))
         self._record_stage(key, "stage/illuminate.wgsl", PLANE_WAVE, [wave], [self._fields[0]], self.plan.grid.padded)
         return GpuField(0)
 
     def modulate(self, field: GpuField, frame: int, modulator: int, wavelength: int) -> GpuField:
-        """field × exp(2πi·opd/λ), or × the transmission that effects give the modulator; zero outside it."""
-        values = lambda: modulator_uniform(self.plan, modulator, wavelength)  # noqa: E731
-        light = self._uniform(("light", modulator, wavelength), MODULATOR, values)
+        """field × exp(2πi·opd/λ), or × the sampled transmission if effects give one; zero outside the modulator."""
+        values = partial(modulator_uniform, self.plan, modulator, wavelength)
+        uniform = self._uniform(("modulator", modulator, wavelength), MODULATOR, values)
         stroke_m = self.plan.system.modulators[modulator].stroke_m
         opd = self._stored(("opd", frame, modulator), lambda: self.inputs.stroke_fractions(frame, modulator, stroke_m))
         is_dense, table = self.inputs.is_sampled(modulator), self._no_table
         if is_dense:
             samples = partial(dense_transmission, self.inputs, frame, modulator, wavelength)
             table = self._stored(("dense", frame, modulator, wavelength), samples)
-        key = ("modulate", frame, modulator, wavelength, field.number)
-        buffers = [opd, table, self._fields[field.number]]
+        key = ("modulate", frame, modulator, wavelength, field.index)
+        buffers = [opd, table, self._fields[field.index]]
         constants = {"is_dense": is_dense}
-        self._record_stage(key, "stage/modulate.wgsl", MODULATOR, [light], buffers, self.plan.grid.padded, constants)
+        self._record_stage(key, "stage/modulate.wgsl", MODULATOR, [uniform], buffers, self.plan.grid.padded, constants)
         return field
 
     def spectrum(self, field: GpuField) -> GpuField:
-        """Forward FFT; only the modulator's rows are transformed along x, the others are zero."""
-        self._fft.forward(self._recording(), self._fields[field.number], rows=self._rows)
-        return GpuField(field.number, is_spectrum=True)
+        """Forward FFT; only the modulator's rows are transformed along x, since the others are zero."""
+        self._fft.forward(self._recording(), self._fields[field.index], rows=self._rows)
+        return GpuField(field.index, is_spectrum=True)
 
     def transmit(self, spectrum: GpuField, relay: int, wavelength: int, distance_m: float) -> GpuField:
-        """spectrum × H × pupil, into the other field."""
+        """spectrum × transfer function × pupil, written to the other field."""
         step = self.plan.transfer(relay, wavelength, distance_m)
-        key = ("transmit", relay, wavelength, distance_m, spectrum.number)
-        path = self._uniform(key[:4], PROPAGATION, lambda: propagation_uniform(step))
-        stops = self._stored(("stops", *key[1:4]), lambda: column_support(step, self.plan.grid))
+        key = ("transmit", relay, wavelength, distance_m, spectrum.index)
+        propagation = self._uniform(key[:4], PROPAGATION, lambda: propagation_uniform(step))
+        support = self._stored(("support", *key[1:4]), lambda: column_support(step, self.plan.grid))
         pupil = self.inputs.pupils[relay][wavelength]
-        glass = self._no_table
+        pupil_table = self._no_table
         if pupil is not None:
-            glass = self._stored(("pupil", relay, wavelength), lambda: pupil.cpu().numpy().astype(np.complex64))
-        target = 1 - spectrum.number
-        buffers = [*self._frequencies, stops, glass, self._fields[spectrum.number], self._fields[target]]
+            samples = partial(_complex64, pupil)
+            pupil_table = self._stored(("pupil", relay, wavelength), samples)
+        target = 1 - spectrum.index
+        buffers = [*self._frequencies, support, pupil_table, self._fields[spectrum.index], self._fields[target]]
         constants = {"has_pupil": pupil is not None}
-        self._record_stage(key, "stage/transmit.wgsl", PROPAGATION, [path], buffers, self.plan.grid.padded, constants)
+        padded = self.plan.grid.padded
+        self._record_stage(key, "stage/transmit.wgsl", PROPAGATION, [propagation], buffers, padded, constants)
         return GpuField(target, is_spectrum=True)
 
     def field(self, spectrum: GpuField) -> GpuField:
         """Inverse FFT; only the modulator's rows are valid."""
-        self._fft.inverse(self._recording(), self._fields[spectrum.number], rows=self._rows)
-        return GpuField(spectrum.number)
+        self._fft.inverse(self._recording(), self._fields[spectrum.index], rows=self._rows)
+        return GpuField(spectrum.index)
 
     def clear(self, plane: int) -> None:
-        """Sets the intensity of a plane to zero."""
+        """Set the intensity of a plane to zero."""
         self._recording().clear(self._intensity[plane])
 
     def accumulate(self, field: GpuField, plane: int, weight: float) -> None:
-        """Adds weight·|field|² to the intensity of a plane."""
-        share = self._uniform(("weight", weight), WEIGHT, lambda: {"weight": weight})
-        key = ("accumulate", field.number, plane, weight)
-        buffers = [self._fields[field.number], self._intensity[plane]]
-        self._record_stage(key, "stage/accumulate.wgsl", WEIGHT, [share], buffers, self.plan.grid.shape)
+        """Add weight·|field|² to the intensity of a plane."""
+        params = self._uniform(("weight", weight), WEIGHT, lambda: {"weight": weight})
+        key = ("accumulate", field.index, plane, weight)
+        buffers = [self._fields[field.index], self._intensity[plane]]
+        self._record_stage(key, "stage/accumulate.wgsl", WEIGHT, [params], buffers, self.plan.grid.shape)
 
-    # --- what is seen -----------------------------------------------------------------------------------------------
+    # --- results ----------------------------------------------------------------------------------------------------
 
     def intensity(self, plane: int) -> NDArray[np.floating]:
-        """The accumulated intensity of a plane, (y, x) float32; runs what was recorded."""
+        """The accumulated intensity of a plane, (y, x) float32; submits the recorded work."""
         self.submit()
         return self.device.download(self._intensity[plane], np.float32, self.plan.grid.shape)
 
     def clear_xyz(self) -> None:
-        """Sets what the observer sees to black."""
+        """Set the XYZ of all planes to zero."""
         for buffer in self._xyz:
             self._recording().clear(buffer)
 
     def composite(self, wavelength: int) -> None:
-        """Adds each plane's intensity, at this wavelength, to what the observer sees."""
-        self.submit()  # what is recorded still takes the weights of the wavelength before
-        share = (0, self.plan.colour_weights[wavelength])
-        for intensity, seen in zip(self._intensity, self._xyz, strict=True):
-            self._display.composite(self._recording(), intensity, [share], seen, adds=True)
+        """Add each plane's intensity at this wavelength, times the observer's response, to its XYZ."""
+        self.submit()  # since the weights affect all recorded work that isn't submitted
+        term = (0, self.plan.colour_weights[wavelength])
+        for intensity, xyz in zip(self._intensity, self._xyz, strict=True):
+            self._compositor.composite(self._recording(), intensity, [term], xyz, accumulates=True)
 
     def xyz(self) -> NDArray[np.floating]:
-        """What the observer sees, XYZ (plane, y, x, 3) float32."""
+        """XYZ (plane, y, x, 3) float32; submits the recorded work."""
         self.submit()
-        return np.stack([self._display.download_xyz(seen) for seen in self._xyz])
+        return np.stack([self._compositor.download_xyz(xyz) for xyz in self._xyz])
 
     def submit(self, wait: bool = False) -> None:
-        """Runs what was recorded."""
+        """Submit the recorded work; with `wait`, return after it has run."""
         if self._recorder is not None:
             self._recorder.submit(wait=wait)
             self._recorder = None
 
-    def put(self, values: NDArray[np.complexfloating], *, is_spectrum: bool = False) -> GpuField:
-        """A field (y, x) or spectrum (P_y, P_x), zero frequency first, on the device: to look at one stage alone."""
+    def upload_field(self, values: NDArray[np.complexfloating], *, is_spectrum: bool = False) -> GpuField:
+        """Upload a field (y, x), or a spectrum (P_y, P_x) in the order of numpy.fft, as the input of a single stage."""
         self.submit()
         padded = np.zeros(self.plan.grid.padded, np.complex64)
         if is_spectrum:
@@ -183,13 +186,13 @@ class WgpuExecutor:
         self.device.write(self._fields[0], self._fft.pack(padded))
         return GpuField(0, is_spectrum)
 
-    def get(self, field: GpuField) -> NDArray[np.complexfloating]:
-        """A field as (y, x), a spectrum as (P_y, P_x) zero frequency first."""
+    def download_field(self, field: GpuField) -> NDArray[np.complexfloating]:
+        """A field (y, x), or a spectrum (P_y, P_x) in the order of numpy.fft, on the host."""
         self.submit()
-        padded = self._fft.download(self._fields[field.number])[0]
+        padded = self._fft.download(self._fields[field.index])[0]
         return self._fft.natural_order(padded) if field.is_spectrum else padded[self.plan.grid.inside]
 
-    # --- resources of the stages ------------------------------------------------------------------------------------
+    # --- resources of the single stages -----------------------------------------------------------------------------
 
     @cached_property
     def _fft(self) -> FftPlan:
@@ -224,14 +227,14 @@ class WgpuExecutor:
             self._recorder = CommandRecorder(self.device, "frame")
         return self._recorder
 
-    def _uniform(self, key: Hashable, layout: WgslStruct, values: Callable[[], UniformValues]) -> Buffer:
-        """The uniform of that key; its values are made at the first call only."""
+    def _uniform(self, key: Hashable, struct: WgslStruct, values: Callable[[], UniformValues]) -> Buffer:
+        """The uniform buffer of a key; its values are computed at the first call only."""
         if key not in self._buffers:
-            self._buffers[key] = self.device.uniform(layout.pack(**values()), layout.name)
+            self._buffers[key] = self.device.uniform(struct.pack(**values()), struct.name)
         return self._buffers[key]
 
     def _stored(self, key: Hashable, array: Callable[[], NDArray[np.generic]]) -> Buffer:
-        """The storage buffer of that key; its array is made at the first call only."""
+        """The storage buffer of a key; its array is computed at the first call only."""
         if key not in self._buffers:
             self._buffers[key] = self.device.upload(np.ascontiguousarray(array()), str(key))
         return self._buffers[key]
@@ -240,18 +243,22 @@ class WgpuExecutor:
         self,
         key: Hashable,
         shader: str,
-        layout: WgslStruct,
+        struct: WgslStruct,
         uniforms: Sequence[Buffer],
         buffers: Sequence[Buffer],
         shape: tuple[int, int],
         constants: dict[str, bool] | None = None,
     ) -> None:
-        """Records one stage over `shape` samples (y, x), bound once for each key."""
-        if key not in self._passes:
-            source = link(GeneratedWgsl("Grid", GRID.wgsl), GeneratedWgsl(layout.name, layout.wgsl), shader)
+        """Record a stage with one invocation for each of `shape` (y, x) samples; its buffers are bound once per key."""
+        if key not in self._dispatches:
+            source = link(GeneratedWgsl("Grid", GRID.wgsl), GeneratedWgsl(struct.name, struct.wgsl), shader)
             pipeline = self.device.pipeline(source, constants)
-            workgroups = (-(-shape[1] // _WORKGROUP), shape[0], 1)
-            self._passes[key] = Dispatch.bind(
-                self.device, pipeline, [[self._grid, *uniforms], list(buffers)], workgroups
-            )
-        self._recording().add(self._passes[key])
+            workgroups = (ceil_div(shape[1], _WORKGROUP), shape[0], 1)
+            groups = [[self._grid, *uniforms], list(buffers)]
+            self._dispatches[key] = Dispatch.bind(self.device, pipeline, groups, workgroups)
+        self._recording().add(self._dispatches[key])
+
+
+def _complex64(samples: DeviceArray) -> NDArray[np.complex64]:
+    host: NDArray[np.complex64] = samples.cpu().numpy().astype(np.complex64)
+    return host

@@ -1,7 +1,7 @@
-"""WGSL of a small discrete Fourier transform whose values all stay in registers.
+"""Generates WGSL of small discrete Fourier transforms whose values stay in registers.
 
-Straight-line code: each complex value is a `let` of type vec2f. A length splits into factors 2, 3, 4 and 5, which have
-kernels of their own; the constants between them are evaluated here, in float64.
+The code is straight-line: each complex value is a `let` of type vec2f (real, imaginary). A length is factorised into 2,
+3, 4 and 5, which have formulas of their own; the twiddle factors between them are constants, evaluated in float64.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ _EXACT = 1e-12
 
 
 class WgslEmitter:
-    """Collects WGSL statements and names the values they define."""
+    """Collects WGSL statements in `lines` and generates names for the values that they define."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
         self._count = 0
 
     def let(self, expression: str) -> str:
-        """Define a value and return its name."""
+        """Emit `let name = expression;` and return the name."""
         name = f"t{self._count}"
         self._count += 1
         self.lines.append(f"let {name} = {expression};")
@@ -42,38 +42,61 @@ class WgslEmitter:
         return self.let(f"vec2f(-{a}.y, {a}.x)" if sign > 0 else f"vec2f({a}.y, -{a}.x)")
 
     def times_constant(self, a: str, constant: complex) -> str:
-        """a times a unit complex constant; multiples of an eighth of a turn need no full product."""
+        """a times a constant of modulus 1; multiples of an eighth of a turn need no complex product."""
         real, imaginary = constant.real, constant.imag
         if abs(imaginary) < _EXACT:
             return a if real > 0 else self.let(f"-{a}")
         if abs(real) < _EXACT:
             return self.times_i(a, 1 if imaginary > 0 else -1)
         if abs(abs(real) - abs(imaginary)) < _EXACT:
-            turned = self.times_i(a, 1 if imaginary > 0 else -1)
-            return self.let(f"({turned} {'+' if real > 0 else '-'} {a}) * {wgsl_float(abs(real))}")
+            rotated = self.times_i(a, 1 if imaginary > 0 else -1)
+            return self.let(f"({rotated} {'+' if real > 0 else '-'} {a}) * {wgsl_float(abs(real))}")
         return self.let(f"cmul({a}, vec2f({wgsl_float(real)}, {wgsl_float(imaginary)}))")
+
+    def twiddles(self, index: str, count: int, period: int) -> list[str]:
+        """Names of w⁰ … w^(count−1), w = exp(−2πi·index/period) with a WGSL u32 `index`; the name of w⁰ = 1 is empty.
+
+        w, w², w⁴, … are evaluated directly, the others as products of two of them. Successive multiplication by w would
+        lose a decimal digit.
+        """
+        powers = [""]
+        for k in range(1, count):
+            highest = 1 << (k.bit_length() - 1)
+            if k == highest:
+                # index·k is an integer below 2^13, which f32 holds exactly, so that the angle is rounded only once
+                powers.append(self.let(f"cis(f32({index} * {k}u) * {wgsl_float(-1 / period)})"))
+            else:
+                powers.append(self.let(f"cmul({powers[highest]}, {powers[k - highest]})"))
+        return powers
+
+    def times_twiddles(self, values: Sequence[str], twiddles: Sequence[str], *, conjugate: bool) -> list[str]:
+        """values[k]·w^k, or values[k]·conj(w^k), with the names from `twiddles`."""
+        product = "cmul_conj" if conjugate else "cmul"
+        pairs = zip(values[1:], twiddles[1:], strict=True)
+        return [values[0], *(self.let(f"{product}({value}, {twiddle})") for value, twiddle in pairs)]
 
 
 def wgsl_float(value: float) -> str:
-    """A WGSL float with more digits than f32 holds."""
+    """A WGSL float literal with more digits than f32 holds."""
     text = f"{value:.12g}"
     return text if set(text) & set(".e") else f"{text}.0"
 
 
 def emit_dft(code: WgslEmitter, values: Sequence[str], sign: Sign) -> list[str]:
-    """Emit X[k] = Σ x[j]·exp(sign·2πi·jk/n) over the n named values; returns the names of X in natural order."""
+    """Emit X[k] = Σ_j x[j]·exp(sign·2πi·jk/n) for the n named values x; return the names of X[0] … X[n−1]."""
     n = len(values)
     if n == 1:
         return list(values)
-    if n in _KERNELS:
-        return _KERNELS[n](code, values, sign)
-    first = max(factor for factor in range(2, math.isqrt(n) + 1) if n % factor == 0)  # even factors turn the fewest
+    if n in _SMALL_DFTS:
+        return _SMALL_DFTS[n](code, values, sign)
+    # Cooley and Tukey with the factors nearest to √n, which leave the fewest twiddle factors
+    first = max(factor for factor in range(2, math.isqrt(n) + 1) if n % factor == 0)
     second = n // first
     columns = []
     for j in range(second):
         column = emit_dft(code, [values[second * i + j] for i in range(first)], sign)
-        turned = [cmath.exp(sign * 2j * math.pi * k * j / n) for k in range(first)]
-        columns.append([code.times_constant(v, w) for v, w in zip(column, turned, strict=True)])
+        twiddles = [cmath.exp(sign * 2j * math.pi * k * j / n) for k in range(first)]
+        columns.append([code.times_constant(v, w) for v, w in zip(column, twiddles, strict=True)])
     rows = [emit_dft(code, [column[k] for column in columns], sign) for k in range(first)]
     return [rows[k % first][k // first] for k in range(n)]
 
@@ -85,8 +108,8 @@ def _dft2(code: WgslEmitter, x: Sequence[str], sign: Sign) -> list[str]:
 def _dft3(code: WgslEmitter, x: Sequence[str], sign: Sign) -> list[str]:
     total, difference = code.add(x[1], x[2]), code.subtract(x[1], x[2])
     middle = code.let(f"{x[0]} - 0.5 * {total}")
-    turned = code.let(f"{wgsl_float(math.sqrt(3) / 2)} * {code.times_i(difference, sign)}")
-    return [code.add(x[0], total), code.add(middle, turned), code.subtract(middle, turned)]
+    rotated = code.let(f"{wgsl_float(math.sqrt(3) / 2)} * {code.times_i(difference, sign)}")
+    return [code.add(x[0], total), code.add(middle, rotated), code.subtract(middle, rotated)]
 
 
 def _dft4(code: WgslEmitter, x: Sequence[str], sign: Sign) -> list[str]:
@@ -114,4 +137,4 @@ def _dft5(code: WgslEmitter, x: Sequence[str], sign: Sign) -> list[str]:
     return [total, code.add(a, p), code.add(b, q), code.subtract(b, q), code.subtract(a, p)]
 
 
-_KERNELS = {2: _dft2, 3: _dft3, 4: _dft4, 5: _dft5}
+_SMALL_DFTS = {2: _dft2, 3: _dft3, 4: _dft4, 5: _dft5}

@@ -1,8 +1,8 @@
-"""WGSL of one FFT pass: load r values into registers, transform them there, store them where they came from.
+"""Generates WGSL of one FFT pass: load r values into registers, transform them, store them at the same positions.
 
-A pass needs no barrier and no workgroup memory, so that one shader suits every driver. It has neither input nor output
-of its own: it calls a `load(position: vec3u) -> vec2f` and a `store(position: vec3u, value: vec2f)`, with the position
-(x, y, field). `lines.py` says which hooks there are; `lines_workgroup.py` makes one shader of several passes.
+A pass needs neither barriers nor workgroup memory, so that it runs on every driver. It accesses memory only through the
+hooks `load(position: vec3u) -> vec2f` and `store(position: vec3u, value: vec2f)` with the position (x, y, field).
+`line_fft` describes all hooks; `line_fft_workgroup` combines several passes in one shader.
 """
 
 from __future__ import annotations
@@ -11,23 +11,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from holoview.gpu.fft_butterfly import WgslEmitter, emit_dft, wgsl_float
+from holoview.gpu.fft_butterfly import WgslEmitter, emit_dft
+from holoview.gpu.rounding import ceil_div
 from holoview.gpu.wgsl_struct import WgslStruct
 
 Axis = Literal["x", "y"]
 Direction = Literal["forward", "inverse"]
 
 WORKGROUP_SIZE = 64
-LINE_RANGE = WgslStruct("Lines", [("first", "u32"), ("count", "u32")])
-"""The lines that a pass transforms: rows for a pass along x, columns for one along y. At `@group(0) @binding(0)`."""
+LINE_RANGE = WgslStruct("LineRange", [("first", "u32"), ("count", "u32")])
+"""Lines to transform, at `@group(0) @binding(0)`: rows in a transform along x, columns in one along y."""
+COMMON_DECLARATIONS = f"""//#include "lib/complex.wgsl"
+
+{LINE_RANGE.wgsl}
+@group(0) @binding(0) var<uniform> lines: LineRange;
+"""
+"""The beginning of every generated transform shader."""
 
 
 @dataclass(frozen=True)
 class PassShape:
-    """Where a pass works: along `axis` of `length` points, in blocks of `block` points, with `radix` values at a time.
+    """Geometry of a pass along `axis` of `length` points: DFTs of `radix` values within blocks of `block` points.
 
-    The first forward pass along an axis, which is the last inverse one, has block = length; each further one has
-    the block of the one before divided by that one's radix. The last forward pass has block = radix.
+    The first forward pass, which is the last inverse one, has block = length. The block of each further forward pass is
+    the preceding block divided by the preceding radix. The last forward pass has block = radix.
     """
 
     axis: Axis
@@ -41,14 +48,14 @@ class PassShape:
 
     @property
     def invocations_per_line(self) -> int:
-        """Invocations a line."""
+        """Invocations (DFTs) for each line."""
         return self.length // self.radix
 
 
 def pass_shapes(axis: Axis, length: int, factors: tuple[int, ...]) -> list[PassShape]:
-    """The forward passes along an axis in their order; the inverse takes them from the last to the first.
+    """The forward passes along an axis, in order; the inverse transform takes them in reverse order.
 
-    A single point has a pass too, which only calls the hooks.
+    A single point has one pass of radix 1, which only calls the hooks.
     """
     shapes, block = [], length
     for radix in factors or (1,):
@@ -58,57 +65,64 @@ def pass_shapes(axis: Axis, length: int, factors: tuple[int, ...]) -> list[PassS
 
 
 def merge_passes(shapes: list[PassShape], steps: Sequence[Direction]) -> list[tuple[PassShape, tuple[Direction, ...]]]:
-    """The passes of all steps; where one step ends on the block on which the next begins, one pass does both."""
-    out: list[tuple[PassShape, tuple[Direction, ...]]] = []
+    """The passes of all steps in order. The last pass of a step and the first of the next are merged into one."""
+    merged: list[tuple[PassShape, tuple[Direction, ...]]] = []
     for step in steps:
         for number, shape in enumerate(shapes if step == "forward" else shapes[::-1]):
-            if number == 0 and out:
-                out[-1] = (shape, (*out[-1][1], step))
+            if number == 0 and merged:
+                merged[-1] = (shape, (*merged[-1][1], step))
             else:
-                out.append((shape, (step,)))
-    return out
+                merged.append((shape, (step,)))
+    return merged
 
 
 def generate_pass_shader(
     shape: PassShape, steps: Sequence[Direction], *, load: str = "load", store: str = "store", begin: bool = True
 ) -> str:
-    """The WGSL of a pass, to be linked after the hooks that it calls; its entry point is `main`.
+    """The WGSL of a pass with the entry point `main`, to be linked after the hooks that it calls.
 
-    With two steps, as ("forward", "inverse"), one pass does both without touching memory in between; each value then
-    goes through `middle`. `load` and `store` are names of functions; without `begin`, no such hook is called.
-    Bind a `LINES` uniform at group 0, binding 0, and dispatch `spread(workgroups_of(shape, lines), device)` workgroups
-    along x and y, with the fields along z.
+    steps: one or two directions. Between two, values stay in registers and go through the hook `middle`.
+    load, store: names of the WGSL functions to call. begin: whether to call the hook `begin`.
+    Dispatch `workgroup_grid(pass_workgroups(shape, lines), device)` workgroups along x and y, and fields along z.
     """
     code = WgslEmitter()
-    places = [_place(shape, k) for k in range(shape.radix)]
+    positions = [_position(shape, k) for k in range(shape.radix)]
     if begin:
         code.lines.append("begin(across, field);")
-    values = [code.let(f"{load}({place})") for place in places]
-    values = emit_steps(code, shape, values, steps, places)
-    code.lines += [f"{store}({place}, {value});" for place, value in zip(places, values, strict=True)]
+    values = [code.let(f"{load}({position})") for position in positions]
+    values = emit_steps(code, shape, values, steps, positions)
+    code.lines += [f"{store}({position}, {value});" for position, value in zip(positions, values, strict=True)]
     return _prologue(shape, steps) + "".join(f"    {line}\n" for line in code.lines) + "}\n"
 
 
 def emit_steps(
-    code: WgslEmitter, shape: PassShape, values: list[str], steps: Sequence[Direction], places: Sequence[str]
+    code: WgslEmitter, shape: PassShape, values: list[str], steps: Sequence[Direction], positions: Sequence[str]
 ) -> list[str]:
-    """Emit what a pass does with its values, whose positions are `places`, where `offset` is in scope."""
-    twiddles = _emit_twiddles(code, shape)
+    """Emit the DFTs and twiddle factors of a pass and return the names of the results.
+
+    values, positions: names and WGSL positions of the inputs. The WGSL variable `offset` has to be in scope: the index
+    of the first value in its block, modulo block/radix.
+    """
+    twiddles: list[str] = []
+    if shape.block != shape.radix:  # else offset is always 0
+        code.lines.append(f"// twiddle factors: multiples of offset / {shape.block} turns")
+        twiddles = code.twiddles("offset", shape.radix, shape.block)
     for number, step in enumerate(steps):
         if number:
-            values = [code.let(f"middle({place}, {value})") for place, value in zip(places, values, strict=True)]
+            pairs = zip(positions, values, strict=True)
+            values = [code.let(f"middle({position}, {value})") for position, value in pairs]
         code.lines.append(f"// {step} transform of {shape.radix} values")
         values = _emit_step(code, values, twiddles, step)
     return values
 
 
 def pass_workgroups(shape: PassShape, lines: int) -> int:
-    """Workgroups that `lines` lines need."""
-    return -(-shape.invocations_per_line * lines // WORKGROUP_SIZE)
+    """Number of workgroups for `lines` lines."""
+    return ceil_div(shape.invocations_per_line * lines, WORKGROUP_SIZE)
 
 
 def _prologue(shape: PassShape, steps: Sequence[Direction]) -> str:
-    """Declarations, and which values are this invocation's: neighbours in a workgroup are neighbours along x."""
+    """The beginning of the shader up to the position of an invocation; neighbouring invocations are neighbours in x."""
     stride = shape.block // shape.radix
     if shape.axis == "x":
         split = (
@@ -116,11 +130,7 @@ def _prologue(shape: PassShape, steps: Sequence[Direction]) -> str:
         )
     else:
         split = "let item = flat / lines.count;\n    let line = flat % lines.count;"
-    return f"""//#include "lib/complex.wgsl"
-
-{LINE_RANGE.wgsl}
-@group(0) @binding(0) var<uniform> lines: Lines;
-
+    return f"""{COMMON_DECLARATIONS}
 // {" and ".join(steps)} pass along {shape.axis}: {shape.length} points, blocks of {shape.block}, radix {shape.radix}
 @compute @workgroup_size({WORKGROUP_SIZE})
 fn main(
@@ -140,40 +150,15 @@ fn main(
 """
 
 
-def _place(shape: PassShape, k: int) -> str:
+def _position(shape: PassShape, k: int) -> str:
+    """WGSL position of value k of an invocation."""
     along = f"start + {k * shape.block // shape.radix}u"
     return f"vec3u({along}, across, field)" if shape.axis == "x" else f"vec3u(across, {along}, field)"
 
 
-def _emit_twiddles(code: WgslEmitter, shape: PassShape) -> list[str]:
-    """Names of w⁰ … w^(r−1), w = exp(−2πi·offset/block); none where the offset is always 0.
-
-    w, w², w⁴, … are evaluated directly, and the others are products of these: a chain of powers from w alone would
-    lose a decimal digit.
-    """
-    if shape.block == shape.radix:
-        return []
-    code.lines.append(f"// twiddle factors: multiples of offset / {shape.block} turns")
-    powers = [""]
-    for k in range(1, shape.radix):
-        highest = 1 << (k.bit_length() - 1)
-        if k == highest:
-            # offset·k is below 2^13 and exact, so that the angle is rounded once
-            powers.append(code.let(f"cis(f32(offset * {k}u) * {wgsl_float(-1 / shape.block)})"))
-        else:
-            powers.append(code.let(f"cmul({powers[highest]}, {powers[k - highest]})"))
-    return powers
-
-
 def _emit_step(code: WgslEmitter, values: list[str], twiddles: list[str], step: Direction) -> list[str]:
-    """Forward: transform, then twiddle. Inverse: the same backwards, with conjugates."""
+    """Forward: DFT, then twiddle factors. Inverse: conjugate twiddle factors, then inverse DFT."""
     if step == "inverse":
-        return emit_dft(code, _twiddled(code, values, twiddles, "cmul_conj"), 1)
-    return _twiddled(code, emit_dft(code, values, -1), twiddles, "cmul")
-
-
-def _twiddled(code: WgslEmitter, values: list[str], twiddles: list[str], product: str) -> list[str]:
-    if not twiddles:
-        return values
-    pairs = zip(values[1:], twiddles[1:], strict=True)
-    return [values[0], *(code.let(f"{product}({value}, {twiddle})") for value, twiddle in pairs)]
+        return emit_dft(code, code.times_twiddles(values, twiddles, conjugate=True) if twiddles else values, 1)
+    values = emit_dft(code, values, -1)
+    return code.times_twiddles(values, twiddles, conjugate=False) if twiddles else values

@@ -1,8 +1,8 @@
-"""How a length is split into the radices of FFT passes, and the order in which they leave its spectrum.
+"""Factorises the length of an FFT into the radices of its passes, and gives the order of the resulting spectrum.
 
-An in-place forward pass of radix r over blocks of M points replaces each block by r sub-blocks of M/r points, the k-th
-of which goes on to the frequencies f ≡ k (mod r). After passes r₁, r₂, …, the position p, written in mixed radix with
-the digit d₁ first, holds the frequency d₁ + r₁·(d₂ + r₂·(d₃ + …)): the digits are reversed.
+An in-place forward pass of radix r over blocks of M points replaces each block by r sub-blocks of M/r points; sub-block
+k contains the frequencies f ≡ k (mod r). After passes of radices r₁, r₂, …, the position whose mixed-radix digits are
+d₁ d₂ d₃ … (most significant first) holds the frequency d₁ + r₁·(d₂ + r₂·(d₃ + …)): the order is digit-reversed.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ MAX_LENGTH = 8192
 
 @cache
 def radices(n: int) -> tuple[int, ...]:
-    """The radices of the passes over n points, largest first: as few as can be, and then the most even ones.
+    """The radices of the passes over n points, largest first: the smallest number of factors, then the smallest sum.
 
-    Few passes move little memory; even ones need few registers. A single point needs no pass.
-    Raises UserError, which names the next size that can be transformed, unless n = 2^a·3^b·5^c ≤ 8192.
+    Few passes need little memory bandwidth; similar radices need few registers. A single point needs no pass.
+    Raises UserError unless n = 2^a·3^b·5^c ≤ 8192; its remedy names the next possible size.
     """
     if n > MAX_LENGTH:
         raise UserError("FFT size", f"{n} points a side", expected=f"at most {MAX_LENGTH}", remedy="lower the size")
     if not is_fast_length(n):
         remedy = f"the next good size is {next_fast_length(n)}"
         raise UserError("FFT size", f"{n} points a side", expected="a product of 2, 3 and 5", remedy=remedy)
-    return min(_factorisations(n, MAX_RADIX), key=lambda found: (len(found), sum(found)))
+    return min(_factorisations(n, MAX_RADIX), key=lambda factors: (len(factors), sum(factors)))
 
 
 def _factorisations(n: int, largest: int) -> list[tuple[int, ...]]:
-    """All ways to write n as a product of factors from 2 to `largest`, largest first."""
+    """All ways to write n as a product of factors from 2 to `largest`, each in descending order."""
     if n == 1:
         return [()]
     return [
@@ -60,7 +60,7 @@ def frequency_order(n: int) -> NDArray[np.int32]:
 
 
 def frequency_wgsl(name: str, n: int) -> str:
-    """A WGSL function `name(position: u32) -> i32`: what `frequency_order` tabulates, for use in a shader."""
+    """WGSL of a function `name(position: u32) -> i32` with the values of `frequency_order`."""
     lines, block, weight = [], n, 1
     for radix in radices(n):
         block //= radix

@@ -1,27 +1,28 @@
-"""A transform along one axis whose input, middle and output are functions of the caller: hooks in WGSL.
+"""FFTs along one axis whose input, intermediate values and output go through caller-defined WGSL functions (hooks).
 
-    begin(line: u32, field: u32)                       once an invocation: what all points of the line have in common
-    load(position: vec3u) -> vec2f                     what is transformed, at (x, y, field)
-    middle(position: vec3u, value: vec2f) -> vec2f     between two steps
-    store(position: vec3u, value: vec2f)               what becomes of the result
+    begin(line: u32, field: u32)                       called first by each invocation, to read what a line needs
+    load(position: vec3u) -> vec2f                     the complex input at position (x, y, field)
+    middle(position: vec3u, value: vec2f) -> vec2f     applied between two steps
+    store(position: vec3u, value: vec2f)               takes the result
 
-Where neighbouring points along x need the same complex number, the hooks may tell it in a function of its own,
+If neighbouring points along x need the same complex number, the hooks can evaluate it in a separate function,
 
-    joint(position: vec3u) -> vec2f                    the same for `neighbours` points, from a multiple of it on
+    shared_value(position: vec3u) -> vec2f             equal for `shared_points` points, from a multiple of that number
 
-and take it as a last argument of `load_with` or `middle_with`, instead of `load` or `middle`: a subgroup evaluates it
-once for all of them.
+and take it as the last argument of `load_shared` or `middle_shared`, which then replace `load` or `middle`. A subgroup
+evaluates it once for all these points.
 
-Neither step is normalised. Positions of a spectrum are in the strategy's own order: `frequency_x(position: u32) -> i32`
-and `frequency_y`, which hooks may call, tell the signed frequency index.
+The steps are forward, X[f] = Σ x[p]·exp(−2πi·f·p/n), or inverse, with the other sign; neither is normalised. The order
+of a spectrum depends on the strategy: hooks can call `frequency_x(position: u32) -> i32` and `frequency_y`, which
+return the signed frequency index.
 
-There are three strategies for how the values of a line meet:
+A strategy says where the values of a line are exchanged:
 
-    passes      in a buffer, in several shaders of one pass each; every size; compiles fast, needs nothing special
+    passes      in a buffer, between several shaders of one pass each; any size; compiles fast, runs on every device
     workgroup   in workgroup memory, in one shader with barriers; lines that fit there
-    subgroup    in registers, in one shader that exchanges them between the lanes of a subgroup; see `lanes_of`
+    subgroup    in registers, in one shader with subgroup shuffles; sizes for which `lanes_per_line` isn't None
 
-`strategies` tells which of them a device has for a size, and `FftChoice` in tune.py which of these is the fastest.
+`supported_strategies` tells which of them a device supports for a size, and `FftTuner` in `tune` which is the fastest.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.gpu.device import INT64, SUBGROUP, Buffer, Constants, Device, Pipeline
+from holoview.gpu.device import INT64, SUBGROUP, Buffer, Constants, Device
 from holoview.gpu.fft_codegen import (
     LINE_RANGE,
     Axis,
@@ -47,7 +48,7 @@ from holoview.gpu.fft_codegen import (
     pass_workgroups,
 )
 from holoview.gpu.fft_radices import frequency_order, frequency_wgsl, radices
-from holoview.gpu.line_fft_subgroup import MOST_REGISTERS, generate_subgroup_shader, lanes_per_line, subgroup_workgroups
+from holoview.gpu.line_fft_subgroup import MAX_REGISTERS, generate_subgroup_shader, lanes_per_line, subgroup_workgroups
 from holoview.gpu.line_fft_workgroup import fit_tile, generate_workgroup_shader
 from holoview.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
 from holoview.gpu.shader import GeneratedWgsl, ShaderSource, link
@@ -63,27 +64,26 @@ __all__ = [
     "spectrum_frequencies",
     "storage_shader",
     "supported_strategies",
-    "supports_subgroup_strategy",
 ]
 
 Part = str | GeneratedWgsl
 Strategy = Literal["passes", "workgroup", "subgroup"]
 STRATEGIES: tuple[Strategy, ...] = ("passes", "workgroup", "subgroup")
 ROW_PADDING = 8
-"""Complex numbers after each row: without them, columns of 2^k rows compete for the same few cache lines."""
+"""Unused complex numbers after each row: strides of 2^k would map a column to a few sets of the cache."""
 _COMPLEX_BYTES, _WORD = 8, 4
 _WORKGROUP_MEMORY = "max-compute-workgroup-storage-size"
 
-_UNSHARED = {
-    "load": GeneratedWgsl("load", "fn load(at: vec3u) -> vec2f { return load_with(at, joint(at)); }\n"),
+_UNSHARED_HOOKS = {
+    "load": GeneratedWgsl("load", "fn load(at: vec3u) -> vec2f { return load_shared(at, shared_value(at)); }\n"),
     "middle": GeneratedWgsl(
-        "middle", "fn middle(at: vec3u, value: vec2f) -> vec2f { return middle_with(at, value, joint(at)); }\n"
+        "middle", "fn middle(at: vec3u, value: vec2f) -> vec2f { return middle_shared(at, value, shared_value(at)); }\n"
     ),
 }
-"""Where each point is alone in an invocation, it evaluates for itself what it has in common with its neighbours."""
+"""Without subgroups, each invocation evaluates the shared value of its own point."""
 
-_LANES: WeakKeyDictionary[Device, int] = WeakKeyDictionary()
-_COUNT_LANES = """
+_SUBGROUP_SIZES: WeakKeyDictionary[Device, int] = WeakKeyDictionary()
+_READ_SUBGROUP_SIZE = """
 @group(1) @binding(0) var<storage, read_write> lanes: u32;
 @compute @workgroup_size(64)
 fn main(@builtin(subgroup_size) size: u32) { lanes = size; }
@@ -92,11 +92,12 @@ fn main(@builtin(subgroup_size) size: u32) { lanes = size; }
 
 @dataclass(frozen=True)
 class Hooks:
-    """WGSL that defines the four functions, its override constants, and a name for messages.
+    """WGSL that defines the hooks.
 
-    own_work: the WGSL also defines `load_work` and `store_work`, like `load` and `store`, for what lies between the
-    shaders of a transform; else it lies in a work buffer. Hooks that transform a buffer in place need no other.
-    shares: which of `load` and `middle` takes what `neighbours` points have in common, if one does.
+    name: for error messages. parts: shader files and generated text. constants: values of override constants.
+    has_work_hooks: the WGSL also defines `load_work` and `store_work`, with the signatures of `load` and `store`, for
+    intermediate values between the shaders of a transform; otherwise these are in a work buffer.
+    shared_hook: "load" or "middle" if that hook takes the value that each `shared_points` points share.
     """
 
     name: str
@@ -109,7 +110,11 @@ class Hooks:
 
 @dataclass(frozen=True)
 class TransformShader:
-    """One shader of a transform; `workgroups` are those that so many lines need."""
+    """One shader of a transform.
+
+    constants: values of override constants. workgroups: the number of workgroups for a number of lines.
+    uses_hooks: binds the caller's resources in group 1. uses_work: binds a work buffer in group 2.
+    """
 
     source: ShaderSource
     constants: Constants
@@ -119,10 +124,10 @@ class TransformShader:
 
 
 class LineFft:
-    """Transforms along `axis` of fields of `shape` (ny, nx), by `steps` such as ("forward", "inverse").
+    """Transforms along `axis` of fields of `shape` (ny, nx), with `steps` such as ("forward", "inverse").
 
-    `work_bytes` is what a field needs between the shaders of a transform. `stages` are these shaders. Raises UserError
-    for a size that can't be transformed, at all or by the strategy on this device.
+    `shaders` run in this order. `work_bytes` is the size of the work buffer for one field, 0 if none is needed.
+    Raises UserError for a size that can't be transformed, at all or by the strategy on this device.
     """
 
     def __init__(
@@ -138,33 +143,33 @@ class LineFft:
         self._length = shape[1] if axis == "x" else shape[0]
         self._strategy = strategy
         check_strategy(device, axis, self._length, strategy)
-        build = {"passes": self._passes, "workgroup": self._workgroup, "subgroup": self._subgroup}
-        self.shaders = build[strategy]()
+        generators = {
+            "passes": self._pass_shaders,
+            "workgroup": self._workgroup_shader,
+            "subgroup": self._subgroup_shader,
+        }
+        self.shaders = generators[strategy]()
         self.work_bytes = 0
-        if any(stage.uses_work for stage in self.shaders):
+        if any(shader.uses_work for shader in self.shaders):
             self.work_bytes = shape[0] * (shape[1] + ROW_PADDING) * _COMPLEX_BYTES
 
     def bind(
         self, resources: Sequence[Buffer | None], lines: int, fields: int, work: Buffer | None = None, *, first: int = 0
     ) -> list[Dispatch]:
-        """Lines first … first + lines − 1 of so many fields, with `resources` in `@group(1)` of the hooks."""
-        chosen = self._device.uniform(LINE_RANGE.pack(first=first, count=lines), "lines")
-        bound = []
-        for stage in self.shaders:
-            groups = [[chosen], resources if stage.uses_hooks else [], [work] if stage.uses_work else []]
-            across, down = workgroup_grid(stage.workgroups(lines), self._device)
-            bound.append(Dispatch.bind(self._device, self._pipeline(stage), groups, (across, down, fields)))
-        return bound
+        """The dispatches that transform lines first … first + lines − 1 of each of `fields` fields.
 
-    def compile(self) -> None:
-        """Compiles now rather than when it is first bound."""
-        for stage in self.shaders:
-            self._pipeline(stage)
+        resources: bound to `@group(1)`, which belongs to the hooks. work: `work_bytes` for each field.
+        """
+        line_range = self._device.uniform(LINE_RANGE.pack(first=first, count=lines), "lines")
+        dispatches = []
+        for shader in self.shaders:
+            groups = [[line_range], resources if shader.uses_hooks else [], [work] if shader.uses_work else []]
+            workgroups = (*workgroup_grid(shader.workgroups(lines), self._device), fields)
+            pipeline = self._device.pipeline(shader.source, shader.constants)
+            dispatches.append(Dispatch.bind(self._device, pipeline, groups, workgroups))
+        return dispatches
 
-    def _pipeline(self, stage: TransformShader) -> Pipeline:
-        return self._device.pipeline(stage.source, stage.constants)
-
-    def _subgroup(self) -> list[TransformShader]:
+    def _subgroup_shader(self) -> list[TransformShader]:
         lanes = lanes_per_line(self._length, subgroup_size(self._device))
         assert lanes is not None
         text = generate_subgroup_shader(
@@ -172,19 +177,19 @@ class LineFft:
         )
         return [TransformShader(self._linked(text), dict(self._hooks.constants), partial(subgroup_workgroups, lanes))]
 
-    def _workgroup(self) -> list[TransformShader]:
+    def _workgroup_shader(self) -> list[TransformShader]:
         tile = fit_tile(self.axis, self._length, self._device.limits[_WORKGROUP_MEMORY])
         assert tile is not None
         text = generate_workgroup_shader(tile, self._steps)
         return [TransformShader(self._linked(text), dict(self._hooks.constants), tile.workgroups)]
 
-    def _passes(self) -> list[TransformShader]:
+    def _pass_shaders(self) -> list[TransformShader]:
         passes = merge_passes(pass_shapes(self.axis, self._length, radices(self._length)), self._steps)
-        stages, last, own = [], len(passes) - 1, self._hooks.has_work_hooks
+        shaders, last, has_work_hooks = [], len(passes) - 1, self._hooks.has_work_hooks
         row = self.shape[1] + ROW_PADDING
         for number, (shape, directions) in enumerate(passes):
-            uses_hooks = own or number in (0, last) or len(directions) > 1
-            uses_work = not own and last > 0
+            uses_hooks = has_work_hooks or number in (0, last) or len(directions) > 1
+            uses_work = not has_work_hooks and last > 0
             load, store = "load" if number == 0 else "load_work", "store" if number == last else "store_work"
             text = generate_pass_shader(shape, directions, load=load, store=store, begin=uses_hooks)
             parts: list[Part] = ["fft/work.wgsl"] if uses_work else []
@@ -194,35 +199,30 @@ class LineFft:
             if uses_hooks:
                 constants |= dict(self._hooks.constants)
             source = self._linked(text, f", block {shape.block}", parts, uses_hooks)
-            stages.append(TransformShader(source, constants, partial(pass_workgroups, shape), uses_hooks, uses_work))
-        return stages
+            shaders.append(TransformShader(source, constants, partial(pass_workgroups, shape), uses_hooks, uses_work))
+        return shaders
 
-    def _linked(self, text: str, which: str = "", parts: Sequence[Part] = (), uses_hooks: bool = True) -> ShaderSource:
-        """The hooks, if they are used, and a generated shader after them."""
-        name = f"{self._hooks.name}: {'-'.join(self._steps)} along {self.axis}{which}, {self._strategy}"
-        before: Sequence[Part] = (GeneratedWgsl("frequencies", self._frequencies()), *self._hooks.parts)
+    def _linked(self, text: str, suffix: str = "", parts: Sequence[Part] = (), uses_hooks: bool = True) -> ShaderSource:
+        """`parts`, the hooks if they are used, and a generated shader; `suffix` is a part of its name in messages."""
+        name = f"{self._hooks.name}: {'-'.join(self._steps)} along {self.axis}{suffix}, {self._strategy}"
+        hooks: Sequence[Part] = (GeneratedWgsl("frequencies", self._frequencies()), *self._hooks.parts)
         if self._hooks.shared_hook is not None and self._strategy != "subgroup":
-            before = (*before, _UNSHARED[self._hooks.shared_hook])
-        return link(*parts, *(before if uses_hooks else ()), GeneratedWgsl(name, text))
+            hooks = (*hooks, _UNSHARED_HOOKS[self._hooks.shared_hook])
+        return link(*parts, *(hooks if uses_hooks else ()), GeneratedWgsl(name, text))
 
     def _frequencies(self) -> str:
         ny, nx = self.shape
-        function = _natural_wgsl if self._strategy == "subgroup" else frequency_wgsl
+        function = _natural_frequency_wgsl if self._strategy == "subgroup" else frequency_wgsl
         return function("frequency_y", ny) + function("frequency_x", nx)
 
 
 def supported_strategies(device: Device, shape: tuple[int, int]) -> tuple[Strategy, ...]:
-    """The strategies by which a device can transform fields of a shape (ny, nx) along both axes.
+    """The strategies that a device supports for fields of `shape` (ny, nx) along both axes.
 
-    Raises UserError for a size that can't be transformed at all.
+    Raises UserError for a size that can't be transformed by any strategy.
     """
     ny, nx = shape
-    return tuple(s for s in STRATEGIES if _has(device, "y", ny, s) and _has(device, "x", nx, s))
-
-
-def supports_subgroup_strategy(device: Device, shape: tuple[int, int]) -> bool:
-    """Whether the device can transform such fields by the subgroup strategy."""
-    return "subgroup" in supported_strategies(device, shape)
+    return tuple(s for s in STRATEGIES if _is_supported(device, "y", ny, s) and _is_supported(device, "x", nx, s))
 
 
 def spectrum_frequencies(n: int, strategy: Strategy) -> NDArray[np.int32]:
@@ -231,35 +231,34 @@ def spectrum_frequencies(n: int, strategy: Strategy) -> NDArray[np.int32]:
 
 
 def storage_shader(device: Device, *, half: bool = False) -> str:
-    """The shader file that says how complex numbers lie in a buffer: `Stored`, `stored(vec2f)`, `restored(Stored)`.
+    """The shader file that defines how complex numbers are stored in a buffer.
 
-    half: as f16, 4 bytes each instead of 8. Else they are the same bytes on every device, but accessed in the way that
-    suits the device.
+    It defines the type `StoredComplex` and the functions `encode_complex(vec2f)` and `decode_complex(StoredComplex)`.
+    half: two f16 (4 bytes) instead of two f32 (8 bytes). On CPU adapters f32 pairs are accessed as one u64, which is
+    faster there; the bytes are the same.
     """
     if half:
-        return "fft/stored_f16.wgsl"
+        return "fft/complex_f16.wgsl"
     is_wide = device.info.is_cpu and INT64 in device.features
-    return "fft/stored_u64.wgsl" if is_wide else "fft/stored_f32.wgsl"
+    return "fft/complex_u64.wgsl" if is_wide else "fft/complex_f32.wgsl"
 
 
 def subgroup_size(device: Device) -> int:
-    """How many lanes a subgroup of the device has, asked of a shader; 1 where it can't shuffle."""
+    """Lanes of a subgroup of the device, as a shader reports it; 1 if the device has no subgroup operations."""
     if SUBGROUP not in device.features:
         return 1
-    if device not in _LANES:
-        out = device.buffer(_WORD, "lanes")
-        step = Dispatch.bind(
-            device, device.pipeline(link(GeneratedWgsl("lanes", _COUNT_LANES))), [[], [out]], (1, 1, 1)
-        )
+    if device not in _SUBGROUP_SIZES:
+        out = device.buffer(_WORD, "subgroup size")
+        pipeline = device.pipeline(link(GeneratedWgsl("subgroup size", _READ_SUBGROUP_SIZE)))
         recorder = CommandRecorder(device)
-        recorder.add(step)
+        recorder.add(Dispatch.bind(device, pipeline, [[], [out]], (1, 1, 1)))
         recorder.submit()
-        _LANES[device] = int(device.download(out, np.uint32, (1,))[0])
-    return _LANES[device]
+        _SUBGROUP_SIZES[device] = int(device.download(out, np.uint32, (1,))[0])
+    return _SUBGROUP_SIZES[device]
 
 
-def _has(device: Device, axis: Axis, n: int, strategy: Strategy) -> bool:
-    radices(n)  # the sizes that any strategy can transform
+def _is_supported(device: Device, axis: Axis, n: int, strategy: Strategy) -> bool:
+    radices(n)  # raises UserError for sizes that no strategy can transform
     if strategy == "workgroup":
         return fit_tile(axis, n, device.limits[_WORKGROUP_MEMORY]) is not None
     if strategy == "subgroup":
@@ -268,13 +267,13 @@ def _has(device: Device, axis: Axis, n: int, strategy: Strategy) -> bool:
 
 
 def check_strategy(device: Device, axis: Axis, n: int, strategy: Strategy) -> None:
-    """Raise UserError unless the device can transform n points by the strategy."""
-    if _has(device, axis, n, strategy):
+    """Raise UserError unless the device can transform n points along `axis` by the strategy."""
+    if _is_supported(device, axis, n, strategy):
         return
     lanes, memory = subgroup_size(device), device.limits[_WORKGROUP_MEMORY]
     expected = {
         "workgroup": f"a line that fits {memory} bytes of workgroup memory",
-        "subgroup": f"{lanes} lanes or fewer, a power of two, that divide the length and hold at most {MOST_REGISTERS} "
+        "subgroup": f"{lanes} lanes or fewer, a power of two, that divide the length and hold at most {MAX_REGISTERS} "
         "values each"
         if lanes > 1
         else "an adapter whose lanes can exchange values",
@@ -283,7 +282,7 @@ def check_strategy(device: Device, axis: Axis, n: int, strategy: Strategy) -> No
     raise UserError(f"FFT strategy '{strategy}'", found, expected=expected, remedy="use 'passes'")
 
 
-def _natural_wgsl(name: str, n: int) -> str:
-    """A WGSL function of the signed frequency index at a position of a spectrum in natural order."""
+def _natural_frequency_wgsl(name: str, n: int) -> str:
+    """WGSL of a function that returns the signed frequency index at a position of a spectrum in natural order."""
     half = math.ceil(n / 2)
     return f"fn {name}(position: u32) -> i32 {{ return i32(position) - select(0, {n}, position >= {half}u); }}\n"

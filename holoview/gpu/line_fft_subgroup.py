@@ -1,42 +1,44 @@
-"""WGSL of a transform along a whole line, held in the registers of neighbouring lanes of a subgroup.
+"""Generates WGSL of an FFT of whole lines in the registers of neighbouring lanes of a subgroup.
 
-A line of n = S·A points belongs to S lanes with A complex registers each: lane l holds the points l, l + S, l + 2S, …
-A forward transform is, after Cooley and Tukey (Math. Comp. 19, 297 (1965)),
+A line of n = S·A points is held by S lanes with A complex registers each: lane l holds the points l, l + S, l + 2S, …
+A forward transform consists, after Cooley and Tukey (Math. Comp. 19, 297 (1965)), of
 
     DFT of A over a lane's registers → twiddles w_n^(l·k) → S × S transposes between lanes and registers → DFTs of S
 
-and leaves frequency l + S·g + A·j in register j of group g of lane l: natural order, read and written by neighbouring
-lanes. A transpose exchanges register and lane bits one by one, `subgroupShuffleXor` and `select`. There is neither
-workgroup memory nor a barrier, and between a forward and an inverse transform nothing leaves the registers.
+after which register j of group g of lane l holds the frequency l + S·g + A·j: the spectrum is in natural order, and
+neighbouring lanes access neighbouring frequencies. A transpose exchanges the bits of register and lane numbers one by
+one with `subgroupShuffleXor` and `select`. There are neither workgroup memory nor barriers, and between a forward and
+an inverse transform all values stay in registers.
 
-Where S doesn't divide A, registers of zeros fill the last group, and the lanes l + S·g ≥ A in it compute nothing real:
-they load what another lane loads, and store nothing.
+If S doesn't divide A, zeros fill the last group of registers. There the lanes with l + S·g ≥ A compute unused values:
+they load the same as another lane and store nothing.
 
-Statements are emitted a group at a time, from its transpose to its store or its way back, so that few values are alive
-at once.
+Statements are emitted group by group, from the transpose to the store or the inverse transform, so that few values are
+live at the same time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from holoview.gpu.fft_butterfly import WgslEmitter, emit_dft, wgsl_float
-from holoview.gpu.fft_codegen import LINE_RANGE, Direction
+from holoview.gpu.fft_butterfly import WgslEmitter, emit_dft
+from holoview.gpu.fft_codegen import COMMON_DECLARATIONS, Direction
+from holoview.gpu.rounding import ceil_div
 
-MOST_LINES, MOST_INVOCATIONS = 4, 128
-"""Of a workgroup: four columns are 32 bytes wide, the least that GPUs read at a time."""
-MOST_REGISTERS = 256
-"""Complex registers of a lane: more would spill on any adapter."""
+MAX_LINES, MAX_INVOCATIONS = 4, 128
+"""Of a workgroup. Four columns are 32 bytes wide, the smallest memory transaction of GPUs."""
+MAX_REGISTERS = 256
+"""Complex registers of a lane: more would be spilled to memory on any adapter."""
 
 
-def lanes_per_line(n: int, largest: int) -> int | None:
-    """The most lanes, a power of two up to `largest`, that can share a line of n points; None when there are none.
+def lanes_per_line(n: int, subgroup_size: int) -> int | None:
+    """The most lanes, a power of two up to `subgroup_size`, that can share a line of n points; None if impossible.
 
-    They have to divide n, and to leave each lane at least as many registers as there are lanes and at most 256.
+    They have to divide n, and each lane has to have at least as many registers as there are lanes and at most 256.
     """
-    lanes = 1 << (largest.bit_length() - 1)
+    lanes = 1 << (subgroup_size.bit_length() - 1)
     while lanes > 1:
-        if n % lanes == 0 and lanes <= n // lanes <= MOST_REGISTERS:
+        if n % lanes == 0 and lanes <= n // lanes <= MAX_REGISTERS:
             return lanes
         lanes //= 2
     return None
@@ -45,9 +47,9 @@ def lanes_per_line(n: int, largest: int) -> int | None:
 def generate_subgroup_shader(
     axis: str, n: int, lanes: int, steps: Sequence[Direction], shared_hook: str | None = None, shared_points: int = 1
 ) -> str:
-    """The WGSL of a transform of lines of n points along `axis`, to be linked after its hooks; its entry is `main`.
+    """The WGSL of a transform of lines of n points along `axis`, to be linked after its hooks; entry point `main`.
 
-    shares: the hook, "load" or "middle", that takes what `neighbours` points have in common.
+    shared_hook: "load" or "middle" if that hook takes a value that each `shared_points` neighbouring points share.
     """
     code = _Line(axis, n, lanes, shared_hook, shared_points)
     points: list[str] | None = None
@@ -68,118 +70,120 @@ def generate_subgroup_shader(
 
 
 def subgroup_workgroups(lanes: int, lines: int) -> int:
-    """Workgroups that so many lines need."""
-    return -(-lines // _lines_a_workgroup(lanes))
+    """Number of workgroups for `lines` lines of `lanes` lanes each."""
+    return ceil_div(lines, _lines_per_workgroup(lanes))
 
 
-def _lines_a_workgroup(lanes: int) -> int:
-    return max(min(MOST_LINES, MOST_INVOCATIONS // lanes), 1)
+def _lines_per_workgroup(lanes: int) -> int:
+    return max(min(MAX_LINES, MAX_INVOCATIONS // lanes), 1)
 
 
 class _Line(WgslEmitter):
-    """Statements on the registers of a line: its points, or the groups of its spectrum, one after the other."""
+    """Emits statements on the registers of a line: its points, or the groups of its spectrum one after the other."""
 
-    def __init__(self, axis: str, n: int, lanes: int, shares: str | None, neighbours: int) -> None:
+    def __init__(self, axis: str, n: int, lanes: int, shared_hook: str | None, shared_points: int) -> None:
         super().__init__()
-        self._shares, self._neighbours = shares, neighbours
+        self._shared_hook, self._shared_points = shared_hook, shared_points
         self.axis, self.n, self.lanes, self.registers = axis, n, lanes, n // lanes
-        self.groups = -(-self.registers // lanes)
+        self.groups = ceil_div(self.registers, lanes)
         for bit in self._bits():
             self.lines.append(f"let is_odd{bit} = (lane & {bit}u) != 0u;")
-        self.lines.append("let of_others = invocation - lane;")
+        self.lines.append("let subgroup_start = invocation - lane;")
         self.lines.append("begin(line, field);")
-        self._twiddles = self._emit_twiddles()
+        self._twiddles = self.twiddles("lane", self.registers, n)
 
     def spectrum(self, points: list[str]) -> Iterator[list[str]]:
-        """Points to frequencies, a group at a time."""
-        columns = self._twiddled(emit_dft(self, points, -1), "cmul")
+        """The forward transform of points: frequencies, group by group."""
+        columns = self.times_twiddles(emit_dft(self, points, -1), self._twiddles, conjugate=False)
         columns += ["vec2f(0.0)"] * (self.groups * self.lanes - self.registers)
         for first in range(0, len(columns), self.lanes):
             yield emit_dft(self, self._transposed(columns[first : first + self.lanes]), -1)
 
     def points(self, spectrum: Iterable[list[str]]) -> list[str]:
-        """Frequencies to points: the steps of `spectrum`, backwards and conjugated."""
+        """The inverse transform of frequencies: the steps of `spectrum` in reverse order, conjugated."""
         columns: list[str] = []
         for group in spectrum:
             columns += self._transposed(emit_dft(self, group, 1))
-        return emit_dft(self, self._twiddled(columns[: self.registers], "cmul_conj"), 1)
+        return emit_dft(self, self.times_twiddles(columns[: self.registers], self._twiddles, conjugate=True), 1)
 
     def loaded_points(self) -> list[str]:
-        """What the hook loads."""
-        if self._shares != "load":
+        """Points from the hook `load` or `load_shared`."""
+        if self._shared_hook != "load":
             return [self.let(f"load({self._point(k)})") for k in range(self.registers)]
-        return [self.let(f"load_with({self._point(k)}, {joint})") for k, joint in enumerate(self._joint())]
+        return [self.let(f"load_shared({self._point(k)}, {value})") for k, value in enumerate(self._shared_values())]
 
     def loaded_spectrum(self) -> Iterator[list[str]]:
-        """What the hook loads, a group at a time."""
+        """Frequencies from the hook `load`, group by group."""
         for group in range(self.groups):
-            yield [self.let(f"load({place})") for place in self._frequencies(group)]
+            yield [self.let(f"load({position})") for position in self._frequencies(group)]
 
     def between_points(self, points: list[str]) -> list[str]:
-        """What the hook between two steps makes of points."""
-        if self._shares != "middle":
+        """Points after the hook `middle` or `middle_shared`."""
+        if self._shared_hook != "middle":
             return [self.let(f"middle({self._point(k)}, {value})") for k, value in enumerate(points)]
-        pairs = zip(points, self._joint(), strict=True)
+        pairs = zip(points, self._shared_values(), strict=True)
         return [
-            self.let(f"middle_with({self._point(k)}, {value}, {common})") for k, (value, common) in enumerate(pairs)
+            self.let(f"middle_shared({self._point(k)}, {value}, {shared})") for k, (value, shared) in enumerate(pairs)
         ]
 
     def between_spectrum(self, spectrum: Iterable[list[str]]) -> Iterator[list[str]]:
-        """What the hook between two steps makes of frequencies, a group at a time."""
+        """Frequencies after the hook `middle`, group by group."""
         for group, values in enumerate(spectrum):
-            places = self._frequencies(group)
-            yield [self.let(f"middle({place}, {value})") for place, value in zip(places, values, strict=True)]
+            pairs = zip(self._frequencies(group), values, strict=True)
+            yield [self.let(f"middle({position}, {value})") for position, value in pairs]
 
-    def _joint(self) -> Iterator[str]:
-        """What each register's point has in common with its neighbours, evaluated by one lane for all of them.
+    def _shared_values(self) -> Iterator[str]:
+        """For each register, the value that its point shares with its neighbours, evaluated by one lane for all.
 
-        The points of u registers are S·u in a row, which share S values, one for each lane to evaluate.
+        The points of u registers are S·u successive ones. They share S values, of which each lane evaluates one.
         """
-        u, s = self._neighbours, self.lanes
+        u, s = self._shared_points, self.lanes
         if u == 1 or s % u or self.registers % u:
             for k in range(self.registers):
-                yield self.let(f"joint({self._point(k)})")
+                yield self.let(f"shared_value({self._point(k)})")
             return
         for first in range(0, self.registers, u):
-            mine = self.let(f"joint({self._place(f'lane * {u}u + {s * first}u')})")
+            own = self.let(f"shared_value({self._position(f'lane * {u}u + {s * first}u')})")
             for part in range(u):
-                yield self.let(f"subgroupShuffle({mine}, of_others + lane / {u}u + {part * s // u}u)")
+                yield self.let(f"subgroupShuffle({own}, subgroup_start + lane / {u}u + {part * s // u}u)")
 
     def store_points(self, points: list[str]) -> None:
-        """Hand the points of a line that there is to the hook."""
-        self._store("is_real", [self._point(k) for k in range(self.registers)], points)
+        """Pass the points of a valid line to the hook `store`."""
+        self._store("is_valid_line", [self._point(k) for k in range(self.registers)], points)
 
     def store_spectrum(self, spectrum: Iterable[list[str]]) -> None:
-        """Hand the frequencies of a line that there is to the hook."""
+        """Pass the frequencies of a valid line to the hook `store`."""
         for group, values in enumerate(spectrum):
             is_whole = (group + 1) * self.lanes <= self.registers
-            condition = "is_real" if is_whole else f"is_real && lane + {group * self.lanes}u < {self.registers}u"
+            is_used = f"is_valid_line && lane + {group * self.lanes}u < {self.registers}u"
+            condition = "is_valid_line" if is_whole else is_used
             self._store(condition, self._frequencies(group), values)
 
-    def _store(self, condition: str, places: list[str], values: list[str]) -> None:
-        stores = [f"    store({place}, {value});" for place, value in zip(places, values, strict=True)]
+    def _store(self, condition: str, positions: list[str], values: list[str]) -> None:
+        stores = [f"    store({position}, {value});" for position, value in zip(positions, values, strict=True)]
         self.lines += [f"if ({condition}) {{", *stores, "}"]
 
     def _point(self, k: int) -> str:
-        return self._place(f"lane + {self.lanes * k}u")
+        """Position of the point in register k."""
+        return self._position(f"lane + {self.lanes * k}u")
 
     def _frequencies(self, group: int) -> list[str]:
-        """Places of the registers of a group."""
+        """Positions of the frequencies in the registers of a group."""
         lowest = f"lane + {group * self.lanes}u"
         if (group + 1) * self.lanes > self.registers:
             lowest = self.let(f"min({lowest}, {self.registers - 1}u)")
-            return [self._place(f"{lowest} + {self.registers * j}u") for j in range(self.lanes)]
-        return [self._place(f"lane + {group * self.lanes + self.registers * j}u") for j in range(self.lanes)]
+            return [self._position(f"{lowest} + {self.registers * j}u") for j in range(self.lanes)]
+        return [self._position(f"lane + {group * self.lanes + self.registers * j}u") for j in range(self.lanes)]
 
-    def _place(self, along: str) -> str:
+    def _position(self, along: str) -> str:
         return f"vec3u({along}, line, field)" if self.axis == "x" else f"vec3u(line, {along}, field)"
 
     def _bits(self) -> list[int]:
-        """lanes/2, …, 2, 1"""
+        """The bits of a lane number, highest first: lanes/2, …, 2, 1."""
         return [1 << bit for bit in reversed(range(self.lanes.bit_length() - 1))]
 
     def _transposed(self, values: list[str]) -> list[str]:
-        """Register i of lane j for register j of lane i."""
+        """Exchange register i of lane j with register j of lane i."""
         out = list(values)
         for bit in self._bits():
             for low in (i for i in range(self.lanes) if not i & bit):
@@ -188,30 +192,14 @@ class _Line(WgslEmitter):
                 out[low + bit] = self.let(f"select(subgroupShuffleXor({a}, {bit}u), {b}, is_odd{bit})")
         return out
 
-    def _emit_twiddles(self) -> list[str]:
-        """Names of w⁰ … w^(A−1), w = exp(−2πi·lane/n): w, w², w⁴, … directly, the others as products of these."""
-        powers = [""]
-        for k in range(1, self.registers):
-            highest = 1 << (k.bit_length() - 1)
-            if k == highest:
-                powers.append(self.let(f"cis(f32(lane * {k}u) * {wgsl_float(-1 / self.n)})"))
-            else:
-                powers.append(self.let(f"cmul({powers[highest]}, {powers[k - highest]})"))
-        return powers
-
-    def _twiddled(self, values: list[str], product: str) -> list[str]:
-        pairs = zip(values[1:], self._twiddles[1:], strict=True)
-        return [values[0], *(self.let(f"{product}({value}, {twiddle})") for value, twiddle in pairs)]
-
 
 def _prologue(axis: str, n: int, lanes: int, steps: Sequence[Direction]) -> str:
-    """Declarations, and which line is this lane's. Lanes beyond the last line help it: shuffles need them all."""
-    lines = _lines_a_workgroup(lanes)
-    return f"""//#include "lib/complex.wgsl"
+    """The beginning of the shader up to the line of a lane.
 
-{LINE_RANGE.wgsl}
-@group(0) @binding(0) var<uniform> lines: Lines;
-
+    Lanes beyond the last line repeat it without storing, since shuffles need all lanes to be active.
+    """
+    lines = _lines_per_workgroup(lanes)
+    return f"""{COMMON_DECLARATIONS}
 // {" and ".join(steps)} transform along {axis}: {n} points in {n // lanes} registers of {lanes} lanes
 @compute @workgroup_size({lines * lanes})
 fn main(
@@ -222,7 +210,7 @@ fn main(
 ) {{
     let lane = invocation % {lanes}u;
     let number = (workgroup.y * workgroups.x + workgroup.x) * {lines}u + local / {lanes}u;
-    let is_real = number < lines.count;
+    let is_valid_line = number < lines.count;
     let line = lines.first + min(number, lines.count - 1u);
     let field = workgroup.z;
 """

@@ -1,9 +1,9 @@
-"""WGSL of a transform along whole lines in the memory of a workgroup.
+"""Generates WGSL of an FFT of whole lines in workgroup memory.
 
-The passes are those of `fft_codegen`, with the same radices and so the same digit-reversed spectra, but one shader does
-them all: between two passes the values of a line wait in workgroup memory, not in a buffer. As each pass puts its
-values back where it found them, one barrier after each is enough. Several columns share a workgroup, so that
-neighbouring invocations read neighbouring addresses; several short rows share one to fill it.
+The passes are those of `fft_codegen`, with the same radices and therefore the same digit-reversed spectra, but one
+shader does all of them: between two passes the values of a line are in workgroup memory instead of a buffer. Each pass
+works in place, so that one barrier after it is sufficient. Several columns share a workgroup, so that neighbouring
+invocations read neighbouring addresses; several short rows share one to fill it.
 """
 
 from __future__ import annotations
@@ -12,20 +12,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from holoview.gpu.fft_butterfly import WgslEmitter
-from holoview.gpu.fft_codegen import LINE_RANGE, Axis, Direction, PassShape, emit_steps, merge_passes, pass_shapes
+from holoview.gpu.fft_codegen import (
+    COMMON_DECLARATIONS,
+    Axis,
+    Direction,
+    PassShape,
+    emit_steps,
+    merge_passes,
+    pass_shapes,
+)
 from holoview.gpu.fft_radices import radices
+from holoview.gpu.rounding import ceil_div
 
-LEAST_INVOCATIONS, MOST_INVOCATIONS = 64, 256
+MIN_INVOCATIONS, MAX_INVOCATIONS = 64, 256
+"""Invocations of a workgroup."""
 COLUMNS = 4
-"""Columns that share a workgroup where its memory allows: 32 bytes, the least that GPUs read at a time."""
+"""Columns that share a workgroup if its memory allows: 32 bytes, the smallest memory transaction of GPUs."""
 _COMPLEX_BYTES = 8
 _BANKS = 16
-"""A value is left free after so many: blocks of 2^k values would compete for one bank of memory."""
+"""One unused value follows so many: strides of 2^k values would map to a single bank of workgroup memory."""
 
 
 @dataclass(frozen=True)
 class WorkgroupTile:
-    """A workgroup: `lines` lines of `length` points along `axis`, with `threads` invocations each."""
+    """The lines of one workgroup: `lines` lines of `length` points along `axis`, `threads` invocations for each."""
 
     axis: Axis
     length: int
@@ -34,34 +44,34 @@ class WorkgroupTile:
 
     @property
     def pitch(self) -> int:
-        """Values of a line in memory, those left free included."""
+        """Complex values from one line to the next in workgroup memory, including unused ones."""
         return _pitch(self.length)
 
     def workgroups(self, lines: int) -> int:
-        """Workgroups that so many lines need."""
-        return -(-lines // self.lines)
+        """Number of workgroups for `lines` lines."""
+        return ceil_div(lines, self.lines)
 
 
 def fit_tile(axis: Axis, n: int, memory_bytes: int) -> WorkgroupTile | None:
-    """The workgroup for lines of n points, or None where not even one line fits `memory_bytes`.
+    """The tile for lines of n points, or None if a single line exceeds `memory_bytes` of workgroup memory.
 
     Raises UserError for a length that can't be transformed.
     """
     items = [shape.invocations_per_line for shape in pass_shapes("x", n, radices(n))]
-    threads = min(max(items, default=1), MOST_INVOCATIONS)
-    wanted = COLUMNS if axis == "y" else 1
-    while wanted * threads < LEAST_INVOCATIONS:
-        wanted *= 2
+    threads = min(max(items, default=1), MAX_INVOCATIONS)
+    lines = COLUMNS if axis == "y" else 1
+    while lines * threads < MIN_INVOCATIONS:
+        lines *= 2
     fitting = memory_bytes // (_pitch(n) * _COMPLEX_BYTES)
     if not fitting:
         return None
-    while wanted > fitting or wanted * threads > MOST_INVOCATIONS:
-        wanted //= 2
-    return WorkgroupTile(axis, n, threads, wanted)
+    while lines > fitting or lines * threads > MAX_INVOCATIONS:
+        lines //= 2
+    return WorkgroupTile(axis, n, threads, lines)
 
 
 def generate_workgroup_shader(tile: WorkgroupTile, steps: Sequence[Direction]) -> str:
-    """The WGSL of the transforms of a tile, to be linked after its hooks; its entry is `main`."""
+    """The WGSL of the transforms of a tile, to be linked after its hooks; the entry point is `main`."""
     passes = merge_passes(pass_shapes("x", tile.length, radices(tile.length)), steps)
     body: list[str] = []
     for number, (shape, directions) in enumerate(passes):
@@ -73,36 +83,42 @@ def generate_workgroup_shader(tile: WorkgroupTile, steps: Sequence[Direction]) -
 def _pass(
     tile: WorkgroupTile, shape: PassShape, steps: tuple[Direction, ...], *, is_first: bool, is_last: bool
 ) -> list[str]:
-    """Statements of one pass, in a loop where invocations have several items or some have none."""
+    """Statements of one pass, in a loop if the DFTs of a line aren't exactly as many as its invocations."""
     code = WgslEmitter()
     stride = shape.block // shape.radix
     code.lines += [f"let offset = item % {stride}u;", f"let start = (item / {stride}u) * {shape.block}u + offset;"]
-    places = [f"start + {k * stride}u" for k in range(shape.radix)]
-    values = [code.let(f"load({_at(tile, p)})" if is_first else f"tile[slot({p}, across)]") for p in places]
-    values = emit_steps(code, shape, values, steps, [_at(tile, p) for p in places])
-    pairs = list(zip(places, values, strict=True))
+    along = [f"start + {k * stride}u" for k in range(shape.radix)]
+    values = [
+        code.let(f"load({_position(tile, p)})" if is_first else f"line_memory[line_slot({p}, across)]") for p in along
+    ]
+    values = emit_steps(code, shape, values, steps, [_position(tile, p) for p in along])
+    pairs = list(zip(along, values, strict=True))
     if is_last:
-        code.lines += ["if (is_real) {", *(f"    store({_at(tile, p)}, {value});" for p, value in pairs), "}"]
+        stores = [f"    store({_position(tile, p)}, {value});" for p, value in pairs]
+        code.lines += ["if (is_valid_line) {", *stores, "}"]
     else:
-        code.lines += [f"tile[slot({p}, across)] = {value};" for p, value in pairs]
-    whole = shape.invocations_per_line == tile.threads
+        code.lines += [f"line_memory[line_slot({p}, across)] = {value};" for p, value in pairs]
+    is_one_each = shape.invocations_per_line == tile.threads
     head = ["{", "    let item = thread;"]
-    if not whole:
+    if not is_one_each:
         head = [f"for (var item = thread; item < {shape.invocations_per_line}u; item += {tile.threads}u) {{"]
     barrier = [] if is_last else ["workgroupBarrier();"]
     return [*head, *(f"    {line}" for line in code.lines), "}", *barrier]
 
 
-def _at(tile: WorkgroupTile, along: str) -> str:
+def _position(tile: WorkgroupTile, along: str) -> str:
     return f"vec3u({along}, line, field)" if tile.axis == "x" else f"vec3u(line, {along}, field)"
 
 
 def _pitch(n: int) -> int:
-    return n + -(-n // _BANKS)
+    return n + ceil_div(n, _BANKS)
 
 
 def _prologue(tile: WorkgroupTile, steps: Sequence[Direction]) -> str:
-    """Declarations, and which line is this invocation's. One beyond the last line helps it: barriers need them all."""
+    """The beginning of the shader up to the line of an invocation.
+
+    Invocations beyond the last line repeat it without storing, since all have to reach each barrier.
+    """
     size = tile.threads * tile.lines
     if tile.axis == "x":
         split = f"let thread = local % {tile.threads}u;\n    let across = local / {tile.threads}u;"
@@ -110,15 +126,11 @@ def _prologue(tile: WorkgroupTile, steps: Sequence[Direction]) -> str:
     else:
         split = f"let thread = local / {tile.lines}u;\n    let across = local % {tile.lines}u;"
         slot = f"(along + along / {_BANKS}u) * {tile.lines}u + across"
-    return f"""//#include "lib/complex.wgsl"
+    return f"""{COMMON_DECLARATIONS}
+var<workgroup> line_memory: array<vec2f, {tile.pitch * tile.lines}>;
 
-{LINE_RANGE.wgsl}
-@group(0) @binding(0) var<uniform> lines: Lines;
-
-var<workgroup> tile: array<vec2f, {tile.pitch * tile.lines}>;
-
-// Where a value of a line waits in workgroup memory.
-fn slot(along: u32, across: u32) -> u32 {{
+// Index in workgroup memory of the value `along` of line `across` of the workgroup.
+fn line_slot(along: u32, across: u32) -> u32 {{
     return {slot};
 }}
 
@@ -131,7 +143,7 @@ fn main(
 ) {{
     {split}
     let number = (workgroup.y * workgroups.x + workgroup.x) * {tile.lines}u + across;
-    let is_real = number < lines.count;
+    let is_valid_line = number < lines.count;
     let line = lines.first + min(number, lines.count - 1u);
     let field = workgroup.z;
     begin(line, field);

@@ -1,14 +1,14 @@
-// What the observer makes of intensities: XYZ = Σ share × intensity, over wavelengths and frames, four pixels a thread.
-// Twin: holoview/engine/torch_executor.py, composite.
+// CIE XYZ from intensities: XYZ = Σ (XYZ of unit intensity) × intensity over wavelengths and frames. Each invocation
+// computes four pixels. Twin: holoview/engine/torch_executor.py, composite.
 
-// Whether it is added to what was seen.
-override adds: bool = false;
+// Whether to add to the stored XYZ.
+override accumulates: bool = false;
 
 @group(0) @binding(0) var<uniform> blend: Blend;
-@group(0) @binding(1) var<storage, read> shares: array<Share>;
+@group(0) @binding(1) var<storage, read> terms: array<BlendTerm>;
 
 @group(1) @binding(0) var<storage, read> intensity: array<vec4f>;
-@group(1) @binding(1) var<storage, read_write> seen: array<vec4f>;
+@group(1) @binding(1) var<storage, read_write> xyz: array<vec4f>;
 
 @compute @workgroup_size(64)
 fn main(
@@ -24,23 +24,23 @@ fn main(
     var b = vec4f(0.0);
     var c = vec4f(0.0);
     var d = vec4f(0.0);
-    if (adds) {
-        a = seen[4u * quad];
-        b = seen[4u * quad + 1u];
-        c = seen[4u * quad + 2u];
-        d = seen[4u * quad + 3u];
+    if (accumulates) {
+        a = xyz[4u * quad];
+        b = xyz[4u * quad + 1u];
+        c = xyz[4u * quad + 2u];
+        d = xyz[4u * quad + 3u];
     }
     for (var i = 0u; i < blend.count; i++) {
-        let share = shares[i];
-        let response = vec4f(share.xyz, 0.0);
-        let four = intensity[share.slice * blend.quads + quad];
+        let term = terms[i];
+        let response = vec4f(term.xyz, 0.0);
+        let four = intensity[term.intensity_index * blend.quads + quad];
         a += four.x * response;
         b += four.y * response;
         c += four.z * response;
         d += four.w * response;
     }
-    seen[4u * quad] = a;
-    seen[4u * quad + 1u] = b;
-    seen[4u * quad + 2u] = c;
-    seen[4u * quad + 3u] = d;
+    xyz[4u * quad] = a;
+    xyz[4u * quad + 1u] = b;
+    xyz[4u * quad + 2u] = c;
+    xyz[4u * quad + 3u] = d;
 }

@@ -1,13 +1,13 @@
-// Hooks of a plain FFT: one buffer of complex numbers, transformed in place.
-// Link it after `stored_f32.wgsl` or `stored_u64.wgsl`. A stage that computes what it transforms brings its own `load` or `store` instead of this file.
+// Hooks of a plain FFT: complex numbers in one buffer, transformed in place.
+// Link it after `complex_f32.wgsl` or `complex_u64.wgsl`, which define `StoredComplex`.
 
 // Complex numbers from one row to the next (padding included), and from one field of the batch to the next.
 override row_stride: u32;
 override field_stride: u32;
-// What is stored at the end is multiplied by this.
+// Factor of the final result.
 override scale: f32 = 1.0;
 
-@group(1) @binding(0) var<storage, read_write> values: array<Stored>;
+@group(1) @binding(0) var<storage, read_write> values: array<StoredComplex>;
 
 // Index of position (x, y, field).
 fn index_of(position: vec3u) -> u32 {
@@ -17,17 +17,17 @@ fn index_of(position: vec3u) -> u32 {
 fn begin(line: u32, field: u32) {}
 
 fn load(position: vec3u) -> vec2f {
-    return restored(values[index_of(position)]);
+    return decode_complex(values[index_of(position)]);
 }
 
 fn store(position: vec3u, value: vec2f) {
-    values[index_of(position)] = stored(scale * value);
+    values[index_of(position)] = encode_complex(scale * value);
 }
 
 fn load_work(position: vec3u) -> vec2f {
-    return restored(values[index_of(position)]);
+    return decode_complex(values[index_of(position)]);
 }
 
 fn store_work(position: vec3u, value: vec2f) {
-    values[index_of(position)] = stored(value);
+    values[index_of(position)] = encode_complex(value);
 }

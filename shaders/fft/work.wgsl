@@ -1,4 +1,4 @@
-// Where the passes of one transform hand over to each other: a buffer of complex numbers.
+// Intermediate values between the passes of one transform, in a buffer of their own.
 
 // Complex numbers from one row to the next (padding included), and from one field of the batch to the next.
 override work_row_stride: u32;

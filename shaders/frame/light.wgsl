@@ -1,30 +1,32 @@
-// Kernel 1 of a frame: source × modulator 1 → row FFT. Hooks of a transform along x.
+// Kernel 1 of a frame: source × modulator 1 → row FFT. Hooks of a forward transform along x.
+// Positions are (x on the padded grid, row of the field, field).
 //#include "lib/source.wgsl"
 //#include "lib/modulator.wgsl"
 //#include "lib/grid.wgsl"
 
 override is_tilted: bool = true;
+// Whether `dense` holds the transmission of each sample.
 override is_dense: bool = false;
 
-@group(1) @binding(3) var<storage, read> waves: array<Wave>;
-@group(1) @binding(4) var<storage, read> lights: array<Light>;
-@group(1) @binding(5) var<storage, read> opd: array<f32>;
-@group(1) @binding(6) var<storage, read> dense: array<vec2f>;  // transmission of samples, in place of the pixels'
+@group(1) @binding(3) var<storage, read> plane_waves: array<PlaneWave>;
+@group(1) @binding(4) var<storage, read> modulators: array<Modulator>;
+@group(1) @binding(5) var<storage, read> opd: array<f32>;  // of each modulator pixel, in strokes
+@group(1) @binding(6) var<storage, read> dense: array<vec2f>;  // transmission of each sample
 
-var<private> wave: Wave;
-var<private> light: Light;
+var<private> illumination: PlaneWave;
+var<private> modulator: Modulator;
 
 fn begin(line: u32, field: u32) {
-    wave = waves[batch.wave + field];
-    light = lights[batch.wavelength + field];
+    illumination = plane_waves[params.first_wave + field];
+    modulator = modulators[params.first_wavelength + field];
 }
 
-// What the samples of a modulator's pixel have in common.
-fn joint(position: vec3u) -> vec2f {
-    return phasor(opd[pixel_under(grid, position.y, position.x - grid.offset.y)], light);
+// Transmission of the modulator pixel, which all its samples share.
+fn shared_value(position: vec3u) -> vec2f {
+    return phasor(opd[pixel_index(grid, position.y, position.x - grid.offset.y)], modulator);
 }
 
-fn load_with(position: vec3u, pixel: vec2f) -> vec2f {
+fn load_shared(position: vec3u, pixel: vec2f) -> vec2f {
     let x = position.x - grid.offset.y;
     if (is_padded && x >= grid.shape.y) {
         return vec2f(0.0);
@@ -34,11 +36,11 @@ fn load_with(position: vec3u, pixel: vec2f) -> vec2f {
         value = dense[position.y * grid.shape.y + x];
     }
     if (is_tilted) {
-        return cmul(value, plane_wave(wave, position.y, x));
+        return cmul(value, plane_wave(illumination, position.y, x));
     }
     return value;
 }
 
 fn store(position: vec3u, value: vec2f) {
-    put(position.z, position.y, position.x, value);
+    write_sample(position.z, position.y, position.x, value);
 }

@@ -1,29 +1,31 @@
-// Kernel 3 of a frame: row IFFT × modulator 2 → row FFT. Hooks of a transform along x, backwards and forwards.
+// Kernel 3 of a frame: row IFFT × modulator 2 → row FFT. Hooks of an inverse and a forward transform along x.
+// Positions are (x on the padded grid, row of the field, field).
 //#include "lib/modulator.wgsl"
 //#include "lib/grid.wgsl"
 
+// Whether `dense` holds the transmission of each sample.
 override is_dense: bool = false;
 
-@group(1) @binding(3) var<storage, read> lights: array<Light>;
-@group(1) @binding(4) var<storage, read> opd: array<f32>;
-@group(1) @binding(5) var<storage, read> dense: array<vec2f>;  // transmission of samples, in place of the pixels'
+@group(1) @binding(3) var<storage, read> modulators: array<Modulator>;
+@group(1) @binding(4) var<storage, read> opd: array<f32>;  // of each modulator pixel, in strokes
+@group(1) @binding(5) var<storage, read> dense: array<vec2f>;  // transmission of each sample
 
-var<private> light: Light;
+var<private> modulator: Modulator;
 
 fn begin(line: u32, field: u32) {
-    light = lights[batch.wavelength + field];
+    modulator = modulators[params.first_wavelength + field];
 }
 
 fn load(position: vec3u) -> vec2f {
-    return fetched(position.z, position.y, position.x);
+    return read_sample(position.z, position.y, position.x);
 }
 
-// What the samples of a modulator's pixel have in common.
-fn joint(position: vec3u) -> vec2f {
-    return phasor(opd[pixel_under(grid, position.y, position.x - grid.offset.y)], light);
+// Transmission of the modulator pixel, which all its samples share.
+fn shared_value(position: vec3u) -> vec2f {
+    return phasor(opd[pixel_index(grid, position.y, position.x - grid.offset.y)], modulator);
 }
 
-fn middle_with(position: vec3u, value: vec2f, pixel: vec2f) -> vec2f {
+fn middle_shared(position: vec3u, value: vec2f, pixel: vec2f) -> vec2f {
     let x = position.x - grid.offset.y;
     if (is_padded && x >= grid.shape.y) {
         return vec2f(0.0);
@@ -35,5 +37,5 @@ fn middle_with(position: vec3u, value: vec2f, pixel: vec2f) -> vec2f {
 }
 
 fn store(position: vec3u, value: vec2f) {
-    put(position.z, position.y, position.x, value);
+    write_sample(position.z, position.y, position.x, value);
 }

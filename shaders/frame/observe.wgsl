@@ -1,8 +1,10 @@
-// Kernel 5 of a frame: row IFFT → weight·|field|², set or added to. Hooks of an inverse transform along x.
+// Kernel 5 of a frame: row IFFT → weight·|field|², stored as the intensity or added to it. Hooks of an inverse
+// transform along x. Positions are (x on the padded grid, row of the field, field).
 //#include "lib/grid.wgsl"
 
-// Whether it is added to: a switch, as drivers that run shaders on the processor go through both sides of an `if`.
-override adds: bool = false;
+// Whether to add to the stored intensity. A constant, since drivers that execute shaders on the CPU run both sides of
+// an `if`.
+override accumulates: bool = false;
 
 @group(1) @binding(3) var<storage, read_write> intensity: array<f32>;
 
@@ -10,7 +12,7 @@ fn begin(line: u32, field: u32) {
 }
 
 fn load(position: vec3u) -> vec2f {
-    return fetched(position.z, position.y, position.x);
+    return read_sample(position.z, position.y, position.x);
 }
 
 fn store(position: vec3u, value: vec2f) {
@@ -18,9 +20,9 @@ fn store(position: vec3u, value: vec2f) {
     if (is_padded && x >= grid.shape.y) {
         return;
     }
-    let at = (batch.target_field + position.z) * slice_pixels + position.y * grid.shape.y + x;
-    var sum = batch.weight * dot(value, value);
-    if (adds) {
+    let at = (params.target_field + position.z) * intensity_stride + position.y * grid.shape.y + x;
+    var sum = params.weight * dot(value, value);
+    if (accumulates) {
         sum += intensity[at];
     }
     intensity[at] = sum;

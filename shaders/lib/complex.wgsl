@@ -1,5 +1,5 @@
-// Complex numbers as vec2f(real, imaginary), and exp(2πi·t) without the built-in sin and cos, of which WGSL promises
-// only 2⁻¹¹ absolute. Angles are in turns: 1 turn = 2π.
+// Complex arithmetic on vec2f(real, imaginary), and exp(2πi·t) without the built-in sin and cos, whose absolute error
+// may be 2⁻¹¹ by the WGSL specification. Angles are in turns: 1 turn = 2π.
 
 // a·b
 fn cmul(a: vec2f, b: vec2f) -> vec2f {
@@ -12,8 +12,8 @@ fn cmul_conj(a: vec2f, b: vec2f) -> vec2f {
 }
 
 // exp(2πi·t) for |t| ≤ 1/4 turn.
-// Polynomials in t² with the least largest error on that range: 3.4e-9 of the sine, 2.5e-10 of the cosine, so that
-// rounding decides the error, which stays below 3e-7. Taylor series as exact would be four terms longer.
+// Minimax polynomials in t²: their errors, 3.4e-9 of the sine and 2.5e-10 of the cosine, are negligible beside
+// rounding, with which the error stays below 3e-7. Taylor series of the same accuracy would be four terms longer.
 fn cis_half_circle(t: f32) -> vec2f {
     let s = t * t;
     let sine = t * (6.283185160089216 + s * (-41.341655031360474 + s * (81.60100407004795 + s * (-76.54978222495677
@@ -23,16 +23,15 @@ fn cis_half_circle(t: f32) -> vec2f {
     return vec2f(cosine, sine);
 }
 
-// exp(2πi·turns), error below 3e-7 in either part for the f32 that `turns` is.
-// t − round(2t)/2 is exact in f32, so that thousands of turns cost nothing but the rounding of `turns` itself.
+// exp(2πi·turns), with an error below 3e-7 in either part for the given f32.
+// t − round(2t)/2 is exact in f32, so that thousands of turns add no error but the rounding of `turns` itself.
 fn cis(turns: f32) -> vec2f {
     let half_turns = round(2.0 * turns);
     let odd = abs(half_turns - 2.0 * round(0.5 * half_turns));
     return (1.0 - 2.0 * odd) * cis_half_circle(turns - 0.5 * half_turns);
 }
 
-// exp(2πi·turns/2³²), error below 3e-7 in either part. Whole turns wrap, so that sums and products of fixed-point turns
-// in u32 arithmetic are exact modulo one turn.
+// exp(2πi·turns/2³²), with an error below 3e-7 in either part. See lib/fixed.wgsl for fixed-point turns.
 fn cis_fixed(turns: u32) -> vec2f {
     let half_turns = (turns + 0x40000000u) >> 31u;
     let rest = bitcast<i32>(turns - (half_turns << 31u));

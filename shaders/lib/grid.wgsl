@@ -1,10 +1,14 @@
-// Where a thread stands on the padded grid. `Grid` comes from holoview/engine/shader_structs.py:
-//   padded, shape, offset: vec2u (y, x) of samples; stride: complex numbers from row to row; upsample: samples a pixel.
+// Indices on the padded grid. `Grid` is defined in holoview/engine/shader_structs.py; its pairs are (y, x):
+//   padded, shape: samples of the padded grid, and of the field inside it; offset: first sample of the field
+//   stride: complex numbers from one row to the next; upsample: samples for each modulator pixel, along either axis
 
+// Whether sample (y, x) of the padded grid belongs to the field.
 fn is_inside(grid: Grid, y: u32, x: u32) -> bool {
-    return y >= grid.offset.x && y < grid.offset.x + grid.shape.x && x >= grid.offset.y && x < grid.offset.y + grid.shape.y;
+    let end = grid.offset + grid.shape;
+    return y >= grid.offset.x && y < end.x && x >= grid.offset.y && x < end.y;
 }
 
+// Index of sample (y, x) of the padded grid in a buffer.
 fn index_padded(grid: Grid, y: u32, x: u32) -> u32 {
     return y * grid.stride + x;
 }

@@ -1,9 +1,9 @@
-// Intensity of a field on the modulator's area, added with a weight: frames and sources add in intensity.
+// Adds weight·|field|² to the intensity on the modulator's area: frames and sources add incoherently.
 // Twin: holoview/engine/torch_executor.py, accumulate.
 //#include "lib/grid.wgsl"
 
 @group(0) @binding(0) var<uniform> grid: Grid;
-@group(0) @binding(1) var<uniform> share: Weight;
+@group(0) @binding(1) var<uniform> params: Weight;
 
 @group(1) @binding(0) var<storage, read> field: array<vec2f>;
 @group(1) @binding(1) var<storage, read_write> intensity: array<f32>;
@@ -14,5 +14,5 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let value = field[index_padded(grid, id.y + grid.offset.x, id.x + grid.offset.y)];
-    intensity[id.y * grid.shape.y + id.x] += share.weight * dot(value, value);
+    intensity[id.y * grid.shape.y + id.x] += params.weight * dot(value, value);
 }

@@ -1,13 +1,15 @@
-// A phase modulator: field × exp(2πi·opd/λ) inside, or × its transmission sample by sample; 0 outside.
+// A phase modulator: field × exp(2πi·opd/λ), or × a transmission given for each sample; 0 outside the modulator's area.
 // Twin: holoview/engine/torch_executor.py, modulate.
 //#include "lib/modulator.wgsl"
 //#include "lib/grid.wgsl"
 
+// Whether `dense` holds the transmission of each sample.
 override is_dense: bool = false;
 
 @group(0) @binding(0) var<uniform> grid: Grid;
-@group(0) @binding(1) var<uniform> light: Light;
+@group(0) @binding(1) var<uniform> modulator: Modulator;
 
+// Optical path of each modulator pixel, in strokes; transmission of each sample.
 @group(1) @binding(0) var<storage, read> opd: array<f32>;
 @group(1) @binding(1) var<storage, read> dense: array<vec2f>;
 @group(1) @binding(2) var<storage, read_write> field: array<vec2f>;
@@ -25,7 +27,7 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
         if (is_dense) {
             value = cmul(field[at], dense[y * grid.shape.y + x]);
         } else {
-            value = cmul(field[at], phasor(opd[pixel_under(grid, y, x)], light));
+            value = cmul(field[at], phasor(opd[pixel_index(grid, y, x)], modulator));
         }
     }
     field[at] = value;

@@ -14,9 +14,10 @@ from holoview.engine.frame import compute_focal_stack
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.gpu.device import Device, DeviceLost, open_device
-from holoview.gpu.line_fft import supports_subgroup_strategy
+from holoview.gpu.line_fft import supported_strategies
+from holoview.model.bench_parts import Modulator
 from holoview.model.plan import make_plan
-from holoview.model.system import Modulator, System
+from holoview.model.system import System
 from holoview.optics.frame_inputs import make_frame_inputs
 from holoview.util.errors import UserError
 from holoview.view import random_drive
@@ -236,7 +237,7 @@ def test_transforms_in_subgroups_show_the_same(device: Device, name: str) -> Non
     system = SYSTEM.edit({"shape": [32, 64], **BENCHES[name], "sampling.propagation": "periodic"})
     if "modulators" in BENCHES[name]:
         system = system.edit({"shape": [32, 64]})
-    if not supports_subgroup_strategy(device, (64, 128)):
+    if "subgroup" not in supported_strategies(device, (64, 128)):
         pytest.skip("the lanes of this adapter exchange nothing")
     shown = [_open(device, system, strategy=strategy).xyz() for strategy in ("passes", "subgroup")]
     assert _error(shown[1], shown[0]) <= TOLERANCE

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from holoview.gpu.device import INT64, SUBGROUP, Device
 from holoview.gpu.fft import FftPlan, batch_ranges
 from holoview.gpu.line_fft import STRATEGIES, Strategy, storage_shader, supported_strategies
-from holoview.gpu.line_fft_workgroup import MOST_INVOCATIONS, fit_tile
+from holoview.gpu.line_fft_workgroup import MAX_INVOCATIONS, fit_tile
 from holoview.gpu.recorder import CommandRecorder
 from holoview.util.errors import UserError
 
@@ -124,7 +124,7 @@ def test_fields_lie_in_the_same_bytes_however_a_device_reads_them(device: Device
     if INT64 not in device.features:
         pytest.skip("an adapter without 64 bits")
     narrow = _Narrow(device, {INT64})
-    assert storage_shader(narrow) == "fft/stored_f32.wgsl"
+    assert storage_shader(narrow) == "fft/complex_f32.wgsl"
     fields = _fields((12, 30), 2, seed=3)
     spectra = [_transformed(each, "passes", fields)[0] for each in (device, narrow)]
     assert np.array_equal(*spectra)
@@ -137,7 +137,7 @@ def test_fields_lie_in_the_same_bytes_however_a_device_reads_them(device: Device
 def test_a_workgroup_holds_as_many_lines_as_fit(axis: str, n: int, memory: int, lines: int, threads: int) -> None:
     tile = fit_tile("x" if axis == "x" else "y", n, memory)
     assert tile is not None and (tile.lines, tile.threads) == (lines, threads)
-    assert 8 * tile.pitch * tile.lines <= memory and tile.lines * tile.threads <= MOST_INVOCATIONS
+    assert 8 * tile.pitch * tile.lines <= memory and tile.lines * tile.threads <= MAX_INVOCATIONS
     assert tile.workgroups(5 * lines + 1) == 6
 
 

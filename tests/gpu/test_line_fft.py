@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from holoview.gpu.device import Device
 from holoview.gpu.fft_codegen import Direction
 from holoview.gpu.line_fft import Axis, Hooks, LineFft, Strategy, supported_strategies
-from holoview.gpu.line_fft_subgroup import MOST_REGISTERS, generate_subgroup_shader, lanes_per_line, subgroup_workgroups
+from holoview.gpu.line_fft_subgroup import MAX_REGISTERS, generate_subgroup_shader, lanes_per_line, subgroup_workgroups
 from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.shader import GeneratedWgsl
 
@@ -104,10 +104,10 @@ def test_a_transform_is_that_of_numpy(device: Device, shape: tuple[int, int]) ->
 def test_a_line_belongs_to_as_many_lanes_as_its_length_allows(n: int, largest: int, lanes: int | None) -> None:
     assert lanes_per_line(n, largest) == lanes
     if lanes is not None:
-        assert n % lanes == 0 and lanes <= n // lanes <= MOST_REGISTERS
+        assert n % lanes == 0 and lanes <= n // lanes <= MAX_REGISTERS
 
 
 def test_the_last_workgroup_stores_no_line_twice() -> None:
     assert subgroup_workgroups(8, 9) == 3
     text = generate_subgroup_shader("x", 64, 8, ("forward",))
-    assert "if (is_real) {" in text and text.count("store(") == 8
+    assert "if (is_valid_line) {" in text and text.count("store(") == 8

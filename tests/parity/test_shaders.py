@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from holoview.engine import shader_structs as layouts
 from holoview.engine.kernels import KERNELS, FusedKernels, make_transform
 from holoview.gpu.device import Buffer, Device
-from holoview.gpu.line_fft import Strategy, supports_subgroup_strategy
+from holoview.gpu.line_fft import LineFft, Strategy, supported_strategies
 from holoview.gpu.precompile import precompile
 from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.gpu.shader import GeneratedWgsl, ShaderError, link
@@ -72,7 +72,12 @@ def test_a_shader_compiles_in_every_permutation(device: Device, name: str, const
     device.pipeline(link(DECLARATIONS, name, GeneratedWgsl("probe", probe), label=name), constants)
 
 
-_PARTS = ("rows", "rows_one", "rows_two", "work")
+def _compile(device: Device, transform: LineFft) -> None:
+    for shader in transform.shaders:
+        device.pipeline(shader.source, shader.constants)
+
+
+_PARTS = ("rows", "rows_in_place", "rows_two_buffers", "work")
 
 
 def _switches(kernel: str) -> list[str]:
@@ -86,13 +91,13 @@ def _switches(kernel: str) -> list[str]:
 def test_a_fused_kernel_compiles_in_every_permutation(
     device: Device, kernel: str, is_padded: bool, half: bool, strategy: Strategy
 ) -> None:
-    if strategy == "subgroup" and not supports_subgroup_strategy(device, (64, 128)):
+    if strategy not in supported_strategies(device, (64, 128)):
         pytest.skip("this adapter's lanes exchange nothing")
     grid = Grid((32, 64), (64, 128), (16, 32), 4e-6, 2) if is_padded else Grid((64, 128), (64, 128), (0, 0), 4e-6, 2)
     switches = _switches(kernel)
     for two, *chosen in product((False, True), repeat=1 + len(switches)):
         constants = tuple(zip(switches, chosen, strict=True))
-        make_transform(device, grid, kernel, constants, strategy, half=half, separate_buffers=two).compile()
+        _compile(device, make_transform(device, grid, kernel, constants, strategy, half=half, separate_buffers=two))
 
 
 @pytest.mark.parametrize("two", [False, True], ids=["in place", "elsewhere"])
@@ -105,14 +110,14 @@ def test_fused_kernels_can_be_compiled_ahead(device: Device, two: bool) -> None:
 def test_there_is_a_shader_for_each_fused_kernel_and_none_besides() -> None:
     hooks = {name for name in _shaders() if name.startswith("frame/")}
     assert hooks == {f"frame/{kernel}.wgsl" for kernel in KERNELS} | {f"frame/{part}.wgsl" for part in _PARTS}
-    switches = [["is_tilted", "is_dense"], ["has_pupil"], ["is_dense"], ["adds"]]
+    switches = [["is_tilted", "is_dense"], ["has_pupil"], ["is_dense"], ["accumulates"]]
     assert [_switches(kernel) for kernel in KERNELS] == switches
 
 
 def test_an_error_in_a_fused_kernel_names_its_file_and_line(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(KERNELS, "light", ("x", ("forward",), ()))  # no struct Wave
-    with pytest.raises(ShaderError, match=r"lib/source.wgsl:6: fn plane_wave\(wave: Wave"):
-        make_transform(device, Grid((4, 4), (4, 4), (0, 0), 4e-6, 1), "light", (), "passes").compile()
+    monkeypatch.setitem(KERNELS, "light", ("x", ("forward",), ()))  # no struct PlaneWave
+    with pytest.raises(ShaderError, match=r"lib/source.wgsl:7: fn plane_wave\(wave: PlaneWave"):
+        _compile(device, make_transform(device, Grid((4, 4), (4, 4), (0, 0), 4e-6, 1), "light", (), "passes"))
 
 
 def test_the_permutations_cover_every_folder_and_the_pupil() -> None:
@@ -158,19 +163,19 @@ def test_a_stage_reads_back_every_field_of_its_struct_as_packed(device: Device, 
 
 COUNT = 4096
 LARGEST = 8192**2  # n = k² at the largest frequency of the longest transform
-TURNS_TIMES = """//#include "lib/fixed.wgsl"
+MULTIPLY_TURNS = """//#include "lib/fixed.wgsl"
 @group(1) @binding(0) var<storage, read> n: array<u32>;
 @group(1) @binding(1) var<storage, read> words: array<vec2u>;
 @group(1) @binding(2) var<storage, read_write> found: array<u32>;
 @compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3u) { found[id.x] = turns_times(n[id.x], words[id.x]); }
+fn main(@builtin(global_invocation_id) id: vec3u) { found[id.x] = multiply_turns(n[id.x], words[id.x]); }
 """
 
 
-def _turns_times(device: Device, n: NDArray[np.uint32], words: NDArray[np.uint32]) -> list[int]:
+def _multiply_turns(device: Device, n: NDArray[np.uint32], words: NDArray[np.uint32]) -> list[int]:
     inputs = [device.upload(n, "n"), device.upload(words, "words")]
     out = device.buffer(4 * COUNT, "found")
-    _run(device, TURNS_TIMES, [], inputs, out, COUNT // 64)
+    _run(device, MULTIPLY_TURNS, [], inputs, out, COUNT // 64)
     return [int(found) for found in device.download(out, np.uint32, (COUNT,))]
 
 
@@ -187,7 +192,7 @@ def test_a_multiple_of_fixed_point_turns_is_exact_to_its_last_bit(device: Device
     rng, n = np.random.default_rng(5), _factors()
     words = np.stack([rng.integers(0, 2**32, COUNT), rng.integers(0, 2**16, COUNT)], axis=1).astype(np.uint32)
     words[:8] = [0xFFFFFFFF, 0xFFFF]
-    for factor, (high, low), found in zip(n.tolist(), words.tolist(), _turns_times(device, n, words), strict=True):
+    for factor, (high, low), found in zip(n.tolist(), words.tolist(), _multiply_turns(device, n, words), strict=True):
         assert found == (factor * ((high << 16) + low) >> 16) % 2**32
 
 
@@ -195,7 +200,7 @@ def test_a_multiple_of_a_phase_keeps_22_bits_of_a_turn(device: Device) -> None:
     rng, n = np.random.default_rng(6), _factors()
     turns = rng.uniform(-3, 3, COUNT) * 10.0 ** rng.uniform(-9, 0, COUNT)
     words = np.stack([turns_to_fixed_point(t) for t in turns.tolist()])
-    for factor, phase, found in zip(n.tolist(), turns.tolist(), _turns_times(device, n, words), strict=True):
+    for factor, phase, found in zip(n.tolist(), turns.tolist(), _multiply_turns(device, n, words), strict=True):
         off = (Fraction(found, 2**32) - factor * Fraction(phase)) % 1
         assert min(off, 1 - off) <= Fraction(1, 2**22)
 
@@ -212,8 +217,8 @@ def test_the_phase_of_the_transfer_function_is_that_of_double_precision(
     system = bench(shape=[384, 512], propagation="periodic", wavelengths=["450 nm"], amplitudes=[[1.0]], planes=[plane])
     pair = both(system)
     plan, distance_m = pair.plan, float(pair.plan.planes_m[0])
-    ones = pair.shaders.put(np.ones(plan.grid.padded, np.complex64), is_spectrum=True)
-    found = pair.shaders.get(pair.shaders.transmit(ones, 1, 0, distance_m)).astype(np.complex128)
+    ones = pair.shaders.upload_field(np.ones(plan.grid.padded, np.complex64), is_spectrum=True)
+    found = pair.shaders.download_field(pair.shaders.transmit(ones, 1, 0, distance_m)).astype(np.complex128)
     expected = transfer_function(plan.transfer(1, 0, distance_m), plan.grid, torch.complex128, torch.device("cpu"))
     difference = np.angle(found * expected.numpy().conj())
     assert np.abs(difference).max() <= PHASE_TOLERANCES[plane]

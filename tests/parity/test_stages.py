@@ -80,7 +80,7 @@ class Step:
             return executor.intensity(self.arguments[0])
         if self.stage == "composite":
             return executor.xyz()
-        return out.numpy() if isinstance(out, torch.Tensor) else executor.get(out)
+        return out.numpy() if isinstance(out, torch.Tensor) else executor.download_field(out)
 
 
 def _steps(plan: Plan, wavelength: int, frame: int, source: int) -> Iterator[Step]:
@@ -133,7 +133,7 @@ def _isolated(both: Any, step: Step, given: torch.Tensor | None) -> float:
         rounded = given.to(torch.complex64)
         exact[step.after] = rounded.to(torch.complex128)
         is_spectrum = step.stage in ("transmit", "field")
-        on_device[step.after] = both.shaders.put(rounded.numpy(), is_spectrum=is_spectrum)
+        on_device[step.after] = both.shaders.upload_field(rounded.numpy(), is_spectrum=is_spectrum)
     expected = step.seen(both.reference, step.run(both.reference, exact))
     found = step.seen(both.shaders, step.run(both.shaders, on_device))
     assert found.shape == expected.shape
@@ -215,13 +215,15 @@ FAULTS: dict[str, Callable[[Any], None]] = {
     "source 0: modulate 1": lambda e: _replace(e, "modulate", lambda stage, f, t, m, w: stage(f, t, 1 - m, w)),
     "source 0: modulate 2": lambda e: _replace(e, "modulate", lambda stage, f, t, m, w: stage(f, t, 0, w)),
     "source 0: spectrum of the gap": lambda e: _replace(
-        e, "spectrum", lambda stage, f: e.put(e.get(stage(f)) * (1 + 2e-6), is_spectrum=True)
+        e, "spectrum", lambda stage, f: e.upload_field(e.download_field(stage(f)) * (1 + 2e-6), is_spectrum=True)
     ),
     "source 0: transmit the gap": lambda e: _replace(
         e, "transmit", lambda stage, f, r, w, z: stage(f, r, w, z + (1 - r) * 1e-8)
     ),
     "transmit to plane 1": lambda e: _replace(e, "transmit", lambda stage, f, r, w, z: stage(f, r, w, min(z, 3e-3))),
-    "field behind the gap": lambda e: _replace(e, "field", lambda stage, f: e.put(e.get(stage(f)).conj())),
+    "field behind the gap": lambda e: _replace(
+        e, "field", lambda stage, f: e.upload_field(e.download_field(stage(f)).conj())
+    ),
     "accumulate plane 0": lambda e: _replace(
         e, "accumulate", lambda stage, f, plane, weight: stage(f, plane, weight * (1 + 1e-5))
     ),
