@@ -1,4 +1,4 @@
-"""`python -m holoview`: the command line, for launchers that start modules."""
+"""Makes `python -m holoview` run the command line, for launchers such as torchrun that start modules."""
 
 import sys
 

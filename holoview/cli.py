@@ -1,4 +1,4 @@
-"""The command line: parses, dispatches, and turns a user's mistake into one clear line and exit code 2."""
+"""Entry point of the command line: parses arguments, runs a subcommand, and reports a user's mistake in one line."""
 
 from __future__ import annotations
 
@@ -30,11 +30,13 @@ COMMANDS = {
     "contrast": "measure the speckle contrast of a picture or bench",
     "demo": "make and show a hologram of the shipped picture",
 }
+"""Each command, which is a module of `holoview.commands`, with its line in the help."""
+
 ALIASES = {"optimize": "optimise"}
 
 
 class _Parser(argparse.ArgumentParser):
-    """Takes "-1mm" for a value rather than an option, and refuses wrong usage in one line like any other mistake."""
+    """Reads "-1mm" as a value rather than an option, and raises wrong usage as UserError."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -45,16 +47,16 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs `holoview` with the arguments (those of the process when None) and returns its exit code."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    """Runs `holoview` with these arguments (of the process if None) and returns the exit code, see `exit_codes`."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # "étendue" on a terminal that has no é
     try:
-        args = _parser(given[0] if given else "").parse_args(given)
+        args = _parser(words[0] if words else "").parse_args(words)
         code: int = args.run(args)
         sys.stdout.flush()
     except UserError as error:
-        return _refuse(str(error))
+        return _report_error(str(error))
     except KeyboardInterrupt:
         print("holoview: interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
@@ -64,27 +66,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         if error.filename is None:  # standard output itself, e.g. on a full disk
             _drop_output()
-        return _refuse(f"{error.filename or 'output'}: {error.strerror or error}")
+        return _report_error(f"{error.filename or 'output'}: {error.strerror or error}")
     except (MemoryError, RuntimeError) as error:
         if not (isinstance(error, MemoryError) or "can't allocate memory" in str(error)):
             raise
-        return _refuse("memory: not enough for a grid of this size; choose a smaller shape, upsample or frames")
+        return _report_error("memory: not enough for a grid of this size; choose a smaller shape, upsample or frames")
     return code
 
 
-def _refuse(message: str) -> int:
-    """Says in one line why nothing was done."""
+def _report_error(message: str) -> int:
+    """Prints a message as one line to stderr; returns the exit code."""
     print(f"holoview: {' '.join(message.splitlines())}", file=sys.stderr)
     return EXIT_USER_ERROR
 
 
 def _drop_output() -> None:
-    """Lets Python's flush at exit succeed though nobody reads what is left."""
+    """Redirects stdout to the null device, so that Python's flush at exit doesn't fail again."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser(chosen: str) -> argparse.ArgumentParser:
-    """The parser; only the chosen command's module is imported, so that help and lists come at once."""
+    """The parser. Only the chosen command's module is imported, so that `holoview --help` starts fast."""
     parser = _Parser(
         prog="holoview",
         description="Interactive hologram previewer for polychromatic, dual-modulator displays.",
@@ -93,7 +95,7 @@ def _parser(chosen: str) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"holoview {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for name, summary in COMMANDS.items():
-        aliases = [alias for alias, meant in ALIASES.items() if meant == name]
+        aliases = [alias for alias, command_name in ALIASES.items() if command_name == name]
         command = commands.add_parser(name, help=summary, aliases=aliases)
         if chosen in (name, *aliases):
             module = import_module(f"holoview.commands.{name}")

@@ -1,5 +1,5 @@
-"""`holoview calibrate CAPTURES.h5 -o CALIBRATED.toml` learns the bench; `holoview calibrate lut FILE.csv` a modulator's
-look-up table.
+"""`holoview calibrate CAPTURES.h5 -o CALIBRATED.toml` learns corrections to a bench's model from camera captures;
+`holoview calibrate lut FILE.csv` fits a modulator's look-up table to a diffraction-efficiency sweep.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrates from captures, or fits a table."""
+    """Dispatches to `calibrate_captures` or `calibrate_lut`."""
     source: list[str] = args.source
     if source[0] == "lut" and len(source) == 2:
         _reject_foreign_options(args, calibrate_captures.OPTIONS, "holoview calibrate CAPTURES.h5")
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _reject_foreign_options(args: argparse.Namespace, options: tuple[str, ...], belongs_to: str) -> None:
-    """Refuses an option of the other use, rather than leave it aside silently."""
+    """Raises UserError for an option that only the other form of the command has."""
     for option in options:
         if getattr(args, option) is not None:
             raise UserError(f"--{option.replace('_', '-')}", "doesn't apply here", expected=f"it with `{belongs_to}`")

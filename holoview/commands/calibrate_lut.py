@@ -1,4 +1,4 @@
-"""`holoview calibrate lut FILE.csv`: a modulator's look-up table from a diffraction-efficiency sweep."""
+"""Runs `holoview calibrate lut FILE.csv`: fits a modulator's look-up table to a diffraction-efficiency sweep."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from holoview.model import preset
 from holoview.util import units
 from holoview.util.errors import UserError
 
+# destinations in argparse's namespace of the options that only this form of the command has
 OPTIONS = ("wavelength", "plot", "save_preset")
 _WAVELENGTH_RANGE_M = (100e-9, 10e-6)
 
 
 def add_options(group: argparse._ArgumentGroup) -> None:
-    """Adds the options that only a sweep takes."""
+    """Adds the options for a look-up table."""
     group.add_argument("--wavelength", metavar="LENGTH", help='of the sweep, e.g. "820 nm": turns phases into lengths')
     group.add_argument("--plot", metavar="PNG", type=Path, help="draw the sweep, its fit and the table")
     group.add_argument(
@@ -32,21 +33,21 @@ def add_options(group: argparse._ArgumentGroup) -> None:
 
 
 def run_lut(args: argparse.Namespace, file: Path) -> int:
-    """Fits, writes what was asked for, and says how it fits."""
-    wavelength = _wavelength(args.wavelength)
+    """Fits the table, writes the files that were asked for, and prints stroke and residuals."""
+    wavelength = _parse_wavelength(args.wavelength)
     for path, suffix in ((args.output, ".toml"), (args.save_preset, ".toml"), (args.plot, ".png")):
         if path is not None:
             check_output_file(path, suffix)
     if (args.save_preset is None) != (args.preset is None):
         missing = "--preset" if args.preset is None else "--save-preset"
         raise UserError(missing, "is missing", expected="--preset and --save-preset together")
-    base = None if args.preset is None else preset.load(args.preset)
+    preset_system = None if args.preset is None else preset.load(args.preset)
     lut = fit_lut(read_sweep(file))
-    changed = None if base is None else lut_file.with_lut(base, lut, wavelength)
+    system = None if preset_system is None else lut_file.with_lut(preset_system, lut, wavelength)
     if args.output is not None:
         lut_file.save_lut(args.output, lut, file.name, wavelength)
-    if changed is not None:
-        preset.save(changed, args.save_preset)
+    if system is not None:
+        preset.save(system, args.save_preset)
     if args.plot is not None:
         plot_lut(args.plot, lut, file.name)
     if args.json:
@@ -56,7 +57,7 @@ def run_lut(args: argparse.Namespace, file: Path) -> int:
     return 0
 
 
-def _wavelength(text: str | None) -> float | None:
+def _parse_wavelength(text: str | None) -> float | None:
     if text is None:
         return None
     value = units.parse(text, "--wavelength")

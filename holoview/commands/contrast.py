@@ -1,4 +1,4 @@
-"""`holoview contrast FILE`: the speckle contrast σ/μ of a picture, a preset's speckle, or a hologram."""
+"""`holoview contrast WHAT`: measures the speckle contrast σ/μ of a picture, a hologram, or a preset's own speckle."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from holoview.util.errors import UserError
 from holoview.util.files import atomic_write
 from holoview.view import random_drive, simulate
 
-_HOLOGRAM, _TOML = ".safetensors", ".toml"
+_HOLOGRAM_SUFFIX, _PRESET_SUFFIX = ".safetensors", ".toml"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -49,35 +49,39 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class LuminanceImage:
-    """What is measured: luminance (y, x), and what it is, in words."""
+    """An image to measure.
+
+    luminance: (y, x), linear.
+    description: what it is, for people.
+    clipped_share: share of its pixels that are as bright as the file can hold; they hide the brightest speckle.
+    """
 
     luminance: NDArray[np.floating]
     description: str
     clipped_share: float = 0.0
-    """Share of its pixels that are as bright as the file can hold: they hide the brightest speckle."""
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measures and prints, and draws where asked."""
+    """Measures and prints the contrast of a region, and plots it with its histogram if asked."""
     if args.plot is not None:
         check_output_file(args.plot, ".png")
-    subject = _luminance_image(args)
-    region = central_region(subject.luminance.shape) if args.region is None else _region(args.region)
-    found = speckle_contrast(subject.luminance, region)
-    patterns = independent_patterns(found.contrast)
+    image = _luminance_image(args)
+    region = central_region(image.luminance.shape) if args.region is None else _parse_region(args.region)
+    speckle = speckle_contrast(image.luminance, region)
+    patterns = independent_patterns(speckle.contrast)
     result: dict[str, Any] = {
-        "what": subject.description,
+        "what": image.description,
         "region": list(region),
-        "contrast": found.contrast,
-        "mean": found.mean,
-        "std": found.std,
-        "pixels": found.n_pixels,
-        "clipped": subject.clipped_share,
+        "contrast": speckle.contrast,
+        "mean": speckle.mean,
+        "std": speckle.std,
+        "pixels": speckle.n_pixels,
+        "clipped": image.clipped_share,
         "independent_patterns": patterns if np.isfinite(patterns) else None,
     }
     if args.plot is not None:
-        plot = StudyFigure("contrast", subject.description, speckle_figure(subject.luminance, region, found.contrast))
-        _write(args.plot, plot)
+        plot = StudyFigure("contrast", image.description, speckle_figure(image.luminance, region, speckle.contrast))
+        _write_plot(args.plot, plot)
         result["plot"] = str(args.plot)
     print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _format_result(result))
     return 0
@@ -86,10 +90,10 @@ def run(args: argparse.Namespace) -> int:
 def _format_result(result: dict[str, Any]) -> str:
     x, y, width, height = result["region"]
     patterns = result["independent_patterns"]
-    as_many = "no speckle at all" if patterns is None else f"as of {patterns:.2f} independent speckle patterns"
+    equivalent = "no speckle at all" if patterns is None else f"as of {patterns:.2f} independent speckle patterns"
     lines = [
         f"{result['what']}",
-        f"speckle contrast {result['contrast']:.4f} ({as_many})",
+        f"speckle contrast {result['contrast']:.4f} ({equivalent})",
         f"mean {result['mean']:.4g}, standard deviation {result['std']:.4g}, {result['pixels']} pixels: "
         f"{width} x {height} at ({x}, {y})",
         "structure of a picture counts as speckle here: choose a region that should be even",
@@ -100,12 +104,13 @@ def _format_result(result: dict[str, Any]) -> str:
 
 
 def _luminance_image(args: argparse.Namespace) -> LuminanceImage:
+    """Reads the picture, or renders the hologram or the random patterns, that the arguments name."""
     path = Path(args.preset)
-    if path.suffix.lower() == _HOLOGRAM:
+    if path.suffix.lower() == _HOLOGRAM_SUFFIX:
         if args.scheme or args.changes:
             raise UserError("--set or --scheme", "with a hologram file", expected="the bench that it was made for")
         return _of_hologram(load_hologram(path), args.plane, path.name)
-    if path.suffix and path.suffix.lower() != _TOML and args.preset not in preset.names():
+    if path.suffix and path.suffix.lower() != _PRESET_SUFFIX and args.preset not in preset.names():
         return _of_picture(path, args)
     system = system_from_args(args)
     hologram = Hologram(random_drive(system, args.random), system)
@@ -132,7 +137,7 @@ def _of_hologram(hologram: Hologram, plane: str | None, name: str) -> LuminanceI
     return LuminanceImage(view.xyz[0, ..., 1], f"luminance of {name} at {units.format_exact(plane_m, 'mm')}")
 
 
-def _region(text: str) -> Region:
+def _parse_region(text: str) -> Region:
     parts = text.split(",")
     if len(parts) != 4 or not all(part.strip().isdecimal() for part in parts):
         raise UserError("--region", f'"{text}"', expected="x,y,width,height in samples, e.g. 100,80,64,64")
@@ -140,6 +145,6 @@ def _region(text: str) -> Region:
     return x, y, width, height
 
 
-def _write(path: Path, plot: StudyFigure) -> None:
+def _write_plot(path: Path, plot: StudyFigure) -> None:
     with atomic_write(path) as temporary:
         make_figure(plot).savefig(temporary, dpi=150)

@@ -1,6 +1,6 @@
-"""`holoview demo`: a hologram for the shipped picture, and what HoloChrome gains over simultaneous colour.
+"""`holoview demo`: optimises holograms of the shipped picture for HoloChrome and for simultaneous colour, and compares.
 
-Optimises both displays with equal settings, renders every focal plane, and puts them beside the target.
+Both displays are optimised with equal settings. All their focal planes are rendered and shown beside the target.
 """
 
 from __future__ import annotations
@@ -36,15 +36,17 @@ from holoview.util.files import data_dir
 from holoview.view import View, random_drive, simulate
 
 _DISPLAYS = ("holochrome-8", "simultaneous")
-_HEADS = ("target", "HoloChrome, 8 wavelengths", "simultaneous, 3 wavelengths")
+_COLUMN_TITLES = ("target", "HoloChrome, 8 wavelengths", "simultaneous, 3 wavelengths")
 _DEFOCUSED_PLANE_M = 0.014
-_LEAST_SIDE = 16  # the eyebox needs 8 blocks, and there is nothing to see below
-# Details of the still life (x, y, w, h) as shares of the picture: the die in front, the vase behind.
-_FRONT, _BACK = (0.36, 0.68, 0.28, 0.28), (0.70, 0.06, 0.28, 0.28)
+_MIN_SIDE = 16  # pixels: the eyebox is measured in 8 × 8 blocks
+# Regions of the still life (x, y, width, height as shares of the picture): the die in front, the vase behind.
+_WHOLE, _FRONT, _BACK = (0, 0, 1, 1), (0.36, 0.68, 0.28, 0.28), (0.70, 0.06, 0.28, 0.28)
 
 
 @dataclass(frozen=True)
 class _DisplayResult:
+    """One display's hologram, its views at the target's planes and far out of focus, and its scores."""
+
     name: str
     hologram: Hologram
     view: View
@@ -66,34 +68,36 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Runs the demonstration and says what was written and what to try next."""
+    """Runs the demonstration; prints the scores, the files that were written and what to try next."""
     started = time.perf_counter()
     settings = Settings(iterations=args.iterations)
     changes = {"shape": args.shape} if args.shape else {}
     systems = [preset.load(name).edit(changes) for name in _DISPLAYS]
-    _check(args, systems[0])
+    _prepare(args, systems[0])
     target = _still_life(systems[0])
-    shown: list[_DisplayResult] = []
+    results: list[_DisplayResult] = []
     for system in systems:
-        found = optimise_hologram(system, target, settings)
-        if found.interrupted:
+        optimised = optimise_hologram(system, target, settings)
+        if optimised.interrupted:
             raise KeyboardInterrupt
-        found.hologram.save(args.output / f"{system.name}.safetensors")
-        shown.append(_render_display(system.name, found.hologram, target, args))
-    written = [path for display in shown for path in _write_planes(display, args.output)]
+        optimised.hologram.save(args.output / f"{system.name}.safetensors")
+        results.append(_render_display(system.name, optimised.hologram, target, args))
+    written = [path for result in results for path in _write_planes(result, args.output)]
     sheet = args.output / "contact-sheet.png"
     planes = ", ".join(units.format_exact(z, "mm") for z in target.planes_m)
-    write_png(sheet, _sheet(target, shown), {"holoview.preset": ", ".join(_DISPLAYS), "holoview.plane": planes})
-    _say_results(shown, [sheet, *written], args.output, time.perf_counter() - started)
+    write_png(
+        sheet, _contact_sheet(target, results), {"holoview.preset": ", ".join(_DISPLAYS), "holoview.plane": planes}
+    )
+    _print_results(results, [sheet, *written], args.output, time.perf_counter() - started)
     return 0
 
 
-def _check(args: argparse.Namespace, system: holoview.System) -> None:
-    """Refuses now what would otherwise fail after the optimisation: the backend, the size, the folder (made here)."""
+def _prepare(args: argparse.Namespace, system: holoview.System) -> None:
+    """Creates the folder, and raises UserError for a size, backend or file that would fail after the optimisation."""
     check_adapter_applies(args)
     rows, columns = system.modulators[0].shape
-    if min(rows, columns) < _LEAST_SIDE:
-        raise UserError("--shape", f"{rows} {columns}", expected=f"at least {_LEAST_SIDE} rows and columns")
+    if min(rows, columns) < _MIN_SIDE:
+        raise UserError("--shape", f"{rows} {columns}", expected=f"at least {_MIN_SIDE} rows and columns")
     small = system.edit({"shape": [2, 2]})
     open_executor(make_plan(small), random_drive(small), args.backend, args.adapter)
     make_folder(args.output)
@@ -106,29 +110,30 @@ def _still_life(system: holoview.System) -> Target:
 
 
 def _render_display(name: str, hologram: Hologram, target: Target, args: argparse.Namespace) -> _DisplayResult:
-    """Renders all planes and one far out of focus in one go."""
+    """Renders all planes and one far out of focus in one run, and scores the hologram."""
     planes = [*hologram.system.planes_m, _DEFOCUSED_PLANE_M]
-    with progress_bar(f"rendering {name}") as report:
-        everything = simulate(
+    with progress_bar(f"rendering {name}") as progress:
+        view = simulate(
             hologram.system,
             hologram.drive,
             planes,
             args.backend,
             adapter=args.adapter,
-            progress=lambda done, total: report(done, total, "wavelengths"),
+            progress=lambda done, total: progress(done, total, "wavelengths"),
         )
-    view = everything.at(range(len(planes) - 1))
+    focused = view.at(range(len(planes) - 1))
     return _DisplayResult(
         name,
         hologram,
-        view,
-        everything.at([len(planes) - 1]),
-        measure_image_quality(view, target.stack),
-        eyebox_uniformity_of(hologram),
+        focused,
+        defocused_view=view.at([len(planes) - 1]),
+        score=measure_image_quality(focused, target.stack),
+        eyebox=eyebox_uniformity_of(hologram),
     )
 
 
 def _write_planes(display: _DisplayResult, folder: Path) -> list[Path]:
+    """Writes a PNG for each plane; returns their paths."""
     written = []
     for view, note in ((display.view, ""), (display.defocused_view, "-out-of-focus")):
         for i, plane_m in enumerate(view.planes_m):
@@ -140,42 +145,44 @@ def _write_planes(display: _DisplayResult, folder: Path) -> list[Path]:
     return written
 
 
-def _sheet(target: Target, shown: list[_DisplayResult]) -> NDArray[np.uint8]:
-    """Rows: all of the middle plane, the front in focus, the back in focus, and the same detail out of focus."""
+def _contact_sheet(target: Target, results: list[_DisplayResult]) -> NDArray[np.uint8]:
+    """A column for the target and for each display; rows: the middle plane, then regions in and out of focus."""
     last = len(target.planes_m) - 1
-    wanted = to_srgb8(target.stack)
+    target_rgb8 = to_srgb8(target.stack)
     rows = []
-    for plane, region, what in (
-        (last // 2, (0, 0, 1, 1), "all"),
+    for plane, region, name in (
+        (last // 2, _WHOLE, "all"),
         (0, _FRONT, "front"),
         (last, _BACK, "back"),
         (0, _BACK, "back"),
     ):
-        focus = f"{what}, focus at {units.format_rounded(target.planes_m[plane], 'mm')}"
-        row = [CaptionedTile(_crop(wanted[plane], region), focus)]
-        for display in shown:
-            caption = _score_caption(display.score, plane) if what == "all" else focus
-            row.append(CaptionedTile(_crop(display.view.srgb8[plane], region), caption))
+        focus = f"{name}, focus at {units.format_rounded(target.planes_m[plane], 'mm')}"
+        row = [CaptionedTile(_crop(target_rgb8[plane], region), focus)]
+        for result in results:
+            caption = _score_caption(result.score, plane) if region is _WHOLE else focus
+            row.append(CaptionedTile(_crop(result.view.srgb8[plane], region), caption))
         rows.append(row)
-    return contact_sheet("One frame, two phase modulators: what the eye sees", _HEADS, rows)
+    return contact_sheet("One frame, two phase modulators: what the eye sees", _COLUMN_TITLES, rows)
 
 
-def _score_caption(quality: ImageQuality, plane: int) -> str:
-    return f"PSNR {quality.psnr.planes_db[plane]:.1f} dB, speckle contrast {quality.speckle[plane].contrast:.2f}"
+def _score_caption(score: ImageQuality, plane: int) -> str:
+    return f"PSNR {score.psnr.planes_db[plane]:.1f} dB, speckle contrast {score.speckle[plane].contrast:.2f}"
 
 
 def _crop(picture: NDArray[np.uint8], region: tuple[float, float, float, float]) -> NDArray[np.uint8]:
+    """A region of a picture (y, x, 3), given as shares of its width and height."""
     rows, columns = picture.shape[:2]
     x, y, w, h = (round(share * side) for share, side in zip(region, (columns, rows, columns, rows), strict=True))
     return picture[y : y + h, x : x + w]
 
 
-def _say_results(shown: list[_DisplayResult], written: list[Path], folder: Path, seconds: float) -> None:
-    print_stderr(f"rendered by {shown[0].view.backend}; {seconds:.0f} s in all")
+def _print_results(results: list[_DisplayResult], written: list[Path], folder: Path, seconds: float) -> None:
+    print_stderr(f"rendered by {results[0].view.backend}; {seconds:.0f} s in all")
     print(f"{'':<14} {'PSNR':>9} {'lum. PSNR':>10} {'CIEDE2000':>10} {'speckle':>8} {'eyebox':>7}")
-    for d in shown:
-        fidelity = f"{d.score.psnr.mean_db:6.2f} dB {d.score.psnr_luminance.mean_db:7.2f} dB {d.score.delta_e:10.2f}"
-        print(f"{d.name:<14} {fidelity} {d.score.mean_speckle_contrast:8.3f} {d.eyebox.uniformity:7.2f}")
+    for result in results:
+        score = result.score
+        fidelity = f"{score.psnr.mean_db:6.2f} dB {score.psnr_luminance.mean_db:7.2f} dB {score.delta_e:10.2f}"
+        print(f"{result.name:<14} {fidelity} {score.mean_speckle_contrast:8.3f} {result.eyebox.uniformity:7.2f}")
     print("\nwritten:")
     for path in written:
         print(f"  {path}")

@@ -1,7 +1,8 @@
-"""`holoview export HOLOGRAM`: its patterns as PNG, one a frame and modulator, to drive real modulators.
+"""`holoview export HOLOGRAM`: writes its patterns as PNG, one for each frame and modulator, to drive real modulators.
 
-Three forms: grey values 0…max for 0…stroke; level numbers in rising order of optical path (`--levels`), what drivers
-call the state index; or the memory cells of a device (`--cells p67`), black 0 and white 1, in the order of `plm`.
+A pixel holds one of three things: a grey value from 0 to the maximum for an optical path from 0 to the stroke; with
+`--levels` the number of its level, in rising order of optical path, which drivers call the state index; with
+`--cells p67` the memory cells of a device, black for 0 and white for 1, in the order of `holoview.io.plm`.
 """
 
 from __future__ import annotations
@@ -42,14 +43,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Writes slm1.png, slm2.png, or slm1-frame0.png … with several frames."""
+    """Writes slm1.png, slm2.png, or slm1-frame0.png … with several frames, and prints their paths."""
     hologram = load_hologram(args.hologram)
     modulators = hologram.system.modulators
-    numbered = "--levels" if args.levels else "--cells" if args.cells else None
-    if numbered and any(modulator.levels is None for modulator in modulators):
-        raise UserError(
-            numbered, "the modulators are continuous", expected="modulators with levels", remedy="leave it out"
-        )
+    flag = "--levels" if args.levels else "--cells" if args.cells else None
+    if flag and any(modulator.levels is None for modulator in modulators):
+        raise UserError(flag, "the modulators are continuous", expected="modulators with levels", remedy="leave it out")
     if args.cells:
         _check_cells(args.cells, modulators)
     make_folder(args.png)
@@ -69,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_cells(device: str, modulators: tuple[Modulator, ...]) -> None:
-    """Refuses an unknown device, and modulators whose levels aren't as many as the device has."""
+    """Raises UserError for an unknown device, or modulators with another number of levels than the device."""
     memory_cells(np.zeros((1, 1), dtype=np.int64), device)
     count = len(CELL_MAPS[device].level_codes)
     for modulator in modulators:
@@ -78,7 +77,7 @@ def _check_cells(device: str, modulators: tuple[Modulator, ...]) -> None:
 
 
 def _level_number_image(pattern: NDArray[np.float32], modulator: Modulator) -> NDArray[np.uint8 | np.uint16]:
-    """Level number (y, x) of each pixel."""
+    """The number of the level of each pixel, (y, x), for a pattern of fractions of the stroke."""
     assert modulator.levels is not None
     numbers = level_numbers(torch.from_numpy(pattern).double(), modulator).numpy()
     return numbers.astype(np.uint8 if len(modulator.levels) <= 256 else np.uint16)

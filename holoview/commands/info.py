@@ -1,4 +1,4 @@
-"""`holoview info PRESET`: the numbers that a bench implies."""
+"""`holoview info PRESET`: prints numbers that follow from a bench: cut-offs, sampling, diffraction angles, memory."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from holoview.model import preset
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
     add_system(parser)
-    shown = parser.add_mutually_exclusive_group()
-    shown.add_argument("--json", action="store_true", help="machine-readable output")
-    shown.add_argument("--toml", action="store_true", help="the whole preset, to start your own from")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="machine-readable output")
+    form.add_argument("--toml", action="store_true", help="the whole preset, to start your own from")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Prints the facts under their headings."""
+    """Prints the numbers under their headings, or as JSON, or the whole preset as TOML."""
     system = system_from_args(args)
     if args.toml:
         print(preset.dumps(system), end="")
         return 0
-    derived = info_rows(system)
+    rows = info_rows(system)
     if args.json:
         table: dict[str, dict[str, str]] = {}
-        for fact in derived:
-            table.setdefault(fact.heading, {})[fact.name] = fact.text
+        for row in rows:
+            table.setdefault(row.heading, {})[row.name] = row.text
         print(json.dumps(table, indent=2, ensure_ascii=False))
         return 0
     print(f"{system.name}: {system.description}")
-    for heading, group in groupby(derived, key=lambda fact: fact.heading):
+    for heading, group in groupby(rows, key=lambda row: row.heading):
         print(f"\n{heading}")
-        for fact in group:
-            print(f"  {fact.name:<32}  {fact.text}")
+        for row in group:
+            print(f"  {row.name:<32}  {row.text}")
     return 0

@@ -1,4 +1,4 @@
-"""`holoview optimise PRESET TARGET`: patterns and laser amplitudes that show a target, as a hologram file."""
+"""`holoview optimise PRESET TARGET`: finds patterns and laser amplitudes that show a target; writes a hologram file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from holoview.commands.optimise_options import (
     run_options_from_args,
     settings_from_args,
 )
-from holoview.commands.optimise_score import format_scores, score_hologram
+from holoview.commands.optimise_score import format_scores, render_for_score, score_hologram
 from holoview.commands.output_files import check_output_file
 from holoview.io.hologram import Hologram
 from holoview.io.png import write_png
@@ -36,7 +36,7 @@ from holoview.targets.focal_stack import Target
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
 
-_PREVIEW_EVERY_S = 2.0
+_PREVIEW_INTERVAL_S = 2.0
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -45,74 +45,78 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Optimises, saves (also after Ctrl-C: the best so far), and scores on the preset's own grid."""
+    """Optimises, saves and scores the hologram. After Ctrl-C it saves the best so far, without a score."""
     system = system_from_args(args)
     warn_of_camera_effects(system)
     output = args.output or Path(f"{system.name or 'hologram'}-{Path(args.target).stem}.safetensors")
     check_output_file(output, ".safetensors")
-    settings, how = settings_from_args(args, system), run_options_from_args(args)
+    settings, options = settings_from_args(args, system), run_options_from_args(args)
     source = TargetSource(args, system)
     target = source.build()
-    with torchrun_group(how.device) if how.sharded else nullcontext(SINGLE_PROCESS) as team:
-        found = optimise_hologram(system, target, settings, how, team)
-    if not team.is_main:
-        return EXIT_INTERRUPTED if found.interrupted else 0
-    found.hologram.save(output)
-    if found.interrupted:
-        print_stderr(f"interrupted after iteration {found.state.iteration}: the best so far is kept in {output}")
+    with torchrun_group(options.device) if options.sharded else nullcontext(SINGLE_PROCESS) as group:
+        result = optimise_hologram(system, target, settings, options, group)
+    if not group.is_main:
+        return EXIT_INTERRUPTED if result.interrupted else 0
+    result.hologram.save(output)
+    if result.interrupted:
+        print_stderr(f"interrupted after iteration {result.state.iteration}: the best so far is kept in {output}")
         return EXIT_INTERRUPTED
-    _report(args, output, found, score_hologram(found.hologram, source, settings.region))
+    images = render_for_score(result.hologram, source)
+    try:
+        scores = score_hologram(result.hologram, images, settings.region)
+    except UserError as error:
+        print_stderr(f"note: {output} is saved but can't be scored: {error}")
+        scores = {}
+    _print_result(args, output, result, scores)
     return 0
 
 
 @dataclass(frozen=True)
 class OptimisationResult:
-    """What an optimisation ended with; `interrupted` by Ctrl-C."""
+    """The best hologram, the last state, and whether Ctrl-C ended the optimisation."""
 
     hologram: Hologram
     state: IterationState
     interrupted: bool
 
 
-_DEFAULT_OPTIONS = RunOptions()
+_DEFAULT_RUN_OPTIONS = RunOptions()
 
 
 def optimise_hologram(
     system: System,
     target: Target,
     settings: Settings,
-    options: RunOptions = _DEFAULT_OPTIONS,
+    options: RunOptions = _DEFAULT_RUN_OPTIONS,
     process_group: ProcessGroup = SINGLE_PROCESS,
 ) -> OptimisationResult:
-    """Runs the optimisation under a progress bar; Ctrl-C ends it with the best so far, for the whole team.
+    """Runs the optimisation with a progress bar.
 
-    On the grid "compact" it pads by the walk-off only; the hologram keeps the system's own sampling.
+    process_group: of the processes that share the lasers. Ctrl-C or a limit in one of them ends the loop in all, after
+    the same iteration.
+
+    With `options.grid` "compact" the grid is padded by the walk-off only while optimising; the hologram has the
+    system's own sampling. Raises UserError if the checkpoint to resume has no iteration left.
     """
-    on = with_compact_grid(system) if options.grid == "compact" else system
-    state: IterationState | None = None
+    optimised_system = with_compact_grid(system) if options.grid == "compact" else system
     start = None if options.initial_hologram is None else options.initial_hologram.drive
+    files = _IntermediateFiles(options)
+    state: IterationState | None = None
     interrupted = False
-    with deferred_interrupt() as asked, _leader_progress(system, process_group) as report:
-        saved = shown = time.monotonic()
+    with deferred_interrupt() as is_interrupted, _main_process_progress(system, process_group) as progress:
         for state in iterate(
-            on, target.stack, settings, start, options.resume, device=options.device, team=process_group
+            optimised_system, target.stack, settings, start, options.resume, device=options.device, team=process_group
         ):
-            report(state.iteration, state.iterations, _progress_note(state))
-            interrupted = process_group.any_rank(asked())
-            enough = (
+            progress(state.iteration, state.iterations, _progress_note(state))
+            interrupted = process_group.any_rank(is_interrupted())
+            stops = (
                 interrupted
                 or state.best_psnr_db >= options.stop_psnr_db
                 or process_group.any_rank(state.seconds >= options.time_limit_s)
             )
-            ends = enough or state.iteration == state.iterations
-            now = time.monotonic()
-            if process_group.is_main and (ends or now - saved >= options.checkpoint_interval_s):
-                _write_or_warn("checkpoint", options.checkpoint, state, lambda s, path: s.checkpoint().save(path))
-                saved = now
-            if process_group.is_main and (ends or state.iteration == 0 or now - shown >= _PREVIEW_EVERY_S):
-                _write_or_warn("preview", options.preview, state, _write_preview)
-                shown = now
-            if enough:
+            if process_group.is_main:
+                files.write_due(state, is_last=stops or state.iteration == state.iterations)
+            if stops:
                 break
     if state is None:
         raise UserError("--resume", "the checkpoint is of a finished optimisation", expected="one with iterations left")
@@ -120,19 +124,37 @@ def optimise_hologram(
     return OptimisationResult(Hologram(state.best.drive, best), state, interrupted)
 
 
-def _leader_progress(system: System, team: ProcessGroup) -> AbstractContextManager[ProgressCallback]:
-    """A progress bar of the process that leads."""
-    return progress_bar(f"optimising {system.name}") if team.is_main else nullcontext(lambda done, total, note: None)
+def _main_process_progress(system: System, group: ProcessGroup) -> AbstractContextManager[ProgressCallback]:
+    """A progress bar in the main process, nothing in the others."""
+    return progress_bar(f"optimising {system.name}") if group.is_main else nullcontext(lambda done, total, note: None)
 
 
 def _progress_note(state: IterationState) -> str:
     return f"loss {state.loss:.4g} PSNR {state.best_psnr_db:.2f} dB eyebox variation {state.eyebox:.2f}"
 
 
+class _IntermediateFiles:
+    """The checkpoint and the preview that are written from time to time while the optimisation runs."""
+
+    def __init__(self, options: RunOptions) -> None:
+        self._options = options
+        self._checkpoint_time = self._preview_time = time.monotonic()
+
+    def write_due(self, state: IterationState, *, is_last: bool) -> None:
+        """Writes the files whose interval is over, and all of them after the last iteration."""
+        now = time.monotonic()
+        if is_last or now - self._checkpoint_time >= self._options.checkpoint_interval_s:
+            _write_or_warn("checkpoint", self._options.checkpoint, state, lambda s, path: s.checkpoint().save(path))
+            self._checkpoint_time = now
+        if is_last or state.iteration == 0 or now - self._preview_time >= _PREVIEW_INTERVAL_S:
+            _write_or_warn("preview", self._options.preview, state, _write_preview)
+            self._preview_time = now
+
+
 def _write_or_warn(
     what: str, path: Path | None, state: IterationState, write: Callable[[IterationState, Path], None]
 ) -> None:
-    """A file on the way that can't be written is no reason to lose the optimisation: the one before stays."""
+    """Writes a file if it was asked for; a failure only prints a note, because the optimisation isn't affected."""
     if path is None:
         return
     try:
@@ -146,12 +168,9 @@ def _write_preview(state: IterationState, path: Path) -> None:
     write_png(path, to_srgb8(state.picture()), texts)
 
 
-def _report(args: argparse.Namespace, output: Path, found: OptimisationResult, scores: dict[str, Any] | str) -> None:
-    """What was written and how good it is."""
-    state, system = found.state, found.hologram.system
-    if isinstance(scores, str):
-        print_stderr(f"note: {output} is saved but can't be scored: {scores}")
-        scores = {}
+def _print_result(args: argparse.Namespace, output: Path, result: OptimisationResult, scores: dict[str, Any]) -> None:
+    """Prints the file that was written and its scores, as JSON or as text."""
+    state, system = result.state, result.hologram.system
     wavelengths = [round(float(λ) * 1e9, 3) for λ in system.wavelengths_m]
     if args.json:
         table = {"preset": system.name, "file": str(output), "iterations": state.iteration}

@@ -1,4 +1,4 @@
-"""The arguments of `holoview optimise`, and what they mean: target, settings, and how to run."""
+"""Arguments of `holoview optimise`, and the target, settings and run options that they describe."""
 
 from __future__ import annotations
 
@@ -29,13 +29,20 @@ from holoview.targets.target import Placement, target_for
 from holoview.util import units
 from holoview.util.errors import UserError
 
-_LEAST_BRIGHTNESS = 1e-6
-_PLAIN = Settings()
+_MIN_BRIGHTNESS = 1e-6  # and the maximum is its inverse
+_DEFAULTS = Settings()
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How to run an optimisation: where, from where, until when, and what it writes on the way."""
+    """How to run an optimisation: device, start, stopping criteria, and files that are written meanwhile.
+
+    grid: "compact" pads the simulation only by the walk-off of the light, "preset" as the bench says.
+    device: of torch. sharded: whether the processes that torchrun started share the lasers.
+    initial_hologram: its patterns are the initial ones. resume: a checkpoint to continue from.
+    checkpoint, preview: files to write; checkpoint_interval_s: least time between two checkpoints.
+    stop_psnr_db: PSNR at which to stop. time_limit_s: time after which to stop.
+    """
 
     grid: str = "compact"
     device: str = "cpu"
@@ -50,7 +57,7 @@ class RunOptions:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Adds every argument."""
+    """Adds all arguments of the command."""
     add_system(parser)
     _add_target(parser.add_argument_group("target"))
     _add_objective(parser.add_argument_group("what is sought"))
@@ -79,7 +86,10 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
         help="; ".join(f"{name}: {loss.description}" for name, loss in LOSS_SPACES.items()),
     )
     group.add_argument(
-        "--free", metavar="A,B", default=",".join(_PLAIN.free), help=f"of {', '.join(VARIABLES)} (patterns,amplitudes)"
+        "--free",
+        metavar="A,B",
+        default=",".join(_DEFAULTS.free),
+        help=f"of {', '.join(VARIABLES)} (patterns,amplitudes)",
     )
     group.add_argument("--eyebox", metavar="WEIGHT", type=float, default=0.0, help="even out the eyebox, e.g. 0.01 (0)")
     group.add_argument("--region", metavar="X,Y,W,H", help="samples of the simulated picture that count; all if absent")
@@ -90,9 +100,9 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
 
 
 def _add_running(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--iterations", type=int, default=_PLAIN.iterations)
+    group.add_argument("--iterations", type=int, default=_DEFAULTS.iterations)
     group.add_argument(
-        "--step", metavar="RAD", type=float, default=_PLAIN.step_rad, help="first step of the patterns' phase"
+        "--step", metavar="RAD", type=float, default=_DEFAULTS.step_rad, help="first step of the patterns' phase"
     )
     group.add_argument("--seed", type=parse_seed, default=0, help="of the random phase to begin with")
     group.add_argument(
@@ -123,16 +133,16 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
 
 
 def settings_from_args(args: argparse.Namespace, system: System) -> Settings:
-    """The settings that the arguments describe. Raises UserError for what makes no sense."""
+    """The settings of the optimiser. Raises UserError for values outside their ranges."""
     low, high = args.wavelength_range
-    weights = None if args.plane_weights is None else tuple(_numbers(args.plane_weights, "--plane-weights"))
+    weights = None if args.plane_weights is None else tuple(_parse_numbers(args.plane_weights, "--plane-weights"))
     return Settings(
         iterations=args.iterations,
         step_rad=args.step,
         seed=args.seed,
         free=tuple(name.strip() for name in args.free.split(",") if name.strip()),
         loss=args.loss,
-        region=_region(args, system),
+        region=_parse_region(args, system),
         plane_weights=weights,
         eyebox=args.eyebox,
         begin=args.begin,
@@ -141,12 +151,13 @@ def settings_from_args(args: argparse.Namespace, system: System) -> Settings:
     )
 
 
-def _region(args: argparse.Namespace, system: System) -> Region | None:
+def _parse_region(args: argparse.Namespace, system: System) -> Region | None:
+    """The region that --region or --margin describes; None for the whole image."""
     rows, columns = make_plan(system).grid.shape
     if args.region is not None:
         if args.margin:
             raise UserError("--margin with --region", "contradict each other", expected="one of them")
-        numbers = _numbers(args.region, "--region")
+        numbers = _parse_numbers(args.region, "--region")
         if len(numbers) != 4 or any(number != int(number) for number in numbers):
             raise UserError("--region", args.region, expected="X,Y,W,H in whole samples")
         x, y, width, height = (int(number) for number in numbers)
@@ -157,7 +168,8 @@ def _region(args: argparse.Namespace, system: System) -> Region | None:
     return (margin, margin, columns - 2 * margin, rows - 2 * margin) if margin else None
 
 
-def _numbers(text: str, flag: str) -> list[float]:
+def _parse_numbers(text: str, flag: str) -> list[float]:
+    """Numbers that are separated by commas. flag: for the error message."""
     try:
         return [float(part) for part in text.split(",")]
     except ValueError as error:
@@ -165,11 +177,17 @@ def _numbers(text: str, flag: str) -> list[float]:
 
 
 class TargetSource:
-    """The target that the arguments describe, at any planes: pictures can be had between those that are optimised."""
+    """The target that the arguments describe.
+
+    A picture is read once and can be turned into a focal stack at any planes, so that a hologram can be scored between
+    the planes that it was optimised for. A target that is a focal stack (`is_stack`) has its own planes.
+
+    Raises UserError for arguments that contradict each other and files that can't be read.
+    """
 
     def __init__(self, args: argparse.Namespace, system: System) -> None:
-        if not _LEAST_BRIGHTNESS <= args.brightness <= 1 / _LEAST_BRIGHTNESS:
-            expected = f"a factor from {_LEAST_BRIGHTNESS:g} to {1 / _LEAST_BRIGHTNESS:g}"
+        if not _MIN_BRIGHTNESS <= args.brightness <= 1 / _MIN_BRIGHTNESS:
+            expected = f"a factor from {_MIN_BRIGHTNESS:g} to {1 / _MIN_BRIGHTNESS:g}"
             raise UserError("--brightness", f"{args.brightness:g}", expected=expected)
         if args.depth is None and (args.near is not None or args.far is not None):
             raise UserError("--near/--far", "without --depth", expected="a depth map, or --at for one distance")
@@ -178,10 +196,10 @@ class TargetSource:
         if self.is_stack and (args.depth is not None or args.at is not None):
             raise UserError("--depth/--at", "with a focal stack", expected="a picture, or neither of them")
         self._notes_printed = False
-        self._picture = None if self.is_stack else self._read()
+        self._picture = None if self.is_stack else self._read_picture()
 
     def build(self, planes_m: NDArray[np.float64] | None = None) -> Target:
-        """The target at the system's planes, or at others if it isn't a ready stack."""
+        """The target at the system's planes, or at others (m) if the target isn't a focal stack."""
         args = self._args
         if self._picture is None:
             stack = target_from_stack(
@@ -191,24 +209,26 @@ class TargetSource:
                 print_stderr(f"note: {args.target}: {note}")
             self._notes_printed = True
             return stack
-        placement = Placement(self._length("at"), args.depth, self._length("near"), self._length("far"))
+        placement = Placement(
+            self._parse_length("at"), args.depth, self._parse_length("near"), self._parse_length("far")
+        )
         return target_for(
             self._system, self._picture, placement, args.brightness, saturation=args.saturation, planes=planes_m
         )
 
-    def _read(self) -> Picture:
+    def _read_picture(self) -> Picture:
         picture = read_picture(self._args.target, space=self._args.space)
         for note in picture.notes:
             print_stderr(f"note: {self._args.target}: {note}")
         return picture
 
-    def _length(self, flag: str) -> float | None:
+    def _parse_length(self, flag: str) -> float | None:
         text = getattr(self._args, flag)
         return None if text is None else units.parse(text, f"--{flag}")
 
 
 def run_options_from_args(args: argparse.Namespace) -> RunOptions:
-    """The run that the arguments describe; UserError for limits that make no sense and files that can't serve."""
+    """How to run. Raises UserError for limits that aren't positive and files that can't be read or written."""
     for flag in ("checkpoint_every", "time", "until_psnr"):
         if not getattr(args, flag) > 0:
             raise UserError(f"--{flag.replace('_', '-')}", f"{getattr(args, flag):g}", expected="a positive number")
@@ -218,11 +238,10 @@ def run_options_from_args(args: argparse.Namespace) -> RunOptions:
     for path, suffix in ((checkpoint, ".safetensors"), (args.preview, ".png")):
         if path is not None:
             check_output_file(path, suffix)
+    device = resolve_torch_device(args.device)
     return RunOptions(
         grid=args.grid,
-        device=device_for_rank(resolve_torch_device(args.device))
-        if args.sharded
-        else resolve_torch_device(args.device),
+        device=device_for_rank(device) if args.sharded else device,
         sharded=args.sharded,
         initial_hologram=None if args.start is None else load_hologram(args.start),
         resume=None if args.resume is None else load_checkpoint(args.resume),

@@ -1,7 +1,8 @@
-"""How good an optimised hologram is, on the preset's own grid: at the planes it was made for and between them."""
+"""Scores an optimised hologram on the preset's own grid, at its planes and halfway between them."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,30 +18,50 @@ from holoview.metrics.image_quality import (
     plane_midpoints,
 )
 from holoview.model.system import System
-from holoview.numerics.image_region import Region
+from holoview.numerics.image_region import Region, region_slices
 from holoview.util import units
-from holoview.util.errors import UserError
 from holoview.view import View, simulate
 
 Floats = NDArray[np.floating]
 
 
-def score_hologram(hologram: Hologram, source: TargetSource, region: Region | None) -> dict[str, Any] | str:
-    """Scores inside the region that was optimised; in words why there are none, e.g. of 4 x 4 pixels.
+@dataclass(frozen=True)
+class ScoredImages:
+    """What an observer sees of a hologram, and the target, at the planes of its bench and at held-out planes.
 
-    Held-out planes lie halfway between neighbours; a ready stack has no pictures for them.
+    view: at all planes, the held-out ones last. target: (plane, y, x, 3), linear sRGB, at the same planes.
+    held_out_m: distances of the held-out planes, for which the patterns weren't optimised.
     """
-    planes = hologram.system.planes_m
-    held_out = np.array([]) if source.is_stack else plane_midpoints(planes)
-    every = np.concatenate([planes, held_out])
-    stack = source.build(None if source.is_stack else every).stack
-    view = simulate(hologram.system, hologram.drive, every, backend="torch")
-    try:
-        quality = _score(view.at(range(len(planes))), stack[: len(planes)], region)
-        eyebox = eyebox_uniformity_of(hologram)
-        between = [_score(view.at([i]), stack[i : i + 1], region) for i in range(len(planes), len(every))]
-    except UserError as error:
-        return str(error)
+
+    view: View
+    target: Floats
+    held_out_m: NDArray[np.float64]
+
+
+def render_for_score(hologram: Hologram, source: TargetSource) -> ScoredImages:
+    """Renders a hologram at its planes and halfway between neighbouring ones.
+
+    A target that is a focal stack has no images between its planes, so that no plane is held out.
+    """
+    planes_m = hologram.system.planes_m
+    held_out_m = np.array([]) if source.is_stack else plane_midpoints(planes_m)
+    all_m = np.concatenate([planes_m, held_out_m])
+    target = source.build(None if source.is_stack else all_m).stack
+    return ScoredImages(simulate(hologram.system, hologram.drive, all_m, backend="torch"), target, held_out_m)
+
+
+def score_hologram(hologram: Hologram, images: ScoredImages, region: Region | None) -> dict[str, Any]:
+    """The scores of a hologram as JSON keys and values.
+
+    region: x, y, width, height in samples, inside which images are compared; None for all of them.
+
+    Raises UserError when an image is too small for one of the scores.
+    """
+    view, target, held_out = images.view, images.target, images.held_out_m
+    count = len(view.planes_m) - len(held_out)
+    quality = _measure(view.at(range(count)), target[:count], region)
+    eyebox = eyebox_uniformity_of(hologram)
+    between = [_measure(view.at([i]), target[i : i + 1], region) for i in range(count, len(view.planes_m))]
     return {
         "psnr_db": quality.psnr.mean_db,
         "psnr_planes_db": list(quality.psnr.planes_db),
@@ -57,7 +78,7 @@ def score_hologram(hologram: Hologram, source: TargetSource, region: Region | No
 
 
 def format_scores(scores: dict[str, Any], system: System) -> list[str]:
-    """The scores as lines for people."""
+    """The scores of `score_hologram` as lines of text; none for no scores."""
     if not scores:
         return []
     lines = [
@@ -75,15 +96,14 @@ def format_scores(scores: dict[str, Any], system: System) -> list[str]:
     ]
 
 
-def _score(view: View, stack: Floats, region: Region | None) -> ImageQuality:
+def _measure(view: View, target: Floats, region: Region | None) -> ImageQuality:
+    """Quality of a view beside its target (plane, y, x, 3) inside a region."""
     if region is not None:
-        x, y, width, height = region
-        view, stack = view.cropped(region), stack[:, y : y + height, x : x + width]
-    return measure_image_quality(view, stack, _speckle_region(stack))
+        view, target = view.cropped(region), target[:, *region_slices(region)]
+    return measure_image_quality(view, target, _speckle_region(target))
 
 
-def _speckle_region(stack: Floats) -> Region | None:
-    """Where to judge speckle: the central half, or everything when that is black in some plane."""
-    x, y, w, h = central_region(stack.shape[1:3])
-    lit = stack[:, y : y + h, x : x + w].any(axis=(1, 2, 3)).all()
-    return None if lit else (0, 0, stack.shape[2], stack.shape[1])
+def _speckle_region(target: Floats) -> Region | None:
+    """The region for the speckle contrast: None for the central half, or all of it if that is black in some plane."""
+    lit = target[:, *region_slices(central_region(target.shape[1:3]))].any(axis=(1, 2, 3)).all()
+    return None if lit else (0, 0, target.shape[2], target.shape[1])

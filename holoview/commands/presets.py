@@ -1,4 +1,4 @@
-"""`holoview presets`: the benches that come with holoview, a line each."""
+"""`holoview presets`: lists the presets that come with holoview, with a line of description each."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Prints name and description of every preset."""
-    described = {name: preset.load(name).description for name in preset.names()}
+    """Prints name and description of every shipped preset."""
+    descriptions = {name: preset.load(name).description for name in preset.names()}
     if args.json:
-        print(json.dumps(described, indent=2, ensure_ascii=False))
+        print(json.dumps(descriptions, indent=2, ensure_ascii=False))
         return 0
-    width = max(map(len, described))
-    for name, description in described.items():
+    width = max(map(len, descriptions))
+    for name, description in descriptions.items():
         print(f"{name:<{width}}  {description}")
     return 0

@@ -1,4 +1,4 @@
-"""`holoview render PRESET`: what an observer sees of a hologram at a focal plane, as PNG."""
+"""`holoview render PRESET`: renders what an observer sees of a hologram at focal planes, as PNG."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.view import View, random_drive, simulate
 
-_MOST_STOPS = 60  # 2^60 is past anything to see, and its square still far inside a float64
+_MAX_STOPS = 60  # 2^60 exceeds any brightness to see, and its square is still far inside the range of float64
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -59,34 +59,30 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Renders and writes one PNG a plane."""
+    """Renders, writes a PNG for each plane, and prints their names with the speckle contrast."""
     system, drive = _system_and_drive(args)
     warn_of_camera_effects(system)
-    planes_m = _planes(args.plane, system)
+    planes_m = _parse_planes(args.plane, system)
     output = args.output or Path(f"{system.name or 'holoview'}.png")
     check_output_file(output, ".png")
     check_adapter_applies(args)
-    if not abs(args.exposure) <= _MOST_STOPS:
-        raise UserError("--exposure", f"{args.exposure:g}", expected=f"from -{_MOST_STOPS} to {_MOST_STOPS} stops")
+    if not abs(args.exposure) <= _MAX_STOPS:
+        raise UserError("--exposure", f"{args.exposure:g}", expected=f"from -{_MAX_STOPS} to {_MAX_STOPS} stops")
     started = time.perf_counter()
-    with progress_bar("rendering") as report:
+    with progress_bar("rendering") as progress:
         view = simulate(
             system,
             drive,
             planes_m,
             args.backend,
             adapter=args.adapter,
-            progress=lambda n, total: report(n, total, "wavelengths"),
+            progress=lambda done, total: progress(done, total, "wavelengths"),
         )
     seconds = time.perf_counter() - started
-    files = _write(view.exposed(args.exposure), system, output, args.exposure)
+    files = _write_planes(view.exposed(args.exposure), system, output, args.exposure)
     if args.json:
-        print(
-            json.dumps(
-                {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files},
-                indent=2,
-            )
-        )
+        result = {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files}
+        print(json.dumps(result, indent=2))
     else:
         print(f"backend: {view.backend} ({seconds:.2f} s)")
         for entry in files:
@@ -97,14 +93,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _system_and_drive(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
-    """The bench and the patterns on it, from whichever of the sources was named."""
+    """The bench and its patterns (frame, modulator, y, x), from a hologram file, pattern images, or at random."""
     named = [flag for flag in ("hologram", "slm1", "random") if getattr(args, flag) is not None]
     if len(named) > 1:
         raise UserError(f"--{named[0]} with --{named[1]}", "contradict each other", expected="one of them")
     if args.slm2 and not args.slm1:
         raise UserError("--slm2", "without --slm1", expected="a pattern for each modulator")
     if args.hologram:
-        return _hologram(args)
+        return _system_and_drive_of_hologram(args)
     if args.preset is None:
         raise UserError(
             "PRESET",
@@ -114,15 +110,15 @@ def _system_and_drive(args: argparse.Namespace) -> tuple[System, NDArray[np.floa
         )
     system = system_from_args(args)
     if args.slm1:
-        return system, _patterns(args, system)
+        return system, _read_patterns(args, system)
     return system, random_drive(system, args.random or 0)
 
 
-def _hologram(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
-    """A hologram file on its own bench, or with its lasers on the named one."""
+def _system_and_drive_of_hologram(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
+    """The patterns of a hologram file, and its own bench or the preset with the hologram's lasers."""
     if args.scheme is not None:
         raise UserError("--scheme", "with --hologram", expected="the lasers and frames that the hologram was made for")
-    effects = parse_effects(args.switched_on)  # first: the hologram's bench may hold effects of one's own
+    effects = parse_effects(args.switched_on)  # first: the hologram's bench may name effects of the user's files
     hologram = load_hologram(args.hologram)
     system = hologram.system
     if args.preset is not None:
@@ -140,26 +136,27 @@ def _hologram(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
         ) from error
 
 
-def _patterns(args: argparse.Namespace, system: System) -> NDArray[np.float32]:
+def _read_patterns(args: argparse.Namespace, system: System) -> NDArray[np.float32]:
+    """The patterns of --slm1 and --slm2, (frame, modulator, y, x). Raises UserError for too few or too many files."""
     groups = [args.slm1] + ([args.slm2] if args.slm2 else [])
     frames, modulators = system.drive_shape[:2]
     if len(groups) != modulators or any(len(group) != frames for group in groups):
         found = " and ".join(f"{len(group)} for modulator {i}" for i, group in enumerate(groups, 1))
-        wanted = " and ".join(f"{frames} for --slm{i + 1}" for i in range(modulators))
-        raise UserError("patterns", found, expected=f"{wanted}: one a frame, for each modulator of {system.name}")
+        expected = " and ".join(f"{frames} for --slm{i + 1}" for i in range(modulators))
+        raise UserError("patterns", found, expected=f"{expected}: one a frame, for each modulator of {system.name}")
     shape = system.modulators[0].shape
     return np.stack([np.stack([read_pattern(path, shape) for path in group]) for group in groups], axis=1)
 
 
-def _planes(asked: list[str] | None, system: System) -> NDArray[np.float64]:
-    """The distances asked for, each once; "all" stands for the bench's own."""
-    if not asked:
+def _parse_planes(texts: list[str] | None, system: System) -> NDArray[np.float64]:
+    """The distances of --plane in m, each once; "all" stands for the bench's planes, no text for the middle one."""
+    if not texts:
         return system.planes_m[len(system.planes_m) // 2 :][:1]
-    planes_m = [z for text in asked for z in (system.planes_m if text == "all" else [_plane(text)])]
+    planes_m = [z for text in texts for z in (system.planes_m if text == "all" else [_parse_plane(text)])]
     return np.array(list(dict.fromkeys(planes_m)))
 
 
-def _plane(text: str) -> float:
+def _parse_plane(text: str) -> float:
     distance_m = units.parse(text, "--plane")
     if distance_m < 0:
         raise UserError(
@@ -168,8 +165,12 @@ def _plane(text: str) -> float:
     return distance_m
 
 
-def _write(view: View, system: System, output: Path, exposure: float) -> list[dict[str, Any]]:
-    written = []
+def _write_planes(view: View, system: System, output: Path, exposure: float) -> list[dict[str, Any]]:
+    """Writes a PNG for each plane of a view; returns plane, file, contrast and mean luminance of each, for JSON.
+
+    exposure: stops by which the view was brightened, for the file's metadata.
+    """
+    files = []
     for i, plane_m in enumerate(view.planes_m):
         plane = units.format_exact(float(plane_m), "mm")
         path = output if len(view.planes_m) == 1 else path_with_suffix(output, plane.replace(" ", ""))
@@ -182,15 +183,15 @@ def _write(view: View, system: System, output: Path, exposure: float) -> list[di
         }
         luminance = view.xyz[i, ..., 1]
         write_png(path, view.srgb8[i], texts)
-        numbers = {"speckle_contrast": _contrast(luminance), "mean_luminance": float(luminance.mean())}
-        written.append({"plane": plane, "file": str(path), **numbers})
+        figures = {"speckle_contrast": _speckle_contrast(luminance), "mean_luminance": float(luminance.mean())}
+        files.append({"plane": plane, "file": str(path), **figures})
     if np.all(view.srgb8 == 0):
         print_stderr("note: every picture is black; raise --exposure or the laser amplitudes")
-    return written
+    return files
 
 
-def _contrast(luminance: NDArray[np.floating]) -> float | None:
-    """Speckle contrast of the central half; None where there is no light."""
+def _speckle_contrast(luminance: NDArray[np.floating]) -> float | None:
+    """Speckle contrast of the central half of an image (y, x); None if it is dark or too small."""
     try:
         return speckle_contrast(luminance, region=central_region(luminance.shape)).contrast
     except UserError:

@@ -1,4 +1,4 @@
-"""`holoview study NAME`: a figure of the paper with the numbers behind it, made again by a command."""
+"""`holoview study NAME`: reproduces a figure of the HoloChrome paper, with the numbers behind it, as a report."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from holoview.study.scale import QUICK, SCALES
 from holoview.study.store import ResultStore
 from holoview.util.errors import UserError
 
-_MOST_WORKERS = 1024
+_MAX_WORKERS = 1024
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Does the jobs that aren't done yet, and writes the report."""
+    """Runs the jobs that aren't done yet, writes the report and prints the findings. Ctrl-C keeps finished jobs."""
     if args.list:
         width = max(map(len, studies_by_name()))
         for study in studies_by_name().values():
@@ -43,18 +43,19 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if args.name is None:
         raise UserError("study", "which one?", expected=", ".join(studies_by_name()), remedy="`holoview study --list`")
-    study, scale, where = find_study(args.name), SCALES[args.scale or "middle"], _executor_options(args)
+    study, scale = find_study(args.name), SCALES[args.scale or "middle"]
+    target = _execution_target(args)
     folder = args.output or Path("out") / f"study-{study.name}"
     make_folder(folder)
     jobs, started = study.jobs(scale, args.seed), time.monotonic()
     store = ResultStore(folder / "jobs")
     try:
-        with progress_bar(study.name) as report:
-            results = run_jobs(study, jobs, store, where, report)
+        with progress_bar(study.name) as progress:
+            results = run_jobs(study, jobs, store, target, progress)
     except KeyboardInterrupt:
-        kept = sum(store.load(job) is not None for job in jobs)
+        done = sum(store.load(job) is not None for job in jobs)
         print_stderr(
-            f"interrupted: {kept} of {len(jobs)} jobs are done and kept in {store.folder}; run it again for the rest"
+            f"interrupted: {done} of {len(jobs)} jobs are done and kept in {store.folder}; run it again for the rest"
         )
         return EXIT_INTERRUPTED
     findings = study.analyse(results)
@@ -70,9 +71,9 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _executor_options(args: argparse.Namespace) -> ExecutionTarget:
-    if not args.workers.isdecimal() or not 1 <= int(args.workers) <= _MOST_WORKERS:
-        raise UserError("--workers", f'"{args.workers}"', expected=f"a number of processes from 1 to {_MOST_WORKERS}")
+def _execution_target(args: argparse.Namespace) -> ExecutionTarget:
+    if not args.workers.isdecimal() or not 1 <= int(args.workers) <= _MAX_WORKERS:
+        raise UserError("--workers", f'"{args.workers}"', expected=f"a number of processes from 1 to {_MAX_WORKERS}")
     if args.scheduler is not None and int(args.workers) > 1:
         raise UserError("--workers with --scheduler", "contradict each other", expected="one of them")
     return ExecutionTarget(int(args.workers), args.scheduler)

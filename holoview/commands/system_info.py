@@ -1,4 +1,4 @@
-"""Numbers that a bench implies: what `holoview info` shows."""
+"""Numbers that follow from a bench, for `holoview info`: cut-offs, sampling, diffraction angles, memory, effects."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _COMPLEX64, _FLOAT32 = 8, 4
 
 @dataclass(frozen=True)
 class InfoRow:
-    """One derived number: under which heading, its name, and its text in people's units."""
+    """One derived quantity: heading, name, and value as text with its unit."""
 
     heading: str
     name: str
@@ -27,7 +27,7 @@ class InfoRow:
 
 
 def info_rows(system: System) -> list[InfoRow]:
-    """Everything derived that a person may want to check before trusting a simulation."""
+    """The quantities to check before trusting a simulation of a bench, sorted by heading."""
     plan = make_plan(system)
     return [
         *_bench(system),
@@ -125,23 +125,29 @@ def _sampling(plan: Plan) -> list[InfoRow]:
 
 
 def format_wrap_around(plan: Plan) -> str:
-    """In words, how much of the field light reaches that left the grid on the other side."""
+    """How much of the field is reached by light that wrapped around the edges of the padded grid, as text.
+
+    The FFT makes the grid periodic: light that walks off by more than the padding re-enters on the other side. The
+    share of a side that it reaches is max(0, n + walk-off − padded)/n, with n the samples of the unpadded side.
+    """
     system = plan.system
     paths: list[tuple[str, Relay, float]] = [("planes", system.relay2, float(plan.planes_m.max()))]
     if system.gap_m is not None:
         paths.insert(0, ("gap", system.relay1, system.gap_m))
-    worst, where, samples = 0.0, "", 0.0
+    worst, worst_name, worst_reach = 0.0, "", 0.0
     for name, relay, distance_m in paths:
         reach = walk_off(system, relay, distance_m)
         for n, padded in zip(plan.grid.shape, plan.grid.padded, strict=True):
             share = min(1.0, max(0.0, n + reach - padded) / n)
             if share > worst:
-                worst, where, samples = share, name, reach
+                worst, worst_name, worst_reach = share, name, reach
     if worst == 0.0:
         return "none: the padding exceeds the largest walk-off"
     if system.sampling.propagation == "periodic":
-        return f"up to {worst:.0%} of a side ({samples:.0f} samples walk-off over the {where})"
-    return f"none: light that walks off by more than the padding ({samples:.0f} samples over the {where}) is cut"
+        return f"up to {worst:.0%} of a side ({worst_reach:.0f} samples walk-off over the {worst_name})"
+    return (
+        f"none: light that walks off by more than the padding ({worst_reach:.0f} samples over the {worst_name}) is cut"
+    )
 
 
 def _memory(plan: Plan) -> list[InfoRow]:
@@ -155,14 +161,16 @@ def _memory(plan: Plan) -> list[InfoRow]:
 
 
 def _effects(system: System) -> list[InfoRow]:
-    """What the bench does beyond the plain model, in words."""
+    """The effects that are switched on, each as a sentence; effects of the camera aren't rendered."""
     if not system.effects:
         return []
-    switched = ActiveEffects(system.effect_values)
-    said = [InfoRow("effects", one.id, one.format_finding(system, dict(v))) for one, v in switched.pairs]
-    camera = [one.id for one in switched.camera_effects()]
+    active = ActiveEffects(system.effect_values)
+    rows = [
+        InfoRow("effects", effect.id, effect.format_finding(system, dict(values))) for effect, values in active.pairs
+    ]
+    camera = [effect.id for effect in active.camera_effects()]
     note = f"{', '.join(camera)}: of the camera that took captures, not of what is rendered"
-    return [*said, *([InfoRow("effects", "not seen", note)] if camera else [])]
+    return [*rows, *([InfoRow("effects", "not seen", note)] if camera else [])]
 
 
 def _bytes(count: float) -> str:
