@@ -1,10 +1,12 @@
 # make demo   set up everything, make a hologram of the shipped picture and render what an eye sees
 # make test   set up everything, check style and types, run the tests
+# make test-processors  repeat the tests that depend most on the processor as if on others
+# make wheel  build the wheel, install it alone elsewhere and use it
 # make docs   build the manual as a site, out/site/index.html
 # make tutorials  run the tutorials and write what they print and draw into their pages
 # make gallery  run every study at its quick scale and build docs/gallery.md (a quarter of an hour)
 # make bench  time the frame's stages on this machine
-.PHONY: demo test bench docs tutorials gallery lint package clean help
+.PHONY: demo test test-processors wheel bench docs tutorials gallery lint package clean help
 .DEFAULT_GOAL := help
 
 BIN := .venv/bin
@@ -27,6 +29,10 @@ test: lint
 	@bash .ci/adapter
 	@bash .ci/window
 	$(BIN)/python -m pytest
+
+test-processors: .venv/holoview.stamp
+	@bash .ci/adapter
+	@bash .ci/processors
 
 lint: .venv/holoview.stamp
 	$(BIN)/ruff check .
@@ -52,6 +58,10 @@ gallery: .venv/holoview.stamp
 
 package: .venv/holoview.stamp
 	$(BIN)/python -m build
+
+wheel: .venv/holoview.stamp
+	@bash .ci/adapter
+	@bash .ci/wheel
 
 clean:
 	rm -rf .venv out dist build
