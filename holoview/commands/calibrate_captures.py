@@ -1,4 +1,4 @@
-"""`holoview calibrate CAPTURES.h5`: the bench as it is, learned from captures by gradient descent."""
+"""Runs `holoview calibrate CAPTURES.h5`: learns maps of a bench from captures, writes the preset and its maps."""
 
 from __future__ import annotations
 
@@ -31,11 +31,12 @@ from holoview.model.system import System
 from holoview.optimise.threads import limit_torch_threads
 from holoview.util.errors import UserError
 
+# destinations in argparse's namespace of the options that only this form of the command has
 OPTIONS = ("epochs", "batch", "rate", "seed", "held_out", "pixels_a_node", "pictures", "checkpoint", "resume")
 
 
 def add_options(group: argparse._ArgumentGroup) -> None:
-    """Adds the options that only captures take."""
+    """Adds the options for a calibration from captures."""
     group.add_argument("--epochs", type=int, help="how often every capture is seen (default: 300 steps, at least 40)")
     group.add_argument("--batch", type=int, help="captures a step (default 4)")
     group.add_argument("--rate", type=float, help="factor of all steps (default 1)")
@@ -49,7 +50,7 @@ def add_options(group: argparse._ArgumentGroup) -> None:
 
 @dataclass(frozen=True)
 class _CalibrationTask:
-    """What is calibrated from what, and how."""
+    """What to calibrate: captures and nominal bench, and how."""
 
     captures: Captures
     bench: System
@@ -59,7 +60,10 @@ class _CalibrationTask:
 
 
 def run_captures(args: argparse.Namespace, file: Path) -> int:
-    """Learns, writes (also after Ctrl-C: the best so far), draws, and says how well captures are predicted."""
+    """Trains, scores, plots if asked, writes the preset and its maps, and prints the scores.
+
+    After Ctrl-C it does the same with the best maps so far, and returns EXIT_INTERRUPTED.
+    """
     if args.output is None:
         raise UserError("-o", "is missing", expected="the preset to write, e.g. -o calibrated.toml")
     check_output_file(args.output, ".toml")
@@ -67,16 +71,16 @@ def run_captures(args: argparse.Namespace, file: Path) -> int:
         check_output_file(args.checkpoint, ".safetensors")
     if args.pictures is not None:
         make_folder(args.pictures)
-    job = _prepare_task(args, file)
-    samples = 4 * job.captures.upsample**2 * job.captures.levels[0, 0].size
-    with limit_torch_threads(samples):
-        state, interrupted = _train(args, job)
-        found = _evaluate(args, job, state)
-    maps = found.save(args.output)
+    task = _prepare_task(args, file)
+    padded_samples = 4 * task.captures.upsample**2 * task.captures.levels[0, 0].size
+    with limit_torch_threads(padded_samples):
+        state, interrupted = _train(args, task)
+        result = _evaluate(args, task, state)
+    maps = result.save(args.output)
     if args.json:
-        print(json.dumps(found.as_json() | {"preset": str(args.output), "maps": str(maps)}, indent=2))
+        print(json.dumps(result.as_json() | {"preset": str(args.output), "maps": str(maps)}, indent=2))
     else:
-        print("\n".join([*format_score(found.score), f"written: {args.output}, {maps}"]))
+        print("\n".join([*format_score(result.score), f"written: {args.output}, {maps}"]))
     if interrupted:
         print_stderr(f"interrupted after epoch {state.epoch}: the best so far is kept in {args.output}")
         return EXIT_INTERRUPTED
@@ -84,12 +88,13 @@ def run_captures(args: argparse.Namespace, file: Path) -> int:
 
 
 def _prepare_task(args: argparse.Namespace, file: Path) -> _CalibrationTask:
+    """Reads the captures and makes everything from the arguments. Prints notes on what the captures can't show."""
     captures = read_captures(file)
-    given = None if args.preset is None else preset.load(args.preset)
-    bench = starting_bench(captures, given, args.output.stem)
-    names = {"epochs": "epochs", "batch": "batch", "rate": "rate", "seed": "seed", "share": "held_out"}
-    chosen = {name: getattr(args, option) for name, option in names.items() if getattr(args, option) is not None}
-    settings = CalibrationSettings(**chosen)
+    preset_system = None if args.preset is None else preset.load(args.preset)
+    bench = starting_bench(captures, preset_system, args.output.stem)
+    options = {"epochs": "epochs", "batch": "batch", "rate": "rate", "seed": "seed", "share": "held_out"}
+    values = {name: getattr(args, option) for name, option in options.items()}
+    settings = CalibrationSettings(**{name: value for name, value in values.items() if value is not None})
     split = split_captures(captures, settings.share, settings.seed)
     if args.epochs is None:
         settings = dataclasses.replace(settings, epochs=default_epochs(len(split.train), settings.batch))
@@ -104,26 +109,27 @@ def _prepare_task(args: argparse.Namespace, file: Path) -> _CalibrationTask:
     return _CalibrationTask(captures, bench, split, layout, settings)
 
 
-def _train(args: argparse.Namespace, job: _CalibrationTask) -> tuple[TrainingState, bool]:
-    """The last state, and whether Ctrl-C ended it."""
+def _train(args: argparse.Namespace, task: _CalibrationTask) -> tuple[TrainingState, bool]:
+    """The last state of the training, and whether Ctrl-C ended it. Raises UserError if no epoch is left to train."""
     resume = None if args.resume is None else load_checkpoint(args.resume)
     state: TrainingState | None = None
-    with deferred_interrupt() as asked, progress_bar("calibrating") as report:
-        begun: tuple[float, int] | None = None
-        for state in train(job.captures, job.bench.effect_values, job.split, job.layout, job.settings, resume):
-            begun = begun or (time.monotonic(), state.epoch)
-            report(state.epoch, state.epochs, f"chi2/n {state.validation_chi2:.4g}{_time_left(state, begun)}")
+    known = task.bench.effect_values
+    with deferred_interrupt() as is_interrupted, progress_bar("calibrating") as progress:
+        start: tuple[float, int] | None = None
+        for state in train(task.captures, known, task.split, task.layout, task.settings, resume):
+            start = start or (time.monotonic(), state.epoch)
+            progress(state.epoch, state.epochs, f"chi2/n {state.validation_chi2:.4g}{_time_left(state, *start)}")
             _save_checkpoint(args.checkpoint, state)
-            if asked():
+            if is_interrupted():
                 break
-        interrupted = asked()
+        interrupted = is_interrupted()
     if state is None:
         raise UserError("--resume", "the checkpoint is of a finished calibration", expected="one with epochs left")
     return state, interrupted
 
 
 def _save_checkpoint(path: Path | None, state: TrainingState) -> None:
-    """A checkpoint that can't be written is no reason to lose the calibration: the one before stays."""
+    """Writes a checkpoint; a failure only prints a note, because the calibration itself isn't affected."""
     if path is None:
         return
     try:
@@ -132,25 +138,24 @@ def _save_checkpoint(path: Path | None, state: TrainingState) -> None:
         print_stderr(f"note: no checkpoint after epoch {state.epoch}: {error}")
 
 
-def _time_left(state: TrainingState, begun: tuple[float, int]) -> str:
-    """How long the rest takes."""
-    started, first = begun
-    if state.epoch == first:
+def _time_left(state: TrainingState, start_time: float, first_epoch: int) -> str:
+    """Text with the time that the epochs left will take, as long as those since `first_epoch`; "" in that epoch."""
+    if state.epoch == first_epoch:
         return ""
-    each = (time.monotonic() - started) / (state.epoch - first)
-    return f", {each * (state.epochs - state.epoch):.0f} s left"
+    seconds_per_epoch = (time.monotonic() - start_time) / (state.epoch - first_epoch)
+    return f", {seconds_per_epoch * (state.epochs - state.epoch):.0f} s left"
 
 
-def _evaluate(args: argparse.Namespace, job: _CalibrationTask, state: TrainingState) -> CalibrationResult:
-    """Scores the best maps, and draws them."""
-    material = TrainingData(job.captures)
-    model = CalibrationModel(job.captures, job.layout, job.bench.effect_values)
+def _evaluate(args: argparse.Namespace, task: _CalibrationTask, state: TrainingState) -> CalibrationResult:
+    """Scores the best maps and, with --pictures, plots them."""
+    data = TrainingData(task.captures)
+    model = CalibrationModel(task.captures, task.layout, task.bench.effect_values)
     model.set_maps(state.best_maps.tensors)
-    with progress_bar("scoring") as report:
-        found = score_predictions(material, job.split, model.predict_nominal, model.predict, report)
+    with progress_bar("scoring") as progress:
+        score = score_predictions(data, task.split, model.predict_nominal, model.predict, progress)
     if args.pictures is not None:
-        for path in plot_calibration(
-            args.pictures, material, state.best_maps, job.split, model.predict_nominal, model.predict
-        ):
+        maps = state.best_maps
+        for path in plot_calibration(args.pictures, data, maps, task.split, model.predict_nominal, model.predict):
             print_stderr(f"drawn: {path}")
-    return CalibrationResult(job.captures, job.bench, state.best_maps, found, normalise_amplitudes=args.preset is None)
+    normalise = args.preset is None  # a preset states the amplitudes itself
+    return CalibrationResult(task.captures, task.bench, state.best_maps, score, normalise_amplitudes=normalise)
