@@ -1,9 +1,12 @@
-"""Numbers that say how good an image is: arrays in, floats out, no fitting of brightness.
+"""Image quality metrics on arrays: PSNR, CIEDE2000, speckle contrast, eyebox uniformity, gamut area.
 
-psnr.py       peak signal-to-noise ratio at fixed brightness: any channels, linear sRGB, XYZ, luminance
-delta_e.py    mean CIEDE2000 colour difference
-speckle.py    speckle contrast σ/μ of a region, with the picture's own structure divided out
-histogram.py the histogram of speckle, and the law that it should follow
-eyebox.py     how evenly the light fills the eyebox, to be read beside every PSNR
-gamut.py      chromaticities and the area that the lasers span
+No metric fits the brightness of the image to that of the target.
+
+psnr               peak signal-to-noise ratio of any channels, linear sRGB, XYZ or luminance
+delta_e            mean CIEDE2000 colour difference
+speckle            speckle contrast σ/μ of a region, with the picture's own structure divided out
+speckle_histogram  histogram of speckle intensity and the gamma distribution that it should follow
+eyebox             uniformity of the light in the eyebox, to be read beside every PSNR
+gamut              chromaticities and the area that the lasers span
+image_quality      all of these for a view of a hologram
 """

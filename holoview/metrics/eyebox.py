@@ -1,11 +1,11 @@
-"""How evenly the light fills the eyebox, the area in the pupil plane from which the image can be seen.
+"""Uniformity of the light in the eyebox, the area in the pupil plane from which the image can be seen.
 
-It's reported beside PSNR because the two trade: a smooth phase sends the light through a small spot in the middle of
-the eyebox, which avoids speckle and so gains several decibels, but the image is gone when the eye moves, and it hardly
-blurs out of focus. A hologram is better only if its PSNR is higher at the same filling.
+PSNR alone is misleading: a smooth phase sends the light through a small spot in the middle of the eyebox, which avoids
+speckle and gains several decibels, but the image disappears when the eye moves, and it hardly blurs out of focus. A
+hologram is better only if its PSNR is higher at equal uniformity.
 
-A diffuse hologram's eyebox is speckled itself, so one point's intensity says nothing: what's judged are means of
-blocks. Those of n independent samples of fully developed speckle still scatter by 1/√n.
+The eyebox of a diffuse hologram is itself speckled, so that the intensity at a point says nothing. The measures are of
+means over blocks; a mean of n independent samples of fully developed speckle still has a relative deviation of 1/√n.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from numpy.typing import ArrayLike, NDArray
 from holoview.util.errors import UserError
 
 CENTRE_DIVISOR = 8
-"""The centre whose share is reported is 1/CENTRE of the eyebox wide and high."""
+"""The centre, whose relative intensity is reported, is 1/CENTRE_DIVISOR of the eyebox wide and high."""
 
 
 @dataclass(frozen=True)
 class EyeboxUniformity:
-    """Filling of the eyebox, judged on means of blocks.
+    """Measures of the block means, and of the centre.
 
-    coefficient_of_variation: standard deviation of the block means over their mean; 0 when evenly filled.
-    uniformity: the darkest block over the mean; 1 when evenly filled, 0 when a block is dark.
-    centre_share: mean intensity of the central 1/8 × 1/8 over that of the whole; 1 when evenly filled, at most 64.
+    coefficient_of_variation: standard deviation of the block means over their mean; 0 for uniform light.
+    uniformity: the darkest block mean over their mean; 1 for uniform light, 0 when a block is dark.
+    centre_share: mean intensity of the central 1/8 × 1/8 over that of the whole; 1 for uniform light, at most 64.
     """
 
     coefficient_of_variation: float
@@ -36,12 +36,12 @@ class EyeboxUniformity:
 
 
 def eyebox_uniformity(eyebox: ArrayLike, blocks: int = 8, envelope: ArrayLike | None = None) -> EyeboxUniformity:
-    """Uniformity of the intensity (y, x) over the eyebox, zero frequency at its centre (N//2, as `fftshift` puts it).
+    """Uniformity of the intensity (y, x) over the eyebox, zero frequency at index N//2 as with `fftshift`.
 
-    `envelope` (y, x), positive, is divided out first: the sinc² of the modulator's pixel, which no hologram can change.
-    Crop both to the band of the modulator, |f| ≤ 1/(2·pitch), beyond which the envelope falls to zero. `blocks` is the
-    number of blocks along each axis; they differ by a sample in size where it doesn't divide the shape.
-    Raises UserError for a shape smaller than the blocks, an envelope that doesn't fit or isn't positive, and no light.
+    envelope: (y, x), positive; divided out first. It is the sinc² of the modulator's pixel, which no hologram can
+    change. Crop both to the band of the modulator, |f| ≤ 1/(2·pitch), beyond which the envelope falls to zero.
+    blocks: number of blocks along each axis; their sizes differ by a sample where it doesn't divide the shape.
+    Raises UserError for fewer samples than blocks, an envelope that doesn't fit or isn't positive, and no light.
     """
     light = np.asarray(eyebox, dtype=np.float64)
     if light.ndim != 2 or blocks < 1 or min(light.shape) < blocks:
@@ -73,7 +73,7 @@ def _checked_envelope(envelope: ArrayLike, shape: tuple[int, ...]) -> NDArray[np
 
 
 def _block_means(light: NDArray[np.float64], blocks: int) -> NDArray[np.float64]:
-    """Means (blocks, blocks) of a grid of blocks that are as equal as whole samples allow."""
+    """Means (blocks, blocks) over blocks whose sides differ by one sample at most."""
     rows, columns = (np.arange(blocks) * n // blocks for n in light.shape)
     sums = np.add.reduceat(np.add.reduceat(light, rows, axis=0), columns, axis=1)
     heights, widths = np.diff(rows, append=light.shape[0]), np.diff(columns, append=light.shape[1])
@@ -82,7 +82,7 @@ def _block_means(light: NDArray[np.float64], blocks: int) -> NDArray[np.float64]
 
 
 def _central_slice(n: int) -> slice:
-    """The central 1/CENTRE of n samples, at least one, around zero frequency at n//2."""
+    """The central 1/CENTRE_DIVISOR of n samples, at least one, around zero frequency at n//2."""
     width = max(1, round(n / CENTRE_DIVISOR))
     start = n // 2 - width // 2
     return slice(start, start + width)

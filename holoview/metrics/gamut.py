@@ -2,8 +2,8 @@
 
     x = X/(X + Y + Z),  y = Y/(X + Y + Z)        CIE 15:2018
 
-Mixtures of lights lie inside the convex hull of their chromaticities. The area of that hull is the usual one-number
-gamut; the (x, y) diagram isn't uniform, so it overstates greens.
+Mixtures of lights lie inside the convex hull of their chromaticities, whose area is the usual measure of a gamut. It
+overstates greens, because the (x, y) diagram isn't perceptually uniform.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from numpy.typing import ArrayLike, NDArray
 from holoview.util.errors import UserError
 
 SRGB_AREA = 0.11205
-"""Area of the triangle of sRGB's primaries, to compare with."""
+"""Area of the triangle of sRGB's primaries, for comparison."""
 
 
 def chromaticity(xyz: ArrayLike) -> NDArray[np.float64]:
-    """Chromaticities (…, 2) of XYZ (…, 3); NaN where X + Y + Z isn't positive, since black has none."""
+    """Chromaticities (…, 2) of XYZ (…, 3); NaN where X + Y + Z isn't positive."""
     values = np.asarray(xyz, dtype=np.float64)
     total = values.sum(axis=-1, keepdims=True)
-    unknown = np.full((*values.shape[:-1], 2), np.nan)
-    xy: NDArray[np.float64] = np.divide(values[..., :2], total, out=unknown, where=total > 0)
+    undefined = np.full((*values.shape[:-1], 2), np.nan)
+    xy: NDArray[np.float64] = np.divide(values[..., :2], total, out=undefined, where=total > 0)
     return xy
 
 
 def gamut_area(xy: ArrayLike) -> float:
-    """Area of the convex hull of chromaticities (n, 2), such as those of the lasers' weights; 0 on a line or a point.
+    """Area of the convex hull of chromaticities (n, 2); 0 if they lie on a line or in a point.
 
     Raises UserError for another shape or chromaticities that aren't finite.
     """
@@ -39,7 +39,7 @@ def gamut_area(xy: ArrayLike) -> float:
 
 
 def convex_hull(xy: ArrayLike) -> NDArray[np.float64]:
-    """Corners (m, 2) of the convex hull of points (n, 2), counter-clockwise; both ends of a line, or a single point."""
+    """Corners (m, 2) of the convex hull of points (n, 2), counter-clockwise; the ends of a line, or a single point."""
     ordered = sorted({(float(x), float(y)) for x, y in np.asarray(xy, dtype=np.float64)})
     if len(ordered) < 3:
         return np.array(ordered).reshape(-1, 2)

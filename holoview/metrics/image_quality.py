@@ -1,4 +1,4 @@
-"""How good a hologram is: fidelity, speckle and eyebox together, because PSNR alone rewards an empty eyebox."""
+"""Quality of a hologram: fidelity, speckle and eyebox together, because PSNR alone rewards an unevenly lit eyebox."""
 
 from __future__ import annotations
 
@@ -24,7 +24,11 @@ from holoview.view import View
 
 @dataclass(frozen=True)
 class ImageQuality:
-    """Fidelity of a view to its target, at fixed brightness; speckle of the luminance, structure removed, by plane."""
+    """Fidelity of a view to its target at fixed brightness, and the speckle contrast of its luminance.
+
+    psnr: of linear sRGB (dB). psnr_luminance: of luminance (dB). delta_e: mean CIEDE2000. speckle: of each plane, with
+    the target's structure divided out.
+    """
 
     psnr: Psnr
     psnr_luminance: Psnr
@@ -38,16 +42,19 @@ class ImageQuality:
 
 
 def measure_image_quality(view: View, stack: NDArray[np.floating], region: Region | None = None) -> ImageQuality:
-    """Scores a view against its target (plane, y, x, 3) in linear sRGB; region (x, y, w, h) px is for the speckle."""
-    wanted = np.asarray(stack) @ SRGB_TO_XYZ.T
-    chosen = region or central_region(stack.shape[1:3])
+    """The quality of a view against its target (plane, y, x, 3) in linear sRGB.
+
+    region: (x, y, width, height) in samples, in which speckle is measured; the central half when None.
+    """
+    target_xyz = np.asarray(stack) @ SRGB_TO_XYZ.T
+    speckle_region = region or central_region(stack.shape[1:3])
     return ImageQuality(
         psnr=psnr_linear_srgb(view.rgb, stack),
-        psnr_luminance=psnr_luminance(view.xyz, wanted),
+        psnr_luminance=psnr_luminance(view.xyz, target_xyz),
         delta_e=delta_e_linear_srgb(np.clip(view.rgb, 0, 1), np.clip(stack, 0, 1)),
         speckle=tuple(
-            speckle_contrast(seen[..., 1], region=chosen, target=known[..., 1])
-            for seen, known in zip(view.xyz, wanted, strict=True)
+            speckle_contrast(xyz[..., 1], region=speckle_region, target=target[..., 1])
+            for xyz, target in zip(view.xyz, target_xyz, strict=True)
         ),
     )
 
@@ -59,23 +66,24 @@ def central_region(shape: tuple[int, ...]) -> Region:
 
 
 def plane_midpoints(planes_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distances in the middle between neighbouring planes."""
+    """The distances (m) halfway between neighbouring planes, in rising order."""
     ordered = np.unique(planes_m)
-    middle: NDArray[np.float64] = (ordered[1:] + ordered[:-1]) / 2
-    return middle
+    midpoints: NDArray[np.float64] = (ordered[1:] + ordered[:-1]) / 2
+    return midpoints
 
 
 def eyebox_uniformity_of(hologram: Hologram) -> EyeboxUniformity:
-    """Uniformity of the light behind relay 2's stops, over the modulator's first order.
+    """Uniformity of the light behind the stops of relay 2, over the modulator's first order.
 
-    Lasers add by luminance at equal spatial frequency: every wavelength fills its own first order, |f| ≤ 1/(2·pitch).
+    Lasers are summed by luminance at equal spatial frequency, since the first order of each wavelength is |f| ≤
+    1/(2·pitch).
     """
     system = hologram.system
     plan = make_plan(system, system.planes_m[:1])
     executor = TorchExecutor(plan, make_frame_inputs(plan, hologram.drive))
     power = np.zeros(plan.grid.padded)
     for wavelength in range(len(plan.system.wavelengths_m)):
-        stop = executor.transfer(1, wavelength, 0.0).abs().square().numpy()  # at no distance only stops are left
+        stop = executor.transfer(1, wavelength, 0.0).abs().square().numpy()  # |H|² at distance 0: the stops alone
         for frame in plan.lit(wavelength):
             weight = plan.weights[frame, wavelength] * plan.colour_weights[wavelength, 1]
             for source in range(len(plan.slopes)):

@@ -2,12 +2,12 @@
 
     PSNR = 10·log10(peak² / MSE)    dB, the mean square error over every pixel and channel
 
-Fixed brightness: image and target are compared as they are, with Y = 1 the display's white, and no free scale factor is
-fitted. Scaling both images by s moves the PSNR by −20·log10 s dB (a target at half the brightness "gains" 6 dB), and a
-factor fitted per image would reward a dim hologram, so numbers from different target brightnesses don't compare.
+Fixed brightness: image and target are compared as they are, with Y = 1 the display's white, and no scale factor is
+fitted, since a factor for each image would reward a dim hologram. Scaling both images by s changes the PSNR by
+−20·log10 s dB (a target of half the brightness "gains" 6 dB), so that values for targets of different brightness can't
+be compared.
 
-A focal stack is scored plane by plane and the decibels averaged, so that a plane of large errors doesn't hide how the
-others do.
+The PSNR of a focal stack is the mean of its planes' decibels, so that one plane with large errors doesn't dominate.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from holoview.util.errors import UserError
 
 @dataclass(frozen=True)
 class Psnr:
-    """PSNR (dB) of an image or a focal stack: the mean over planes, and each plane's own."""
+    """PSNR (dB) of an image or a focal stack: mean over planes, and of each plane."""
 
     mean_db: float
     planes_db: tuple[float, ...]
 
 
 def psnr(image: ArrayLike, target: ArrayLike, peak: float = 1.0) -> float:
-    """PSNR (dB) of two arrays of the same shape, the error averaged over everything; identical arrays give inf.
+    """PSNR (dB) of two arrays of equal shape over all their elements; inf for equal arrays.
 
     Raises UserError when the shapes differ.
     """
-    found, wanted = _checked_pair(image, target)
-    error = float(np.mean((found - wanted) ** 2))
-    return float(20.0 * np.log10(peak) - 10.0 * np.log10(error)) if error != 0.0 else float("inf")
+    values, expected = _checked_pair(image, target)
+    mean_square = float(np.mean((values - expected) ** 2))
+    return float(20.0 * np.log10(peak) - 10.0 * np.log10(mean_square)) if mean_square != 0.0 else float("inf")
 
 
 def psnr_linear_srgb(image: ArrayLike, target: ArrayLike) -> Psnr:
@@ -44,12 +44,12 @@ def psnr_linear_srgb(image: ArrayLike, target: ArrayLike) -> Psnr:
 
     Raises UserError when the shapes differ or aren't those of images.
     """
-    found, wanted = _as_stacks(image, target)
-    return _psnr_per_plane(gamut_map(found), gamut_map(wanted))
+    stack, target_stack = _as_stacks(image, target)
+    return _psnr_per_plane(gamut_map(stack), gamut_map(target_stack))
 
 
 def psnr_xyz(image: ArrayLike, target: ArrayLike) -> Psnr:
-    """PSNR of XYZ images (y, x, 3) or stacks (plane, y, x, 3) with peak 1, not clipped: colours no screen shows count.
+    """PSNR of XYZ images (y, x, 3) or stacks (plane, y, x, 3) with peak 1, not clipped to what a screen shows.
 
     Raises UserError when the shapes differ or aren't those of images.
     """
@@ -61,25 +61,25 @@ def psnr_luminance(image: ArrayLike, target: ArrayLike) -> Psnr:
 
     Raises UserError when the shapes differ or aren't those of images.
     """
-    found, wanted = _as_stacks(image, target)
-    return _psnr_per_plane(found[..., 1], wanted[..., 1])
+    stack, target_stack = _as_stacks(image, target)
+    return _psnr_per_plane(stack[..., 1], target_stack[..., 1])
 
 
 def _checked_pair(image: ArrayLike, target: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    found, wanted = np.asarray(image, dtype=np.float64), np.asarray(target, dtype=np.float64)
-    if found.shape != wanted.shape or found.size == 0:
-        raise UserError("image", f"shape {found.shape}", expected=f"the target's shape, {wanted.shape}, not empty")
-    return found, wanted
+    values, expected = np.asarray(image, dtype=np.float64), np.asarray(target, dtype=np.float64)
+    if values.shape != expected.shape or values.size == 0:
+        raise UserError("image", f"shape {values.shape}", expected=f"the target's shape, {expected.shape}, not empty")
+    return values, expected
 
 
 def _as_stacks(image: ArrayLike, target: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Both as (plane, y, x, 3)."""
-    found, wanted = _checked_pair(image, target)
-    if found.ndim not in (3, 4) or found.shape[-1] != 3:
-        raise UserError("image", f"shape {found.shape}", expected="(y, x, 3) or (plane, y, x, 3)")
-    return found.reshape(-1, *found.shape[-3:]), wanted.reshape(-1, *wanted.shape[-3:])
+    stack, target_stack = _checked_pair(image, target)
+    if stack.ndim not in (3, 4) or stack.shape[-1] != 3:
+        raise UserError("image", f"shape {stack.shape}", expected="(y, x, 3) or (plane, y, x, 3)")
+    return stack.reshape(-1, *stack.shape[-3:]), target_stack.reshape(-1, *target_stack.shape[-3:])
 
 
 def _psnr_per_plane(stack: NDArray[np.float64], target: NDArray[np.float64]) -> Psnr:
-    planes = tuple(psnr(found, wanted) for found, wanted in zip(stack, target, strict=True))
+    planes = tuple(psnr(image, expected) for image, expected in zip(stack, target, strict=True))
     return Psnr(mean_db=sum(planes) / len(planes), planes_db=planes)

@@ -1,16 +1,17 @@
 """Speckle contrast: the standard deviation of an intensity over its mean, C = σ/μ, in a region that should be smooth.
 
 Fully developed speckle has C = 1; the sum of N independent patterns of equal mean has C = 1/√N (Goodman, *Speckle
-Phenomena in Optics*, 2007, ch. 3), so 1/C² counts the independent patterns that wavelengths, frames or sources bring.
+Phenomena in Optics*, 2007, ch. 3), so that 1/C² is the number of independent patterns that wavelengths, frames or
+sources contribute.
 
-A picture has structure of its own, which σ/μ would count as speckle. Speckle is multiplicative, I = g·T·s with the
-target T, a gain g and a pattern s of mean 1, so where T is known the ratio I/(g·T) = s has exactly the contrast of the
-speckle, whatever the texture. A difference I − g·T would not do: its spread still follows the picture. σ/μ doesn't
-depend on g, which is fitted (Σ I/Σ T) only to report a mean near 1.
+A picture has structure of its own, which σ/μ would count as speckle. Speckle is multiplicative: I = g·T·s with the
+target T, a gain g and a pattern s of mean 1. Where T is known, the ratio I/(g·T) = s has the contrast of the speckle
+for any picture, unlike the difference I − g·T, whose deviation is proportional to the picture. σ/μ doesn't depend on
+g, which is fitted (Σ I/Σ T) only to report a mean near 1.
 
-Where T is dark, the ratio is stray light and noise over almost nothing: pixels whose target is below `TARGET_FLOOR` of
-its mean in the region are left out. Raising T to a floor instead would bias C, since the dark pixels' ratios would be
-far below 1.
+Where T is dark, the ratio is one of stray light and noise to almost nothing: pixels whose target is below
+`TARGET_FLOOR` of its mean in the region are excluded. Raising T to a floor instead would bias C, since the ratios of
+the dark pixels would be far below 1.
 """
 
 from __future__ import annotations
@@ -24,14 +25,14 @@ from holoview.numerics.image_region import Region, region_slices
 from holoview.util.errors import UserError
 
 TARGET_FLOOR = 0.05
-"""Least target, as a share of its mean in the region, at which a pixel takes part."""
+"""Least target value, as a fraction of its mean in the region, of a pixel that counts."""
 
 
 @dataclass(frozen=True)
 class SpeckleContrast:
-    """Contrast σ/μ with the mean μ and standard deviation σ it comes from, and the number of pixels that took part.
+    """Contrast σ/μ, the mean μ and standard deviation σ, and the number of pixels that count.
 
-    With a target, μ and σ are those of the ratio to the fitted target, and no longer in the image's units.
+    With a target, μ and σ are those of the ratio I/(g·T), without unit.
     """
 
     contrast: float
@@ -43,11 +44,11 @@ class SpeckleContrast:
 def speckle_contrast(
     intensity: ArrayLike, region: Region | None = None, target: ArrayLike | None = None
 ) -> SpeckleContrast:
-    """Speckle contrast of an intensity image (y, x), in a region if given, with the target's structure divided out.
+    """Speckle contrast of an intensity image (y, x), in a region if given, relative to a target (y, x) if given.
 
-    Grains that span several pixels make these dependent: the estimate is then noisier than n_pixels suggests, and low
-    in a region of few grains. Raises UserError for an image that isn't (y, x), a region that is empty or outside, a
-    target of another shape, and where nothing is left to measure (a dark image, or fewer than two pixels).
+    Pixels inside one speckle grain are correlated: the estimate is noisier than n_pixels suggests, and too low in a
+    region of few grains. Raises UserError for an image that isn't (y, x), a region that is empty or outside, a target
+    of another shape, and when fewer than two pixels with light remain.
     """
     image = np.asarray(intensity, dtype=np.float64)
     if image.ndim != 2 or image.size == 0:
@@ -55,10 +56,10 @@ def speckle_contrast(
     window = _checked_slices(region, image.shape[1], image.shape[0])
     values = image[window].ravel()
     if target is not None:
-        wanted = np.asarray(target, dtype=np.float64)
-        if wanted.shape != image.shape:
-            raise UserError("target", f"shape {wanted.shape}", expected=f"the image's shape, {image.shape}")
-        values = _ratio_to_target(values, wanted[window].ravel())
+        target_image = np.asarray(target, dtype=np.float64)
+        if target_image.shape != image.shape:
+            raise UserError("target", f"shape {target_image.shape}", expected=f"the image's shape, {image.shape}")
+        values = _ratio_to_target(values, target_image[window].ravel())
     mean = float(values.mean()) if values.size > 1 else 0.0
     if not mean > 0.0:
         raise UserError(
@@ -72,7 +73,7 @@ def speckle_contrast(
 
 
 def independent_patterns(contrast: float) -> float:
-    """Number N = 1/C² of independent, equally bright speckle patterns whose sum has this contrast; inf for C = 0.
+    """Number N = 1/C² of independent speckle patterns of equal mean whose sum has the contrast C; inf for C = 0.
 
     Raises UserError for a negative contrast.
     """
@@ -82,7 +83,7 @@ def independent_patterns(contrast: float) -> float:
 
 
 def _checked_slices(region: Region | None, width: int, height: int) -> tuple[slice, slice]:
-    """The region as slices of (y, x), checked against the image."""
+    """The region as slices of (y, x). Raises UserError unless it lies inside the image."""
     if region is None:
         return slice(None), slice(None)
     x, y, w, h = region
@@ -96,7 +97,7 @@ def _checked_slices(region: Region | None, width: int, height: int) -> tuple[sli
 
 
 def _ratio_to_target(values: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The ratio image I/(g·T) of the pixels whose target isn't too dark; empty where there is none."""
+    """The ratio I/(g·T) of the pixels whose target isn't too dark; empty when there are none."""
     bright = (target > 0.0) & (target >= TARGET_FLOOR * target.mean())
     values, target = values[bright], target[bright]
     gain = values.sum() / target.sum() if values.size else 0.0

@@ -1,8 +1,8 @@
-"""The histogram of speckle beside the law that it should follow.
+"""Histogram of speckle intensity and the gamma distribution that it should follow.
 
 Fully developed, polarised speckle of one laser is exponentially distributed: p(s) = exp(−s) for s = I/Ī. The sum of N
-independent patterns of equal mean follows a gamma law of shape N, and so nearly does one of unequal means m with
-N = (Σm)²/Σm² (Goodman, *Speckle Phenomena in Optics*, 2007, sections 3.2 and 3.3).
+independent patterns of equal mean has a gamma distribution of shape N; that of patterns with unequal means m has nearly
+the one of shape N = (Σm)²/Σm² (Goodman, *Speckle Phenomena in Optics*, 2007, sections 3.2 and 3.3).
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SpeckleHistogram:
-    """Density of I/Ī in bins between `edges` (n + 1,), and the law of fully developed speckle at their `centres` (n,).
+    """Probability density of I/Ī in bins (n,).
 
-    expected: the law of as many independent patterns as `patterns` says.
+    edges: of the bins (n + 1,). density: measured (n,). pattern_count: number of independent patterns expected.
     """
 
     edges: Floats
@@ -33,29 +33,32 @@ class SpeckleHistogram:
 
     @cached_property
     def centres(self) -> Floats:
-        """The middles of the bins (n,)."""
+        """Centres of the bins (n,)."""
         return (self.edges[1:] + self.edges[:-1]) / 2
 
     @cached_property
     def fully_developed_density(self) -> Floats:
-        """Fully developed speckle of one laser, at the centres."""
+        """The density of fully developed speckle of one laser at the centres (n,)."""
         return speckle_density(self.centres)
 
     @cached_property
     def expected_density(self) -> Floats:
-        """As many independent patterns as `patterns` says, at the centres."""
+        """The density of the sum of `pattern_count` independent patterns at the centres (n,)."""
         return speckle_density(self.centres, self.pattern_count)
 
 
 def speckle_density(relative_intensity: ArrayLike, pattern_count: float = 1.0) -> Floats:
-    """Probability density of I/Ī in the sum of independent, equally bright speckle patterns; needn't be whole."""
+    """Probability density of I/Ī for the sum of N independent speckle patterns of equal mean; N may be fractional."""
     return np.asarray(stats.gamma.pdf(relative_intensity, pattern_count, scale=1 / pattern_count), dtype=np.float64)
 
 
 def speckle_histogram(
     luminance: NDArray[np.floating], region: Region, pattern_count: float = 1.0, bins: int = 60, max_ratio: float = 4.0
 ) -> SpeckleHistogram:
-    """The histogram of a region of (y, x) over its mean, up to `most` times that. Raises UserError if it is dark."""
+    """The histogram of a region of an image (y, x) over the region's mean, from 0 to `max_ratio`.
+
+    Raises UserError for a region without light.
+    """
     values = np.asarray(luminance[region_slices(region)], dtype=np.float64).ravel()
     mean = float(values.mean()) if values.size else 0.0
     if not mean > 0:

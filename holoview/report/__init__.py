@@ -1,4 +1,4 @@
-"""Pictures that explain.
+"""Images that combine several pictures with captions.
 
-sheet    a grid of pictures with a title over each column and a caption under each picture
+contact_sheet  a grid of pictures with a title over each column and a caption under each picture
 """

@@ -1,4 +1,4 @@
-"""A contact sheet: a grid of pictures, a title over each column, a caption under each picture."""
+"""Draws a contact sheet: a grid of pictures with a title over each column and a caption under each picture."""
 
 from __future__ import annotations
 
@@ -30,23 +30,19 @@ def greyscale_pixels(values: NDArray[np.floating]) -> NDArray[np.uint8]:
 def contact_sheet(
     title: str, column_titles: Sequence[str], rows: Sequence[Sequence[CaptionedTile]], width: int = 480
 ) -> NDArray[np.uint8]:
-    """The sheet (y, x, 3): each row of tiles scaled to `width` pixels a tile, one head over each column."""
+    """The sheet (y, x, 3) of 8-bit sRGB, with each tile scaled to `width` pixels."""
     scaled = [[_scaled(tile.pixels, width) for tile in row] for row in rows]
     columns = len(column_titles)
-    line = _CAPTION_PX + _MARGIN_PX
-    heights = [max(picture.height for picture in row) + line for row in scaled]
+    caption_height = _CAPTION_PX + _MARGIN_PX
+    heights = [max(picture.height for picture in row) + caption_height for row in scaled]
     top = 3 * _MARGIN_PX + _TITLE_PX + _COLUMN_TITLE_PX
     size = (columns * (width + _MARGIN_PX) + _MARGIN_PX, top + sum(heights) + _MARGIN_PX)
     sheet = Image.new("RGB", size, _BACKGROUND)
     draw = ImageDraw.Draw(sheet)
     draw.text((_MARGIN_PX, _MARGIN_PX), title, _TEXT_COLOUR, _font(_TITLE_PX))
-    for column, head in enumerate(column_titles):
-        draw.text(
-            (_MARGIN_PX + column * (width + _MARGIN_PX), 2 * _MARGIN_PX + _TITLE_PX),
-            head,
-            _TEXT_COLOUR,
-            _font(_COLUMN_TITLE_PX),
-        )
+    for column, text in enumerate(column_titles):
+        corner = (_MARGIN_PX + column * (width + _MARGIN_PX), 2 * _MARGIN_PX + _TITLE_PX)
+        draw.text(corner, text, _TEXT_COLOUR, _font(_COLUMN_TITLE_PX))
     y = top
     for row, pictures, height in zip(rows, scaled, heights, strict=True):
         for column, (tile, picture) in enumerate(zip(row, pictures, strict=True)):
@@ -58,7 +54,7 @@ def contact_sheet(
 
 
 def _scaled(pixels: NDArray[np.uint8], width: int) -> Image.Image:
-    """Shrunk by area averages, enlarged by whole pixels, so that speckle is neither invented nor smoothed away."""
+    """The picture shrunk by area averages or enlarged by repeating pixels: neither adds structure to speckle."""
     picture = Image.fromarray(pixels)
     height = round(picture.height * width / picture.width)
     return picture.resize((width, height), Image.Resampling.BOX if picture.width > width else Image.Resampling.NEAREST)

@@ -1,4 +1,4 @@
-"""A region of speckle as a picture, and its histogram beside the laws of speckle."""
+"""Draws a region of speckle and its histogram beside the distributions of speckle statistics."""
 
 from __future__ import annotations
 
@@ -14,11 +14,14 @@ from holoview.numerics.image_region import Region, region_slices
 
 _HIGHEST_QUANTILE = 0.999
 _MIN_CONTRAST = 1e-3
-"""Contrast below which there is no law to draw."""
+"""Contrast below which the gamma distribution is too narrow to be drawn."""
 
 
 def speckle_figure(luminance: NDArray[np.floating], region: Region, contrast: float) -> Callable[[Figure], None]:
-    """Draws the region of (y, x) and the histogram of I/Ī in it."""
+    """A function that draws a region of an image (y, x) and the histogram of I/Ī in it.
+
+    contrast: the region's speckle contrast, which gives the number of independent patterns.
+    """
     _, _, width, height = region
     part = np.asarray(luminance[region_slices(region)], dtype=np.float64)
 
@@ -28,13 +31,14 @@ def speckle_figure(luminance: NDArray[np.floating], region: Region, contrast: fl
         left.set_title(f"{width} x {height} samples", fontsize=9)
         left.set_axis_off()
         highest = max(float(np.quantile(part / part.mean(), _HIGHEST_QUANTILE)), 2.0)
-        found = speckle_histogram(luminance, region, max_ratio=highest)
-        right.stairs(found.density, found.edges, fill=True, color="0.7", label="found")
-        at = np.linspace(0, highest, 400)
-        right.plot(at, speckle_density(at), "--", label="fully developed, C = 1")
+        histogram = speckle_histogram(luminance, region, max_ratio=highest)
+        right.stairs(histogram.density, histogram.edges, fill=True, color="0.7", label="found")
+        ratios = np.linspace(0, highest, 400)
+        right.plot(ratios, speckle_density(ratios), "--", label="fully developed, C = 1")
         if contrast > _MIN_CONTRAST:
-            shape = independent_patterns(contrast)
-            right.plot(at, speckle_density(at, shape), label=f"{shape:.1f} patterns, C = {contrast:.2f}")
+            pattern_count = independent_patterns(contrast)
+            label = f"{pattern_count:.1f} patterns, C = {contrast:.2f}"
+            right.plot(ratios, speckle_density(ratios, pattern_count), label=label)
         right.set_ylim(top=1.1 * max(1.0, right.get_ylim()[1] if contrast > _MIN_CONTRAST else 1.0))
         right.set_xlabel("intensity / mean")
         right.set_ylabel("probability density")

@@ -145,15 +145,15 @@ def _locate_images(path: Path, parts: Sequence[_Part]) -> list[_ImageLocation]:
         return _locate_layers(path, parts[0])
     coloured = [(index, _rgb_channels(part.channels)) for index, part in enumerate(parts)]
     grey = [(index, _grey_channel(part.channels)) for index, part in enumerate(parts)]
-    found = [entry for entry in coloured if entry[1]] or [entry for entry in grey if entry[1]]
-    if not found:
+    pictures = [entry for entry in coloured if entry[1]] or [entry for entry in grey if entry[1]]
+    if not pictures:
         raise _no_picture_error(path, parts[0].channels)
-    if all(_has_number(parts[index].name) for index, _ in found):
-        found.sort(key=lambda entry: natural_sort_key(parts[entry[0]].name))
-    notes = _ignored_note([part.name for index, part in enumerate(parts) if index not in dict(found)])
+    if all(_has_number(parts[index].name) for index, _ in pictures):
+        pictures.sort(key=lambda entry: natural_sort_key(parts[entry[0]].name))
+    notes = _ignored_note([part.name for index, part in enumerate(parts) if index not in dict(pictures)])
     return [
-        _ImageLocation(index, colours, f'part "{parts[index].name}"' if len(found) > 1 else "", notes)
-        for index, colours in found
+        _ImageLocation(index, colours, f'part "{parts[index].name}"' if len(pictures) > 1 else "", notes)
+        for index, colours in pictures
     ]
 
 
