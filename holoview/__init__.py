@@ -40,28 +40,37 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
-from holoview.model.plan import Plan, make_plan
-from holoview.model.preset import load
-from holoview.model.system import System
-from holoview.util.errors import UserError
-from holoview.util.version import __version__
-
 if TYPE_CHECKING:
     from holoview.app.notebook import show
     from holoview.io.hologram import Hologram, load_hologram
+    from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
+    from holoview.model.plan import Plan, make_plan
+    from holoview.model.preset import load
+    from holoview.model.system import System
     from holoview.optimise.settings import Settings
     from holoview.optimise.solve import iterate
     from holoview.targets.target import Placement, target_for
+    from holoview.util.errors import UserError
+    from holoview.util.version import __version__
     from holoview.view import View, random_drive, simulate
 
-_LAZY = {
+_MODULES = {
     "Hologram": "holoview.io.hologram",
+    "Modulator": "holoview.model.bench_parts",
     "Placement": "holoview.targets.target",
+    "Plan": "holoview.model.plan",
+    "Relay": "holoview.model.bench_parts",
+    "Sampling": "holoview.model.bench_parts",
     "Settings": "holoview.optimise.settings",
+    "Source": "holoview.model.bench_parts",
+    "System": "holoview.model.system",
+    "UserError": "holoview.util.errors",
     "View": "holoview.view",
+    "__version__": "holoview.util.version",
     "iterate": "holoview.optimise.solve",
+    "load": "holoview.model.preset",
     "load_hologram": "holoview.io.hologram",
+    "make_plan": "holoview.model.plan",
     "random_drive": "holoview.view",
     "show": "holoview.app.notebook",
     "simulate": "holoview.view",
@@ -93,7 +102,13 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Imports names whose modules need torch (seconds) when they are first used."""
-    if name not in _LAZY:
+    """Imports a public name when it is first used: the command line's help needs no numpy, a bench needs no torch."""
+    if name not in _MODULES:
         raise AttributeError(f"module 'holoview' has no attribute {name!r}")
-    return getattr(import_module(_LAZY[name]), name)
+    value = globals()[name] = getattr(import_module(_MODULES[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names, for completion."""
+    return sorted({*globals(), *__all__})
