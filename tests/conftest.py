@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from holoview.gpu.device import Device, open_device
+from holoview.model.effects.registry import without_user_effects
 from holoview.util.errors import UserError
 
 
@@ -41,6 +42,13 @@ def _one_thread() -> Iterator[None]:
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(threads)
+
+
+@pytest.fixture
+def no_user_effects() -> Iterator[None]:
+    """Effects that the test loads from files are forgotten at its end."""
+    with without_user_effects():
+        yield
 
 
 @pytest.fixture(scope="session")

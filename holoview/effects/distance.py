@@ -33,8 +33,8 @@ class Distance(Effect):
     acts_on = ("relay 2",)
     degenerate_with: ClassVar = ("aberration2",)
 
-    def degeneracies(self, facts: DataProperties) -> tuple[str, ...]:
-        return ("slm_flatness",) if facts.is_fourier else self.degenerate_with
+    def degeneracies(self, properties: DataProperties) -> tuple[str, ...]:
+        return ("slm_flatness",) if properties.is_fourier else self.degenerate_with
 
     def bench(self, system: System, v: Values) -> System:
         return system.with_(planes=np.maximum(system.planes_m + v["distance_error"], 0.0))

@@ -25,8 +25,8 @@ class Tilt(Effect):
     )
     acts_on = ("source",)
 
-    def degeneracies(self, facts: DataProperties) -> tuple[str, ...]:
-        return ("camera_alignment",) if facts.is_fourier else ()
+    def degeneracies(self, properties: DataProperties) -> tuple[str, ...]:
+        return ("camera_alignment",) if properties.is_fourier else ()
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         return square_grid("tilt_y", "tilt_x", reach=7.5e-3, step=1.5e-3)

@@ -158,10 +158,8 @@ def test_a_session_that_cant_be_leaves_no_file(
     assert not (tmp_path / "a.h5").exists()
 
 
-def test_own_effects_are_run_and_it_says_so(holoview: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from holoview.model.effects import registry
-
-    monkeypatch.setattr(registry, "_user_effects", {})
+@pytest.mark.usefixtures("no_user_effects")
+def test_own_effects_are_run_and_it_says_so(holoview: Run, tmp_path: Path) -> None:
     (tmp_path / "haze.py").write_text(
         "from holoview.effects import Effect, Parameter\n"
         "class Haze(Effect):\n"

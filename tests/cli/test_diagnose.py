@@ -285,9 +285,8 @@ class Haze(Effect):
 
 
 @pytest.fixture
-def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], Path]:
+def own(tmp_path: Path, no_user_effects: None) -> Callable[[str], Path]:
     """Writes an effect of one's own, forgotten after the test."""
-    monkeypatch.setattr(registry, "_user_effects", {})
 
     def write(body: str) -> Path:
         path = tmp_path / "haze.py"

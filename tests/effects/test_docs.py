@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from holoview.model.effects import registry as module
+from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS
 from holoview.model.effects.hook_contexts import CameraContext
 from holoview.model.effects.registry import listed_effects, load_user_effects
 from holoview.model.preset import loads
@@ -21,8 +21,8 @@ def _blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL)
 
 
-def test_the_complete_example_is_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_user_effects", {})
+@pytest.mark.usefixtures("no_user_effects")
+def test_the_complete_example_is_complete(tmp_path: Path) -> None:
     (tmp_path / "haze.py").write_text(_blocks("python")[0], encoding="utf-8")
     (haze,) = load_user_effects(tmp_path / "haze.py")
     image = torch.tensor([[0.0, 4.0]])
@@ -44,6 +44,4 @@ def test_the_preset_can_be_read() -> None:
 def test_every_effect_and_hook_is_named() -> None:
     missing = [name for name in listed_effects() if f"`{name}`" not in TEXT]
     assert not missing
-    from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS
-
     assert all(f"`{hook}(" in TEXT for hook in (*BENCH_HOOKS, *MODULATOR_HOOKS, "pupil", *CAMERA_HOOKS))

@@ -1,4 +1,4 @@
-"""Which effects of a table are on, and what they make of a bench; nothing here needs torch."""
+"""Applies the active effects of a table to a System, to laser powers and to exposures; nothing here needs torch."""
 
 from __future__ import annotations
 
@@ -13,16 +13,22 @@ from holoview.model.effects.parameter import Values
 from holoview.model.effects.registry import get_effect, is_user_effect
 from holoview.util.errors import UserError
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # a System holds the values of its effects: its module imports this package
     from holoview.model.system import System
 
 EffectValues = Mapping[str, Mapping[str, Any]]
+"""{effect id: {parameter: SI value}}."""
+
+ActivePair = tuple[Effect, Values]
 
 
 def call_hook(effect: Effect, hook: str, *arguments: Any) -> Any:
-    """What a hook returns. Raises UserError with the effect's name where the bench can't be, or a user's file fails."""
+    """The result of an effect's hook.
+
+    Raises UserError that names the effect when the hook raises one, and when a user's effect fails or returns None.
+    """
     try:
-        found = getattr(effect, hook)(*arguments)
+        result = getattr(effect, hook)(*arguments)
     except UserError as error:
         raise error.inside(f"effects.{effect.id}: ") from error
     except Exception as error:
@@ -30,84 +36,104 @@ def call_hook(effect: Effect, hook: str, *arguments: Any) -> Any:
             found = f"its {hook} failed: {type(error).__name__}: {error}"
             raise UserError(f"effects.{effect.id}", found, remedy="mend the file that defines it") from error
         raise
-    if found is None:
+    if result is None:
         raise UserError(f"effects.{effect.id}", f"its {hook} returned nothing", remedy="mend the file that defines it")
-    return found
+    return result
 
 
 class ActiveEffects:
-    """The effects of a table {id: {parameter: value}} that are off their identity, in the order of their hooks."""
+    """The effects of a table that aren't at their identity, in the order in which their hooks are called.
+
+    table: {effect id: {parameter: SI value}}.
+    extra: effects that are used instead of the registered ones of the same id.
+
+    pairs: (effect, its parameter values), sorted by `Effect.order` and id.
+    """
 
     def __init__(self, table: EffectValues, extra: Iterable[Effect] = ()) -> None:
-        own = {one.id: one for one in extra}
-        pairs = [(own.get(name) or get_effect(name), values) for name, values in table.items()]
-        on = [(one, v) for one, given in pairs if not (v := one.parameter_values(given)).is_identity]
-        self.pairs: tuple[tuple[Effect, Values], ...] = tuple(sorted(on, key=lambda pair: (pair[0].order, pair[0].id)))
+        extra_by_id = {effect.id: effect for effect in extra}
+        pairs = [(extra_by_id.get(name) or get_effect(name), given) for name, given in table.items()]
+        active = [(effect, v) for effect, given in pairs if not (v := effect.parameter_values(given)).is_identity]
+        self.pairs: tuple[ActivePair, ...] = tuple(sorted(active, key=lambda pair: (pair[0].order, pair[0].id)))
 
-    def with_hooks(self, *hooks: str) -> list[tuple[Effect, Values]]:
-        """Those that override one of the hooks."""
-        return [(one, v) for one, v in self.pairs if any(one.overrides(hook) for hook in hooks)]
+    def with_hooks(self, *hooks: str) -> list[ActivePair]:
+        """The pairs whose effect overrides one of the hooks."""
+        return [(effect, v) for effect, v in self.pairs if any(effect.overrides(hook) for hook in hooks)]
+
+    def on_modulator(self, number: int, *hooks: str) -> list[ActivePair]:
+        """The pairs with one of the hooks that act on modulator 0 or 1; the source acts on modulator 0."""
+        parts = {f"modulator {number + 1}", "source" if number == 0 else ""}
+        return [pair for pair in self.with_hooks(*hooks) if parts & set(pair[0].acts_on)]
 
     def cache_key(self, *hooks: str, acts_on: str = "") -> tuple[Any, ...]:
-        """What the hooks' results depend on, of effects that change a place; equal for equal values, hashable."""
+        """A hashable key of all that the hooks' results depend on: equal for equal effects and values.
+
+        acts_on: restricts it to effects of one part, such as "modulator 1".
+        """
         return tuple(
-            (one.id, v.cache_key) for one, v in self.with_hooks(*hooks) if not acts_on or acts_on in one.acts_on
+            (effect.id, v.cache_key)
+            for effect, v in self.with_hooks(*hooks)
+            if not acts_on or acts_on in effect.acts_on
         )
 
+    def applied(self, hook: str, value: Any, *context: Any, pairs: Iterable[ActivePair] | None = None) -> Any:
+        """`value` passed through one hook of every pair that has it, or of the given pairs, one after another."""
+        for effect, v in self.with_hooks(hook) if pairs is None else pairs:
+            value = call_hook(effect, hook, value, *context, v)
+        return value
+
     def bench(self, system: System) -> System:
-        """The bench as it is. Raises UserError, naming the effect, where such a bench can't be."""
-        for one, v in self.with_hooks("bench"):
-            system = call_hook(one, "bench", system, v)
-        return system
+        """The system with the hooks `bench`. Raises UserError, with the effect's id, for a system that can't be."""
+        changed: System = self.applied("bench", system)
+        return changed
 
     def laser_power(self, power: Any) -> Any:
-        """Relative power that was emitted when `power` was set."""
-        for one, v in self.with_hooks("laser_power"):
-            power = call_hook(one, "laser_power", power, v)
-        return power
+        """The relative power that is emitted when `power` was set, a number or an array."""
+        return self.applied("laser_power", power)
 
     def exposure_samples(self) -> list[ExposureSample]:
-        """What an exposure averages over: (weight, factor of the optical paths)."""
-        moments: list[ExposureSample] = [(1.0, 1.0)]
-        for one, v in self.with_hooks("exposure_samples"):
-            moments = [(w0 * w, f0 * f) for w0, f0 in moments for w, f in call_hook(one, "exposure_samples", v)]
-        return moments
+        """What an exposure averages over: pairs (weight, factor of the optical paths)."""
+        samples: list[ExposureSample] = [(1.0, 1.0)]
+        for effect, v in self.with_hooks("exposure_samples"):
+            samples = [(w0 * w, f0 * f) for w0, f0 in samples for w, f in call_hook(effect, "exposure_samples", v)]
+        return samples
 
     def black_level_offset(self) -> float:
-        """Counts beyond the camera's nominal black level."""
-        return sum(call_hook(one, "black_level_offset", v) for one, v in self.with_hooks("black_level_offset"))
+        """Counts that are added to the camera's nominal black level."""
+        hook = "black_level_offset"
+        return sum(call_hook(effect, hook, v) for effect, v in self.with_hooks(hook))
 
     def camera_effects(self) -> list[Effect]:
-        """Those that change what a camera records, which nobody's eye looks through."""
-        return [one for one, _ in self.with_hooks(*CAMERA_HOOKS)]
+        """The effects that change only what a camera records; an observer doesn't see them."""
+        return [effect for effect, _ in self.with_hooks(*CAMERA_HOOKS)]
 
     def as_built(self, system: System) -> System:
-        """The bench as it is, its lasers' powers as emitted, a frame for each moment of an exposure.
+        """The system with effects on distances, angles, wavelengths, apertures and laser powers, as it is simulated.
 
-        Frame f of the nominal bench becomes the frames f·M … f·M + M − 1 of its M moments.
+        An exposure with M samples becomes M frames: frame f of `system` becomes the frames f·M … f·M + M − 1. Raises
+        UserError when the system lacks what an effect changes.
         """
-        self._check(system)
+        self._check_requirements(system)
         system = self.bench(system)
         amplitudes = self.laser_power(system.amplitudes)
-        shares = np.array([weight for weight, _ in self.exposure_samples()])
-        rows = (amplitudes[:, None, :] * (shares * len(shares))[None, :, None]).reshape(-1, amplitudes.shape[1])
+        weights = np.array([weight for weight, _ in self.exposure_samples()])
+        rows = (amplitudes[:, None, :] * (weights * len(weights))[None, :, None]).reshape(-1, amplitudes.shape[1])
         return system.edit({"amplitudes": rows, "effects": {}})
 
-    def _check(self, system: System) -> None:
-        """UserError where the bench lacks what an effect changes."""
-        for one, _ in self.pairs:
-            if missing := unmet_requirement(one, system):
-                raise UserError(f"effects.{one.id}", missing, remedy="switch it off, or describe what it acts on")
+    def _check_requirements(self, system: System) -> None:
+        for effect, _ in self.pairs:
+            if missing := unmet_requirement(effect, system):
+                raise UserError(f"effects.{effect.id}", missing, remedy="switch it off, or describe what it acts on")
 
 
-def unmet_requirement(one: Effect, system: System) -> str:
-    """Why an effect can't be switched on for a bench, in words; empty where it can."""
-    facts = DataProperties(
+def unmet_requirement(effect: Effect, system: System) -> str:
+    """Why an effect can't be active in a system, in words; empty when it can."""
+    properties = DataProperties(
         wavelengths=len(system.wavelengths_m),
         planes=len(system.planes_m),
-        powers=2,  # whatever is set later
+        powers=2,  # powers can be changed later
         modulators=len(system.modulators),
         irises=(system.relay1.iris_na is not None, system.relay2.iris_na is not None),
         is_fourier=False,
     )
-    return dataclasses.replace(one.needs, wavelengths=1, planes=1).unmet_by(facts)
+    return dataclasses.replace(effect.needs, wavelengths=1, planes=1).unmet_by(properties)

@@ -1,21 +1,22 @@
-"""What an effect is: something a real bench does and the plain model doesn't.
+"""Base class of an effect: an imperfection of a real display that the plain model doesn't have.
 
-An effect states its cause, its parameters, and overrides the hooks of the slots that it changes. Hooks run only when a
-parameter is off its identity, so that an effect that is off changes no bit. In the order in which light meets them:
+An effect states its cause and its parameters, and overrides the hooks of the quantities that it changes. Hooks are
+called only when a parameter differs from its identity, so that an effect that is off changes no bit of a result. In the
+order in which light meets them:
 
-    bench         System → System: distances, angles, wavelengths, irises, laser powers
-    power         relative laser power that was set → that was emitted
-    moments       what one exposure averages over: (weight, factor of the optical paths)
-    response      share of the stroke (0…1) that a modulator shows, for the share that was sent
-    path          optical path (m) of a modulator at a wavelength
-    transmission  complex transmission of a modulator at a wavelength; what falls onto the first one belongs here too
-    seat          how the second modulator lies against the first: shift, rotation, magnification
-    pupil         complex pupil of a relay at a wavelength
-    aim           how the camera lies
-    image         what the camera collects: ≥ 0, linear in light or not, before its black level
-    offset        the camera's black level, counts beyond the nominal
+    bench               System → System: distances, angles, wavelengths, irises, laser powers
+    laser_power         relative laser power that was set → that is emitted
+    exposure_samples    what an exposure averages over: (weight, factor of the optical paths)
+    stroke_response     fraction of the stroke (0…1) that was sent → that a modulator shows
+    optical_path        optical path (m) of a modulator at a wavelength
+    transmission        complex transmission of a modulator at a wavelength; also the light onto the first one
+    slm2_pose           position of the second modulator: shift, rotation, magnification
+    pupil               complex pupil of a relay at a wavelength
+    camera_pose         position of the camera
+    image               what the camera collects (≥ 0, linear in light or not), before its black level
+    black_level_offset  counts beyond the camera's nominal black level
 
-Hooks take and return torch tensors; they use tensor methods and the tools of their context (`hook_contexts`).
+Hooks on light take and return torch tensors, by tensor methods and the tools of their context (`hook_contexts`).
 """
 
 from __future__ import annotations
@@ -27,13 +28,14 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from holoview.model.effects.old_names import MEMBERS, adopt_old_members, old_attribute, old_method
 from holoview.model.effects.parameter import Parameter, Values
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # torch takes seconds to import; a System holds the values of its effects
     from torch import Tensor
 
     from holoview.model.effects.hook_contexts import CameraContext, ModulatorContext, Pose, RelayContext
     from holoview.model.system import System
 
 ExposureSample = tuple[float, float]
+"""(weight, factor of the optical paths) of a sample of an exposure."""
 
 BENCH_HOOKS = ("bench", "laser_power", "exposure_samples")
 MODULATOR_HOOKS = ("stroke_response", "optical_path", "transmission", "slm2_pose")
@@ -42,7 +44,12 @@ CAMERA_HOOKS = ("camera_pose", "image", "black_level_offset")
 
 @dataclass(frozen=True)
 class DataProperties:
-    """What data tell about: how many different wavelengths, planes, laser powers and modulators; which geometry."""
+    """What captures contain, on which it depends which effects can be seen in them.
+
+    wavelengths, planes, powers, modulators: how many different ones.
+    irises: whether relay 1 and relay 2 have an iris.
+    is_fourier: whether the camera is in the far field of the modulator, on a Fourier bench.
+    """
 
     wavelengths: int
     planes: int
@@ -54,7 +61,12 @@ class DataProperties:
 
 @dataclass(frozen=True)
 class Needs:
-    """The least that an effect needs of the data to be seen in them. irises: numbers (1, 2) of relays with an iris."""
+    """What captures must contain for an effect to be seen in them.
+
+    wavelengths, planes, powers, modulators: at least so many different ones.
+    irises: numbers (1, 2) of the relays that must have an iris.
+    near_field, fourier: whether the effect acts on a near-field bench and on a Fourier bench.
+    """
 
     wavelengths: int = 1
     planes: int = 1
@@ -64,25 +76,31 @@ class Needs:
     near_field: bool = True
     fourier: bool = True
 
-    def unmet_by(self, facts: DataProperties) -> str:
-        """Why the effect can't be seen in such data, in words; empty when it can."""
-        if not (self.fourier if facts.is_fourier else self.near_field):
-            return "it doesn't act on a Fourier bench" if facts.is_fourier else "it acts on a Fourier bench only"
+    def unmet_by(self, properties: DataProperties) -> str:
+        """Why the effect can't be seen in data with these properties, in words; empty when it can."""
+        if not (self.fourier if properties.is_fourier else self.near_field):
+            return "it doesn't act on a Fourier bench" if properties.is_fourier else "it acts on a Fourier bench only"
         for what in ("wavelengths", "planes", "powers", "modulators"):
-            if getattr(facts, what) < getattr(self, what):
-                return f"it needs {getattr(self, what)} {what}, there are {getattr(facts, what)}"
-        lacking = [n for n in self.irises if not facts.irises[n - 1]]
+            if getattr(properties, what) < getattr(self, what):
+                return f"it needs {getattr(self, what)} {what}, there are {getattr(properties, what)}"
+        lacking = [n for n in self.irises if not properties.irises[n - 1]]
         return f"relay {lacking[0]} has no iris" if lacking else ""
 
 
 class Effect:
-    """One physical cause. Subclasses give the class variables and override hooks.
+    """One physical cause. Subclasses set the class variables and override hooks.
 
-    id: the name in presets, results and file names. cause: a sentence that says what would be wrong. finding: what is
-    said once it is found, with {parameter} for values in people's units and what `words` adds. equals: ids of effects
-    that no data of these benches can tell from this one. where: the places it changes, of "source", "modulator 1",
-    "relay 1", "modulator 2", "relay 2", "camera". order: among hooks of the same kind, small numbers first.
-    listed: whether it is offered as a cause or a slider; one that isn't is only known by its id.
+    id: its name in presets, results and file names.
+    cause: a sentence that says what is wrong.
+    finding: what a diagnosis says of it, with {parameter} for values with units and the fields of `finding_fields`.
+    parameters: what may vary, and by how much.
+    acts_on: the parts that it changes, of "source", "modulator 1", "relay 1", "modulator 2", "relay 2", "camera".
+    degenerate_with: ids of effects that no data can tell from this one.
+    needs: what captures must contain for it to be seen.
+    order: effects with smaller numbers are applied first where several have the same hook.
+    listed: whether it is offered as a cause and in the viewer; otherwise it is known by its id only.
+
+    Hooks get the values of the parameters, in SI units, as `v`.
     """
 
     id: ClassVar[str]
@@ -98,74 +116,74 @@ class Effect:
     def __init_subclass__(cls) -> None:
         adopt_old_members(cls)
 
-    # --- what it changes --------------------------------------------------------------------------------------------
+    # --- hooks ------------------------------------------------------------------------------------------------------
 
     def bench(self, system: System, v: Values) -> System:
-        """The bench as it is; raises UserError where such a bench can't be."""
+        """The system as it really is. May raise UserError when such a system can't be."""
         return system
 
     def laser_power(self, power: Any, v: Values) -> Any:
-        """Relative power emitted when `power` was set; a number or an array."""
+        """The relative power that is emitted when `power` was set; a number or an array."""
         return power
 
     def exposure_samples(self, v: Values) -> Sequence[ExposureSample]:
-        """(weight, factor of all optical paths) of the moments that an exposure averages over; weights sum to 1."""
+        """Samples (weight, factor of all optical paths) that an exposure averages in intensity; weights sum to 1."""
         return ((1.0, 1.0),)
 
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        """Share of the stroke that pixels (rows, columns) show."""
+        """The fraction of the stroke that pixels (rows, columns) show when `share` was sent."""
         return share
 
     def optical_path(self, path_m: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        """Optical path, of pixels (rows, columns) or, from `at.sampled` on, of samples."""
+        """The optical path (m) of pixels (rows, columns), or of samples once an effect has called `context.sampled`."""
         return path_m
 
     def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        """Complex transmission, of pixels or samples as for `path`."""
+        """The complex transmission of pixels or samples, as for `optical_path`."""
         return transmission
 
     def slm2_pose(self, pose: Pose, v: Values) -> Pose:
-        """Where the second modulator is, against where it should be."""
+        """The position of the second modulator relative to its nominal one."""
         return pose
 
     def pupil(self, pupil: Tensor, context: RelayContext, v: Values) -> Tensor:
-        """Complex pupil at the frequencies of `at` (rows, columns)."""
+        """The complex pupil at the frequencies of the context (rows, columns)."""
         return pupil
 
     def camera_pose(self, pose: Pose, v: Values) -> Pose:
-        """Where the camera is, against where it should be."""
+        """The position of the camera relative to its nominal one."""
         return pose
 
     def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:
-        """What the camera collects, (y, x)."""
+        """The image (y, x) that the camera collects, before its black level."""
         return image
 
     def black_level_offset(self, v: Values) -> float:
-        """Counts that the camera adds to its nominal black level."""
+        """Counts that are added to the camera's nominal black level."""
         return 0.0
 
-    # --- what is said about it --------------------------------------------------------------------------------------
+    # --- searching and reporting ------------------------------------------------------------------------------------
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
-        """Points from which to search, off the identity: each parameter's own scan, others at their identity."""
+        """Points {parameter: value} at which a search starts: by default each parameter's scan, others at identity."""
         return [{p.name: value} for p in self.parameters for value in p.scan_values()]
 
     def finding_fields(self, system: System, v: Values) -> Mapping[str, str]:
-        """More words for `finding`, e.g. the nominal value that it is compared with."""
+        """Further fields of `finding`, such as the nominal value."""
         return {}
 
-    def degeneracies(self, facts: DataProperties) -> tuple[str, ...]:
-        """Ids of effects that such data can't tell from this one."""
+    def degeneracies(self, properties: DataProperties) -> tuple[str, ...]:
+        """Ids of effects that data with these properties can't tell from this one."""
         return self.degenerate_with
 
     def format_finding(self, system: System, values: Mapping[str, float]) -> str:
-        """The finding in words, for the nominal bench and the values (SI) that were found."""
+        """The finding in words, for the nominal system and the values (SI) that were found."""
         v = self.parameter_values(values)
         texts = {p.name: p.format(v[p.name]) for p in self.parameters}
         return self.finding.format(**texts, **self.finding_fields(system, v))
 
     def parameter_values(self, given: Mapping[str, Any] | None = None) -> Values:
-        """Values with identities filled in; UserError for an unknown name."""
+        """All values, identities where none is given. Raises UserError for an unknown parameter."""
         return Values(self.parameters, given)
 
     def overrides(self, hook: str) -> bool:
@@ -173,6 +191,6 @@ class Effect:
         return getattr(type(self), hook) is not getattr(Effect, hook)
 
 
-for _old, _new in MEMBERS.items():  # for effect files that call what they inherit by its old name
+for _old, _new in MEMBERS.items():  # effect files may call inherited members by their old names
     _method = getattr(Effect, _new, None)
     setattr(Effect, _old, old_method(_old, _new, _method) if callable(_method) else old_attribute(_old, _new))

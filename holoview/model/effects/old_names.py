@@ -1,4 +1,4 @@
-"""Names that effect files used before version 0.2: they work until version 0.3, with a warning that names the new."""
+"""Deprecated names in effect files from before version 0.2: they work until version 0.3, with a FutureWarning."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ MEMBERS = {
     "values": "parameter_values",
     "changes": "overrides",
 }
-"""Of `Effect`: hooks, class variables, methods."""
+"""Hooks, class variables and methods of `Effect`, {old name: new name}."""
 
 
 def warn(old: str, new: str, stacklevel: int = 3) -> None:
-    """FutureWarning (shown to users by default) that `old` is called `new` now."""
+    """Warns that `old` is called `new` now; users see a FutureWarning by default."""
     warnings.warn(f"`{old}` is called `{new}` now; the old name works until version 0.3", FutureWarning, stacklevel)
 
 
 def adopt_old_members(cls: type[Any]) -> None:
-    """Gives what a class defines under an old name its new name too; called when the class is made."""
+    """Adds the new name of everything that a subclass of `Effect` defines under an old one, and warns."""
     for old, new in MEMBERS.items():
         if old in vars(cls) and new not in vars(cls):
             warn(f"{cls.__name__}.{old}", new, stacklevel=4)
@@ -41,7 +41,7 @@ def adopt_old_members(cls: type[Any]) -> None:
 
 
 def old_attribute(old: str, new: str) -> Any:
-    """A read-only attribute under its old name."""
+    """A read-only property under an old name."""
 
     def read(self: Any) -> Any:
         warn(old, new)
@@ -51,7 +51,10 @@ def old_attribute(old: str, new: str) -> Any:
 
 
 def old_method(old: str, new: str, inherited: Callable[..., Any]) -> Any:
-    """A method under its old name. inherited: what `super()` means where a subclass overrides the old name."""
+    """A method under an old name.
+
+    inherited: the base class's method, which `super()` has to reach when a subclass overrides the old name.
+    """
 
     def call(self: Any, *arguments: Any, **keywords: Any) -> Any:
         warn(old, new)
@@ -62,7 +65,7 @@ def old_method(old: str, new: str, inherited: Callable[..., Any]) -> Any:
 
 
 def moved(old_module: str, new_module: str, names: Mapping[str, str] | None = None) -> Callable[[str], Any]:
-    """The `__getattr__` of a module whose content stands in another one now, `names` from old to new ones there."""
+    """A `__getattr__` for a module whose content has moved; names: {old name: new name}, where they differ."""
 
     def get(name: str) -> Any:
         new = (names or {}).get(name, name)

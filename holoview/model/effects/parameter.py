@@ -1,4 +1,4 @@
-"""A parameter of an effect: unit, range, prior, and the value at which the effect is off."""
+"""A parameter of an effect: unit, bounds, prior width, scan range, and the value at which the effect is off."""
 
 from __future__ import annotations
 
@@ -17,14 +17,19 @@ _SI = {"pm": "m", "nm": "m", "um": "m", "mm": "m", "cm": "m", "urad": "rad", "mr
 
 @dataclass(frozen=True)
 class Parameter:
-    """What may be wrong by how much, in SI units.
+    """A number that describes by how much something is wrong. Values, bounds, prior and scan are in SI units.
 
-    name: the key in presets and results. shown: the unit that people read: "mm", "nm", "mrad", "" for a plain number,
-    or a unit of its own such as "counts" or "px". low, high: inclusive bounds. prior: how large it commonly is (1 σ).
-    identity: the value at which it changes nothing, not a bit. scan: (first, last, step) of a search along this
-    parameter alone; None where a local fit finds it. even: images depend on its square, so that a fit must vary
-    the square, which has a slope at zero. sharp: images jump as it varies (hard edges): search without slopes. fine:
-    too small a matter to name a cause by, but worth calibrating; a diagnosis leaves it at its identity at first.
+    name: the key in presets and results.
+    doc: a sentence that explains it.
+    shown: the unit in which it is written and read: "mm", "nm", "mrad", "" for a plain number, or a name such as
+    "counts" or "px", which isn't converted.
+    low, high: inclusive bounds.
+    prior: its usual size, one standard deviation.
+    identity: the value at which the effect changes no bit.
+    scan: (first, last, step) of a search along this parameter; None if a local fit finds it.
+    even: images depend on its square only, so that a fit varies the square, whose derivative at zero isn't zero.
+    sharp: images are discontinuous in it (hard edges), so that derivatives don't exist.
+    fine: secondary: calibrated, but no cause is named for it alone; a diagnosis holds it at its identity at first.
     """
 
     name: str
@@ -41,18 +46,18 @@ class Parameter:
 
     @property
     def unit(self) -> str:
-        """The unit of its values: m, rad, 1, or a unit of its own."""
+        """The unit of its values: "m", "rad", "1", or `shown` where that isn't converted."""
         return _SI.get(self.shown, self.shown)
 
     @property
     def is_quantity(self) -> bool:
-        """Whether people write it with a unit that is a length or an angle."""
+        """Whether it is a length or an angle, which are written with a unit."""
         return self.shown in _SI and self.shown != ""
 
     def parse(self, value: Any, where: str) -> Any:
-        """The value (SI) of people's text or a number; UserError when it is wrong or out of bounds."""
+        """The SI value of text or a number. Raises UserError, with the place `where`, if wrong or out of bounds."""
         if isinstance(value, str) and not self.is_quantity:
-            value = self._plain(value, where)
+            value = self._parse_plain(value, where)
         number = Number(self.shown if self.is_quantity else "", self.low, self.high).parse(value, where)
         assert number is not None
         if not np.isfinite(number):
@@ -60,32 +65,32 @@ class Parameter:
         return number
 
     def to_toml(self, value: Any) -> str | float:
-        """For TOML: text with its unit where it has one that `read` knows, else the number. No digit is lost."""
+        """The value in TOML, without losing a digit: text with a unit for lengths and angles, else a number."""
         return units.format_exact(value, self.shown) if self.is_quantity else float(value)
 
     def format(self, value: Any, digits: int = 3) -> str:
-        """For reading: "0.108 mm", "12 counts"."""
+        """The value as rounded text with its unit, such as "0.108 mm" or "12 counts"."""
         if self.is_quantity:
             return units.format_rounded(value, self.shown, digits)
         return f"{value:.{digits}g} {self.shown}".rstrip()
 
     def scan_values(self) -> Iterator[float]:
-        """Values to try in a search along this parameter, its identity left out."""
+        """The values of `scan` without the identity."""
         if self.scan is not None:
             first, last, step = self.scan
             steps = round((last - first) / step)
             yield from (v for k in range(steps + 1) if abs((v := first + k * step) - self.identity) > step / 1e6)
 
     def to_fit(self, value: float) -> float:
-        """The number that a fit varies: the value, or its square where images depend on that."""
+        """The number that a fit varies: the value, or its square if `even`."""
         return value * value if self.even else value
 
     def from_fit(self, number: float) -> float:
-        """The value of a number that a fit varies, inside the bounds."""
+        """The value for the number that a fit varies, clipped to the bounds."""
         value = max(number, 0.0) ** 0.5 if self.even else number
         return min(max(value, self.low), self.high)
 
-    def _plain(self, text: str, where: str) -> float:
+    def _parse_plain(self, text: str, where: str) -> float:
         try:
             return float(text.removesuffix(self.shown).strip() if self.shown else text)
         except ValueError as error:
@@ -95,25 +100,28 @@ class Parameter:
 
 
 class FileParameter(Parameter):
-    """The path of a file that holds what numbers can't say. In a preset it is relative to the preset's own folder."""
+    """A parameter whose value is the path of a file. In a preset it is relative to the preset's folder."""
 
     def parse(self, value: Any, where: str) -> str:
-        """The path."""
+        """The path, as text. Raises UserError unless it is text."""
         if not isinstance(value, str) or not value.strip():
             raise UserError(where, f"{value!r}", expected="the path of a file")
         return value
 
     def to_toml(self, value: Any) -> str:
-        """As it was read."""
+        """The path unchanged."""
         return str(value)
 
     def format(self, value: Any, digits: int = 3) -> str:
-        """As it was read."""
+        """The path unchanged."""
         return str(value)
 
 
 class Values(Mapping[str, float]):
-    """The values of an effect's parameters; those that weren't given are at their identity."""
+    """The values of all parameters of an effect, {name: SI value}; identities where no value was given.
+
+    Raises UserError for a name that isn't a parameter.
+    """
 
     def __init__(self, parameters: tuple[Parameter, ...], given: Mapping[str, Any] | None = None) -> None:
         given = given or {}
@@ -122,7 +130,7 @@ class Values(Mapping[str, float]):
             if name not in known:
                 raise UserError(name, "unknown parameter", remedy=suggest_matches(name, known))
         self._values = {p.name: given.get(p.name, p.identity) for p in parameters}
-        self._is_identity = all(_same(self._values[p.name], p.identity) for p in parameters)
+        self._is_identity = all(_is_identity(self._values[p.name], p.identity) for p in parameters)
 
     def __getitem__(self, name: str) -> Any:
         return self._values[name]
@@ -135,14 +143,14 @@ class Values(Mapping[str, float]):
 
     @property
     def is_identity(self) -> bool:
-        """Whether nothing is changed."""
+        """Whether all values are identities, so that the effect is off."""
         return self._is_identity
 
     @property
     def cache_key(self) -> tuple[Any, ...]:
-        """Equal for equal values, hashable."""
+        """A hashable key, equal for equal values."""
         return tuple(self._values.values())
 
 
-def _same(value: Any, identity: float) -> bool:
+def _is_identity(value: Any, identity: float) -> bool:
     return isinstance(value, int | float) and value == identity

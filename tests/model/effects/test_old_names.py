@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 import torch
 
-from holoview.model.effects import registry
 from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.hook_contexts import CameraContext, Pose
@@ -50,8 +49,7 @@ class Old(Effect):
 
 
 @pytest.fixture
-def old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Effect:
-    monkeypatch.setattr(registry, "_user_effects", {})
+def old(tmp_path: Path, no_user_effects: None) -> Effect:
     (tmp_path / "old.py").write_text(FILE, encoding="utf-8")
     with pytest.warns(FutureWarning) as told:
         (effect,) = load_user_effects(tmp_path / "old.py")

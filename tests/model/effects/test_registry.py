@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 import torch
 
-from holoview.model.effects import registry as module
 from holoview.model.effects.hook_contexts import CameraContext
 from holoview.model.effects.registry import get_effect, listed_effects, load_user_effects
 from holoview.util.errors import UserError
@@ -27,15 +26,13 @@ class Haze(Effect):
 """
 
 
-@pytest.fixture(autouse=True)
-def _forgets_own_effects(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_user_effects", {})
+pytestmark = pytest.mark.usefixtures("no_user_effects")
 
 
 def test_a_users_own_effect_is_one_like_any_other(tmp_path: Path) -> None:
     file = tmp_path / "haze.py"
     file.write_text(OWN, encoding="utf-8")
-    assert [one.id for one in load_user_effects(file)] == ["haze"]
+    assert [effect.id for effect in load_user_effects(file)] == ["haze"]
     assert "haze" in listed_effects()
     assert get_effect("haze").parameters[0].name == "share"
 
