@@ -1,19 +1,34 @@
-"""What the viewer edits, computes in the background and remembers; the same for notebooks. No window, no GPU.
+"""What a viewer or notebook edits, computes in the background and saves; it knows no window.
 
-session      the one place where a bench, its patterns and the way they are looked at are edited
-state look   the document and the way it is looked at, as frozen data
-history      undo and redo; a drag is one step
-wanted       a target as a recipe; targets built in the background for the bench as it is
-newest       work of which only the newest request counts
-jobs         work on a thread with progress, pause and cancel; its end is delivered to the owner
-optimising   an optimisation that the view follows, kept or thrown away
-opening      what a file is, by its content; loading: what a session makes of it
-watching     a file that another program writes again
-messages     what the user is told
-measure      figures of a region, a line, a pixel; live: kept up to date; gamut: chromaticities to draw
-tone         XYZ to what is on the screen; palettes: false colours
-rendering    images for exports, on a device of their own
-showcase     simultaneous colour beside HoloChrome, with their speckle contrasts
-export       pictures, focal sweeps, labelled figures
-autosave     saved as it changes, found again after a crash; archive: the format; folder: preferences, recent files
+editing_session       the document with undo, jobs, snapshots and messages, owned by one thread
+document              system, patterns, target and view settings as immutable data
+view_settings         focal plane, exposure, channel, comparison, measured region
+target_spec           what a hologram should show
+target_builder        builds targets on a worker thread
+scene                 what an image is rendered from
+focal_plane           moves the focal plane
+changes               which parts of a session changed; listeners
+history               undo and redo
+jobs                  background jobs with progress, pause and cancellation
+latest_task           a worker thread that runs only the latest request
+call_queue            calls from any thread to the owner's
+messages              a log of messages to the user
+optimisation_job      optimises patterns as a job with preview
+scheme_comparison     compares two colour schemes by speckle contrast
+rendering             renders focal planes on a job's thread
+quick_system          a simplified system for previews
+derived_images        phase of a pattern; eyebox
+measure               speckle contrast, PSNR and colour error of a region; profiles; pixel values
+live_measurement      the same, kept up to date for the displayed image
+tone_mapping          XYZ to 8-bit sRGB
+colour_maps           colour maps for single-channel images
+chromaticity_diagram  spectral locus, display primaries, gamut of the lasers
+file_reader           recognises a file by its content and reads it
+file_loader           applies a file to a session; reloads it when it is rewritten
+file_watcher          reports when a file was rewritten
+archive               the format of a saved session
+autosave              saves a session whenever it changes
+session_store         finds and restores saved sessions
+preferences           the user's preferences and recent files
+export                writes images, animations, figures and holograms
 """

@@ -1,8 +1,9 @@
-"""A session as a folder: session.json names objects/*.safetensors by their content, so that steps share patterns.
+"""Reads and writes a session as a folder of JSON and safetensors files.
 
-Objects are written first, then session.json in one rename, each to the disk: whenever the program dies, or a driver
-takes the machine with it, the folder holds a whole session.
-Nothing is pickled; what can't be read back is left out and told.
+`session.json` holds the history; patterns and pictures are in `objects/*.safetensors`, named by a hash of their
+content, so that steps of the history share them. Objects are written before `session.json`, which is replaced by
+renaming, and each is flushed to the disk (fsync): the folder holds a complete session even after a crash of the
+machine. What can't be read back is left out and reported.
 """
 
 from __future__ import annotations
@@ -37,7 +38,11 @@ _ARRAY = TensorFormat("holoview-object", "1", "patterns or a picture of a saved 
 
 @dataclass(frozen=True, eq=False)
 class SessionData:
-    """All of a session that is saved; `unfinished` is what a running optimisation has found."""
+    """The data of a session that are saved.
+
+    steps: of the history, up to the present and undone ones; position: index of the present step. snapshots: by name.
+    unfinished: the best result so far of an optimisation that was running.
+    """
 
     steps: tuple[HistoryStep, ...]
     position: int
@@ -46,12 +51,12 @@ class SessionData:
 
     @property
     def present(self) -> Document:
-        """The current state."""
+        """The document at the present step."""
         return self.steps[self.position].document
 
 
 class SessionArchive:
-    """Writes documents into a folder, again and again; what hasn't changed isn't written again."""
+    """Writes a session into a folder repeatedly; objects that are already there aren't written again."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -59,24 +64,27 @@ class SessionArchive:
         self._names: dict[int, tuple[weakref.ref[Any], str]] = {}
         self._systems: dict[System, str] = {}
 
-    def write(self, document: SessionData, metadata: Mapping[str, Any]) -> None:
-        """Writes the document; `facts` go into session.json beside it. Raises UserError when the disk refuses."""
+    def write(self, data: SessionData, metadata: Mapping[str, Any]) -> None:
+        """Writes the data, with `metadata` in session.json. Raises UserError or OSError when the disk can't be written.
+
+        Objects that no step refers to any more are deleted.
+        """
         self._objects.mkdir(parents=True, exist_ok=True)
         systems: dict[str, str] = {}
         targets: dict[str, Any] = {}
 
-        def written(state: Document) -> dict[str, Any]:
-            return self._document_table(state, systems, targets)
+        def table_of(document: Document) -> dict[str, Any]:
+            return self._document_table(document, systems, targets)
 
-        steps = [{"label": s.label, "when": s.when, **written(s.document)} for s in document.steps]
+        steps = [{"label": step.label, "when": step.when, **table_of(step.document)} for step in data.steps]
         table = {
             "format": FORMAT,
             "version": VERSION,
             **metadata,
-            "position": document.position,
+            "position": data.position,
             "steps": steps,
-            "snapshots": {name: written(state) for name, state in document.snapshots.items()},
-            "unfinished": None if document.unfinished is None else written(document.unfinished),
+            "snapshots": {name: table_of(document) for name, document in data.snapshots.items()},
+            "unfinished": None if data.unfinished is None else table_of(data.unfinished),
             "systems": systems,
             "targets": targets,
         }
@@ -89,50 +97,51 @@ class SessionArchive:
             if path.stem not in text:
                 path.unlink(missing_ok=True)
 
-    def _document_table(self, state: Document, systems: dict[str, str], targets: dict[str, Any]) -> dict[str, Any]:
-        if state.system not in self._systems:
-            self._systems[state.system] = preset.dumps(state.system)
-        toml = self._systems[state.system]
-        key = hashlib.sha256(toml.encode()).hexdigest()[:16]
-        systems[key] = toml
-        wanted = None
-        if state.target_spec is not None:
-            wanted = str(id(state.target_spec))
-            targets.setdefault(wanted, self._target_table(state.target_spec))
+    def _document_table(self, document: Document, systems: dict[str, str], targets: dict[str, Any]) -> dict[str, Any]:
+        """The JSON of a document; its system and target are added to the tables that all documents share."""
+        if document.system not in self._systems:
+            self._systems[document.system] = preset.dumps(document.system)
+        toml = self._systems[document.system]
+        system_key = hashlib.sha256(toml.encode()).hexdigest()[:16]
+        systems[system_key] = toml
+        target_key = None
+        if document.target_spec is not None:
+            target_key = str(id(document.target_spec))
+            targets.setdefault(target_key, self._target_table(document.target_spec))
         return {
-            "system": key,
-            "drive": self._store_array(state.drive),
-            "wanted": wanted,
-            "look": _look_table(state.view_settings),
-            "origin": state.origin,
-            "path": None if state.path is None else str(state.path),
+            "system": system_key,
+            "drive": self._store_array(document.drive),
+            "wanted": target_key,
+            "look": _view_table(document.view_settings),
+            "origin": document.origin,
+            "path": None if document.path is None else str(document.path),
         }
 
-    def _target_table(self, wanted: TargetSpec) -> dict[str, Any]:
-        table = {key: getattr(wanted, key) for key in ("title", "brightness", "saturation", "space")}
-        placement = asdict(wanted.placement)
+    def _target_table(self, target_spec: TargetSpec) -> dict[str, Any]:
+        table = {key: getattr(target_spec, key) for key in ("title", "brightness", "saturation", "space")}
+        placement = asdict(target_spec.placement)
         table["placement"] = placement | {"depth": None if placement["depth"] is None else str(placement["depth"])}
-        if isinstance(wanted.source, Path):
-            return table | {"stack": str(wanted.source)}
-        return table | {"picture": self._store_array(wanted.source.rgb), "source": wanted.source.source}
+        if isinstance(target_spec.source, Path):
+            return table | {"stack": str(target_spec.source)}
+        return table | {"picture": self._store_array(target_spec.source.rgb), "source": target_spec.source.source}
 
     def _store_array(self, array: NDArray[np.float32]) -> str:
-        """The name of an array's file, written if it isn't there yet."""
-        known = self._names.get(id(array))
-        if known is None or known[0]() is not array:
+        """Writes an array to a file named by its hash, unless that exists; returns the name without suffix."""
+        entry = self._names.get(id(array))
+        if entry is None or entry[0]() is not array:
             digest = hashlib.sha256(repr(array.shape).encode() + np.ascontiguousarray(array).data).hexdigest()[:32]
-            known = (weakref.ref(array), digest)
-            self._names[id(array)] = known
-        path = self._objects / f"{known[1]}.safetensors"
+            entry = (weakref.ref(array), digest)
+            self._names[id(array)] = entry
+        path = self._objects / f"{entry[1]}.safetensors"
         if not path.is_file():
             _ARRAY.write(path, {"array": array}, {})
             fsync(path)
             fsync(self._objects)
-        return known[1]
+        return entry[1]
 
 
 def read_metadata(folder: Path) -> dict[str, Any]:
-    """session.json of a folder. Raises UserError when it is missing, damaged, or of another version."""
+    """The content of a folder's session.json. Raises UserError when it is missing, damaged, or of another version."""
     path = folder / _FILE
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
@@ -146,29 +155,31 @@ def read_metadata(folder: Path) -> dict[str, Any]:
 
 
 def read_session(folder: Path) -> tuple[SessionData, list[str]]:
-    """The document of a folder, and in words what of it couldn't be read. Raises UserError when nothing could be."""
+    """The session in a folder, and a sentence for each part that couldn't be read.
+
+    Raises UserError when session.json or every step of the history is unreadable.
+    """
     table = read_metadata(folder)
     reader = _Reader(folder, table)
     steps: list[HistoryStep] = []
     position = 0
     for index, entry in enumerate(table["steps"]):
-        state = reader.document(entry, f'step "{entry["label"]}"')
-        if state is not None:
-            steps.append(HistoryStep(entry["label"], state, entry["when"]))
+        document = reader.document(entry, f'step "{entry["label"]}"')
+        if document is not None:
+            steps.append(HistoryStep(entry["label"], document, entry["when"]))
         if index <= table["position"]:
             position = max(len(steps) - 1, 0)
     if not steps:
         raise UserError(str(folder), "no step of it can be read", expected="a saved session")
     snapshots = {name: reader.document(entry, f'snapshot "{name}"') for name, entry in table["snapshots"].items()}
-    unfinished = (
-        None if table["unfinished"] is None else reader.document(table["unfinished"], "unfinished optimisation")
-    )
-    kept = {name: state for name, state in snapshots.items() if state is not None}
-    return SessionData(tuple(steps), position, kept, unfinished), reader.unreadable
+    entry = table["unfinished"]
+    unfinished = None if entry is None else reader.document(entry, "unfinished optimisation")
+    readable = {name: document for name, document in snapshots.items() if document is not None}
+    return SessionData(tuple(steps), position, readable, unfinished), reader.unreadable
 
 
 class _Reader:
-    """Reads states; systems, patterns and targets once each, so that steps share them again."""
+    """Reads documents; each system, array and target is read once, so that steps share them again."""
 
     def __init__(self, folder: Path, table: Mapping[str, Any]) -> None:
         self._folder, self._table = folder, table
@@ -178,11 +189,12 @@ class _Reader:
         self.unreadable: list[str] = []
 
     def document(self, entry: Mapping[str, Any], what: str) -> Document | None:
+        """A document; None where it can't be read, which is then noted in `unreadable`."""
         try:
             return Document(
                 self._system(entry["system"]),
                 self._array(entry["drive"]),
-                _look(entry["look"]),
+                _view_from_table(entry["look"]),
                 None if entry["wanted"] is None else self._target(entry["wanted"]),
                 entry["origin"],
                 None if entry["path"] is None else Path(entry["path"]),
@@ -214,16 +226,16 @@ class _Reader:
         return self._targets[key]
 
 
-# --- the look -------------------------------------------------------------------------------------------------------
+# --- view settings --------------------------------------------------------------------------------------------------
 
 
-def _look_table(look: ViewSettings) -> dict[str, Any]:
-    table = asdict(look)
-    return table | {"muted": sorted(look.muted)}
+def _view_table(view: ViewSettings) -> dict[str, Any]:
+    table = asdict(view)
+    return table | {"muted": sorted(view.muted)}
 
 
-def _look(table: Mapping[str, Any]) -> ViewSettings:
-    """The look of a table; a field that isn't there has its default."""
+def _view_from_table(table: Mapping[str, Any]) -> ViewSettings:
+    """The view settings of a table; a field that is missing gets its default."""
     values: dict[str, Any] = {}
     for field in fields(ViewSettings):
         if field.name in table:

@@ -1,4 +1,4 @@
-"""Calls that any thread hands to the one that owns a session."""
+"""A queue of calls from any thread to the thread that owns a session."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ Call = Callable[[], None]
 
 
 class CallQueue:
-    """Calls in the order in which they came."""
+    """A thread-safe queue of calls without arguments, in the order of `put`."""
 
     def __init__(self) -> None:
         self._waiting: SimpleQueue[Call] = SimpleQueue()
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing waits to be called."""
+        """Whether no call waits."""
         return self._waiting.empty()
 
     def put(self, call: Call) -> None:
-        """From any thread."""
+        """Adds a call. May be called on any thread."""
         self._waiting.put(call)
 
     def drain(self) -> Iterator[Call]:
-        """The calls that wait, and those that come meanwhile."""
+        """Takes the waiting calls, and those that are added meanwhile, for the owner to make."""
         while True:
             try:
                 yield self._waiting.get_nowait()

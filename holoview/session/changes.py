@@ -1,4 +1,4 @@
-"""What has changed about a session, and who is told."""
+"""Which parts of a session have changed, and the listeners that are notified."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ CHANGE_KINDS = ("system", "drive", "look", "target", "jobs", "messages", "snapsh
 
 @dataclass(frozen=True)
 class Change:
-    """What listeners are told: which of KINDS may have changed."""
+    """A change of a session; `kinds` are those of CHANGE_KINDS that may have changed."""
 
     kinds: frozenset[str]
 
 
 class Listeners:
-    """Those who are told of changes, on the thread that makes them."""
+    """Functions that are called after each change, on the thread that makes it."""
 
     def __init__(self) -> None:
         self._all: list[Callable[[Change], None]] = []
 
     def add(self, listener: Callable[[Change], None]) -> Callable[[], None]:
-        """Calls `listener` after every change; the returned function ends it."""
+        """Calls `listener` after each change; the returned function removes it."""
         self._all.append(listener)
         return lambda: self._all.remove(listener)
 
     def notify(self, *kinds: str) -> None:
-        """Tells all of them."""
+        """Calls all listeners with a change of these kinds."""
         for listener in list(self._all):
             listener(Change(frozenset(kinds)))
 
 
 def changed_kinds(before: Document, after: Document) -> list[str]:
-    """Which kinds an edit of the document has changed."""
+    """The kinds of CHANGE_KINDS in which two documents differ; a changed system also changes the target's geometry."""
     kinds = []
     if before.system != after.system:
         kinds += ["system", "target"]

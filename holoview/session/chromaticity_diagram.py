@@ -1,6 +1,7 @@
-"""Chromaticities to draw: the horseshoe, the triangles of screens, the polygon of the lasers, the colours of an image.
+"""Data of the chromaticity diagram: spectral locus, display primaries, gamut of the lasers, colours of an image.
 
-All are CIE 1931-like (x, y): an eye's XYZ_F is treated as XYZ, as everywhere.
+All are chromaticities x = X/(X+Y+Z), y = Y/(X+Y+Z). For the observer "eye" they are computed from the XYZ_F of the
+cone fundamentals (CIE 170-2) and drawn in the same diagram as CIE 1931, from which they differ slightly.
 """
 
 from __future__ import annotations
@@ -22,38 +23,38 @@ DISPLAY_PRIMARIES: dict[str, tuple[tuple[float, float], ...]] = {
 }
 """Chromaticities of the primaries red, green, blue: IEC 61966-2-1 and SMPTE EG 432-1."""
 D65_XY = (0.3127, 0.3290)
-"""D65."""
-_SPECTRUM_M = (390e-9, 700e-9)  # beyond 700 nm the horseshoe turns back on itself within the width of a line
-_DARK = 0.01
+"""Chromaticity of the daylight illuminant D65, CIE 1931."""
+_LOCUS_RANGE_M = (390e-9, 700e-9)  # the locus turns back by less than a line's width beyond 700 nm
+_MIN_LUMINANCE = 0.01
 
 
 @cache
 def spectral_locus(observer: str = "eye", count: int = 156) -> Floats:
-    """Chromaticities (count, 2) of spectral lights from 390 to 700 nm; CIE 1931 for a mono camera."""
+    """Chromaticities (count, 2) of monochromatic light from 390 to 700 nm; CIE 1931 for the observer "mono"."""
     kind = "cie1931" if observer == "mono" else observer
-    xy = chromaticity(observer_weights(kind, np.linspace(*_SPECTRUM_M, count)))
+    xy = chromaticity(observer_weights(kind, np.linspace(*_LOCUS_RANGE_M, count)))
     xy.setflags(write=False)
     return xy
 
 
 def laser_chromaticities(system: System) -> Floats:
-    """Chromaticities (wavelength, 2) of the lasers, as an eye sees them."""
+    """Chromaticities (wavelength, 2) of the lasers for the system's observer; for the eye if that is "mono"."""
     kind = "eye" if system.observer == "mono" else system.observer
     return chromaticity(observer_weights(kind, system.wavelengths_m))
 
 
 def laser_gamut(system: System) -> Floats:
-    """Corners (n, 2) of all the colours that the lasers that are on can mix, in turn round the edge."""
+    """Corners (n, 2) of the convex hull of the lasers that are on: the colours that they can mix, in order."""
     on = np.any(system.amplitudes > 0, axis=0)
     return convex_hull(laser_chromaticities(system)[on])
 
 
 def image_chromaticities(xyz: NDArray[np.floating], most: int = 3000) -> tuple[Floats, NDArray[np.uint8]]:
-    """Chromaticities (n, 2) and sRGB colours (n, 3) of at most `most` samples of XYZ (y, x, 3), evenly taken.
+    """Chromaticities (n, 2) and 8-bit sRGB (n, 3) of at most `most` evenly chosen samples of XYZ (y, x, 3).
 
-    Samples darker than 1 % of white are left out, since noise makes their colour.
+    Samples with a luminance below 1 % of white are left out, since their chromaticity is mostly noise.
     """
     flat = np.asarray(xyz, dtype=np.float64).reshape(-1, 3)
-    bright = flat[flat[:, 1] > _DARK]
-    some = bright[:: max(-(-len(bright) // most), 1)]
-    return chromaticity(some), to_srgb8(xyz_to_linear_srgb(some))
+    bright = flat[flat[:, 1] > _MIN_LUMINANCE]
+    chosen = bright[:: max(-(-len(bright) // most), 1)]
+    return chromaticity(chosen), to_srgb8(xyz_to_linear_srgb(chosen))

@@ -1,7 +1,7 @@
-"""Tables of 256 colours for one channel: false colour, phase, signed differences.
+"""Colour maps of 256 colours for single-channel images: false colour, phase, signed differences.
 
-cubehelix: brightness rises evenly while the hue turns (Green, Bull. Astr. Soc. India 39, 289, 2011). hue: cyclic, for
-phases. signed: blue below, white at, red above the middle.
+grey: linear in the sRGB code. cubehelix: perceived brightness rises monotonically while the hue rotates (Green, Bull.
+Astr. Soc. India 39, 289, 2011). hue: cyclic, for phases. signed: diverging, white in the middle, blue below, red above.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 NAMES = ("grey", "cubehelix", "hue", "signed")
 _COUNT = 256
-_START, _ROTATIONS = 0.5, -1.5  # Green's default: begins with blue, turns one and a half times
-_HELIX = np.array([[-0.14861, 1.78277], [-0.29227, -0.90649], [1.97294, 0.0]])  # Green, equation 2
+_START, _ROTATIONS = 0.5, -1.5  # Green's default: starts with blue, one and a half rotations
+_HELIX = np.array([[-0.14861, 1.78277], [-0.29227, -0.90649], [1.97294, 0.0]])  # Green 2011, equation 2
 
 
 @cache
 def colour_map(name: str) -> NDArray[np.uint8]:
-    """The table (256, 3) of 8-bit sRGB. Raises KeyError for another name than NAMES."""
+    """The colour map (256, 3) in 8-bit sRGB, read-only. Raises KeyError for a name that isn't in NAMES."""
     tables = {"grey": _grey, "cubehelix": _cubehelix, "hue": _hue, "signed": _diverging}
     table = np.rint(255 * np.clip(tables[name](np.linspace(0.0, 1.0, _COUNT)), 0, 1)).astype(np.uint8)
     table.setflags(write=False)
@@ -38,7 +38,7 @@ def _cubehelix(share: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _hue(share: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Three cosines a third of a turn apart: even in brightness, and its ends meet."""
+    """Three cosines with phases a third of a turn apart: cyclic, with a constant sum."""
     return 0.5 + 0.5 * np.cos(2 * np.pi * (share[:, None] - np.array([0.0, 1 / 3, 2 / 3])))
 
 

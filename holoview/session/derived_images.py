@@ -1,4 +1,4 @@
-"""Other pictures of a hologram than what is seen: the phase of its patterns, and where its light leaves to."""
+"""Images derived from a hologram other than its focal planes: the phase of a pattern, and the eyebox."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from holoview.session.document import Drive
 
 
 def phase_turns(system: System, drive: Drive, frame: int, modulator: int) -> NDArray[np.float32]:
-    """Phase (y, x) of a modulator's pattern in turns, 0…1, at the laser in the middle of the spectrum."""
+    """Phase (y, x) of a modulator's pattern at the median wavelength, in turns modulo 1: 2π radians are one turn."""
     wavelength_m = float(np.sort(system.wavelengths_m)[len(system.wavelengths_m) // 2])
     path_m = optical_path(torch.from_numpy(drive[frame, modulator].copy()), system.modulators[modulator])
     turns: NDArray[np.float32] = torch.remainder(path_m / wavelength_m, 1.0).numpy()
@@ -27,17 +27,17 @@ def phase_turns(system: System, drive: Drive, frame: int, modulator: int) -> NDA
 
 
 def eyebox_xyz(system: System, drive: Drive, check: Callable[[], None] = lambda: None) -> NDArray[np.float32]:
-    """XYZ (y, x, 3) of the light in the first order of the last modulator, by direction: the eyebox.
+    """XYZ (y, x, 3) of the light in the first diffraction order of the last modulator, by direction: the eyebox.
 
-    The direction without any tilt is in the middle, and the edges are at ±1/(2·pitch) cycles a metre: a laser's angle
-    there is ±λ/(2·pitch). Behind the stops of relay 2, with the pixel's envelope in it; the mean luminance is 1/4. On
-    a grid without padding, so one direction's neighbours aren't told apart. `check` is called between wavelengths and
-    may raise.
+    The spatial frequency 0 is in the middle and the edges are at ±1/(2·pitch), where the angle of a laser is
+    ±λ/(2·pitch). The light is taken behind the stops of relay 2 and includes the envelope of a pixel's aperture; it is
+    scaled to a mean luminance of 1/4. The grid isn't padded, so the resolution is one period of the grid. `check` is
+    called before each spectrum and may raise an exception to cancel.
     """
     plan = make_plan(system.edit({"propagation": "periodic"}))
     executor, order = TorchExecutor(plan, make_frame_inputs(plan, drive)), first_order(plan.grid)
     rows, columns = order.bins
-    seen = np.zeros((len(rows), len(columns), 3))
+    xyz = np.zeros((len(rows), len(columns), 3))
     for wavelength in range(len(system.wavelengths_m)):
         for frame in plan.lit(wavelength):
             for source in range(len(plan.slopes)):
@@ -46,6 +46,6 @@ def eyebox_xyz(system: System, drive: Drive, check: Callable[[], None] = lambda:
                 passed = executor.transmit(spectrum, 1, wavelength, float(system.planes_m[0]))
                 power = passed.abs().square().numpy()[np.ix_(rows, columns)]
                 share = float(plan.weights[frame, wavelength]) / len(plan.slopes)
-                seen += share * power[..., None] * plan.colour_weights[wavelength]
-    mean = seen[..., 1].mean()
-    return (seen / (4 * mean) if mean > 0 else seen).astype(np.float32)
+                xyz += share * power[..., None] * plan.colour_weights[wavelength]
+    mean = xyz[..., 1].mean()
+    return (xyz / (4 * mean) if mean > 0 else xyz).astype(np.float32)

@@ -1,4 +1,4 @@
-"""The document: a bench, the patterns on it, what they should show, and how they are looked at. Frozen."""
+"""The document that a session edits: system, modulator patterns, target and view settings. Immutable."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ Drive = NDArray[np.float32]
 class Document:
     """What is edited and undone as a whole.
 
-    drive (frame, modulator, y, x) float32 in 0…1, read-only. wanted: the target's recipe. origin: where the patterns
-    come from, in words. path: the file that they came from or went to. Raises UserError when the drive doesn't fit.
+    drive: patterns (frame, modulator, y, x) in 0…1, float32, read-only. origin: where the patterns come from, in words.
+    path: the hologram file that they were read from or written to. View settings that refer to lasers, frames,
+    modulators or samples that don't exist are adjusted. Raises UserError when the drive doesn't have the shape that
+    the system needs.
     """
 
     system: System
@@ -54,24 +56,31 @@ class Document:
 
     @property
     def measured_region(self) -> Region:
-        """Where speckle is measured: the region that was drawn, else the central half."""
+        """Where speckle is measured: the region of the view settings, else the central half in each direction."""
         rows, columns = self.image_shape
         return self.view_settings.region or (columns // 4, rows // 4, columns // 2, rows // 2)
 
     @property
+    def sample_pitch_m(self) -> float:
+        """Distance in metres between samples of the simulated image."""
+        return self.system.modulators[0].pitch_m / self.system.sampling.upsample
+
+    @property
     def lit_system(self) -> System:
-        """The bench with the lasers switched off that are muted or aren't the solo one."""
-        look, count = self.view_settings, len(self.system.wavelengths_m)
-        if look.solo is None and not look.muted:
+        """The system with the amplitudes of lasers that are muted, or aren't the solo one, set to 0.
+
+        Raises UserError when none is left on.
+        """
+        view, count = self.view_settings, len(self.system.wavelengths_m)
+        if view.solo is None and not view.muted:
             return self.system
-        on = np.array([i == look.solo if look.solo is not None else i not in look.muted for i in range(count)])
-        amplitudes = self.system.amplitudes * on
+        amplitudes = self.system.amplitudes * np.array([view.shows_laser(i) for i in range(count)])
         if not np.any(amplitudes > 0):
             raise UserError("lasers", "none is left on", remedy="solo or unmute one that has power")
         return self.system.edit({"amplitudes": amplitudes})
 
     def with_changes(self, changes: dict[str, Any]) -> Document:
-        """A copy with some fields changed; patterns that no longer fit a changed bench are made to fit.
+        """A copy with some fields changed; patterns are adapted to a changed system by `fit_drive`.
 
         Raises UserError when the result is impossible.
         """
@@ -80,13 +89,13 @@ class Document:
             drive, note = fit_drive(self.drive, system.drive_shape)
             changes = {**changes, "drive": drive}
             changes.setdefault("origin", f"{self.origin}; {note}" if self.origin else note)
-        state = replace(self, **changes)
-        _ = state.lit_system
-        return state
+        document = replace(self, **changes)
+        _ = document.lit_system
+        return document
 
 
 def is_same_document(one: Document, other: Document) -> bool:
-    """Whether two states are equal; patterns and targets are compared by identity, which is what edits share."""
+    """Whether two documents are equal. Drives and targets are compared by identity, as edits share unchanged ones."""
     if one.drive is not other.drive or one.target_spec is not other.target_spec:
         return False
     return all(
@@ -97,7 +106,7 @@ def is_same_document(one: Document, other: Document) -> bool:
 
 
 def as_readonly_drive(drive: NDArray[np.floating]) -> Drive:
-    """A read-only float32 drive; itself where it is one already."""
+    """A read-only float32 copy of a drive; the array itself if it is both already."""
     if drive.dtype == np.float32 and not drive.flags.writeable:
         return drive
     copy = np.array(drive, dtype=np.float32)
@@ -106,10 +115,10 @@ def as_readonly_drive(drive: NDArray[np.floating]) -> Drive:
 
 
 def fit_drive(drive: Drive, shape: tuple[int, int, int, int], seed: int = 0) -> tuple[Drive, str]:
-    """Patterns for a bench of another shape, and in words what was done.
+    """Adapts patterns to `shape` (frame, modulator, y, x); returns them and a description of what was done.
 
-    Frames are repeated or dropped, a second modulator's pattern dropped or begun at random; patterns of another pixel
-    count can't be kept, since phase isn't a picture that may be scaled: they begin at random.
+    Frames are repeated or dropped; a second modulator gets a random pattern or is dropped. For another pixel count all
+    patterns become random, because phase patterns can't be resampled like pictures.
     """
     frames, modulators = shape[:2]
     if drive.shape[2:] != shape[2:]:

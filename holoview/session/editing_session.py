@@ -1,7 +1,7 @@
-"""The one place where a bench, its patterns and the way they are looked at are edited, from a window or a notebook.
+"""The editing session: a document with undo, background jobs and messages, for a window or a notebook.
 
-Every edit has a label and can be undone. One thread owns the session; workers hand it what they have through `poll`,
-and `wake` tells the owner, from any thread, that there is something to poll.
+One thread owns a session. Worker threads deliver results with `call_on_owner`; these take effect when the owner calls
+`poll`. The function `wake` tells the owner, from any thread, that there is something to poll.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from holoview.util.errors import UserError
 from holoview.view import random_drive
 
 _KEPT_BY_UNDO = ("zoom", "centre")
-"""Fields of the look that undo leaves alone."""
+"""Fields of the view settings that undo and redo leave unchanged."""
 
 
 class EditingSession:
-    """A document with undo, background jobs, snapshots to compare with, and messages to the user.
+    """A document with undo, snapshots to compare with, background jobs, and messages to the user.
 
-    drive (frame, modulator, y, x) in 0…1; random patterns of `seed` when None. `wake` is called from any thread.
-    Raises UserError when the drive or the look doesn't fit the system.
+    drive: patterns (frame, modulator, y, x) in 0…1; random patterns of `seed` when None. wake: may be called on any
+    thread. `version` rises with each change. Raises UserError when the drive doesn't fit the system.
     """
 
     def __init__(
@@ -54,14 +54,14 @@ class EditingSession:
         patterns = random_drive(system, seed) if drive is None else drive
         origin = origin or ("random patterns" if drive is None else "patterns given")
         view_settings = view_settings or ViewSettings(plane_m=middle_plane(system))
-        state = Document(system, np.asarray(patterns, dtype=np.float32), view_settings, target_spec, origin)
-        self._set_up(History(HistoryStep("Start", state, time())), {}, wake)
+        document = Document(system, np.asarray(patterns, dtype=np.float32), view_settings, target_spec, origin)
+        self._set_up(History(HistoryStep("Start", document, time())), {}, wake)
 
     @classmethod
     def from_history(
         cls, history: History, snapshots: Mapping[str, Document], wake: Callable[[], None] = lambda: None
     ) -> EditingSession:
-        """A session as it was saved."""
+        """A session with an undo history and snapshots that were saved."""
         session = cls.__new__(cls)
         session._set_up(history, snapshots, wake)
         return session
@@ -81,55 +81,59 @@ class EditingSession:
 
     @property
     def document(self) -> Document:
-        """The document as it was last edited."""
+        """The document at the present step of the history."""
         return self._history.present
 
     @property
     def system(self) -> System:
-        """The bench."""
+        """The document's system."""
         return self.document.system
 
     @property
     def drive(self) -> Drive:
-        """The patterns."""
+        """The document's patterns (frame, modulator, y, x)."""
         return self.document.drive
 
     @property
     def view_settings(self) -> ViewSettings:
-        """The way it is looked at."""
+        """The document's view settings."""
         return self.document.view_settings
 
     @property
     def target_spec(self) -> TargetSpec | None:
-        """The target's recipe."""
+        """The document's target specification."""
         return self.document.target_spec
 
     @property
     def displayed_document(self) -> Document:
-        """What is to be drawn: the document, lasers soloed and muted, with what a running optimisation has found."""
-        state = self.document
+        """The document as it is displayed: solo and mute applied, with the preview of a running optimisation.
+
+        The preview replaces the patterns only while the system and the patterns are those it was started from.
+        """
+        document = self.document
         if self._preview is not None:
-            begun, preview = self._preview
-            if state.system == begun.system and state.drive is begun.drive:
-                state = replace(state, system=preview.system, drive=preview.drive)
-        lit = state.lit_system
-        return state if lit is state.system else replace(state, system=lit)
+            start, preview = self._preview
+            if document.system == start.system and document.drive is start.drive:
+                document = replace(document, system=preview.system, drive=preview.drive)
+        lit = document.lit_system
+        return document if lit is document.system else replace(document, system=lit)
 
     @property
     def preview_document(self) -> Document | None:
-        """What a running optimisation has found so far."""
+        """The best result so far of a running optimisation."""
         return None if self._preview is None else self._preview[1]
 
-    def set_preview(self, begun: Document | None, found: Document | None = None) -> None:
-        """Shows `found` in place of `begun` for as long as the document is still that; None ends it."""
-        self._preview = None if begun is None or found is None else (begun, found)
+    def set_preview(self, start: Document | None, preview: Document | None = None) -> None:
+        """Displays `preview` in place of `start` while the document still has the patterns of `start`; None ends it."""
+        self._preview = None if start is None or preview is None else (start, preview)
         self._notify("drive", "system")
 
     def edit(self, label: str, *, merge_key: Hashable = None, undoable: bool = True, **changes: Any) -> None:
-        """Changes `system`, `drive`, `look`, `wanted`, `origin` or `path` of the document, in one step of undo.
+        """Changes fields of the document (`system`, `drive`, `view_settings`, `target_spec`, …) in one step of undo.
 
-        Edits with the same `merge` that follow each other within a second are one step. Raises UserError when the
-        result is impossible; then nothing has changed. An edit that changes nothing is no step.
+        Edits with the same `merge_key` that follow each other within a second become one step. An edit that is not
+        `undoable` changes the present step. An edit without effect adds no step. Raises UserError when the result is
+        impossible; then nothing has changed.
         """
         before = self.document
         after = before.with_changes(changes)
@@ -142,41 +146,41 @@ class EditingSession:
         self._notify(*changed_kinds(before, after), "history")
 
     def change(self, label: str, changes: Mapping[str, Any], merge_key: Hashable = None) -> None:
-        """Edits keys of the bench as `System.edit` does, e.g. {"gap": 3e-3, "relay2.iris_na": 0.02}."""
+        """Changes keys of the system as `System.edit` does, e.g. {"gap": 3e-3, "relay2.iris_na": 0.02}."""
         self.edit(label, system=self.system.edit(changes), merge_key=merge_key)
 
     def edit_view(self, label: str, *, merge_key: Hashable = None, undoable: bool = True, **fields: Any) -> None:
-        """Changes fields of the look, e.g. edit_view("Exposure", merge_key="exposure", exposure_stops=1.0)."""
+        """Changes fields of the view settings, e.g. `edit_view("Exposure", exposure_stops=1.0)`."""
         self.edit(label, view_settings=self.view_settings.with_(**fields), merge_key=merge_key, undoable=undoable)
 
     def end_gesture(self) -> None:
-        """The hand has let go: the next edit is a step of its own, whatever its merge key."""
+        """Ends a drag: the next edit is a separate step of undo, even with the same merge key."""
         self._history.end_gesture()
 
     # --- undo -------------------------------------------------------------------------------------------------------
 
     @property
     def history(self) -> tuple[HistoryStep, ...]:
-        """All steps, undone ones included."""
+        """All steps, including those that were undone."""
         return tuple(self._history.steps)
 
     @property
     def history_position(self) -> int:
-        """Index of the present step."""
+        """Index of the present step in `history`."""
         return self._history.position
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is something to undo."""
+        """Whether an edit can be undone."""
         return self.history_position > 0
 
     @property
     def can_redo(self) -> bool:
-        """Whether there is something to redo."""
+        """Whether an edit can be redone."""
         return self.history_position < len(self._history.steps) - 1
 
     def undo(self) -> str | None:
-        """Takes back the last edit and returns its label, or None when there is none."""
+        """Undoes the last edit and returns its label; None when there is none."""
         if not self.can_undo:
             return None
         label = self._history.steps[self.history_position].label
@@ -184,22 +188,22 @@ class EditingSession:
         return label
 
     def redo(self) -> str | None:
-        """Makes the edit again that was last undone and returns its label, or None when there is none."""
+        """Redoes the edit that was undone last and returns its label; None when there is none."""
         if not self.can_redo:
             return None
         self.go_to_step(self.history_position + 1)
         return self._history.steps[self.history_position].label
 
     def go_to_step(self, position: int) -> None:
-        """Makes a step of the history the present; zoom stays."""
+        """Makes the step of that index the present one; zoom and position of the view stay."""
         before = self.document
         self._history.go_to(position)
-        stays = {key: getattr(before.view_settings, key) for key in _KEPT_BY_UNDO}
-        self._history.amend(replace(self.document, view_settings=self.view_settings.with_(**stays)))
+        unchanged = {key: getattr(before.view_settings, key) for key in _KEPT_BY_UNDO}
+        self._history.amend(replace(self.document, view_settings=self.view_settings.with_(**unchanged)))
         self._notify(*changed_kinds(before, self.document), "history")
 
     def load_history(self, history: History, snapshots: Mapping[str, Document]) -> None:
-        """Becomes a session that was saved; listeners stay, jobs are cancelled."""
+        """Replaces the history and the snapshots by saved ones; jobs are cancelled, listeners stay."""
         self.jobs.cancel_all()
         self._preview, self._history, self._snapshots = None, history, dict(snapshots)
         self._notify(*CHANGE_KINDS)
@@ -208,59 +212,59 @@ class EditingSession:
 
     @property
     def snapshots(self) -> Mapping[str, Document]:
-        """Pinned states by name, oldest first."""
+        """Pinned documents by name, oldest first."""
         return dict(self._snapshots)
 
-    def pin(self, name: str = "", state: Document | None = None) -> str:
-        """Keeps a state (the present when None) to compare with, and returns its name; the same name replaces."""
+    def pin(self, name: str = "", document: Document | None = None) -> str:
+        """Stores a document (the present one when None) as a snapshot and returns its name; an equal name replaces."""
         name = name or next(f"Snapshot {n}" for n in range(1, 10_000) if f"Snapshot {n}" not in self._snapshots)
-        self._snapshots[name] = state or self.document
+        self._snapshots[name] = document or self.document
         self._notify("snapshots")
         return name
 
     def unpin(self, name: str) -> None:
-        """Forgets a snapshot; a comparison with it becomes one with the present."""
+        """Deletes a snapshot; comparisons with it compare with the present document instead."""
         if self._snapshots.pop(name, None) is not None:
             self._replace_side(ComparisonSide("snapshot", name), NOW)
 
     def rename_snapshot(self, name: str, to: str) -> None:
-        """Gives a snapshot another name, by which every step knows it. Raises UserError when that is taken or empty."""
+        """Renames a snapshot, in all steps of the history too. Raises UserError when the name is taken or empty."""
         if not to or to in self._snapshots:
             raise UserError("snapshot", f'"{to}"', expected="a name that isn't taken")
-        self._snapshots = {to if key == name else key: state for key, state in self._snapshots.items()}
+        self._snapshots = {to if key == name else key: document for key, document in self._snapshots.items()}
         self._replace_side(ComparisonSide("snapshot", name), ComparisonSide("snapshot", to))
 
     def _replace_side(self, old: ComparisonSide, new: ComparisonSide) -> None:
-        """Looks at another side in the place of one in all steps, as snapshots come and go without undo."""
+        """Replaces a side of the comparison in all steps, since deleting a snapshot isn't undone."""
         self._history.amend_all(
-            lambda state: replace(state, view_settings=state.view_settings.with_side_replaced(old, new))
+            lambda document: replace(document, view_settings=document.view_settings.with_side_replaced(old, new))
         )
         self._notify("look", "history", "snapshots")
 
     def scene_for(self, side: ComparisonSide) -> Scene | None:
-        """What to render for a side: see `scene_of`."""
+        """What to render for a side of the comparison: see `resolve_scene`."""
         return resolve_scene(side, self.displayed_document, self._snapshots)
 
     def target_at(self, plane_m: float | None = None) -> NDArray[np.float32] | None:
-        """The target (y, x, 3) at a plane (that of the look), linear sRGB; None: none, or it is being built."""
+        """The target (y, x, 3) in linear sRGB at a plane, by default the displayed one; None until it is built."""
         return self.target_builder.get(self.document, self.view_settings.plane_m if plane_m is None else plane_m)
 
     # --- threads and listeners --------------------------------------------------------------------------------------
 
     def call_on_owner(self, call: Callable[[], None]) -> None:
-        """From any thread: has the owner make a call at its next poll."""
+        """Has the owner make a call at its next `poll`. May be called on any thread."""
         self._inbox.put(call)
         self._wake()
 
     def poll(self) -> None:
-        """Makes the calls that workers delivered. One that fails becomes a message; the rest are still made."""
+        """Makes the calls that worker threads delivered. An exception becomes a message; the other calls are made."""
         for call in self._inbox.drain():
             with self.report_errors():
                 call()
             self._notify("jobs")
 
     def wait_until_idle(self, timeout_s: float = 60.0) -> bool:
-        """Polls until no job runs and no target is being built; whether that was so in time. For notebooks, tests."""
+        """Polls until no job runs and no target is being built; returns False after the timeout."""
         until = monotonic() + timeout_s
         while monotonic() < until:
             self.poll()
@@ -272,18 +276,18 @@ class EditingSession:
 
     @contextmanager
     def report_errors(self, where: str = "") -> Iterator[None]:
-        """An exception inside becomes a message: nothing is lost and the front end goes on."""
+        """A context in which an exception becomes a message to the user instead of propagating."""
         try:
             yield
-        except Exception as error:  # told to the user, whatever it is
+        except Exception as error:  # a defect in one edit must not end the program
             self.messages.post_error(error, where)
 
     def add_listener(self, listener: Callable[[Change], None]) -> Callable[[], None]:
-        """Calls `listener` on the owner's thread after every change; the returned function ends it."""
+        """Calls `listener` on the owner's thread after each change; the returned function removes it."""
         return self._listeners.add(listener)
 
     def close(self) -> None:
-        """Ends jobs and threads."""
+        """Cancels all jobs and ends the threads."""
         self.jobs.close()
         self.target_builder.close()
 
@@ -297,5 +301,5 @@ class EditingSession:
 
 
 def middle_plane(system: System) -> float:
-    """The focal plane that is looked at first."""
+    """The median focal plane in metres, which a new session displays."""
     return float(np.sort(system.planes_m)[len(system.planes_m) // 2])

@@ -1,4 +1,4 @@
-"""What a session makes of what was opened: one edit, a message, a line in the recent files, a file to watch."""
+"""Opens files into a session: reads them in the background, applies them as one edit, and watches hologram files."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from holoview.session.view_settings import SPECKLE_EXPOSURE_STOPS, ViewSettings
 from holoview.util.errors import UserError
 
 _RETRY_FOR_S = 10.0
-"""How long a watched file may stay unreadable before the user is told; it may be half written."""
+"""How long a watched file may stay unreadable, being half written, before an error is reported."""
 
 
 class FileLoader:
-    """Opens files into a session in the background, and again when a hologram on show was rewritten.
+    """Opens files into a session in the background, and reloads a displayed hologram file when it is rewritten.
 
-    remember: called with the path of what was opened. quick: whether a new target is optimised for a moment, so that
-    something of it is seen.
+    remember: called with the path of each file that was opened. quick: whether a quick optimisation starts for a new
+    target; it can be changed later as `optimises_new_targets`.
     """
 
     def __init__(
@@ -35,90 +35,94 @@ class FileLoader:
     ) -> None:
         self.optimises_new_targets = quick
         self._session, self._remember = session, remember
-        self._watch: FileWatcher | None = None
-        self._watches = True
+        self._watcher: FileWatcher | None = None
+        self._is_watching = True
         self._stop = session.add_listener(lambda change: self._update_watcher() if "drive" in change.kinds else None)
         self._update_watcher()
 
     def open(self, names: str | Path | Sequence[str | Path]) -> BackgroundJob:
-        """Opens files or the preset of a name; what is wrong with them becomes a message."""
+        """Opens one or several files, or a preset by its name; errors become messages."""
         system = self._session.system
         title = _title(names)
         return self._session.jobs.start(f"Open {title}", lambda control: read_content(names, system), self.apply)
 
     def paste(self, picture: NDArray[np.uint8] | bytes) -> None:
-        """Takes 8-bit sRGB pixels (y, x, 3 or 4), or a picture file's bytes, for the target. Raises UserError."""
-        wanted = target_from_image_bytes(picture) if isinstance(picture, bytes) else target_from_pixels(picture)
-        self.apply(FileContent("picture", wanted.title, target_spec=wanted))
+        """Makes 8-bit sRGB pixels (y, x, 3 or 4), or the bytes of a picture file, the target. Raises UserError."""
+        target_spec = target_from_image_bytes(picture) if isinstance(picture, bytes) else target_from_pixels(picture)
+        self.apply(FileContent("picture", target_spec.title, target_spec=target_spec))
 
-    def apply(self, opened: FileContent) -> None:
-        """Makes what was opened an edit of the session. Raises UserError when it doesn't fit."""
+    def apply(self, content: FileContent) -> None:
+        """Applies the content of a file as an edit of the session. Raises UserError when it doesn't fit."""
         session = self._session
-        for note in opened.notes:
-            session.messages.post(f"{opened.title}: {note}")
-        if opened.target_spec is not None:
-            self._set_target(opened.target_spec)
+        for note in content.notes:
+            session.messages.post(f"{content.title}: {note}")
+        if content.target_spec is not None:
+            self._set_target(content.target_spec)
         else:
-            self._set_hologram(opened)
-        if opened.path is not None:
-            self._remember(opened.path)
+            self._set_hologram(content)
+        if content.path is not None:
+            self._remember(content.path)
 
-    def _set_hologram(self, opened: FileContent) -> None:
+    def _set_hologram(self, content: FileContent) -> None:
         session = self._session
-        system = opened.system or session.system
-        assert opened.drive is not None
-        random = ", random patterns" if opened.kind == "preset" else ""
-        path = opened.path if opened.kind == "hologram" else None
+        system = content.system or session.system
+        assert content.drive is not None
+        random = ", random patterns" if content.kind == "preset" else ""
+        path = content.path if content.kind == "hologram" else None
         session.edit(
-            f"Open {opened.title}",
+            f"Open {content.title}",
             system=system,
-            drive=opened.drive,
-            view_settings=_look_for(self._view_settings_after_open(opened), system),
-            origin=f"{opened.kind} {opened.title}{random}",
+            drive=content.drive,
+            view_settings=_clamp_plane(self._view_settings_after_open(content), system),
+            origin=f"{content.kind} {content.title}{random}",
             path=path,
         )
 
-    def _set_target(self, wanted: TargetSpec) -> None:
-        """A new target; patterns stay unless a quick look may replace them."""
+    def _set_target(self, target_spec: TargetSpec) -> None:
+        """Sets a new target; the patterns change only if a quick optimisation starts."""
         session = self._session
-        session.edit(f"Target {wanted.title}", target_spec=wanted, view_settings=self._view_settings_after_open())
+        session.edit(
+            f"Target {target_spec.title}", target_spec=target_spec, view_settings=self._view_settings_after_open()
+        )
         if self.optimises_new_targets and running_optimisation(session) is None:
             start_quick_optimisation(session)
 
-    def _view_settings_after_open(self, opened: FileContent | None = None) -> ViewSettings:
-        """The look, no longer as dark as random patterns need it once something else is shown."""
-        state = self._session.document
-        was_random = "random patterns" in state.origin and state.view_settings.exposure_stops == SPECKLE_EXPOSURE_STOPS
-        stays = opened is not None and opened.kind == "preset"
-        return state.view_settings.with_(exposure_stops=0.0) if was_random and not stays else state.view_settings
+    def _view_settings_after_open(self, content: FileContent | None = None) -> ViewSettings:
+        """The view settings with the low exposure for random patterns reset, unless random patterns are opened."""
+        document = self._session.document
+        was_random = (
+            "random patterns" in document.origin and document.view_settings.exposure_stops == SPECKLE_EXPOSURE_STOPS
+        )
+        stays = content is not None and content.kind == "preset"
+        return document.view_settings.with_(exposure_stops=0.0) if was_random and not stays else document.view_settings
 
-    # --- a file that another program rewrites -----------------------------------------------------------------------
+    # --- watching ---------------------------------------------------------------------------------------------------
 
     @property
     def watched_path(self) -> Path | None:
-        """The file that is watched."""
-        return None if self._watch is None else self._watch.path
+        """The hologram file that is watched, if any."""
+        return None if self._watcher is None else self._watcher.path
 
     def set_watching(self, on: bool) -> None:
-        """Whether a hologram file on show is read again when it was rewritten."""
-        self._watches = on
+        """Sets whether a displayed hologram file is reloaded when another program rewrites it."""
+        self._is_watching = on
         self._update_watcher()
 
     def close(self) -> None:
-        """Ends the watch."""
+        """Stops watching."""
         self._stop()
         self.set_watching(False)
 
     def _update_watcher(self) -> None:
-        path = self._session.document.path if self._watches else None
+        path = self._session.document.path if self._is_watching else None
         if path == self.watched_path:
             return
-        if self._watch is not None:
-            self._watch.close()
-        self._watch = None if path is None else FileWatcher(path, partial(self._reread, path))
+        if self._watcher is not None:
+            self._watcher.close()
+        self._watcher = None if path is None else FileWatcher(path, partial(self._reread, path))
 
     def _reread(self, path: Path) -> None:
-        """On the watch's thread: the file has changed."""
+        """Called on the watcher's thread when the file has changed."""
         self._session.call_on_owner(lambda: self._reload(path))
 
     def _reload(self, path: Path) -> None:
@@ -128,28 +132,28 @@ class FileLoader:
         work = partial(_read_with_retries, path=path, system=system)
         self._session.jobs.start(f"Read {path.name} again", work, self._show_again)
 
-    def _show_again(self, opened: FileContent) -> None:
-        if opened.path == self.watched_path and opened.drive is not None:
-            self._set_hologram(opened)
-            self._session.messages.post(f"{opened.title} was rewritten: read again")
+    def _show_again(self, content: FileContent) -> None:
+        if content.path == self.watched_path and content.drive is not None:
+            self._set_hologram(content)
+            self._session.messages.post(f"{content.title} was rewritten: read again")
 
 
 def _read_with_retries(control: JobControl, path: Path, system: System) -> FileContent:
-    """What a file holds, tried again while it may be half written. Raises UserError when it stays unreadable."""
+    """Reads a file, again and again while it may be half written. Raises UserError when it stays unreadable."""
     for _ in range(round(_RETRY_FOR_S / POLL_INTERVAL_S)):
         control.check()
         try:
             return read_content(path, system)
         except UserError as error:
-            mistake = error
+            last_error = error
         control.sleep(POLL_INTERVAL_S)
-    raise mistake
+    raise last_error
 
 
-def _look_for(look: ViewSettings, system: System) -> ViewSettings:
-    """The look on another bench: its middle plane where the one before isn't among its planes."""
+def _clamp_plane(view: ViewSettings, system: System) -> ViewSettings:
+    """The view settings for another system: its median plane if the present one is outside its range of planes."""
     near, far = float(system.planes_m.min()), float(system.planes_m.max())
-    return look if near <= look.plane_m <= far else look.with_(plane_m=middle_plane(system))
+    return view if near <= view.plane_m <= far else view.with_(plane_m=middle_plane(system))
 
 
 def _title(names: str | Path | Sequence[str | Path]) -> str:

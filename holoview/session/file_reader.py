@@ -1,7 +1,7 @@
-"""What a file is, told by its content, and what a session makes of it.
+"""Recognises a file by its content and reads what it contributes to a document.
 
-hologram file      its bench and patterns           TOML         a bench, with random patterns
-pattern PNGs       patterns for the current bench   a name       the preset of that name
+hologram file      system and patterns                TOML         a system, with random patterns
+pattern PNGs       patterns for the present system    a name       the preset of that name
 picture, stack     the target
 """
 
@@ -38,7 +38,7 @@ _EXPECTED = "a preset, a hologram file, pattern PNGs, or a picture (PNG, JPEG, T
 
 @dataclass(frozen=True, eq=False)
 class FileContent:
-    """What was found: its kind (of KINDS), what of a document it brings, a title, and notes for the user."""
+    """The content of a file: its kind (one of CONTENT_KINDS), a title, the parts of a document, notes for the user."""
 
     kind: str
     title: str
@@ -50,19 +50,19 @@ class FileContent:
 
 
 def read_content(names: str | Path | Sequence[str | Path], system: System) -> FileContent:
-    """What one or several files hold, or the preset of a name; `system` is the bench that patterns have to fit.
+    """Reads one or several files, a folder, or the preset of a name; patterns must fit `system`.
 
-    Raises UserError when it is nothing that can be opened, damaged, or doesn't fit.
+    Raises UserError for an unknown format, a damaged file, and patterns that don't fit.
     """
-    several = [names] if isinstance(names, str | Path) else list(names)
-    if not several:
+    names_list = [names] if isinstance(names, str | Path) else list(names)
+    if not names_list:
         raise UserError("open", "nothing", expected=_EXPECTED)
-    paths = [Path(name).expanduser() for name in several]
+    paths = [Path(name).expanduser() for name in names_list]
     if len(paths) > 1:
         return _patterns(paths, system)
     path = paths[0]
-    if str(several[0]) in preset.names() and not path.exists():
-        return _bench(preset.load(path.name), path.name, None)
+    if str(names_list[0]) in preset.names() and not path.exists():
+        return _preset(preset.load(path.name), path.name, None)
     if path.is_dir():
         return _folder(path, system)
     return _file(path, system)
@@ -74,17 +74,20 @@ def _file(path: Path, system: System) -> FileContent:
         return _patterns([path], system)
     if kind in ("PNG", "JPEG", "TIFF", "OpenEXR"):
         return _stack(path) if is_stack(path) else _picture(path)
-    written = format_of(path)
-    if written == "holoview-hologram":
+    file_type = format_of(path)
+    if file_type == "holoview-hologram":
         hologram = load_hologram(path)
         return FileContent("hologram", path.name, hologram.system, hologram.drive, path=path)
-    if written == "holoview-checkpoint":
-        best = load_checkpoint(path)
-        lasers = {"wavelengths": best.tensors["best_wavelengths"], "amplitudes": best.tensors["best_amplitudes"]}
-        drive = best.tensors["best_drive"].astype(np.float32)
-        return FileContent("hologram", path.name, best.system.edit(lasers), drive, path=path)
+    if file_type == "holoview-checkpoint":
+        checkpoint = load_checkpoint(path)
+        lasers = {
+            "wavelengths": checkpoint.tensors["best_wavelengths"],
+            "amplitudes": checkpoint.tensors["best_amplitudes"],
+        }
+        drive = checkpoint.tensors["best_drive"].astype(np.float32)
+        return FileContent("hologram", path.name, checkpoint.system.edit(lasers), drive, path=path)
     if _is_toml(path):
-        return _bench(preset.load(path if path.suffix == ".toml" else _refuse_toml_suffix(path)), path.stem, path)
+        return _preset(preset.load(path if path.suffix == ".toml" else _refuse_toml_suffix(path)), path.stem, path)
     raise UserError(str(path), "isn't a file that can be opened", expected=_EXPECTED)
 
 
@@ -101,7 +104,7 @@ def _is_toml(path: Path) -> bool:
         return False
 
 
-def _bench(system: System, title: str, path: Path | None) -> FileContent:
+def _preset(system: System, title: str, path: Path | None) -> FileContent:
     return FileContent("preset", title, system, random_drive(system), path=path)
 
 
@@ -117,7 +120,7 @@ def _stack(path: Path) -> FileContent:
 
 
 def _folder(path: Path, system: System) -> FileContent:
-    """A folder of patterns as `holoview export` writes them, else one of pictures, a picture a plane."""
+    """A folder of patterns as `holoview export` writes them, else a focal stack with one picture for each plane."""
     patterns = sorted(path.glob("slm[12]*.png"))
     return _patterns(patterns, system) if patterns else _stack(path)
 
@@ -126,19 +129,19 @@ def _folder(path: Path, system: System) -> FileContent:
 
 
 def is_pattern_png(path: Path, system: System) -> bool:
-    """Whether a PNG says that it holds a modulator's pattern, or is grey and as large as the modulator."""
+    """Whether a PNG is marked as a modulator's pattern by its metadata, or is grey with the modulator's pixel count."""
     try:
-        with Image.open(path) as opened:
-            if "holoview.pattern" in getattr(opened, "text", {}):
+        with Image.open(path) as image:
+            if "holoview.pattern" in getattr(image, "text", {}):
                 return True
             rows, columns = system.modulators[0].shape
-            return opened.size == (columns, rows) and opened.mode in ("L", "I;16", "I")
+            return image.size == (columns, rows) and image.mode in ("L", "I;16", "I")
     except (UnidentifiedImageError, OSError, SyntaxError, ValueError):
         return False
 
 
 def _patterns(paths: list[Path], system: System) -> FileContent:
-    """One PNG a frame and modulator, told apart by "slm1"/"slm2" in their names, else in the given order."""
+    """One PNG for each frame and modulator, assigned by "slm1" and "slm2" in the names, else in the given order."""
     frames, modulators, *shape = system.drive_shape
     if len(paths) != frames * modulators:
         raise UserError(
@@ -154,11 +157,11 @@ def _patterns(paths: list[Path], system: System) -> FileContent:
     return FileContent("patterns", paths[0].parent.name or paths[0].name, drive=drive)
 
 
-# --- pixels that are no file ----------------------------------------------------------------------------------------
+# --- pixels from the clipboard --------------------------------------------------------------------------------------
 
 
 def target_from_pixels(pixels: NDArray[np.uint8], title: str = "pasted picture") -> TargetSpec:
-    """A target of 8-bit sRGB pixels (y, x, 3 or 4); transparency is over black. Raises UserError for another shape."""
+    """A target from 8-bit sRGB pixels (y, x, 3 or 4), composited over black. Raises UserError for another shape."""
     if pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or pixels.size == 0:
         raise UserError(title, f"pixels of shape {pixels.shape}", expected="(y, x, 3) or (y, x, 4)")
     light = srgb_decode(pixels[..., :3] / 255.0)
@@ -168,9 +171,9 @@ def target_from_pixels(pixels: NDArray[np.uint8], title: str = "pasted picture")
 
 
 def target_from_image_bytes(data: bytes, title: str = "pasted picture") -> TargetSpec:
-    """A target of a picture file's bytes, as clipboards hold them. Raises UserError when it isn't a picture."""
+    """A target from the bytes of a picture file, e.g. of the clipboard. Raises UserError when they aren't a picture."""
     try:
-        with Image.open(io.BytesIO(data)) as opened:
-            return target_from_pixels(np.asarray(opened.convert("RGBA")), title)
+        with Image.open(io.BytesIO(data)) as image:
+            return target_from_pixels(np.asarray(image.convert("RGBA")), title)
     except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
         raise UserError(title, "isn't a picture", expected="a picture, e.g. PNG") from error

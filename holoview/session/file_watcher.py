@@ -1,4 +1,4 @@
-"""Watching a file that another program writes again: noticed once it has stopped changing."""
+"""Polls a file and reports when another program has rewritten it."""
 
 from __future__ import annotations
 
@@ -7,39 +7,39 @@ from pathlib import Path
 from threading import Event, Thread
 
 POLL_INTERVAL_S = 0.4
-_Mark = tuple[int, int, int] | None
+_Signature = tuple[int, int, int] | None
 
 
 class FileWatcher:
-    """Calls `changed` from its thread when a file is another one than before and stays the same for an interval.
+    """Calls `on_change` on its own thread when a file was rewritten and then stayed the same for one interval.
 
-    A file that is missing for a while, since programs write beside it and rename, is waited for. The same content
-    again counts as a change, because someone wrote it.
+    A file may be missing for a while, as programs replace files by renaming. Rewriting the same content counts as a
+    change.
     """
 
-    def __init__(self, path: Path, changed: Callable[[], None], interval_s: float = POLL_INTERVAL_S) -> None:
+    def __init__(self, path: Path, on_change: Callable[[], None], interval_s: float = POLL_INTERVAL_S) -> None:
         self.path = path
-        self._changed, self._interval_s = changed, interval_s
-        self._end = Event()
-        self._known = _mark(path)
+        self._on_change, self._interval_s = on_change, interval_s
+        self._is_closed = Event()
+        self._reported = _signature(path)
         Thread(target=self._run, name=f"holoview: watch {path.name}", daemon=True).start()
 
     def close(self) -> None:
-        """Ends the watch."""
-        self._end.set()
+        """Ends the thread."""
+        self._is_closed.set()
 
     def _run(self) -> None:
-        before = self._known
-        while not self._end.wait(self._interval_s):
-            now = _mark(self.path)
-            if now is not None and now == before and now != self._known:
-                self._known = now
-                self._changed()
-            before = now
+        previous = self._reported
+        while not self._is_closed.wait(self._interval_s):
+            current = _signature(self.path)
+            if current is not None and current == previous and current != self._reported:
+                self._reported = current
+                self._on_change()
+            previous = current
 
 
-def _mark(path: Path) -> _Mark:
-    """What changes when a file is written; None while there is none."""
+def _signature(path: Path) -> _Signature:
+    """Modification time, size and inode of a file, one of which changes when it is written; None if it is missing."""
     try:
         status = path.stat()
     except OSError:

@@ -1,4 +1,4 @@
-"""Work on threads: progress, pause, cancel. Its end is delivered to the session's owner, an exception as a message."""
+"""Background jobs with progress, pause and cancellation; results are delivered to the thread that owns the session."""
 
 from __future__ import annotations
 
@@ -9,121 +9,125 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 CallOnOwner = Callable[[Callable[[], None]], None]
-"""Hands a call to the owner's thread."""
+"""Has the owner's thread make a call."""
 
-
-_PATIENCE_S = 10.0
+_CLOSE_TIMEOUT_S = 10.0
+_MAX_ENDED_JOBS = 20
 
 
 class Cancelled(Exception):
-    """Raised inside a job's work where it should end."""
+    """Raised inside the work of a job that was cancelled."""
 
 
 class JobControl:
-    """What a job's work reports to and asks."""
+    """The interface between a job and the work it runs: progress in one direction, pause and cancel in the other.
+
+    done, total: progress in any unit; total is 0 while it is unknown. paused_s: the time spent paused so far.
+    """
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self._wake = wake
-        self._go, self._stop = threading.Event(), threading.Event()
-        self._go.set()
+        self._may_run, self._is_cancelled = threading.Event(), threading.Event()
+        self._may_run.set()
         self.done, self.total, self.note = 0.0, 0.0, ""
         self.paused_s = 0.0
 
     def report(self, done: float, total: float, note: str = "") -> None:
-        """Says how far the work is; then as `check`."""
+        """Reports progress, then does as `check`."""
         self.done, self.total, self.note = done, total, note
         self._wake()
         self.check()
 
     def check(self) -> None:
-        """Waits while the job is paused. Raises Cancelled when it was cancelled."""
-        if not self._go.is_set():
+        """Waits while the job is paused. Raises Cancelled once it was cancelled."""
+        if not self._may_run.is_set():
             since = time.monotonic()
-            self._go.wait()
+            self._may_run.wait()
             self.paused_s += time.monotonic() - since
-        if self._stop.is_set():
+        if self._is_cancelled.is_set():
             raise Cancelled
 
     def sleep(self, seconds: float) -> None:
-        """Waits, but not once the job was cancelled."""
-        self._stop.wait(seconds)
+        """Waits for some time, or until the job is cancelled. Raises Cancelled then."""
+        self._is_cancelled.wait(seconds)
         self.check()
 
     def pause(self) -> None:
-        """The work waits at its next check."""
-        self._go.clear()
+        """Makes the work wait at its next check."""
+        self._may_run.clear()
 
     def resume(self) -> None:
-        """The work goes on."""
-        self._go.set()
+        """Lets paused work continue."""
+        self._may_run.set()
 
     def cancel(self) -> None:
-        """The work ends at its next check."""
-        self._stop.set()
-        self._go.set()
+        """Makes the work end at its next check."""
+        self._is_cancelled.set()
+        self._may_run.set()
 
 
 class BackgroundJob:
-    """A piece of work in the background.
+    """Work that runs on a thread.
 
-    status: "running", "paused", "done", "cancelled" or "failed"; it changes on the owner's thread once the work ended.
+    status: "running", "paused", "done", "cancelled" or "failed"; it changes on the owner's thread. error: the exception
+    of a job that failed.
     """
 
     def __init__(self, title: str, deliver: CallOnOwner, wake: Callable[[], None]) -> None:
         self.title, self.status = title, "running"
         self.error: BaseException | None = None
         self.control = JobControl(wake)
-        self._deliver, self._began = deliver, time.monotonic()
+        self._deliver, self._start_s = deliver, time.monotonic()
         self._ended = threading.Event()
 
     @property
     def is_active(self) -> bool:
-        """Whether it runs or is paused."""
+        """Whether the job is running or paused."""
         return self.status in ("running", "paused")
 
     @property
     def fraction(self) -> float:
-        """Share that is done, 0…1."""
+        """The fraction that is done, 0…1."""
         control = self.control
         return min(control.done / control.total, 1.0) if control.total > 0 else 0.0
 
     @property
     def note(self) -> str:
-        """What it says of itself."""
+        """What the work reported last, in words."""
         return self.control.note
 
     @property
     def seconds_left(self) -> float | None:
-        """What is left at the pace so far; None until there is a pace."""
+        """The time left, extrapolated from the progress so far; None before there is any."""
         if not self.is_active or self.fraction <= 0:
             return None
-        spent = time.monotonic() - self._began - self.control.paused_s
+        spent = time.monotonic() - self._start_s - self.control.paused_s
         return spent * (1 / self.fraction - 1)
 
     def pause(self) -> None:
-        """Holds it at the next opportunity."""
+        """Pauses the work at its next check."""
         if self.status == "running":
             self.status = "paused"
             self.control.pause()
 
     def resume(self) -> None:
-        """Lets it go on."""
+        """Continues paused work."""
         if self.status == "paused":
             self.status = "running"
             self.control.resume()
 
     def cancel(self) -> None:
-        """Ends it without a result."""
+        """Ends the work at its next check, without a result."""
         self.control.cancel()
 
     def join(self, timeout_s: float | None = None) -> bool:
-        """Waits until the work has ended; its result is delivered at the owner's next poll."""
+        """Waits until the work has ended; returns False after the timeout. The result is delivered at the next poll."""
         return self._ended.wait(timeout_s)
 
     def start(
         self, work: Callable[[JobControl], T], end: Callable[[str, T | None, BaseException | None], None]
     ) -> None:
-        """Runs the work on a thread, then `end(status, result, error)` on the owner's."""
+        """Runs the work on a thread, then calls `end(status, result, error)` on the owner's."""
 
         def run() -> None:
             status, result, error = "done", None, None
@@ -131,7 +135,7 @@ class BackgroundJob:
                 result = work(self.control)
             except Cancelled:
                 status = "cancelled"
-            except BaseException as raised:  # whatever it is, the user is told
+            except BaseException as raised:  # reported to the user whatever it is, as nobody else can
                 status, error = "failed", raised
             self._deliver(lambda: self._finish(status, result, error, end))
             self._ended.set()
@@ -144,17 +148,17 @@ class BackgroundJob:
 
 
 class JobManager:
-    """The jobs of a session: those that run, and those that ended a while ago."""
+    """The jobs of a session: all that are active, and the last ones that ended."""
 
     def __init__(
         self, deliver: CallOnOwner, wake: Callable[[], None], on_error: Callable[[BaseException, str], None]
     ) -> None:
-        self._deliver, self._wake, self._failed = deliver, wake, on_error
+        self._deliver, self._wake, self._on_error = deliver, wake, on_error
         self.all: list[BackgroundJob] = []
 
     @property
     def active(self) -> list[BackgroundJob]:
-        """Those that haven't ended, oldest first."""
+        """The jobs that haven't ended, oldest first."""
         return [job for job in self.all if job.is_active]
 
     def start(
@@ -166,17 +170,17 @@ class JobManager:
         on_end: Callable[[], None] = lambda: None,
         job: BackgroundJob | None = None,
     ) -> BackgroundJob:
-        """Runs `work` on a thread; on the owner's then `ended`, however it ended, and `done` with its result.
+        """Runs `work` on a thread, then on the owner's `on_end`, however it ended, and `on_result` with its result.
 
-        A failure becomes a message. job: what it is shown as; one with the title when None.
+        An exception becomes a message. job: the job to start; a new one with the title when None.
         """
         job = job or BackgroundJob(title, self._deliver, self._wake)
-        self.all = [*self.active, *[old for old in self.all if not old.is_active][-20:], job]
+        self.all = [*self.active, *[old for old in self.all if not old.is_active][-_MAX_ENDED_JOBS:], job]
 
         def end(status: str, result: T | None, error: BaseException | None) -> None:
             on_end()
             if error is not None:
-                self._failed(error, job.title)
+                self._on_error(error, job.title)
             elif status == "done" and on_result is not None:
                 on_result(result)  # type: ignore[arg-type]
 
@@ -184,20 +188,20 @@ class JobManager:
         return job
 
     def cancel_all(self) -> None:
-        """Asks all to end."""
+        """Cancels all active jobs."""
         for job in self.active:
             job.cancel()
 
     def close(self) -> None:
-        """Ends all, and waits for a while: a thread that is inside a library when the program ends may abort it."""
+        """Cancels all jobs and waits for them: a thread inside a native library may abort an exiting process."""
         self.cancel_all()
-        until = time.monotonic() + _PATIENCE_S
+        until = time.monotonic() + _CLOSE_TIMEOUT_S
         for job in self.active:
             job.join(max(until - time.monotonic(), 0.0))
 
 
 def format_job(job: BackgroundJob) -> str:
-    """A job in a line: title, share, what it says, and what is left."""
+    """A job in a line: title, percentage, its note, and the time left."""
     left = job.seconds_left
     parts = [f"{job.title} {job.fraction:.0%}", job.note, "" if left is None else f"{left:.0f} s left"]
     return ", ".join(part for part in parts if part)

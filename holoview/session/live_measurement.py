@@ -1,4 +1,4 @@
-"""Figures of the region that is looked at, kept up to date on a thread while the image changes."""
+"""Measurements of the displayed image, kept up to date on a worker thread while the image changes."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ Image = NDArray[np.floating]
 
 @dataclass(frozen=True, eq=False)
 class ImageMeasurements:
-    """All that is known of what is seen: of its region, and along its line (luminance) where one is drawn.
+    """Measurements of an image; each is None where it wasn't requested or isn't possible.
 
-    curve: contrast by the number of wavelengths, where their intensities were given. problem: why figures of the region
-    are missing, e.g. because it is dark.
+    document: what the image shows. region, histogram: of the measured region. profile: luminance along the line of the
+    view settings. curve: contrast by the number of wavelengths, if their intensities were given. problem: why those of
+    the region are missing, e.g. because it is dark.
     """
 
     document: Document
@@ -43,57 +44,62 @@ class ImageMeasurements:
 
 
 class LiveMeasurement:
-    """Measures the newest image in the background; `figures` are the last that are known, `changed` is told of them."""
+    """Measures the newest image in the background.
 
-    def __init__(self, session: EditingSession, changed: Callable[[], None] = lambda: None) -> None:
+    measurements: the last results. on_change: called on the owner's thread when there are new ones.
+    """
+
+    def __init__(self, session: EditingSession, on_change: Callable[[], None] = lambda: None) -> None:
         self.measurements: ImageMeasurements | None = None
-        self._changed = changed
-        self._newest: LatestTask[ImageMeasurements] = LatestTask(
+        self._on_change = on_change
+        self._task: LatestTask[ImageMeasurements] = LatestTask(
             "figures", session.call_on_owner, session.messages.post_error
         )
 
     @property
     def is_busy(self) -> bool:
-        """Whether newer figures are on their way."""
-        return self._newest.is_busy
+        """Whether newer measurements are being computed."""
+        return self._task.is_busy
 
-    def request(self, state: Document, xyz: Image, target: Image | None = None, intensity: Image | None = None) -> None:
-        """Measures XYZ (y, x, 3) of a state beside its target; intensity (wavelength, y, x) gives the curve.
-
-        The arrays must not change any more.
-        """
-        self._newest.submit(lambda: measure_image(state, xyz, target, intensity), self._on_result)
+    def request(
+        self, document: Document, xyz: Image, target: Image | None = None, intensity: Image | None = None
+    ) -> None:
+        """Requests measurements of an image; see `measure_image`. The arrays must not be changed afterwards."""
+        self._task.submit(lambda: measure_image(document, xyz, target, intensity), self._on_result)
 
     def close(self) -> None:
         """Ends the thread."""
-        self._newest.close()
+        self._task.close()
 
-    def _on_result(self, figures: ImageMeasurements) -> None:
-        self.measurements = figures
-        self._changed()
+    def _on_result(self, measurements: ImageMeasurements) -> None:
+        self.measurements = measurements
+        self._on_change()
 
 
 def measure_image(
-    state: Document, xyz: Image, target: Image | None = None, intensity: Image | None = None
+    document: Document, xyz: Image, target: Image | None = None, intensity: Image | None = None
 ) -> ImageMeasurements:
-    """The figures of an image; what the user can mend, such as a dark region, is told in `problem`."""
+    """Measures the image XYZ (y, x, 3) of a document.
+
+    target (y, x, 3), linear sRGB: enables PSNR and colour error. intensity (wavelength, y, x): enables the curve. An
+    error that the user can correct, such as a dark region, is stored as `problem`.
+    """
     region, histogram, curve, problem = None, None, None, ""
     try:
-        region = measure_region(xyz, state.measured_region, target)
-        histogram = speckle_histogram(xyz[..., 1], state.measured_region, independent_pattern_count(state.system))
+        region = measure_region(xyz, document.measured_region, target)
+        histogram = speckle_histogram(xyz[..., 1], document.measured_region, independent_pattern_count(document.system))
         if intensity is not None:
-            curve = contrast_by_wavelength(intensity.__getitem__, state.system, state.measured_region)
+            curve = contrast_by_wavelength(intensity.__getitem__, document.system, document.measured_region)
     except UserError as error:
         problem = str(error)
-    return ImageMeasurements(state, region, histogram, _profile(state, xyz), curve, problem)
+    return ImageMeasurements(document, region, histogram, _profile(document, xyz), curve, problem)
 
 
-def _profile(state: Document, xyz: Image) -> LineProfile | None:
-    """Luminance along the line, or nothing where a line of another bench leaves the image."""
-    if state.view_settings.profile is None:
+def _profile(document: Document, xyz: Image) -> LineProfile | None:
+    """Luminance along the line of the view settings; None where there is none or it leaves the image."""
+    if document.view_settings.profile is None:
         return None
-    pitch_m = state.system.modulators[0].pitch_m / state.system.sampling.upsample
     try:
-        return line_profile(xyz[..., 1], state.view_settings.profile, pitch_m)
+        return line_profile(xyz[..., 1], document.view_settings.profile, document.sample_pitch_m)
     except UserError:
         return None

@@ -1,7 +1,7 @@
-"""Figures of what is seen: speckle and fidelity of a region, a line, a pixel. Arrays in, results out.
+"""Measurements of an image: speckle contrast and fidelity of a region, line profiles, pixel values.
 
-What lasers would give if each had its own speckle is told beside what they give: those of one hologram need not be
-independent (see `holoview.metrics.speckle_histogram` for the law).
+Contrasts are compared with those of statistically independent speckle patterns, one for each laser; the patterns of
+one hologram need not be independent (the law is in `holoview.metrics.speckle_histogram`).
 """
 
 from __future__ import annotations
@@ -26,10 +26,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class RegionMetrics:
-    """A region's figures; psnr_db and delta_e need a target, and then contrast is that of the ratio to the target.
+    """Measurements of a region.
 
-    contrast: of the luminance; raw_contrast: with the picture's own structure in it. mean: luminance, 1 is white.
-    psnr_db: of linear sRGB clipped to 0…1. delta_e: mean CIEDE2000. pixels: how many there are.
+    contrast: speckle contrast σ/μ of the luminance, divided by the target's luminance if there is a target.
+    raw_contrast: the same without this division. mean: mean luminance, 1 is white. n_pixels: number of samples.
+    psnr_db: PSNR of linear sRGB clipped to 0…1; delta_e: mean CIEDE2000; both None without a target.
     """
 
     contrast: float
@@ -43,39 +44,39 @@ class RegionMetrics:
 def measure_region(
     xyz: NDArray[np.floating], region: Region, target: NDArray[np.floating] | None = None
 ) -> RegionMetrics:
-    """Figures of a region (x, y, w, h) of XYZ (y, x, 3), beside a target (y, x, 3) in linear sRGB.
+    """Measures a region (x, y, width, height) of XYZ (y, x, 3), compared with a target (y, x, 3) in linear sRGB.
 
-    Raises UserError for a region outside, one without light, and a target of another shape.
+    Raises UserError for a region outside the image, one without light, and a target of another shape.
     """
     luminance = np.asarray(xyz)[..., 1]
-    raw = speckle_contrast(luminance, region)
+    plain = speckle_contrast(luminance, region)
     if target is None:
-        return RegionMetrics(raw.contrast, raw.contrast, raw.mean, raw.n_pixels)
+        return RegionMetrics(plain.contrast, plain.contrast, plain.mean, plain.n_pixels)
     if target.shape != xyz.shape:
         raise UserError("target", f"shape {target.shape}", expected=f"the image's shape, {xyz.shape}")
-    found, wanted = gamut_map(xyz_to_linear_srgb(crop(xyz, region))), gamut_map(crop(target, region))
+    image_rgb, reference = gamut_map(xyz_to_linear_srgb(crop(xyz, region))), gamut_map(crop(target, region))
     return RegionMetrics(
-        contrast=_structure_free(luminance, region, target, raw.contrast),
-        raw_contrast=raw.contrast,
-        mean=raw.mean,
-        n_pixels=raw.n_pixels,
-        psnr_db=psnr(found, wanted),
-        delta_e=delta_e_linear_srgb(found, wanted),
+        contrast=_structure_free(luminance, region, target, plain.contrast),
+        raw_contrast=plain.contrast,
+        mean=plain.mean,
+        n_pixels=plain.n_pixels,
+        psnr_db=psnr(image_rgb, reference),
+        delta_e=delta_e_linear_srgb(image_rgb, reference),
     )
 
 
 def _structure_free(
     luminance: NDArray[np.floating], region: Region, target: NDArray[np.floating], otherwise: float
 ) -> float:
-    """Contrast of the ratio to the target; the plain one where the target is black in the region."""
-    wanted = np.asarray(target) @ SRGB_TO_XYZ[1]
-    if not np.any(crop(wanted, region) > 0):
+    """Contrast of the luminance divided by the target's; `otherwise` if the target is black in the region."""
+    reference = np.asarray(target) @ SRGB_TO_XYZ[1]
+    if not np.any(crop(reference, region) > 0):
         return otherwise
-    return speckle_contrast(luminance, region, wanted).contrast
+    return speckle_contrast(luminance, region, reference).contrast
 
 
 def crop(image: NDArray[np.floating], region: Region) -> NDArray[np.floating]:
-    """The region (x, y, w, h) of an image (y, x, …)."""
+    """The region (x, y, width, height) of an image (y, x, …)."""
     x, y, width, height = region
     return image[y : y + height, x : x + width]
 
@@ -84,14 +85,14 @@ def crop(image: NDArray[np.floating], region: Region) -> NDArray[np.floating]:
 
 
 def laser_luminances(system: System) -> Floats:
-    """Mean luminance (frame, wavelength) that each laser adds to an evenly lit image: amplitude/frames × Y."""
+    """Mean luminance (frame, wavelength) that each laser adds to an evenly lit image: amplitude · Y(λ) / frames."""
     visible = np.maximum(observer_weights(system.observer, system.wavelengths_m)[:, 1], 0.0)
     power: Floats = system.amplitudes / system.frames * visible
     return power
 
 
 def independent_pattern_count(system: System) -> float:
-    """Independent speckle patterns in the luminance if every laser, frame and source has its own: (Σm)²/Σm²."""
+    """Effective number of independent patterns (Σm)²/Σm², m the mean luminance of each laser, frame and source."""
     means = np.repeat(laser_luminances(system).ravel(), len(system.source.directions_rad)) / len(
         system.source.directions_rad
     )
@@ -103,9 +104,10 @@ def independent_pattern_count(system: System) -> float:
 
 @dataclass(frozen=True, eq=False)
 class ContrastCurve:
-    """Luminance contrast of the first 1, 2, … N lasers together, brightest first; each array is (N,).
+    """Luminance contrast of the brightest 1, 2, … N lasers together; each array is (N,).
 
-    measured: in the image. independent: what these lasers would give if each had its own fully developed pattern.
+    wavelengths_m: of the lasers, brightest first. measured: contrast in the image. independent: the contrast
+    √(Σm²)/Σm of independent, fully developed patterns of mean luminance m.
     """
 
     wavelengths_m: Floats
@@ -119,22 +121,24 @@ def contrast_by_wavelength(
     region: Region,
     target: NDArray[np.floating] | None = None,
 ) -> ContrastCurve:
-    """Speckle contrast of more and more lasers; intensity(wavelength) (y, x) has its amplitude applied.
+    """Speckle contrast of a region as lasers are added one by one, brightest first.
 
-    target (y, x, 3) linear sRGB: its structure is divided out, which is right for greys only, because a colour isn't
-    equally bright in every laser. Raises UserError when no laser lights the region.
+    intensity: returns the intensity (y, x) of a wavelength's index, with its amplitude applied. target (y, x, 3) in
+    linear sRGB: its luminance is divided out; this is exact for grey targets only, since a colour isn't equally bright
+    in every laser. Raises UserError when no visible laser is on.
     """
     means = laser_luminances(system)
     visible = np.maximum(observer_weights(system.observer, system.wavelengths_m)[:, 1], 0.0)
     order = [int(i) for i in np.argsort(-means.sum(axis=0), kind="stable") if means[:, i].sum() > 0]
-    known = None if target is None else np.asarray(target) @ SRGB_TO_XYZ[1]
+    reference = None if target is None else crop(np.asarray(target) @ SRGB_TO_XYZ[1], region)
+    if reference is not None and not np.any(reference > 0):
+        reference = None
     total, measured, independent, sources = 0.0, [], [], len(system.source.directions_rad)
     for count, wavelength in enumerate(order, start=1):
         total = total + visible[wavelength] * np.asarray(crop(intensity(wavelength), region), dtype=np.float64)
-        wanted = None if known is None or not np.any(crop(known, region) > 0) else crop(known, region)
-        measured.append(speckle_contrast(total, target=wanted).contrast)
-        some = means[:, order[:count]]
-        independent.append(float(np.sqrt(np.square(some).sum() / sources) / some.sum()))
+        measured.append(speckle_contrast(total, target=reference).contrast)
+        added = means[:, order[:count]]
+        independent.append(float(np.sqrt(np.square(added).sum() / sources) / added.sum()))
     if not order:
         raise UserError("lasers", "none that can be seen is on", remedy="switch one on")
     return ContrastCurve(system.wavelengths_m[order], np.array(measured), np.array(independent))
@@ -152,9 +156,9 @@ class LineProfile:
 
 
 def line_profile(image: NDArray[np.floating], line: Line, pitch_m: float) -> LineProfile:
-    """Values of an image (y, x) or (y, x, channel) along a line, a sample apart, linear between samples.
+    """Values of an image (y, x) or (y, x, channel) along a line, about one sample apart, by linear interpolation.
 
-    Raises UserError for a line that leaves the image.
+    pitch_m: distance between samples in metres. Raises UserError for a line that leaves the image.
     """
     x0, y0, x1, y1 = line
     rows, columns = image.shape[:2]
@@ -171,7 +175,7 @@ def line_profile(image: NDArray[np.floating], line: Line, pitch_m: float) -> Lin
 
 @dataclass(frozen=True, eq=False)
 class PixelValues:
-    """A sample's XYZ (3,), linear sRGB (3,) and, where known, the intensity of every laser (wavelength,)."""
+    """XYZ (3,) and linear sRGB (3,) of a sample, and the intensity of each laser (wavelength,) if it was given."""
 
     x: int
     y: int

@@ -1,4 +1,4 @@
-"""What the user is told: short lines that a front end shows for a while, kept so that none is lost."""
+"""A log of messages to the user, which a front end shows for a while."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_MESSAGES = 200
 
 @dataclass(frozen=True)
 class Message:
-    """A line, its kind ("info", "warning", "error"), details worth copying, and when, as `time.time` gives it."""
+    """A line of text, its kind ("info", "warning", "error"), details such as a traceback, and when it was posted."""
 
     text: str
     kind: str = "info"
@@ -24,32 +24,32 @@ class Message:
 
 
 class MessageLog:
-    """The last messages, oldest first."""
+    """The last MAX_MESSAGES messages. on_change: called after each new message."""
 
-    def __init__(self, changed: Callable[[], None] = lambda: None, clock: Callable[[], float] = time.time) -> None:
-        self._kept: deque[Message] = deque(maxlen=MAX_MESSAGES)
-        self._changed, self._clock = changed, clock
+    def __init__(self, on_change: Callable[[], None] = lambda: None, clock: Callable[[], float] = time.time) -> None:
+        self._messages: deque[Message] = deque(maxlen=MAX_MESSAGES)
+        self._on_change, self._clock = on_change, clock
 
     @property
     def all(self) -> tuple[Message, ...]:
-        """Every message that is kept."""
-        return tuple(self._kept)
+        """All messages that are stored, oldest first."""
+        return tuple(self._messages)
 
     def recent(self, seconds: float) -> tuple[Message, ...]:
-        """Messages of the last seconds."""
+        """Messages of the last seconds, oldest first."""
         since = self._clock() - seconds
-        return tuple(message for message in self._kept if message.when >= since)
+        return tuple(message for message in self._messages if message.when >= since)
 
     def post(self, text: str, kind: str = "info", details: str = "") -> None:
         """Adds a message."""
-        self._kept.append(Message(text, kind, details, self._clock()))
-        self._changed()
+        self._messages.append(Message(text, kind, details, self._clock()))
+        self._on_change()
 
     def post_error(self, error: BaseException, where: str = "") -> None:
-        """A user's mistake in its own words; anything else as a defect, with its traceback as details."""
-        lead = f"{where}: " if where else ""
+        """Adds an error: a UserError by its text, any other exception with its traceback as details."""
+        prefix = f"{where}: " if where else ""
         if isinstance(error, UserError):
-            self.post(f"{lead}{error}", "error")
+            self.post(f"{prefix}{error}", "error")
             return
         details = "".join(traceback.format_exception(error))
-        self.post(f"{lead}{type(error).__name__}: {error}", "error", details)
+        self.post(f"{prefix}{type(error).__name__}: {error}", "error", details)

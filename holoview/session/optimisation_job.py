@@ -1,9 +1,10 @@
-"""An optimisation in the background that the view follows: kept as one edit that undo takes back, or thrown away."""
+"""Optimises patterns as a background job with a preview; the result is one edit that can be undone."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import partial
 from threading import Event
 from time import monotonic
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
-from holoview.optimise.iteration_state import IterationState as Found
+from holoview.optimise.iteration_state import IterationState
 from holoview.optimise.memory import with_compact_grid
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
@@ -19,25 +20,23 @@ from holoview.optimise.torch_device import resolve_torch_device
 from holoview.session.document import Document, Drive
 from holoview.session.editing_session import EditingSession
 from holoview.session.jobs import BackgroundJob, JobControl
-from holoview.session.target_spec import TargetSpec
 from holoview.util import units
 from holoview.util.errors import UserError
 
 START_PATTERNS = ("now", "random", "smooth")
-_QUICK_PIXELS = 100_000
-_SHOWN_EVERY_S = 0.25
-"""The view is handed new patterns no more often, however fast iterations are."""
+_QUICK_PIXELS = 100_000  # of a modulator, at most, in a quick optimisation
+_PREVIEW_INTERVAL_S = 0.25  # between previews, at least
 
 
 @dataclass(frozen=True)
 class OptimisationRequest:
     """What to optimise, and how.
 
-    settings: of the optimiser. scheme: a colour scheme to change the bench to first. begin: patterns to begin with,
-    those of "now", or "random", "smooth". every: iterations between two looks. coarse: modulator pixels a side that
-    move together: a pattern of larger pixels, physically what it says, found coarse² times as fast. only_m: the one
-    focal plane that counts; all of the bench's when None. device: of torch, "auto" for the fastest.
-    Raises UserError for values that make no sense.
+    settings: of the optimiser. scheme: a colour scheme that the system is changed to first. start_patterns: "now" for
+    the present ones, "random", or "smooth". preview_every: iterations between previews. superpixel: modulator pixels a
+    side that are driven together, which optimises superpixel² times fewer pixels. only_plane_m: a single focal plane to
+    optimise for; None for all of the system. device: of torch, "auto" for the fastest. Raises UserError for invalid
+    values.
     """
 
     settings: Settings = field(default_factory=Settings)
@@ -60,7 +59,7 @@ class OptimisationRequest:
 
 @dataclass(frozen=True)
 class OptimisationProgress:
-    """Where an optimisation stands: iteration of iterations, loss, PSNR (dB) now and of the best."""
+    """The progress after an iteration: its number, of how many, the loss, the present PSNR and the best so far (dB)."""
 
     iteration: int
     iterations: int
@@ -70,75 +69,74 @@ class OptimisationProgress:
 
 
 class OptimisationJob(BackgroundJob):
-    """The job, with what it reached; `keep` ends it with the best so far, `cancel` leaves the old patterns."""
+    """An optimisation in the background.
 
-    def __init__(self, session: EditingSession, plan: OptimisationRequest, begun: Document, system: System) -> None:
+    `stop_and_keep` ends it early with the best result so far; `cancel` ends it and leaves the patterns unchanged.
+    progress: one entry for each iteration.
+    """
+
+    def __init__(self, session: EditingSession, request: OptimisationRequest, start: Document, system: System) -> None:
         super().__init__("Optimise", session.call_on_owner, session.wake)
-        self.request, self.start_document, self.system = plan, begun, system
+        self.request, self.start_document, self.system = request, start, system
         self.progress: list[OptimisationProgress] = []
         self._session, self._keep = session, Event()
-        self.control.total = plan.settings.iterations
+        self.control.total = request.settings.iterations
 
     @property
     def latest(self) -> OptimisationProgress | None:
-        """Where it stands, None before the first iteration has ended."""
+        """The progress after the last iteration; None before the first."""
         return self.progress[-1] if self.progress else None
 
     def stop_and_keep(self) -> None:
-        """Ends it after this iteration; the best so far becomes an edit."""
+        """Ends the optimisation after the present iteration; the best result so far becomes an edit."""
         self._keep.set()
         self.resume()
 
     def run(self, control: JobControl) -> Document:
-        """Iterates on the compact grid; the best hologram on the bench's own. Runs on the job's thread."""
-        plan, begun = self.request, self.start_document
-        wanted = begun.target_spec
-        assert wanted is not None
-        control.report(0, plan.settings.iterations, "building the target")
-        bench = with_superpixels(self.system, plan.superpixel)
-        bench = bench if plan.only_plane_m is None else bench.edit({"planes": [plan.only_plane_m]})
-        stack = wanted.build(bench).stack
-        control.report(0, plan.settings.iterations, "preparing")
-        start = begun.drive if plan.start_patterns == "now" and begun.drive.shape == bench.drive_shape else None
-        found, shown, device = None, 0.0, resolve_torch_device(plan.device)
-        for found in iterate(with_compact_grid(bench), stack, plan.settings, start, device=device):
-            self._report(control, found)
-            due = found.iteration % plan.preview_every == 0 and monotonic() - shown >= _SHOWN_EVERY_S
-            if due or found.iteration == 0:
-                shown = monotonic()
-                state = self._as_document(found)
-                self._session.call_on_owner(lambda state=state: self._show_preview(state))  # type: ignore[misc]
+        """Optimises on the compact grid and returns the best result as a document. Called on the job's thread."""
+        request, target_spec, drive = self.request, self.start_document.target_spec, self.start_document.drive
+        assert target_spec is not None
+        control.report(0, request.settings.iterations, "building the target")
+        system = with_superpixels(self.system, request.superpixel)
+        system = system if request.only_plane_m is None else system.edit({"planes": [request.only_plane_m]})
+        stack = target_spec.build(system).stack
+        control.report(0, request.settings.iterations, "preparing")
+        start = drive if request.start_patterns == "now" and drive.shape == system.drive_shape else None
+        state, previewed_at, device = None, 0.0, resolve_torch_device(request.device)
+        for state in iterate(with_compact_grid(system), stack, request.settings, start, device=device):
+            self._report(control, state)
+            is_due = state.iteration % request.preview_every == 0 and monotonic() - previewed_at >= _PREVIEW_INTERVAL_S
+            if is_due or state.iteration == 0:
+                previewed_at = monotonic()
+                self._session.call_on_owner(partial(self._show_preview, self._as_document(state)))
             if self._keep.is_set():
                 break
-        assert found is not None
-        return self._as_document(found)
+        assert state is not None
+        return self._as_document(state)
 
-    def _report(self, control: JobControl, found: Found) -> None:
-        reached = OptimisationProgress(found.iteration, found.iterations, found.loss, found.psnr_db, found.best_psnr_db)
-        self.progress.append(reached)
-        control.report(found.iteration, found.iterations, f"loss {found.loss:.4g}, PSNR {found.best_psnr_db:.2f} dB")
-
-    def _as_document(self, found: Found) -> Document:
-        """The best so far as a document, on the bench's own grid."""
-        lasers = {"wavelengths": found.best.system.wavelengths_m, "amplitudes": found.best.system.amplitudes}
-        drive = _expand_superpixels(found.best.drive, self.request.superpixel, self.system.modulators[0].shape)
-        pixels = (
-            f" with {self.request.superpixel} x {self.request.superpixel} pixels as one"
-            if self.request.superpixel > 1
-            else ""
+    def _report(self, control: JobControl, state: IterationState) -> None:
+        progress = OptimisationProgress(
+            state.iteration, state.iterations, state.loss, state.psnr_db, state.best_psnr_db
         )
-        plane = (
-            "" if self.request.only_plane_m is None else f" for {units.format_rounded(self.request.only_plane_m, 'mm')}"
-        )
-        words = f"optimised{pixels}{plane}, {found.iteration} iterations, PSNR {found.best_psnr_db:.1f} dB"
-        return replace(self.start_document, system=self.system.edit(lasers), drive=drive, origin=words, path=None)
+        self.progress.append(progress)
+        control.report(state.iteration, state.iterations, f"loss {state.loss:.4g}, PSNR {state.best_psnr_db:.2f} dB")
 
-    def _show_preview(self, state: Document) -> None:
+    def _as_document(self, state: IterationState) -> Document:
+        """The best result so far as a document, with the system's own grid and pixels."""
+        factor, plane_m = self.request.superpixel, self.request.only_plane_m
+        drive = _expand_superpixels(state.best.drive, factor, self.system.modulators[0].shape)
+        pixels = f" with {factor} x {factor} pixels as one" if factor > 1 else ""
+        plane = "" if plane_m is None else f" for {units.format_rounded(plane_m, 'mm')}"
+        origin = f"optimised{pixels}{plane}, {state.iteration} iterations, PSNR {state.best_psnr_db:.1f} dB"
+        system = with_lasers_of(self.system, state.best.system)
+        return replace(self.start_document, system=system, drive=drive, origin=origin, path=None)
+
+    def _show_preview(self, document: Document) -> None:
         if self.is_active:
-            self._session.set_preview(self.start_document, state)
+            self._session.set_preview(self.start_document, document)
 
-    def commit(self, state: Document) -> None:
-        """Makes the result an edit. Runs on the owner's thread."""
+    def commit(self, result: Document) -> None:
+        """Applies the result as an edit. Called on the owner's thread."""
         latest, session = self.latest, self._session
         assert latest is not None
         if session.system != self.start_document.system:
@@ -146,58 +144,57 @@ class OptimisationJob(BackgroundJob):
                 "the bench is as it was when the optimisation began; undo brings your changes back", "warning"
             )
         label = f"Optimise, {latest.iteration} iterations, {latest.best_psnr_db:.1f} dB"
-        session.edit(label, system=state.system, drive=state.drive, origin=state.origin, path=None)
+        session.edit(label, system=result.system, drive=result.drive, origin=result.origin, path=None)
         session.messages.post(f"{label}: {latest.loss:.4g} loss")
 
 
-def start_optimisation(session: EditingSession, plan: OptimisationRequest | None = None) -> OptimisationJob:
+def start_optimisation(session: EditingSession, request: OptimisationRequest | None = None) -> OptimisationJob:
     """Starts an optimisation of the session's patterns for its target.
 
-    Raises UserError without a target, while another one runs, and for a scheme or settings that make no sense.
+    Raises UserError without a target, while another optimisation runs, and for an invalid scheme or settings.
     """
-    plan = plan or OptimisationRequest()
+    request = request or OptimisationRequest()
     if session.target_spec is None:
         raise UserError("optimise", "there is no target", remedy="open a picture, or drop one on the window")
     if running_optimisation(session) is not None:
         raise UserError("optimise", "one is running", remedy="keep or cancel it first")
-    if plan.start_patterns in ("random", "smooth"):
-        plan = replace(plan, settings=replace(plan.settings, begin=plan.start_patterns))
-    system = session.system if plan.scheme is None else with_scheme(session.system, plan.scheme)
-    job = OptimisationJob(session, plan, session.document, system)
+    if request.start_patterns in ("random", "smooth"):
+        request = replace(request, settings=replace(request.settings, begin=request.start_patterns))
+    system = session.system if request.scheme is None else with_scheme(session.system, request.scheme)
+    job = OptimisationJob(session, request, session.document, system)
     session.jobs.start("Optimise", job.run, job.commit, on_end=lambda: session.set_preview(None), job=job)
     return job
 
 
 def running_optimisation(session: EditingSession) -> OptimisationJob | None:
-    """The optimisation that hasn't ended yet, if there is one."""
+    """The optimisation that is running or paused, if any."""
     return next((job for job in session.jobs.active if isinstance(job, OptimisationJob)), None)
 
 
 def last_optimisation(session: EditingSession) -> OptimisationJob | None:
-    """The optimisation that was started last, ended or not."""
+    """The optimisation that was started last, whether it has ended or not."""
     return next((job for job in reversed(session.jobs.all) if isinstance(job, OptimisationJob)), None)
 
 
-def start_quick_optimisation(
-    session: EditingSession, wanted: TargetSpec | None = None, iterations: int = 10
-) -> OptimisationJob:
-    """A few iterations for one plane, with large pixels and a smooth phase: something of a picture within seconds."""
-    if wanted is not None:
-        session.edit(f"Target {wanted.title}", target_spec=wanted)
+def start_quick_optimisation(session: EditingSession, iterations: int = 10) -> OptimisationJob:
+    """Starts an optimisation that takes seconds: few iterations, one plane, superpixels, and a smooth initial phase."""
     rows, columns = session.system.modulators[0].shape
     settings = Settings(iterations=iterations, amplitudes_every=max(iterations // 2, 1))
-    coarse = math.ceil(math.sqrt(rows * columns / _QUICK_PIXELS))
-    nearest = float(min(session.system.planes_m, key=lambda z: abs(z - session.view_settings.plane_m)))
-    return start_optimisation(
-        session,
-        OptimisationRequest(
-            settings, start_patterns="smooth", preview_every=1, superpixel=coarse, only_plane_m=nearest
-        ),
+    superpixel = math.ceil(math.sqrt(rows * columns / _QUICK_PIXELS))
+    nearest_m = float(min(session.system.planes_m, key=lambda z: abs(z - session.view_settings.plane_m)))
+    request = OptimisationRequest(
+        settings, start_patterns="smooth", preview_every=1, superpixel=superpixel, only_plane_m=nearest_m
     )
+    return start_optimisation(session, request)
+
+
+def with_lasers_of(system: System, optimised: System) -> System:
+    """A system with the wavelengths and amplitudes of another one."""
+    return system.edit({"wavelengths": optimised.wavelengths_m, "amplitudes": optimised.amplitudes})
 
 
 def with_superpixels(system: System, factor: int) -> System:
-    """The bench with `factor` × `factor` modulator pixels joined to one, cut off evenly where that doesn't divide."""
+    """A system whose modulator pixels are `factor` × `factor` larger; rounded up to cover the original pixels."""
     if factor == 1:
         return system
     shape = [-(-side // factor) for side in system.modulators[0].shape]
@@ -205,9 +202,9 @@ def with_superpixels(system: System, factor: int) -> System:
 
 
 def _expand_superpixels(drive: Drive, factor: int, shape: tuple[int, int]) -> Drive:
-    """A coarsened bench's patterns on the pixels of the bench itself: the same light."""
+    """Patterns of superpixels (…, y, x) on single pixels, cropped evenly to `shape` (y, x)."""
     if factor == 1:
         return drive
     fine = drive.repeat(factor, axis=-2).repeat(factor, axis=-1)
-    top, left = ((have - want) // 2 for have, want in zip(fine.shape[-2:], shape, strict=True))
+    top, left = (fine.shape[-2] - shape[0]) // 2, (fine.shape[-1] - shape[1]) // 2
     return np.ascontiguousarray(fine[..., top : top + shape[0], left : left + shape[1]])

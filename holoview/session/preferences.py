@@ -1,4 +1,4 @@
-"""Where a user's sessions, preferences and recent files are kept between starts."""
+"""The user's preferences and recent files, stored between starts of the viewer."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ MAX_RECENT_FILES = 20
 
 
 def state_folder() -> Path:
-    """The user's folder for state, as the platform has it; not made yet."""
+    """The platform's folder for the state of applications; it need not exist."""
     return Path(platformdirs.user_state_path("holoview", appauthor=False))
 
 
 class Preferences:
-    """Plain values by name in one JSON file: theme, layout, recent files. A damaged file is begun anew."""
+    """JSON values by name in one file, such as the theme and the recent files. A damaged file counts as empty."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -31,11 +31,11 @@ class Preferences:
             pass
 
     def get(self, key: str, default: Any = None) -> Any:
-        """The value of a name."""
+        """The value of a name, or the default."""
         return self._values.get(key, default)
 
     def set(self, key: str, value: Any) -> None:
-        """Keeps a value that JSON can hold, at once. Raises UserError when the folder can't be written to."""
+        """Stores a value that JSON can represent, immediately. Raises UserError when the file can't be written."""
         if self._values.get(key) == value and key in self._values:
             return
         text = json.dumps(self._values | {key: value}, indent=1)
@@ -46,11 +46,11 @@ class Preferences:
 
     @property
     def recent_files(self) -> tuple[Path, ...]:
-        """Files opened last, newest first, those that are still there."""
+        """The files that were opened last and still exist, newest first."""
         return tuple(path for path in map(Path, self.get("recent", [])) if path.exists())
 
     def add_recent_file(self, path: Path) -> None:
-        """Puts a file first among the recent ones."""
+        """Puts a file first in the list of recent files."""
         name = str(path.resolve())
         others = [other for other in self.get("recent", []) if other != name]
         self.set("recent", [name, *others][:MAX_RECENT_FILES])

@@ -1,4 +1,4 @@
-"""Images for exports and comparisons, computed on a job's thread with a device of its own, so that no window waits."""
+"""Renders focal planes on a job's thread, for exports and comparisons, with a GPU device of its own."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ Xyz = NDArray[np.floating]
 def render_planes(
     system: System, drive: Drive, planes_m: Sequence[float], check: Callable[[], None] = lambda: None
 ) -> Iterator[Xyz]:
-    """XYZ (y, x, 3) at each plane, one after the other; `check` is called between steps and may raise.
+    """Renders XYZ (y, x, 3) at each plane in turn.
 
-    On the first adapter that there is, else by torch. What planes share is computed once on an adapter.
+    Uses the first WebGPU adapter, where the planes share what they have in common; torch if there is none. `check` is
+    called between steps and may raise an exception to cancel.
     """
     try:
-        session = IncrementalRenderer(system, drive, open_device(), plane_m=float(planes_m[0]))
+        renderer = IncrementalRenderer(system, drive, open_device(), plane_m=float(planes_m[0]))
     except UserError:
         for plane_m in planes_m:
             check()
             yield simulate(system, drive, [plane_m], "torch").xyz[0]
         return
     for plane_m in planes_m:
-        session.edit(plane_m=float(plane_m))
-        for _ in session.steps(with_srgb=False, wait=True):
+        renderer.edit(plane_m=float(plane_m))
+        for _ in renderer.steps(with_srgb=False, wait=True):
             check()
-        yield session.xyz()
+        yield renderer.xyz()

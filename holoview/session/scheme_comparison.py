@@ -1,6 +1,6 @@
-"""Simultaneous colour beside HoloChrome on the same bench and target, each with its speckle contrast: what is gained.
+"""Compares simultaneous colour with HoloChrome on the same system and target by their speckle contrasts.
 
-Both get the same random patterns, or the same number of iterations from the same seed, and the label says which.
+Both get random patterns, or the same number of optimisation iterations from the same seed; the result says which.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession
 from holoview.session.jobs import BackgroundJob, JobControl
 from holoview.session.measure import measure_region
+from holoview.session.optimisation_job import with_lasers_of
 from holoview.session.rendering import render_planes
 from holoview.session.view_settings import SPECKLE_EXPOSURE_STOPS, ComparisonSide
 from holoview.view import random_drive
@@ -27,7 +28,7 @@ NAMES = ("Simultaneous, 3 wavelengths", "HoloChrome, 8 wavelengths")
 
 @dataclass(frozen=True, eq=False)
 class ComparedScheme:
-    """One of the two: its name, its state, and the speckle contrast of the region."""
+    """One of the two schemes: its name, its document, and the speckle contrast of the measured region."""
 
     name: str
     document: Document
@@ -36,7 +37,7 @@ class ComparedScheme:
 
 @dataclass(frozen=True, eq=False)
 class SchemeComparison:
-    """Both sides, and in words how they came about."""
+    """Both schemes, and in words how their patterns were made."""
 
     left: ComparedScheme
     right: ComparedScheme
@@ -44,47 +45,52 @@ class SchemeComparison:
 
     @property
     def summary(self) -> str:
-        """The comparison in a line."""
-        sides = "; ".join(f"{shown.name}: speckle contrast {shown.contrast:.3f}" for shown in (self.left, self.right))
+        """The comparison in one line of text."""
+        sides = "; ".join(
+            f"{compared.name}: speckle contrast {compared.contrast:.3f}" for compared in (self.left, self.right)
+        )
         return f"{sides} ({self.method})"
 
 
 class SchemeComparisonJob(BackgroundJob):
-    """The job; `result` once it is done."""
+    """The comparison as a background job; `result` is None until it is done."""
 
     result: SchemeComparison | None = None
 
 
 def start_scheme_comparison(session: EditingSession, iterations: int = 0) -> SchemeComparisonJob:
-    """Pins both and shows them side by side: with random patterns, or optimised for the target by `iterations`.
+    """Starts a comparison with random patterns, or with patterns optimised for the target by some iterations.
 
-    Without a target random patterns are taken, and the result says so.
+    Both documents become snapshots and are shown side by side. Without a target, patterns are random.
     """
-    begun = session.document
+    start = session.document
     target = session.target_at()
-    iterations = iterations if begun.target_spec is not None else 0
+    iterations = iterations if start.target_spec is not None else 0
     job = SchemeComparisonJob("Compare schemes", session.call_on_owner, session.wake)
 
     def work(control: JobControl) -> SchemeComparison:
-        shown = []
+        compared = []
         for number, (scheme, name) in enumerate(zip(SCHEMES, NAMES, strict=True)):
             control.report(number, 2, name)
-            state = _state(begun, with_scheme(begun.system, scheme), iterations, control, number)
-            (xyz,) = render_planes(state.system, state.drive, [state.view_settings.plane_m], control.check)
-            structure = target if iterations else None
-            shown.append(ComparedScheme(name, state, measure_region(xyz, begun.measured_region, structure).contrast))
+            document = _document_of_scheme(start, with_scheme(start.system, scheme), iterations, control, number)
+            (xyz,) = render_planes(document.system, document.drive, [document.view_settings.plane_m], control.check)
+            reference = target if iterations else None
+            contrast = measure_region(xyz, start.measured_region, reference).contrast
+            compared.append(ComparedScheme(name, document, contrast))
         control.report(2, 2)
-        how = f"{iterations} iterations each, structure of the target divided out" if iterations else "random patterns"
-        return SchemeComparison(shown[0], shown[1], how)
+        method = "random patterns"
+        if iterations:
+            method = f"{iterations} iterations each, structure of the target divided out"
+        return SchemeComparison(compared[0], compared[1], method)
 
     def done(result: SchemeComparison) -> None:
         job.result = result
         for old in [pinned for pinned in session.snapshots if pinned.startswith(NAMES)]:
             session.unpin(old)
-        names = [f"{shown.name}: contrast {shown.contrast:.2f}" for shown in (result.left, result.right)]
+        names = [f"{compared.name}: contrast {compared.contrast:.2f}" for compared in (result.left, result.right)]
         a, b = (
-            ComparisonSide("snapshot", session.pin(name, shown.document))
-            for name, shown in zip(names, (result.left, result.right), strict=True)
+            ComparisonSide("snapshot", session.pin(name, compared.document))
+            for name, compared in zip(names, (result.left, result.right), strict=True)
         )
         stops = (
             session.view_settings.exposure_stops
@@ -98,16 +104,16 @@ def start_scheme_comparison(session: EditingSession, iterations: int = 0) -> Sch
     return job
 
 
-def _state(begun: Document, system: System, iterations: int, control: JobControl, number: int) -> Document:
-    """The scheme with random patterns, or with those found in some iterations."""
+def _document_of_scheme(start: Document, system: System, iterations: int, control: JobControl, number: int) -> Document:
+    """The document of a scheme, with random patterns or those of an optimisation. number: 0 or 1, for the progress."""
     if not iterations:
-        return replace(begun, system=system, drive=random_drive(system), origin="random patterns", path=None)
-    assert begun.target_spec is not None
-    found, settings = None, Settings(iterations=iterations)
-    stack = begun.target_spec.build(system).stack
-    for found in iterate(with_compact_grid(system), stack, settings, device=resolve_torch_device("auto")):
-        control.report(number + found.iteration / iterations, 2, f"iteration {found.iteration}")
-    assert found is not None
-    lasers = {"wavelengths": found.best.system.wavelengths_m, "amplitudes": found.best.system.amplitudes}
-    origin = f"optimised, {iterations} iterations, PSNR {found.best_psnr_db:.1f} dB"
-    return replace(begun, system=system.edit(lasers), drive=found.best.drive, origin=origin, path=None)
+        return replace(start, system=system, drive=random_drive(system), origin="random patterns", path=None)
+    assert start.target_spec is not None
+    state, settings = None, Settings(iterations=iterations)
+    stack = start.target_spec.build(system).stack
+    for state in iterate(with_compact_grid(system), stack, settings, device=resolve_torch_device("auto")):
+        control.report(number + state.iteration / iterations, 2, f"iteration {state.iteration}")
+    assert state is not None
+    origin = f"optimised, {iterations} iterations, PSNR {state.best_psnr_db:.1f} dB"
+    system = with_lasers_of(system, state.best.system)
+    return replace(start, system=system, drive=state.best.drive, origin=origin, path=None)

@@ -1,7 +1,9 @@
-"""From XYZ to what is seen on the screen, as the look says; the viewport's shader does the same.
+"""Tone mapping: from XYZ to 8-bit sRGB as the view settings say; the viewport's shader computes the same.
 
-value = (channel · 2^exposure − low) / (high − low), clipped to 0…1
-code  = sRGB curve of the value, to the power 1/gamma; through the palette where false colour is asked for
+    value = (channel · 2^exposure − low) / (high − low), clipped to 0…1
+    code  = sRGB transfer function of the value, to the power 1/gamma
+
+A single channel is shown in grey or through a colour map.
 """
 
 from __future__ import annotations
@@ -23,51 +25,50 @@ _ROWS = {
 
 
 def channel_matrix(channel: str) -> NDArray[np.float64]:
-    """The matrix (3, 3) or, for a single channel, (1, 3) that takes XYZ to what is shown; L, M, S are 1 for E white."""
+    """The matrix from XYZ to linear sRGB (3, 3), or to a channel (1, 3); L, M, S of equal-energy white are 1."""
     return XYZ_TO_SRGB if channel == "colour" else _ROWS[channel][None]
 
 
-def tone_map(xyz: NDArray[np.floating], view_settings: ViewSettings) -> NDArray[np.uint8]:
-    """8-bit sRGB (y, x, 3) of XYZ (y, x, 3) as the look says."""
-    matrix = channel_matrix(view_settings.channel) * 2.0**view_settings.exposure_stops
-    values = (np.asarray(xyz, dtype=np.float32) @ matrix.T.astype(np.float32) - view_settings.low) / (
-        view_settings.high - view_settings.low
-    )
-    levels = _levels(values, view_settings)
-    if view_settings.channel == "colour":
+def tone_map(xyz: NDArray[np.floating], view: ViewSettings) -> NDArray[np.uint8]:
+    """8-bit sRGB (y, x, 3) of XYZ (y, x, 3)."""
+    matrix = channel_matrix(view.channel) * 2.0**view.exposure_stops
+    values = (np.asarray(xyz, dtype=np.float32) @ matrix.T.astype(np.float32) - view.low) / (view.high - view.low)
+    levels = _levels(values, view)
+    if view.channel == "colour":
         return levels
-    return colour_map(view_settings.false_colour or "grey")[levels[..., 0]]
+    return colour_map(view.false_colour or "grey")[levels[..., 0]]
 
 
 def compose_comparison(
-    a: NDArray[np.floating], b: NDArray[np.floating] | None, view_settings: ViewSettings
+    a: NDArray[np.floating], b: NDArray[np.floating] | None, view: ViewSettings
 ) -> NDArray[np.uint8]:
-    """8-bit sRGB of two sides, XYZ (y, x, 3) of equal shape, as the look compares them; of `a` alone without `b`.
+    """8-bit sRGB of two images XYZ (y, x, 3) as the view settings compare them.
 
-    A wipe shows `a` left of its line. A difference shows |a − b|; for a single channel a − b from blue to red.
+    Shows `a` alone without a comparison, without `b`, and for different shapes. A wipe shows `a` left of its line. A
+    difference shows |a − b| in colour; for a single channel a − b from blue to red.
     """
-    if view_settings.compare == "off" or b is None or a.shape != b.shape:
-        return tone_map(a, view_settings)
-    if view_settings.compare == "difference":
-        return _difference(a, b, view_settings)
-    left, right = tone_map(a, view_settings), tone_map(b, view_settings)
-    if view_settings.compare == "side-by-side":
+    if view.compare == "off" or b is None or a.shape != b.shape:
+        return tone_map(a, view)
+    if view.compare == "difference":
+        return _difference(a, b, view)
+    left, right = tone_map(a, view), tone_map(b, view)
+    if view.compare == "side-by-side":
         return np.concatenate([left, right], axis=1)
-    if view_settings.compare == "wipe":
-        edge = round(view_settings.wipe * a.shape[1])
+    if view.compare == "wipe":
+        edge = round(view.wipe * a.shape[1])
         return np.concatenate([left[:, :edge], right[:, edge:]], axis=1)
     return left
 
 
-def _difference(a: NDArray[np.floating], b: NDArray[np.floating], look: ViewSettings) -> NDArray[np.uint8]:
-    """Blacks cancel, so that only the distance from black to white counts."""
-    matrix = channel_matrix(look.channel) * 2.0**look.exposure_stops / (look.high - look.low)
+def _difference(a: NDArray[np.floating], b: NDArray[np.floating], view: ViewSettings) -> NDArray[np.uint8]:
+    """The difference of both images; `low` cancels, so that only the span from `low` to `high` matters."""
+    matrix = channel_matrix(view.channel) * 2.0**view.exposure_stops / (view.high - view.low)
     difference = (np.asarray(a, dtype=np.float64) - b) @ matrix.T
-    if look.channel == "colour":
-        return _levels(np.abs(difference), look)
+    if view.channel == "colour":
+        return _levels(np.abs(difference), view)
     return colour_map("signed")[np.rint(255 * np.clip(0.5 + 0.5 * difference[..., 0], 0, 1)).astype(np.uint8)]
 
 
-def _levels(values: NDArray[np.floating], look: ViewSettings) -> NDArray[np.uint8]:
-    codes = srgb_encode(np.clip(values, 0, 1)) ** (1 / look.gamma)
+def _levels(values: NDArray[np.floating], view: ViewSettings) -> NDArray[np.uint8]:
+    codes = srgb_encode(np.clip(values, 0, 1)) ** (1 / view.gamma)
     return np.rint(255 * codes).astype(np.uint8)

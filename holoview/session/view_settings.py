@@ -1,4 +1,4 @@
-"""The way a hologram is looked at: plane, exposure, channel, comparison, region. Frozen, checked, in SI units."""
+"""View settings: how a hologram is displayed. Focal plane, exposure, channel, comparison, measured region."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ FALSE_COLOURS = ("", "cubehelix", "hue")
 COMPARISON_MODES = ("off", "hold", "wipe", "side-by-side", "difference")
 PAGES = ("image", "planes", "phase", "spectrum", "target")
 DERIVED_PAGES = ("phase", "spectrum")
-"""Pages of pictures that aren't the image of a side."""
+"""Pages that show an image other than a focal plane of a side."""
 SPECKLE_EXPOSURE_STOPS = -1.5
-"""An exposure at which random patterns, which are as bright as white in the mean, show their speckle unclipped."""
-MAX_EXPOSURE_STOPS = 60.0  # 2^60 is past anything to see, and its square still far inside a float64
+"""An exposure at which the speckle of random patterns, whose mean luminance is that of white, is hardly clipped."""
+MAX_EXPOSURE_STOPS = 60.0  # far beyond any useful exposure, and 2^120 is still finite in float64
 _KINDS = ("now", "target", "snapshot", "preset")
 
 
@@ -46,7 +46,7 @@ class ComparisonSide:
 
     @property
     def label(self) -> str:
-        """What people read above the image."""
+        """The name that is shown above the image."""
         return self.name if self.name else {"now": "Now", "target": "Target"}[self.kind]
 
 
@@ -55,16 +55,20 @@ NOW, TARGET = ComparisonSide("now"), ComparisonSide("target")
 
 @dataclass(frozen=True)
 class ViewSettings:
-    """How the light at a focal plane becomes what is on the screen.
+    """How a document is displayed.
 
-    plane_m: distance of the focal plane. exposure_stops: brighter by 2^stops. gamma: on top of the sRGB curve; 1
-    changes nothing. channel: one of CHANNELS; false_colour: a colour map for one channel, "" for grey. low, high:
-    values (of the channel, after exposure) that are shown black and white. solo, muted: lasers by index. page: one of
-    PAGES; frame and modulator say which pattern the phase page shows. a, b, compare, wipe: what is compared and how;
-    wipe is the share of the width that shows a. region: where speckle is measured; profile: a line whose values are
-    plotted. zoom: screen pixels a sample, 0 fits the window; centre (x, y): shares of the image.
+    plane_m: distance of the focal plane behind the last modulator, in metres.
+    exposure_stops: a factor 2^stops on the light. gamma: an exponent 1/gamma after the sRGB transfer function.
+    channel: one of CHANNELS. false_colour: a colour map for a single channel, "" for grey.
+    low, high: values of the channel, after exposure, that are shown black and white.
+    solo, muted: indices of the only laser shown, and of lasers left out.
+    page: one of PAGES. frame, modulator: indices of the pattern on the page "phase".
+    a, b, compare: the two sides of a comparison and its mode. wipe: fraction of the width that shows a.
+    region: where speckle is measured. profile: a line along which the luminance is plotted.
+    zoom: screen pixels for each sample, 0 to fit the window. centre: (x, y) of the middle of the view, as fractions of
+    the image.
 
-    Raises UserError for values that make no sense.
+    Raises UserError for invalid values.
     """
 
     plane_m: float
@@ -114,19 +118,23 @@ class ViewSettings:
             raise UserError("wipe and zoom", f"{self.wipe:g} and {self.zoom:g}", expected="0 to 1, and 0 or more")
 
     def with_(self, **changes: Any) -> ViewSettings:
-        """A copy with some fields changed. Raises UserError for an unknown field or an impossible value."""
+        """A copy with some fields changed. Raises UserError for an unknown field or an invalid value."""
         known = {field.name for field in dataclasses.fields(self)}
         for key in changes:
             if key not in known:
                 raise UserError(key, "unknown field of the look", remedy=suggest_matches(key, known))
         return dataclasses.replace(self, **changes)
 
+    def shows_laser(self, index: int) -> bool:
+        """Whether a laser contributes to the image: it is the solo one, or none is and it isn't muted."""
+        return self.solo == index if self.solo is not None else index not in self.muted
+
     def with_side_replaced(self, old: ComparisonSide, new: ComparisonSide) -> ViewSettings:
-        """A copy that compares with `new` wherever this one does with `old`."""
+        """A copy in which the side `old` of the comparison is replaced by `new`."""
         return self.with_(**{key: new for key in ("a", "b") if getattr(self, key) == old})
 
     def clamped_to(self, lasers: int, shape: tuple[int, int], frames: int, modulators: int) -> ViewSettings:
-        """The look with whatever pointed outside a changed bench brought back inside or dropped."""
+        """A copy that refers only to what exists: lasers, samples of the image (y, x), frames and modulators."""
         muted = frozenset(laser for laser in self.muted if laser < lasers)
         solo = self.solo if self.solo is not None and self.solo < lasers else None
         if len(muted) == lasers:
@@ -135,20 +143,20 @@ class ViewSettings:
             self,
             solo=solo,
             muted=muted,
-            region=_clipped(self.region, shape),
+            region=_clip_region(self.region, shape),
             frame=min(self.frame, frames - 1),
             modulator=min(self.modulator, modulators - 1),
         )
 
 
 def displayed_side(view_settings: ViewSettings) -> ComparisonSide:
-    """The side that is shown where a single one is: A of a comparison, else the hologram, or its target."""
+    """The side that is shown where there is room for one: A of a comparison, else the hologram or its target."""
     if view_settings.page == "target":
         return TARGET
     return NOW if view_settings.compare == "off" or view_settings.page != "image" else view_settings.a
 
 
-def _clipped(region: Region | None, shape: tuple[int, int]) -> Region | None:
+def _clip_region(region: Region | None, shape: tuple[int, int]) -> Region | None:
     if region is None:
         return None
     x, y, width, height = region

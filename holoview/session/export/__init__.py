@@ -1,7 +1,8 @@
-"""Files that a session writes, each whole or not at all.
+"""Writes files from a session; each is complete or isn't written at all.
 
-pictures   PNG of what is seen, of every plane, and for the clipboard
-documents  hologram files and presets
-sweep      an animated focal sweep as GIF or MP4
-figure     a labelled figure with a scale bar as PNG or PDF
+png_images      PNG of the displayed image and of all planes, bytes for the clipboard
+hologram_files  hologram files and presets
+sweep           an animated focal sweep as GIF or MP4
+figure          a labelled figure with a scale bar as PNG or PDF
+optional        imports of optional libraries, checks of suffixes
 """

@@ -1,4 +1,4 @@
-"""PNG files of what is seen, and bytes for the clipboard. Text chunks hold the setting that made a picture."""
+"""Writes images as PNG, with the settings that made them in text chunks; encodes PNG for the clipboard."""
 
 from __future__ import annotations
 
@@ -20,50 +20,50 @@ from holoview.session.tone_mapping import tone_map
 from holoview.util import units
 
 
-def png_metadata(state: Document, plane_m: float | None = None) -> dict[str, str]:
-    """What a picture of a state says of how it was made."""
-    look = state.view_settings
+def png_metadata(document: Document, plane_m: float | None = None) -> dict[str, str]:
+    """PNG text chunks for an image of a document; `plane_m` is its focal plane if not that of the view settings."""
+    view = document.view_settings
     return {
-        "holoview.preset": state.system.name,
-        "holoview.patterns": state.origin,
-        "holoview.plane": units.format_exact(look.plane_m if plane_m is None else plane_m, "mm"),
-        "holoview.exposure": f"{look.exposure_stops:g} stops",
-        "holoview.channel": look.channel,
-        "holoview.system": preset.dumps(state.system),
+        "holoview.preset": document.system.name,
+        "holoview.patterns": document.origin,
+        "holoview.plane": units.format_exact(view.plane_m if plane_m is None else plane_m, "mm"),
+        "holoview.exposure": f"{view.exposure_stops:g} stops",
+        "holoview.channel": view.channel,
+        "holoview.system": preset.dumps(document.system),
     }
 
 
-def save_view(session: EditingSession, path: Path, seen: NDArray[np.uint8]) -> None:
-    """Writes 8-bit pixels (y, x, 3), as they are on the screen. Raises UserError."""
+def save_view(session: EditingSession, path: Path, pixels: NDArray[np.uint8]) -> None:
+    """Writes 8-bit sRGB pixels (y, x, 3). Raises UserError."""
     file = with_default_suffix(path, ".png")
-    write_png(file, seen, png_metadata(session.displayed_document))
+    write_png(file, pixels, png_metadata(session.displayed_document))
     session.messages.post(f"view written to {file}")
 
 
 def save_planes(session: EditingSession, path: Path) -> BackgroundJob:
-    """Writes every focal plane of the bench as PATH-10mm.png … in the background, toned as the look says."""
-    state, path = session.displayed_document, with_default_suffix(path, ".png")
+    """Writes each focal plane of the system as PATH-10mm.png …, tone-mapped by the view settings, in the background."""
+    document, path = session.displayed_document, with_default_suffix(path, ".png")
 
     def work(control: JobControl) -> list[Path]:
-        planes_m = [float(z) for z in np.unique(state.system.planes_m)]
+        planes_m = [float(z) for z in np.unique(document.system.planes_m)]
         written = []
         for xyz, plane_m in zip(
-            render_planes(state.system, state.drive, planes_m, control.check), planes_m, strict=True
+            render_planes(document.system, document.drive, planes_m, control.check), planes_m, strict=True
         ):
             plane = units.format_exact(plane_m, "mm").replace(" ", "")
             written.append(path_with_suffix(path, plane))
-            write_png(written[-1], tone_map(xyz, state.view_settings), png_metadata(state, plane_m))
+            write_png(written[-1], tone_map(xyz, document.view_settings), png_metadata(document, plane_m))
             control.report(len(written), len(planes_m), written[-1].name)
         return written
 
-    def tell(written: list[Path]) -> None:
+    def report(written: list[Path]) -> None:
         session.messages.post(f"{len(written)} planes written to {path.parent}")
 
-    return session.jobs.start("Save planes", work, tell)
+    return session.jobs.start("Save planes", work, report)
 
 
-def png_bytes(seen: NDArray[np.uint8]) -> bytes:
-    """A PNG file of 8-bit pixels, as clipboards take it."""
+def png_bytes(pixels: NDArray[np.uint8]) -> bytes:
+    """The bytes of a PNG file of 8-bit sRGB pixels (y, x, 3)."""
     buffer = io.BytesIO()
-    Image.fromarray(seen).save(buffer, format="PNG")
+    Image.fromarray(pixels).save(buffer, format="PNG")
     return buffer.getvalue()
