@@ -37,7 +37,7 @@ def session() -> Iterator[EditingSession]:
 
 
 @pytest.fixture
-def wanted() -> TargetSpec:
+def target_spec() -> TargetSpec:
     """A bright square on grey."""
     pixels = np.full((48, 64, 3), 90, np.uint8)
     pixels[12:36, 16:48] = 230

@@ -78,12 +78,12 @@ def _wait_for_a_later_save(folder: Path, timeout_s: float = 60.0) -> None:
         time.sleep(0.02)
 
 
-def test_closing_in_good_order_leaves_the_last_session_only(tmp_path: Path, wanted: TargetSpec) -> None:
+def test_closing_in_good_order_leaves_the_last_session_only(tmp_path: Path, target_spec: TargetSpec) -> None:
     store = SessionStore(tmp_path)
     for name in ("first", "second"):
         session = EditingSession(bench.small_system(name=name))
         autosave = store.start_autosave(session)
-        session.edit("Target", target_spec=wanted)
+        session.edit("Target", target_spec=target_spec)
         autosave.close()
     last = store.last_session()
     assert last is not None and "second" in last.title and store.crashed_sessions() == []

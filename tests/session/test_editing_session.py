@@ -87,12 +87,12 @@ def test_zoom_is_no_step_and_undo_leaves_it_alone(session: EditingSession) -> No
     assert (session.view_settings.zoom, session.view_settings.exposure_stops) == (4.0, 0.0)
 
 
-def test_listeners_hear_which_kinds_changed(session: EditingSession, wanted: TargetSpec) -> None:
+def test_listeners_hear_which_kinds_changed(session: EditingSession, target_spec: TargetSpec) -> None:
     heard: list[Change] = []
     stop = session.add_listener(heard.append)
     session.change("Gap", {"gap": 2e-3})
     session.edit_view("Exposure", exposure_stops=1.0)
-    session.edit("Target", target_spec=wanted)
+    session.edit("Target", target_spec=target_spec)
     stop()
     session.undo()
     assert [change.kinds for change in heard] == [
@@ -196,8 +196,8 @@ def test_another_preset_is_a_side_at_this_benchs_pixel_count(session: EditingSes
     assert session.scene_for(TARGET) is None
 
 
-def test_targets_are_built_in_the_background_and_heard_of(session: EditingSession, wanted: TargetSpec) -> None:
-    session.edit("Target", target_spec=wanted)
+def test_targets_are_built_in_the_background_and_heard_of(session: EditingSession, target_spec: TargetSpec) -> None:
+    session.edit("Target", target_spec=target_spec)
     assert session.target_at() is None
     assert session.wait_until_idle(20.0)
     image = session.target_at()

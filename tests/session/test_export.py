@@ -170,8 +170,8 @@ def test_the_showcase_shows_less_speckle_with_more_wavelengths(session: EditingS
     assert session.wait_until_idle(60.0) and len(session.snapshots) == 2, "the two before are replaced"
 
 
-def test_the_showcase_optimises_both_alike_and_says_so(session: EditingSession, wanted: TargetSpec) -> None:
-    session.edit("Target", target_spec=wanted)
+def test_the_showcase_optimises_both_alike_and_says_so(session: EditingSession, target_spec: TargetSpec) -> None:
+    session.edit("Target", target_spec=target_spec)
     session.target_at()
     assert session.wait_until_idle(20.0)
     job = start_scheme_comparison(session, iterations=2)

@@ -95,8 +95,8 @@ def test_a_pasted_picture_is_linear_light_over_black() -> None:
     pixels[0, 1] = (255, 255, 255, 128)
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, format="PNG")
-    for wanted in (target_from_pixels(pixels), target_from_image_bytes(buffer.getvalue())):
-        rgb = wanted.source.rgb  # type: ignore[union-attr]
+    for target_spec in (target_from_pixels(pixels), target_from_image_bytes(buffer.getvalue())):
+        rgb = target_spec.source.rgb  # type: ignore[union-attr]
         assert rgb[0, 0] == pytest.approx([1.0, 0.503, 0.0], abs=1e-3), "188 is half of linear light"
         assert rgb[0, 1] == pytest.approx(128 / 255)
     with pytest.raises(UserError):

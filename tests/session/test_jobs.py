@@ -82,8 +82,8 @@ def test_a_paused_job_waits_and_a_cancelled_one_ends_without_a_result(session: E
     assert job.status == "cancelled" and results == []
 
 
-def test_an_optimisation_is_one_edit_that_undo_takes_back(session: EditingSession, wanted: TargetSpec) -> None:
-    session.edit("Target", target_spec=wanted)
+def test_an_optimisation_is_one_edit_that_undo_takes_back(session: EditingSession, target_spec: TargetSpec) -> None:
+    session.edit("Target", target_spec=target_spec)
     old = session.drive
     job = start_optimisation(session, SHORT)
     with pytest.raises(UserError, match="one is running"):
@@ -97,8 +97,10 @@ def test_an_optimisation_is_one_edit_that_undo_takes_back(session: EditingSessio
     assert label is not None and label.startswith("Optimise") and session.drive is old
 
 
-def test_the_view_follows_and_cancelling_leaves_the_old_patterns(session: EditingSession, wanted: TargetSpec) -> None:
-    session.edit("Target", target_spec=wanted)
+def test_the_view_follows_and_cancelling_leaves_the_old_patterns(
+    session: EditingSession, target_spec: TargetSpec
+) -> None:
+    session.edit("Target", target_spec=target_spec)
     job = start_optimisation(session, ENDLESS)
     _until(session, lambda: session.displayed_document.drive is not session.drive)
     job.pause()
@@ -117,8 +119,8 @@ def test_the_view_follows_and_cancelling_leaves_the_old_patterns(session: Editin
     )
 
 
-def test_keeping_ends_an_optimisation_with_the_best_so_far(session: EditingSession, wanted: TargetSpec) -> None:
-    session.edit("Target", target_spec=wanted)
+def test_keeping_ends_an_optimisation_with_the_best_so_far(session: EditingSession, target_spec: TargetSpec) -> None:
+    session.edit("Target", target_spec=target_spec)
     old, job = session.drive, start_optimisation(session, ENDLESS)
     _until(session, lambda: job.latest is not None and job.latest.iteration >= 2)
     job.stop_and_keep()
@@ -126,8 +128,8 @@ def test_keeping_ends_an_optimisation_with_the_best_so_far(session: EditingSessi
     assert job.status == "done" and session.drive is not old
 
 
-def test_a_scheme_changes_the_bench_with_the_patterns(session: EditingSession, wanted: TargetSpec) -> None:
-    session.edit("Target", target_spec=wanted)
+def test_a_scheme_changes_the_bench_with_the_patterns(session: EditingSession, target_spec: TargetSpec) -> None:
+    session.edit("Target", target_spec=target_spec)
     start_optimisation(session, OptimisationRequest(Settings(iterations=1), scheme="holochrome-4x2", device="cpu"))
     assert session.wait_until_idle(60.0)
     assert session.drive.shape[0] == 2 and len(session.system.wavelengths_m) == 4
@@ -140,10 +142,12 @@ def test_optimising_needs_a_target(session: EditingSession) -> None:
         start_optimisation(session, SHORT)
 
 
-def test_a_quick_look_moves_large_pixels_and_stays_on_the_bench(session: EditingSession, wanted: TargetSpec) -> None:
+def test_a_quick_look_moves_large_pixels_and_stays_on_the_bench(
+    session: EditingSession, target_spec: TargetSpec
+) -> None:
     bench = with_superpixels(session.system, 3)
     assert bench.modulators[0].shape == (8, 11) and bench.modulators[0].pitch_m == pytest.approx(24e-6)
-    session.edit("Target", target_spec=wanted)
+    session.edit("Target", target_spec=target_spec)
     job = start_optimisation(
         session, OptimisationRequest(Settings(iterations=2), superpixel=2, only_plane_m=3e-3, device="cpu")
     )
