@@ -7,11 +7,12 @@ import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from holoview.benchmark.strategy_choice import StrategyOption, resolve_strategy
+from holoview.benchmark.strategy_choice import resolve_strategy
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.gpu.device import Device
 from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.timer import GpuTimer
+from holoview.gpu.tune import StrategyOption
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.view import random_drive

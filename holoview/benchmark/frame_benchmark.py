@@ -11,13 +11,14 @@ import numpy as np
 import torch
 
 from holoview.benchmark.fft_benchmark import FFT, TORCH_FFT, fft_jobs
-from holoview.benchmark.strategy_choice import StrategyOption, resolve_strategy
+from holoview.benchmark.strategy_choice import resolve_strategy
 from holoview.benchmark.timing import JobTimings, TimedJob, time_interleaved
 from holoview.benchmark.torch_baseline import TorchBaseline
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.gpu.device import Device
 from holoview.gpu.line_fft import Strategy
+from holoview.gpu.tune import StrategyOption
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.optics.frame_inputs import make_frame_inputs

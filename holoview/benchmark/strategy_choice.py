@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from holoview.gpu.device import Device
 from holoview.gpu.line_fft import Strategy, supported_strategies
-from holoview.gpu.tune import FftTuner, TuningResult
+from holoview.gpu.tune import FftTuner, StrategyOption, TuningResult
 
-StrategyOption = Strategy | Literal["auto"]
 Shape = tuple[int, int]
 
 

@@ -14,10 +14,11 @@ import torch
 from holoview.benchmark.device_time import DeviceTime, device_time
 from holoview.benchmark.first_image import first_image_criterion
 from holoview.benchmark.frame_benchmark import Criterion, FrameTimings, benchmark_frame
-from holoview.benchmark.strategy_choice import StrategyOption, tune
+from holoview.benchmark.strategy_choice import tune
 from holoview.commands.arguments import add_system, system_from_args
 from holoview.gpu.device import TIMESTAMPS, Device, open_device
 from holoview.gpu.line_fft import STRATEGIES, supported_strategies
+from holoview.gpu.tune import StrategyOption
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.numerics.fft_grid import is_fast_length

@@ -1,4 +1,4 @@
-"""Choosing an executor by name, and saying which one it became. Nothing falls back silently."""
+"""Opens the PyTorch or the WebGPU executor by the name of its backend."""
 
 from __future__ import annotations
 
@@ -14,30 +14,31 @@ BACKENDS = ("auto", "wgpu", "torch", "torch64")
 def open_executor(
     plan: Plan, drive: Any, backend: str = "auto", adapter: str | None = None
 ) -> tuple[Executor[Any], str]:
-    """An executor of the plan for a drive, and its label.
+    """An executor of a plan for a drive (frame, modulator, y, x) from 0 to 1, and a label that describes it.
 
-    Raises UserError for an unknown backend, and for "wgpu" where no adapter serves; "auto" then takes torch and its
-    label says why.
+    backend: "wgpu", "torch" (complex64), "torch64" (complex128), or "auto": WebGPU if possible, else PyTorch, in which
+    case the label states the reason. adapter: a part of the name of the WebGPU adapter.
+    Raises UserError for an unknown backend, and for "wgpu" or a named adapter if none is suitable.
     """
     if backend not in BACKENDS:
         raise UserError(
             "backend", f'"{backend}"', expected=" or ".join(BACKENDS), remedy=suggest_matches(backend, BACKENDS)
         )
-    from holoview.engine.torch_executor import TorchExecutor  # here, as importing torch takes a second
+    from holoview.engine.torch_executor import TorchExecutor  # slow start: importing torch takes a second
     from holoview.optics.frame_inputs import make_frame_inputs
 
     if backend == "torch64":
         return TorchExecutor(plan, make_frame_inputs(plan, drive), double=True), "torch, complex128"
-    slots = make_frame_inputs(plan, drive)
+    inputs = make_frame_inputs(plan, drive)
     if backend == "torch":
-        return TorchExecutor(plan, slots), "torch, complex64"
-    from holoview.engine.wgpu_executor import WgpuExecutor  # here, so that torch alone needs no WebGPU library
+        return TorchExecutor(plan, inputs), "torch, complex64"
+    from holoview.engine.wgpu_executor import WgpuExecutor  # optional library: PyTorch alone doesn't need wgpu
     from holoview.gpu.device import open_device
 
     try:
         device = open_device(adapter)
         try:
-            return WgpuExecutor(plan, slots, device), f"wgpu: {device.info.label}"
+            return WgpuExecutor(plan, inputs, device), f"wgpu: {device.info.label}"
         except UserError as error:
             size = " x ".join(map(str, reversed(plan.grid.padded)))
             remedy = f"{error.remedy}: it is {size}, from shape, upsample and propagation; or use --backend torch"
@@ -45,4 +46,4 @@ def open_executor(
     except UserError as error:
         if backend == "wgpu" or adapter is not None:
             raise
-        return TorchExecutor(plan, slots), f"torch, complex64 (chosen because: {error})"
+        return TorchExecutor(plan, inputs), f"torch, complex64 (chosen because: {error})"

@@ -1,8 +1,9 @@
-"""Results kept on the device: fields and intensities, each with the identity of what it was computed from."""
+"""Caches of complex fields and of intensities in device memory, within a budget, with fingerprints of their inputs."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,102 +12,107 @@ from holoview.engine.compositor import Compositor, WeightedIntensity
 from holoview.engine.device_tables import Fingerprint
 from holoview.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
 from holoview.gpu.device import Buffer
+from holoview.gpu.rounding import ceil_div
 
+FieldName = Literal["first", "second"]
+"""The field behind the first or behind the last modulator."""
 FrameWavelength = tuple[int, int]
-"""A frame and a wavelength."""
+"""Index of a frame and index of a wavelength."""
 XyzWeight = NDArray[np.float64]
-"""The XYZ (3,) that an intensity of one adds."""
+"""XYZ (3,) of unit intensity."""
 
 
 class FieldCache:
-    """Rows of fields by name and span, as many as a budget of `room_bytes` has room for.
+    """Fields between kernels by name and span, as many as fit `budget_bytes`.
 
-    A buffer holds the `together` neighbouring wavelengths that may be computed at a time.
+    A buffer holds the `frame.max_wavelengths` successive wavelengths that a dispatch may compute.
     """
 
     def __init__(self, frame: FusedFrame, budget_bytes: int) -> None:
         self._frame = frame
-        self._room = budget_bytes // (frame.field_bytes * frame.max_wavelengths)
+        self._max_buffers = budget_bytes // (frame.field_bytes * frame.max_wavelengths)
         self._buffers: dict[Hashable, Buffer] = {}
-        self._identities: dict[tuple[str, int, int, int], Fingerprint] = {}
+        self._fingerprints: dict[tuple[FieldName, int, int, int], Fingerprint] = {}
 
-    def region(self, name: str, span: WavelengthSpan) -> BufferRegion | None:
-        """Where the fields of a span are kept under that name; None when there is no room for them."""
+    def region(self, name: FieldName, span: WavelengthSpan) -> BufferRegion | None:
+        """Where the fields of a span are stored, allocated if necessary; None if the budget has no room for them."""
         chunk, first = divmod(span.wavelength, self._frame.max_wavelengths)
         key = (name, span.frame, span.source, chunk)
         if key not in self._buffers:
-            if len(self._buffers) >= self._room:
+            if len(self._buffers) >= self._max_buffers:
                 return None
             self._buffers[key] = self._frame.allocate_fields(f"{name} rows, frame {span.frame}").buffer
         return BufferRegion(self._buffers[key], first)
 
     def has_room_for(self, fields: int) -> bool:
-        """Whether so many fields can be kept, were it empty."""
-        return -(-fields // self._frame.max_wavelengths) <= self._room
+        """Whether this many fields would fit an empty cache."""
+        return ceil_div(fields, self._frame.max_wavelengths) <= self._max_buffers
 
-    def is_current(self, name: str, span: WavelengthSpan, fingerprints: Sequence[Fingerprint]) -> bool:
-        """Whether the fields that are kept are those of these identities, one a wavelength."""
-        kept = (self._identities.get(key) for key in _keys(name, span))
-        return all(mine == wanted for mine, wanted in zip(kept, fingerprints, strict=True))
+    def is_current(self, name: FieldName, span: WavelengthSpan, fingerprints: Sequence[Fingerprint]) -> bool:
+        """Whether the stored fields have these fingerprints, one for each wavelength of the span."""
+        stored = (self._fingerprints.get(key) for key in _keys(name, span))
+        return all(one == other for one, other in zip(stored, fingerprints, strict=True))
 
     def invalidate(self) -> None:
-        """Nothing that is kept counts any longer."""
-        self._identities.clear()
+        """Mark all stored fields as stale."""
+        self._fingerprints.clear()
 
     @property
     def memory_bytes(self) -> int:
-        """Memory of what is kept."""
+        """Device memory of the stored fields."""
         return sum(buffer.nbytes for buffer in self._buffers.values())
 
-    def set_fingerprints(self, name: str, span: WavelengthSpan, fingerprints: Sequence[Fingerprint]) -> None:
-        """Notes what the fields of a span have been computed from."""
-        self._identities.update(zip(_keys(name, span), fingerprints, strict=True))
+    def set_fingerprints(self, name: FieldName, span: WavelengthSpan, fingerprints: Sequence[Fingerprint]) -> None:
+        """Set the fingerprints of the stored fields of a span."""
+        self._fingerprints.update(zip(_keys(name, span), fingerprints, strict=True))
 
 
-def _keys(name: str, span: WavelengthSpan) -> list[tuple[str, int, int, int]]:
+def _keys(name: FieldName, span: WavelengthSpan) -> list[tuple[FieldName, int, int, int]]:
     return [(name, span.frame, span.source, span.wavelength + i) for i in range(span.count)]
 
 
 class IntensityCache:
-    """Intensities by frame and wavelength at unit amplitude, in few large buffers, since blending reads them together.
+    """Intensities by frame and wavelength at unit amplitude, in few large buffers that compositing reads as a whole.
 
-    As many as `room_bytes` has room for, in the order in which they are given, have a place each: they are housed.
-    The others share one place and have to be blended at once. The `together` neighbouring wavelengths of a frame that
-    may be computed at a time lie next to one another.
+    Resident intensities, as many as fit `budget_bytes` in the given order, have a region of their own. The others are
+    transient: they share one region and have to be added to XYZ before the next one overwrites it. The
+    `max_wavelengths` successive wavelengths that a dispatch may compute are adjacent.
     """
 
     def __init__(
-        self, display: Compositor, order: Iterable[FrameWavelength], max_wavelengths: int, budget_bytes: int
+        self, compositor: Compositor, order: Iterable[FrameWavelength], max_wavelengths: int, budget_bytes: int
     ) -> None:
-        self._together = max_wavelengths
+        self._max_wavelengths = max_wavelengths
         groups = list(dict.fromkeys((frame, wavelength // max_wavelengths) for frame, wavelength in order))
-        group_bytes = display.intensity_bytes * max_wavelengths
-        housed = groups[: max(budget_bytes // group_bytes, 0)]
-        a_bank = max(display.largest_bytes // group_bytes, 1)
+        group_bytes = compositor.intensity_bytes * max_wavelengths
+        resident = groups[: max(budget_bytes // group_bytes, 0)]
+        groups_per_buffer = max(compositor.largest_bytes // group_bytes, 1)
         self.buffers: list[Buffer] = []
-        self._places: dict[FrameWavelength, BufferRegion] = {}
-        for start in range(0, len(housed), a_bank):
-            some = housed[start : start + a_bank]
-            self.buffers.append(display.intensity_buffer(len(some) * max_wavelengths))
-            self._places |= {group: BufferRegion(self.buffers[-1], i * max_wavelengths) for i, group in enumerate(some)}
-        self._shared = BufferRegion(display.intensity_buffer(max_wavelengths)) if len(housed) < len(groups) else None
-        self.memory_bytes = group_bytes * len(housed)
+        self._regions: dict[FrameWavelength, BufferRegion] = {}
+        for start in range(0, len(resident), groups_per_buffer):
+            some = resident[start : start + groups_per_buffer]
+            buffer = compositor.intensity_buffer(len(some) * max_wavelengths)
+            self.buffers.append(buffer)
+            self._regions |= {group: BufferRegion(buffer, i * max_wavelengths) for i, group in enumerate(some)}
+        has_transient = len(resident) < len(groups)
+        self._shared = BufferRegion(compositor.intensity_buffer(max_wavelengths)) if has_transient else None
+        self.memory_bytes = group_bytes * len(resident)
         self.fingerprints: dict[FrameWavelength, Fingerprint] = {}
 
-    def is_resident(self, lit: FrameWavelength) -> bool:
-        """Whether an intensity has a place of its own."""
-        return self._group(lit) in self._places
+    def is_resident(self, key: FrameWavelength) -> bool:
+        """Whether an intensity has a region of its own."""
+        return self._group(key) in self._regions
 
-    def region(self, lit: FrameWavelength) -> BufferRegion:
-        """Where an intensity is written."""
-        place = self._places.get(self._group(lit), self._shared)
-        assert place is not None, "an intensity without a place of its own needs the shared one"
-        return BufferRegion(place.buffer, place.first + lit[1] % self._together)
+    def region(self, key: FrameWavelength) -> BufferRegion:
+        """Where an intensity is stored."""
+        region = self._regions.get(self._group(key), self._shared)
+        assert region is not None, "a transient intensity needs the shared region"
+        return BufferRegion(region.buffer, region.first + key[1] % self._max_wavelengths)
 
     def blend_terms(self, weights: Mapping[FrameWavelength, XyzWeight], buffer: Buffer) -> list[WeightedIntensity]:
-        """Those of the weighted intensities that lie in `buffer`."""
-        places = ((self.region(lit), weight) for lit, weight in weights.items())
-        return [(place.first, weight) for place, weight in places if place.buffer is buffer]
+        """Those of the weighted intensities that are stored in `buffer`."""
+        regions = ((self.region(key), weight) for key, weight in weights.items())
+        return [(region.first, weight) for region, weight in regions if region.buffer is buffer]
 
-    def _group(self, lit: FrameWavelength) -> FrameWavelength:
-        return lit[0], lit[1] // self._together
+    def _group(self, key: FrameWavelength) -> FrameWavelength:
+        return key[0], key[1] // self._max_wavelengths

@@ -1,10 +1,10 @@
-"""The graph of stages, written once for both executors.
+"""The sequence of propagation stages from the laser to the intensity, defined once for both executors.
 
     illuminate ─▶ modulate 1 ─▶ spectrum ─▶ transmit the gap ─▶ field ─▶ modulate 2 ─▶ spectrum
         spectrum ─┬▶ transmit to z₁ ─▶ field ─▶ |·|²
                   └▶ transmit to z₂ ─▶ …
 
-Frames and sources add in intensity. Everything up to the last spectrum is shared by all planes.
+Frames and sources add incoherently, as intensities. All planes share everything up to the last spectrum.
 """
 
 from __future__ import annotations
@@ -19,57 +19,60 @@ from holoview.model.plan import Plan
 from holoview.util.errors import UserError
 
 Field = TypeVar("Field")
+"""A complex field or spectrum in the representation of an executor."""
 ProgressCallback = Callable[[int, int], None]
+"""Called with the number of finished wavelengths and their total."""
 
 
 class Executor(Protocol[Field]):
-    """The stages of a frame. A `Field` is complex: on the modulator's area in space, on the padded grid as a spectrum.
+    """The stages of a frame. A `Field` covers the modulator's area in space, and the padded grid as a spectrum.
 
-    A stage may reuse the storage of its input, except `transmit`, whose input stays valid for the next plane.
-    `run` does all stages of a wavelength, in the order of `run_stages`, and may fuse them.
+    Arguments are indices of wavelengths, frames, sources, modulators, relays (0: the gap, 1: to a plane) and planes.
+    A stage may reuse the memory of its input, except `transmit`, whose input stays valid for the next plane. `run`
+    computes all stages of a wavelength with the result of `run_stages`, but may fuse them.
     """
 
     plan: Plan
 
     def run(self, wavelength: int) -> None:
-        """Leaves each plane's intensity at one wavelength in the executor, averaged over frames and sources."""
+        """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
 
     def illuminate(self, wavelength: int, source: int) -> Field:
-        """The plane wave that falls on the first modulator."""
+        """The plane wave of unit amplitude that illuminates the first modulator."""
 
     def modulate(self, field: Field, frame: int, modulator: int, wavelength: int) -> Field:
-        """field × exp(2πi·opd/λ), zero outside the modulator."""
+        """field × exp(2πi·opd/λ), or × the sampled transmission if effects give one; zero outside the modulator."""
 
     def spectrum(self, field: Field) -> Field:
         """Forward FFT of the zero-padded field."""
 
     def transmit(self, spectrum: Field, relay: int, wavelength: int, distance_m: float) -> Field:
-        """spectrum × H × pupil."""
+        """spectrum × transfer function of free space over `distance_m` × pupil of the relay."""
 
     def field(self, spectrum: Field) -> Field:
         """Inverse FFT, valid on the modulator's area."""
 
     def clear(self, plane: int) -> None:
-        """Sets the intensity of a plane to zero."""
+        """Set the intensity of a plane to zero."""
 
     def accumulate(self, field: Field, plane: int, weight: float) -> None:
-        """Adds weight·|field|² to the intensity of a plane."""
+        """Add weight·|field|² to the intensity of a plane."""
 
     def intensity(self, plane: int) -> NDArray[np.floating]:
         """The accumulated intensity of a plane, (y, x)."""
 
     def clear_xyz(self) -> None:
-        """Sets what the observer sees to black."""
+        """Set the XYZ of all planes to zero."""
 
     def composite(self, wavelength: int) -> None:
-        """Adds each plane's intensity, at this wavelength, to what the observer sees."""
+        """Add each plane's intensity at this wavelength, times the observer's response, to its XYZ."""
 
     def xyz(self) -> NDArray[np.floating]:
-        """What the observer sees, XYZ (plane, y, x, 3)."""
+        """CIE XYZ (plane, y, x, 3) of the wavelengths composited so far."""
 
 
 def spectrum_behind_modulators(executor: Executor[Field], wavelength: int, frame: int, source: int) -> Field:
-    """The spectrum behind the last modulator: what every focal plane is computed from."""
+    """The spectrum behind the last modulator, from which every focal plane is computed."""
     system = executor.plan.system
     field = executor.modulate(executor.illuminate(wavelength, source), frame, 0, wavelength)
     if system.gap_m is not None:
@@ -79,7 +82,7 @@ def spectrum_behind_modulators(executor: Executor[Field], wavelength: int, frame
 
 
 def run_stages(executor: Executor[Field], wavelength: int) -> None:
-    """What `run` of an executor does, one stage after the other."""
+    """Compute the intensities of all planes at one wavelength stage by stage, as `Executor.run` specifies."""
     plan = executor.plan
     planes = range(len(plan.planes_m))
     for plane in planes:
@@ -88,16 +91,16 @@ def run_stages(executor: Executor[Field], wavelength: int) -> None:
         for source in range(len(plan.slopes)):
             spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
             for plane in planes:
-                seen = executor.field(executor.transmit(spectrum, 1, wavelength, float(plan.planes_m[plane])))
-                executor.accumulate(seen, plane, float(plan.weights[frame, wavelength]))
+                field = executor.field(executor.transmit(spectrum, 1, wavelength, float(plan.planes_m[plane])))
+                executor.accumulate(field, plane, float(plan.weights[frame, wavelength]))
 
 
 def compute_focal_stack(
     executor: Executor[Field], progress: ProgressCallback | None = None
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Intensity (plane, wavelength, y, x) of a whole frame, and XYZ (plane, y, x, 3) that the observer sees.
+    """Intensity (plane, wavelength, y, x) at all planes and wavelengths, and CIE XYZ (plane, y, x, 3).
 
-    `progress(done, total)` is called after each wavelength. Raises UserError when the result isn't finite.
+    `progress(done, total)` is called after each wavelength. Raises UserError if the result isn't finite.
     """
     count = len(executor.plan.system.wavelengths_m)
     executor.clear_xyz()

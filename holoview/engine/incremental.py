@@ -1,26 +1,27 @@
-"""A hologram that is looked at while its bench is edited: after an edit, only what depends on it is computed again.
+"""Re-renders an edited hologram: recomputes only the results that depend on the edit.
 
-    first rows ─▶ second rows ─▶ intensity ─▶ XYZ ─▶ picture
+    first rows ─▶ second rows ─▶ intensity ─▶ XYZ ─▶ sRGB image
     (frame, source, wavelength)  (frame, wavelength)
 
-Each result is kept on the device with the identity of what it was computed from (`results.py`); it is stale when that
-identity is no longer the one that the bench gives. There are no rules of what an edit invalidates beyond that:
+The first and second rows are the fields behind the first and the last modulator, transformed along x (see `fused`).
+Each result is stored on the device with a fingerprint of its inputs (`result_cache`). It is stale if the fingerprint
+differs from that of the present bench; there are no other rules. It follows that these edits recompute:
 
-    exposure                    the picture
-    observer, amplitudes        XYZ and the picture: intensities are kept at unit amplitude
-    focal plane, relay 2        from the second rows: one column FFT × H × column IFFT and one row IFFT a wavelength
-    gap, relay 1, modulator 2   from the first rows
+    exposure                    the sRGB image
+    observer, amplitudes        XYZ and the sRGB image, since intensities are stored at unit amplitude
+    focal plane, relay 2        for each wavelength a column FFT, transfer function, column IFFT and row IFFT
+    gap, relay 1, modulator 2   everything behind the first modulator
     one wavelength              that wavelength
 
-What the memory budget has no room for is computed again when it is needed.
+Results for which the memory budget has no room are recomputed when they are needed.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,12 +37,13 @@ from holoview.engine.strategy_selector import StrategySelector
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import Strategy
 from holoview.gpu.timer import GpuTimer
+from holoview.gpu.tune import StrategyOption
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.optics.plain_inputs import plain_frame_inputs
 
 BUDGET_BYTES = 2**30
-"""Device memory for results that are kept, unless another budget is given."""
+"""Default budget of device memory for stored fields and intensities."""
 
 
 @dataclass(frozen=True)
@@ -53,18 +55,18 @@ class UpdateProgress:
 
 
 class IncrementalRenderer:
-    """One drive of one system at one focal plane, on a device, ready for edits.
+    """Renders the drive of a system at one focal plane, and re-renders it after edits.
 
-    After `edit`, either `update` computes what is stale, or the caller goes through `steps`, a small submission each,
-    and may drop the rest as soon as another edit comes. What is seen is on the device as `seen` (XYZ, f32, (y, x, 4))
-    and `picture` (8-bit sRGB, `display.pitch` pixels a row, ready to be copied to a texture), and on the host from
-    `xyz`, `srgb8` and `intensity`. A `timer`, where one is set, takes the time of all dispatches on the device.
+    After `edit`, either call `update`, or iterate over `steps`, which submit little work each, and stop as soon as the
+    next edit arrives. Results are on the device as `xyz_buffer` and `srgb_buffer`, and on the host from `xyz`, `srgb8`
+    and `intensity`.
 
-    half: store fields as f16 between kernels. together: the most wavelengths that are computed at a time where no relay
-    has a pupil; one makes the smallest steps, several occupy a large GPU better. strategy: of the transforms; "auto"
-    starts with what is ready at once and, if `poll` is called now and then, goes on with the fastest as soon as that is
-    compiled in the background. One that is named stays.
-    Raises UserError as `make_plan` and `make_slots` do, and when the grid exceeds the device's limits.
+    drive: (frame, modulator, y, x), fractions of the stroke from 0 to 1. plane_m: None for the system's first plane.
+    half: store fields as f16 between kernels. max_wavelengths: how many wavelengths a dispatch computes if no relay has
+    a pupil; 1 makes the shortest steps, more use a large GPU better. strategy: of the FFTs; "auto" starts with one that
+    is ready immediately and changes to the fastest once that is compiled in the background, if `poll_strategy` is
+    called regularly. Raises UserError as `make_plan` and `make_frame_inputs` do, and if the grid exceeds the device's
+    limits.
     """
 
     def __init__(
@@ -78,7 +80,7 @@ class IncrementalRenderer:
         budget_bytes: int = BUDGET_BYTES,
         half: bool = False,
         max_wavelengths: int = 1,
-        strategy: Strategy | Literal["auto"] = "auto",
+        strategy: StrategyOption = "auto",
     ) -> None:
         self.device = device
         self._settings, self._half = RenderSettings(budget_bytes, max_wavelengths), half
@@ -87,50 +89,50 @@ class IncrementalRenderer:
         self.plane_m = float(system.planes_m[0]) if plane_m is None else plane_m
         self.exposure_stops = exposure_stops
         self._plan = make_plan(system, [*system.planes_m, self.plane_m])
-        self._pace = StrategySelector(device, strategy)
-        shaders = self._precompile(self._plan)  # first, as making slots may have to import torch
-        self._slots = _make_inputs(self._plan, drive)
-        self._results = self._opened(self._plan, self._slots, shaders)
-        self._apply_strategy(self._pace.strategy_for(self._results.frame.required_variants()))
+        self._selector = StrategySelector(device, strategy)
+        kernels = self._precompile(self._plan)  # before the inputs, since these may have to import torch
+        self._inputs = _make_inputs(self._plan, drive)
+        self._results = self._open_cache(self._plan, self._inputs, kernels)
+        self._apply_strategy(self._selector.strategy_for(self._results.frame.required_variants()))
 
     @property
     def system(self) -> System:
-        """The bench as it was last edited."""
+        """The system after the last edit."""
         return self._plan.nominal
 
     @property
     def dispatch_counts(self) -> Counter[str]:
-        """How many fused kernels were dispatched, by name; `composite` and `show` among them."""
+        """Number of dispatched kernels by name: the fused kernels, `composite` and `show`."""
         return self._results.frame.dispatch_counts
 
     @property
     def compositor(self) -> Compositor:
-        """What makes pictures, of which it tells the layout."""
+        """Computes XYZ and sRGB images; tells their memory layout."""
         return self._results.compositor
 
     @property
     def xyz_buffer(self) -> Buffer:
-        """XYZ on the device, f32, (y, x, 4)."""
+        """XYZ on the device, f32 (y, x, 4)."""
         return self._results.xyz_buffer
 
     @property
     def srgb_buffer(self) -> Buffer:
-        """The picture on the device, 8-bit RGBA, `display.pitch` pixels a row."""
+        """The sRGB image on the device, 8-bit RGBA, `compositor.pitch` pixels in each row."""
         return self._results.srgb_buffer
 
     @property
     def memory_bytes(self) -> int:
-        """Memory on the device that fields and intensities take."""
+        """Device memory of fields and intensities."""
         return self._results.memory_bytes
 
     @property
     def traffic_bytes(self) -> int:
-        """Bytes that the kernels read and write for a wavelength of a frame and a source, up to its intensity."""
+        """Bytes that the kernels read and write for one wavelength of one frame and source, up to the intensity."""
         return self._results.frame.traffic_bytes
 
     @property
     def timer(self) -> GpuTimer | None:
-        """Takes the time of all dispatches on the device, where one is set."""
+        """If set, measures the device time of all dispatches."""
         return self._submitter.timer
 
     @timer.setter
@@ -139,7 +141,7 @@ class IncrementalRenderer:
 
     @property
     def strategy(self) -> Strategy:
-        """Of the transforms, now."""
+        """The present strategy of the FFTs."""
         return self._results.frame.strategy
 
     def edit(
@@ -150,128 +152,120 @@ class IncrementalRenderer:
         plane_m: float | None = None,
         exposure_stops: float | None = None,
     ) -> None:
-        """Changes what is to be computed, and computes nothing. Results stay those of before until they are updated.
+        """Change what is rendered, without computing anything; results stay the previous ones until the next update.
 
-        Raises UserError when the change is impossible; then nothing has changed.
+        Arguments that are None stay as they are. Raises UserError if the change is impossible; then nothing changes.
         """
-        given = self.system if system is None else system
+        new_system = self.system if system is None else system
         plane = self.plane_m if plane_m is None else plane_m
-        plan, slots = self._plan, self._slots
+        plan, inputs = self._plan, self._inputs
         if system is not None or plane_m is not None:
-            plan = make_plan(given, [*given.planes_m, plane])
+            plan = make_plan(new_system, [*new_system.planes_m, plane])
         if drive is not None or _inputs_fingerprint(plan) != _inputs_fingerprint(self._plan):
-            slots = _make_inputs(plan, self._drive if drive is None else drive)
-        if _structure(plan, slots) == _structure(self._plan, self._slots):
-            self._results.set_plan(plan, slots, float(plan.planes_m[-1]))
+            inputs = _make_inputs(plan, self._drive if drive is None else drive)
+        if _structure(plan, inputs) == _structure(self._plan, self._inputs):
+            self._results.set_plan(plan, inputs, float(plan.planes_m[-1]))
         else:
-            self._results = self._opened(plan, slots, self._precompile(plan))
+            self._results = self._open_cache(plan, inputs, self._precompile(plan))
         self._generation += 1
-        self._plan, self._slots, self.plane_m = plan, slots, plane
+        self._plan, self._inputs, self.plane_m = plan, inputs, plane
         self._drive = self._drive if drive is None else drive
         self.exposure_stops = self.exposure_stops if exposure_stops is None else exposure_stops
-        self._apply_strategy(self._pace.strategy_for(self._results.frame.required_variants()))
+        self._apply_strategy(self._selector.strategy_for(self._results.frame.required_variants()))
 
     def poll_strategy(self) -> bool:
-        """Whether the transforms have just become faster: call it now and then, such as once a drawn frame.
+        """Change to a faster FFT strategy if one has become ready, and return whether this happened; never waits.
 
-        It never waits. Where the strategy is "auto", the first call begins to look for a faster one, in a process of
-        its own. Results stay valid; an update that has begun goes on.
+        Call it regularly, for example for each drawn frame. If the strategy is "auto", the first call starts the search
+        for a faster one in another process. Results stay valid, and iterators from `steps` continue.
         """
-        return self._apply_strategy(self._pace.poll(self._plan.grid.padded, self._results.frame))
+        return self._apply_strategy(self._selector.poll(self._plan.grid.padded, self._results.frame))
 
     def close(self) -> None:
-        """Ends the search for a faster strategy; the session stays of use."""
-        self._pace.close()
+        """Stop the search for a faster strategy. The renderer stays usable."""
+        self._selector.close()
 
     def update(self, *, with_srgb: bool = True) -> None:
-        """Computes all that is stale, but not the picture without `picture`."""
+        """Compute everything that is stale; without `with_srgb`, not the sRGB image."""
         for _ in self.steps(with_srgb=with_srgb):
             pass
 
     def invalidate(self) -> None:
-        """Everything is stale: the next update begins at the light source."""
+        """Mark all results as stale, so that the next update begins at the light source."""
         self._generation += 1
         self._results.invalidate()
 
     def steps(
         self, *, with_srgb: bool = True, wait: bool = False, slice_s: float | None = None
     ) -> Iterator[UpdateProgress]:
-        """Computes what is stale, a submission a step; with `wait`, a step ends when the device has done it.
+        """Compute everything that is stale, one submission for each step; with `wait`, wait for the device after each.
 
-        With `slice_s`, a submission is cut into several of about so many seconds, waited for, and several steps have
-        the same number. The iterator ends early once the session is edited, another iterator begins or an intensity is
-        computed: what it has done stays, and the next one goes on from there.
+        slice_s: split each submission into slices of about this many seconds, and wait for each; the slices of one
+        submission yield the same `done`. The iterator ends early if the renderer is edited, another iterator starts or
+        `intensity` computes something: finished work stays valid, and the next iterator continues from there.
         """
         self._generation += 1
-        generation, work = self._generation, self._left(with_srgb)
-        for done, job in enumerate(work, start=1):
+        generation, submissions = self._generation, self._pending(with_srgb)
+        for done, submission in enumerate(submissions, start=1):
             if slice_s is None:
-                self._submitter.submit(job, wait=wait)
+                self._submitter.submit(submission, wait=wait)
             else:
-                for _ in self._submitter.submit_sliced(job, slice_s):
-                    yield UpdateProgress(done - 1, len(work))
+                for _ in self._submitter.submit_sliced(submission, slice_s):
+                    yield UpdateProgress(done - 1, len(submissions))
                     if generation != self._generation:
                         return
-            yield UpdateProgress(done, len(work))
+            yield UpdateProgress(done, len(submissions))
             if generation != self._generation:
                 return
 
     def pending_count(self, *, with_srgb: bool = True) -> int:
-        """How many submissions are left to do."""
-        return len(self._left(with_srgb))
-
-    def xyz_stack(self, planes_m: Sequence[float]) -> NDArray[np.float32]:
-        """XYZ (plane, y, x, 3) at several planes, sharing all up to the second rows; the session's plane stays."""
-        before, out = self.plane_m, []
-        try:
-            for plane_m in planes_m:
-                self.edit(plane_m=plane_m)
-                self.update()
-                out.append(self.xyz())
-        finally:
-            self.edit(plane_m=before)
-        return np.stack(out)
+        """Number of submissions that an update still needs."""
+        return len(self._pending(with_srgb))
 
     def xyz(self) -> NDArray[np.float32]:
-        """What the observer saw at the last update, XYZ (y, x, 3)."""
+        """XYZ (y, x, 3) of the last update."""
         return self.compositor.download_xyz(self.xyz_buffer)
 
     def srgb8(self) -> NDArray[np.uint8]:
-        """The picture of the last update, sRGB (y, x, 3), 8 bit."""
+        """The 8-bit sRGB image (y, x, 3) of the last update."""
         return self.compositor.download_srgb8(self.srgb_buffer)
 
     def intensity(self, wavelength: int) -> NDArray[np.float32]:
-        """Intensity (y, x) of a wavelength as the bench is now: frames and sources averaged, amplitudes applied."""
+        """Intensity (y, x) at a wavelength for the present bench, averaged over frames and sources.
+
+        It is computed if it is stale. It is in units of the illuminating intensity: the laser amplitudes are included.
+        """
         total = np.zeros(self._plan.grid.shape, np.float32)
         for frame in self._plan.lit(wavelength):
-            lit = (frame, wavelength)
-            if not self._results.is_current(lit):
+            key = (frame, wavelength)
+            if not self._results.is_current(key):
                 self._generation += 1
-                for job in intensity_submissions(self._results, self._plan, WavelengthSpan(frame, 0, wavelength)):
-                    self._submitter.submit(job)
-            total += np.float32(self._plan.weights[lit]) * self._results.intensity(lit)
+                span = WavelengthSpan(frame, 0, wavelength)
+                for submission in intensity_submissions(self._results, self._plan, span):
+                    self._submitter.submit(submission)
+            total += np.float32(self._plan.weights[key]) * self._results.intensity(key)
         return total
 
-    # --- what has to be done ----------------------------------------------------------------------------------------
+    # --- internals --------------------------------------------------------------------------------------------------
 
-    def _left(self, picture: bool) -> list[Submission]:
-        """What has to be submitted, in order."""
-        return pending_submissions(self._results, self._plan, self.exposure_stops, picture=picture)
+    def _pending(self, with_srgb: bool) -> list[Submission]:
+        return pending_submissions(self._results, self._plan, self.exposure_stops, with_srgb=with_srgb)
 
     def _precompile(self, plan: Plan) -> FusedKernels:
-        """The shaders for the grid of a plan, which are being compiled."""
-        shaders = FusedKernels(self.device, plan.grid, half=self._half)
-        shaders.precompile(self._pace.initial_strategy(plan.grid.padded), plan)
-        return shaders
+        """The kernels for the grid of a plan, whose compilation has been started."""
+        kernels = FusedKernels(self.device, plan.grid, half=self._half)
+        kernels.precompile(self._selector.initial_strategy(plan.grid.padded), plan)
+        return kernels
 
-    def _opened(self, plan: Plan, slots: ShaderInputs, shaders: FusedKernels) -> ResultCache:
-        """Memory on the device for the results of a plan, none of which is known yet."""
-        results = ResultCache(plan, slots, shaders, self._settings, self._pace.initial_strategy(plan.grid.padded))
+    def _open_cache(self, plan: Plan, inputs: ShaderInputs, kernels: FusedKernels) -> ResultCache:
+        """Empty device memory for the results of a plan."""
+        strategy = self._selector.initial_strategy(plan.grid.padded)
+        results = ResultCache(plan, inputs, kernels, self._settings, strategy)
         results.frame.tables.set_distance(1, float(plan.planes_m[-1]))
         return results
 
     def _apply_strategy(self, strategy: Strategy) -> bool:
-        """Computes by that strategy from now on; whether it is another one."""
+        """Use a strategy from now on; return whether it differs from the previous one."""
         if strategy == self.strategy:
             return False
         self._results.use_strategy(strategy)
@@ -279,21 +273,29 @@ class IncrementalRenderer:
 
 
 def _make_inputs(plan: Plan, drive: Any) -> ShaderInputs:
+    """The inputs of a plan for a drive, made without PyTorch if possible."""
     plain = plain_frame_inputs(plan, drive) if isinstance(drive, np.ndarray) else None
     if plain is not None:
         return plain
-    from holoview.optics.frame_inputs import make_frame_inputs  # here, as it imports torch, which takes a second
+    from holoview.optics.frame_inputs import make_frame_inputs  # slow start: it imports torch, which takes a second
 
     return make_frame_inputs(plan, drive)
 
 
-def _structure(plan: Plan, slots: ShaderInputs) -> Fingerprint:
-    """What decides how much memory is taken, and what the kernels are compiled for."""
-    return plan.grid, plan.weights.shape, len(plan.slopes), len(plan.system.modulators), has_no_dense_maps(slots)
+def _structure(plan: Plan, inputs: ShaderInputs) -> Fingerprint:
+    """Everything that device memory is allocated and kernels are generated for."""
+    return plan.grid, plan.weights.shape, len(plan.slopes), len(plan.system.modulators), has_no_dense_maps(inputs)
 
 
 def _inputs_fingerprint(plan: Plan) -> Fingerprint:
-    """What the slots of a drive depend on."""
+    """Everything that the frame inputs of a drive depend on."""
     system = plan.system
-    bench = (system.modulators, system.relay1, system.relay2, system.wavelengths_m.tobytes(), plan.grid, system.frames)
-    return bench, plan.nominal.effects, plan.nominal.relay1, plan.nominal.relay2
+    elements = (
+        system.modulators,
+        system.relay1,
+        system.relay2,
+        system.wavelengths_m.tobytes(),
+        plan.grid,
+        system.frames,
+    )
+    return elements, plan.nominal.effects, plan.nominal.relay1, plan.nominal.relay2

@@ -1,4 +1,4 @@
-"""What is left to be computed of a hologram, as submissions in their order, and submitting them whole or in slices."""
+"""Lists the GPU submissions that an update still needs, and submits them at once or in slices of about equal time."""
 
 from __future__ import annotations
 
@@ -17,63 +17,73 @@ from holoview.gpu.timer import GpuTimer
 from holoview.model.plan import Plan
 
 Submission = Callable[[CommandRecorder], None]
+"""Records the work of one submission."""
 
-_MOST_DISPATCHES = 256.0  # in a slice
-
-
-def pending_submissions(results: ResultCache, plan: Plan, exposure_stops: float, *, picture: bool) -> list[Submission]:
-    """What has to be submitted, in order: intensities that stay, their blend, those that don't, the picture."""
-    lit = [(int(f), int(w)) for f, w in np.argwhere(plan.weights > 0)]
-    weights = {key: plan.weights[key] * plan.colour_weights[key[1]] for key in lit}
-    seen_of = tuple((results.intensity_fingerprint(key), weights[key].tobytes()) for key in lit)
-    work: list[Submission] = []
-    together = results.frame.max_wavelengths
-    for run in group_into_spans(
-        [key for key in lit if results.is_resident(key) and not results.is_current(key)], together
-    ):
-        work += intensity_submissions(results, plan, run)
-    if results.xyz_fingerprint != seen_of:
-        homeless = group_into_spans([key for key in lit if not results.is_resident(key)], together)
-        work.append(partial(results.composite_resident, weights, None if homeless else seen_of))
-        for run in homeless:
-            work += intensity_submissions(results, plan, run)
-            work.append(partial(results.composite_transient, run, weights, seen_of if run is homeless[-1] else None))
-    picture_of = (seen_of, exposure_stops)
-    if picture and results.srgb_fingerprint != picture_of:
-        work.append(partial(results.encode_srgb, exposure_stops, picture_of))
-    return work
+_MAX_DISPATCHES = 256.0  # of a slice
 
 
-def intensity_submissions(results: ResultCache, plan: Plan, run: WavelengthSpan) -> list[Submission]:
-    """What makes the intensities of a run of wavelengths: a submission a source."""
-    return [partial(results.accumulate_intensity, replace(run, source=source)) for source in range(len(plan.slopes))]
+def pending_submissions(
+    results: ResultCache, plan: Plan, exposure_stops: float, *, with_srgb: bool
+) -> list[Submission]:
+    """The submissions that are still needed, in order.
+
+    First the stale resident intensities, then XYZ from all resident ones; then each transient intensity, which is added
+    to XYZ before the next one overwrites it; finally the sRGB image.
+    """
+    keys = [(int(frame), int(wavelength)) for frame, wavelength in np.argwhere(plan.weights > 0)]
+    weights = {key: plan.weights[key] * plan.colour_weights[key[1]] for key in keys}
+    xyz_fingerprint = tuple((results.intensity_fingerprint(key), weights[key].tobytes()) for key in keys)
+    submissions: list[Submission] = []
+    max_wavelengths = results.frame.max_wavelengths
+    stale = [key for key in keys if results.is_resident(key) and not results.is_current(key)]
+    for span in group_into_spans(stale, max_wavelengths):
+        submissions += intensity_submissions(results, plan, span)
+    if results.xyz_fingerprint != xyz_fingerprint:
+        transient = group_into_spans([key for key in keys if not results.is_resident(key)], max_wavelengths)
+        submissions.append(partial(results.composite_resident, weights, None if transient else xyz_fingerprint))
+        for span in transient:
+            submissions += intensity_submissions(results, plan, span)
+            fingerprint = xyz_fingerprint if span is transient[-1] else None
+            submissions.append(partial(results.composite_transient, span, weights, fingerprint))
+    srgb_fingerprint = (xyz_fingerprint, exposure_stops)
+    if with_srgb and results.srgb_fingerprint != srgb_fingerprint:
+        submissions.append(partial(results.encode_srgb, exposure_stops, srgb_fingerprint))
+    return submissions
+
+
+def intensity_submissions(results: ResultCache, plan: Plan, span: WavelengthSpan) -> list[Submission]:
+    """The submissions that compute the intensities of a span: one for each source."""
+    return [partial(results.accumulate_intensity, replace(span, source=source)) for source in range(len(plan.slopes))]
 
 
 class Submitter:
-    """Submits jobs to a device. A `timer`, where one is set, takes the time of all dispatches."""
+    """Submits work to a device. A `timer`, if set, measures the device time of all dispatches."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
-        self._dispatches = 1.0
+        self._slice_dispatches = 1.0
         self.timer: GpuTimer | None = None
 
-    def submit(self, job: Submission, *, wait: bool = False) -> None:
-        """All of a job at once; with `wait`, until the device has done it."""
+    def submit(self, submission: Submission, *, wait: bool = False) -> None:
+        """Submit all of it at once; with `wait`, return after it has run."""
         recorder = CommandRecorder(self._device, "frame", self.timer)
-        job(recorder)
+        submission(recorder)
         recorder.submit(wait=wait)
 
-    def submit_sliced(self, job: Submission, slice_s: float) -> Iterator[None]:
-        """A job in slices, as many dispatches at a time as took about `slice_s` so far; yields between them."""
-        score = SlicedRecorder(self._device, "frame", self.timer)
-        job(score)
+    def submit_sliced(self, submission: Submission, slice_s: float) -> Iterator[None]:
+        """Submit it in slices, wait for each, and yield between them.
+
+        The number of dispatches in a slice follows the measured time, so that a slice takes about `slice_s` seconds; it
+        changes by a factor of 2 at most from one slice to the next.
+        """
+        recorder = SlicedRecorder(self._device, "frame", self.timer)
+        submission(recorder)
         while True:
-            count, begun = max(min(round(self._dispatches), score.remaining), 1), time.perf_counter()
-            score.submit_next(count, wait=True)
-            spent = max(time.perf_counter() - begun, 1e-6)
-            self._dispatches = min(
-                max(count * slice_s / spent, self._dispatches / 2), 2 * self._dispatches, _MOST_DISPATCHES
-            )
-            if score.remaining == 0:
+            count, start = max(min(round(self._slice_dispatches), recorder.remaining), 1), time.perf_counter()
+            recorder.submit_next(count, wait=True)
+            elapsed_s = max(time.perf_counter() - start, 1e-6)
+            least, most = self._slice_dispatches / 2, 2 * self._slice_dispatches
+            self._slice_dispatches = min(max(count * slice_s / elapsed_s, least), most, _MAX_DISPATCHES)
+            if recorder.remaining == 0:
                 return
             yield

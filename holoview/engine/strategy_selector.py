@@ -1,36 +1,34 @@
-"""Which strategy the kernels of a session use: the one that was named, or the fastest one whose shaders are ready."""
+"""Chooses the FFT strategy of a renderer: the requested one, or the fastest one whose shaders are compiled already."""
 
 from __future__ import annotations
-
-from typing import Literal
 
 from holoview.engine.fused import FusedFrame
 from holoview.engine.kernels import KernelVariant
 from holoview.gpu.device import Device
 from holoview.gpu.line_fft import Strategy
-from holoview.gpu.tune import FftTuner, remembered_strategy
+from holoview.gpu.tune import FftTuner, StrategyOption, remembered_strategy
 
 Shape = tuple[int, int]
 
 
 class StrategySelector:
-    """The strategy for one grid after the other. With "auto", `poll` looks for a faster one in the background.
+    """Chooses the strategy for a padded grid, and again for each further grid.
 
-    An edit may need variants of kernels that aren't compiled yet, such as those with a pupil: "passes" are taken until
-    the faster ones are.
+    With "auto", `poll` searches for the fastest strategy in the background. An edit may need kernel variants that
+    aren't compiled yet, such as those with a pupil; then "passes" is used until they are.
     """
 
-    def __init__(self, device: Device, requested: Strategy | Literal["auto"]) -> None:
+    def __init__(self, device: Device, requested: StrategyOption) -> None:
         self._device, self._requested = device, requested
         self._best: Strategy = "passes"
         self._ready: frozenset[KernelVariant] = frozenset()
         self._compiles_instantly = False
-        self._choice: FftTuner | None = None
+        self._tuner: FftTuner | None = None
         self._tuning_variants: frozenset[KernelVariant] = frozenset()
         self._shape: Shape | None = None
 
     def initial_strategy(self, shape: Shape) -> Strategy:
-        """The strategy to begin a grid with: without waiting, and without a search."""
+        """The strategy to start with on a grid of `shape` (y, x), without waiting or searching."""
         if self._requested != "auto":
             return self._requested
         if shape != self._shape:
@@ -41,35 +39,36 @@ class StrategySelector:
         return self._best
 
     def strategy_for(self, variants: frozenset[KernelVariant]) -> Strategy:
-        """The fastest strategy whose shaders for these variants are compiled, or take no time to be."""
+        """The fastest strategy whose shaders for these variants are compiled or compile instantly."""
         if self._requested != "auto":
             return self._requested
         return self._best if self._compiles_instantly or variants <= self._ready else "passes"
 
     def poll(self, shape: Shape, frame: FusedFrame) -> Strategy:
-        """The same for the kernels of a frame, after a look at how far the search is; it begins where it has to."""
+        """`strategy_for` the kernels of a frame, after starting a search if one is needed and checking its progress."""
         if self._requested != "auto":
             return self._requested
         variants = frame.required_variants()
-        if self._choice is None and not variants <= self._ready:
+        if self._tuner is None and not variants <= self._ready:
             self._tuning_variants = variants
-            self._choice = FftTuner(
+            self._tuner = FftTuner(
                 self._device, shape, lambda strategy: frame.fused_kernels.shaders(strategy, self._tuning_variants)
             )
-        if self._choice is not None:
-            self._choice.poll()
-            if self._choice.is_settled:
-                self._adopt(self._choice, shape)
+        if self._tuner is not None:
+            self._tuner.poll()
+            if self._tuner.is_settled:
+                self._adopt(self._tuner, shape)
         return self.strategy_for(variants)
 
     def close(self) -> None:
-        """End the search, if there is one."""
-        if self._choice is not None:
-            self._choice.close()
-            self._choice = None
+        """Stop the search, if one is running."""
+        if self._tuner is not None:
+            self._tuner.close()
+            self._tuner = None
 
-    def _adopt(self, choice: FftTuner, shape: Shape) -> None:
-        known = self._ready if choice.current == self._best else frozenset()
-        self._best, self._ready = choice.current, known | self._tuning_variants
+    def _adopt(self, tuner: FftTuner, shape: Shape) -> None:
+        """Use the result of a finished search."""
+        still_ready = self._ready if tuner.current == self._best else frozenset()
+        self._best, self._ready = tuner.current, still_ready | self._tuning_variants
         self._compiles_instantly = self._best != "passes" and remembered_strategy(self._device, shape) == self._best
         self.close()

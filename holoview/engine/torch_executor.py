@@ -1,4 +1,4 @@
-"""The reference executor: torch, complex64 or complex128, on the CPU or a torch device."""
+"""The reference executor: the stages of a frame in PyTorch, complex64 or complex128, on the CPU or a torch device."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ from holoview.optics.source import plane_wave
 
 
 class TorchExecutor:
-    """Runs the stages of a frame in torch. Transfer functions are built in float64."""
+    """Computes a frame in PyTorch. Transfer functions are evaluated in float64.
+
+    double: complex128 instead of complex64. device: name of a torch device.
+    """
 
     def __init__(self, plan: Plan, inputs: FrameInputs, *, double: bool = False, device: str = "cpu") -> None:
         self.plan = plan
@@ -26,46 +29,46 @@ class TorchExecutor:
         self._real = torch.float64 if double else torch.float32
         self._transfers: dict[tuple[int, float], torch.Tensor] = {}
         self._cached_wavelength = -1
-        self._intensity = [self._dark() for _ in plan.planes_m]
+        self._intensity = [self._zero_intensity() for _ in plan.planes_m]
         self._xyz = torch.zeros(len(plan.planes_m), *plan.grid.shape, 3, dtype=self._real, device=self._device)
 
     def run(self, wavelength: int) -> None:
-        """Leaves each plane's intensity at one wavelength in the executor, averaged over frames and sources."""
+        """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
         run_stages(self, wavelength)
 
     def illuminate(self, wavelength: int, source: int) -> torch.Tensor:
-        """Plane wave on the first modulator, (y, x)."""
+        """The plane wave of unit amplitude that illuminates the first modulator, (y, x)."""
         return plane_wave(self.plan, wavelength, source, self._dtype, self._device)
 
     def modulate(self, field: torch.Tensor, frame: int, modulator: int, wavelength: int) -> torch.Tensor:
-        """field × exp(2πi·opd/λ), or × the transmission that effects give the modulator, (y, x)."""
-        dense = self.inputs.transmission(frame, modulator, wavelength)
-        if dense is not None:
-            return field * dense.to(self._dtype).to(self._device)
+        """field × exp(2πi·opd/λ), or × the sampled transmission if effects give one, (y, x)."""
+        sampled = self.inputs.transmission(frame, modulator, wavelength)
+        if sampled is not None:
+            return field * sampled.to(self._dtype).to(self._device)
         opd = self.inputs.opd_m[frame, modulator].to(self._device)
         pixels = phasor(opd, float(self.plan.system.wavelengths_m[wavelength]), self._dtype)
         return field * upsample_nearest(pixels, self.plan.grid.upsample)
 
     def spectrum(self, field: torch.Tensor) -> torch.Tensor:
-        """Forward FFT of the field in the middle of the padded grid, (P_y, P_x)."""
+        """Forward FFT of the zero-padded field, (P_y, P_x)."""
         padded = torch.zeros(self.plan.grid.padded, dtype=self._dtype, device=self._device)
         padded[self.plan.grid.inside] = field
         return torch.fft.fft2(padded)
 
     def transmit(self, spectrum: torch.Tensor, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
-        """spectrum × H × pupil, (P_y, P_x)."""
+        """spectrum × transfer function × pupil, (P_y, P_x)."""
         return spectrum * self.transfer(relay, wavelength, distance_m)
 
     def field(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """Inverse FFT, cut to the modulator's area, (y, x)."""
+        """Inverse FFT, cropped to the modulator's area, (y, x)."""
         return torch.fft.ifft2(spectrum)[self.plan.grid.inside]
 
     def clear(self, plane: int) -> None:
-        """Sets the intensity of a plane to zero."""
-        self._intensity[plane] = self._dark()
+        """Set the intensity of a plane to zero."""
+        self._intensity[plane] = self._zero_intensity()
 
     def accumulate(self, field: torch.Tensor, plane: int, weight: float) -> None:
-        """Adds weight·|field|² to the intensity of a plane."""
+        """Add weight·|field|² to the intensity of a plane."""
         self._intensity[plane] = self._intensity[plane] + weight * (field.real.square() + field.imag.square())
 
     def intensity(self, plane: int) -> NDArray[np.floating]:
@@ -73,32 +76,29 @@ class TorchExecutor:
         return self._intensity[plane].detach().cpu().numpy()
 
     def clear_xyz(self) -> None:
-        """Sets what the observer sees to black."""
+        """Set the XYZ of all planes to zero."""
         self._xyz.zero_()
 
     def composite(self, wavelength: int) -> None:
-        """Adds each plane's intensity, at this wavelength, to what the observer sees."""
+        """Add each plane's intensity at this wavelength, times the observer's response, to its XYZ."""
         for plane, intensity in enumerate(self._intensity):
             for channel, weight in enumerate(self.plan.colour_weights[wavelength].tolist()):
                 self._xyz[plane, ..., channel].add_(intensity.detach(), alpha=weight)
 
     def xyz(self) -> NDArray[np.floating]:
-        """What the observer sees, XYZ (plane, y, x, 3)."""
+        """CIE XYZ (plane, y, x, 3) of the wavelengths composited so far."""
         return self._xyz.cpu().numpy().copy()
 
     def intensity_tensor(self) -> torch.Tensor:
-        """Intensity (plane, wavelength, y, x) as a tensor through which gradients reach the slots' optical paths."""
+        """Intensity (plane, wavelength, y, x), differentiable with respect to the optical paths of the inputs."""
         stacks = []
         for wavelength in range(len(self.plan.system.wavelengths_m)):
             self.run(wavelength)
             stacks.append(torch.stack(self._intensity))
         return torch.stack(stacks, dim=1)
 
-    def _dark(self) -> torch.Tensor:
-        return torch.zeros(self.plan.grid.shape, dtype=self._real, device=self._device)
-
     def transfer(self, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
-        """H × pupil of a relay, (P_y, P_x); kept for the frames and sources of one wavelength."""
+        """Transfer function × pupil of a relay, (P_y, P_x); cached for the frames and sources of one wavelength."""
         if wavelength != self._cached_wavelength:
             self._transfers.clear()
             self._cached_wavelength = wavelength
@@ -108,3 +108,6 @@ class TorchExecutor:
             pupil = self.inputs.pupils[relay][wavelength]
             self._transfers[key] = relay_transfer_function(step, self.plan.grid, pupil, self._dtype, self._device)
         return self._transfers[key]
+
+    def _zero_intensity(self) -> torch.Tensor:
+        return torch.zeros(self.plan.grid.shape, dtype=self._real, device=self._device)

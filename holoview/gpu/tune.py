@@ -21,6 +21,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from types import TracebackType
+from typing import Literal
 
 from holoview.gpu.device import Device
 from holoview.gpu.line_fft import Strategy, TransformShader, supported_strategies
@@ -29,7 +30,10 @@ from holoview.gpu.tune_process import Message, TuningProcess
 from holoview.gpu.tune_store import TuningResult, TuningStore
 from holoview.util.errors import UserError
 
-__all__ = ["BUDGET_S", "FftTuner", "TuningResult", "TuningStore", "remembered_strategy"]
+__all__ = ["BUDGET_S", "FftTuner", "StrategyOption", "TuningResult", "TuningStore", "remembered_strategy"]
+
+StrategyOption = Strategy | Literal["auto"]
+"""A named strategy, or "auto" for the fastest one."""
 
 BUDGET_S = 120.0
 """Processor time that the helper may take in all: more isn't worth the energy."""
