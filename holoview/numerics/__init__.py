@@ -2,7 +2,7 @@
 
 fft_grid        FFT lengths 2^a·3^b·5^c, the order of frequency bins, positions counted from a grid's centre
 chirp_z         Fourier sums at any equally spaced frequencies (Bluestein's algorithm)
-phasor          exp(2πi·turns) with the turns reduced to one period first
+phasor          exp(2πi·turns), with the turns reduced to one period first
 image_region    rectangular regions of an image
 resample        Gaussian blur, affine warp and interpolation of two-dimensional maps, differentiable
 subpixel_shift  images shifted by fractions of a pixel, and their gradients, by a windowed sinc

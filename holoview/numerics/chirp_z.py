@@ -12,7 +12,7 @@ from __future__ import annotations
 import torch
 
 from holoview.numerics.fft_grid import next_fast_length
-from holoview.numerics.phasor import phasor
+from holoview.numerics.phasor import phasor_of_turns
 from holoview.numerics.resample import centred_indices
 
 Tensor = torch.Tensor
@@ -40,9 +40,9 @@ def chirp_z_transform(
     k = torch.arange(count, dtype=torch.float64)
     lags = torch.arange(-(n - 1), count, dtype=torch.float64)
     length = next_fast_length(n + count - 1)
-    before = phasor(-(first * j + 0.5 * step * j * j))
-    after = phasor((first + k * step) * ((n - 1) / 2) - 0.5 * step * k * k)
-    chirp = torch.fft.fft(phasor(0.5 * step * lags * lags), n=length)
+    before = phasor_of_turns(-(first * j + 0.5 * step * j * j))
+    after = phasor_of_turns((first + k * step) * ((n - 1) / 2) - 0.5 * step * k * k)
+    chirp = torch.fft.fft(phasor_of_turns(0.5 * step * lags * lags), n=length)
     spectrum = torch.fft.fft(values * before.to(values.dtype), n=length) * chirp.to(values.dtype)
     return torch.fft.ifft(spectrum)[..., n - 1 : n - 1 + count] * after.to(values.dtype)
 
@@ -51,4 +51,4 @@ def dft_matrix(n: int, first: float, step: float, count: int) -> Tensor:
     """The matrix of the sums, (count, n) complex128: exp(−2πi·frequency·position)."""
     frequencies = first + step * torch.arange(count, dtype=torch.float64)
     positions = centred_indices(n, torch.float64, torch.device("cpu"))
-    return phasor(-frequencies[:, None] * positions[None, :])
+    return phasor_of_turns(-frequencies[:, None] * positions[None, :])

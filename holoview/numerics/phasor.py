@@ -7,7 +7,7 @@ import math
 import torch
 
 
-def phasor(turns: torch.Tensor) -> torch.Tensor:
+def phasor_of_turns(turns: torch.Tensor) -> torch.Tensor:
     """exp(2πi·turns) of a real tensor of any shape, complex of the same precision.
 
     The turns are reduced modulo 1 first, so that thousands of turns cost no precision in the sine and cosine.

@@ -1,7 +1,7 @@
-"""The modulator's first diffraction order, |f| ≤ 1/(2·pitch): the eyebox, and the light in blocks of it.
+"""The first diffraction order of a modulator, |f| ≤ 1/(2·pitch), which is the eyebox, divided into blocks.
 
-A pixel of u samples sends (sin(πuf)/(u·sin(πf)))² into direction f (cycles a sample; sinc² as u grows), whatever the
-pattern: this envelope is divided out.
+Whatever the pattern, a pixel of u samples sends power in proportion to (sin(πuf)/(u·sin(πf)))² into the frequency f
+(cycles a sample), which is sinc² for large u. This envelope is divided out.
 """
 
 from __future__ import annotations
@@ -18,20 +18,24 @@ from holoview.numerics.fft_grid import frequency_indices
 Floats = NDArray[np.float64]
 
 EYEBOX_BLOCKS = 8
-"""Blocks along each side of the eyebox."""
+"""Number of blocks along each side of the eyebox."""
 
 
 @dataclass(frozen=True)
 class FirstOrder:
-    """Along each axis (y, x): `bins`, the FFT bins of the order from its lower edge up, and their `envelopes`."""
+    """The bins of the first order in the spectrum of a padded grid, for each axis (y, x).
+
+    bins: FFT bins of the order, from its lower edge upwards.
+    envelopes: power envelope of the pixels at these bins.
+    """
 
     bins: tuple[NDArray[np.int64], NDArray[np.int64]]
     envelopes: tuple[Floats, Floats]
 
     def block_matrix(self, axis: int, blocks: int = EYEBOX_BLOCKS) -> Floats:
-        """(blocks, bins): takes powers along an axis to means of blocks, the envelope divided out.
+        """The matrix (block, bin) from powers along an axis to means over blocks, with the envelope divided out.
 
-        Blocks differ by a bin in size where their number doesn't divide the bins; there are no more than bins.
+        Block sizes differ by one bin where `blocks` doesn't divide the number of bins, which it can't exceed.
         """
         count = len(self.bins[axis])
         blocks = min(blocks, count)
@@ -43,7 +47,7 @@ class FirstOrder:
 
 
 def first_order(grid: Grid) -> FirstOrder:
-    """The first order in the spectrum of a padded grid."""
+    """The bins of the first order and their envelope for a simulation grid."""
     bins, envelopes = [], []
     for padded in grid.padded:
         count = padded // grid.upsample

@@ -1,6 +1,6 @@
-"""Slots of a bench that only displays a drive: no levels, no effects, relays that are clear. All in numpy.
+"""The inputs of a frame in numpy, for systems without levels, aberrations, apodisation and effects.
 
-Importing torch takes a second, for which a first picture would have to wait.
+Importing torch takes a second, for which the first picture of the viewer doesn't wait.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from holoview.util.errors import UserError
 
 @dataclass(frozen=True)
 class PlainFrameInputs:
-    """drive (frame, modulator, y, x) in 0…1 of the stroke; the rest is `FrameInputs` where nothing has to be said.
+    """What a frame is computed from; the numpy counterpart of `FrameInputs`.
 
-    pupils[relay][wavelength]: None, as no relay apodises or aberrates. sampled_transmissions: None, as optical paths
-    say it all.
+    drive: (frame, modulator, y, x) in 0…1 of the stroke.
+    pupils: pupils[relay][wavelength], all None.
+    sampled_transmissions: None.
     """
 
     drive: NDArray[np.floating]
@@ -27,22 +28,22 @@ class PlainFrameInputs:
     sampled_transmissions: None = None
 
     def stroke_fractions(self, frame: int, modulator: int, stroke_m: float) -> NDArray[np.float32]:
-        """Optical paths of a modulator's pixels (y, x) in strokes: the drive itself."""
+        """Optical paths of a modulator's pixels (y, x), float32 in units of the stroke: the drive itself."""
         return np.ascontiguousarray(self.drive[frame, modulator], dtype=np.float32)
 
     def is_sampled(self, modulator: int) -> bool:
-        """No modulator is."""
+        """False: transmissions are exp(2πi·opd/λ) of pixels."""
         return False
 
     def transmission(self, frame: int, modulator: int, wavelength: int) -> None:
-        """None: exp(2πi·opd/λ) of its pixels."""
+        """None: transmissions are exp(2πi·opd/λ) of pixels."""
         return
 
 
 def plain_frame_inputs(plan: Plan, drive: NDArray[np.floating]) -> PlainFrameInputs | None:
-    """The slots of a plan for a drive (frame, modulator, y, x), or None where something shapes them.
+    """The inputs of a plan's frames for a drive (frame, modulator, y, x), or None where `make_frame_inputs` is needed.
 
-    Raises UserError as `make_slots` does.
+    Raises UserError as `make_frame_inputs` does.
     """
     relays = (plan.nominal.relay1, plan.nominal.relay2)
     has_levels = any(modulator.levels is not None for modulator in plan.system.modulators)
@@ -56,13 +57,13 @@ def plain_frame_inputs(plan: Plan, drive: NDArray[np.floating]) -> PlainFrameInp
 
 
 def check_drive_dtype(drive: NDArray[np.generic]) -> None:
-    """UserError unless a drive is of real numbers."""
+    """Raises UserError unless a drive consists of real numbers."""
     if drive.dtype.kind not in "fiub":
         raise UserError("drive", f"values of type {drive.dtype}", expected="real numbers, 0 to 1 of the stroke")
 
 
 def check_drive_range(plan: Plan, shape: tuple[int, ...], low: float, high: float) -> None:
-    """UserError unless a drive of that shape, with values from `low` to `high`, fits the system."""
+    """Raises UserError unless a drive of this shape, with values from `low` to `high`, fits the system."""
     expected = plan.nominal.drive_shape
     if shape != expected:
         raise UserError("drive", f"an array of shape {shape}", expected=f"(frame, modulator, y, x) = {expected}")

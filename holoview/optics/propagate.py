@@ -1,7 +1,9 @@
-"""Angular-spectrum propagation: the transfer function of a Plan's `Transfer`, evaluated in float64.
+"""Angular-spectrum transfer functions of free space with the stops of a relay, evaluated in float64.
 
-H = exp(−2πi·(z/λ)·A/(1 + √(1 − A))), A = |λu|² (Goodman, Introduction to Fourier Optics, 3rd ed., eq. 3-74, without the
-carrier exp(2πi·z/λ)). This form has no cancellation at small A, where √(1 − A) − 1 would lose every digit.
+    H = exp(−2πi·(z/λ)·A/(1 + √(1 − A))),  A = |λu|²
+
+Goodman, Introduction to Fourier Optics, 3rd ed., eq. 3-74, without the carrier exp(2πi·z/λ). This form has no
+cancellation at small A, where √(1 − A) − 1 would lose all digits.
 """
 
 from __future__ import annotations
@@ -12,41 +14,48 @@ import torch
 
 from holoview.model.plan import Grid, Transfer
 from holoview.numerics.fft_grid import frequency_indices
+from holoview.numerics.phasor import phasor_of_turns
+
+
+def direction_sines(
+    grid: Grid, wavelength_m: float, device: torch.device | None = None
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Direction sines λu of the padded grid's frequencies, (P_y, 1) and (1, P_x) float64 in `fftfreq` order."""
+    y, x = (
+        torch.from_numpy(frequency_indices(p)).to(device).double() * (wavelength_m * step)
+        for p, step in zip(grid.padded, grid.frequency_step, strict=True)
+    )
+    return y[:, None], x[None, :]
 
 
 def transfer_function(transfer: Transfer, grid: Grid, dtype: torch.dtype, device: torch.device) -> torch.Tensor:
-    """H at every frequency of the padded grid, (P_y, P_x) complex, zero where the support stops the light.
-
-    H is even in both frequencies: one quadrant is evaluated and the rest gathered from it.
-    """
+    """H at every frequency of the padded grid, (P_y, P_x) complex in `fftfreq` order; zero outside the support."""
     ky, kx = (torch.from_numpy(frequency_indices(p)).to(device) for p in grid.padded)
     return transfer_function_at(transfer, ky, kx, dtype)
 
 
 def transfer_function_at(transfer: Transfer, ky: torch.Tensor, kx: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """H at rows ky (A,) and columns kx (B,) of signed frequency indices, (A, B) complex."""
+    """H at rows ky (A,) and columns kx (B,) of signed frequency indices, (A, B) complex.
+
+    H is even in both frequencies: one quadrant is evaluated, and the result is gathered from it.
+    """
     rows, ky, kx = ky % len(transfer.support), ky.abs(), kx.abs()
     sine_y, sine_x = (
         torch.arange(int(k.max()) + 1, device=k.device).double() * step
         for k, step in zip((ky, kx), transfer.sine_step, strict=True)
     )
     a = sine_y.square()[:, None] + sine_x.square()[None, :]
-    turns = -transfer.waves * a / (1 + torch.sqrt((1 - a).clamp_min(0)))
-    phase = (2 * math.pi) * torch.remainder(turns, 1.0)
-    quadrant = torch.polar(torch.ones_like(phase), phase).to(dtype)
+    quadrant = phasor_of_turns(-transfer.waves * a / (1 + torch.sqrt((1 - a).clamp_min(0)))).to(dtype)
     return quadrant[ky][:, kx] * support_mask(transfer, kx, chosen=rows)
 
 
 def phase_wavelength_derivative(wavelength_m: float, grid: Grid) -> torch.Tensor:
     """∂(phase of H)/∂λ per metre of distance, rad/m², (P_y, P_x) float64; zero for evanescent waves.
 
-    The phase is −2πz·(1 − r)/λ with r = √(1 − A) and A = |λu|², so its slope is −(2πz/λ²)·(1 − r)/r.
+    The phase is −2πz·(1 − r)/λ with r = √(1 − A), so that its derivative is −(2πz/λ²)·(1 − r)/r.
     """
-    sines = [
-        (torch.from_numpy(frequency_indices(p)).double() * (wavelength_m * step)).square()
-        for p, step in zip(grid.padded, grid.frequency_step, strict=True)
-    ]
-    a = sines[0][:, None] + sines[1][None, :]
+    sine_y, sine_x = direction_sines(grid, wavelength_m)
+    a = sine_y.square() + sine_x.square()
     root = torch.sqrt((1 - a).clamp_min(torch.finfo(torch.float64).eps))
     return torch.where(a < 1, (-2 * math.pi / wavelength_m**2) * a / (root * (1 + root)), 0)
 
@@ -54,13 +63,17 @@ def phase_wavelength_derivative(wavelength_m: float, grid: Grid) -> torch.Tensor
 def relay_transfer_function(
     transfer: Transfer, grid: Grid, pupil: torch.Tensor | None, dtype: torch.dtype, device: torch.device
 ) -> torch.Tensor:
-    """H × pupil of a relay, (P_y, P_x): what a spectrum is multiplied by on its way. A clear relay has no pupil."""
+    """H · pupil, (P_y, P_x) complex: the factor of a spectrum that propagates through a relay. pupil: None means 1."""
     if pupil is None:
         return transfer_function(transfer, grid, dtype, device)
     return (transfer_function(transfer, grid, torch.complex128, device) * pupil.to(device)).to(dtype)
 
 
 def support_mask(transfer: Transfer, abs_kx: torch.Tensor, chosen: torch.Tensor | slice = slice(None)) -> torch.Tensor:
-    """(A, B) bool: which frequencies pass, from the plan's rows of (smallest, largest) |k_x|, or those chosen."""
+    """Which frequencies pass, (A, B) bool, from the rows (smallest, largest |k_x|) of the support.
+
+    abs_kx: |k_x| of the columns, (B,).
+    chosen: indices (A,) of the rows; all by default.
+    """
     rows = torch.from_numpy(transfer.support).to(abs_kx.device)[chosen]
     return (abs_kx[None, :] >= rows[:, :1]) & (abs_kx[None, :] <= rows[:, 1:])

@@ -1,6 +1,6 @@
-"""A phase modulator: drive → optical path → phase, and its square pixels on the simulation grid.
+"""Phase modulator: drive → quantised optical path → complex transmission; its square pixels on the simulation grid.
 
-Phase = 2π·opd/λ. The optical path that a drive gives doesn't depend on the wavelength, so the phase scales as 1/λ.
+The phase is 2π·opd/λ. The optical path of a drive doesn't depend on the wavelength, so that the phase scales as 1/λ.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from holoview.model.bench_parts import Modulator
 
 
 def optical_path(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
-    """Optical path (m) of a drive in 0…1 of the stroke, any shape: the nearest level that the modulator can show."""
+    """The optical path (m) of a drive in 0…1 of the stroke, any shape, at the nearest level of the modulator."""
     return nearest_level(drive, modulator) * modulator.stroke_m
 
 
 def nearest_level(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
-    """The drive of a continuous modulator, else the stroke fraction of the nearest level; gradients pass through.
+    """The stroke fraction of the level nearest to the drive, any shape; the drive itself for a continuous modulator.
 
-    Straight-through: the step function's gradient is taken as that of the identity (Bengio et al., arXiv:1308.3432).
+    The gradient is that of the identity, the straight-through estimator (Bengio et al., arXiv:1308.3432).
     """
     if modulator.levels is None:
         return drive
@@ -30,7 +30,7 @@ def nearest_level(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
 
 
 def level_numbers(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
-    """Index of the nearest level of a modulator that has levels, in rising order of optical path, shape of `drive`."""
+    """The index of the level nearest to the drive, in rising order of optical path; for a modulator with levels."""
     levels = _levels(drive, modulator)
     return torch.bucketize(drive.detach().contiguous(), (levels[1:] + levels[:-1]) / 2)
 
@@ -41,36 +41,42 @@ def _levels(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
 
 
 def phasor(opd_m: torch.Tensor, wavelength_m: float, dtype: torch.dtype) -> torch.Tensor:
-    """exp(2πi·opd/λ), shape of `opd_m`. Turns are reduced in the precision of `opd_m`: float64 loses nothing."""
+    """exp(2πi·opd/λ) in a complex dtype, of the shape of `opd_m`.
+
+    The turns are reduced modulo 1 in the precision of `opd_m`; sine and cosine are computed in that of `dtype`.
+    """
     phase = (2 * math.pi) * torch.remainder(opd_m * (1.0 / wavelength_m), 1.0)
     phase = phase.to(torch.float64 if dtype == torch.complex128 else torch.float32)
     return torch.complex(torch.cos(phase), torch.sin(phase))
 
 
 def pixel_spectrum(padded: int, upsample: int, slope: float) -> torch.Tensor:
-    """Spectrum of one pixel along one side, (padded,) complex128: Σ_j exp(2πi·j·(slope − k/padded)), j < upsample.
+    """The spectrum of one pixel along an axis, (padded,) complex128: Σ_j exp(2πi·j·(slope − k/padded)), j < upsample.
 
-    The FFT of an upsampled pattern is the FFT of its pixels, repeated `upsample` times, times this: a quarter of the
-    work for upsample = 2. `slope` (turns a sample) is that of the illumination.
+    padded: length of the FFT of samples.
+    slope: phase slope of the illumination, turns a sample.
+
+    The FFT of an upsampled pattern is the FFT of its pixels, repeated `upsample` times, times this spectrum: a quarter
+    of the work for upsample = 2.
     """
     turns = slope - torch.arange(padded, dtype=torch.float64) / padded
     return torch.exp(2j * math.pi * torch.outer(torch.arange(upsample, dtype=torch.float64), turns)).sum(dim=0)
 
 
 def sum_pool(samples: torch.Tensor, factor: int) -> torch.Tensor:
-    """The adjoint of `upsampled`: the sum of the samples of each pixel, in the last two axes. Real or complex."""
+    """The adjoint of `upsample_nearest`: sums of the samples of each pixel, in the last two axes; real or complex."""
     lines = summed([samples[..., i::factor, :] for i in range(factor)])
     return summed([lines[..., i::factor] for i in range(factor)])
 
 
 def fold_spectrum(spectrum: torch.Tensor, factor: int) -> torch.Tensor:
-    """The adjoint of repeating a spectrum `factor` times along each of the last two axes: the sum of its repeats."""
+    """The adjoint of repeating a spectrum `factor` times along each of the last two axes: the sum of its copies."""
     rows = summed(list(spectrum.chunk(factor, dim=-2)))
     return summed(list(rows.chunk(factor, dim=-1)))
 
 
 def summed(parts: list[torch.Tensor]) -> torch.Tensor:
-    """Sum of tensors of one shape: several times as fast as a strided `sum` of complex numbers."""
+    """The sum of tensors of equal shape; several times as fast as `sum` over a strided axis of complex numbers."""
     if len(parts) == 1:
         return parts[0]
     total = parts[0] + parts[1]
