@@ -1,24 +1,21 @@
-"""A claim of the paper beside what was found: how large a gain is, and what that says of the claim."""
+"""Compares a measured gain with the paper's and words the verdict."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from holoview.study.hologram_jobs import mean_number, paired_gains
-from holoview.study.study import Claim, JobResult, StudyJob
+from holoview.study.study import Claim, Results
 
 REPRODUCES, LARGER, DIRECTION_ONLY, CONTRADICTS = "reproduces", "larger here", "direction only", "doesn't reproduce"
 SHOWN = "shown"
-"""Where the paper has no number."""
+"""The verdict on a measurement for which the paper has no number."""
 _MIN_REPRODUCED_SHARE, _MAX_REPRODUCED_SHARE = 0.75, 1.5
-"""Shares of the claimed gain between which it counts as reproduced: targets and brightness differ from the paper's."""
+"""Fractions of the claimed gain between which it is reproduced; targets and brightness differ from the paper's."""
 _MAX_NO_GAIN_SHARE = 0.1
-"""Share of the claimed gain up to which there is none."""
-
+"""Fraction of the claimed gain up to which there is no gain."""
 _EQUAL_WITHIN_DB = 0.5
-
-Results = Sequence[tuple[StudyJob, JobResult]]
 
 
 def gain_claim(
@@ -30,33 +27,38 @@ def gain_claim(
     key: str = "psnr_db",
     reason: str = "",
 ) -> Claim:
-    """The gain of one setting (a scheme's name, or settings) over another, mean over targets and seeds.
+    """The claim that one setting has a higher PSNR than another, by the mean over targets and seeds.
 
-    paper_db: the paper's; None where it has none. reason: why ours is smaller, where it is.
+    what: the statement. paper_db: the paper's gain; None if it has none. better, worse: settings of the jobs, or the
+    names of schemes. key: the number that is compared. reason: why our gain is smaller, shown only if it is.
     """
     first, second = ({"scheme": s} if isinstance(s, str) else dict(s) for s in (better, worse))
-    found = paired_gains(results, first, second, key)
-    gain = float(found.mean())
-    boxes = " / ".join(f"{mean_number(results, 'eyebox_variation', **settings):.2f}" for settings in (first, second))
-    spread = f" (spread {found.max() - found.min():.2f})" if len(found) > 1 else ""
-    here = f"{gain:+.2f} dB{spread}, eyebox variation {boxes}"
+    gains = paired_gains(results, first, second, key)
+    gain = float(gains.mean())
+    spread = f" (spread {gains.max() - gains.min():.2f})" if len(gains) > 1 else ""
+    measured = f"{gain:+.2f} dB{spread}, {_format_eyeboxes(results, first, second)}"
     if paper_db is None:
-        return Claim(what, "", here, SHOWN)
+        return Claim(what, "", measured, SHOWN)
     too_small = gain < _MIN_REPRODUCED_SHARE * paper_db
-    return Claim(what, f"{paper_db:+.1f} dB", here, judge_gain(gain, paper_db), reason if too_small else "")
+    return Claim(what, f"{paper_db:+.1f} dB", measured, judge_gain(gain, paper_db), reason if too_small else "")
 
 
 def equal_claim(results: Results, what: str, paper: str, one: str, other: str, reason: str = "") -> Claim:
-    """That two schemes show pictures of equal PSNR, within `_EQUAL_DB`."""
-    gain = float(paired_gains(results, {"scheme": one}, {"scheme": other}, "psnr_db").mean())
-    boxes = " / ".join(f"{mean_number(results, 'eyebox_variation', scheme=scheme):.2f}" for scheme in (one, other))
+    """The claim that two schemes have equal PSNR, within 0.5 dB. reason: why they haven't, shown only then."""
+    first, second = {"scheme": one}, {"scheme": other}
+    gain = float(paired_gains(results, first, second, "psnr_db").mean())
     holds = abs(gain) <= _EQUAL_WITHIN_DB
-    here = f"{gain:+.2f} dB, eyebox variation {boxes}"
-    return Claim(what, paper, here, REPRODUCES if holds else CONTRADICTS, "" if holds else reason)
+    measured = f"{gain:+.2f} dB, {_format_eyeboxes(results, first, second)}"
+    return Claim(what, paper, measured, REPRODUCES if holds else CONTRADICTS, "" if holds else reason)
 
 
 def judge_gain(found: float, claimed: float) -> str:
-    """Whether a gain is as large as claimed, larger, smaller, or none."""
+    """The verdict on a gain: as large as claimed, larger, smaller, or none."""
     if found >= _MIN_REPRODUCED_SHARE * claimed:
         return LARGER if found > _MAX_REPRODUCED_SHARE * claimed else REPRODUCES
     return DIRECTION_ONLY if found > _MAX_NO_GAIN_SHARE * claimed else CONTRADICTS
+
+
+def _format_eyeboxes(results: Results, *settings: Mapping[str, Any]) -> str:
+    """The variation of light in the eyebox of each setting, without which PSNR can't be compared."""
+    return "eyebox variation " + " / ".join(f"{mean_number(results, 'eyebox_variation', **s):.2f}" for s in settings)

@@ -1,8 +1,7 @@
-"""Places where jobs run beside this process: processes of this machine, or the workers of a Dask cluster.
+"""Executors for jobs: worker processes of this machine, or the workers of a Dask cluster.
 
-A place takes functions and gives futures. A future that fails, fails for its own job: each process of this machine has
-a pool of its own, so that one that is killed takes no other job with it, and a Dask scheduler moves the jobs of a
-worker that is lost by itself.
+A lost worker fails only its own job: each worker process has a pool of its own, since a `ProcessPoolExecutor` breaks as
+a whole when one of its processes dies, and a Dask scheduler moves the jobs of a lost worker to others.
 """
 
 from __future__ import annotations
@@ -23,19 +22,22 @@ from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 from holoview.util.version import __version__
 
-_CONNECT_TIMEOUT_S = 10.0
-"""For how long a scheduler may not answer."""
+CONNECT_TIMEOUT_S = 10.0
+"""Time within which a Dask scheduler has to answer."""
 
 
 @dataclass(frozen=True)
 class WorkerResources:
-    """A worker's share of its machine: CPU threads, and its number among those beside it, which chooses its GPU."""
+    """What a worker may use of its machine.
+
+    threads: CPU threads. index: number among the workers of the machine, which selects its GPU.
+    """
 
     threads: int = 1
     index: int = 0
 
     def apply(self) -> None:
-        """Keeps torch, where it has been imported, to this share."""
+        """Limits torch, if it has been imported, to these resources."""
         torch = sys.modules.get("torch")
         if torch is None:
             return
@@ -45,20 +47,20 @@ class WorkerResources:
 
 
 class JobExecutor(Protocol):
-    """Where functions run."""
+    """Runs functions in workers."""
 
     @property
     def has_free_slot(self) -> bool:
-        """Whether another one would begin at once, or at least be queued elsewhere."""
+        """Whether another function would start at once, or be queued by a scheduler."""
         ...
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Runs work(share, *arguments), share being the `Share` of whoever runs it, or a table of them."""
+        """Runs function(resources, *arguments) in a worker; `resources_of_worker` gives the worker's own ones."""
         ...
 
 
 class ProcessExecutor:
-    """Processes of this machine, one job at a time in each, and an equal share of the cores."""
+    """Processes of this machine, each with one job at a time and an equal share of the CPU cores."""
 
     def __init__(self, workers: int) -> None:
         threads = max(process_cpu_count() // workers, 1)
@@ -68,92 +70,100 @@ class ProcessExecutor:
 
     @property
     def has_free_slot(self) -> bool:
-        """Whether a process is idle; one that was killed is replaced."""
+        """Whether a process is idle; one that died is replaced."""
         for future in [future for future in self._busy if future.done()]:
-            share, process = self._busy.pop(future)
-            broke = not future.cancelled() and isinstance(future.exception(), BrokenExecutor)
-            if broke:
-                process.shutdown()
-            self._idle_pools.append((share, _single_process_pool() if broke else process))
+            resources, pool = self._busy.pop(future)
+            is_broken = not future.cancelled() and isinstance(future.exception(), BrokenExecutor)
+            if is_broken:
+                pool.shutdown()
+            self._idle_pools.append((resources, _single_process_pool() if is_broken else pool))
         return bool(self._idle_pools)
 
+    @property
+    def worker_resources(self) -> list[WorkerResources]:
+        """The resources of each process."""
+        return [resources for resources, _ in (*self._idle_pools, *self._busy.values())]
+
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Runs work(share, *arguments) in an idle process."""
-        share, process = self._idle_pools.pop()
-        with _sigint_blocked():  # the process is started here and now, and inherits that
-            future = process.submit(function, share, *arguments)
-        self._busy[future] = share, process
+        """Runs function(resources, *arguments) in an idle process."""
+        resources, pool = self._idle_pools.pop()
+        with _sigint_blocked():  # a process that is started now inherits the blocked signal
+            future = pool.submit(function, resources, *arguments)
+        self._busy[future] = resources, pool
         return future
 
     def shutdown(self, kill: bool) -> None:
-        """Ends all processes, in the middle of their work if so told."""
-        pools = [process for _, process in (*self._idle_pools, *self._busy.values())]
+        """Ends all processes. kill: without waiting for their jobs."""
+        pools = [pool for _, pool in (*self._idle_pools, *self._busy.values())]
         for pool in pools if kill else []:
-            for process in list((pool._processes or {}).values()):
+            for process in list((pool._processes or {}).values()):  # Python 3.14 has `kill_workers` for this
                 process.terminate()
         for pool in pools:
             pool.shutdown(cancel_futures=True)
 
 
 class DaskExecutor:
-    """The workers of a Dask scheduler, which has the queue."""
+    """The workers of a Dask scheduler, which queues functions itself. worker_resources: by the workers' addresses."""
 
     has_free_slot = True
 
-    def __init__(self, executor: Executor, shares: dict[str, WorkerResources]) -> None:
+    def __init__(self, executor: Executor, worker_resources: dict[str, WorkerResources]) -> None:
         self._executor = executor
-        self._shares = shares
+        self.worker_resources = worker_resources
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Runs work(shares, *arguments) on a worker; shares: by the worker's address."""
-        return self._executor.submit(function, self._shares, *arguments)
+        """Runs function(worker_resources, *arguments) in a worker."""
+        return self._executor.submit(function, self.worker_resources, *arguments)
 
 
 @contextmanager
 def process_executor(workers: int) -> Iterator[JobExecutor]:
-    """Processes of this machine, killed when the block fails or is interrupted."""
-    place = ProcessExecutor(workers)
+    """An executor of `workers` processes, which are killed when the block fails or is interrupted."""
+    executor = ProcessExecutor(workers)
     try:
-        yield place
+        yield executor
     except BaseException:
-        place.shutdown(kill=True)
+        executor.shutdown(kill=True)
         raise
-    place.shutdown(kill=False)
+    executor.shutdown(kill=False)
 
 
 @contextmanager
-def dask_executor(address: str) -> Iterator[JobExecutor]:
-    """The workers of the Dask scheduler at an address, once all that are there have this version of holoview.
+def dask_executor(address: str) -> Iterator[DaskExecutor]:
+    """An executor of the Dask scheduler at an address, all of whose workers have this version of holoview.
 
     Raises UserError when the scheduler doesn't answer, or a worker has another version or none.
     """
     try:
-        from distributed import Client
+        from distributed import Client  # optional library
     except ImportError as error:
         remedy = 'pip install "holoview[cluster]"'
         raise UserError("--scheduler", "dask.distributed isn't installed", remedy=remedy) from error
     try:
-        client = Client(address, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
+        client = Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         expected = "the address of a Dask scheduler that runs, such as tcp://host:8786"
         raise UserError(f"--scheduler {address}", f"no answer: {error}", expected=expected) from error
     with client:
-        shares = _assign_resources(client)
+        resources = _assign_resources(client)
         with client.get_executor(pure=False) as executor:
-            yield DaskExecutor(executor, shares)
+            yield DaskExecutor(executor, resources)
 
 
-def resources_of_worker(shares: WorkerResources | dict[str, WorkerResources]) -> WorkerResources:
-    """This worker's share; one that joined a cluster later takes a thread, and a GPU by its process's number."""
-    if isinstance(shares, WorkerResources):
-        return shares
-    from distributed import get_worker
+def resources_of_worker(resources: WorkerResources | dict[str, WorkerResources]) -> WorkerResources:
+    """The resources of the worker that calls this, from what an executor passed to its function.
 
-    return shares.get(get_worker().address, WorkerResources(1, os.getpid()))
+    A Dask worker that joined later takes one thread, and a GPU by its process id.
+    """
+    if isinstance(resources, WorkerResources):
+        return resources
+    from distributed import get_worker  # optional library
+
+    return resources.get(get_worker().address, WorkerResources(1, os.getpid()))
 
 
 def check_version(version: str, worker: str) -> None:
-    """Raises UserError unless a worker's holoview is this one."""
+    """Raises UserError unless a worker's version of holoview is that of this process. worker: its name in the error."""
     if version != __version__:
         expected, remedy = f"holoview {__version__}, as here", "install the same version on every worker"
         raise UserError(worker, f"has holoview {version}", expected=expected, remedy=remedy)
@@ -161,51 +171,48 @@ def check_version(version: str, worker: str) -> None:
 
 @dataclass(frozen=True)
 class _WorkerInfo:
-    """What a Dask worker says of itself; workers of one place fight for the same cores and GPUs."""
+    """Version and host of a Dask worker. host: name and CPU cores; workers with equal ones share cores and GPUs."""
 
     version: str
     host: tuple[str, tuple[int, ...]]
 
 
 def _worker_info() -> _WorkerInfo:
-    mine = (
-        tuple(sorted(os.sched_getaffinity(0)))
-        if hasattr(os, "sched_getaffinity")
-        else tuple(range(process_cpu_count()))
-    )
-    return _WorkerInfo(__version__, (platform.node(), mine))
+    has_affinity = hasattr(os, "sched_getaffinity")
+    cores = tuple(sorted(os.sched_getaffinity(0))) if has_affinity else tuple(range(process_cpu_count()))
+    return _WorkerInfo(__version__, (platform.node(), cores))
 
 
 def _assign_resources(client: Any) -> dict[str, WorkerResources]:
-    """Each worker's share of its machine, by address: cores by the jobs that workers there do at a time."""
-    told = client.run(_worker_info, on_error="return")
-    for address, machine in told.items():
-        if not isinstance(machine, _WorkerInfo):
+    """The resources of each worker by address: the cores of a host are divided by its number of simultaneous jobs."""
+    infos = client.run(_worker_info, on_error="return")
+    for address, info in infos.items():
+        if not isinstance(info, _WorkerInfo):
             remedy = "install the same version on every worker"
-            raise UserError(f"worker {address}", f"can't run holoview: {machine}", remedy=remedy)
-        check_version(machine.version, f"worker {address}")
-    at_a_time: Counter[Any] = Counter()
+            raise UserError(f"worker {address}", f"can't run holoview: {info}", remedy=remedy)
+        check_version(info.version, f"worker {address}")
+    simultaneous_jobs: Counter[Any] = Counter()
     workers = client.scheduler_info(n_workers=-1)["workers"]
-    for address, machine in told.items():
-        at_a_time[machine.host] += workers[address]["nthreads"] if address in workers else 1
-    shares, beside = {}, Counter[Any]()
-    for address, machine in sorted(told.items()):
-        threads = max(len(machine.host[1]) // at_a_time[machine.host], 1)
-        shares[address] = WorkerResources(threads, beside[machine.host])
-        beside[machine.host] += 1
-    return shares
+    for address, info in infos.items():
+        simultaneous_jobs[info.host] += workers[address]["nthreads"] if address in workers else 1
+    resources, workers_on_host = {}, Counter[Any]()
+    for address, info in sorted(infos.items()):
+        threads = max(len(info.host[1]) // simultaneous_jobs[info.host], 1)
+        resources[address] = WorkerResources(threads, workers_on_host[info.host])
+        workers_on_host[info.host] += 1
+    return resources
 
 
 def _single_process_pool() -> ProcessPoolExecutor:
-    """A process, not yet started, that leaves Ctrl-C to this one."""
+    """A pool of one process, which starts with the first job and ignores Ctrl-C: this process handles it."""
     return ProcessPoolExecutor(1, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN))
 
 
 @contextmanager
 def _sigint_blocked() -> Iterator[None]:
-    """Holds back Ctrl-C, here until the block ends, in processes that are started in it for good.
+    """Blocks SIGINT (Ctrl-C) in this thread until the block ends, and in processes started meanwhile for ever.
 
-    Where there are no signal masks these are protected only once they run.
+    On platforms without signal masks, these processes ignore SIGINT only after their initialisation.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield

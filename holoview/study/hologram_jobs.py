@@ -1,8 +1,8 @@
-"""Jobs that several studies share: a hologram optimised for a target, and its scores.
+"""The job that most studies share (optimise a hologram and measure it), and means over results.
 
-Settings of such a job: scheme, target, seed, shape, iterations, planes, and where they differ from these defaults:
-set (changes of the bench), saturation, options (of `Settings`), sweep (planes at which a sharp picture is scored).
-Everything is optimised and scored on a periodic grid, alike for all that are compared.
+Settings of such a job are scheme, target, seed, shape, iterations and planes; optional ones are `set` (changes of the
+bench), `saturation` of the target and `options` (of the optimiser's `Settings`). Everything is optimised and measured
+on a periodic grid, so that all results can be compared.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from holoview.optimise.iteration_state import IterationState
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.optimise.torch_device import resolve_torch_device
-from holoview.study.study import JobResult, StatusCallback, StudyJob
+from holoview.study.study import JobResult, Results, StatusCallback, StudyJob
 from holoview.targets.target import Placement, target_for
 from holoview.util.files import data_dir
 from holoview.view import View, simulate
@@ -32,6 +32,7 @@ from holoview.view import View, simulate
 _BASE = "holochrome-8"
 _PLANES_M = (9e-3, 11e-3)
 _REPORT_EVERY = 10
+
 METRIC_LABELS = {
     "psnr_db": "at the planes",
     "between_db": "halfway between them",
@@ -40,7 +41,7 @@ METRIC_LABELS = {
     "eyebox_variation": "eyebox: variation",
     "eyebox_centre_share": "eyebox: centre",
 }
-"""What numbers are called in plots."""
+"""Names of numbers in plots."""
 
 JobSettings = Mapping[str, Any]
 
@@ -53,7 +54,7 @@ def job_system(settings: JobSettings) -> System:
 
 
 def job_target(system: System, settings: JobSettings, planes_m: NDArray[np.float64]) -> NDArray[np.float32]:
-    """The focal stack (plane, y, x, 3) of a job's target, linear sRGB."""
+    """The focal stack (plane, y, x, 3) of a job's target at distances `planes_m`, linear sRGB."""
     name = settings["target"]
     depth = data_dir("assets") / "still-life-depth.png" if name == "still-life" else None
     options = {"saturation": settings.get("saturation", 1.0), "planes": planes_m}
@@ -63,7 +64,7 @@ def job_target(system: System, settings: JobSettings, planes_m: NDArray[np.float
 def optimise_job(
     system: System, stack: NDArray[np.floating], settings: JobSettings, status: StatusCallback, label: str = ""
 ) -> IterationState:
-    """The last state of the job's optimisation."""
+    """Optimises for a focal stack (plane, y, x, 3) and returns the last state."""
     options = Settings(iterations=settings["iterations"], seed=settings["seed"], **_options(settings))
     state: IterationState | None = None
     for state in iterate(system, stack, options, device=resolve_torch_device()):
@@ -74,27 +75,30 @@ def optimise_job(
 
 
 def run_hologram_job(settings: JobSettings, status: StatusCallback) -> JobResult:
-    """Optimises, and scores at the planes and between them. Pictures: the middle plane shown, and wanted."""
+    """Optimises a hologram and measures it at the planes and halfway between them.
+
+    Pictures of the result: the middle plane as it is shown and as it should be ("wanted").
+    """
     system = job_system(settings)
     count = len(system.planes_m)
     planes_m = np.concatenate([system.planes_m, plane_midpoints(system.planes_m)])
-    wanted = job_target(system, settings, planes_m)
-    state = optimise_job(system, wanted[:count], settings, status)
+    target = job_target(system, settings, planes_m)
+    state = optimise_job(system, target[:count], settings, status)
     view = simulate(state.best.system, state.best.drive, planes_m, backend="torch")
-    numbers = hologram_metrics(state.best, view.at(range(count)), wanted[:count])
-    between = [measure_image_quality(view.at([i]), wanted[i : i + 1]).psnr.mean_db for i in range(count, len(planes_m))]
+    numbers = hologram_metrics(state.best, view.at(range(count)), target[:count])
+    between = [measure_image_quality(view.at([i]), target[i : i + 1]).psnr.mean_db for i in range(count, len(planes_m))]
     numbers |= {
         "between_db": float(np.mean(between)) if between else None,
         "seconds": state.seconds,
         "wavelengths_nm": (state.best.system.wavelengths_m * 1e9).round(3).tolist(),
     }
     middle = count // 2
-    pictures = {"shown": view.srgb8[middle], "wanted": to_srgb8(np.asarray(wanted[middle]))}
+    pictures = {"shown": view.srgb8[middle], "wanted": to_srgb8(np.asarray(target[middle]))}
     return JobResult(numbers, pictures)
 
 
 def hologram_metrics(hologram: Hologram, view: View, target: NDArray[np.floating]) -> dict[str, Any]:
-    """Fidelity, colour, speckle, and the eyebox beside them."""
+    """Fidelity, colour difference, speckle and eyebox of a hologram, by the names of a job's numbers."""
     quality, eyebox = measure_image_quality(view, target), eyebox_uniformity_of(hologram)
     return {
         "psnr_db": quality.psnr.mean_db,
@@ -108,22 +112,21 @@ def hologram_metrics(hologram: Hologram, view: View, target: NDArray[np.floating
 
 
 def _options(settings: JobSettings) -> dict[str, Any]:
-    """Options of the optimisation; lists, as JSON has them, back to tuples."""
-    given = settings.get("options", {})
-    return {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
+    """Options of the optimiser, with JSON's lists as tuples."""
+    options = settings.get("options", {})
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in options.items()}
 
 
-def mean_number(results: Sequence[tuple[StudyJob, JobResult]], key: str, **settings: Any) -> float:
+def mean_number(results: Results, key: str, **settings: Any) -> float:
     """The mean of a number over all jobs with these settings; NaN when there is none."""
-    values = [outcome.numbers[key] for job, outcome in results if has_settings(job, **settings)]
+    values = [result.numbers[key] for job, result in results if has_settings(job, **settings)]
     return float(np.mean(values)) if values else float("nan")
 
 
-def mean_curve(results: Sequence[tuple[StudyJob, JobResult]], key: str, **settings: Any) -> NDArray[np.float64]:
-    """The mean of lists of numbers, point by point, over all jobs with these settings."""
-    return np.asarray(
-        np.mean([o.numbers[key] for j, o in results if has_settings(j, **settings)], axis=0), dtype=np.float64
-    )
+def mean_curve(results: Results, key: str, **settings: Any) -> NDArray[np.float64]:
+    """The mean of a list of numbers, element by element, over all jobs with these settings."""
+    curves = [result.numbers[key] for job, result in results if has_settings(job, **settings)]
+    return np.asarray(np.mean(curves, axis=0), dtype=np.float64)
 
 
 def has_settings(job: StudyJob, **settings: Any) -> bool:
@@ -131,34 +134,30 @@ def has_settings(job: StudyJob, **settings: Any) -> bool:
     return all(job.settings.get(key) == value for key, value in settings.items())
 
 
-def paired_gains(
-    results: Sequence[tuple[StudyJob, JobResult]], better: JobSettings, worse: JobSettings, key: str
-) -> NDArray[np.float64]:
-    """What `better` has more of a number than `worse`, for each target and seed that both have."""
-    tables = []
-    for settings in (better, worse):
-        found = {
-            (j.settings["target"], j.settings["seed"]): o.numbers[key]
-            for j, o in results
-            if has_settings(j, **settings)
+def paired_gains(results: Results, better: JobSettings, worse: JobSettings, key: str) -> NDArray[np.float64]:
+    """A number of the jobs with settings `better` minus that of `worse`, for each target and seed that both have."""
+    first, second = (
+        {
+            (job.settings["target"], job.settings["seed"]): result.numbers[key]
+            for job, result in results
+            if has_settings(job, **settings)
         }
-        tables.append(found)
-    return np.array([tables[0][case] - tables[1][case] for case in sorted(set(tables[0]) & set(tables[1]))])
+        for settings in (better, worse)
+    )
+    return np.array([first[case] - second[case] for case in sorted(set(first) & set(second))])
 
 
-def table_row(job: StudyJob, outcome: JobResult, names: Sequence[str]) -> dict[str, Any]:
-    """A row of the raw table: some of the job's settings, and all its numbers that are single."""
-    single = {key: value for key, value in outcome.numbers.items() if not isinstance(value, list | dict)}
-    return {name: _table_cell(job.settings.get(name)) for name in names} | single
+def table_row(job: StudyJob, result: JobResult, names: Sequence[str]) -> dict[str, Any]:
+    """A row of the table of numbers: the named settings of the job, and its numbers without lists and tables."""
+    scalars = {key: value for key, value in result.numbers.items() if not isinstance(value, list | dict)}
+    return {name: _table_cell(job.settings.get(name)) for name in names} | scalars
 
 
 def _table_cell(setting: Any) -> Any:
-    """Tables and lists as text, which every format of a table holds."""
+    """A setting as a cell: lists and tables as JSON text."""
     return json.dumps(setting) if isinstance(setting, list | dict) else setting
 
 
-def mean_by_case(
-    results: Sequence[tuple[StudyJob, JobResult]], keys: Sequence[str], cases: Sequence[JobSettings]
-) -> dict[str, list[float]]:
-    """The mean of some numbers in each case, by what the number is called in plots."""
+def mean_by_case(results: Results, keys: Sequence[str], cases: Sequence[JobSettings]) -> dict[str, list[float]]:
+    """The means of numbers over the jobs of each case, by the names of the numbers in plots."""
     return {METRIC_LABELS[key]: [mean_number(results, key, **case) for case in cases] for key in keys}

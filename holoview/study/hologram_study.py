@@ -1,4 +1,4 @@
-"""What studies of optimised holograms have in common: their jobs, their table, their pictures."""
+"""Base classes of studies that compare optimised holograms, and the jobs, tables and pictures that they share."""
 
 from __future__ import annotations
 
@@ -6,23 +6,35 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from holoview.study.hologram_jobs import mean_by_case, run_hologram_job, table_row
+from holoview.study.hologram_jobs import has_settings, mean_by_case, run_hologram_job, table_row
 from holoview.study.plots import bar_chart, bar_panels
-from holoview.study.scale import StudyScale
-from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob, StudyPicture
+from holoview.study.scale import QUICK, StudyScale, format_size
+from holoview.study.study import (
+    Claim,
+    Findings,
+    JobResult,
+    Results,
+    StatusCallback,
+    Study,
+    StudyFigure,
+    StudyJob,
+    StudyPicture,
+)
 
-Results = Sequence[tuple[StudyJob, JobResult]]
+QUICK_SIZE = f"Quick: {format_size(QUICK.shape, 1)[0]}, {QUICK.planes} planes and {QUICK.iterations} iterations"
 
 
 class HologramStudy(Study):
     """A study whose jobs are optimised holograms."""
+
+    quick_note = f"{QUICK_SIZE}."
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         return run_hologram_job(settings, status)
 
 
 class SchemeStudy(HologramStudy):
-    """A study that does the same with several schemes. labels: what they are called in plots."""
+    """A study that optimises the same targets with several schemes. labels: names of the schemes in plots."""
 
     schemes: Sequence[str]
     labels: Sequence[str]
@@ -33,17 +45,17 @@ class SchemeStudy(HologramStudy):
 
     @abstractmethod
     def claims(self, results: Results) -> list[Claim]:
-        """What is claimed of them."""
+        """The paper's statements on the schemes."""
 
     def analyse(self, results: Results) -> Findings:
         cases = [{"scheme": scheme} for scheme in self.schemes]
-        others = mean_by_case(results, ("speckle_contrast", "eyebox_variation", "delta_e"), cases)
+        means = mean_by_case(results, ("speckle_contrast", "eyebox_variation", "delta_e"), cases)
         return Findings(
             rows=result_table(results),
             claims=self.claims(results),
             plots=[
                 psnr_plot(results, self.labels, cases),
-                StudyFigure("others", "Speckle, eyebox and colour; small is good", bar_panels(self.labels, others)),
+                StudyFigure("others", "Speckle, eyebox and colour; small is good", bar_panels(self.labels, means)),
             ],
             pictures=result_pictures(results),
             notes=self.notes,
@@ -51,15 +63,14 @@ class SchemeStudy(HologramStudy):
 
 
 def psnr_plot(results: Results, labels: Sequence[str], cases: Sequence[Mapping[str, Any]]) -> StudyFigure:
-    """PSNR at the planes and between them, a pair of bars a case."""
-    found = mean_by_case(results, ("psnr_db", "between_db"), cases)
-    return StudyFigure(
-        "psnr", "PSNR of linear sRGB, mean over targets and seeds", bar_chart(labels, found, "PSNR (dB)")
-    )
+    """PSNR at the planes and halfway between them, a pair of bars for each case."""
+    means = mean_by_case(results, ("psnr_db", "between_db"), cases)
+    caption = "PSNR of linear sRGB, mean over targets and seeds"
+    return StudyFigure("psnr", caption, bar_chart(labels, means, "PSNR (dB)"))
 
 
 def targets_and_seeds(scale: StudyScale, seed: int) -> list[dict[str, Any]]:
-    """What every job of an optimised hologram has: the scale's settings, each target, each seed."""
+    """The settings that all jobs share, for each target and seed of the scale."""
     return [
         {**scale.job_settings, "target": target, "seed": number}
         for target in scale.targets
@@ -70,7 +81,7 @@ def targets_and_seeds(scale: StudyScale, seed: int) -> list[dict[str, Any]]:
 def scheme_jobs(
     study: Study, schemes: Sequence[str], scale: StudyScale, seed: int, what: str = "", **settings: Any
 ) -> list[StudyJob]:
-    """A hologram for each scheme, target and seed. what: what tells these from others of the study, for labels."""
+    """A job for each scheme, target and seed, with further settings. what: addition to the labels."""
     return [
         study.make_job(
             f"{scheme}{what and f', {what}'}, {case['target']}, seed {case['seed']}",
@@ -82,16 +93,16 @@ def scheme_jobs(
 
 
 def result_pictures(results: Results) -> list[StudyPicture]:
-    """What is wanted, and what each scheme shows of it at the middle plane: first target, first seed."""
-    first = results[0][0].settings
-    same = [(j, o) for j, o in results if all(j.settings[k] == first[k] for k in ("target", "seed")) and o.pictures]
-    found = [StudyPicture("wanted", "wanted", same[0][1].pictures["wanted"])] if same else []
-    for number, (job, outcome) in enumerate(same):
-        caption = f"{job.settings['scheme']}: {outcome.numbers['psnr_db']:.2f} dB"
-        found.append(StudyPicture(f"shown-{number}", caption, outcome.pictures["shown"]))
-    return found
+    """The target and what each scheme shows at the middle plane, for the first target and seed."""
+    target_and_seed = {key: results[0][0].settings[key] for key in ("target", "seed")}
+    chosen = [(job, result) for job, result in results if has_settings(job, **target_and_seed) and result.pictures]
+    pictures = [StudyPicture("wanted", "wanted", chosen[0][1].pictures["wanted"])] if chosen else []
+    for number, (job, result) in enumerate(chosen):
+        caption = f"{job.settings['scheme']}: {result.numbers['psnr_db']:.2f} dB"
+        pictures.append(StudyPicture(f"shown-{number}", caption, result.pictures["shown"]))
+    return pictures
 
 
 def result_table(results: Results, *names: str) -> list[dict[str, Any]]:
-    """The raw table: scheme, target and seed of each job, other settings by name, and its numbers."""
-    return [table_row(job, outcome, ("scheme", *names, "target", "seed")) for job, outcome in results]
+    """The table of numbers: scheme, the settings `names`, target and seed of each job, and its numbers."""
+    return [table_row(job, result, ("scheme", *names, "target", "seed")) for job, result in results]

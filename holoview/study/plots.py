@@ -1,4 +1,4 @@
-"""Plots that several studies share, drawn without a display and without global state."""
+"""Charts that studies share, drawn by matplotlib without a display and without its global state."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _SIZE = (6.4, 4.0)
 _DPI = 150
 _SMALL_FONT_PT = 8
 _MAX_LEVEL_LABELS = 5
-"""As many labels stand side by side without being turned."""
+"""Most labels that fit side by side without rotation."""
 _MAX_TWO_DECIMAL_BARS = 10
-"""As many bars are wide enough for two decimals over each."""
+"""Most bars that are wide enough for two decimals above each."""
 
 
 def make_figure(plot: StudyFigure) -> Figure:
-    """The drawn figure."""
+    """The matplotlib figure of a study's figure."""
     figure = Figure(figsize=_SIZE, layout="constrained")
     FigureCanvasAgg(figure)
     plot.draw(figure)
@@ -33,29 +33,29 @@ def make_figure(plot: StudyFigure) -> Figure:
 
 
 def render_figure(plot: StudyFigure) -> dict[str, bytes]:
-    """The figure as PNG and as PDF, by these names."""
-    figure, kinds = make_figure(plot), {"png": io.BytesIO(), "pdf": io.BytesIO()}
-    for kind, buffer in kinds.items():
+    """The figure as the content of files, {"png": …, "pdf": …}."""
+    figure, buffers = make_figure(plot), {"png": io.BytesIO(), "pdf": io.BytesIO()}
+    for kind, buffer in buffers.items():
         figure.savefig(buffer, format=kind, dpi=_DPI)
-    return {kind: buffer.getvalue() for kind, buffer in kinds.items()}
+    return {kind: buffer.getvalue() for kind, buffer in buffers.items()}
 
 
 def data_uri(png: bytes) -> str:
-    """A PNG for the inside of an HTML page."""
+    """A PNG as a data URI, to be embedded in an HTML page."""
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
 def bar_chart(labels: Sequence[str], values: Mapping[str, Sequence[float]], axis: str) -> Callable[[Figure], None]:
-    """Groups of bars, a group a label and a colour a name in `values`, all in the unit of the axis."""
+    """A bar chart with a group of bars for each label, and a colour for each name in `values`. axis: title and unit."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        places, width = np.arange(len(labels)), 0.8 / len(values)
+        positions, width = np.arange(len(labels)), 0.8 / len(values)
         digits = "%.2f" if len(labels) * len(values) <= _MAX_TWO_DECIMAL_BARS else "%.1f"
         for i, (name, heights) in enumerate(values.items()):
-            group = axes.bar(places + (i - (len(values) - 1) / 2) * width, heights, width, label=name)
+            group = axes.bar(positions + (i - (len(values) - 1) / 2) * width, heights, width, label=name)
             axes.bar_label(group, fmt=digits, fontsize=_SMALL_FONT_PT)
-        _label_bars(axes, labels, places)
+        _label_bars(axes, labels, positions)
         axes.set_ylabel(axis)
         if len(values) > 1:
             _legend(figure, len(values))
@@ -64,14 +64,14 @@ def bar_chart(labels: Sequence[str], values: Mapping[str, Sequence[float]], axis
 
 
 def bar_panels(labels: Sequence[str], values: Mapping[str, Sequence[float]]) -> Callable[[Figure], None]:
-    """Bars of quantities that have nothing in common but their labels, a panel each with its name over it."""
+    """A panel of bars for each quantity in `values`, each with its own axis, for the same labels."""
 
     def draw(figure: Figure) -> None:
-        panes = figure.subplots(1, len(values), squeeze=False)[0]
-        for axes, (name, heights) in zip(panes, values.items(), strict=True):
-            places = np.arange(len(labels))
-            axes.bar_label(axes.bar(places, heights), fmt="%.2g", fontsize=_SMALL_FONT_PT)
-            _label_bars(axes, labels, places)
+        panels = figure.subplots(1, len(values), squeeze=False)[0]
+        for axes, (name, heights) in zip(panels, values.items(), strict=True):
+            positions = np.arange(len(labels))
+            axes.bar_label(axes.bar(positions, heights), fmt="%.2g", fontsize=_SMALL_FONT_PT)
+            _label_bars(axes, labels, positions)
             axes.set_title(name, fontsize=10)
 
     return draw
@@ -85,7 +85,7 @@ def line_plot(
     dashed: Sequence[str] = (),
     logarithmic: bool = False,
 ) -> Callable[[Figure], None]:
-    """Curves by name, (x, y) each; those in `dashed` are laws or references."""
+    """Curves (x, y) by name. dashed: names of curves that are theory or reference. logarithmic: both axes."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -104,7 +104,7 @@ def line_plot(
 def heat_map(
     table: NDArray[np.floating], rows: tuple[str, Sequence[str]], columns: tuple[str, Sequence[str]], unit: str
 ) -> Callable[[Figure], None]:
-    """A table (row, column) as colours with the numbers in them; axes are (title, labels)."""
+    """A table (row, column) as colours with its numbers. rows, columns: title and labels of the axes."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -122,22 +122,22 @@ def heat_map(
 
 
 def _legend(figure: Figure, count: int) -> None:
-    """Above the axes, where it hides nothing."""
+    """A legend of `count` entries above the axes, where it covers nothing."""
     figure.legend(loc="outside upper center", ncols=count if count <= 3 else 2, fontsize=_SMALL_FONT_PT, frameon=False)
 
 
-def _label_bars(axes: Axes, labels: Sequence[str], places: NDArray[np.integer]) -> None:
-    """Level where they fit; turned far enough that none runs into its neighbour otherwise."""
-    room = sum(map(len, labels)) <= 10 * _MAX_LEVEL_LABELS
-    if room and len(labels) <= _MAX_LEVEL_LABELS:
-        axes.set_xticks(places, labels, fontsize=_SMALL_FONT_PT)
+def _label_bars(axes: Axes, labels: Sequence[str], positions: NDArray[np.integer]) -> None:
+    """Horizontal labels where they fit, otherwise rotated ones."""
+    is_short = sum(map(len, labels)) <= 10 * _MAX_LEVEL_LABELS
+    if is_short and len(labels) <= _MAX_LEVEL_LABELS:
+        axes.set_xticks(positions, labels, fontsize=_SMALL_FONT_PT)
     else:
-        axes.set_xticks(places, labels, rotation=35, ha="right", rotation_mode="anchor", fontsize=_SMALL_FONT_PT)
+        axes.set_xticks(positions, labels, rotation=35, ha="right", rotation_mode="anchor", fontsize=_SMALL_FONT_PT)
     axes.margins(y=0.12)
 
 
 def _double_logarithmic(axes: Axes) -> None:
-    """Powers of two along x, tenths along y, written as plain numbers."""
+    """Logarithmic axes with ticks at powers of two (x) and selected tenths (y), as plain numbers."""
     axes.set_xscale("log", base=2)
     axes.set_yscale("log")
     low, high = axes.get_ylim()

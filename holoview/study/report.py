@@ -1,4 +1,4 @@
-"""A study's report: one HTML file with everything in it, the raw numbers as CSV, the figures as PNG and PDF."""
+"""Writes a study's report: one self-contained HTML file, the numbers as CSV, the figures as PNG and PDF."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ _LIBRARIES = ("numpy", "torch", "colour-science")
 
 
 def write_report(folder: Path, study: Study, scale: StudyScale, seed: int, findings: Findings) -> Path:
-    """Writes report.html, numbers.csv (and numbers.parquet where pyarrow is installed) and the figures."""
+    """Writes report.html, numbers.csv (numbers.parquet as well if pyarrow is installed) and the figures.
+
+    Returns the path of report.html.
+    """
     figures = {plot.name: render_figure(plot) for plot in findings.plots}
     for name, kinds in figures.items():
         for kind, content in kinds.items():
@@ -42,13 +45,13 @@ def write_report(folder: Path, study: Study, scale: StudyScale, seed: int, findi
 
 
 def version_summary() -> str:
-    """What the numbers were computed with."""
+    """Versions of holoview, Python and the libraries that compute, and the platform."""
     libraries = ", ".join(f"{name} {version(name)}" for name in _LIBRARIES)
     return f"holoview {__version__}, Python {platform.python_version()}, {libraries}, {platform.platform()}"
 
 
 def format_claims(claims: Sequence[Claim]) -> list[str]:
-    """Claims as lines of text, in columns."""
+    """A table of the claims as lines of text, with a line of headings."""
     table = [
         ("claim", "paper", "here", "verdict"),
         *((c.claim, c.published, c.measured, _format_verdict(c)) for c in claims),
@@ -104,7 +107,7 @@ def _write_numbers(folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         writer.writeheader()
         writer.writerows(rows)
     try:
-        from pyarrow import Table, parquet
+        from pyarrow import Table, parquet  # optional library
     except ImportError:
         return
     with atomic_write(folder / "numbers.parquet") as temporary:

@@ -1,4 +1,4 @@
-"""How large a study is."""
+"""Problem sizes of studies: quick, middle, full."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ from typing import Any
 
 @dataclass(frozen=True)
 class StudyScale:
-    """Modulator pixels (y, x), iterations of an optimisation, number of seeds, targets, focal planes."""
+    """A problem size.
+
+    shape: modulator pixels (y, x). iterations: of an optimisation. seeds: number of them. targets: names of pictures.
+    planes: number of focal planes.
+    """
 
     name: str
     shape: tuple[int, int]
@@ -19,18 +23,18 @@ class StudyScale:
 
     @property
     def job_settings(self) -> dict[str, Any]:
-        """What jobs depend on."""
+        """The settings of jobs that depend on the scale."""
         return {"shape": list(self.shape), "iterations": self.iterations, "planes": self.planes}
 
     @property
     def description(self) -> str:
-        """The scale of an optimisation as a sentence."""
+        """The scale of an optimisation in words."""
         samples, seeds = format_size(self.shape, self.seeds)
         return f"{samples}, {self.iterations} iterations, {seeds}, {self.planes} focal planes"
 
 
 def format_size(shape: tuple[int, int], seeds: int) -> tuple[str, str]:
-    """How many samples as many pixels (y, x) have, and how many seeds, in words."""
+    """The samples of a modulator of `shape` pixels (y, x), two along each side of a pixel, and the seeds, in words."""
     return " x ".join(str(2 * n) for n in reversed(shape)) + " samples", f"{seeds} seeds" if seeds > 1 else "one seed"
 
 
@@ -38,11 +42,11 @@ QUICK = StudyScale("quick", (48, 64), 40, 1, ("still-life",), 3)
 FULL = StudyScale("full", (384, 512), 100, 1, ("still-life",), 5)
 MIDDLE = StudyScale("middle", (96, 128), 150, 3, ("still-life", "resolution"), 5)
 SCALES = {scale.name: scale for scale in (QUICK, MIDDLE, FULL)}
-"""quick: a look within minutes; middle: a quarter of a display a side, several seeds; full: a whole display."""
+"""quick: takes minutes; middle: a quarter of the display's sides, several seeds; full: a whole display."""
 
-_MIN_SPECKLE_SHAPE = (96, 128)
+MIN_SPECKLE_SHAPE = (96, 128)
 
 
 def speckle_shape(scale: StudyScale) -> tuple[int, int]:
-    """Pixels for studies of speckle itself: a smaller field would limit the angles that reach a point of the image."""
-    return max(scale.shape, _MIN_SPECKLE_SHAPE)
+    """Pixels (y, x) for studies of speckle: a smaller modulator would limit the angles that reach an image point."""
+    return max(scale.shape, MIN_SPECKLE_SHAPE)

@@ -1,4 +1,4 @@
-"""Results of jobs in a folder, a JSON file each and its pictures beside: written whole or not at all, as they come."""
+"""Stores job results as JSON and PNG files in a folder, so that a repeated run continues."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FORMAT = "holoview-result"
 
 
 class ResultStore:
-    """The results in a folder, by the keys of their jobs."""
+    """The results in a folder, by the keys of their jobs. Raises UserError when the folder can't be made."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -29,38 +29,38 @@ class ResultStore:
             raise UserError(str(folder), f"can't be made: {error.strerror}", remedy=remedy) from error
 
     def load(self, job: StudyJob) -> JobResult | None:
-        """The result of a job; None when there is none, or not a whole one: then it is to be done again."""
+        """The result of a job; None when it is missing or incomplete."""
         path = self._path(job)
         try:
-            kept = json.loads(path.read_text(encoding="utf-8"))
-            if kept["format"] != _FORMAT:
+            stored = json.loads(path.read_text(encoding="utf-8"))
+            if stored["format"] != _FORMAT:
                 return None
-            pictures = {name: _read(self.folder / file) for name, file in kept["pictures"].items()}
-            return JobResult(kept["numbers"], pictures)
+            pictures = {name: _read_pixels(self.folder / file) for name, file in stored["pictures"].items()}
+            return JobResult(stored["numbers"], pictures)
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
 
-    def save(self, job: StudyJob, outcome: JobResult) -> None:
-        """Writes a result; its JSON comes last, so that what has one is whole."""
+    def save(self, job: StudyJob, result: JobResult) -> None:
+        """Writes a result, the JSON file last: where it exists, the pictures do too."""
         files: dict[str, str] = {}
-        for name, pixels in outcome.pictures.items():
+        for name, pixels in result.pictures.items():
             files[name] = f"{job.key}-{name}.png"
             write_png(self.folder / files[name], pixels, {"holoview.job": job.label})
-        kept: dict[str, Any] = {
+        content: dict[str, Any] = {
             "format": _FORMAT,
             "study": job.study,
             "label": job.label,
             "settings": dict(job.settings),
-            "numbers": outcome.numbers,
+            "numbers": result.numbers,
             "pictures": files,
         }
         with atomic_write(self._path(job)) as temporary:
-            temporary.write_text(json.dumps(kept, indent=1), encoding="utf-8")
+            temporary.write_text(json.dumps(content, indent=1), encoding="utf-8")
 
     def _path(self, job: StudyJob) -> Path:
         return self.folder / f"{job.key}.json"
 
 
-def _read(path: Path) -> Any:
+def _read_pixels(path: Path) -> Any:
     with Image.open(path) as image:
         return np.asarray(image.convert("RGB"))

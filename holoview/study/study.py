@@ -1,7 +1,7 @@
-"""What a study is: independent, seeded jobs, what each of them does, and what is found in their results.
+"""The interface of a study: its jobs, what each of them computes, and the analysis of all results.
 
-A job is plain data, so that it can be sent to another process or machine, and is named by a digest of all that its
-result depends on, so that a result is found again when a run that was killed is repeated.
+A job is plain data, so that it can be sent to another process or machine. It is identified by a digest of everything
+that its result depends on, so that a repeated run finds the results of an interrupted one.
 """
 
 from __future__ import annotations
@@ -20,16 +20,20 @@ from numpy.typing import NDArray
 from holoview.study.scale import StudyScale
 from holoview.util.version import __version__
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # importing matplotlib takes long, and studies are listed without drawing
     from matplotlib.figure import Figure
 
 StatusCallback = Callable[[str], None]
-"""Called by a job now and then, with a few words on how far it is."""
+"""Called by a running job with a short text on its progress."""
 
 
 @dataclass(frozen=True, eq=False)
 class StudyJob:
-    """One piece of work of a study. `settings` hold numbers, texts, None, and lists and tables of these."""
+    """One computation of a study.
+
+    study: name of the study. label: for progress and tables. settings: JSON values, on which alone the result depends.
+    revision: of the study, see `Study.revision`.
+    """
 
     study: str
     label: str
@@ -38,22 +42,30 @@ class StudyJob:
 
     @cached_property
     def key(self) -> str:
-        """Equal for jobs whose results are equal: same settings, revision of the study, and version of holoview."""
+        """Digest of the study, its revision, the settings and holoview's version: equal for jobs with equal results."""
         text = json.dumps([self.study, self.revision, self.settings, __version__], sort_keys=True)
         return blake2b(text.encode(), digest_size=10).hexdigest()
 
 
 @dataclass(frozen=True)
 class JobResult:
-    """What came out of a job: numbers (JSON), and pictures (y, x, 3) of 8-bit sRGB by name."""
+    """The result of a job: JSON values by name, and pictures (y, x, 3) of 8-bit sRGB by name."""
 
     numbers: dict[str, Any]
     pictures: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
 
 
+Results = Sequence[tuple[StudyJob, JobResult]]
+"""The jobs of a study with their results."""
+
+
 @dataclass(frozen=True)
 class Claim:
-    """A number of the paper beside ours. verdict: "reproduces", "direction only", "doesn't reproduce", or "shown"."""
+    """A statement of the paper beside our measurement.
+
+    claim: the statement. published, measured: the numbers, in words. verdict: one of those in `claims`. reason: why the
+    statement isn't reproduced.
+    """
 
     claim: str
     published: str
@@ -64,7 +76,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class StudyFigure:
-    """A figure: `draw` fills an empty one."""
+    """A figure of the report; `draw` draws it into an empty matplotlib figure."""
 
     name: str
     caption: str
@@ -73,7 +85,7 @@ class StudyFigure:
 
 @dataclass(frozen=True)
 class StudyPicture:
-    """A picture of a result, with its caption."""
+    """A picture (y, x, 3) of 8-bit sRGB in the report, with its caption."""
 
     name: str
     caption: str
@@ -82,7 +94,10 @@ class StudyPicture:
 
 @dataclass(frozen=True)
 class Findings:
-    """What a study found. rows: one a job or a mean of several, equal keys in each; they become the raw table."""
+    """The analysis of a study's results.
+
+    rows: of the table of numbers, one for each job or for a mean of several, with equal keys. notes: paragraphs.
+    """
 
     rows: Sequence[Mapping[str, Any]]
     claims: Sequence[Claim] = ()
@@ -92,23 +107,23 @@ class Findings:
 
 
 class Study(ABC):
-    """A study; a subclass is one file in `studies/`."""
+    """A study. Each file in `studies/` holds a subclass."""
 
     name: str
     title: str
     summary: str
-    """What it shows, and the figure of the paper, in a sentence or two."""
+    """What the study shows, and which figure of the paper it reproduces, in a sentence or two."""
     quick_note: str
-    """What --quick changes, beside the size."""
+    """What is different at the scale "quick"."""
     revision: int = 1
-    """Raised when what a job computes is changed: results of before are then not found again."""
+    """To be increased when `run_job` computes something else, so that stored results aren't used any more."""
 
     def make_job(self, label: str, settings: Mapping[str, Any]) -> StudyJob:
-        """A job of this study."""
+        """A job of this study and revision."""
         return StudyJob(self.name, label, settings, self.revision)
 
     def describe_size(self, scale: StudyScale) -> str:
-        """How large its jobs are at a scale, in words; overridden where nothing is optimised."""
+        """The size of the jobs at a scale, in words; overridden by studies that optimise nothing."""
         return scale.description
 
     @abstractmethod
@@ -117,8 +132,8 @@ class Study(ABC):
 
     @abstractmethod
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
-        """Does a job. Depends on nothing but its settings."""
+        """Computes a job. The result may depend on nothing but the settings."""
 
     @abstractmethod
-    def analyse(self, results: Sequence[tuple[StudyJob, JobResult]]) -> Findings:
-        """What the results of all jobs show."""
+    def analyse(self, results: Results) -> Findings:
+        """Table, claims and figures from the results of all jobs."""

@@ -163,11 +163,10 @@ def test_ctrl_c_in_a_terminal_keeps_what_is_done(tmp_path: Path) -> None:
 
 
 def test_processes_share_the_cores() -> None:
-    place = ProcessExecutor(2)
-    shares = [share for share, _ in place._idle_pools]
-    assert sorted(share.index for share in shares) == [0, 1]
-    assert all(share.threads == max(process_cpu_count() // 2, 1) for share in shares)
-    place.shutdown(kill=False)
+    executor = ProcessExecutor(2)
+    assert sorted(worker.index for worker in executor.worker_resources) == [0, 1]
+    assert all(worker.threads == max(process_cpu_count() // 2, 1) for worker in executor.worker_resources)
+    executor.shutdown(kill=False)
 
 
 def test_a_share_keeps_torch_to_its_threads() -> None:

@@ -72,10 +72,10 @@ def small_assets(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def tiny(small_assets: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing that takes long: small fields, a small scene, two benches whose only suspect is the gap."""
-    monkeypatch.setattr(scale, "_MIN_SPECKLE_SHAPE", TINY.shape)
+    monkeypatch.setattr(scale, "MIN_SPECKLE_SHAPE", TINY.shape)
     monkeypatch.setattr(work, "data_dir", lambda kind: small_assets)
-    benches = {name: model_vs_capture._BENCHES[name] for name in ("as designed", LONG_GAP)}
-    monkeypatch.setattr(model_vs_capture, "_BENCHES", benches)
+    benches = {name: model_vs_capture.BENCHES[name] for name in ("as designed", LONG_GAP)}
+    monkeypatch.setattr(model_vs_capture, "BENCHES", benches)
     monkeypatch.setattr(model_vs_capture, "diagnose", partial(diagnose, effects=[effects.listed_effects()["gap"]]))
 
 

@@ -1,1 +1,1 @@
-"""One study a file, as `STUDY`: what is put here is found by `holoview study`."""
+"""The studies: each module holds one as `STUDY`, which `holoview study` finds."""

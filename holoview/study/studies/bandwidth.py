@@ -1,4 +1,4 @@
-"""Number and spacing of the wavelengths, seen by a camera without colour."""
+"""PSNR of a monochrome camera's picture against the number and the spacing of the wavelengths."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 
 from holoview.study.claims import CONTRADICTS, DIRECTION_ONLY, REPRODUCES
 from holoview.study.hologram_jobs import mean_number
-from holoview.study.hologram_study import HologramStudy, Results, result_table, targets_and_seeds
+from holoview.study.hologram_study import HologramStudy, result_table, targets_and_seeds
 from holoview.study.plots import heat_map
 from holoview.study.scale import StudyScale
-from holoview.study.study import Claim, Findings, StudyFigure, StudyJob
+from holoview.study.study import Claim, Findings, Results, StudyFigure, StudyJob
 
 _COUNTS = (2, 4, 8, 16)
 _SPACINGS_NM = (2, 4, 8, 16)
@@ -25,7 +25,6 @@ class _Bandwidth(HologramStudy):
         "The paper's heat map: PSNR of a monochrome camera's picture against the number of wavelengths and their "
         "spacing about 550 nm. Closer lasers share more of their speckle; farther ones ask more of one pattern."
     )
-    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         return [
@@ -50,18 +49,19 @@ class _Bandwidth(HologramStudy):
         )
         best = _SPACINGS_NM[int(np.argmax(table[-1]))]
         verdict = REPRODUCES if best == 16 else DIRECTION_ONLY if best == 8 else CONTRADICTS
-        here = ", ".join(f"{s} nm {value:.1f}" for s, value in zip(_SPACINGS_NM, table[-1], strict=True))
-        drawn = heat_map(
+        values = ", ".join(f"{s} nm {psnr_db:.1f}" for s, psnr_db in zip(_SPACINGS_NM, table[-1], strict=True))
+        draw = heat_map(
             table, ("wavelengths", [str(n) for n in _COUNTS]), ("spacing (nm)", [str(s) for s in _SPACINGS_NM]), "dB"
         )
         return Findings(
             rows=result_table(results, "count", "spacing_nm"),
-            claims=[Claim("best spacing of 16 wavelengths", "16 nm", f"{best} nm ({here} dB)", verdict)],
-            plots=[StudyFigure("bandwidth", "PSNR of a monochrome camera's picture", drawn)],
+            claims=[Claim("best spacing of 16 wavelengths", "16 nm", f"{best} nm ({values} dB)", verdict)],
+            plots=[StudyFigure("bandwidth", "PSNR of a monochrome camera's picture", draw)],
         )
 
 
 def _lasers(count: int, spacing_nm: float) -> dict[str, Any]:
+    """Changes of the bench to lasers spaced evenly about the middle wavelength, and a monochrome camera."""
     nm = _MIDDLE_NM + spacing_nm * (np.arange(count) - (count - 1) / 2)
     return {"wavelengths": (nm * 1e-9).tolist(), "amplitudes": [[1.0] * count], "observer": "mono"}
 

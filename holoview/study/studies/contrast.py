@@ -1,4 +1,4 @@
-"""Speckle contrast against the number of wavelengths and of frames."""
+"""Speckle contrast of random patterns against the number of wavelengths and of frames."""
 
 from __future__ import annotations
 
@@ -6,20 +6,30 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from holoview.colour import to_srgb8
 from holoview.metrics.speckle import independent_patterns, speckle_contrast
 from holoview.study.claims import DIRECTION_ONLY, REPRODUCES, SHOWN
-from holoview.study.hologram_jobs import job_system, mean_number
-from holoview.study.hologram_study import Results
+from holoview.study.hologram_jobs import has_settings, job_system, mean_number, table_row
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale, format_size, speckle_shape
-from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob, StudyPicture
+from holoview.study.study import (
+    Claim,
+    Findings,
+    JobResult,
+    Results,
+    StatusCallback,
+    Study,
+    StudyFigure,
+    StudyJob,
+    StudyPicture,
+)
 from holoview.view import random_drive, simulate
 
 _COUNTS = (1, 2, 4, 8, 16, 32)
 _SEEDS = 4
-_MEAN_SHOWN = 0.3
+_PICTURE_MEAN = 0.3  # linear light
 _AVERAGED_OVER = {
     "frames": "frames of independent patterns, one laser",
     "wavelengths": "wavelengths 440 to 660 nm, two modulators",
@@ -59,7 +69,7 @@ class _Contrast(Study):
         view = simulate(system, random_drive(system, settings["seed"]), backend="torch")
         image = view.intensity[0].mean(axis=0)
         contrast = speckle_contrast(image).contrast
-        picture = to_srgb8(np.repeat((_MEAN_SHOWN * image / image.mean())[..., None], 3, axis=-1))
+        picture = to_srgb8(np.repeat((_PICTURE_MEAN * image / image.mean())[..., None], 3, axis=-1))
         return JobResult({"contrast": contrast, "patterns": independent_patterns(contrast)}, {"speckle": picture})
 
     def analyse(self, results: Results) -> Findings:
@@ -67,50 +77,48 @@ class _Contrast(Study):
             way: [mean_number(results, "contrast", way=way, count=count) for count in _COUNTS] for way in _AVERAGED_OVER
         }
         law = 1 / np.sqrt(_COUNTS)
-        departure = float(np.max(np.abs(np.array(curves["frames"]) / law - 1)))
-        eight = {way: curve[_COUNTS.index(8)] for way, curve in curves.items()}
-        claims = [
-            Claim(
-                "N frames have contrast 1/√N",
-                "1/√N",
-                f"within {departure:.1%}",
-                REPRODUCES if departure < 0.05 else DIRECTION_ONLY,
-            ),
-            *(
-                Claim(
-                    f"8 {_AVERAGED_OVER[way]}",
-                    "",
-                    f"{c:.3f}: as {independent_patterns(c):.1f} independent patterns",
-                    SHOWN,
-                )
-                for way, c in eight.items()
-            ),
-        ]
-        drawn = line_plot(
+        draw = line_plot(
             {**{_AVERAGED_OVER[way]: (_COUNTS, curve) for way, curve in curves.items()}, "1/√N": (_COUNTS, law)},
             "N",
             "speckle contrast",
             dashed=("1/√N",),
             logarithmic=True,
         )
-        shown = [
-            StudyPicture(
-                f"speckle-{count}",
-                f"{count} wavelength{'s' * (count > 1)}: contrast {outcome.numbers['contrast']:.2f}",
-                outcome.pictures["speckle"],
-            )
-            for job, outcome in results
-            if job.settings["way"] == "wavelengths"
-            and (count := job.settings["count"]) in (1, 8, 32)
-            and job.settings["seed"] == results[0][0].settings["seed"]
-        ]
-        rows = [
-            {**{k: job.settings[k] for k in ("way", "count", "seed")}, **outcome.numbers} for job, outcome in results
-        ]
-        return Findings(rows, claims, [StudyFigure("contrast", f"Mean over {_SEEDS} random patterns", drawn)], shown)
+        return Findings(
+            rows=[table_row(job, result, ("way", "count", "seed")) for job, result in results],
+            claims=_claims(curves, law),
+            plots=[StudyFigure("contrast", f"Mean over {_SEEDS} random patterns", draw)],
+            pictures=_pictures(results),
+        )
+
+
+def _claims(curves: Mapping[str, list[float]], law: NDArray[np.float64]) -> list[Claim]:
+    departure = float(np.max(np.abs(np.array(curves["frames"]) / law - 1)))
+    verdict = REPRODUCES if departure < 0.05 else DIRECTION_ONLY
+    claims = [Claim("N frames have contrast 1/√N", "1/√N", f"within {departure:.1%}", verdict)]
+    for way, curve in curves.items():
+        contrast = curve[_COUNTS.index(8)]
+        measured = f"{contrast:.3f}: as {independent_patterns(contrast):.1f} independent patterns"
+        claims.append(Claim(f"8 {_AVERAGED_OVER[way]}", "", measured, SHOWN))
+    return claims
+
+
+def _pictures(results: Results) -> list[StudyPicture]:
+    """Speckle of 1, 8 and 32 wavelengths for the first seed."""
+    first_seed = results[0][0].settings["seed"]
+    return [
+        StudyPicture(
+            f"speckle-{count}",
+            f"{count} wavelength{'s' * (count > 1)}: contrast {result.numbers['contrast']:.2f}",
+            result.pictures["speckle"],
+        )
+        for job, result in results
+        if has_settings(job, way="wavelengths", seed=first_seed) and (count := job.settings["count"]) in (1, 8, 32)
+    ]
 
 
 def _changes(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Changes of the bench to `count` frames of one laser, or to `count` lasers in one frame."""
     count = settings["count"]
     if settings["way"] == "frames":
         return {"wavelengths": [550e-9], "amplitudes": [[1.0]] * count, "observer": "mono"}

@@ -1,4 +1,4 @@
-"""A picture through focus, against the blur that incoherent light would have."""
+"""PSNR and speckle contrast through focus, in comparison with incoherent defocus."""
 
 from __future__ import annotations
 
@@ -10,10 +10,20 @@ import numpy as np
 from holoview.metrics.image_quality import measure_image_quality
 from holoview.study.claims import SHOWN
 from holoview.study.hologram_jobs import job_system, job_target, mean_curve, optimise_job
-from holoview.study.hologram_study import Results, scheme_jobs
+from holoview.study.hologram_study import scheme_jobs
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale
-from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob, StudyPicture
+from holoview.study.study import (
+    Claim,
+    Findings,
+    JobResult,
+    Results,
+    StatusCallback,
+    Study,
+    StudyFigure,
+    StudyJob,
+    StudyPicture,
+)
 from holoview.view import simulate
 
 _SCHEMES = ("simultaneous", "holochrome-8", "holochrome-8x3")
@@ -38,14 +48,14 @@ class _Defocus(Study):
         first, last = system.planes_m[0], system.planes_m[-1]
         sweep_m = np.linspace(first, last, settings["sweep"])
         count = len(system.planes_m)
-        wanted = job_target(system, settings, np.concatenate([system.planes_m, sweep_m]))
-        state = optimise_job(system, wanted[:count], settings, status)
+        target = job_target(system, settings, np.concatenate([system.planes_m, sweep_m]))
+        state = optimise_job(system, target[:count], settings, status)
         view = simulate(state.best.system, state.best.drive, sweep_m, backend="torch")
-        scores = [measure_image_quality(view.at([i]), wanted[count + i : count + i + 1]) for i in range(len(sweep_m))]
+        quality = [measure_image_quality(view.at([i]), target[count + i : count + i + 1]) for i in range(len(sweep_m))]
         numbers = {
             "planes_mm": (sweep_m * 1e3).tolist(),
-            "psnr_db": [one.psnr.mean_db for one in scores],
-            "speckle_contrast": [one.mean_speckle_contrast for one in scores],
+            "psnr_db": [plane.psnr.mean_db for plane in quality],
+            "speckle_contrast": [plane.mean_speckle_contrast for plane in quality],
         }
         return JobResult(numbers, {"near": view.srgb8[0], "far": view.srgb8[-1]})
 

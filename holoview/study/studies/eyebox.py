@@ -1,13 +1,13 @@
-"""How evenly the eyebox is filled, against the number of wavelengths and frames."""
+"""Uniformity of the light in the eyebox against the number of wavelengths and frames."""
 
 from __future__ import annotations
 
 from holoview.study.claims import SHOWN
 from holoview.study.hologram_jobs import mean_number
-from holoview.study.hologram_study import HologramStudy, Results, result_table, scheme_jobs
+from holoview.study.hologram_study import HologramStudy, result_table, scheme_jobs
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale
-from holoview.study.study import Claim, Findings, StudyFigure, StudyJob
+from holoview.study.study import Claim, Findings, Results, StudyFigure, StudyJob
 
 _COUNTS, _FRAMES = (2, 4, 8, 16), (1, 3)
 
@@ -19,7 +19,6 @@ class _Eyebox(HologramStudy):
         "Uniformity of the light over the modulator's first order for optimised holograms, by the number of "
         "wavelengths and of frames: how far the pupil may move."
     )
-    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         schemes = [_scheme(count, frames) for frames in _FRAMES for count in _COUNTS]
@@ -32,11 +31,11 @@ class _Eyebox(HologramStudy):
         }
         curves = {f"{frames} frame{'s' if frames > 1 else ''}": (_COUNTS, table[frames]) for frames in _FRAMES}
         few, many = (table[frames][-1] for frames in _FRAMES)
-        here = ", ".join(f"{count} λ {value:.2f}" for count, value in zip(_COUNTS, table[1], strict=True))
+        measured = ", ".join(f"{count} λ {value:.2f}" for count, value in zip(_COUNTS, table[1], strict=True))
         return Findings(
             rows=result_table(results),
             claims=[
-                Claim("eyebox variation in one frame", "", here, SHOWN),
+                Claim("eyebox variation in one frame", "", measured, SHOWN),
                 Claim("16 λ in 3 frames rather than one", "", f"{few:.2f} → {many:.2f}", SHOWN),
             ],
             plots=[

@@ -1,4 +1,4 @@
-"""More or less colourful pictures, with 3 and with 16 lasers."""
+"""Fidelity of pictures of more or less saturated colours with 3 and with 16 lasers."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from holoview.metrics.gamut import SRGB_AREA, chromaticity, gamut_area
 from holoview.model.scheme import with_scheme
 from holoview.study.claims import CONTRADICTS, DIRECTION_ONLY, REPRODUCES, SHOWN, gain_claim, judge_gain
 from holoview.study.hologram_jobs import job_system, mean_number, paired_gains
-from holoview.study.hologram_study import HologramStudy, Results, result_pictures, result_table, scheme_jobs
+from holoview.study.hologram_study import HologramStudy, result_pictures, result_table, scheme_jobs
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale
-from holoview.study.study import Claim, Findings, StudyFigure, StudyJob
+from holoview.study.study import Claim, Findings, Results, StudyFigure, StudyJob
 
 _SATURATIONS = (0.0, 0.5, 1.0, 2.0)
 _FEW, _MANY = "simultaneous", "holochrome-16"
@@ -28,7 +28,6 @@ class _Gamut(HologramStudy):
         "The paper's gamut study: the target's chroma scaled in CIE LCHuv, shown by 3 and by 16 lasers in one frame; "
         "luminance PSNR and CIEDE2000. The less colour is asked for, the more freedom 16 lasers have left for speckle."
     )
-    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         return [
@@ -53,10 +52,9 @@ class _Gamut(HologramStudy):
         claims.append(_falling_gain_claim(results))
         for saturation in _SATURATIONS:
             change = float(paired_gains(results, *_many_and_few(saturation), "delta_e").mean())
-            here = f"{change:+.1f} (mean CIEDE2000)"
-            claims.append(
-                Claim(f"colour difference, saturation {saturation:g}", "lower", here, _verdict_if_lower(change))
-            )
+            verdict = REPRODUCES if change < 0 else CONTRADICTS
+            measured = f"{change:+.1f} (mean CIEDE2000)"
+            claims.append(Claim(f"colour difference, saturation {saturation:g}", "lower", measured, verdict))
         base = job_system(results[0][0].settings)
         areas = [_gamut_area_xy(with_scheme(base, scheme).wavelengths_m) / SRGB_AREA for scheme in (_FEW, _MANY)]
         claims.append(
@@ -85,26 +83,23 @@ def _curve(results: Results, key: str, scheme: str) -> list[float]:
 
 
 def _falling_gain_claim(results: Results) -> Claim:
-    found = {s: float(paired_gains(results, *_many_and_few(s), "luminance_psnr_db").mean()) for s in _SATURATIONS}
-    (grey, full), (paper_grey, paper_full), most = (found[s] for s in _PAPER_DB), _PAPER_DB.values(), max(_SATURATIONS)
+    """The claim that the gain of 16 lasers over 3 is smaller for the saturated picture than for the grey one."""
+    gains = {s: float(paired_gains(results, *_many_and_few(s), "luminance_psnr_db").mean()) for s in _SATURATIONS}
+    (grey, full), (paper_grey, paper_full), most = (gains[s] for s in _PAPER_DB), _PAPER_DB.values(), max(_SATURATIONS)
     verdict = judge_gain(grey - full, paper_grey - paper_full)
-    later = verdict in (DIRECTION_ONLY, CONTRADICTS) and found[most] < min(grey, full)
-    reason = f"it falls mostly beyond the colours of this scene: {found[most]:+.2f} dB at saturation {most:g}"
+    falls_beyond = verdict in (DIRECTION_ONLY, CONTRADICTS) and gains[most] < min(grey, full)
+    reason = f"it falls mostly beyond the colours of this scene: {gains[most]:+.2f} dB at saturation {most:g}"
     return Claim(
         "that gain falls with saturation",
         f"{paper_grey:+.1f} → {paper_full:+.1f} dB",
         f"{grey:+.2f} → {full:+.2f} dB",
         verdict,
-        reason if later else "",
+        reason if falls_beyond else "",
     )
 
 
 def _many_and_few(saturation: float) -> tuple[dict[str, Any], dict[str, Any]]:
     return {"scheme": _MANY, "saturation": saturation}, {"scheme": _FEW, "saturation": saturation}
-
-
-def _verdict_if_lower(change: float) -> str:
-    return REPRODUCES if change < 0 else CONTRADICTS
 
 
 def _gamut_area_xy(wavelengths_m: np.ndarray) -> float:

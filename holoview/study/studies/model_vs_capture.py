@@ -1,4 +1,4 @@
-"""How well a bench's captures are predicted before and after its errors are diagnosed."""
+"""Prediction of a bench's captures before and after its errors are diagnosed."""
 
 from __future__ import annotations
 
@@ -14,16 +14,25 @@ from holoview.diagnose.pipeline import diagnose
 from holoview.model import preset
 from holoview.report.contact_sheet import greyscale_pixels
 from holoview.study.claims import SHOWN
-from holoview.study.hologram_jobs import mean_number
-from holoview.study.hologram_study import Results
+from holoview.study.hologram_jobs import mean_number, table_row
 from holoview.study.plots import bar_chart
 from holoview.study.scale import StudyScale, format_size
-from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob, StudyPicture
+from holoview.study.study import (
+    Claim,
+    Findings,
+    JobResult,
+    Results,
+    StatusCallback,
+    Study,
+    StudyFigure,
+    StudyJob,
+    StudyPicture,
+)
 
 _WAVELENGTHS_M = (460e-9, 550e-9, 640e-9)
 _PLANES_M = (9e-3, 11e-3)
 _CAPTURES_PER_SETTING = 4
-_BENCHES: dict[str, dict[str, dict[str, float]]] = {
+BENCHES: dict[str, dict[str, dict[str, float]]] = {
     "as designed": {},
     "gap 0.1 mm long": {"gap": {"gap_error": 1e-4}},
     "modulator 2 shifted": {"slm_alignment": {"shift_x": 3e-6, "shift_y": -2e-6}},
@@ -64,39 +73,39 @@ class _ModelVsCapture(Study):
                 f"{bench}, seed {number}",
                 {"shape": list(scale.shape), "bench": bench, "effects": effects, "seed": number},
             )
-            for bench, effects in _BENCHES.items()
+            for bench, effects in BENCHES.items()
             for number in range(seed, seed + scale.seeds)
         ]
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         lasers = {"wavelengths": list(_WAVELENGTHS_M), "amplitudes": [[1.0] * len(_WAVELENGTHS_M)], "observer": "mono"}
         system = preset.load("holochrome-8").with_(shape=settings["shape"]).edit(lasers)
-        session = AcquisitionSettings(
+        acquisition = AcquisitionSettings(
             captures_per_condition=_CAPTURES_PER_SETTING, seed=settings["seed"], planes_m=_PLANES_M
         )
-        captures = make_captures(system, settings["effects"], session)
-        found = diagnose(captures, workers=1, progress=lambda done, total, what: status(what), free_maps=False)
+        captures = make_captures(system, settings["effects"], acquisition)
+        diagnosis = diagnose(captures, workers=1, progress=lambda done, total, what: status(what), free_maps=False)
         numbers = {
-            "chi2_before": found.before.chi2_per_pixel,
-            "chi2_after": found.after.chi2_per_pixel,
-            "psnr_db_before": found.before.psnr_db,
-            "psnr_db_after": found.after.psnr_db,
-            "verdict": str(found.verdict),
-            "named": " ".join(cause.sentence for cause in found.causes),
+            "chi2_before": diagnosis.before.chi2_per_pixel,
+            "chi2_after": diagnosis.after.chi2_per_pixel,
+            "psnr_db_before": diagnosis.before.psnr_db,
+            "psnr_db_after": diagnosis.after.psnr_db,
+            "verdict": str(diagnosis.verdict),
+            "named": " ".join(cause.sentence for cause in diagnosis.causes),
         }
-        return JobResult(numbers, _pictures(found))
+        return JobResult(numbers, _pictures(diagnosis))
 
     def analyse(self, results: Results) -> Findings:
         keys = {"as designed": "psnr_db_before", "as diagnosed": "psnr_db_after"}
-        heights = {name: [mean_number(results, key, bench=bench) for bench in _BENCHES] for name, key in keys.items()}
-        first = [next(pair for pair in results if pair[0].settings["bench"] == bench) for bench in _BENCHES]
+        heights = {name: [mean_number(results, key, bench=bench) for bench in BENCHES] for name, key in keys.items()}
+        first = [next(pair for pair in results if pair[0].settings["bench"] == bench) for bench in BENCHES]
         caption = "PSNR of predicted captures that were held out; noise alone allows what the faultless bench reaches"
         return Findings(
-            rows=[{k: j.settings[k] for k in ("bench", "seed")} | o.numbers for j, o in results],
+            rows=[table_row(job, result, ("bench", "seed")) for job, result in results],
             claims=[
                 Claim(f"bench: {job.settings['bench']}", "", _format_outcome(outcome), SHOWN) for job, outcome in first
             ],
-            plots=[StudyFigure("psnr", caption, bar_chart(list(_BENCHES), heights, "PSNR (dB)"))],
+            plots=[StudyFigure("psnr", caption, bar_chart(list(BENCHES), heights, "PSNR (dB)"))],
             pictures=[
                 StudyPicture(f"{name}-{number}", f"{job.settings['bench']}: {words}", outcome.pictures[name])
                 for number, (job, outcome) in enumerate(first)
@@ -107,11 +116,11 @@ class _ModelVsCapture(Study):
         )
 
 
-def _pictures(found: Diagnosis) -> dict[str, NDArray[np.uint8]]:
-    """The first sample: its light, and what is left of it before and after in units of the noise."""
-    if not found.samples:
+def _pictures(diagnosis: Diagnosis) -> dict[str, NDArray[np.uint8]]:
+    """The first held-out capture, and its residuals before and after the diagnosis in units of the noise."""
+    if not diagnosis.samples:
         return {}
-    sample = found.samples[0]
+    sample = diagnosis.samples[0]
     bright = float(np.quantile(sample.light, _WHITE_QUANTILE))
     before, after = (residual / (2 * _RANGE_SIGMAS) + 0.5 for residual in sample.residual)
     light = np.sqrt(np.clip(sample.light / max(bright, 1e-9), 0, 1))

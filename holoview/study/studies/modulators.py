@@ -1,4 +1,4 @@
-"""One modulator or two, with the eyebox left free and evened out."""
+"""One modulator or two, without and with a penalty on an unevenly lit eyebox."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Any
 
 from holoview.study.claims import gain_claim
 from holoview.study.hologram_jobs import mean_by_case
-from holoview.study.hologram_study import HologramStudy, Results, psnr_plot, result_table, scheme_jobs
+from holoview.study.hologram_study import QUICK_SIZE, HologramStudy, psnr_plot, result_table, scheme_jobs
 from holoview.study.plots import bar_panels
 from holoview.study.scale import StudyScale
-from holoview.study.study import Findings, StudyFigure, StudyJob
+from holoview.study.study import Findings, Results, StudyFigure, StudyJob
 
 _SCHEMES = ("holochrome-8", "holochrome-8+1slm", "simultaneous", "simultaneous+1slm")
 _NAMES = ("8 λ", "8 λ, one modulator", "3 λ", "3 λ, one modulator")
@@ -25,7 +25,7 @@ class _Modulators(HologramStudy):
         "The paper's gain of a second modulator, optimised freely and at matched eyebox uniformity: without the latter "
         "a PSNR compares a display that can be looked into with one that can't."
     )
-    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations; the eyebox penalty has less time to act."
+    quick_note = f"{QUICK_SIZE}; the eyebox penalty has less time to act."
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         free = scheme_jobs(self, _SCHEMES, scale, seed, options=_FREE_EYEBOX)

@@ -1,4 +1,4 @@
-"""Two frames of two lasers: one laser a frame, or both in both."""
+"""Colour multiplexing in its smallest case: two frames of two lasers, one laser a frame or both in both."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from holoview.colour import SRGB_TO_XYZ, XYZ_TO_SRGB, observer_weights
+from holoview.metrics.gamut import chromaticity
 from holoview.metrics.psnr import psnr_xyz
 from holoview.study.claims import CONTRADICTS, REPRODUCES
 from holoview.study.hologram_jobs import hologram_metrics, job_system, job_target, mean_number, optimise_job, table_row
-from holoview.study.hologram_study import Results, targets_and_seeds
+from holoview.study.hologram_study import QUICK_SIZE, targets_and_seeds
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale
-from holoview.study.study import Claim, Findings, JobResult, StatusCallback, Study, StudyFigure, StudyJob
+from holoview.study.study import Claim, Findings, JobResult, Results, StatusCallback, Study, StudyFigure, StudyJob
 from holoview.view import simulate
 
 _LASERS_M = (532e-9, 638e-9)
@@ -29,7 +30,7 @@ class _Multiplexing(Study):
         "The paper's argument for colour multiplexing, in its smallest case: a picture tinted along the line between "
         "two lasers in xyY, shown in two frames by one laser each or by both in both; PSNR of XYZ, unclipped."
     )
-    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    quick_note = f"{QUICK_SIZE}."
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         return [
@@ -51,27 +52,25 @@ class _Multiplexing(Study):
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         system = job_system(settings)
-        wanted = tinted(job_target(system, settings, system.planes_m), settings["mix"])
-        state = optimise_job(system, wanted, settings, status)
+        target = tinted(job_target(system, settings, system.planes_m), settings["mix"])
+        state = optimise_job(system, target, settings, status)
         view = simulate(state.best.system, state.best.drive, backend="torch")
-        numbers = hologram_metrics(state.best, view, wanted) | {
-            "psnr_xyz_db": psnr_xyz(view.xyz, wanted @ SRGB_TO_XYZ.T).mean_db
-        }
-        return JobResult(numbers)
+        xyz_quality = {"psnr_xyz_db": psnr_xyz(view.xyz, target @ SRGB_TO_XYZ.T).mean_db}
+        return JobResult(hologram_metrics(state.best, view, target) | xyz_quality)
 
     def analyse(self, results: Results) -> Findings:
         curves = {
             drive: [mean_number(results, "psnr_xyz_db", drive=drive, mix=mix) for mix in _MIXES] for drive in _DRIVES
         }
         gains = np.array(curves["multiplexed"]) - np.array(curves["sequential"])
-        here = f"{gains.min():+.1f} to {gains.max():+.1f} dB"
+        measured = f"{gains.min():+.1f} to {gains.max():+.1f} dB"
         return Findings(
             rows=[table_row(job, outcome, ("drive", "mix", "target", "seed")) for job, outcome in results],
             claims=[
                 Claim(
                     "multiplexed against sequential, at every mix",
                     "better",
-                    here,
+                    measured,
                     REPRODUCES if gains.min() > 0 else CONTRADICTS,
                 )
             ],
@@ -88,10 +87,12 @@ class _Multiplexing(Study):
 
 
 def tinted(stack: np.ndarray, mix: float) -> np.ndarray:
-    """The stack's luminance in one chromaticity: `mix` of the way between the lasers' in xy. Linear sRGB (…, 3)."""
-    lasers = observer_weights("eye", np.array(_LASERS_M))
-    xy = lasers[:, :2] / lasers.sum(axis=1, keepdims=True)
-    x, y = (1 - mix) * xy[0] + mix * xy[1]
+    """The luminance of a stack (…, 3) in linear sRGB with a single chromaticity, between those of the lasers in xy.
+
+    mix: 0 for the chromaticity of the shorter wavelength, 1 for that of the longer one.
+    """
+    first, second = chromaticity(observer_weights("eye", np.array(_LASERS_M)))
+    x, y = (1 - mix) * first + mix * second
     colour = np.array([x / y, 1.0, (1 - x - y) / y])
     luminance = stack @ SRGB_TO_XYZ[1]
     return np.asarray(luminance[..., None] * colour @ XYZ_TO_SRGB.T, dtype=np.float32)

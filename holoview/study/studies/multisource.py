@@ -1,10 +1,10 @@
-"""Many source directions against many wavelengths, and both."""
+"""Many source directions, many wavelengths, and both together."""
 
 from __future__ import annotations
 
 from holoview.study.claims import equal_claim, gain_claim
-from holoview.study.hologram_study import Results, SchemeStudy
-from holoview.study.study import Claim
+from holoview.study.hologram_study import SchemeStudy
+from holoview.study.study import Claim, Results
 
 _SOURCES, _COLOURS = "time-sequential+multisource-3x3", "holochrome-9x3"
 _BOTH = "holochrome-9x3+multisource-3x3"
@@ -18,7 +18,6 @@ class _Multisource(SchemeStudy):
         "Nine mutually incoherent source directions in three colours, nine wavelengths from one direction, and both "
         "together, three frames each. How fast speckle decorrelates with either is the study memory-effect."
     )
-    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
     schemes = (_SOURCES, _COLOURS, _BOTH)
     labels = ("3 x 3 sources", "9 wavelengths", "both")
     notes = (

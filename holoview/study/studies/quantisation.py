@@ -1,4 +1,4 @@
-"""Modulators with few levels, and binary ones in many frames."""
+"""PSNR of modulators with few levels, and of binary ones in many frames."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 from holoview.model import preset
 from holoview.study.claims import SHOWN
 from holoview.study.hologram_jobs import METRIC_LABELS, mean_by_case
-from holoview.study.hologram_study import HologramStudy, Results, result_table, scheme_jobs
+from holoview.study.hologram_study import HologramStudy, result_table, scheme_jobs
 from holoview.study.plots import bar_chart
 from holoview.study.scale import StudyScale
-from holoview.study.study import Claim, Findings, StudyFigure, StudyJob
+from holoview.study.study import Claim, Findings, Results, StudyFigure, StudyJob
 
 _SCHEME, _BINARY = "holochrome-8", "multiplexed-12"
 _MEASURED = "16 levels of a real modulator"
@@ -24,7 +24,6 @@ class _Quantisation(HologramStudy):
         "PSNR of what is really shown against the number of levels: equal ones, the unequal ones measured on a phase "
         "light modulator, and binary modulators that show twelve frames of three lasers instead."
     )
-    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         jobs: list[StudyJob] = []
@@ -35,8 +34,8 @@ class _Quantisation(HologramStudy):
     def analyse(self, results: Results) -> Findings:
         names = [*_cases(), "binary, 12 frames of 3 lasers"]
         cases = [{"scheme": _SCHEME, "set": change} for change in _cases().values()] + [{"scheme": _BINARY}]
-        found = mean_by_case(results, ("psnr_db", "between_db"), cases)
-        psnr = dict(zip(names, found[METRIC_LABELS["psnr_db"]], strict=True))
+        means = mean_by_case(results, ("psnr_db", "between_db"), cases)
+        psnr = dict(zip(names, means[METRIC_LABELS["psnr_db"]], strict=True))
         lost = ", ".join(f"{name} {psnr[name] - psnr['continuous']:+.2f}" for name in names if name != "continuous")
         return Findings(
             rows=result_table(results, "set"),
@@ -45,7 +44,7 @@ class _Quantisation(HologramStudy):
                 StudyFigure(
                     "levels",
                     "PSNR of linear sRGB of what the modulators can show",
-                    bar_chart(names, found, "PSNR (dB)"),
+                    bar_chart(names, means, "PSNR (dB)"),
                 )
             ],
         )

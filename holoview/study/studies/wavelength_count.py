@@ -1,10 +1,10 @@
-"""How many wavelengths: 3, 8 and 16 lasers in a single frame."""
+"""PSNR of a single frame with 3, 8 and 16 lasers."""
 
 from __future__ import annotations
 
 from holoview.study.claims import gain_claim
-from holoview.study.hologram_study import Results, SchemeStudy
-from holoview.study.study import Claim
+from holoview.study.hologram_study import SchemeStudy
+from holoview.study.study import Claim, Results
 
 
 class _WavelengthCount(SchemeStudy):
@@ -14,7 +14,6 @@ class _WavelengthCount(SchemeStudy):
         "The paper's ablation over the number of wavelengths at equal frames: more lasers average more speckle, and "
         "each adds a degree of freedom in colour."
     )
-    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
     schemes = ("simultaneous", "holochrome-8", "holochrome-16")
     labels = ("3 wavelengths", "8 wavelengths", "16 wavelengths")
 

@@ -1,4 +1,4 @@
-"""Wavelengths as unknowns, against evenly spread ones."""
+"""Optimised wavelengths in comparison with evenly spaced ones."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import Any
 
 from holoview.study.claims import CONTRADICTS, LARGER, REPRODUCES
 from holoview.study.hologram_jobs import paired_gains
-from holoview.study.hologram_study import HologramStudy, Results, psnr_plot, result_table, scheme_jobs
+from holoview.study.hologram_study import HologramStudy, psnr_plot, result_table, scheme_jobs
 from holoview.study.scale import StudyScale
-from holoview.study.study import Claim, Findings, StudyJob
+from holoview.study.study import Claim, Findings, Results, StudyJob
 
 _SCHEMES = ("holochrome-4", "holochrome-8")
 _FIXED: dict[str, Any] = {}
@@ -33,17 +33,17 @@ class _Wavelengths(HologramStudy):
         cases = [{"scheme": scheme, "options": options} for scheme in _SCHEMES for options in (_FIXED, _FREE)]
         labels = [f"{scheme}{', free' if options else ''}" for scheme in _SCHEMES for options in (_FIXED, _FREE)]
         claims = [_claim(results, scheme) for scheme in _SCHEMES]
-        found = [
+        notes = [
             f"{job.label}: {', '.join(f'{nm:.1f}' for nm in outcome.numbers['wavelengths_nm'])} nm"
             for job, outcome in results
             if job.settings["options"] == _FREE
         ]
         plot = psnr_plot(results, labels, cases)
-        return Findings(rows=result_table(results, "options"), claims=claims, plots=[plot], notes=found)
+        return Findings(rows=result_table(results, "options"), claims=claims, plots=[plot], notes=notes)
 
 
 def _claim(results: Results, scheme: str) -> Claim:
-    """A limit is claimed, not a gain: less is no contradiction, unless there is none at all."""
+    """The paper states an upper limit: any positive gain below it reproduces the claim."""
     free, fixed = ({"scheme": scheme, "options": options} for options in (_FREE, _FIXED))
     gain = float(paired_gains(results, free, fixed, "psnr_db").mean())
     verdict = CONTRADICTS if gain <= 0 else REPRODUCES if gain <= _PAPER_LIMIT_DB else LARGER
