@@ -1,12 +1,11 @@
-"""2-D FFTs of complex64 fields in a buffer, in place.
+"""2-D FFTs of complex64 fields, in place in a buffer.
 
-Forward, X[f] = Σ x[p]·exp(−2πi·f·p/n) along rows and then columns, not normalised; inverse with the other sign,
-columns and then rows, divided by nx·ny. Sizes are 2^a·3^b·5^c up to 8192 a side, by any strategy of `lines.py` that
-supports them. The relative L2 error of either, against float64, stays below 7e-7.
+Forward: X[f] = Σ x[p]·exp(−2πi·f·p/n) along rows, then along columns, not normalised. Inverse: with the other sign
+along columns, then along rows, divided by nx·ny. Sizes are 2^a·3^b·5^c up to 8192 on a side, with any strategy of
+`line_fft` that supports them. The relative L2 error of either, against float64, is below 7e-7.
 
-A spectrum stays in the order that the strategy leaves it in, which suits what a spectrum is for here: it is multiplied
-by a function of frequency and transformed back, which needs the frequency at each position (`frequency_x`,
-`frequency_y`) and no sorting.
+A spectrum stays in the order in which the strategy leaves it. Multiplying it by a function of frequency and
+transforming it back needs the frequency at each position (`frequency_x`, `frequency_y`), but no sorting.
 """
 
 from __future__ import annotations
@@ -36,20 +35,13 @@ RowRange = tuple[int, int]
 _COMPLEX_BYTES = 8
 
 
-def batch_ranges(device: Device, fields: int, field_bytes: int) -> list[range]:
-    """The numbers of `fields` fields in parts, each as large as one buffer of the device can be; one at least."""
-    limit = min(device.limits[name] for name in ("max-storage-buffer-binding-size", "max-buffer-size"))
-    most = max(limit // field_bytes, 1)
-    return [range(first, min(first + most, fields)) for first in range(0, fields, most)]
-
-
 class FftPlan:
-    """Transforms of `batch` fields of shape (ny, nx) that lie in one buffer, shape (batch, ny, stride).
+    """Transforms of `batch` fields of `shape` (ny, nx) in one buffer of shape (batch, ny, stride).
 
-    `stride` is complex numbers from row to row, nx + 8 by default; `buffer_bytes` is the size of the buffer.
-    `frequency_y` (ny,) and `frequency_x` (nx,) hold the signed frequency index at each position of a spectrum.
-    Shaders are compiled when a direction is first recorded. Raises UserError for a size that can't be
-    transformed, at all or by the strategy.
+    `stride` is complex numbers from one row to the next, nx + 8 by default; `buffer_bytes` is the size of the buffer.
+    `frequency_y` (ny,) and `frequency_x` (nx,) are the signed frequency indices at the positions of a spectrum.
+    Shaders are compiled when a direction is first recorded. Raises UserError for a size that can't be transformed, at
+    all or by the strategy.
     """
 
     def __init__(
@@ -75,19 +67,19 @@ class FftPlan:
     def forward(self, recorder: CommandRecorder, buffer: Buffer, rows: RowRange | None = None) -> None:
         """Record the forward transform of `buffer`, in place.
 
-        With rows = (first, count), all other rows have to be zero, and the passes along x leave them alone.
+        With rows = (first, count), all other rows have to be zero, and only these are transformed along x.
         """
         self._record(recorder, buffer, "forward", rows)
 
     def inverse(self, recorder: CommandRecorder, buffer: Buffer, rows: RowRange | None = None) -> None:
         """Record the inverse transform of `buffer`, in place.
 
-        With rows = (first, count), only these rows are worth reading afterwards: the passes along x skip the others.
+        With rows = (first, count), only these rows are transformed along x; the others are undefined afterwards.
         """
         self._record(recorder, buffer, "inverse", rows)
 
     def pack(self, fields: NDArray[np.complexfloating]) -> Complex:
-        """Fields of shape (batch, ny, nx), or (ny, nx), as the buffer holds them: (batch, ny, stride)."""
+        """Fields of shape (batch, ny, nx), or (ny, nx), in the layout of the buffer, (batch, ny, stride)."""
         ny, nx = self.shape
         packed = np.zeros((self.batch, ny, self.stride), np.complex64)
         packed[:, :, :nx] = fields
@@ -99,7 +91,7 @@ class FftPlan:
         return self._device.download(buffer, np.complex64, (self.batch, ny, self.stride))[:, :, :nx]
 
     def natural_order(self, spectrum: NDArray[np.complexfloating]) -> NDArray[np.complexfloating]:
-        """A downloaded spectrum, shape (…, ny, nx), sorted as `numpy.fft.fft2` does."""
+        """A downloaded spectrum, shape (…, ny, nx), in the order of `numpy.fft.fft2`."""
         ny, nx = self.shape
         rows, columns = np.argsort(self.frequency_y % ny), np.argsort(self.frequency_x % nx)
         return spectrum[..., rows[:, None], columns]
@@ -107,37 +99,37 @@ class FftPlan:
     @property
     def shaders(self) -> list[TransformShader]:
         """The shaders of both directions."""
-        return [stage for transform in (*self._forward, *self._inverse) for stage in transform.shaders]
+        return [shader for transform in (*self._forward, *self._inverse) for shader in transform.shaders]
 
     def _record(self, recorder: CommandRecorder, buffer: Buffer, direction: Direction, rows: RowRange | None) -> None:
         ny = self.shape[0]
-        chosen = (0, ny) if rows is None else rows
-        if chosen[0] < 0 or chosen[1] < 1 or sum(chosen) > ny:
+        row_range = (0, ny) if rows is None else rows
+        if row_range[0] < 0 or row_range[1] < 1 or sum(row_range) > ny:
             raise ValueError(f"rows {rows}: expected (first, count) within {ny} rows")
         if buffer.nbytes < self.buffer_bytes:
             raise ValueError(f"{buffer.label}: {buffer.nbytes} bytes, expected at least {self.buffer_bytes}")
         bound = self._bound.setdefault(buffer, {})
-        if (direction, chosen) not in bound:
-            bound[direction, chosen] = self._bind(buffer, direction, chosen)
-        for step in bound[direction, chosen]:
-            recorder.add(step)
+        if (direction, row_range) not in bound:
+            bound[direction, row_range] = self._bind(buffer, direction, row_range)
+        for dispatch in bound[direction, row_range]:
+            recorder.add(dispatch)
 
     def _bind(self, buffer: Buffer, direction: Direction, rows: RowRange) -> list[Dispatch]:
-        bound = []
+        dispatches = []
         for transform in self._forward if direction == "forward" else self._inverse:
             first, count = rows if transform.axis == "x" else (0, self.shape[1])
-            bound += transform.bind([buffer], count, self.batch, first=first)
-        return bound
+            dispatches += transform.bind([buffer], count, self.batch, first=first)
+        return dispatches
 
     @cached_property
     def _forward(self) -> list[LineFft]:
-        return [self._along("x", "forward"), self._along("y", "forward")]
+        return [self._line_fft("x", "forward"), self._line_fft("y", "forward")]
 
     @cached_property
     def _inverse(self) -> list[LineFft]:
-        return [self._along("y", "inverse"), self._along("x", "inverse", 1 / (self.shape[0] * self.shape[1]))]
+        return [self._line_fft("y", "inverse"), self._line_fft("x", "inverse", 1 / (self.shape[0] * self.shape[1]))]
 
-    def _along(self, axis: Axis, direction: Direction, scale: float = 1.0) -> LineFft:
+    def _line_fft(self, axis: Axis, direction: Direction, scale: float = 1.0) -> LineFft:
         constants = (("row_stride", self.stride), ("field_stride", self.stride * self.shape[0]), ("scale", scale))
         hooks = Hooks("FFT", (storage_shader(self._device), "fft/buffer.wgsl"), constants, has_work_hooks=True)
         return LineFft(self._device, axis, self.shape, (direction,), hooks, self.strategy)

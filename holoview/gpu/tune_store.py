@@ -1,7 +1,7 @@
-"""What timing the strategies of a transform told, remembered on disk.
+"""Caches the measured times of the FFT strategies in a JSON file.
 
-One JSON file in the user's cache folder holds an entry for each adapter, driver, version of wgpu and size. It saves
-time and nothing else: what can't be read, or isn't as expected, counts as not there, and failing to write is no error.
+The file in the user's cache folder holds an entry for each adapter, driver, version of wgpu and size. It is only a
+cache: entries that can't be read or are invalid are ignored, and so is a failure to write.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from holoview.util.errors import UserError
 from holoview.util.files import atomic_write
 
 FORMAT = 1
-"""To be raised when the shaders become faster or slower, or the file's layout changes."""
+"""Version of the entries; to be increased when shaders become faster or slower, or the layout of the file changes."""
 _FILE = "fft-strategies.json"
 
 
 @dataclass(frozen=True)
 class TuningResult:
-    """Seconds that a forward and an inverse FFT take by each strategy, and seconds that compiling them took.
+    """Seconds of a forward plus an inverse FFT with each strategy, and seconds to compile both.
 
-    A strategy that wasn't compiled within the budget, failed, or gave wrong results, is in `refused` with the reason.
+    `refused` holds the reason for each strategy that wasn't compiled in time, failed, or gave wrong results.
     """
 
     seconds: Mapping[Strategy, float]
@@ -40,37 +40,37 @@ class TuningResult:
     @property
     def best(self) -> Strategy:
         """The fastest strategy that isn't refused."""
-        offered = {s: t for s, t in self.seconds.items() if s not in self.refused}
-        return min(offered, key=lambda s: offered[s]) if offered else "passes"
+        accepted = {s: t for s, t in self.seconds.items() if s not in self.refused}
+        return min(accepted, key=lambda s: accepted[s]) if accepted else "passes"
 
     def without(self, strategy: Strategy, reason: str) -> TuningResult:
-        """The same with a strategy refused."""
+        """The same result with one more strategy refused."""
         return TuningResult(self.seconds, self.compile_seconds, {**self.refused, strategy: reason})
 
     def with_answer(self, answer: Mapping[str, Any]) -> TuningResult:
-        """The same with what an answer of the helper says of its strategy."""
+        """The same result with an answer of the helper added."""
         strategy = answer["strategy"]
         if "refused" in answer:
             return self.without(strategy, answer["refused"])
-        parts = [{**old, strategy: answer[name]} if name in answer else old for name, old in self._times()]
-        return TuningResult(parts[0], parts[1], self.refused)
-
-    def _times(self) -> list[tuple[str, Mapping[Strategy, float]]]:
-        return [("seconds", self.seconds), ("compile_seconds", self.compile_seconds)]
+        seconds, compile_seconds = (
+            {**times, strategy: answer[name]} if name in answer else times
+            for name, times in (("seconds", self.seconds), ("compile_seconds", self.compile_seconds))
+        )
+        return TuningResult(seconds, compile_seconds, self.refused)
 
 
 class TuningStore:
-    """Tunings in a file below `folder`, by default that of the user's caches."""
+    """Tuning results in a file in `folder`, by default `cache_dir()`."""
 
     def __init__(self, folder: Path | None = None) -> None:
         self.path = (cache_dir() if folder is None else folder) / _FILE
 
     def load(self, info: AdapterInfo, shape: tuple[int, int]) -> TuningResult | None:
-        """What is known about an adapter and a shape (ny, nx)."""
-        return _tuning(self._entries().get(_key(info, shape)))
+        """The result for an adapter and a shape (ny, nx), or None."""
+        return _parse_entry(self._entries().get(_key(info, shape)))
 
     def save(self, info: AdapterInfo, shape: tuple[int, int], tuning: TuningResult) -> None:
-        """Keep a tuning for the next time, where that is possible."""
+        """Store a result if possible."""
         entry = {
             "seconds": dict(tuning.seconds),
             "compile_seconds": dict(tuning.compile_seconds),
@@ -79,21 +79,21 @@ class TuningStore:
         entries = {**self._entries(), _key(info, shape): entry}
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with atomic_write(self.path) as beside:
-                beside.write_text(json.dumps(entries, indent=1, sort_keys=True), encoding="utf-8")
+            with atomic_write(self.path) as temporary:
+                temporary.write_text(json.dumps(entries, indent=1, sort_keys=True), encoding="utf-8")
         except (OSError, UserError):
-            return  # a folder that can't be written to, or a full disk: it is measured again next time
+            return  # the folder isn't writable or the disk is full: the next run measures again
 
     def _entries(self) -> dict[str, Any]:
         try:
-            found = json.loads(self.path.read_text(encoding="utf-8"))
+            entries = json.loads(self.path.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError):
             return {}
-        return found if isinstance(found, dict) else {}
+        return entries if isinstance(entries, dict) else {}
 
 
 def cache_dir() -> Path:
-    """The folder for what can be made again, of this user and this program; it may not exist yet."""
+    """The folder of the user for caches of this program; it may not exist yet."""
     if sys.platform == "win32":
         base = os.environ.get("LOCALAPPDATA", "")
     elif sys.platform == "darwin":
@@ -104,12 +104,12 @@ def cache_dir() -> Path:
 
 
 def _key(info: AdapterInfo, shape: tuple[int, int]) -> str:
-    """All that the choice depends on."""
+    """Key of an entry: everything that the times depend on."""
     return json.dumps([FORMAT, info.name, info.backend, info.driver, version("wgpu"), *shape])
 
 
-def _tuning(entry: object) -> TuningResult | None:
-    """A tuning from JSON, if it is one."""
+def _parse_entry(entry: object) -> TuningResult | None:
+    """A result from the JSON of an entry; None if it is invalid."""
     if not isinstance(entry, dict):
         return None
     seconds, compiled, refused = (entry.get(name) for name in ("seconds", "compile_seconds", "refused"))

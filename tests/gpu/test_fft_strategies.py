@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from holoview.gpu.device import INT64, SUBGROUP, Device
-from holoview.gpu.fft import FftPlan, batch_ranges
+from holoview.gpu.fft import FftPlan
 from holoview.gpu.line_fft import STRATEGIES, Strategy, storage_shader, supported_strategies
 from holoview.gpu.line_fft_workgroup import MAX_INVOCATIONS, fit_tile
 from holoview.gpu.recorder import CommandRecorder
@@ -142,11 +142,8 @@ def test_a_workgroup_holds_as_many_lines_as_fit(axis: str, n: int, memory: int, 
 
 
 @pytest.mark.gpu
-def test_batches_fit_a_buffer(device: Device) -> None:
+def test_a_batch_beyond_the_largest_buffer_is_refused(device: Device) -> None:
     limit = device.limits["max-storage-buffer-binding-size"]
-    parts = batch_ranges(device, 7, limit // 3)
-    assert [len(part) for part in parts] == [3, 3, 1]
-    assert [number for part in parts for number in part] == list(range(7))
-    assert batch_ranges(device, 2, 2 * limit) == [range(1), range(1, 2)]
+    plan = FftPlan(device, (1024, 1024), batch=limit // (8 * 1024 * 1024) + 1)
     with pytest.raises(UserError, match="at most"):
-        device.buffer(2 * limit, "a field that is too large")
+        device.buffer(plan.buffer_bytes, "a batch that is too large")

@@ -1,4 +1,4 @@
-"""The choice of a strategy: it starts at once, becomes faster in the background, and is never stopped by its memory."""
+"""The tuner starts with "passes" at once, finds the fastest strategy in the background, and survives any cache file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.gpu import tune, tune_process, tune_worker
+from holoview.gpu import tune, tune_worker
 from holoview.gpu.adapter import AdapterInfo
 from holoview.gpu.device import Device
 from holoview.gpu.fft import FftPlan
@@ -22,6 +22,7 @@ from holoview.gpu.line_fft import Strategy, TransformShader, supported_strategie
 from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.shader import ShaderError
 from holoview.gpu.tune import FftTuner, TuningResult, TuningStore, remembered_strategy
+from holoview.gpu.tune_process import TuningProcess
 from holoview.gpu.tune_store import cache_dir
 from holoview.util.errors import UserError
 
@@ -64,7 +65,7 @@ def script(monkeypatch: pytest.MonkeyPatch) -> type[_Script]:
 
 
 @pytest.fixture
-def memory(tmp_path: Path) -> TuningStore:
+def store(tmp_path: Path) -> TuningStore:
     return TuningStore(tmp_path / "cache")
 
 
@@ -80,28 +81,28 @@ def _timed(**seconds: float) -> list[dict[str, Any]]:
     return [*compiled, *({"strategy": name, "seconds": value} for name, value in seconds.items())]
 
 
-# --- memory ---------------------------------------------------------------------------------------------------------
+# --- store ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_tuning_is_remembered_by_adapter_driver_and_size(memory: TuningStore) -> None:
-    memory.save(INFO, SHAPE, KNOWN)
-    memory.save(INFO, (32, 32), KNOWN.without("subgroup", "wrong"))
-    assert memory.load(INFO, SHAPE) == KNOWN
+def test_a_tuning_is_remembered_by_adapter_driver_and_size(store: TuningStore) -> None:
+    store.save(INFO, SHAPE, KNOWN)
+    store.save(INFO, (32, 32), KNOWN.without("subgroup", "wrong"))
+    assert store.load(INFO, SHAPE) == KNOWN
     assert KNOWN.best == "subgroup"
-    other = memory.load(INFO, (32, 32))
+    other = store.load(INFO, (32, 32))
     assert other is not None and other.best == "workgroup" and other.refused == {"subgroup": "wrong"}
-    assert memory.load(replace(INFO, driver="driver 2"), SHAPE) is None
-    assert memory.load(replace(INFO, name="another"), SHAPE) is None
-    assert memory.load(INFO, (64, 32)) is None
+    assert store.load(replace(INFO, driver="driver 2"), SHAPE) is None
+    assert store.load(replace(INFO, name="another"), SHAPE) is None
+    assert store.load(INFO, (64, 32)) is None
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", "\udcff", "[" * 100_000, "nan"])
-def test_a_file_that_makes_no_sense_counts_as_not_there(memory: TuningStore, text: str) -> None:
-    memory.path.parent.mkdir(parents=True)
-    memory.path.write_bytes(text.encode("utf-8", "surrogateescape"))
-    assert memory.load(INFO, SHAPE) is None
-    memory.save(INFO, SHAPE, KNOWN)
-    assert memory.load(INFO, SHAPE) == KNOWN
+def test_a_file_that_makes_no_sense_counts_as_not_there(store: TuningStore, text: str) -> None:
+    store.path.parent.mkdir(parents=True)
+    store.path.write_bytes(text.encode("utf-8", "surrogateescape"))
+    assert store.load(INFO, SHAPE) is None
+    store.save(INFO, SHAPE, KNOWN)
+    assert store.load(INFO, SHAPE) == KNOWN
 
 
 @pytest.mark.parametrize(
@@ -118,36 +119,36 @@ def test_a_file_that_makes_no_sense_counts_as_not_there(memory: TuningStore, tex
         {"seconds": {}, "compile_seconds": {}, "refused": ["subgroup"]},
     ],
 )
-def test_an_entry_that_is_not_as_expected_counts_as_not_there(memory: TuningStore, entry: object) -> None:
-    memory.save(INFO, SHAPE, KNOWN)
-    (key,) = json.loads(memory.path.read_text())
-    memory.path.write_text(json.dumps({key: entry}))
-    assert memory.load(INFO, SHAPE) is None
+def test_an_entry_that_is_not_as_expected_counts_as_not_there(store: TuningStore, entry: object) -> None:
+    store.save(INFO, SHAPE, KNOWN)
+    (key,) = json.loads(store.path.read_text())
+    store.path.write_text(json.dumps({key: entry}))
+    assert store.load(INFO, SHAPE) is None
 
 
 def test_a_folder_that_can_not_be_made_is_no_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    memory = TuningStore(tmp_path / "file" / "cache")
-    memory.save(INFO, SHAPE, KNOWN)
-    assert memory.load(INFO, SHAPE) is None
+    store = TuningStore(tmp_path / "file" / "cache")
+    store.save(INFO, SHAPE, KNOWN)
+    assert store.load(INFO, SHAPE) is None
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 @pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="elsewhere no variable decides")
-def test_the_memory_is_among_the_caches_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_store_is_among_the_caches_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert cache_dir() == tmp_path / "holoview"
     monkeypatch.setenv("XDG_CACHE_HOME", "not/absolute")
     assert cache_dir() == Path.home() / ".cache" / "holoview"
 
 
-# --- choice ---------------------------------------------------------------------------------------------------------
+# --- tuner ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.gpu
 @pytest.mark.usefixtures("offers_all")
 def test_it_starts_on_passes_and_switches_once_all_is_compiled(
-    device: Device, memory: TuningStore, script: type[_Script]
+    device: Device, store: TuningStore, script: type[_Script]
 ) -> None:
     asked: list[Strategy] = []
 
@@ -155,17 +156,17 @@ def test_it_starts_on_passes_and_switches_once_all_is_compiled(
         asked.append(strategy)
         return FftPlan(device, SHAPE).shaders
 
-    choice = FftTuner(device, SHAPE, shaders, store=memory)
-    assert choice.current == "passes" and not choice.is_settled and not choice.poll()
+    tuner = FftTuner(device, SHAPE, shaders, store=store)
+    assert tuner.current == "passes" and not tuner.is_settled and not tuner.poll()
     script.answers += _timed(passes=3.0, workgroup=1.0, subgroup=2.0)
-    assert not choice.poll()
+    assert not tuner.poll()
     assert asked == ["workgroup"]
     assert [request["do"] for request in script.asked] == ["time", "compile"]
     assert len(script.asked[1]["shaders"]) == len(FftPlan(device, SHAPE).shaders)
     script.answers.append({"compile_seconds": 5.0})
-    assert choice.current == "passes"
-    assert choice.wait() == "workgroup" and choice.is_settled and not choice.poll()
-    found = memory.load(device.info, SHAPE)
+    assert tuner.current == "passes"
+    assert tuner.wait() == "workgroup" and tuner.is_settled and not tuner.poll()
+    found = store.load(device.info, SHAPE)
     assert found is not None and found.seconds == {"passes": 3.0, "workgroup": 1.0, "subgroup": 2.0}
     assert (script.started, script.closed) == (1, 1)  # type: ignore[attr-defined]
 
@@ -173,56 +174,56 @@ def test_it_starts_on_passes_and_switches_once_all_is_compiled(
 @pytest.mark.gpu
 @pytest.mark.usefixtures("offers_all")
 def test_what_is_remembered_is_not_timed_again_unless_asked(
-    device: Device, memory: TuningStore, script: type[_Script]
+    device: Device, store: TuningStore, script: type[_Script]
 ) -> None:
-    memory.save(device.info, SHAPE, KNOWN)
-    with FftTuner(device, SHAPE, store=memory) as choice:
+    store.save(device.info, SHAPE, KNOWN)
+    with FftTuner(device, SHAPE, store=store) as tuner:
         assert [request["do"] for request in script.asked] == ["compile"]
-        assert choice.current == "passes"
-    with FftTuner(device, SHAPE, store=memory, remeasure=True):
+        assert tuner.current == "passes"
+    with FftTuner(device, SHAPE, store=store, remeasure=True):
         assert script.asked[-1]["do"] == "time"
-    memory.save(device.info, SHAPE, TuningResult({"passes": 1.0, "workgroup": 2.0, "subgroup": 2.0}, {}, {}))
-    assert FftTuner(device, SHAPE, store=memory).is_settled
+    store.save(device.info, SHAPE, TuningResult({"passes": 1.0, "workgroup": 2.0, "subgroup": 2.0}, {}, {}))
+    assert FftTuner(device, SHAPE, store=store).is_settled
 
 
 @pytest.mark.gpu
 @pytest.mark.usefixtures("offers_all")
 def test_a_gpu_that_compiles_at_once_starts_on_the_fastest(
-    device: Device, memory: TuningStore, script: type[_Script]
+    device: Device, store: TuningStore, script: type[_Script]
 ) -> None:
     gpu = Device(device.raw, replace(device.info, kind="DiscreteGPU"), device.limits)
-    memory.save(gpu.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 0.1}))
-    choice = FftTuner(gpu, SHAPE, store=memory)
-    assert choice.current == "subgroup" and choice.is_settled
+    store.save(gpu.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 0.1}))
+    tuner = FftTuner(gpu, SHAPE, store=store)
+    assert tuner.current == "subgroup" and tuner.is_settled
     assert script.started == 0  # type: ignore[attr-defined]
 
 
 @pytest.mark.gpu
 @pytest.mark.usefixtures("offers_all")
-def test_without_waiting_only_what_compiles_at_once_is_taken(device: Device, memory: TuningStore) -> None:
+def test_without_waiting_only_what_compiles_at_once_is_taken(device: Device, store: TuningStore) -> None:
     gpu = Device(device.raw, replace(device.info, kind="DiscreteGPU"), device.limits)
-    assert remembered_strategy(gpu, SHAPE, memory) == "passes"
-    memory.save(gpu.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 9.0}))
-    assert remembered_strategy(gpu, SHAPE, memory) == "passes"
-    memory.save(gpu.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 0.1}))
-    assert remembered_strategy(gpu, SHAPE, memory) == "subgroup"
+    assert remembered_strategy(gpu, SHAPE, store) == "passes"
+    store.save(gpu.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 9.0}))
+    assert remembered_strategy(gpu, SHAPE, store) == "passes"
+    store.save(gpu.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 0.1}))
+    assert remembered_strategy(gpu, SHAPE, store) == "subgroup"
     processor = Device(device.raw, replace(device.info, kind="CPU"), device.limits)
-    memory.save(processor.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 0.1}))
-    assert remembered_strategy(processor, SHAPE, memory) == "passes"
-    memory.save(gpu.info, SHAPE, replace(KNOWN.without("subgroup", "wrong"), compile_seconds={"workgroup": 0.1}))
-    assert remembered_strategy(gpu, SHAPE, memory) == "workgroup"
+    store.save(processor.info, SHAPE, replace(KNOWN, compile_seconds={"subgroup": 0.1}))
+    assert remembered_strategy(processor, SHAPE, store) == "passes"
+    store.save(gpu.info, SHAPE, replace(KNOWN.without("subgroup", "wrong"), compile_seconds={"workgroup": 0.1}))
+    assert remembered_strategy(gpu, SHAPE, store) == "workgroup"
 
 
 @pytest.mark.gpu
 @pytest.mark.usefixtures("offers_all")
 def test_a_strategy_that_is_late_is_refused_now_and_later(
-    device: Device, memory: TuningStore, script: type[_Script]
+    device: Device, store: TuningStore, script: type[_Script]
 ) -> None:
     script.answers += _timed(passes=3.0, workgroup=2.0)[:2]
-    choice = FftTuner(device, SHAPE, store=memory, budget_s=0.0)
-    assert choice.wait() == "passes"
-    assert choice.tuning.refused == {"subgroup": "too slow to compile"}
-    FftTuner(device, SHAPE, store=memory).close()
+    tuner = FftTuner(device, SHAPE, store=store, budget_s=0.0)
+    assert tuner.wait() == "passes"
+    assert tuner.tuning.refused == {"subgroup": "too slow to compile"}
+    FftTuner(device, SHAPE, store=store).close()
     assert script.asked[-1]["strategies"] == ["passes", "workgroup"]
 
 
@@ -230,61 +231,59 @@ def test_a_strategy_that_is_late_is_refused_now_and_later(
 @pytest.mark.usefixtures("offers_all")
 @pytest.mark.parametrize(("was_late", "reason"), [(False, "the driver failed"), (True, "too slow to compile")])
 def test_shaders_that_end_the_helper_are_refused(
-    device: Device, memory: TuningStore, script: type[_Script], was_late: bool, reason: str
+    device: Device, store: TuningStore, script: type[_Script], was_late: bool, reason: str
 ) -> None:
-    memory.save(device.info, SHAPE, KNOWN)
+    store.save(device.info, SHAPE, KNOWN)
     script.ends, script.hit_time_limit = True, was_late
-    assert FftTuner(device, SHAPE, store=memory).wait() == "passes"
-    found = memory.load(device.info, SHAPE)
+    assert FftTuner(device, SHAPE, store=store).wait() == "passes"
+    found = store.load(device.info, SHAPE)
     assert found is not None and found.refused == {"subgroup": reason} and found.best == "workgroup"
 
 
 @pytest.mark.gpu
 @pytest.mark.usefixtures("offers_all")
 def test_a_helper_that_does_not_even_start_is_tried_again(
-    device: Device, memory: TuningStore, script: type[_Script]
+    device: Device, store: TuningStore, script: type[_Script]
 ) -> None:
     script.ends = True
-    assert FftTuner(device, SHAPE, store=memory).wait() == "passes"
-    assert memory.load(device.info, SHAPE) is None
+    assert FftTuner(device, SHAPE, store=store).wait() == "passes"
+    assert store.load(device.info, SHAPE) is None
 
 
 @pytest.mark.gpu
 @pytest.mark.usefixtures("offers_all")
 def test_pipelines_that_fail_here_leave_what_works(
-    device: Device, memory: TuningStore, script: type[_Script], monkeypatch: pytest.MonkeyPatch
+    device: Device, store: TuningStore, script: type[_Script], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(self: Device, source: object, constants: object) -> None:
         raise ShaderError("no", "file", 1)
 
-    memory.save(device.info, SHAPE, KNOWN)
+    store.save(device.info, SHAPE, KNOWN)
     monkeypatch.setattr(Device, "pipeline", fails)
     script.answers.append({"compile_seconds": 5.0})
-    choice = FftTuner(device, SHAPE, lambda strategy: FftPlan(device, SHAPE).shaders, store=memory)
-    assert choice.wait() == "passes"
-    assert choice.tuning.refused == {"subgroup": "the driver failed"}
+    tuner = FftTuner(device, SHAPE, lambda strategy: FftPlan(device, SHAPE).shaders, store=store)
+    assert tuner.wait() == "passes"
+    assert tuner.tuning.refused == {"subgroup": "the driver failed"}
 
 
 @pytest.mark.gpu
-def test_nothing_is_started_where_there_is_no_choice(
-    device: Device, memory: TuningStore, script: type[_Script]
-) -> None:
+def test_nothing_is_started_where_there_is_no_choice(device: Device, store: TuningStore, script: type[_Script]) -> None:
     lengths = (8192, 3125)
     if supported_strategies(device, lengths) == ("passes",):
-        choice = FftTuner(device, lengths, store=memory)
-        assert choice.is_settled and choice.current == "passes"
+        tuner = FftTuner(device, lengths, store=store)
+        assert tuner.is_settled and tuner.current == "passes"
         assert script.started == 0  # type: ignore[attr-defined]
     with pytest.raises(UserError, match="next good size"):
-        FftTuner(device, (7, 64), store=memory)
+        FftTuner(device, (7, 64), store=store)
 
 
 @pytest.mark.gpu
-def test_a_helper_times_and_compiles_what_then_runs_here(device: Device, memory: TuningStore) -> None:
+def test_a_helper_times_and_compiles_what_then_runs_here(device: Device, store: TuningStore) -> None:
     """The whole way, with a process: whatever it chooses is ready, and its timing is that of all on offer."""
     plans = {strategy: FftPlan(device, SHAPE, strategy=strategy) for strategy in supported_strategies(device, SHAPE)}
-    with FftTuner(device, SHAPE, lambda strategy: plans[strategy].shaders, store=memory) as choice:
-        chosen = choice.wait()
-    known = memory.load(device.info, SHAPE)
+    with FftTuner(device, SHAPE, lambda strategy: plans[strategy].shaders, store=store) as tuner:
+        chosen = tuner.wait()
+    known = store.load(device.info, SHAPE)
     assert known is not None and not known.refused
     assert set(known.seconds) == set(known.compile_seconds) == set(plans)
     assert chosen == known.best
@@ -294,15 +293,26 @@ def test_a_helper_times_and_compiles_what_then_runs_here(device: Device, memory:
 
 
 @pytest.mark.gpu
-def test_a_helper_that_is_not_needed_any_more_ends(device: Device, memory: TuningStore) -> None:
-    choice = FftTuner(device, SHAPE, store=memory)
-    if choice.is_settled:
-        pytest.skip("an adapter without a choice")
-    assert choice._helper is not None
-    process = choice._helper._process
-    assert process.poll() is None
-    choice.close()
-    assert process.poll() is not None and choice.is_settled
+def test_a_helper_that_is_not_needed_any_more_ends(
+    device: Device, store: TuningStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    helpers: list[TuningProcess] = []
+
+    class Recorded(TuningProcess):
+        def __init__(self, adapter: str, budget_s: float) -> None:
+            super().__init__(adapter, budget_s)
+            helpers.append(self)
+
+    monkeypatch.setattr(tune, "TuningProcess", Recorded)
+    tuner = FftTuner(device, SHAPE, store=store)
+    if tuner.is_settled:
+        pytest.skip("an adapter without a tuner")
+    (helper,) = helpers
+    assert not helper.has_ended
+    tuner.close()
+    while helper.next_answer() is not None:
+        pass
+    assert helper.has_ended and tuner.is_settled
 
 
 @pytest.mark.gpu
@@ -317,7 +327,7 @@ def test_a_strategy_that_a_driver_makes_wrong_is_refused(
             return sorted_spectrum
 
     monkeypatch.setattr(tune_worker, "FftPlan", Wrong)
-    tune_worker._time_strategies(device, ("passes", "workgroup"), (1, 64))
+    tune_worker.time_strategies(device, ("passes", "workgroup"), (1, 64))
     answers = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     tuning = TuningResult({}, {}, {})
     for answer in answers:
@@ -327,10 +337,9 @@ def test_a_strategy_that_a_driver_makes_wrong_is_refused(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the system limits no processor time")
-def test_the_system_ends_a_helper_whose_time_is_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    program = "from holoview.gpu.tune_worker import _limit_cpu_time\n_limit_cpu_time(1)\nwhile True: pass"
-    monkeypatch.setattr(tune_process, "_COMMAND", ("-c", program))
-    helper = tune_process.TuningProcess("any", budget_s=1.0)
+def test_the_system_ends_a_helper_whose_time_is_up() -> None:
+    program = "from holoview.gpu.tune_worker import limit_cpu_time\nlimit_cpu_time(1)\nwhile True: pass"
+    helper = TuningProcess("any", budget_s=1.0, arguments=("-c", program))
     while not helper.has_ended:
         time.sleep(0.02)
     assert helper.hit_time_limit and helper.next_answer() is None
