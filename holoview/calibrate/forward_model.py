@@ -69,7 +69,7 @@ class CalibrationModel:
 
     def set_maps(self, tensors: Mapping[str, Tensor]) -> None:
         """Sets the tensors to predict with; must be called again after a tensor was changed in place."""
-        self._map_cache.made = {}
+        self._map_cache.of_tensors = {}
         self._effect.current_maps = LearnedMaps(self.layout, tensors, self._map_cache)
         self._version += 1
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.effects.learned_maps import MapLayout, Pair
+from holoview.effects.learned_maps import MapLayout, RowsColumns
 
 _SOURCE_PIXELS_PER_NODE = 8
 _MAX_ANCHORS = 4
@@ -52,7 +52,7 @@ def _anchors(wavelengths: NDArray[np.float64]) -> tuple[float, ...]:
     return tuple(float(λ) for λ in np.linspace(wavelengths[0], wavelengths[-1], count))
 
 
-def _source_node_counts(captures: Captures, pixels_per_node: int) -> Pair:
+def _source_node_counts(captures: Captures, pixels_per_node: int) -> RowsColumns:
     rows, columns = (max(3, math.ceil(n / pixels_per_node) + 1) for n in captures.levels.shape[2:])
     return rows, columns
 

@@ -1,11 +1,48 @@
-"""Effects: what real benches do and the plain model doesn't. One physical cause a file, named as its id.
+"""Imperfections of real displays, which the plain model doesn't have: one physical cause in each file, named as its id.
 
-Each states its cause, its parameters, and the hooks of what it changes (`holoview.model.effects.effect`). The registry
-(`holoview.model.effects.registry`) finds every file of this package by itself.
+Each effect states its cause and its parameters, and overrides the hooks of what it changes; the framework is
+`holoview.model.effects`, whose registry finds every file of this package by itself.
 
-starting_grids    points from which a search starts, shared by several effects
-aberration_base   what the aberrations of both relays have in common; iris_base: likewise the irises
-learned_maps      maps that a calibration learned; calibration_file: their file; calibrated: the effect that uses them
+distances and source
+gap               the gap between the modulators
+distance          the distance of the focal planes
+tilt              the angle of the illumination
+source_profile    the brightness of the illumination over the first modulator
+source_extent     the angular size of the source
+bandwidth         the width of the spectral lines
+wavelength_offset the wavelengths of the lasers
+laser_power       the power that a laser emits for the one that was set
+
+modulators
+stroke            the optical path of full drive
+lut               the optical path of each level
+dispersion        the optical path at each wavelength
+crosstalk         fringing fields between pixels
+undiffracted      light that isn't modulated
+flicker           ripple of the phase within an exposure
+slm_flatness      static wavefront of a modulator
+slm_alignment     position of the second modulator; alignment_base: its base class
+
+relays
+iris1, iris2      size and position of the irises; iris_base: their base class
+dc_block          a stop at the zero order of relay 2
+aberration1, aberration2  wavefronts of the relays; aberration_base: their base class
+
+camera
+camera_black      the black level
+camera_gamma      the response to light
+camera_blur       a blur of the picture
+camera_alignment  position of the picture
+vignetting        fall-off towards the edges
+ghost             a weak shifted copy
+
+learned by a calibration
+calibrated        the effect that applies learned maps
+learned_maps      the maps and what they do to light
+calibration_file  the file that holds them
+
+starting_grids    starting points that several effects share
+effect, parameter, places: old places of modules of `holoview.model.effects`
 """
 
 from typing import Any
@@ -20,7 +57,7 @@ _old = moved(__name__, "holoview.model.effects.effect", {"Facts": "DataPropertie
 
 
 def __getattr__(name: str) -> Any:
-    """`Facts`, as `DataProperties` was called before version 0.2."""
+    """`Facts`, the name of `DataProperties` before version 0.2."""
     if name != "Facts":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return _old(name)

@@ -1,4 +1,4 @@
-"""Relay 1 isn't free of aberrations."""
+"""Relay 1 has aberrations."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from holoview.model.effects.effect import Needs
 
 
 class Aberration1(Aberration):
-    """Zernike terms in the Fourier plane of relay 1. Its defocus alone is the same as a wrong gap."""
+    """Zernike terms in the Fourier plane of relay 1. Its defocus alone is equivalent to a wrong gap."""
 
     id = "aberration1"
     cause = "The optics between the modulators have aberrations."

@@ -1,4 +1,4 @@
-"""Relay 2 isn't free of aberrations."""
+"""Relay 2 has aberrations."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from holoview.model.effects.effect import Needs
 
 
 class Aberration2(Aberration):
-    """Zernike terms in the Fourier plane of relay 2. Its defocus alone is the same as a wrong distance."""
+    """Zernike terms in the Fourier plane of relay 2. Its defocus alone is equivalent to a wrong distance."""
 
     id = "aberration2"
     cause = "The optics behind the last modulator have aberrations."

@@ -1,4 +1,4 @@
-"""What the aberrations of both relays have in common."""
+"""Base class of the aberrations of both relays: Zernike terms that may depend on the wavelength."""
 
 from __future__ import annotations
 
@@ -9,13 +9,16 @@ from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 from holoview.util.units import format_rounded
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
 
     from holoview.model.effects.hook_contexts import RelayContext
 
-_TERMS = range(4, 12)  # Noll: defocus, astigmatism, coma, trefoil, spherical; piston and tilts are shifts
-_REFERENCE_M, _PER_M = 550e-9, 100e-9
+_TERMS = range(
+    4, 12
+)  # Noll: defocus, astigmatism, coma, trefoil, spherical; piston changes no intensity, and tilts shift the picture
+_REFERENCE_M = 550e-9  # wavelength at which the slopes don't count
+_SLOPE_UNIT_M = 100e-9  # change of wavelength for which slopes are given
 
 
 def _term(noll: int) -> Parameter:
@@ -29,12 +32,12 @@ def _slope(noll: int) -> Parameter:
 
 
 class Aberration(Effect):
-    """pupil → pupil · exp(2πi·opd/λ), opd = Σ_j (c_j + slope_j·(λ − 550 nm)/100 nm)·Z_j over the nominal iris."""
+    """pupil → pupil·exp(2πi·opd/λ) with opd = Σ_j (c_j + slope_j·(λ − 550 nm)/100 nm)·Z_j over the nominal iris."""
 
     parameters = (*map(_term, _TERMS), *map(_slope, _TERMS))
 
     def pupil(self, pupil: Tensor, context: RelayContext, v: Values) -> Tensor:
-        x = (context.wavelength_m - _REFERENCE_M) / _PER_M
+        x = (context.wavelength_m - _REFERENCE_M) / _SLOPE_UNIT_M
         terms = {noll: v[f"z{noll}"] + v[f"z{noll}_slope"] * x for noll in _TERMS}
         return context.delayed(pupil, context.zernike({noll: value for noll, value in terms.items() if value}))
 

@@ -1,4 +1,4 @@
-"""Lasers aren't monochromatic: each wavelength is a line of some width, and its parts add in intensity."""
+"""The lasers aren't monochromatic: each emits a spectral line of some width, whose parts add in intensity."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 
-_POINTS = ((2.5e-9, 5), (5e-9, 7), (np.inf, 11))  # by the line's width
+_QUADRATURE_POINTS = ((2.5e-9, 5), (5e-9, 7), (np.inf, 11))  # (standard deviation up to which, number of points)
 
 
 class Bandwidth(Effect):
-    """Each wavelength → a line of standard deviation `sigma`: a Gaussian, by Gauss–Hermite quadrature.
+    """Each wavelength becomes a line of standard deviation `sigma`.
 
-    top takes a share of it to a rectangle of the same variance, by Gauss–Legendre quadrature.
+    The line is (1 − top) times a Gaussian plus `top` times a rectangle of the same variance, sampled by Gauss–Hermite
+    and Gauss–Legendre quadrature.
     """
 
     id = "bandwidth"
@@ -41,7 +42,9 @@ class Bandwidth(Effect):
     def bench(self, system: System, v: Values) -> System:
         if v["sigma"] == 0:
             return system
-        nodes, weights = line_quadrature(next(count for widest, count in _POINTS if v["sigma"] <= widest), v["top"])
+        nodes, weights = line_quadrature(
+            next(count for widest, count in _QUADRATURE_POINTS if v["sigma"] <= widest), v["top"]
+        )
         lines = (system.wavelengths_m[:, None] + v["sigma"] * nodes).ravel()
         amplitudes = (system.amplitudes[:, :, None] * weights).reshape(system.frames, -1)
         source = system.source
@@ -51,10 +54,13 @@ class Bandwidth(Effect):
 
 
 def line_quadrature(points: int, top: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Nodes in standard deviations and weights, which add up to 1, of a line that is a share `top` of a rectangle."""
+    """Nodes, in standard deviations, and weights, which sum to 1, of a line of which `top` is a rectangle."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(points)
     weights = weights / weights.sum()
     if top == 0:
         return nodes, weights
-    within, shares = np.polynomial.legendre.leggauss(points)
-    return np.concatenate([nodes, 3**0.5 * within]), np.concatenate([(1 - top) * weights, top / 2 * shares])
+    legendre_nodes, legendre_weights = np.polynomial.legendre.leggauss(points)
+    return (
+        np.concatenate([nodes, 3**0.5 * legendre_nodes]),
+        np.concatenate([(1 - top) * weights, top / 2 * legendre_weights]),
+    )

@@ -1,4 +1,4 @@
-"""The bench as `holoview calibrate` learned it from captures: maps in a file instead of numbers."""
+"""The effect that applies the maps of a file that `holoview calibrate` learned from captures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from holoview.model.effects.parameter import FileParameter, Values
 from holoview.model.system import System
 from holoview.util.errors import UserError
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
 
     from holoview.effects.learned_maps import LearnedMaps
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 
 
 class Calibrated(Effect):
-    """Tables, source, warp and pupils of a calibration, as `holoview.effects.learned_maps` describes them."""
+    """Response tables, fringing, source, warp and pupils of a calibration (`holoview.effects.learned_maps`)."""
 
     id = "calibrated"
     cause = "The bench differs from its description in ways that a calibration has learned."
     finding = "The bench is as {file} describes it."
     parameters = (FileParameter("file", "The maps that a calibration wrote."),)
     acts_on = ("source", "modulator 1", "relay 1", "modulator 2", "relay 2")
-    order = 5  # maps were learned on top of what has a name
+    order = 5  # the maps were learned with all other effects applied
     listed: ClassVar[bool] = False
 
     def maps(self, v: Values) -> LearnedMaps:
-        """The maps; UserError where the file is missing or isn't one."""
+        """The maps in the file. Raises UserError when it is missing or isn't a calibration."""
         file = str(v["file"])
         if not Path(file).is_file():
             expected = "the maps of a calibration, beside the preset that names them"
@@ -64,7 +64,7 @@ class Calibrated(Effect):
 
 @lru_cache(maxsize=4)
 def _read_cached(file: str, changed_ns: int) -> LearnedMaps:
-    """The maps of a file; read again when it changed."""
-    from holoview.effects.calibration_file import read_calibration  # here: needs torch
+    """The maps of a file; its time of change is an argument so that a changed file is read again."""
+    from holoview.effects.calibration_file import read_calibration  # here: torch takes seconds to import
 
     return read_calibration(file).maps

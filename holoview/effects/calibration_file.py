@@ -1,6 +1,6 @@
-"""The safetensors file of a calibration: the tensors of `learned_maps` in SI units, and what they were learned from.
+"""The safetensors file of a calibration: the tensors of `learned_maps` in SI units, with their layout and a summary.
 
-metadata: format, version, layout (JSON), summary (JSON: what it was learned from, and how well it predicts).
+metadata: format, version, layout (JSON), summary (JSON: from what it was learned, and how well it predicts captures).
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ _FORMAT = TensorFormat(
 
 @dataclass(frozen=True)
 class CalibrationFile:
-    """Maps and their summary."""
+    """Learned maps and the summary of their calibration."""
 
     maps: LearnedMaps
     summary: dict[str, Any]
 
 
 def write_calibration(path: str | os.PathLike[str], learned: LearnedMaps, summary: Mapping[str, Any]) -> None:
-    """Writes the file, whole or not at all."""
+    """Writes the file atomically. Raises UserError when it can't be written."""
     tensors = {name: tensor.detach().float().numpy() for name, tensor in learned.tensors.items()}
     _FORMAT.write(path, tensors, {"layout": learned.layout.to_json(), "summary": json.dumps(summary)})
 
 
 def read_calibration(path: str | os.PathLike[str]) -> CalibrationFile:
-    """Reads the file. Raises UserError when it is missing, damaged, of another kind, or its shapes don't fit."""
+    """Reads the file. Raises UserError when it is missing, damaged, of another format, or holds wrong shapes or NaN."""
     arrays, texts = _FORMAT.read(path)
     layout = MapLayout.from_json(texts["layout"], f"{path}: layout")
     for name, shape in layout.shapes().items():

@@ -1,4 +1,4 @@
-"""The camera's black level isn't its nominal value."""
+"""The camera's black level differs from its nominal value."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from holoview.model.effects.parameter import Parameter, Values
 
 
 class CameraBlack(Effect):
-    """counts → counts + black, from stray light or a wrong offset."""
+    """counts → counts + black."""
 
     id = "camera_black"
     cause = "The camera adds a constant: a wrong black level, or stray light."

@@ -1,4 +1,4 @@
-"""The camera's picture is blurred in intensity: its optics, or light that spreads between pixels."""
+"""The camera's picture is blurred in intensity, by its optics or by light that spreads between pixels."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
 
     from holoview.model.effects.hook_contexts import CameraContext

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
 
     from holoview.model.effects.hook_contexts import CameraContext
 
 
 class CameraGamma(Effect):
-    """signal → signal^(1 + exponent), before the black level; the radiometric scale takes the rest."""
+    """signal → signal^(1 + exponent), before the black level. A constant factor is part of the fitted gain."""
 
     id = "camera_gamma"
     cause = "The camera's response isn't linear in light."

@@ -1,4 +1,4 @@
-"""A pixel's field leaks into its neighbours: the optical path is blurred (fringing)."""
+"""Fringing fields: the electric field of a pixel reaches its neighbours, which blurs the optical path."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
 
     from holoview.model.effects.hook_contexts import ModulatorContext

@@ -1,4 +1,4 @@
-"""Something stops the zero order in the last relay's Fourier plane."""
+"""A stop blocks the zero order of relay 2."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from holoview.model.system import System
 
 
 class DcBlock(Effect):
-    """A round stop at the zero order of relay 2 whose radius is the direction sine `radius`."""
+    """A round stop at the zero order in the Fourier plane of relay 2; `radius` is the direction sine at its edge."""
 
     id = "dc_block"
     cause = "A stop at the zero order (or dust there) takes low frequencies away."
@@ -34,6 +34,6 @@ class DcBlock(Effect):
         radius = max(v["radius"], relay.dc_block_na or 0.0)
         if relay.iris_na is not None:
             radius = min(radius, 0.99 * relay.iris_na)
-        if radius < 1e-5:  # less than a description can hold
+        if radius < 1e-5:  # the least that a System accepts
             return system
         return dataclasses.replace(system, relay2=dataclasses.replace(relay, dc_block_na=radius))

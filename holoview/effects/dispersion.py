@@ -1,4 +1,4 @@
-"""The optical path that a level adds depends on the wavelength."""
+"""Dispersion: the optical path that a level adds depends on the wavelength."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ from holoview.model.effects.effect import Effect, Needs
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
 
     from holoview.model.effects.hook_contexts import ModulatorContext
 
-_REFERENCE_M, _PER_M = 550e-9, 100e-9
+_REFERENCE_M = 550e-9  # wavelength at which slope and curvature don't count
+_SLOPE_UNIT_M = 100e-9  # change of wavelength for which they are given
 
 
 class Dispersion(Effect):
     """opd(λ) = opd · (1 + offset + slope·x + curvature·x²), x = (550 nm − λ)/100 nm.
 
-    Liquid crystals delay short waves more: slope > 0 (Li et al., J. Disp. Technol. 1, 51 (2005), Cauchy's law).
+    The birefringence of liquid crystals is larger at short wavelengths, so that slope > 0 (Cauchy's formula; Li et al.,
+    J. Disp. Technol. 1, 51 (2005)).
     """
 
     id = "dispersion"
@@ -39,8 +41,8 @@ class Dispersion(Effect):
         return path_m * self.path_factor(context.wavelength_m, v)
 
     def path_factor(self, wavelength_m: float, v: Values) -> float:
-        """By what the nominal path is multiplied."""
-        x = (_REFERENCE_M - wavelength_m) / _PER_M
+        """The factor of the nominal optical path."""
+        x = (_REFERENCE_M - wavelength_m) / _SLOPE_UNIT_M
         return 1 + v["offset"] + v["slope"] * x + v["curvature"] * x * x
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:

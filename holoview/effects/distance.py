@@ -1,4 +1,4 @@
-"""The planes aren't at their nominal distance from the last modulator."""
+"""The focal planes aren't at their nominal distances from the last modulator."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from holoview.util.units import format_rounded
 
 
 class Distance(Effect):
-    """plane → plane + distance_error. Defocus of relay 2 is the same; on a Fourier bench, a curved modulator is."""
+    """plane → plane + distance_error. Equivalent to defocus of relay 2, on a Fourier bench to a curved modulator."""
 
     id = "distance"
     cause = "The camera's plane is nearer or further than its nominal distance (or relay 2 is defocused)."

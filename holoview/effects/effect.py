@@ -1,4 +1,4 @@
-"""The old place of `holoview.model.effects.effect`, for effect files: import from `holoview.effects` instead."""
+"""Deprecated place of `holoview.model.effects.effect`: effect files import from `holoview.effects` now."""
 
 from holoview.model.effects.old_names import moved
 

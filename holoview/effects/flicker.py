@@ -1,4 +1,4 @@
-"""The modulators' phase isn't steady during an exposure: digital drive makes it ripple."""
+"""The modulators' phase ripples during an exposure, as digital drive makes it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The distance between the modulators isn't what it is taken for."""
+"""The distance between the modulators differs from its nominal value."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from holoview.util.units import format_rounded
 
 
 class Gap(Effect):
-    """gap → gap + gap_error. Defocus of relay 1 is the same thing."""
+    """gap → gap + gap_error. Equivalent to defocus of relay 1."""
 
     id = "gap"
     cause = "The gap between the modulators is longer or shorter than its nominal value (or relay 1 is defocused)."

@@ -1,4 +1,4 @@
-"""A reflection puts a weak, shifted copy over the picture."""
+"""A reflection adds a weak, shifted copy of the picture."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
 
     from holoview.model.effects.hook_contexts import CameraContext
@@ -18,7 +18,7 @@ _DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, -1), (-1, 0), (-1, -1), (-1,
 
 
 class Ghost(Effect):
-    """signal → signal + strength · signal moved by (shift_y, shift_x) camera pixels."""
+    """signal(y, x) → signal(y, x) + strength·signal(y − shift_y, x − shift_x), in camera pixels."""
 
     id = "ghost"
     cause = "A reflection adds a weak, shifted copy of the picture."
@@ -32,7 +32,7 @@ class Ghost(Effect):
     order = 1
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
-        """Copies in eight directions; peaks of the residual's correlation with the picture are better starts."""
+        """Copies in eight directions; a diagnosis adds the peaks of the residual's correlation with the picture."""
         return [{"strength": 0.1, "shift_y": 8.0 * y, "shift_x": 8.0 * x} for y, x in _DIRECTIONS]
 
     def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:

@@ -1,4 +1,4 @@
-"""The iris of relay 1 isn't as large as it is taken to be, or isn't centred."""
+"""The iris of relay 1 has another size than its nominal one, or isn't centred."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the irises of both relays have in common."""
+"""Base class of the irises of both relays: a wrong radius and a decentred aperture."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 from holoview.util.units import format_rounded
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
 
     from holoview.model.effects.hook_contexts import RelayContext
@@ -33,7 +33,7 @@ PARAMETERS = (
 
 
 class Iris(Effect):
-    """Aperture na → na·(1 + radius_error), its centre at the direction sines na·(decentre_y, decentre_x)."""
+    """Aperture na → na·(1 + radius_error), with its centre at the direction sines na·(decentre_y, decentre_x)."""
 
     relay: ClassVar[str]
     parameters = PARAMETERS
@@ -42,11 +42,11 @@ class Iris(Effect):
         return [*super().starting_points(system), *square_grid("decentre_y", "decentre_x", 0.4, 0.2)]
 
     def bench(self, system: System, v: Values) -> System:
-        """The iris itself, or where it is off the centre the centred one around it."""
+        """The iris itself if it is centred, else the smallest centred one that contains it; `pupil` does the rest."""
         relay = getattr(system, self.relay)
-        away = (v["decentre_y"] ** 2 + v["decentre_x"] ** 2) ** 0.5
-        wide = min(relay.iris_na * (1 + v["radius_error"] + away), 1.0)
-        return dataclasses.replace(system, **{self.relay: dataclasses.replace(relay, iris_na=wide)})
+        decentre = (v["decentre_y"] ** 2 + v["decentre_x"] ** 2) ** 0.5
+        iris_na = min(relay.iris_na * (1 + v["radius_error"] + decentre), 1.0)
+        return dataclasses.replace(system, **{self.relay: dataclasses.replace(relay, iris_na=iris_na)})
 
     def pupil(self, pupil: Tensor, context: RelayContext, v: Values) -> Tensor:
         centre_y, centre_x = (context.iris_na * v[name] for name in ("decentre_y", "decentre_x"))
@@ -57,7 +57,11 @@ class Iris(Effect):
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:
         na = getattr(system, self.relay).iris_na
-        away = (v["decentre_y"], v["decentre_x"])
-        y, x = (format_rounded(na * shift, "mrad", 3) for shift in away)
+        decentre = (v["decentre_y"], v["decentre_x"])
+        y, x = (format_rounded(na * shift, "mrad", 3) for shift in decentre)
         beside = f", off its centre by {y} (y) and {x} (x)"
-        return {"actual": f"{na * (1 + v['radius_error']):.4g}", "nominal": f"{na:.4g}", "beside": beside * any(away)}
+        return {
+            "actual": f"{na * (1 + v['radius_error']):.4g}",
+            "nominal": f"{na:.4g}",
+            "beside": beside * any(decentre),
+        }

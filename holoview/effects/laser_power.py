@@ -9,7 +9,7 @@ from holoview.model.effects.parameter import Parameter, Values
 
 
 class LaserPower(Effect):
-    """emitted = power^(1 + exponent), power relative to the one that is nominal."""
+    """emitted = power^(1 + exponent), both relative to the nominal power."""
 
     id = "laser_power"
     cause = "The lasers' light doesn't rise in proportion to the power that was set."

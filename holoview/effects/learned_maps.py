@@ -1,17 +1,17 @@
-"""Maps of a bench that were learned from captures, and what they make of light; all differentiable.
+"""Maps of a display that a calibration learned from captures, and what they do to light; all differentiable.
 
-The hyperspectral model of HoloChrome, and the fringing of its modulators, for a wavelength λ and a reference λ₀:
+The hyperspectral model of HoloChrome, with the fringing of its modulators, at a wavelength λ with a reference λ₀:
 
-    modulator m    share of the stroke = linear between the knots of a table that rises; an optical path, so that its
-                   phase at λ is that at λ₀ times λ₀/λ
-    fringing       a modulator's optical path is blurred by a Gaussian of some variance: pixels leak into neighbours
-    source         exp(a(λ) + 2πi·p(λ)/λ): maps on nodes, at anchor wavelengths, linear in λ between them
-    warp           modulator 2 is seen at r − d(r), d the thin-plate spline through displacements of nodes
+    modulator m    fraction of the stroke: a rising table, linear between its knots. It is an optical path, so that the
+                   phase at λ is that at λ₀ times λ₀/λ.
+    fringing       the optical path of a modulator is blurred by a Gaussian, as fields reach neighbouring pixels
+    source         exp(a(λ) + 2πi·p(λ)/λ): maps on nodes at anchor wavelengths, linear in λ between them
+    warp           modulator 2 is seen at r − d(r), where d is the thin-plate spline through displacements at nodes
                    (Duchon 1977; Bookstein, IEEE PAMI 11, 567 (1989))
-    relay          exp(b(s) + 2πi·opd/λ), opd = Σ_jp c_jp·Z_j(s)·((λ − λ₀)/100 nm)^p over direction sines s = λu: what
-                   is fixed in the glass shrinks in frequency as λ₀/λ
+    relay          exp(b(s) + 2πi·opd/λ), opd = Σ_jp c_jp·Z_j(s)·((λ − λ₀)/100 nm)^p over direction sines s = λu.
+                   What is fixed in the optics shrinks in frequency as λ₀/λ.
 
-Every tensor is zero where the bench is nominal.
+All tensors are zero for the nominal display.
 """
 
 from __future__ import annotations
@@ -27,17 +27,18 @@ import torch
 from torch.nn.functional import interpolate
 
 from holoview.model.effects.hook_contexts import ModulatorContext, RelayContext
+from holoview.numerics.knots import knot_interval
 from holoview.numerics.resample import centred_indices, interpolate_at
+from holoview.numerics.thin_plate_spline import thin_plate_spline_matrix
 from holoview.numerics.zernike import zernike
 from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
-Pair = tuple[int, int]
+RowsColumns = tuple[int, int]
 
-_SLOPE_M = 100e-9
-_LATTICE = 96  # nodes a side on which a thin-plate spline is evaluated; it is smooth between them
-
-_LEAST_VARIANCE = 1e-6  # pixels²: a blur of a thousandth of a pixel changes nothing
+_WAVELENGTH_UNIT_M = 100e-9  # of the polynomials in the wavelength
+_LATTICE = 96  # points along a side at which a thin-plate spline is evaluated; between them it is interpolated
+_LEAST_VARIANCE = 1e-6  # pixels²; a blur of a thousandth of a pixel changes nothing
 
 TENSORS = (
     "lut_steps",
@@ -54,29 +55,35 @@ TENSORS = (
 
 @dataclass(frozen=True)
 class MapLayout:
-    """Which maps there are, and how fine. An empty tuple or (0, 0): no such map.
+    """Which maps there are, and their sizes. An empty tuple or (0, 0) means that there is no such map.
 
-    modulators: how many; knots: of each table; anchors_m: rising wavelengths of the source's maps; source_nodes,
-    warp_nodes, pupil_nodes: rows and columns of nodes; noll1, noll2: Zernike terms of each relay; degree: of their
-    polynomial in the wavelength; sine1, sine2: radius of each relay's aperture; fringing: whether that is learned.
+    modulators: number of modulators.
+    reference_m: the wavelength λ₀.
+    anchors_m: wavelengths of the source's maps, rising.
+    knots: of each response table.
+    source_nodes, warp_nodes, pupil_nodes: (rows, columns) of nodes.
+    noll1, noll2: Noll indices of the Zernike terms of each relay.
+    degree: of their polynomial in the wavelength.
+    sine1, sine2: direction sine at the edge of each relay's aperture.
+    fringing: whether fringing is learned.
     """
 
     modulators: int
     reference_m: float
     anchors_m: tuple[float, ...]
     knots: int = 16
-    source_nodes: Pair = (12, 16)
-    warp_nodes: Pair = (0, 0)
+    source_nodes: RowsColumns = (12, 16)
+    warp_nodes: RowsColumns = (0, 0)
     noll1: tuple[int, ...] = ()
     noll2: tuple[int, ...] = ()
     degree: int = 1
-    pupil_nodes: Pair = (0, 0)
+    pupil_nodes: RowsColumns = (0, 0)
     sine1: float = 1.0
     sine2: float = 1.0
     fringing: bool = True
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shape of every tensor; a size of zero where there is no such map."""
+        """The shape of every tensor; a size is 0 where there is no such map."""
         powers, anchors = self.degree + 1, len(self.anchors_m)
         has_relay1 = self.modulators == 2
         return {
@@ -92,12 +99,12 @@ class MapLayout:
         }
 
     def to_json(self) -> str:
-        """As JSON."""
+        """The layout as JSON."""
         return json.dumps(dataclasses.asdict(self))
 
     @staticmethod
     def from_json(text: str, where: str) -> MapLayout:
-        """From JSON. Raises UserError when it isn't a layout."""
+        """The layout of a JSON text. Raises UserError, with the place `where`, when it isn't one."""
         try:
             values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(text).items()}
             return MapLayout(**values)
@@ -106,196 +113,175 @@ class MapLayout:
 
 
 class MapCache:
-    """Results between calls: `fixed` ones of a layout, and `made` ones that hold until the tensors change."""
+    """Intermediate results that are reused between calls.
+
+    of_layout: depend on the layout only.
+    of_tensors: valid until the tensors change.
+    """
 
     def __init__(self) -> None:
-        self.fixed: dict[Hashable, Tensor] = {}
-        self.made: dict[Hashable, Tensor] = {}
+        self.of_layout: dict[Hashable, Tensor] = {}
+        self.of_tensors: dict[Hashable, Tensor] = {}
 
 
 class LearnedMaps:
-    """Tensors of a layout, by name. kept: where to keep results; None computes everything anew."""
+    """The tensors of a layout by their names, and what they do to light.
 
-    def __init__(self, layout: MapLayout, tensors: Mapping[str, Tensor], kept: MapCache | None = None) -> None:
+    cache: where intermediate results are kept; None computes everything anew.
+    """
+
+    def __init__(self, layout: MapLayout, tensors: Mapping[str, Tensor], cache: MapCache | None = None) -> None:
         self.layout, self.tensors = layout, dict(tensors)
-        self._fixed = None if kept is None else kept.fixed
-        self._made = None if kept is None else kept.made
+        self._of_layout = None if cache is None else cache.of_layout
+        self._of_tensors = None if cache is None else cache.of_tensors
 
     @staticmethod
     def nominal(layout: MapLayout, dtype: torch.dtype = torch.float32) -> LearnedMaps:
-        """A bench that is as it should be."""
+        """The maps of the nominal display: zeros."""
         return LearnedMaps(layout, {name: torch.zeros(shape, dtype=dtype) for name, shape in layout.shapes().items()})
 
     def has(self, name: str) -> bool:
-        """Whether there is such a map."""
+        """Whether there is a map of this name."""
         return self.tensors[name].numel() > 0
 
     # --- modulators -------------------------------------------------------------------------------------------------
 
     def response_table(self, modulator: int) -> Tensor:
-        """Share of the nominal stroke at each knot (knots,), from 0; rises whatever the tensor holds."""
+        """The fraction of the nominal stroke at each knot, (knots,), from 0; it rises for every value of the tensor."""
         steps = self.tensors["lut_steps"][modulator].exp() / (self.layout.knots - 1)
         return torch.cat([steps.new_zeros(1), steps.cumsum(dim=0)])
 
     def stroke_response(self, share: Tensor, modulator: int) -> Tensor:
-        """Share of the nominal stroke that pixels show for the share that was sent."""
+        """The fraction of the nominal stroke that pixels show for the fraction `share` that was sent."""
         table = self.response_table(modulator).to(share.dtype)
-        place = (share * (self.layout.knots - 1)).clamp(0, self.layout.knots - 1)
-        left = place.floor().clamp_max(self.layout.knots - 2)
-        index, rest = left.long(), place - left
-        return table[index] * (1 - rest) + table[index + 1] * rest
+        index, fraction = knot_interval(share, self.layout.knots - 1)
+        return table[index] * (1 - fraction) + table[index + 1] * fraction
 
-    def with_fringing(self, path_m: Tensor, at: ModulatorContext) -> Tensor:
-        """A modulator's optical path as its pixels' neighbours leave it.
+    def with_fringing(self, path_m: Tensor, context: ModulatorContext) -> Tensor:
+        """The optical path of a modulator, blurred by fringing.
 
-        Below zero, where the variance stops, gradients still pass: else a step too far could never be taken back.
+        The variance is clamped from below, but its gradient passes: otherwise a step to a negative variance could never
+        be undone.
         """
-        variance = self.tensors["fringing_px2"][at.number]
-        stopped = variance + (variance.clamp_min(_LEAST_VARIANCE) - variance).detach()
-        return at.blurred(path_m, stopped.to(path_m.dtype).sqrt())
+        variance = self.tensors["fringing_px2"][context.number]
+        clamped = variance + (variance.clamp_min(_LEAST_VARIANCE) - variance).detach()
+        return context.blurred(path_m, clamped.to(path_m.dtype).sqrt())
 
-    def source_field(self, at: ModulatorContext) -> Tensor:
-        """Complex amplitude of the light on the first modulator's pixels (rows, columns)."""
+    def source_field(self, context: ModulatorContext) -> Tensor:
+        """The complex amplitude of the light on the pixels of the first modulator, (rows, columns)."""
 
         def make() -> Tensor:
-            amplitude, path = (self.source_map(name, at) for name in ("source_log_amplitude", "source_opd_m"))
-            return torch.polar(amplitude.exp(), path * (2 * math.pi / at.wavelength_m))
+            amplitude, path = (self.source_map(name, context) for name in ("source_log_amplitude", "source_opd_m"))
+            return torch.polar(amplitude.exp(), path * (2 * math.pi / context.wavelength_m))
 
-        return _cached(self._made, ("source", at.wavelength_m, at.shape), make)
+        return _cached(self._of_tensors, ("source", context.wavelength_m, context.shape), make)
 
-    def source_map(self, name: str, at: ModulatorContext) -> Tensor:
-        """A map of the source on the first modulator's pixels (rows, columns), in the tensor's unit."""
-        return _on_grid(self.interpolate_wavelength(name, at.wavelength_m), at.shape)
+    def source_map(self, name: str, context: ModulatorContext) -> Tensor:
+        """A map of the source at the pixels of the first modulator, (rows, columns), in the tensor's unit."""
+        return _bicubic(self.interpolate_wavelength(name, context.wavelength_m), context.shape)
 
     def interpolate_wavelength(self, name: str, wavelength_m: float) -> Tensor:
-        """A map of the source at a wavelength: linear between anchors, constant beyond them."""
+        """A map of the source at a wavelength, on its nodes: linear between anchors, constant beyond them."""
         maps, anchors = self.tensors[name], self.layout.anchors_m
         right = next((i for i, anchor in enumerate(anchors) if anchor >= wavelength_m), len(anchors) - 1)
         left = max(right - 1, 0)
         if anchors[right] <= wavelength_m or left == right:
             return maps[right]
-        share = (wavelength_m - anchors[left]) / (anchors[right] - anchors[left])
-        return (1 - share) * maps[left] + share * maps[right]
+        fraction = (wavelength_m - anchors[left]) / (anchors[right] - anchors[left])
+        return (1 - fraction) * maps[left] + fraction * maps[right]
 
-    def displacement(self, shape: Pair) -> Tensor:
-        """How far (y, x in m) what modulator 2 shows at each place of a grid over it was moved, (2, rows, columns)."""
+    def displacement(self, shape: RowsColumns) -> Tensor:
+        """The displacement (y, x), in m, of modulator 2 on a grid of `shape` over it, (2, rows, columns)."""
 
         def make() -> Tensor:
             nodes = self.tensors["warp_m"]
             lattice = (min(shape[0], _LATTICE), min(shape[1], _LATTICE))
             spline = _cached(
-                self._fixed, ("spline", shape), lambda: self._spline(lattice, shape[1] / shape[0]).to(nodes)
+                self._of_layout, ("spline", shape), lambda: self._spline(lattice, shape[1] / shape[0]).to(nodes)
             )
-            moved = (nodes.flatten(1) @ spline.T).reshape(2, *lattice)
-            return interpolate(moved[None], size=shape, mode="bilinear", align_corners=False)[0]
+            displacement = (nodes.flatten(1) @ spline.T).reshape(2, *lattice)
+            return interpolate(displacement[None], size=shape, mode="bilinear", align_corners=False)[0]
 
-        return _cached(self._made, ("displacement", shape), make)
+        return _cached(self._of_tensors, ("displacement", shape), make)
 
-    def _spline(self, lattice: Pair, aspect: float) -> Tensor:
-        return _thin_plate(self.layout.warp_nodes, lattice, aspect)
+    def _spline(self, lattice: RowsColumns, aspect: float) -> Tensor:
+        return thin_plate_spline_matrix(self.layout.warp_nodes, lattice, aspect)
 
-    def warped_transmission(self, light: Tensor, at: ModulatorContext) -> Tensor:
-        """Modulator 2's transmission, of samples, as it arrives."""
-        light = at.sampled(light)
-        rows, columns = light.shape
-        step = at.pitch_m * at.shape[0] / rows
-        moved = self.displacement((rows, columns)) / step
-        y = centred_indices(rows, moved.dtype, moved.device)[:, None] - moved[0]
-        x = centred_indices(columns, moved.dtype, moved.device)[None, :] - moved[1]
-        return interpolate_at(light, y.to(light.real.dtype), x.to(light.real.dtype))
+    def warped_transmission(self, transmission: Tensor, context: ModulatorContext) -> Tensor:
+        """The transmission of modulator 2, of samples, with the warp."""
+        transmission = context.sampled(transmission)
+        rows, columns = transmission.shape
+        step = context.pitch_m * context.shape[0] / rows
+        displacement = self.displacement((rows, columns)) / step
+        y = centred_indices(rows, displacement.dtype, displacement.device)[:, None] - displacement[0]
+        x = centred_indices(columns, displacement.dtype, displacement.device)[None, :] - displacement[1]
+        real = transmission.real.dtype
+        return interpolate_at(transmission, y.to(real), x.to(real))
 
     # --- relays -----------------------------------------------------------------------------------------------------
 
-    def relay_opd(self, at: RelayContext) -> Tensor:
-        """Optical path (m) of a relay at its frequencies (rows, columns)."""
-        coefficients = self.tensors[f"zernike{at.relay + 1}_m"]
-        x = (at.wavelength_m - self.layout.reference_m) / _SLOPE_M
+    def relay_opd(self, context: RelayContext) -> Tensor:
+        """The optical path (m) of a relay at the frequencies of the context, (rows, columns)."""
+        coefficients = self.tensors[f"zernike{context.relay + 1}_m"]
+        x = (context.wavelength_m - self.layout.reference_m) / _WAVELENGTH_UNIT_M
         powers = torch.tensor([x**p for p in range(self.layout.degree + 1)], dtype=coefficients.dtype)
-        terms = self._zernikes(at)
+        terms = self._zernikes(context)
         return torch.tensordot((coefficients @ powers).to(terms.dtype), terms, dims=1)
 
-    def relay_amplitude(self, at: RelayContext) -> Tensor:
-        """Amplitude that a relay transmits at its frequencies (rows, columns)."""
-        nodes, sine = self.tensors[f"pupil{at.relay + 1}_log_amplitude"], self._sine(at)
+    def relay_amplitude(self, context: RelayContext) -> Tensor:
+        """The amplitude transmission of a relay at the frequencies of the context, (rows, columns)."""
+        nodes, sine = self.tensors[f"pupil{context.relay + 1}_log_amplitude"], self._sine(context)
         scale = [(n - 1) / 2 / sine for n in nodes.shape]
-        shape = (len(at.sine_y), at.sine_x.shape[1])
-        y, x = (s.to(nodes.dtype).expand(shape) for s in (at.sine_y * scale[0], at.sine_x * scale[1]))
+        shape = (len(context.sine_y), context.sine_x.shape[1])
+        y, x = (s.to(nodes.dtype).expand(shape) for s in (context.sine_y * scale[0], context.sine_x * scale[1]))
         return interpolate_at(nodes, y, x).exp()
 
-    def pupil(self, pupil: Tensor, at: RelayContext) -> Tensor:
-        """A relay's complex pupil, with what was learned about it."""
+    def pupil(self, pupil: Tensor, context: RelayContext) -> Tensor:
+        """The complex pupil times what was learned about the relay."""
 
         def make() -> Tensor:
-            shape = (len(at.sine_y), at.sine_x.shape[1])
-            made = torch.ones(shape, dtype=pupil.dtype)
-            if self.has(f"pupil{at.relay + 1}_log_amplitude"):
-                made = made * self.relay_amplitude(at)
-            if self.has(f"zernike{at.relay + 1}_m"):
-                made = at.delayed(made, self.relay_opd(at))
-            return made
+            shape = (len(context.sine_y), context.sine_x.shape[1])
+            learned = torch.ones(shape, dtype=pupil.dtype)
+            if self.has(f"pupil{context.relay + 1}_log_amplitude"):
+                learned = learned * self.relay_amplitude(context)
+            if self.has(f"zernike{context.relay + 1}_m"):
+                learned = context.delayed(learned, self.relay_opd(context))
+            return learned
 
-        return pupil * _cached(self._made, ("pupil", *_place(at)), make)
+        return pupil * _cached(self._of_tensors, ("pupil", *_frequencies_key(context)), make)
 
-    def _sine(self, at: RelayContext) -> float:
-        return self.layout.sine2 if at.relay else self.layout.sine1
+    def _sine(self, context: RelayContext) -> float:
+        return self.layout.sine2 if context.relay else self.layout.sine1
 
-    def _zernikes(self, at: RelayContext) -> Tensor:
-        noll = self.layout.noll2 if at.relay else self.layout.noll1
+    def _zernikes(self, context: RelayContext) -> Tensor:
+        noll = self.layout.noll2 if context.relay else self.layout.noll1
 
         def make() -> Tensor:
-            radius = torch.hypot(at.sine_y, at.sine_x) / self._sine(at)
-            return torch.stack([zernike(j, radius, at.angle) for j in noll])
+            radius = torch.hypot(context.sine_y, context.sine_x) / self._sine(context)
+            return torch.stack([zernike(j, radius, context.angle) for j in noll])
 
-        return _cached(self._fixed, ("zernikes", *_place(at)), make)
+        return _cached(self._of_layout, ("zernikes", *_frequencies_key(context)), make)
 
 
-def _cached(kept: dict[Hashable, Tensor] | None, key: Hashable, make: Callable[[], Tensor]) -> Tensor:
-    if kept is None:
+def _cached(cache: dict[Hashable, Tensor] | None, key: Hashable, make: Callable[[], Tensor]) -> Tensor:
+    if cache is None:
         return make()
-    if key not in kept:
-        kept[key] = make()
-    return kept[key]
+    if key not in cache:
+        cache[key] = make()
+    return cache[key]
 
 
-def _place(at: RelayContext) -> tuple[Hashable, ...]:
-    """What tells apertures apart."""
-    return at.relay, at.wavelength_m, len(at.sine_y), at.sine_x.shape[1], float(at.sine_x.abs().max())
+def _frequencies_key(context: RelayContext) -> tuple[Hashable, ...]:
+    """A cache key of the relay and the frequencies of a context."""
+    return (
+        context.relay,
+        context.wavelength_m,
+        len(context.sine_y),
+        context.sine_x.shape[1],
+        float(context.sine_x.abs().max()),
+    )
 
 
-def _on_grid(nodes: Tensor, shape: Pair) -> Tensor:
-    """Nodes (y, x), the outermost on the edges, as a map of `shape`: cubic between them."""
+def _bicubic(nodes: Tensor, shape: RowsColumns) -> Tensor:
+    """A map of `shape`, bicubic between nodes (y, x), of which the outermost lie on the edges."""
     return interpolate(nodes[None, None], size=shape, mode="bicubic", align_corners=True)[0, 0]
-
-
-def _thin_plate(nodes: Pair, lattice: Pair, aspect: float) -> Tensor:
-    """(places, nodes) float64: the values at a lattice of the thin-plate spline through values at equidistant nodes.
-
-    f(r) = Σ_i w_i·U(|r − r_i|) + a + b·r with U = ρ² log ρ and Σ w_i = Σ w_i·r_i = 0, which makes it linear in the
-    values at the nodes.
-    """
-    at, to = _lattice(nodes, aspect, corners=True), _lattice(lattice, aspect, corners=False)
-    count = len(at)
-    system = torch.zeros(count + 3, count + 3, dtype=torch.float64)
-    system[:count, :count] = _thin_plate_kernel(torch.cdist(at, at))
-    system[:count, count:] = _affine(at)
-    system[count:, :count] = _affine(at).T
-    solved = torch.linalg.inv(system)[:, :count]
-    return torch.cat([_thin_plate_kernel(torch.cdist(to, at)), _affine(to)], dim=1) @ solved
-
-
-def _lattice(shape: Pair, aspect: float, *, corners: bool) -> Tensor:
-    """Places (n, 2) over a rectangle of height 2 and width 2·aspect: on its edges, or in the middle of equal cells."""
-    sides = []
-    for n in shape:
-        ends = 1.0 if corners else 1 - 1 / n
-        sides.append(torch.linspace(-ends, ends, n, dtype=torch.float64))
-    y, x = torch.meshgrid(sides[0], sides[1] * aspect, indexing="ij")
-    return torch.stack([y.flatten(), x.flatten()], dim=1)
-
-
-def _affine(places: Tensor) -> Tensor:
-    return torch.cat([torch.ones(len(places), 1, dtype=places.dtype), places], dim=1)
-
-
-def _thin_plate_kernel(distance: Tensor) -> Tensor:
-    return distance.square() * distance.clamp_min(1e-30).log()

@@ -1,4 +1,4 @@
-"""Levels don't add optical path in equal steps: the look-up table between them and the drive is wrong."""
+"""The look-up table between levels and drive is wrong, so that levels aren't equal steps of optical path."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
+from holoview.numerics.knots import knot_interval
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
 
     from holoview.model.effects.hook_contexts import ModulatorContext
 
-_STEPS = 15  # knots at 0, 1/15 … 1 of the drive, which are the levels of a modulator of 16
+_STEPS = 15  # intervals between knots at 0, 1/15, …, 1 of the drive, the levels of a modulator with 16
 _GAMMAS = (0.45, 0.55, 0.67, 0.82, 1.22, 1.49, 1.82, 2.23)  # e^±0.2 … e^±0.8
 
 
@@ -33,9 +34,10 @@ def _knots(modulator: int) -> tuple[Parameter, ...]:
 
 
 class Lut(Effect):
-    """share of the stroke = drive^gamma + a curve through free knots, linear between them, never falling.
+    """Fraction of the stroke = drive^gamma + a correction that is linear between free knots.
 
-    Each modulator has its own gamma and knots; the nominal response is the straight line.
+    Where the correction would make the response fall at a knot, it stays constant instead. Each modulator has its own
+    gamma and knots; the nominal response is the straight line.
     """
 
     id = "lut"
@@ -50,7 +52,7 @@ class Lut(Effect):
     acts_on = ("modulator 1", "modulator 2")
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
-        """Both modulators alike, and each alone."""
+        """Both modulators with the same gamma, and each alone."""
         alike = [{"gamma1": g, "gamma2": g} for g in _GAMMAS]
         alone = [{name: g} for name in ("gamma1", "gamma2") for g in _GAMMAS]
         return alike + alone if len(system.modulators) == 2 else alone[: len(_GAMMAS)]
@@ -64,11 +66,9 @@ class Lut(Effect):
             return curved
         knots = share.new_tensor([(k / _STEPS) ** gamma for k in range(_STEPS + 1)])
         rising = (knots + share.new_tensor(added)).cummax(dim=0).values
-        place = (share * _STEPS).clamp(0, _STEPS)
-        left = place.floor().clamp_max(_STEPS - 1)
-        step, rest = left.long(), place - left
         correction = rising - knots
-        return curved + correction[step] * (1 - rest) + correction[step + 1] * rest
+        index, fraction = knot_interval(share, _STEPS)
+        return curved + correction[index] * (1 - fraction) + correction[index + 1] * fraction
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:
         halves = []

@@ -1,4 +1,4 @@
-"""The old place of `holoview.model.effects.hook_contexts`, for effect files."""
+"""Deprecated place of `holoview.model.effects.hook_contexts`, for effect files from before version 0.2."""
 
 from holoview.model.effects.old_names import moved
 

@@ -1,4 +1,4 @@
-"""A modulator isn't flat: it adds a static wavefront of its own."""
+"""A modulator isn't flat: it adds a static wavefront."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 from holoview.util.units import format_rounded
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
 
     from holoview.model.effects.hook_contexts import ModulatorContext
@@ -36,7 +36,7 @@ def _terms(modulator: int) -> tuple[Parameter, ...]:
 
 
 class SlmFlatness(Effect):
-    """opd → opd + Σ c_j·Z_j over the circle around the modulator, equal at all wavelengths."""
+    """opd → opd + Σ_j c_j·Z_j over the circle around the modulator, the same at all wavelengths."""
 
     id = "slm_flatness"
     cause = "A modulator isn't flat (backplane or cover glass): it adds a static wavefront."

@@ -1,4 +1,4 @@
-"""The source isn't a point: light falls in from a cone of directions, and speckle washes out."""
+"""The source has an angular size: light arrives from a cone of directions, which lowers speckle contrast."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 
-_FEWEST, _MOST = 3, 11  # directions along a side
+_MIN_SIDE, _MAX_SIDE = 3, 11  # directions along a side of the grid
 
 
 class SourceExtent(Effect):
-    """Each direction → directions over a disc of angular radius `radius`, mutually incoherent and equally strong.
+    """Each direction becomes a disc of mutually incoherent directions of angular radius `radius`.
 
-    outline takes the disc to a square (1) or to a Gaussian spot (−1) of the same variance, radius²/4 each way. The
-    directions are a square grid, mapped to the disc with equal areas (Shirley & Chiu, J. Graph. Tools 2, 45 (1997)), as
-    fine as the finest speckle: a direction moves it by distance × angle, and it is λ/(2·NA) wide.
+    `outline` changes the disc gradually to a square (1) or a Gaussian spot (−1) of the same variance, radius²/4 along
+    each axis. The directions are a square grid, mapped to the disc with equal areas (Shirley & Chiu, J. Graph. Tools 2,
+    45 (1997)). A direction shifts the speckle by distance·angle, so that their spacing follows from the width of the
+    finest speckle, λ/(2·NA).
     """
 
     id = "source_extent"
@@ -49,17 +50,17 @@ class SourceExtent(Effect):
         return dataclasses.replace(system, source=dataclasses.replace(system.source, directions_rad=directions))
 
     def directions_per_side(self, system: System, radius_rad: float) -> int:
-        """How many directions there are along a side of the grid."""
+        """The number of directions along a side of the grid."""
         far = float(system.planes_m.max()) + (system.gap_m or 0.0)
-        shortest, panel = float(system.wavelengths_m.min()), system.modulators[0]
+        shortest, slm = float(system.wavelengths_m.min()), system.modulators[0]
         sines = [na for na in (system.relay1.iris_na, system.relay2.iris_na) if na is not None]
-        sines += [shortest / panel.pitch_m, max(panel.shape) * panel.pitch_m / (2 * max(far, 1e-9))]
+        sines += [shortest / slm.pitch_m, max(slm.shape) * slm.pitch_m / (2 * max(far, 1e-9))]
         across = 2 * radius_rad * far * 2 * min(sines) / shortest
-        return min(max(math.ceil(across) + 2, _FEWEST), _MOST)
+        return min(max(math.ceil(across) + 2, _MIN_SIDE), _MAX_SIDE)
 
 
 def spot_directions(side: int, outline: float) -> NDArray[np.float64]:
-    """(side², 2) points of equal weight, for a radius of 1: variance 1/4 each way, whatever the outline."""
+    """Points (side², 2) of equal weight for a radius of 1, with a variance of 1/4 along each axis for every outline."""
     middles = (2 * np.arange(side) + 1) / side - 1
     v, u = (a.ravel() for a in np.meshgrid(middles, middles, indexing="ij"))
     radius = np.maximum(np.abs(u), np.abs(v))
@@ -67,17 +68,17 @@ def spot_directions(side: int, outline: float) -> NDArray[np.float64]:
         angle = np.where(np.abs(u) >= np.abs(v), np.pi / 4 * v / u, np.pi / 2 - np.pi / 4 * u / v)
     angle = np.where(radius == 0, 0.0, angle)
     sign = np.where(np.where(np.abs(u) >= np.abs(v), u, v) < 0, -1.0, 1.0)
-    towards = sign[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=1)
-    disc = _of_variance(radius[:, None] * towards)
+    direction = sign[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    disc = _scaled(radius[:, None] * direction)
     if outline > 0:
-        return _of_variance((1 - outline) * disc + outline * _of_variance(np.stack([v, u], axis=1)))
+        return _scaled((1 - outline) * disc + outline * _scaled(np.stack([v, u], axis=1)))
     if outline < 0:
-        gauss = np.sqrt(-2 * np.log1p(-(radius**2)))[:, None] * towards
-        return _of_variance((1 + outline) * disc - outline * _of_variance(gauss))
+        gauss = np.sqrt(-2 * np.log1p(-(radius**2)))[:, None] * direction
+        return _scaled((1 + outline) * disc - outline * _scaled(gauss))
     return disc
 
 
-def _of_variance(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The points about their mean, scaled to a mean squared radius of 1/2."""
+def _scaled(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The points relative to their mean, scaled to a mean squared radius of 1/2."""
     points = points - points.mean(axis=0)
     return points / math.sqrt(2 * float((points**2).sum(axis=1).mean()))

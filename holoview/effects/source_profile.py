@@ -1,4 +1,4 @@
-"""The illumination isn't equally bright over the first modulator."""
+"""The illumination isn't uniform over the first modulator."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 from holoview.util.units import format_rounded
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
 
     from holoview.model.effects.hook_contexts import ModulatorContext
 
 
 class SourceProfile(Effect):
-    """amplitude = exp(−fall·|r|² + slope·r), r in half lengths of the modulator's longer side.
+    """amplitude = exp(−fall·|r|² + slope·r), with r in units of half the modulator's longer side.
 
-    A Gaussian beam of waist w, centred at c, has fall = (half/w)² and slope = 2·fall·c/half: it is off at zero, where
-    waist and centre would be infinite and undefined.
+    A Gaussian beam of waist w and centre c has fall = (half/w)² and slope = 2·fall·c/half. These parameters are zero
+    for uniform illumination, where the waist is infinite and the centre undefined.
     """
 
     id = "source_profile"

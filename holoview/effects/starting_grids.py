@@ -1,10 +1,10 @@
-"""Starting points of a search in two directions."""
+"""Square grids of starting points for searches over two parameters."""
 
 from __future__ import annotations
 
 
 def square_grid(first: str, second: str, reach: float, step: float) -> list[dict[str, float]]:
-    """Points of a square grid of two parameters, −reach … reach each, without the middle; the nearest to it first."""
+    """Points {parameter: value} of a square grid, −reach … reach in each, without (0, 0), sorted by distance to it."""
     count = round(reach / step)
     steps = [(i, j) for i in range(-count, count + 1) for j in range(-count, count + 1) if (i, j) != (0, 0)]
     steps.sort(key=lambda pair: pair[0] ** 2 + pair[1] ** 2)

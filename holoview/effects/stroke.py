@@ -1,4 +1,4 @@
-"""Full drive adds another optical path than the modulators are taken to have."""
+"""The modulators' stroke, the optical path of full drive, differs from its nominal value."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from holoview.util.units import format_rounded
 
 
 class Stroke(Effect):
-    """stroke → stroke · (1 + stroke_error ± difference): + for the first modulator, − for the second."""
+    """stroke → stroke·(1 + stroke_error ± difference), + for the first modulator and − for the second."""
 
     id = "stroke"
     cause = "The modulators' stroke (the optical path of full drive) isn't its nominal value."

@@ -1,4 +1,4 @@
-"""The illumination doesn't fall in at its nominal angle."""
+"""The illumination arrives at another angle than its nominal one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from holoview.model.system import System
 
 
 class Tilt(Effect):
-    """direction → direction + (tilt_y, tilt_x), of every source and wavelength."""
+    """direction → direction + (tilt_y, tilt_x), for every direction of the source and every wavelength."""
 
     id = "tilt"
     cause = "The illumination falls in at an angle."

@@ -1,4 +1,4 @@
-"""Part of the light isn't modulated: gaps between pixels, reflections, dead time."""
+"""Unmodulated light (gaps between pixels, reflections, dead time), which leaves a zero order."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
 
     from holoview.model.effects.hook_contexts import ModulatorContext
 
 
 class Undiffracted(Effect):
-    """t → (1 − |a|)·t + a, a = share ± difference + i·quadrature: an amplitude that a modulator leaves as it is.
+    """transmission t → (1 − |a|)·t + a with the unmodulated amplitude a = share ± difference + i·quadrature.
 
-    + for the first modulator, − for the second.
+    The sign is + for the first modulator and − for the second.
     """
 
     id = "undiffracted"
@@ -31,11 +31,11 @@ class Undiffracted(Effect):
     acts_on = ("modulator 1", "modulator 2")
 
     def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        amount = self.unmodulated_amplitude(context.number, v)
-        return (1 - abs(amount)) * transmission + amount
+        a = self.unmodulated_amplitude(context.number, v)
+        return (1 - abs(a)) * transmission + a
 
     def unmodulated_amplitude(self, modulator: int, v: Values) -> complex:
-        """Amplitude that a modulator (0, 1) leaves as it is."""
+        """The complex amplitude that modulator 0 or 1 doesn't modulate."""
         return complex(v["share"] + (-1) ** modulator * v["difference"], v["quadrature"])
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:

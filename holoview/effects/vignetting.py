@@ -9,14 +9,14 @@ from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
 
     from holoview.model.effects.hook_contexts import CameraContext
 
 
 class Vignetting(Effect):
-    """signal → signal · (1 − fall_y·y² − fall_x·x²), y and x in half lengths of the picture's own sides."""
+    """signal → signal·(1 − fall_y·y² − fall_x·x²), with y and x from −1 to 1 over the picture."""
 
     id = "vignetting"
     cause = "The camera's picture gets darker towards its edges."

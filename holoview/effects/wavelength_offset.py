@@ -1,4 +1,4 @@
-"""Every laser's wavelength is off by the same."""
+"""The wavelengths of all lasers are wrong by the same amount."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from holoview.model.system import System
 
 
 class WavelengthOffset(Effect):
-    """λ → λ + offset."""
+    """λ → λ + offset, for every laser."""
 
     id = "wavelength_offset"
     cause = "The lasers' wavelengths are off."

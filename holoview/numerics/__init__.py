@@ -1,13 +1,14 @@
 """Numerical methods that know nothing of displays.
 
-fft_grid        FFT lengths 2^a·3^b·5^c, the order of frequency bins, positions counted from a grid's centre
-chirp_z         Fourier sums at any equally spaced frequencies (Bluestein's algorithm)
-phasor          exp(2πi·turns), with the turns reduced to one period first
-image_region    rectangular regions of an image
-resample        Gaussian blur, affine warp and interpolation of two-dimensional maps, differentiable
-subpixel_shift  images shifted by fractions of a pixel, and their gradients, by a windowed sinc
-zernike         Zernike polynomials in Noll's order
-image_region    rectangles of an image as slices, and setting everything outside to zero
-least_squares   Levenberg–Marquardt inside bounds, minimisation along one axis, profile likelihood intervals
-nelder_mead     the downhill simplex for cost functions without a gradient at their minimum
+fft_grid           FFT lengths 2^a·3^b·5^c, the order of frequency bins, positions counted from a grid's centre
+chirp_z            Fourier sums at any equally spaced frequencies (Bluestein's algorithm)
+phasor             exp(2πi·turns), with the turns reduced to one period first
+resample           Gaussian blur, affine warp and interpolation of two-dimensional maps, differentiable
+subpixel_shift     images shifted by fractions of a pixel, and their gradients, by a windowed sinc
+image_region       rectangles of an image as slices, and setting everything outside to zero
+knots              linear interpolation in tables with equidistant knots
+thin_plate_spline  thin-plate splines through values at equidistant nodes
+zernike            Zernike polynomials in Noll's order
+least_squares      Levenberg–Marquardt inside bounds, minimisation along one axis, profile likelihood intervals
+nelder_mead        the downhill simplex for cost functions without a gradient at their minimum
 """

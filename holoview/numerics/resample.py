@@ -24,17 +24,6 @@ def upsample_nearest(pixels: Tensor, factor: int) -> Tensor:
     return pixels.repeat_interleave(factor, dim=-2).repeat_interleave(factor, dim=-1)
 
 
-def knot_interval(values: Tensor, intervals: int) -> tuple[Tensor, Tensor]:
-    """Where values in 0…1 lie between the equidistant knots 0, 1/intervals, …, 1; values outside are clamped.
-
-    Returns the index of the knot below (int64) and the fraction of the interval above it, in 0…1, each of the shape of
-    `values`: a table t is linearly interpolated by t[index]·(1 − fraction) + t[index + 1]·fraction.
-    """
-    position = (values * intervals).clamp(0, intervals)
-    below = position.floor().clamp_max(intervals - 1)
-    return below.long(), position - below
-
-
 def gaussian_blur(values: Tensor, sigma: float | Tensor) -> Tensor:
     """A real map (y, x) convolved with a Gaussian of standard deviation `sigma` samples.
 
