@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.backend import open_executor
-from holoview.engine.frame import ProgressCallback, compute_focal_stack
+from holoview.engine.frame import compute_focal_stack
 from holoview.model.plan import make_plan, parse_planes
 from holoview.model.system import System
+from holoview.util.progress import StepCallback
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ def simulate(
     backend: str = "auto",
     *,
     adapter: str | None = None,
-    progress: ProgressCallback | None = None,
+    progress: StepCallback | None = None,
 ) -> View:
     """What an observer sees of a hologram at each focal plane.
 

@@ -28,7 +28,7 @@ from __future__ import annotations
 import csv
 import os
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,8 +42,8 @@ from holoview.captures.dataset import Captures
 from holoview.captures.validation import check_captures
 from holoview.model.field_types import Number
 from holoview.util.errors import UserError, suggest_matches
+from holoview.util.progress import StepCallback
 
-ProgressCallback = Callable[[int, int], None]
 TABLE_FILE, BENCH_FILE = "captures.csv", "bench.toml"
 
 _VALUE_COLUMNS: dict[str, Number] = {
@@ -68,7 +68,7 @@ _GEOMETRY_KEYS: dict[str, Number] = {
 }
 
 
-def import_folder(path: str | os.PathLike[str], progress: ProgressCallback | None = None) -> Captures:
+def import_folder(path: str | os.PathLike[str], progress: StepCallback | None = None) -> Captures:
     """Reads the measurement session of a folder with captures.csv, bench.toml and the images that they name.
 
     progress: called with (captures read, captures in all). Raises UserError that names the file, and the line and

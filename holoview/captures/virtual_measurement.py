@@ -8,7 +8,7 @@ The session states the nominal geometry, that of the bench without effects.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,8 +24,8 @@ from holoview.model.effects.active_effects import EffectValues
 from holoview.model.effects.effect import Effect
 from holoview.model.system import System
 from holoview.util.errors import UserError
+from holoview.util.progress import StepCallback
 
-ProgressCallback = Callable[[int, int], None]
 _DEFAULT_NUM_LEVELS = 256  # of a modulator that is described as continuous
 _BRIGHT_QUANTILE, _TARGET_EXPOSURE = 0.999, 0.8  # this quantile of the pixels is exposed to this fraction of full scale
 _MIN_EXPOSURE_S, _MAX_EXPOSURE_S = 1e-4, 10.0
@@ -86,7 +86,7 @@ def make_captures(
     settings: AcquisitionSettings | None = None,
     *,
     extra_effects: Iterable[Effect] = (),
-    progress: ProgressCallback | None = None,
+    progress: StepCallback | None = None,
 ) -> Captures:
     """Simulates captures of a bench with `effects` {id: {parameter: value}} in addition to its own.
 

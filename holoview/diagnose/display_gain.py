@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,9 +19,9 @@ from holoview.report.contact_sheet import CaptionedTile, contact_sheet
 from holoview.targets.target import target_for
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir
+from holoview.util.progress import ProgressCallback
 from holoview.view import simulate
 
-ProgressCallback = Callable[[int, int, str], None]
 Floats = NDArray[np.float64]
 
 _ITERATIONS = 40

@@ -33,8 +33,9 @@ from holoview.diagnose.held_out_ranking import (
 )
 from holoview.diagnose.refine import RefinementQueue, refine_along_axes, refine_fit
 from holoview.diagnose.screening import relative_model_error, screen_effects
-from holoview.diagnose.search_context import ProgressCallback, SearchContext
+from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import Effect
+from holoview.util.progress import ProgressCallback
 
 _SHORT_LIST, _CLOSE_SECONDS, _CLOSE = 3, 2, 1.3
 _BASES, _SECONDS, _MOST_CAUSES = 3, 3, 3

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable
 from html import escape
 from pathlib import Path
 
@@ -12,8 +11,7 @@ from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.display_gain import DisplayGain
 from holoview.diagnose.formatting import format_value
 from holoview.util.files import atomic_write
-
-ProgressCallback = Callable[[int, int, str], None]
+from holoview.util.progress import ProgressCallback
 
 _MEANS = {
     "consistent": "Nothing is wrong beyond the noise.",

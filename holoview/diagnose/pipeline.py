@@ -30,13 +30,14 @@ from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_pow
 from holoview.diagnose.refine import refine_fit
 from holoview.diagnose.sampling_check import drop_sampling_artefacts
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
-from holoview.diagnose.search_context import PerThreadPredictor, ProgressCallback, SearchContext, equivalent_effects
+from holoview.diagnose.search_context import PerThreadPredictor, SearchContext, equivalent_effects
 from holoview.diagnose.uncertainty import confidence_intervals, local_jacobian
 from holoview.diagnose.verdict import Decision, Verdict, decide
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import listed_effects
 from holoview.util.errors import UserError
+from holoview.util.progress import ProgressCallback
 
 _LEAST_CAPTURES = 2
 _REJUDGED = 3  # candidates, once nuisances are known, of those that leave so little more than the best:

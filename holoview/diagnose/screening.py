@@ -30,8 +30,9 @@ from holoview.diagnose.effect_fit import (
 from holoview.diagnose.field_count import MANY, max_field_count
 from holoview.diagnose.free_parameters import FittedValues
 from holoview.diagnose.ghost_starts import ghost_starts
-from holoview.diagnose.search_context import ProgressCallback, SearchContext
+from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
+from holoview.util.progress import ProgressCallback
 
 EffectFitter = Callable[[Effect], CandidateFit]
 FitBatches = Iterator[list[CandidateFit]]

@@ -20,9 +20,9 @@ from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
 from holoview.diagnose.worker_pool import FinishedCallback, WorkerPool
 from holoview.model.effects.effect import DataProperties, Effect
 from holoview.model.system import System
+from holoview.util.progress import ProgressCallback
 
 T = TypeVar("T")
-ProgressCallback = Callable[[int, int, str], None]
 
 
 class CountingPredictor(PredictorProtocol, Protocol):

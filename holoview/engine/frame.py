@@ -9,7 +9,6 @@ Frames and sources add incoherently, as intensities. All planes share everything
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -17,11 +16,10 @@ from numpy.typing import NDArray
 
 from holoview.model.plan import Plan
 from holoview.util.errors import UserError
+from holoview.util.progress import StepCallback
 
 Field = TypeVar("Field")
 """A complex field or spectrum in the representation of an executor."""
-ProgressCallback = Callable[[int, int], None]
-"""Called with the number of finished wavelengths and their total."""
 
 
 class Executor(Protocol[Field]):
@@ -96,7 +94,7 @@ def run_stages(executor: Executor[Field], wavelength: int) -> None:
 
 
 def compute_focal_stack(
-    executor: Executor[Field], progress: ProgressCallback | None = None
+    executor: Executor[Field], progress: StepCallback | None = None
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Intensity (plane, wavelength, y, x) at all planes and wavelengths, and CIE XYZ (plane, y, x, 3).
 

@@ -25,10 +25,8 @@ from holoview.study.executors import (
 from holoview.study.store import ResultStore
 from holoview.study.study import JobResult, StatusCallback, Study, StudyJob
 from holoview.util.errors import UserError
+from holoview.util.progress import ProgressCallback
 from holoview.util.version import __version__
-
-ProgressCallback = Callable[[int, int, str], None]
-"""Called with the number of finished jobs, the number of all jobs, and a short text."""
 
 RETRIES = 2
 
