@@ -1,10 +1,10 @@
-"""How fast this machine is: what `holoview bench` measures.
+"""Measures how fast frames and edits are on this machine: `holoview bench`.
 
-torch_loop   the same frame as the fastest loop that torch allows, to compare with
-timing       interleaved runs, medians and minima
-frame_bars   a frame and its edits, against their bars
-choices      which strategy of the transforms is measured
-fft_bar      a 2-D FFT beside torch's
-device_time  time on the device by its own clock, and the share of memory bandwidth
-first_image  from the start of a process to its first picture, with nothing cached
+timing           interleaved timing of jobs, with medians and minima
+frame_benchmark  a frame and its edits as ratios to a reference, with limits
+torch_baseline   the same frame as the fastest loop in PyTorch
+fft_benchmark    a 2-D FFT beside torch.fft
+device_time      time of a frame by the device's own clock, and the share of the memory bandwidth
+first_image      time from the start of a process to its first image, with empty caches
+strategy_choice  which FFT strategy is measured
 """

@@ -1,4 +1,4 @@
-"""Time that a frame takes on the device by its own clock, and the share of the memory bandwidth that it reaches."""
+"""Measures a frame by the device's own clock, and the share of the memory bandwidth that it reaches."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _COPY_BYTES = 2**26
 
 @dataclass(frozen=True)
 class DeviceTime:
-    """Of a frame and of each wavelength of it, ms; bandwidths in bytes a second, both read and written bytes."""
+    """Time of a frame and of one wavelength (ms), and bandwidths (bytes/s, read plus written)."""
 
     frame_ms: float
     wavelength_ms: float
@@ -31,31 +31,34 @@ class DeviceTime:
     copy_bandwidth: float
 
     def as_dict(self) -> dict[str, Any]:
-        """For programs."""
+        """The result as JSON values."""
         return asdict(self) | {"share_of_copy": self.bandwidth / self.copy_bandwidth}
 
 
 def device_time(
     system: System, device: Device, rounds: int, *, half: bool = False, strategy: StrategyOption = "auto"
 ) -> DeviceTime:
-    """Times warm frames of a periodic bench. Raises UserError where the device has no timestamp queries."""
+    """Median of `rounds` frames of a system without padding, after one that isn't timed.
+
+    Raises UserError if the device has no timestamp queries.
+    """
     periodic = system.edit({"propagation": "periodic"})
     chosen = resolve_strategy(device, make_plan(periodic).grid.padded, strategy)
-    session = IncrementalRenderer(periodic, random_drive(periodic), device, half=half, strategy=chosen)
-    session.update(with_srgb=False)
-    session.timer = GpuTimer(device)
+    renderer = IncrementalRenderer(periodic, random_drive(periodic), device, half=half, strategy=chosen)
+    renderer.update(with_srgb=False)
+    renderer.timer = GpuTimer(device)
     seconds = []
     for _ in range(rounds):
-        session.invalidate()
-        session.update(with_srgb=False)
-        seconds.append(session.timer.take_seconds())
-    taken, count = statistics.median(seconds), len(periodic.wavelengths_m)
-    bandwidth = count * session.traffic_bytes / taken
-    return DeviceTime(1e3 * taken, 1e3 * taken / count, bandwidth, _copy_bandwidth(device, rounds))
+        renderer.invalidate()
+        renderer.update(with_srgb=False)
+        seconds.append(renderer.timer.take_seconds())
+    frame_s, count = statistics.median(seconds), len(periodic.wavelengths_m)
+    bandwidth = count * renderer.traffic_bytes / frame_s
+    return DeviceTime(1e3 * frame_s, 1e3 * frame_s / count, bandwidth, _copy_bandwidth(device, rounds))
 
 
 def _copy_bandwidth(device: Device, rounds: int) -> float:
-    """Bytes a second, read and written, of copying one large buffer to another."""
+    """Bandwidth (bytes/s, read plus written) of copying one large buffer to another."""
     source, target = (device.buffer(_COPY_BYTES, f"{name} of a copy") for name in ("source", "target"))
     seconds = []
     for _ in range(rounds + 1):

@@ -1,9 +1,10 @@
-"""A frame and its edits beside torch: each figure is a ratio of two jobs of the same rounds, and has a bar."""
+"""Times a frame and its edits. Each criterion is a ratio of two jobs, timed in the same rounds, with a limit."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import cycle
 from typing import Any
 
@@ -13,7 +14,7 @@ import torch
 from holoview.benchmark.fft_benchmark import FFT, TORCH_FFT, fft_jobs
 from holoview.benchmark.strategy_choice import resolve_strategy
 from holoview.benchmark.timing import JobTimings, TimedJob, time_interleaved
-from holoview.benchmark.torch_baseline import TorchBaseline
+from holoview.benchmark.torch_baseline import TorchBaseline, torch_threads
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.gpu.device import Device
@@ -30,7 +31,7 @@ TORCH, TORCH_SINGLE = "torch", "torch, 1 λ"
 
 @dataclass(frozen=True)
 class Criterion:
-    """A figure, the bar that it should stay below, and what it aims at."""
+    """A measured value, the limit that it must not exceed, and the goal of further work."""
 
     name: str
     value: float
@@ -40,14 +41,17 @@ class Criterion:
 
     @property
     def is_met(self) -> bool:
-        """Whether the bar is met."""
+        """Whether the value is within the limit."""
         return self.value <= self.limit
 
 
 @dataclass(frozen=True)
 class FrameTimings:
-    """What was measured: wall times by job, ratios with their bars, the traffic of a frame and wavelength, and by which
-    strategies the transforms went."""
+    """Results of `benchmark_frame`.
+
+    timings: by job. traffic_bytes: memory traffic of one wavelength. memory_bytes: of the device. strategies: of the
+    FFTs, by job.
+    """
 
     timings: dict[str, JobTimings]
     criteria: list[Criterion]
@@ -60,47 +64,49 @@ class FrameTimings:
 def benchmark_frame(
     system: System, device: Device, rounds: int, *, half: bool = False, strategy: StrategyOption = "auto"
 ) -> FrameTimings:
-    """Times frames of a periodic, on-axis bench of one frame, warm, at its middle focal plane.
+    """Time frames and edits of a system at its middle focal plane, without padding unless the job says otherwise.
 
-    Raises UserError when the device can't hold it.
+    half: store fields as f16. Raises UserError if the device's limits or memory don't suffice.
     """
     base = system.edit({"propagation": "periodic"})
     single = one_wavelength(base)
-    sessions = {
-        FULL: _session(base, device, half, strategy),
-        SINGLE: _session(single, device, half, strategy),
-        PADDED: _session(system.edit({"propagation": "linear"}), device, half, strategy),
+    renderers = {
+        FULL: _open_renderer(base, device, half, strategy),
+        SINGLE: _open_renderer(single, device, half, strategy),
+        PADDED: _open_renderer(system.edit({"propagation": "linear"}), device, half, strategy),
     }
-    jobs: dict[str, TimedJob] = {name: _full(session) for name, session in sessions.items()}
-    jobs |= {SCRUB: _scrub(sessions[FULL]), AMPLITUDE: _amplitudes(sessions[FULL])}
+    jobs: dict[str, TimedJob] = {name: _full_frame(renderer) for name, renderer in renderers.items()}
+    jobs |= {SCRUB: _scrub(renderers[FULL]), AMPLITUDE: _amplitudes(renderers[FULL])}
     jobs |= _torch_jobs(TORCH, base) | _torch_jobs(TORCH_SINGLE, single)
-    jobs |= fft_jobs(device, make_plan(base).grid.padded, sessions[FULL].strategy)
+    jobs |= fft_jobs(device, make_plan(base).grid.padded, renderers[FULL].strategy)
     samples = time_interleaved(jobs, rounds)
-    bars = _criteria(samples, len(base.wavelengths_m), frame_error(single, device, half, strategy))
-    frame = sessions[FULL]
-    chosen = {name: session.strategy for name, session in sessions.items()}
-    return FrameTimings(samples, bars, len(base.wavelengths_m), frame.traffic_bytes, frame.memory_bytes, chosen)
+    criteria = _criteria(samples, len(base.wavelengths_m), frame_error(single, device, half, strategy))
+    full = renderers[FULL]
+    strategies = {name: renderer.strategy for name, renderer in renderers.items()}
+    return FrameTimings(samples, criteria, len(base.wavelengths_m), full.traffic_bytes, full.memory_bytes, strategies)
 
 
 def one_wavelength(system: System) -> System:
-    """The bench with the wavelength in the middle of its list alone."""
+    """The system with the middle one of its wavelengths only, at unit amplitude."""
     middle = float(system.wavelengths_m[len(system.wavelengths_m) // 2])
     return system.edit({"wavelengths": [middle], "amplitudes": [[1.0]]})
 
 
 def frame_error(system: System, device: Device, half: bool, strategy: StrategyOption) -> float:
-    """Relative L2 of the intensity of the first wavelength against torch in complex128."""
-    session = _session(system, device, half, strategy)
-    plan = make_plan(system, [session.plane_m])
+    """Relative L2 error of the intensity of the first wavelength against PyTorch in complex128."""
+    renderer = _open_renderer(system, device, half, strategy)
+    plan = make_plan(system, [renderer.plane_m])
     reference = TorchExecutor(plan, make_frame_inputs(plan, random_drive(system)), double=True)
     reference.run(0)
     expected = reference.intensity(0)
-    return float(np.linalg.norm(session.intensity(0) - expected) / np.linalg.norm(expected))
+    return float(np.linalg.norm(renderer.intensity(0) - expected) / np.linalg.norm(expected))
 
 
 def _criteria(samples: dict[str, JobTimings], wavelengths: int, error: float) -> list[Criterion]:
     ms = {name: sample.median_ms for name, sample in samples.items()}
-    best, best_single = (min(t for name, t in ms.items() if name.startswith(f"{of}:")) for of in (TORCH, TORCH_SINGLE))
+    best, best_single = (
+        min(time_ms for name, time_ms in ms.items() if name.startswith(f"{job}:")) for job in (TORCH, TORCH_SINGLE)
+    )
     return [
         Criterion("FFT2 / torch.fft2 on 2 threads", ms[FFT] / ms[TORCH_FFT], 2.0, 1.6),
         Criterion(f"frame / best torch loop, {wavelengths} λ", ms[FULL] / best, 0.80, 0.65),
@@ -112,76 +118,69 @@ def _criteria(samples: dict[str, JobTimings], wavelengths: int, error: float) ->
     ]
 
 
-def _session(system: System, device: Device, half: bool, strategy: StrategyOption) -> IncrementalRenderer:
+def _open_renderer(system: System, device: Device, half: bool, strategy: StrategyOption) -> IncrementalRenderer:
+    """A renderer at the middle focal plane, with its first frame rendered."""
     middle = float(system.planes_m[len(system.planes_m) // 2])
     chosen = resolve_strategy(device, make_plan(system, [*system.planes_m, middle]).grid.padded, strategy)
-    session = IncrementalRenderer(system, random_drive(system), device, plane_m=middle, half=half, strategy=chosen)
-    session.update()
-    return session
+    renderer = IncrementalRenderer(system, random_drive(system), device, plane_m=middle, half=half, strategy=chosen)
+    renderer.update()
+    return renderer
 
 
-def _full(session: IncrementalRenderer) -> TimedJob:
-    """Everything from the drive to XYZ."""
+def _full_frame(renderer: IncrementalRenderer) -> TimedJob:
+    """Render everything from the light source to XYZ."""
 
     def job() -> None:
-        session.invalidate()
-        _until_seen(session)
+        renderer.invalidate()
+        _update_and_wait(renderer)
 
     return job
 
 
-def _scrub(session: IncrementalRenderer) -> TimedJob:
-    """The focal plane moves there and back."""
-    planes_m = cycle([session.plane_m * 1.01, session.plane_m])
-    return _edit(session, lambda: {"plane_m": next(planes_m)})
+def _scrub(renderer: IncrementalRenderer) -> TimedJob:
+    """Alternate between two focal planes."""
+    planes_m = cycle([renderer.plane_m * 1.01, renderer.plane_m])
+    return _edit(renderer, lambda: {"plane_m": next(planes_m)})
 
 
-def _amplitudes(session: IncrementalRenderer) -> TimedJob:
-    """All lasers become a little stronger or weaker."""
+def _amplitudes(renderer: IncrementalRenderer) -> TimedJob:
+    """Alternate between two amplitudes of all lasers."""
     factors = cycle([1.01, 1.0])
-    before = session.system
-    return _edit(session, lambda: {"system": before.with_(amplitudes=before.amplitudes * next(factors))})
+    before = renderer.system
+    return _edit(renderer, lambda: {"system": before.with_(amplitudes=before.amplitudes * next(factors))})
 
 
-def _edit(session: IncrementalRenderer, change: Callable[[], dict[str, Any]]) -> TimedJob:
-    """An edit, from the call to XYZ; what came before is up to date."""
+def _edit(renderer: IncrementalRenderer, change: Callable[[], dict[str, Any]]) -> TimedJob:
+    """Time from an edit to XYZ, with all earlier results up to date."""
 
     def job() -> None:
-        session.edit(**change())
-        _until_seen(session)
+        renderer.edit(**change())
+        _update_and_wait(renderer)
 
     return job
 
 
-def _until_seen(session: IncrementalRenderer) -> None:
-    session.update(with_srgb=False)
-    session.device.wait()
+def _update_and_wait(renderer: IncrementalRenderer) -> None:
+    renderer.update(with_srgb=False)
+    renderer.device.wait()
 
 
 def _torch_jobs(name: str, system: System) -> dict[str, TimedJob]:
-    """The same frame by torch: wavelengths in turn or in one batch, on one thread or as many as torch chooses.
+    """The same frame in PyTorch: wavelengths one by one or in a batch, on one thread or PyTorch's default number.
 
-    On a busy machine one thread is often the faster choice: several wait for each other.
+    One thread is often faster on a busy machine, where several wait for each other.
     """
     plan = make_plan(system, [float(system.planes_m[len(system.planes_m) // 2])])
-    slots, many = make_frame_inputs(plan, random_drive(system)), torch.get_num_threads()
+    inputs, default_threads = make_frame_inputs(plan, random_drive(system)), torch.get_num_threads()
     orders = {"in turn": False, "batched": True} if len(system.wavelengths_m) > 1 else {"in turn": False}
-    loops = {order: TorchBaseline(plan, slots, batched=batched) for order, batched in orders.items()}
+    baselines = {order: TorchBaseline(plan, inputs, batched=batched) for order, batched in orders.items()}
     return {
-        f"{name}: {order}, {threads} threads": _on_threads(loop, threads)
-        for order, loop in loops.items()
-        for threads in sorted({1, many})
+        f"{name}: {order}, {threads} threads": partial(_run_baseline, baseline, threads)
+        for order, baseline in baselines.items()
+        for threads in sorted({1, default_threads})
     }
 
 
-def _on_threads(loop: TorchBaseline, threads: int) -> TimedJob:
-    def job() -> None:
-        before = torch.get_num_threads()
-        torch.set_num_threads(threads)
-        try:
-            with torch.inference_mode():
-                loop()
-        finally:
-            torch.set_num_threads(before)
-
-    return job
+def _run_baseline(baseline: TorchBaseline, threads: int) -> None:
+    with torch_threads(threads), torch.inference_mode():
+        baseline()

@@ -1,4 +1,4 @@
-"""Which strategy of the transforms a bench is measured with, and what the choice rests on."""
+"""Chooses the FFT strategy that is measured, and reports the times on which the choice is based."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ Shape = tuple[int, int]
 
 @dataclass(frozen=True)
 class TuningReport:
-    """What timing the strategies of transforms of `shape` (ny, nx) told, and the one that was chosen."""
+    """Times of the strategies for fields of `shape` (ny, nx), and the chosen strategy."""
 
     shape: Shape
     chosen: Strategy
     tuning: TuningResult
 
     def as_dict(self) -> dict[str, Any]:
-        """For programs."""
+        """The report as JSON values."""
         tables = {name: dict(getattr(self.tuning, name)) for name in ("seconds", "compile_seconds", "refused")}
         return {"size": [self.shape[1], self.shape[0]], "chosen": self.chosen} | tables
 
     def format_lines(self) -> list[str]:
-        """For people."""
-        out = [f"{self.shape[1]} x {self.shape[0]}: {self.chosen}"]
+        """The report as lines of text."""
+        lines = [f"{self.shape[1]} x {self.shape[0]}: {self.chosen}"]
         for strategy in sorted({*self.tuning.seconds, *self.tuning.compile_seconds, *self.tuning.refused}):
             parts = [f"  {strategy:<10}"]
             if strategy in self.tuning.seconds:
@@ -36,22 +36,22 @@ class TuningReport:
                 parts.append(f"{self.tuning.compile_seconds[strategy]:7.2f} s to compile both")
             if strategy in self.tuning.refused:
                 parts.append(f"refused: {self.tuning.refused[strategy]}")
-            out.append("  ".join(parts))
-        return out
+            lines.append("  ".join(parts))
+        return lines
 
 
 def tune(device: Device, shape: Shape, *, remeasure: bool = False) -> TuningReport:
-    """The choice for fields of a shape, remembered or measured; waits until it is made.
+    """The fastest strategy for fields of `shape` (ny, nx), from the cache or measured; waits for the result.
 
-    Raises UserError for a size that can't be transformed.
+    remeasure: ignore cached times. Raises UserError for a size that can't be transformed.
     """
-    with FftTuner(device, shape, remeasure=remeasure) as choice:
-        chosen = choice.wait()
-        return TuningReport(shape, chosen, choice.tuning)
+    with FftTuner(device, shape, remeasure=remeasure) as tuner:
+        chosen = tuner.wait()
+        return TuningReport(shape, chosen, tuner.tuning)
 
 
 def resolve_strategy(device: Device, shape: Shape, requested: StrategyOption) -> Strategy:
-    """The strategy that was asked for; for "auto" the fastest one."""
+    """The requested strategy, or for "auto" the fastest one."""
     if requested != "auto":
         return requested
     return tune(device, shape).chosen if len(supported_strategies(device, shape)) > 1 else "passes"

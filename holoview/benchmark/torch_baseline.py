@@ -1,12 +1,15 @@
-"""A whole frame as the fastest loop that torch allows: what the shaders are compared with.
+"""A frame as the fastest loop in PyTorch, with which the shaders are compared.
 
-It has every advantage that a program for one bench may take: transfer functions are built before, in float64, for all
-wavelengths; fields are complex64 and changed in place; a periodic grid; one on-axis source and one frame.
+It has every advantage that a program for one fixed bench can have: transfer functions are computed in advance, in
+float64, for all wavelengths; fields are complex64 and modified in place; the grid is periodic; there are one on-axis
+source and one frame.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import torch
@@ -18,9 +21,10 @@ from holoview.optics.propagate import relay_transfer_function
 
 
 class TorchBaseline:
-    """XYZ of one plane, (3, y, x) float32, by torch on the CPU: a wavelength after the other, or all in one batch.
+    """Computes XYZ of one plane, (3, y, x) float32, in PyTorch on the CPU.
 
-    Raises ValueError for a bench with padding, tilted light, several frames or sources.
+    batched: all wavelengths at once instead of one after the other.
+    Raises ValueError for a bench with padding, tilted light, several frames or several sources.
     """
 
     def __init__(self, plan: Plan, inputs: FrameInputs, *, batched: bool) -> None:
@@ -34,54 +38,65 @@ class TorchBaseline:
         system = plan.system
         wavelengths = range(len(system.wavelengths_m))
         self._batched = batched
-        self._paths = [upsample_nearest(opd, plan.grid.upsample).float() * 1e9 for opd in inputs.opd_m[0]]
-        self._radians = [2 * math.pi / (float(λ) * 1e9) for λ in system.wavelengths_m]
-        gap = [] if system.gap_m is None else [_responses(plan, inputs, 0, system.gap_m)]
-        self._responses = [*gap, _responses(plan, inputs, 1, float(plan.planes_m[0]))]
-        mix = plan.weights[0][:, None] * plan.colour_weights
-        self._mix = torch.from_numpy(np.ascontiguousarray(mix)).float()
+        self._paths_nm = [upsample_nearest(opd, plan.grid.upsample).float() * 1e9 for opd in inputs.opd_m[0]]
+        self._radians_per_nm = [2 * math.pi / (float(λ) * 1e9) for λ in system.wavelengths_m]
+        gap = [] if system.gap_m is None else [_transfer_functions(plan, inputs, 0, system.gap_m)]
+        self._transfers = [*gap, _transfer_functions(plan, inputs, 1, float(plan.planes_m[0]))]
+        weights = plan.weights[0][:, None] * plan.colour_weights
+        self._xyz_weights = torch.from_numpy(np.ascontiguousarray(weights)).float()
         self._ones = torch.ones(plan.grid.shape)
         self._wavelengths = wavelengths
 
     def __call__(self) -> torch.Tensor:
-        """The frame."""
-        return self._together() if self._batched else self._in_turn()
+        """Compute the frame."""
+        return self._all_wavelengths() if self._batched else self._one_by_one()
 
-    def _in_turn(self) -> torch.Tensor:
-        seen = torch.zeros(3, *self._ones.shape)
+    def _one_by_one(self) -> torch.Tensor:
+        xyz = torch.zeros(3, *self._ones.shape)
         for wavelength in self._wavelengths:
             field: torch.Tensor | None = None
-            for path, responses in zip(self._paths, self._responses, strict=True):
-                phasor = torch.polar(self._ones, path * self._radians[wavelength])
+            for path, transfers in zip(self._paths_nm, self._transfers, strict=True):
+                phasor = torch.polar(self._ones, path * self._radians_per_nm[wavelength])
                 field = phasor if field is None else field.mul_(phasor)
-                field = torch.fft.ifft2(torch.fft.fft2(field).mul_(responses[wavelength]))
+                field = torch.fft.ifft2(torch.fft.fft2(field).mul_(transfers[wavelength]))
             assert field is not None
             intensity = field.real.square().add_(field.imag.square())
             for channel in range(3):
-                seen[channel].add_(intensity, alpha=float(self._mix[wavelength, channel]))
-        return seen
+                xyz[channel].add_(intensity, alpha=float(self._xyz_weights[wavelength, channel]))
+        return xyz
 
-    def _together(self) -> torch.Tensor:
-        radians = torch.tensor(self._radians)[:, None, None]
+    def _all_wavelengths(self) -> torch.Tensor:
+        radians_per_nm = torch.tensor(self._radians_per_nm)[:, None, None]
         field: torch.Tensor | None = None
-        for path, responses in zip(self._paths, self._responses, strict=True):
-            phase = path * radians
+        for path, transfers in zip(self._paths_nm, self._transfers, strict=True):
+            phase = path * radians_per_nm
             phasor = torch.polar(torch.ones(1).expand_as(phase), phase)
             field = phasor if field is None else field.mul_(phasor)
-            field = torch.fft.ifft2(torch.fft.fft2(field).mul_(responses))
+            field = torch.fft.ifft2(torch.fft.fft2(field).mul_(transfers))
         assert field is not None
         intensity = field.real.square().add_(field.imag.square())
-        return torch.einsum("wyx,wc->cyx", intensity, self._mix)
+        return torch.einsum("wyx,wc->cyx", intensity, self._xyz_weights)
 
 
-def _responses(plan: Plan, slots: FrameInputs, relay: int, distance_m: float) -> torch.Tensor:
-    """H × pupil (wavelength, y, x) complex64."""
+def _transfer_functions(plan: Plan, inputs: FrameInputs, relay: int, distance_m: float) -> torch.Tensor:
+    """Transfer function × pupil of a relay, (wavelength, y, x) complex64."""
     cpu = torch.device("cpu")
     return torch.stack(
         [
             relay_transfer_function(
-                plan.transfer(relay, w, distance_m), plan.grid, slots.pupils[relay][w], torch.complex64, cpu
+                plan.transfer(relay, w, distance_m), plan.grid, inputs.pupils[relay][w], torch.complex64, cpu
             )
             for w in range(len(plan.system.wavelengths_m))
         ]
     )
+
+
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """Use `count` threads of PyTorch inside the block."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

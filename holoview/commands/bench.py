@@ -29,7 +29,7 @@ _DEFAULT = "holochrome-8"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments."""
+    """Add the arguments of the command."""
     add_system(parser, optional=True)
     parser.add_argument("--size", metavar="1024x768", default="1024x768", help="simulated samples, x by y")
     parser.add_argument("--rounds", metavar="N", default="7", help="how often each job is timed; medians are shown")
@@ -48,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measures, and prints a table or JSON."""
+    """Run the benchmark and print a table or JSON."""
     args.preset = args.preset or _DEFAULT
     system = _sized(system_from_args(args), args.size)
     rounds = _rounds(args.rounds)
@@ -60,16 +60,21 @@ def run(args: argparse.Namespace) -> int:
     options = {"half": args.half, "strategy": args.strategy}
     frame = benchmark_frame(system, device, rounds, **options)
     timed = device_time(system, device, rounds, **options) if TIMESTAMPS in device.features else None
-    bars = [*frame.criteria, first_image_criterion(system, args.adapter)]
-    result = _result(system, device, frame, bars, timed, rounds)
+    criteria = [*frame.criteria, first_image_criterion(system, args.adapter)]
+    result = _result(system, device, frame, criteria, timed, rounds)
     print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _table(result))
     return 0
 
 
 def _result(
-    system: System, device: Device, frame: FrameTimings, bars: list[Criterion], timed: DeviceTime | None, rounds: int
+    system: System,
+    device: Device,
+    frame: FrameTimings,
+    criteria: list[Criterion],
+    timed: DeviceTime | None,
+    rounds: int,
 ) -> dict[str, Any]:
-    """All that is shown, for programs."""
+    """All results and circumstances as JSON values."""
     rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
     return {
         "preset": system.name,
@@ -88,14 +93,14 @@ def _result(
         "torch_threads": torch.get_num_threads(),
         "bars": [
             {
-                "name": bar.name,
-                "value": bar.value,
-                "bar": bar.limit,
-                "aim": bar.goal,
-                "unit": bar.unit,
-                "holds": bar.is_met,
+                "name": criterion.name,
+                "value": criterion.value,
+                "bar": criterion.limit,
+                "aim": criterion.goal,
+                "unit": criterion.unit,
+                "holds": criterion.is_met,
             }
-            for bar in bars
+            for criterion in criteria
         ],
         "jobs": {
             name: {"median_ms": sample.median_ms, "minimum_ms": sample.minimum_ms, "cpu_ms": sample.cpu_ms}
@@ -108,7 +113,7 @@ def _result(
 
 
 def _table(result: dict[str, Any]) -> str:
-    """The result for people."""
+    """The results as a table."""
     adapter, (columns, rows) = result["adapter"], result["size"]
     versions = ", ".join(f"{name} {number}" for name, number in result["versions"].items())
     lines = [
@@ -136,7 +141,7 @@ def _table(result: dict[str, Any]) -> str:
 
 
 def _device_lines(timed: dict[str, Any] | None) -> list[str]:
-    """What timestamps on the device tell."""
+    """Lines about the time on the device."""
     if timed is None:
         return ["time on the device: the adapter has no timestamp queries"]
     return [
@@ -147,7 +152,7 @@ def _device_lines(timed: dict[str, Any] | None) -> list[str]:
 
 
 def _sized(system: System, size: str) -> System:
-    """The bench with modulators that make so many samples."""
+    """The system with modulators of `size` samples, such as "1024x768" (x by y). Raises UserError for other sizes."""
     columns, _, rows = size.partition("x")
     upsample = system.sampling.upsample
     if not (columns.isdecimal() and rows.isdecimal() and int(columns) and int(rows)):
@@ -160,23 +165,23 @@ def _sized(system: System, size: str) -> System:
 
 
 def _tuning_report(system: System, device: Device, *, as_json: bool) -> str:
-    """The strategies of the transforms of a bench, timed anew."""
-    found = [tune(device, shape, remeasure=True) for shape in _grids(system)]
+    """New times of the FFT strategies for the grids of a system, as text or JSON."""
+    reports = [tune(device, shape, remeasure=True) for shape in _grids(system)]
     if as_json:
-        result = {"adapter": _adapter(device), "grids": [choice.as_dict() for choice in found]}
+        result = {"adapter": _adapter(device), "grids": [report.as_dict() for report in reports]}
         return json.dumps(result, indent=2, ensure_ascii=False)
-    return "\n".join([device.info.label, *(line for choice in found for line in choice.format_lines())])
+    return "\n".join([device.info.label, *(line for report in reports for line in report.format_lines())])
 
 
 def _check_strategy(name: StrategyOption, system: System, device: Device) -> None:
-    """Refuses a strategy that the device or a size doesn't allow."""
+    """Raise UserError if the device doesn't support a strategy for the sizes of a system."""
     if name != "auto" and not all(name in supported_strategies(device, shape) for shape in _grids(system)):
         found = f"isn't possible on {device.info.name} at {system.name}'s sizes"
         raise UserError(f"--strategy {name}", found, expected="--strategy passes")
 
 
 def _grids(system: System) -> list[tuple[int, int]]:
-    """The grids that are transformed, periodic and padded."""
+    """Shapes (ny, nx) of the grids that are transformed: without padding and with linear padding."""
     return [make_plan(system.edit({"propagation": how})).grid.padded for how in ("periodic", "linear")]
 
 

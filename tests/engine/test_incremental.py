@@ -1,4 +1,4 @@
-"""A session after an edit shows what a fresh one shows, and computes nothing that the edit leaves alone."""
+"""After an edit a renderer has the results of a new one, and recomputes only what depends on the edit."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ SYSTEM = System(
 LIT, WAVELENGTHS = 5, 3
 
 NOTHING: dict[str, int] = {}
-PICTURE = {"show": 1}
-SEEN = PICTURE | {"composite": 1}
-FROM_SECOND = SEEN | {"propagate": LIT, "observe": LIT}
-FROM_FIRST = SEEN | {"propagate": 2 * LIT, "modulate": LIT, "observe": LIT}
+SRGB = {"show": 1}
+XYZ = SRGB | {"composite": 1}
+FROM_SECOND = XYZ | {"propagate": LIT, "observe": LIT}
+FROM_FIRST = XYZ | {"propagate": 2 * LIT, "modulate": LIT, "observe": LIT}
 ALL = FROM_FIRST | {"light": LIT}
 
 EDITS: dict[str, tuple[dict[str, Any], dict[str, int]]] = {
     "nothing": ({}, NOTHING),
-    "exposure": ({"exposure_stops": 1.5}, PICTURE),
-    "observer": ({"system": {"observer": "cie1931"}}, SEEN),
-    "amplitudes": ({"system": {"amplitudes": [[0.5, 1.0, 0.0], [0.0, 2.0, 3.0]]}}, SEEN),
+    "exposure": ({"exposure_stops": 1.5}, SRGB),
+    "observer": ({"system": {"observer": "cie1931"}}, XYZ),
+    "amplitudes": ({"system": {"amplitudes": [[0.5, 1.0, 0.0], [0.0, 2.0, 3.0]]}}, XYZ),
     "a laser that was off": (
         {"system": {"amplitudes": [[1.0, 2.0, 0.5], [1.0, 1.0, 3.0]]}},
-        SEEN | {"light": 1, "propagate": 2, "modulate": 1, "observe": 1},
+        XYZ | {"light": 1, "propagate": 2, "modulate": 1, "observe": 1},
     ),
     "focal plane": ({"plane_m": 3.5e-3}, FROM_SECOND),
     "iris of the second relay": ({"system": {"relay2.iris_na": 0.02}}, FROM_SECOND),
@@ -56,27 +56,27 @@ EDITS: dict[str, tuple[dict[str, Any], dict[str, int]]] = {
     "iris of the first relay": ({"system": {"relay1.iris_na": 0.02}}, FROM_FIRST),
     "one wavelength": (
         {"system": {"wavelengths": ["460 nm", "550 nm", "638 nm"]}},
-        SEEN | {"light": 2, "propagate": 4, "modulate": 2, "observe": 2},
+        XYZ | {"light": 2, "propagate": 4, "modulate": 2, "observe": 2},
     ),
     "pattern of modulator 2 in one frame": (
         {"drive": (1, 1)},
-        SEEN | {"propagate": 4, "modulate": 2, "observe": 2},
+        XYZ | {"propagate": 4, "modulate": 2, "observe": 2},
     ),
     "pattern of modulator 1 in one frame": (
         {"drive": (1, 0)},
-        SEEN | {"light": 2, "propagate": 4, "modulate": 2, "observe": 2},
+        XYZ | {"light": 2, "propagate": 4, "modulate": 2, "observe": 2},
     ),
     "direction of the light": ({"system": {"source": {"directions": [[0.0, 0.01]]}}}, ALL),
     "stroke": ({"system": {"stroke": "800 nm"}}, ALL),
 }
-"""An edit, and the kernels that it costs."""
+"""Each edit, and the number of dispatches of each kernel that it takes."""
 
 
-def _edited(session: IncrementalRenderer, drive: np.ndarray, change: dict[str, Any]) -> dict[str, Any]:
+def _edited(renderer: IncrementalRenderer, drive: np.ndarray, change: dict[str, Any]) -> dict[str, Any]:
     """The arguments of `edit`."""
     out = dict(change)
     if "system" in out:
-        out["system"] = session.system.edit(out["system"])
+        out["system"] = renderer.system.edit(out["system"])
     if "drive" in out:
         changed = drive.copy()
         changed[out["drive"]] = 1 - changed[out["drive"]]
@@ -84,77 +84,77 @@ def _edited(session: IncrementalRenderer, drive: np.ndarray, change: dict[str, A
     return out
 
 
-def _cost(session: IncrementalRenderer, act: Callable[[], None]) -> dict[str, int]:
-    before = Counter(session.dispatch_counts)
+def _cost(renderer: IncrementalRenderer, act: Callable[[], None]) -> dict[str, int]:
+    before = Counter(renderer.dispatch_counts)
     act()
-    return dict(session.dispatch_counts - before)
+    return dict(renderer.dispatch_counts - before)
 
 
 def _open(device: Device, system: System = SYSTEM, **settings: Any) -> IncrementalRenderer:
-    session = IncrementalRenderer(system, random_drive(system), device, **settings)
-    session.update()
-    return session
+    renderer = IncrementalRenderer(system, random_drive(system), device, **settings)
+    renderer.update()
+    return renderer
 
 
-def _xyz_stack(session: IncrementalRenderer, planes_m: list[float]) -> np.ndarray:
+def _xyz_stack(renderer: IncrementalRenderer, planes_m: list[float]) -> np.ndarray:
     """XYZ (plane, y, x, 3) at several planes; the renderer's own plane is restored."""
-    before, images = session.plane_m, []
+    before, images = renderer.plane_m, []
     for plane_m in planes_m:
-        session.edit(plane_m=plane_m)
-        session.update()
-        images.append(session.xyz())
-    session.edit(plane_m=before)
+        renderer.edit(plane_m=plane_m)
+        renderer.update()
+        images.append(renderer.xyz())
+    renderer.edit(plane_m=before)
     return np.stack(images)
 
 
 @pytest.mark.parametrize("name", EDITS)
 def test_an_edit_costs_only_the_kernels_that_depend_on_it(device: Device, name: str) -> None:
     change, expected = EDITS[name]
-    session, drive = _open(device), random_drive(SYSTEM)
-    assert session.dispatch_counts == ALL
-    session.edit(system=SYSTEM.edit({"gap": "0.9 mm"}))  # that it is edited makes the first rows worth keeping
-    session.update()
-    session.edit(system=SYSTEM)
-    session.update()
-    session.edit(**_edited(session, drive, change))
-    assert _cost(session, session.update) == expected
-    assert _cost(session, session.update) == NOTHING
+    renderer, drive = _open(device), random_drive(SYSTEM)
+    assert renderer.dispatch_counts == ALL
+    renderer.edit(system=SYSTEM.edit({"gap": "0.9 mm"}))  # after an edit of the gap the first rows are stored
+    renderer.update()
+    renderer.edit(system=SYSTEM)
+    renderer.update()
+    renderer.edit(**_edited(renderer, drive, change))
+    assert _cost(renderer, renderer.update) == expected
+    assert _cost(renderer, renderer.update) == NOTHING
 
 
 @pytest.mark.parametrize("name", EDITS)
-@pytest.mark.parametrize("budget", [2**30, 200_000, 0], ids=["all kept", "some kept", "nothing kept"])
-def test_after_an_edit_a_session_shows_what_a_fresh_one_shows(device: Device, name: str, budget: int) -> None:
-    session, drive = _open(device, budget_bytes=budget), random_drive(SYSTEM)
-    edit = _edited(session, drive, EDITS[name][0])
-    session.edit(**edit)
-    session.update()
+@pytest.mark.parametrize("budget", [2**30, 200_000, 0], ids=["all stored", "some stored", "nothing stored"])
+def test_after_an_edit_a_renderer_shows_what_a_fresh_one_shows(device: Device, name: str, budget: int) -> None:
+    renderer, drive = _open(device, budget_bytes=budget), random_drive(SYSTEM)
+    edit = _edited(renderer, drive, EDITS[name][0])
+    renderer.edit(**edit)
+    renderer.update()
     given = {"drive": drive, "system": SYSTEM} | edit
     fresh = IncrementalRenderer(given.pop("system"), given.pop("drive"), device, **given)
     fresh.update()
-    assert np.array_equal(session.xyz(), fresh.xyz())
-    assert np.array_equal(session.srgb8(), fresh.srgb8())
+    assert np.array_equal(renderer.xyz(), fresh.xyz())
+    assert np.array_equal(renderer.srgb8(), fresh.srgb8())
     for wavelength in range(WAVELENGTHS):
-        assert np.array_equal(session.intensity(wavelength), fresh.intensity(wavelength))
+        assert np.array_equal(renderer.intensity(wavelength), fresh.intensity(wavelength))
 
 
-# --- what is shown --------------------------------------------------------------------------------------------------
+# --- results ----------------------------------------------------------------------------------------------------
 
 TOLERANCE = 1e-6
 """Relative L2 of XYZ against complex128; 4.8e-7 is the worst seen."""
 HALF_PSNR_DB = 80.0
 
-BENCHES: dict[str, dict[str, Any]] = {
+SYSTEMS: dict[str, dict[str, Any]] = {
     "two modulators, padded": {},
     "periodic": {"propagation": "periodic"},
     "one modulator": {"modulators": [{"pitch": "8 um", "shape": [25, 32], "stroke": "825 nm"}], "gap": None},
     "two sources": {"source": {"directions": [[0.0, 0.0], [0.01, -0.02]]}},
-    "glass": {"relay1.iris_na": 0.03, "relay1.aberration": {"Z5": "40 nm"}, "relay2.apodisation_na": 0.02},
+    "pupils": {"relay1.iris_na": 0.03, "relay1.aberration": {"Z5": "40 nm"}, "relay2.apodisation_na": 0.02},
     "stops, compact": {"relay2.iris_na": 0.02, "relay2.dc_block_na": 0.003, "propagation": "compact"},
 }
 
 
-def _error(found: np.ndarray, expected: np.ndarray) -> float:
-    return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+def _error(actual: np.ndarray, expected: np.ndarray) -> float:
+    return float(np.linalg.norm(actual - expected) / np.linalg.norm(expected))
 
 
 def _reference(system: System, planes_m: list[float]) -> np.ndarray:
@@ -164,14 +164,14 @@ def _reference(system: System, planes_m: list[float]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("together", [1, 2, 3])
-@pytest.mark.parametrize("name", BENCHES)
-def test_a_session_shows_what_torch_computes_in_double_precision(device: Device, name: str, together: int) -> None:
-    system = SYSTEM.edit(BENCHES[name])
-    session = _open(device, system, max_wavelengths=together)
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_a_renderer_shows_what_torch_computes_in_double_precision(device: Device, name: str, together: int) -> None:
+    system = SYSTEM.edit(SYSTEMS[name])
+    renderer = _open(device, system, max_wavelengths=together)
     expected = _reference(system, [*system.planes_m])[0]
-    assert _error(session.xyz(), expected) <= TOLERANCE
-    codes = to_srgb8(xyz_to_linear_srgb(session.xyz()))
-    assert np.abs(session.srgb8().astype(int) - codes).max() <= 1
+    assert _error(renderer.xyz(), expected) <= TOLERANCE
+    codes = to_srgb8(xyz_to_linear_srgb(renderer.xyz()))
+    assert np.abs(renderer.srgb8().astype(int) - codes).max() <= 1
     assert np.ptp(codes) > 150
 
 
@@ -181,19 +181,19 @@ def test_wavelengths_computed_together_or_one_by_one_are_the_same_bit_for_bit(de
     assert together.dispatch_counts["light"] == 2  # three wavelengths of the first frame, two of the second
 
 
-def test_a_stack_is_what_each_plane_shows_and_shares_the_second_rows(device: Device) -> None:
-    session, planes_m = _open(device), [3e-3, 3.5e-3, 4e-3]
+def test_planes_of_a_focal_stack_share_the_second_rows(device: Device) -> None:
+    renderer, planes_m = _open(device), [3e-3, 3.5e-3, 4e-3]
     cost: dict[str, int] = {}
     stacks = []
-    cost = _cost(session, lambda: stacks.append(_xyz_stack(session, planes_m)))
+    cost = _cost(renderer, lambda: stacks.append(_xyz_stack(renderer, planes_m)))
     assert _error(stacks[0], _reference(SYSTEM, planes_m)) <= TOLERANCE
     assert cost == {name: 2 * count for name, count in FROM_SECOND.items()}  # the first plane was there
-    assert session.plane_m == 3e-3
+    assert renderer.plane_m == 3e-3
 
 
-@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.parametrize("name", SYSTEMS)
 def test_half_precision_between_kernels_costs_less_than_a_code_of_255(device: Device, name: str) -> None:
-    system = SYSTEM.edit(BENCHES[name])
+    system = SYSTEM.edit(SYSTEMS[name])
     full, half = _open(device, system), _open(device, system, half=True)
     expected = full.xyz()
     psnr = 10 * np.log10(expected.max() ** 2 / np.mean((half.xyz() - expected) ** 2))
@@ -201,52 +201,52 @@ def test_half_precision_between_kernels_costs_less_than_a_code_of_255(device: De
 
 
 def test_exposure_is_in_stops_of_light(device: Device) -> None:
-    session = _open(device)
-    session.edit(exposure_stops=-2.0)
-    session.update()
-    codes = to_srgb8(xyz_to_linear_srgb(session.xyz() / 4))
-    assert np.abs(session.srgb8().astype(int) - codes).max() <= 1
+    renderer = _open(device)
+    renderer.edit(exposure_stops=-2.0)
+    renderer.update()
+    codes = to_srgb8(xyz_to_linear_srgb(renderer.xyz() / 4))
+    assert np.abs(renderer.srgb8().astype(int) - codes).max() <= 1
 
 
 # --- in steps -------------------------------------------------------------------------------------------------------
 
 
 def test_an_update_can_be_dropped_and_gone_on_with(device: Device) -> None:
-    session = IncrementalRenderer(SYSTEM, random_drive(SYSTEM), device)
-    steps = session.steps(wait=True)
+    renderer = IncrementalRenderer(SYSTEM, random_drive(SYSTEM), device)
+    steps = renderer.steps(wait=True)
     done = [next(steps) for _ in range(3)]
     assert [step.done for step in done] == [1, 2, 3] and done[0].total == LIT + 2
-    session.edit(exposure_stops=1.0)
+    renderer.edit(exposure_stops=1.0)
     assert list(steps) == []
-    assert _cost(session, session.update) == SEEN | {
+    assert _cost(renderer, renderer.update) == XYZ | {
         "light": 2, "propagate": 4, "modulate": 2, "observe": 2
     }  # fmt: skip
-    assert np.array_equal(session.xyz(), _open(device).xyz())
+    assert np.array_equal(renderer.xyz(), _open(device).xyz())
 
 
 def test_an_impossible_edit_changes_nothing(device: Device) -> None:
-    session = _open(device)
-    before = session.xyz()
+    renderer = _open(device)
+    before = renderer.xyz()
     with pytest.raises(UserError, match="drive"):
-        session.edit(drive=np.zeros((1, 1)), plane_m=5e-3)
+        renderer.edit(drive=np.zeros((1, 1)), plane_m=5e-3)
     with pytest.raises(UserError, match="planes"):
-        session.edit(plane_m=-1.0)
-    assert session.plane_m == 3e-3
-    assert _cost(session, session.update) == NOTHING
-    assert np.array_equal(session.xyz(), before)
+        renderer.edit(plane_m=-1.0)
+    assert renderer.plane_m == 3e-3
+    assert _cost(renderer, renderer.update) == NOTHING
+    assert np.array_equal(renderer.xyz(), before)
 
 
 def test_the_first_edit_of_the_gap_begins_at_the_source_and_the_next_ones_at_the_gap(device: Device) -> None:
-    session = _open(device)
+    renderer = _open(device)
     for gap, cost in (("1.2 mm", ALL), ("1.3 mm", FROM_FIRST), ("1.4 mm", FROM_FIRST)):
-        session.edit(system=SYSTEM.edit({"gap": gap}))
-        assert _cost(session, session.update) == cost
+        renderer.edit(system=SYSTEM.edit({"gap": gap}))
+        assert _cost(renderer, renderer.update) == cost
 
 
-@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.parametrize("name", SYSTEMS)
 def test_transforms_in_subgroups_show_the_same(device: Device, name: str) -> None:
-    system = SYSTEM.edit({"shape": [32, 64], **BENCHES[name], "sampling.propagation": "periodic"})
-    if "modulators" in BENCHES[name]:
+    system = SYSTEM.edit({"shape": [32, 64], **SYSTEMS[name], "sampling.propagation": "periodic"})
+    if "modulators" in SYSTEMS[name]:
         system = system.edit({"shape": [32, 64]})
     if "subgroup" not in supported_strategies(device, (64, 128)):
         pytest.skip("the lanes of this adapter exchange nothing")
@@ -255,14 +255,14 @@ def test_transforms_in_subgroups_show_the_same(device: Device, name: str) -> Non
 
 
 def test_another_grid_is_computed_from_the_start(device: Device) -> None:
-    session = _open(device)
-    session.edit(system=SYSTEM.edit({"upsample": 1}))
-    session.update()
-    assert session.dispatch_counts == ALL
-    assert session.xyz().shape == (25, 32, 3)
+    renderer = _open(device)
+    renderer.edit(system=SYSTEM.edit({"upsample": 1}))
+    renderer.update()
+    assert renderer.dispatch_counts == ALL
+    assert renderer.xyz().shape == (25, 32, 3)
 
 
-# --- where it can't go on -------------------------------------------------------------------------------------------
+# --- limits and failures ----------------------------------------------------------------------------------------
 
 
 def _limited(device: Device, **limits: int) -> Device:
@@ -271,25 +271,25 @@ def _limited(device: Device, **limits: int) -> Device:
     return Device(device.raw, device.info, {**device.limits, **lower})
 
 
-def test_a_bench_beyond_the_limits_is_refused_with_what_to_lower_and_the_session_goes_on(device: Device) -> None:
-    session = _open(_limited(device, max_storage_buffer_binding_size=2**18))
-    before = session.xyz()
+def test_a_bench_beyond_the_limits_is_refused_with_what_to_lower_and_the_renderer_goes_on(device: Device) -> None:
+    renderer = _open(_limited(device, max_storage_buffer_binding_size=2**18))
+    before = renderer.xyz()
     with pytest.raises(UserError, match=r"needs 1.587 MiB; expected at most 262144 bytes .*lower the size of the grid"):
-        session.edit(system=SYSTEM.edit({"shape": [100, 128]}), drive=np.zeros((2, 2, 100, 128), np.float32))
-    assert session.system == SYSTEM
-    session.edit(plane_m=4e-3)
-    session.update()
-    session.edit(plane_m=3e-3)
-    session.update()
-    assert np.array_equal(session.xyz(), before)
+        renderer.edit(system=SYSTEM.edit({"shape": [100, 128]}), drive=np.zeros((2, 2, 100, 128), np.float32))
+    assert renderer.system == SYSTEM
+    renderer.edit(plane_m=4e-3)
+    renderer.update()
+    renderer.edit(plane_m=3e-3)
+    renderer.update()
+    assert np.array_equal(renderer.xyz(), before)
 
 
 def test_a_lost_device_is_told_at_the_next_step(device: Device, wgpu_log: list[str]) -> None:
     lost = open_device(device.info.name)
-    session = _open(lost)
+    renderer = _open(lost)
     lost.raw.destroy()
-    session.invalidate()
-    for act in (session.update, session.xyz, lambda: session.edit(plane_m=5e-3)):
+    renderer.invalidate()
+    for act in (renderer.update, renderer.xyz, lambda: renderer.edit(plane_m=5e-3)):
         with pytest.raises(DeviceLost, match="reopen the device"):
             act()
     wgpu_log.clear()

@@ -1,4 +1,4 @@
-"""Work that is cut into slices and dropped in the middle leaves nothing behind that counts as done."""
+"""An update that is abandoned between two slices leaves no result that is wrongly taken as current."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from holoview.view import random_drive
 pytestmark = pytest.mark.gpu
 
 MODULATOR = Modulator(pitch_m=8e-6, shape=(16, 24), stroke_m=700e-9)
-BENCH = System(
+SYSTEM = System(
     wavelengths_m=[460e-9, 530e-9, 638e-9],
     amplitudes=[[1.0, 1.0, 1.0]],
     modulators=(MODULATOR, MODULATOR),
@@ -24,7 +24,7 @@ BENCH = System(
     planes_m=[3e-3],
     source={"directions": [[0.0, 0.0], [0.0, 0.01]]},
 )
-A_DISPATCH = 1e-9
+ONE_DISPATCH_S = 1e-9
 EDITS = [
     {"gap": "1 mm"},
     {"gap": "1.5 mm"},
@@ -35,44 +35,44 @@ EDITS = [
 
 
 def _fresh(device: Device, system: System, drive: np.ndarray, plane_m: float) -> np.ndarray:
-    session = IncrementalRenderer(system, drive, device, plane_m=plane_m)
-    session.update(with_srgb=False)
-    return session.xyz()
+    renderer = IncrementalRenderer(system, drive, device, plane_m=plane_m)
+    renderer.update(with_srgb=False)
+    return renderer.xyz()
 
 
-@pytest.mark.parametrize("budget", [2**30, 0], ids=["all is kept", "nothing is kept"])
+@pytest.mark.parametrize("budget", [2**30, 0], ids=["everything stored", "nothing stored"])
 def test_whatever_is_dropped_half_done_the_next_update_is_right(device: Device, budget: int) -> None:
-    dice, drive = np.random.default_rng(5), random_drive(BENCH, 1)
-    session = IncrementalRenderer(BENCH, drive, device, budget_bytes=budget)
-    system, plane_m = BENCH, 3e-3
+    rng, drive = np.random.default_rng(5), random_drive(SYSTEM, 1)
+    renderer = IncrementalRenderer(SYSTEM, drive, device, budget_bytes=budget)
+    system, plane_m = SYSTEM, 3e-3
     for turn in range(24):
-        system = system.edit(EDITS[dice.integers(len(EDITS))])
-        plane_m = float(dice.choice([3e-3, 4e-3]))
-        session.edit(system=system, plane_m=plane_m)
+        system = system.edit(EDITS[rng.integers(len(EDITS))])
+        plane_m = float(rng.choice([3e-3, 4e-3]))
+        renderer.edit(system=system, plane_m=plane_m)
         if turn % 6 != 5:
-            for _ in islice(session.steps(with_srgb=False, slice_s=A_DISPATCH), int(dice.integers(1, 40))):
+            for _ in islice(renderer.steps(with_srgb=False, slice_s=ONE_DISPATCH_S), int(rng.integers(1, 40))):
                 pass
             continue
-        session.update(with_srgb=False)
-        np.testing.assert_array_equal(session.xyz(), _fresh(device, system, drive, plane_m))
+        renderer.update(with_srgb=False)
+        np.testing.assert_array_equal(renderer.xyz(), _fresh(device, system, drive, plane_m))
 
 
 def test_another_iterator_ends_the_one_before(device: Device) -> None:
-    session = IncrementalRenderer(BENCH, random_drive(BENCH, 1), device)
-    first = session.steps(slice_s=A_DISPATCH)
+    renderer = IncrementalRenderer(SYSTEM, random_drive(SYSTEM, 1), device)
+    first = renderer.steps(slice_s=ONE_DISPATCH_S)
     next(first)
-    second = session.steps(slice_s=A_DISPATCH)
+    second = renderer.steps(slice_s=ONE_DISPATCH_S)
     next(second)
     assert list(first) == []
     assert list(second)
-    np.testing.assert_array_equal(session.xyz(), _fresh(device, BENCH, random_drive(BENCH, 1), 3e-3))
+    np.testing.assert_array_equal(renderer.xyz(), _fresh(device, SYSTEM, random_drive(SYSTEM, 1), 3e-3))
 
 
 def test_an_intensity_that_is_asked_for_in_between_ends_an_update(device: Device) -> None:
-    session = IncrementalRenderer(BENCH, random_drive(BENCH, 1), device)
-    steps = session.steps(slice_s=A_DISPATCH)
+    renderer = IncrementalRenderer(SYSTEM, random_drive(SYSTEM, 1), device)
+    steps = renderer.steps(slice_s=ONE_DISPATCH_S)
     next(steps)
-    wanted = session.intensity(2)
+    intensity = renderer.intensity(2)
     assert list(steps) == []
-    session.update()
-    np.testing.assert_array_equal(session.intensity(2), wanted)
+    renderer.update()
+    np.testing.assert_array_equal(renderer.intensity(2), intensity)

@@ -1,4 +1,4 @@
-"""Work that is cut into slices gives the same image, and what is dropped between two slices counts for nothing."""
+"""Work that is submitted in slices gives the same image, and abandoned work leaves no result that counts."""
 
 from __future__ import annotations
 
@@ -57,26 +57,26 @@ def test_work_dropped_between_slices_leaves_nothing_that_counts(
 ) -> None:
     """An edit is begun, dropped half way, and taken back: what was half overwritten has to be computed again."""
     system = SYSTEM.edit({"source": {"grid": [1, sources], "spacing": "1 mrad"}}) if sources > 1 else SYSTEM
-    session = _open(device, system)
-    session.update()
-    expected = session.xyz()
+    renderer = _open(device, system)
+    renderer.update()
+    expected = renderer.xyz()
     for change in ({"gap": "1.5 mm"}, {"wavelengths": ["470 nm", "550 nm", "628 nm"]}, {"gap": "1.2 mm"}):
-        session.edit(system=system.edit(change))
-        steps = session.steps(slice_s=SHORT_S)
+        renderer.edit(system=system.edit(change))
+        steps = renderer.steps(slice_s=SHORT_S)
         for _ in range(dropped_after):
             next(steps, None)
-        session.edit(system=system)
-        session.update()
-        assert np.array_equal(session.xyz(), expected)
+        renderer.edit(system=system)
+        renderer.update()
+        assert np.array_equal(renderer.xyz(), expected)
 
 
-def test_what_follows_a_score_is_called_at_its_end_only(device: Device) -> None:
-    score, calls = SlicedRecorder(device), []
+def test_functions_of_a_sliced_recorder_are_called_at_its_end_only(device: Device) -> None:
+    recorder, calls = SlicedRecorder(device), []
     buffers = [device.buffer(16, f"buffer {i}") for i in range(3)]
     for buffer in buffers:
-        score.clear(buffer)
-    score.on_submit(lambda: calls.append("done"))
-    score.submit_next(2)
-    assert (score.remaining, calls) == (1, [])
-    score.submit_next(2, wait=True)
-    assert (score.remaining, calls) == (0, ["done"])
+        recorder.clear(buffer)
+    recorder.on_submit(lambda: calls.append("done"))
+    recorder.submit_next(2)
+    assert (recorder.remaining, calls) == (1, [])
+    recorder.submit_next(2, wait=True)
+    assert (recorder.remaining, calls) == (0, ["done"])

@@ -85,8 +85,8 @@ def _expected(system: System, drive: np.ndarray) -> np.ndarray:
                 if system.gap_m is not None:
                     field = _relayed(field, _transfer(padded, dx, λ, system.gap_m, system.relay1, linear)) * masks[1]
                 for k, z in enumerate(system.planes_m):
-                    seen = _relayed(field, _transfer(padded, dx, λ, z, system.relay2, linear))
-                    out[k, i] += system.amplitudes[frame, i] * np.abs(seen) ** 2
+                    at_plane = _relayed(field, _transfer(padded, dx, λ, z, system.relay2, linear))
+                    out[k, i] += system.amplitudes[frame, i] * np.abs(at_plane) ** 2
     return out / (system.frames * len(system.source.directions_rad))
 
 
@@ -118,10 +118,10 @@ def test_a_frame_is_what_the_formulas_say(case: str, propagation: str) -> None:
     drive = _drive(system).astype(np.float32).astype(np.float64)  # exact in both precisions
     expected = _expected(system, drive)
     for double, tolerance in ((True, DOUBLE_TOLERANCE), (False, SINGLE_TOLERANCE)):
-        found = _simulated(system, drive, double)
-        assert found.dtype == (np.float64 if double else np.float32)
-        assert found.shape == expected.shape
-        assert np.linalg.norm(found - expected) <= tolerance * np.linalg.norm(expected)
+        actual = _simulated(system, drive, double)
+        assert actual.dtype == (np.float64 if double else np.float32)
+        assert actual.shape == expected.shape
+        assert np.linalg.norm(actual - expected) <= tolerance * np.linalg.norm(expected)
 
 
 def test_compact_padding_agrees_with_linear_padding_where_pupils_bound_the_angles() -> None:
@@ -156,17 +156,17 @@ def test_intensity_is_linear_in_the_laser_amplitudes() -> None:
 def test_time_sequential_frames_are_averaged_each_with_its_own_laser() -> None:
     sequential = _system(amplitudes=[[2.0, 0.0], [0.0, 4.0]])
     drive = _drive(sequential)
-    found = _simulated(sequential, drive)
+    actual = _simulated(sequential, drive)
     for laser, amplitudes in enumerate([[2.0, 0.0], [0.0, 4.0]]):
         alone = _simulated(_system(amplitudes=[amplitudes]), drive[laser : laser + 1])
-        np.testing.assert_allclose(found[:, laser], alone[:, laser] / 2, rtol=1e-13, atol=1e-15)
+        np.testing.assert_allclose(actual[:, laser], alone[:, laser] / 2, rtol=1e-13, atol=1e-15)
 
 
 def test_equal_frames_and_equal_sources_average_to_one_of_them() -> None:
     system, drive = _system(), _drive(_system())
     repeated = system.with_(frames=3, source={"directions": [[0, 0], [0, 0]]})
-    found = _simulated(repeated, np.repeat(drive, 3, axis=0))
-    np.testing.assert_allclose(found, _simulated(system, drive), rtol=1e-13)
+    actual = _simulated(repeated, np.repeat(drive, 3, axis=0))
+    np.testing.assert_allclose(actual, _simulated(system, drive), rtol=1e-13)
 
 
 def test_a_constant_added_to_a_pattern_changes_nothing() -> None:
@@ -193,12 +193,12 @@ def test_one_wavelength_can_be_recomputed_alone_in_any_order() -> None:
 
 
 def test_progress_counts_the_wavelengths() -> None:
-    system, seen = _system(), []
+    system, calls = _system(), []
     plan = make_plan(system)
     compute_focal_stack(
-        TorchExecutor(plan, make_frame_inputs(plan, _drive(system))), lambda done, total: seen.append((done, total))
+        TorchExecutor(plan, make_frame_inputs(plan, _drive(system))), lambda done, total: calls.append((done, total))
     )
-    assert seen == [(1, 2), (2, 2)]
+    assert calls == [(1, 2), (2, 2)]
 
 
 @pytest.mark.parametrize(("double", "tolerance"), [(True, 1e-14), (False, 1e-6)])
@@ -226,8 +226,8 @@ def test_gradients_reach_the_drive() -> None:
     plan, start = make_plan(system), torch.from_numpy(_drive(system))
 
     def total(drive: torch.Tensor) -> torch.Tensor:
-        slots = make_frame_inputs(plan, drive)
-        return TorchExecutor(plan, slots, double=True).intensity_tensor().square().sum()
+        inputs = make_frame_inputs(plan, drive)
+        return TorchExecutor(plan, inputs, double=True).intensity_tensor().square().sum()
 
     drive = start.clone().requires_grad_()
     (gradient,) = torch.autograd.grad(total(drive), drive)
