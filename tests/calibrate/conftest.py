@@ -1,4 +1,4 @@
-"""A virtual session of a bench with many faults, and what a calibration learns from it: once for all tests."""
+"""Virtual captures of a bench with several faults, and a calibration that is trained on them once for all tests."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ TRUTH: dict[str, dict[str, float]] = {
 
 
 @dataclass(frozen=True)
-class Learnt:
-    """A session, what was hidden in it, how it was split, the maps' layout, and the states after every epoch."""
+class TrainedCalibration:
+    """A calibration: the hidden effects of the bench, captures, split, layout of the maps, and state of each epoch."""
 
     hidden: dict[str, dict[str, float]]
     captures: Captures
@@ -57,27 +57,27 @@ def bench(wavelengths: int = 3, planes: tuple[float, ...] = (3e-3,)) -> System:
 
 
 def session(each: int = 7, seed: int = 1, **changes: object) -> Captures:
-    """Captures of the small bench with all its faults."""
+    """Virtual captures of the small bench with all its faults, `each` for every wavelength and plane."""
     return make_captures(bench(**changes), TRUTH, AcquisitionSettings(captures_per_condition=each, seed=seed))  # type: ignore[arg-type]
 
 
 @pytest.fixture
 def make_bench() -> Callable[..., System]:
-    """`bench`, for a number of wavelengths and planes."""
+    """The function `bench`, for a number of wavelengths and planes."""
     return bench
 
 
 @pytest.fixture(scope="session")
 def small() -> Captures:
-    """A few captures, for what needs no result."""
+    """Two captures for each wavelength, for tests that need no trained maps."""
     return session(each=2)
 
 
 @pytest.fixture(scope="session")
-def learnt() -> Learnt:
-    """What 25 epochs learn from 17 of 21 captures."""
+def trained() -> TrainedCalibration:
+    """A calibration of 25 epochs, trained on 17 of 21 captures."""
     captures = session()
     split = split_captures(captures)
     layout = map_layout_for(captures, split.train)
     states = list(train(captures, {}, split, layout, CalibrationSettings(epochs=25, batch=2)))
-    return Learnt(TRUTH, captures, split, layout, states)
+    return TrainedCalibration(TRUTH, captures, split, layout, states)

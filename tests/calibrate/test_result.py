@@ -28,24 +28,24 @@ from holoview.util.errors import UserError
 
 
 @pytest.fixture(scope="module")
-def model(learnt: Any) -> CalibrationModel:
-    model = CalibrationModel(learnt.captures, learnt.layout, {})
-    model.set_maps(learnt.states[-1].best_maps.tensors)
+def model(trained: Any) -> CalibrationModel:
+    model = CalibrationModel(trained.captures, trained.layout, {})
+    model.set_maps(trained.states[-1].best_maps.tensors)
     return model
 
 
 @pytest.fixture(scope="module")
-def scored(learnt: Any, model: CalibrationModel) -> PredictionScore:
+def scored(trained: Any, model: CalibrationModel) -> PredictionScore:
     return score_predictions(
-        TrainingData(learnt.captures), learnt.split, model.predict_nominal, model.predict, lambda *_: None
+        TrainingData(trained.captures), trained.split, model.predict_nominal, model.predict, lambda *_: None
     )
 
 
 @pytest.fixture(scope="module")
-def saved(learnt: Any, scored: PredictionScore, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def saved(trained: Any, scored: PredictionScore, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("calibrated")
-    bench = starting_bench(learnt.captures, None, "mine")
-    CalibrationResult(learnt.captures, bench, learnt.states[-1].best_maps, scored, normalise_amplitudes=True).save(
+    bench = starting_bench(trained.captures, None, "mine")
+    CalibrationResult(trained.captures, bench, trained.states[-1].best_maps, scored, normalise_amplitudes=True).save(
         folder / "mine.toml"
     )
     return folder / "mine.toml"
@@ -58,10 +58,10 @@ def test_scores_rise_on_what_was_held_out_at_every_wavelength(scored: Prediction
     assert {row.wavelength_m for row in scored.rows if row.group == "train"} == {None, 460e-9, 532e-9, 638e-9}
 
 
-def test_the_lasers_law_is_the_hidden_one(learnt: Any, scored: PredictionScore) -> None:
+def test_the_lasers_law_is_the_hidden_one(trained: Any, scored: PredictionScore) -> None:
     exponent, sigma = scored.response.common_exponent
     assert scored.response.is_nonlinear
-    assert exponent == pytest.approx(learnt.hidden["laser_power"]["exponent"], abs=max(4 * sigma, 0.01))
+    assert exponent == pytest.approx(trained.hidden["laser_power"]["exponent"], abs=max(4 * sigma, 0.01))
 
 
 def test_the_preset_names_its_maps_beside_it_and_moves_with_them(saved: Path, tmp_path: Path) -> None:
@@ -77,8 +77,8 @@ def test_the_preset_names_its_maps_beside_it_and_moves_with_them(saved: Path, tm
 
 
 @pytest.mark.parametrize("backend", ["torch64", "torch"])
-def test_frames_are_what_the_predictor_expects(saved: Path, learnt: Any, backend: str) -> None:
-    captures: Captures = learnt.captures
+def test_frames_are_what_the_predictor_expects(saved: Path, trained: Any, backend: str) -> None:
+    captures: Captures = trained.captures
     system = preset.load(saved)
     table = {"calibrated": system.effect_values["calibrated"]}
     one = system.edit({"effects": table, "wavelengths": [float(captures.wavelength_m[3])], "amplitudes": [[1.0]]})
@@ -89,7 +89,7 @@ def test_frames_are_what_the_predictor_expects(saved: Path, learnt: Any, backend
     assert np.abs(frame - expected).max() < (1e-4 if backend == "torch" else 1e-6) * expected.max()
 
 
-def test_maps_that_are_missing_damaged_or_of_another_bench_are_named(saved: Path, learnt: Any, tmp_path: Path) -> None:
+def test_maps_that_are_missing_damaged_or_of_another_bench_are_named(saved: Path, trained: Any, tmp_path: Path) -> None:
     text = saved.read_text()
     (tmp_path / "mine.toml").write_text(text)
     with pytest.raises(UserError, match=r"mine\.safetensors: no such file"):
@@ -97,23 +97,23 @@ def test_maps_that_are_missing_damaged_or_of_another_bench_are_named(saved: Path
     (tmp_path / "mine.safetensors").write_bytes(b"not tensors")
     with pytest.raises(UserError, match="can't be read"):
         hv.make_plan(preset.load(tmp_path / "mine.toml"))
-    single = dataclasses.replace(learnt.layout, modulators=1, warp_nodes=(0, 0), noll1=())
+    single = dataclasses.replace(trained.layout, modulators=1, warp_nodes=(0, 0), noll1=())
     write_calibration(tmp_path / "mine.safetensors", LearnedMaps.nominal(single), {})
     with pytest.raises(UserError, match="maps of 1 modulators"):
         hv.make_plan(preset.load(tmp_path / "mine.toml"))
 
 
-def test_a_file_of_maps_with_nan_is_refused(learnt: Any, tmp_path: Path) -> None:
-    maps = LearnedMaps.nominal(learnt.layout)
+def test_a_file_of_maps_with_nan_is_refused(trained: Any, tmp_path: Path) -> None:
+    maps = LearnedMaps.nominal(trained.layout)
     maps.tensors["warp_m"][0, 0, 0] = math.nan
     write_calibration(tmp_path / "m.safetensors", maps, {})
     with pytest.raises(UserError, match="warp_m: holds NaN"):
         read_calibration(tmp_path / "m.safetensors")
 
 
-def test_maps_of_zeros_change_nothing(learnt: Any) -> None:
-    model = CalibrationModel(learnt.captures, learnt.layout, {}, double_precision=True)
-    model.set_maps(LearnedMaps.nominal(learnt.layout, torch.float64).tensors)
+def test_maps_of_zeros_change_nothing(trained: Any) -> None:
+    model = CalibrationModel(trained.captures, trained.layout, {}, double_precision=True)
+    model.set_maps(LearnedMaps.nominal(trained.layout, torch.float64).tensors)
     nominal, mapped = model.predict_nominal([0])[0], model.predict([0])[0]
     # the warp's interpolation and a blur of a thousandth of a pixel are all that is left
     assert float((nominal - mapped).abs().max() / nominal.max()) < 1e-4
@@ -124,18 +124,18 @@ def test_calibrated_is_no_cause_to_be_searched() -> None:
     assert get_effect("calibrated").id == "calibrated"
 
 
-def test_pictures_are_drawn_of_everything(learnt: Any, model: CalibrationModel, tmp_path: Path) -> None:
-    material, best = TrainingData(learnt.captures), learnt.states[-1].best_maps
-    drawn = plot_calibration(tmp_path, material, best, learnt.split, model.predict_nominal, model.predict)
+def test_pictures_are_drawn_of_everything(trained: Any, model: CalibrationModel, tmp_path: Path) -> None:
+    data, best = TrainingData(trained.captures), trained.states[-1].best_maps
+    drawn = plot_calibration(tmp_path, data, best, trained.split, model.predict_nominal, model.predict)
     assert {path.name for path in drawn} == {"source.png", "lut.png", "warp.png", "pupils.png", "residual.png"}
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in drawn)
 
 
-def test_a_preset_that_contradicts_the_captures_is_refused(learnt: Any) -> None:
-    nominal = learnt.captures.nominal_system()
-    assert starting_bench(learnt.captures, nominal.edit({"effects.tilt.tilt_x": 1e-3}), "").effect_values
+def test_a_preset_that_contradicts_the_captures_is_refused(trained: Any) -> None:
+    nominal = trained.captures.nominal_system()
+    assert starting_bench(trained.captures, nominal.edit({"effects.tilt.tilt_x": 1e-3}), "").effect_values
     with pytest.raises(UserError, match=r"preset: gap: 2 mm; expected 1 mm"):
-        starting_bench(learnt.captures, nominal.edit({"gap": 2e-3}), "")
+        starting_bench(trained.captures, nominal.edit({"gap": 2e-3}), "")
 
 
 def test_a_power_that_never_changed_tells_no_exponent(small: Captures) -> None:

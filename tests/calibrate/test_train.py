@@ -27,30 +27,30 @@ from holoview.util.errors import UserError
 SHAPE, PITCH = (36, 48), 8e-6
 
 
-def test_held_out_captures_are_predicted_to_the_noise(learnt: Any) -> None:
-    first, last = learnt.states[0], learnt.states[-1]
+def test_held_out_captures_are_predicted_to_the_noise(trained: Any) -> None:
+    first, last = trained.states[0], trained.states[-1]
     assert first.validation_chi2 > 100
     # 4 captures of 3900 pixels: χ²/n scatters by 0.011; 1.5 leaves room for maps that haven't come to rest
     assert last.best_chi2 < 1.5
-    assert last.best_chi2 == min(state.validation_chi2 for state in learnt.states)
+    assert last.best_chi2 == min(state.validation_chi2 for state in trained.states)
 
 
-def test_tables_follow_the_hidden_curves(learnt: Any) -> None:
+def test_tables_follow_the_hidden_curves(trained: Any) -> None:
     drive = np.linspace(0, 1, 16)
     for modulator in range(2):
-        truth = drive ** learnt.hidden["lut"][f"gamma{modulator + 1}"]
+        truth = drive ** trained.hidden["lut"][f"gamma{modulator + 1}"]
         # a thousandth of the stroke is 1 nm, 1/500 of a wave
-        assert np.abs(learnt.states[-1].best_maps.response_table(modulator).numpy() - truth).max() < 0.005
+        assert np.abs(trained.states[-1].best_maps.response_table(modulator).numpy() - truth).max() < 0.005
 
 
-def test_fringing_is_the_hidden_blur(learnt: Any) -> None:
-    found = learnt.states[-1].best_maps.tensors["fringing_px2"].sqrt().numpy()
-    assert found == pytest.approx([learnt.hidden["crosstalk"]["sigma"]] * 2, abs=0.01)
+def test_fringing_is_the_hidden_blur(trained: Any) -> None:
+    found = trained.states[-1].best_maps.tensors["fringing_px2"].sqrt().numpy()
+    assert found == pytest.approx([trained.hidden["crosstalk"]["sigma"]] * 2, abs=0.01)
 
 
-def test_the_warp_is_the_hidden_shift_and_turn(learnt: Any) -> None:
-    hidden = learnt.hidden["slm_alignment"]
-    moved = learnt.states[-1].best_maps.displacement(SHAPE).numpy()
+def test_the_warp_is_the_hidden_shift_and_turn(trained: Any) -> None:
+    hidden = trained.hidden["slm_alignment"]
+    moved = trained.states[-1].best_maps.displacement(SHAPE).numpy()
     assert moved.mean(axis=(1, 2)) == pytest.approx([hidden["shift_y"], hidden["shift_x"]], abs=0.2e-6)
     turn_y = np.polyfit(np.arange(SHAPE[1]) * PITCH, moved[0].mean(axis=0), 1)[0]
     turn_x = np.polyfit(np.arange(SHAPE[0]) * PITCH, moved[1].mean(axis=1), 1)[0]
@@ -58,8 +58,8 @@ def test_the_warp_is_the_hidden_shift_and_turn(learnt: Any) -> None:
     assert (turn_y, -turn_x) == pytest.approx((hidden["rotation"], hidden["rotation"]), abs=1e-3)
 
 
-def test_pupils_hold_the_hidden_zernike_terms_and_how_they_change_with_the_wavelength(learnt: Any) -> None:
-    best, layout = learnt.states[-1].best_maps, learnt.layout
+def test_pupils_hold_the_hidden_zernike_terms_and_how_they_change_with_the_wavelength(trained: Any) -> None:
+    best, layout = trained.states[-1].best_maps, trained.layout
     first = dict(zip(layout.noll1, best.tensors["zernike1_m"].numpy(), strict=True))
     second = dict(zip(layout.noll2, best.tensors["zernike2_m"].numpy(), strict=True))
     assert first[5][0] == pytest.approx(60e-9, abs=4e-9)
@@ -69,9 +69,9 @@ def test_pupils_hold_the_hidden_zernike_terms_and_how_they_change_with_the_wavel
     assert np.abs(first[11]).max() < 4e-9  # wasn't hidden
 
 
-def test_the_source_has_the_hidden_profile(learnt: Any) -> None:
+def test_the_source_has_the_hidden_profile(trained: Any) -> None:
     at = ModulatorContext(0, 532e-9, 825e-9, PITCH, SHAPE, 2)
-    found = learnt.states[-1].best_maps.source_field(at).abs().log().numpy()
+    found = trained.states[-1].best_maps.source_field(at).abs().log().numpy()
     y, x = ((np.arange(n) - (n - 1) / 2) / (SHAPE[1] / 2) for n in SHAPE)
     truth = -0.3 * (y[:, None] ** 2 + x[None, :] ** 2) + 0.15 * x[None, :]
     inner = (slice(6, -6), slice(6, -6))  # light from the edges leaves the trusted part of the picture
