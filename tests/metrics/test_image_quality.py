@@ -1,4 +1,4 @@
-"""Scores: perfection is infinite, speckle is what it is, and the eyebox tells a diffuse hologram from a flat one."""
+"""Image quality: infinite PSNR for the target itself, known speckle, and an eyebox that tells diffuse from flat."""
 
 from __future__ import annotations
 

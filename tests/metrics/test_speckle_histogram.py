@@ -1,4 +1,4 @@
-"""The histogram of speckle against its law, on patterns whose law is known."""
+"""The histogram of speckle with known statistics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the optimiser's tests share: small benches, and a plain, differentiable model of what they show."""
+"""What the optimiser's tests share: small benches, and a plain model differentiated by autograd."""
 
 from __future__ import annotations
 

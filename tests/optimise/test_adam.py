@@ -1,4 +1,4 @@
-"""Adam and its falling step."""
+"""Adam's step, its floor and the decay of the learning rate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Laser amplitudes in closed form: non-negative least squares of the image."""
+"""Laser amplitudes by non-negative least squares."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Optimising on a bench with effects: the same physics as rendering, exact gradients, and a hologram made for it."""
+"""Optimisation with effects: the physics of rendering, exact gradients, and a hologram that allows for the effect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An optimisation goes on from a checkpoint as if nothing had happened, and from no other one's."""
+"""An optimisation continues from its checkpoint bit for bit, and refuses that of another optimisation."""
 
 from __future__ import annotations
 

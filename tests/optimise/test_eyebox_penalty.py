@@ -1,4 +1,4 @@
-"""The eyebox while optimising: judged as `score` judges it, and evened out along its true gradient."""
+"""The eyebox penalty: variation as the metric measures it, and the exact gradient."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slopes to the neighbouring level: which neighbour, how steep, and what a change costs by itself."""
+"""Secants to the neighbouring level: which neighbour, the gradient, and the change that a pixel causes by itself."""
 
 from __future__ import annotations
 
@@ -48,37 +48,37 @@ def test_the_neighbour_is_the_next_level_on_the_side_of_the_drive(
     assert modulator.levels is not None
     table = torch.tensor(modulator.levels, dtype=dtype)
     drive = noise(0, 3, 1, 6, 7).to(dtype)
-    jumps = steps_to_neighbour_level(drive, (modulator,))
-    assert jumps is not None
+    steps = steps_to_neighbour_level(drive, (modulator,))
+    assert steps is not None
     shown = nearest_level(drive, modulator)
-    assert torch.equal(torch.sign(jumps), torch.sign(drive - shown))
-    for here, jump in zip(shown.flatten(), jumps.flatten(), strict=True):
+    assert torch.equal(torch.sign(steps), torch.sign(drive - shown))
+    for here, step in zip(shown.flatten(), steps.flatten(), strict=True):
         index = int((table - here).abs().argmin())
-        assert float(jump) == float(table[index + int(torch.sign(jump))] - here)
+        assert float(step) == float(table[index + int(torch.sign(step))] - here)
 
 
 def test_a_drive_on_a_level_looks_up_and_on_the_last_one_down() -> None:
     drive = torch.tensor(LEVELS, dtype=torch.float64).reshape(1, 1, 2, 3)
-    jumps = steps_to_neighbour_level(drive, (_modulator(LEVELS),))
-    assert jumps is not None
-    np.testing.assert_allclose(jumps.flatten(), [0.05, 0.25, 0.05, 0.55, 0.1, -0.1], rtol=1e-12)
+    steps = steps_to_neighbour_level(drive, (_modulator(LEVELS),))
+    assert steps is not None
+    np.testing.assert_allclose(steps.flatten(), [0.05, 0.25, 0.05, 0.55, 0.1, -0.1], rtol=1e-12)
 
 
 def test_a_continuous_modulator_has_no_neighbours_beside_one_of_levels(noise: Noise) -> None:
     drive = noise(0, 2, 2, 6, 7)
-    jumps = steps_to_neighbour_level(drive, (_modulator(None), _modulator(4)))
-    assert jumps is not None
-    assert not jumps[:, 0].any()
-    assert bool((jumps[:, 1].abs() - 1 / 3).abs().max() < 1e-12)
+    steps = steps_to_neighbour_level(drive, (_modulator(None), _modulator(4)))
+    assert steps is not None
+    assert not steps[:, 0].any()
+    assert bool((steps[:, 1].abs() - 1 / 3).abs().max() < 1e-12)
     assert steps_to_neighbour_level(drive, (_modulator(None), _modulator(None))) is None
 
 
 def test_a_jump_is_made_metres_by_the_stroke(bench: Bench) -> None:
     system = bench(levels=4)
     patterns = PatternVariables(system, Settings(), torch.full(system.drive_shape, 0.4))
-    jump_m = patterns.level_step_m()
-    assert jump_m is not None
-    torch.testing.assert_close(jump_m, torch.full(system.drive_shape, 825e-9 / 3), rtol=1e-6, atol=0)
+    step_m = patterns.level_step_m()
+    assert step_m is not None
+    torch.testing.assert_close(step_m, torch.full(system.drive_shape, 825e-9 / 3), rtol=1e-6, atol=0)
     assert PatternVariables(bench(), Settings(), torch.full(system.drive_shape, 0.4)).level_step_m() is None
 
 
@@ -89,23 +89,23 @@ def _products(noise: Noise, count: int = 200) -> torch.Tensor:
     return torch.complex(noise(0, count) - 0.5, noise(1, count) - 0.5)
 
 
-def _secant(product: torch.Tensor, jump_m: torch.Tensor, cost: float) -> torch.Tensor:
-    turn = torch.exp(2j * math.pi * jump_m / WAVELENGTH_M) - 1
-    return ((product * turn).real + cost * turn.abs().square()) / jump_m
+def _secant(product: torch.Tensor, step_m: torch.Tensor, cost: float) -> torch.Tensor:
+    turn = torch.exp(2j * math.pi * step_m / WAVELENGTH_M) - 1
+    return ((product * turn).real + cost * turn.abs().square()) / step_m
 
 
 def test_from_half_a_turn_on_the_slope_is_the_change_that_the_jump_makes(noise: Noise) -> None:
     product, share = _products(noise), noise(2, 200)
-    jump_m = torch.sign(share - 0.5) * (0.5 + 2 * share) * WAVELENGTH_M
-    expected = _secant(product, jump_m, 0.3)
-    found = secant_gradient(product, jump_m, WAVELENGTH_M, 0.3)
+    step_m = torch.sign(share - 0.5) * (0.5 + 2 * share) * WAVELENGTH_M
+    expected = _secant(product, step_m, 0.3)
+    found = secant_gradient(product, step_m, WAVELENGTH_M, 0.3)
     torch.testing.assert_close(found, expected, rtol=1e-11, atol=1e-12 * float(expected.abs().max()))
 
 
 def test_a_jump_to_nowhere_has_the_tangents_slope_and_a_small_one_nearly(noise: Noise) -> None:
     product = _products(noise)
     tangent = -2 * math.pi / WAVELENGTH_M * product.imag
-    none, tiny = (torch.full((200,), jump_m, dtype=torch.float64) for jump_m in (0.0, 1e-15))
+    none, tiny = (torch.full((200,), step_m, dtype=torch.float64) for step_m in (0.0, 1e-15))
     torch.testing.assert_close(secant_gradient(product, none, WAVELENGTH_M, 0.7), tangent, rtol=1e-14, atol=0)
     near = secant_gradient(product, tiny, WAVELENGTH_M, 0.7)
     assert float((near - tangent).abs().max()) <= 1e-7 * float(tangent.abs().max())  # φ = 1e-8 rad
@@ -116,10 +116,10 @@ def test_between_them_the_slope_is_their_mean_weighted_by_the_square_of_the_half
     turns: float, noise: Noise
 ) -> None:
     product = _products(noise)
-    jump_m = torch.full((200,), turns * WAVELENGTH_M, dtype=torch.float64)
+    step_m = torch.full((200,), turns * WAVELENGTH_M, dtype=torch.float64)
     share, tangent = math.sin(math.pi * turns) ** 2, -2 * math.pi / WAVELENGTH_M * product.imag
-    expected = share * _secant(product, jump_m, 0.3) + (1 - share) * tangent
-    found = secant_gradient(product, jump_m, WAVELENGTH_M, 0.3)
+    expected = share * _secant(product, step_m, 0.3) + (1 - share) * tangent
+    found = secant_gradient(product, step_m, WAVELENGTH_M, 0.3)
     torch.testing.assert_close(found, expected, rtol=1e-11, atol=1e-12 * float(expected.abs().max()))
 
 
@@ -137,12 +137,12 @@ def test_the_models_slope_is_that_of_the_loss_along_the_change_of_a_pixels_field
     plan = plan_of(case_name)
     opd_m, λ = noise(0, *plan.system.drive_shape) * 825e-9, float(plan.system.wavelengths_m[LASER])
     share, target = noise(3, *opd_m.shape), noise(1, len(plan.planes_m), *plan.grid.shape)
-    jump_m = torch.sign(share - 0.5) * (0.5 + share) * λ  # half a turn and more: secants
-    found = _model_slopes(plan, opd_m, target, jump_m) * jump_m
+    step_m = torch.sign(share - 0.5) * (0.5 + share) * λ  # half a turn and more: secants
+    found = _model_gradient(plan, opd_m, target, step_m) * step_m
     for pixel in [(FRAME, m, y, x) for m in range(opd_m.shape[1]) for y, x in ((0, 0), (5, 6), (2, 3))]:
         step, losses = 1e-5, []
         for sign in (1, -1):
-            turn = sign * step * (torch.exp(2j * math.pi * jump_m[pixel] / λ) - 1)
+            turn = sign * step * (torch.exp(2j * math.pi * step_m[pixel] / λ) - 1)
             moved = opd_m.to(torch.complex128)
             moved[pixel] += λ / (2j * math.pi) * torch.log1p(turn)
             losses.append(float((plain(plan).intensity(moved, FRAME, LASER) - target).square().sum()))
@@ -151,8 +151,8 @@ def test_the_models_slope_is_that_of_the_loss_along_the_change_of_a_pixels_field
         assert float(found[pixel]) == pytest.approx(expected, abs=1e-7 * float(found.abs().max()))
 
 
-def _model_slopes(plan: Plan, opd_m: torch.Tensor, target: torch.Tensor, jump_m: torch.Tensor) -> torch.Tensor:
-    """The slopes of Σ (I − target)² to jumps that cost nothing by themselves."""
+def _model_gradient(plan: Plan, opd_m: torch.Tensor, target: torch.Tensor, step_m: torch.Tensor) -> torch.Tensor:
+    """The slopes of Σ (I − target)² to steps that cost nothing by themselves."""
     model = ForwardModel(plan, double=True)
     seen, laser = torch.empty(len(model.lasers), *plan.grid.shape).double(), model.lasers.index((FRAME, LASER))
     model.forward(opd_m)
@@ -162,7 +162,7 @@ def _model_slopes(plan: Plan, opd_m: torch.Tensor, target: torch.Tensor, jump_m:
         slope[laser] = 2 * (seen[laser] - wanted)
         model.backpropagate_plane(plane, slope)
     gradient = torch.zeros_like(opd_m)
-    model.accumulate_gradients(gradient, level_steps=LevelSteps(jump_m, torch.zeros(len(model.lasers), opd_m.shape[1])))
+    model.accumulate_gradients(gradient, level_steps=LevelSteps(step_m, torch.zeros(len(model.lasers), opd_m.shape[1])))
     return gradient
 
 

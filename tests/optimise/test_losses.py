@@ -1,4 +1,4 @@
-"""Colour spaces to compare in: their channels, their slopes, and the curve of encoded sRGB."""
+"""Colour spaces of the loss: channels, and sRGB's curve with its derivative."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an optimisation holds in memory, and what is said when there is less."""
+"""The estimate of the memory that an optimisation needs, and the error when there is less."""
 
 from __future__ import annotations
 

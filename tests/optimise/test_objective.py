@@ -1,4 +1,4 @@
-"""Judging an image: its loss, the slope of that, its PSNR, and its picture, in every colour space."""
+"""Loss, gradient, PSNR and picture of an image in every colour space."""
 
 from __future__ import annotations
 

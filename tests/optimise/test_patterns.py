@@ -1,4 +1,4 @@
-"""Where the patterns begin, what the modulators show of them, and how they move."""
+"""Initial patterns, what modulators show of them, and Adam's step."""
 
 from __future__ import annotations
 

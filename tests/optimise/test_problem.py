@@ -1,4 +1,4 @@
-"""One evaluation: loss, gradients and closed forms against a plain model, autograd and finite differences."""
+"""One evaluation: loss, gradients and least squares against a plain model, autograd and finite differences."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from holoview.optimise.settings import Settings
 Bench = Callable[..., System]
 Noise = Callable[..., torch.Tensor]
 MakeProblem = Callable[[System, np.ndarray, Settings], Problem]
-CLOSED = [name for name, loss in LOSS_SPACES.items() if not loss.is_encoded]
+QUADRATIC = [name for name, loss in LOSS_SPACES.items() if not loss.is_encoded]
 ALL = EvaluationRequest(
     path_gradient=True,
     optimal_amplitudes=True,
@@ -174,7 +174,7 @@ def test_single_precision_is_near_double(
 
 
 @pytest.mark.parametrize("settings", [{}, {"region": (2, 3, 9, 8), "plane_weights": (1.0, 3.0)}], ids=["all", "part"])
-@pytest.mark.parametrize("name", CLOSED)
+@pytest.mark.parametrize("name", QUADRATIC)
 def test_the_solved_amplitudes_are_the_best(
     name: str, settings: dict[str, Any], bench: Bench, noise: Noise, double_problem: MakeProblem
 ) -> None:
@@ -245,7 +245,7 @@ def _fields(found: LossEvaluation) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("wanted", "brought"),
+    ("requested", "fields"),
     [
         (EvaluationRequest(), set()),
         (EvaluationRequest(path_gradient=True), {"path_gradient"}),
@@ -257,12 +257,12 @@ def _fields(found: LossEvaluation) -> dict[str, Any]:
     ids=["nothing", "path_gradient", "slopes", "amplitudes", "eyebox_variation", "all"],
 )
 def test_what_is_not_wanted_is_not_brought(
-    wanted: EvaluationRequest, brought: set[str], bench: Bench, noise: Noise
+    requested: EvaluationRequest, fields: set[str], bench: Bench, noise: Noise
 ) -> None:
     system = _system(bench)
     problem = Problem(system, _stack(system), Settings())
-    found = _fields(problem.evaluate(_opd(system, noise).float(), system.amplitudes, wanted))
-    assert set(found) == brought | {"loss", "psnr_db"}
+    found = _fields(problem.evaluate(_opd(system, noise).float(), system.amplitudes, requested))
+    assert set(found) == fields | {"loss", "psnr_db"}
 
 
 def test_an_evaluation_leaves_no_trace_in_the_next(bench: Bench, noise: Noise) -> None:

@@ -1,4 +1,4 @@
-"""Two processes that share the lasers find what one finds, and take every step together."""
+"""Two processes that share the lasers compute what one computes, and stay identical."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from holoview.optimise.process_group import (
 )
 from holoview.util.errors import UserError
 
-SCRIPT = Path(__file__).with_name("team_run.py")
+SCRIPT = Path(__file__).with_name("process_group_run.py")
 REPOSITORY = SCRIPT.parents[2]
 CASES = (
     "one frame",
@@ -68,7 +68,7 @@ def _environment(rank: int, size: int, port: int) -> dict[str, str]:
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, np.ndarray]]:
     """What each of two processes found; the first also alone."""
-    folder, port = tmp_path_factory.mktemp("team"), _free_port()
+    folder, port = tmp_path_factory.mktemp("group"), _free_port()
     command = [sys.executable, str(SCRIPT), str(folder)]
     started = [subprocess.Popen(command, env=_environment(rank, 2, port)) for rank in range(2)]
     try:

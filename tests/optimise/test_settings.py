@@ -1,4 +1,4 @@
-"""Settings that make no sense are refused, with what is expected."""
+"""Settings out of range are refused with what is expected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The iteration: it improves, keeps its best, repeats with its seed, and reports what a viewer then sees."""
+"""The optimisation loop: it improves, keeps the best hologram, is reproducible, and reports what rendering shows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""As many threads as the work deserves, and the caller's own afterwards."""
+"""One torch thread for small fields, and the caller's number afterwards."""
 
 from __future__ import annotations
 

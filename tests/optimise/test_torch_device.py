@@ -1,4 +1,4 @@
-"""Which torch device is chosen, and what is said when it isn't there."""
+"""The torch device that is chosen, and the error when it isn't available."""
 
 from __future__ import annotations
 

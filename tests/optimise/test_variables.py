@@ -1,4 +1,4 @@
-"""Patterns, amplitudes and wavelengths: when each moves, how far, and what goes on after a stop."""
+"""Patterns, amplitudes and wavelengths: when each moves, how far, and how they are restored."""
 
 from __future__ import annotations
 
@@ -20,160 +20,160 @@ Bench = Callable[..., System]
 EVERYTHING = ("patterns", "amplitudes", "wavelengths")
 
 
-def _unknowns(system: System, **settings: Any) -> OptimisationVariables:
+def _variables(system: System, **settings: Any) -> OptimisationVariables:
     known = Settings(**{"iterations": 40, "amplitudes_every": 5, **settings})
     return OptimisationVariables(system, known, torch.full(system.drive_shape, 0.5))
 
 
-def _found(system: System, **parts: Any) -> LossEvaluation:
+def _evaluation(system: System, **parts: Any) -> LossEvaluation:
     return LossEvaluation(loss=1.0, psnr_db=0.0, picture=lambda: np.zeros(0), **parts)
 
 
-def _wanted_at(unknowns: OptimisationVariables, what: str) -> list[int]:
-    return [i for i in range(unknowns.settings.iterations + 1) if getattr(unknowns.evaluation_request(i), what)]
+def _requested_in(variables: OptimisationVariables, what: str) -> list[int]:
+    return [i for i in range(variables.settings.iterations + 1) if getattr(variables.evaluation_request(i), what)]
 
 
 def test_amplitudes_and_eyebox_are_due_now_and_then_and_at_the_end(bench: Bench) -> None:
-    unknowns = _unknowns(bench(), iterations=12)
-    assert _wanted_at(unknowns, "optimal_amplitudes") == [0, 5, 10, 12]
-    assert _wanted_at(unknowns, "eyebox_variation") == [0, 5, 10, 12]
-    assert _wanted_at(unknowns, "path_gradient") == list(range(12))
-    assert _wanted_at(unknowns, "wavelength_gradient") == []
+    variables = _variables(bench(), iterations=12)
+    assert _requested_in(variables, "optimal_amplitudes") == [0, 5, 10, 12]
+    assert _requested_in(variables, "eyebox_variation") == [0, 5, 10, 12]
+    assert _requested_in(variables, "path_gradient") == list(range(12))
+    assert _requested_in(variables, "wavelength_gradient") == []
 
 
 def test_a_curved_loss_has_a_closed_form_to_begin_with_only(bench: Bench) -> None:
-    assert _wanted_at(_unknowns(bench(), loss="srgb"), "optimal_amplitudes") == [0]
+    assert _requested_in(_variables(bench(), loss="srgb"), "optimal_amplitudes") == [0]
 
 
 def test_amplitudes_that_are_not_free_are_not_asked_for(bench: Bench) -> None:
-    assert _wanted_at(_unknowns(bench(), free=("patterns",)), "optimal_amplitudes") == []
+    assert _requested_in(_variables(bench(), free=("patterns",)), "optimal_amplitudes") == []
 
 
 def test_wavelengths_move_in_the_first_half_with_the_amplitudes_and_more_often_in_short_runs(bench: Bench) -> None:
-    long, short = (_unknowns(bench(), free=EVERYTHING, iterations=n) for n in (200, 40))
+    long, short = (_variables(bench(), free=EVERYTHING, iterations=n) for n in (200, 40))
     assert long.wavelength_iterations == 100
-    assert _wanted_at(long, "wavelength_gradient") == list(range(5, 100, 5))
+    assert _requested_in(long, "wavelength_gradient") == list(range(5, 100, 5))
     assert short.wavelength_iterations == 20
-    assert _wanted_at(short, "wavelength_gradient") == list(range(2, 20, 2))
+    assert _requested_in(short, "wavelength_gradient") == list(range(2, 20, 2))
 
 
 def test_modulators_of_levels_ask_for_slopes_to_their_neighbours_ever_stiffer(bench: Bench) -> None:
-    assert _unknowns(bench()).evaluation_request(3).level_step_m is None
-    unknowns = _unknowns(bench(levels=4))
-    jump_m = unknowns.patterns.level_step_m()
-    assert jump_m is not None
-    wanted = [unknowns.evaluation_request(i) for i in range(41)]
-    assert all(w.level_step_m is not None and torch.equal(w.level_step_m, jump_m) for w in wanted)
-    assert wanted[0].curvature_weight == 0
-    assert all(later.curvature_weight > earlier.curvature_weight for earlier, later in pairwise(wanted))
+    assert _variables(bench()).evaluation_request(3).level_step_m is None
+    variables = _variables(bench(levels=4))
+    level_step_m = variables.patterns.level_step_m()
+    assert level_step_m is not None
+    requests = [variables.evaluation_request(i) for i in range(41)]
+    assert all(w.level_step_m is not None and torch.equal(w.level_step_m, level_step_m) for w in requests)
+    assert requests[0].curvature_weight == 0
+    assert all(later.curvature_weight > earlier.curvature_weight for earlier, later in pairwise(requests))
 
 
 def test_patterns_move_by_a_step_that_falls_to_nothing(bench: Bench) -> None:
     system = bench()
-    moves = _steps(_unknowns(system, betas=(0.0, 0.0)), system)
+    moves = _steps(_variables(system, betas=(0.0, 0.0)), system)
     np.testing.assert_allclose(moves, moves[0] * np.sqrt(1 - np.arange(40) / 40), rtol=1e-4)  # float32 in 0…1
 
 
 def test_the_patterns_steps_start_over_when_the_wavelengths_stay(bench: Bench) -> None:
     system = bench()
-    moves = _steps(_unknowns(system, betas=(0.0, 0.0), free=EVERYTHING), system)
+    moves = _steps(_variables(system, betas=(0.0, 0.0), free=EVERYTHING), system)
     np.testing.assert_allclose(moves, moves[0] * np.sqrt(1 - np.arange(40) % 20 / 20), rtol=1e-4)  # float32 in 0…1
 
 
 def test_the_patterns_moments_start_over_too(bench: Bench) -> None:
     system = bench()
-    unknowns = _unknowns(system, free=EVERYTHING)
-    _steps(unknowns, system, range(21))
-    assert unknowns.patterns.adam.step_count == 1
+    variables = _variables(system, free=EVERYTHING)
+    _steps(variables, system, range(21))
+    assert variables.patterns.adam.step_count == 1
 
 
-def _steps(unknowns: OptimisationVariables, system: System, iterations: range = range(40)) -> list[float]:
+def _steps(variables: OptimisationVariables, system: System, iterations: range = range(40)) -> list[float]:
     """How far the patterns move in each iteration under a gradient that changes sign every time."""
     moves = []
     for i in iterations:
-        before = unknowns.patterns.drive.clone()
+        before = variables.patterns.drive.clone()
         gradient = torch.full(system.drive_shape, 1e-3 * (-1) ** i)
-        unknowns.step(_found(system, path_gradient=gradient), i)
-        moves.append(float((unknowns.patterns.drive - before).abs().max()))
+        variables.step(_evaluation(system, path_gradient=gradient), i)
+        moves.append(float((variables.patterns.drive - before).abs().max()))
     return moves
 
 
 def test_what_is_not_free_stays(bench: Bench) -> None:
     system = bench()
     slopes = {"amplitude_gradient": np.ones((1, 3)), "path_gradient": torch.ones(system.drive_shape)}
-    unknowns = _unknowns(system, free=("amplitudes",), loss="srgb")
-    unknowns.step(_found(system, **slopes), 1)
-    assert torch.equal(unknowns.patterns.drive, torch.full(system.drive_shape, 0.5))
-    assert (unknowns.amplitudes < 1).all()
-    unknowns = _unknowns(system, free=("patterns",), loss="srgb")
-    unknowns.step(_found(system, **slopes), 1)
-    np.testing.assert_array_equal(unknowns.amplitudes, system.amplitudes)
-    assert (unknowns.patterns.drive < 0.5).all()
+    variables = _variables(system, free=("amplitudes",), loss="srgb")
+    variables.step(_evaluation(system, **slopes), 1)
+    assert torch.equal(variables.patterns.drive, torch.full(system.drive_shape, 0.5))
+    assert (variables.amplitudes < 1).all()
+    variables = _variables(system, free=("patterns",), loss="srgb")
+    variables.step(_evaluation(system, **slopes), 1)
+    np.testing.assert_array_equal(variables.amplitudes, system.amplitudes)
+    assert (variables.patterns.drive < 0.5).all()
 
 
 def test_amplitudes_take_their_closed_form_where_there_is_one(bench: Bench) -> None:
     system, solved = bench(), np.array([[0.3, 0.0, 2.0]])
-    unknowns = _unknowns(system, loss="srgb")
-    unknowns.step(_found(system, optimal_amplitudes=solved, amplitude_gradient=np.ones((1, 3))), 0)
-    np.testing.assert_array_equal(unknowns.amplitudes, solved)
+    variables = _variables(system, loss="srgb")
+    variables.step(_evaluation(system, optimal_amplitudes=solved, amplitude_gradient=np.ones((1, 3))), 0)
+    np.testing.assert_array_equal(variables.amplitudes, solved)
 
 
 def test_under_a_curved_loss_amplitudes_move_by_their_logarithm(bench: Bench) -> None:
     system = bench(amplitudes=[[2.0, 0.5, 0.0]])
-    unknowns = _unknowns(system, loss="srgb")
-    unknowns.step(_found(system, amplitude_gradient=np.array([[1e-3, -1.0, 0.0]])), 1)
+    variables = _variables(system, loss="srgb")
+    variables.step(_evaluation(system, amplitude_gradient=np.array([[1e-3, -1.0, 0.0]])), 1)
     # Adam's first step is one in size: 2 % down, 2 % up; a laser that is off stays off.
-    np.testing.assert_allclose(unknowns.amplitudes, [[2 * np.exp(-0.02), 0.5 * np.exp(0.02), 0]], rtol=1e-9)
+    np.testing.assert_allclose(variables.amplitudes, [[2 * np.exp(-0.02), 0.5 * np.exp(0.02), 0]], rtol=1e-9)
 
 
 def test_a_laser_that_the_closed_form_left_nearly_dark_can_come_back(bench: Bench) -> None:
-    unknowns = _unknowns(bench(amplitudes=[[1.0, 1e-30, 1.0]]), loss="srgb", betas=(0.0, 0.0))
+    variables = _variables(bench(amplitudes=[[1.0, 1e-30, 1.0]]), loss="srgb", betas=(0.0, 0.0))
     slopes = np.array([[0.0, -1.0, 0.0]])
     for _ in range(10):
-        unknowns.step(_found(bench(), amplitude_gradient=slopes), 1)
-    assert unknowns.amplitudes[0, 1] == pytest.approx(1e-6 * np.exp(0.2), rel=1e-6)
+        variables.step(_evaluation(bench(), amplitude_gradient=slopes), 1)
+    assert variables.amplitudes[0, 1] == pytest.approx(1e-6 * np.exp(0.2), rel=1e-6)
 
 
 def test_wavelengths_move_down_their_slope_by_the_settings_step(bench: Bench) -> None:
     system = bench()
-    unknowns = _unknowns(system, free=EVERYTHING, wavelength_step_m=2e-9, amplitudes_every=10)
-    assert unknowns.step(_found(system, wavelength_gradient=np.array([1.0, -1e5, 0.0])), 10)
+    variables = _variables(system, free=EVERYTHING, wavelength_step_m=2e-9, amplitudes_every=10)
+    assert variables.step(_evaluation(system, wavelength_gradient=np.array([1.0, -1e5, 0.0])), 10)
     step_m = 2e-9 * np.sqrt(0.5)  # half way through the search
-    np.testing.assert_allclose(unknowns.wavelengths_m, [460e-9 - step_m, 532e-9 + step_m, 638e-9], rtol=1e-12)
-    assert not unknowns.step(_found(system), 11)
+    np.testing.assert_allclose(variables.wavelengths_m, [460e-9 - step_m, 532e-9 + step_m, 638e-9], rtol=1e-12)
+    assert not variables.step(_evaluation(system), 11)
 
 
 def test_wavelengths_stay_in_range_and_apart(bench: Bench) -> None:
     system = bench(wavelengths=["460 nm", "465 nm", "638 nm"])
     places = {"wavelength_range_m": (455e-9, 640e-9), "wavelength_spacing_m": 4e-9, "wavelength_step_m": 0.5e-9}
-    unknowns = _unknowns(system, free=EVERYTHING, **places)
+    variables = _variables(system, free=EVERYTHING, **places)
     for _ in range(30):
-        unknowns.step(_found(system, wavelength_gradient=np.array([-1.0, 1.0, -1.0])), 5)
-    low, middle, high = np.sort(unknowns.wavelengths_m)
+        variables.step(_evaluation(system, wavelength_gradient=np.array([-1.0, 1.0, -1.0])), 5)
+    low, middle, high = np.sort(variables.wavelengths_m)
     assert high == pytest.approx(640e-9, rel=1e-12)
     assert middle - low == pytest.approx(4e-9, rel=1e-6)
 
 
 def test_wavelengths_begin_inside_their_range_when_they_are_free(bench: Bench) -> None:
     narrow = {"wavelength_range_m": (450e-9, 600e-9)}
-    assert not _unknowns(bench(), **narrow).wavelengths_adjusted
-    free = _unknowns(bench(), free=EVERYTHING, **narrow)
+    assert not _variables(bench(), **narrow).wavelengths_adjusted
+    free = _variables(bench(), free=EVERYTHING, **narrow)
     assert free.wavelengths_adjusted
     np.testing.assert_allclose(free.wavelengths_m, [460e-9, 532e-9, 600e-9], rtol=1e-12)
     with pytest.raises(UserError, match="wavelength range"):
-        _unknowns(bench(), free=EVERYTHING, wavelength_range_m=(500e-9, 501e-9))
+        _variables(bench(), free=EVERYTHING, wavelength_range_m=(500e-9, 501e-9))
 
 
 def test_unknowns_that_are_loaded_go_on_as_those_that_were_kept(bench: Bench) -> None:
     system = bench()
-    found = _found(
+    found = _evaluation(
         system,
         path_gradient=torch.full(system.drive_shape, 1e-3),
         amplitude_gradient=np.array([[1.0, -0.2, 0.1]]),
         wavelength_gradient=np.array([3.0, -1.0, 2.0]),
     )
     settings = {"free": EVERYTHING, "loss": "srgb"}
-    going_on, loaded = (_unknowns(system, **settings) for _ in range(2))
+    going_on, loaded = (_variables(system, **settings) for _ in range(2))
     for i in range(1, 4):
         going_on.step(_again(found), i)
     kept = going_on.state_dict()

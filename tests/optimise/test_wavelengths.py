@@ -1,4 +1,4 @@
-"""Where wavelengths may go: the nearest that are in range and apart from each other."""
+"""Projection of wavelengths onto the allowed range and spacing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A point out of focus is the aperture's shape: right width, unit energy, nothing wrapped around."""
+"""Defocus kernels of the aperture's shape: width, unit sum, and convolution without wrap-around."""
 
 from __future__ import annotations
 

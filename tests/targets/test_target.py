@@ -1,4 +1,4 @@
-"""A bench and a picture become the focal stack that the optimiser aims at."""
+"""A bench and a picture become the focal stack that is optimised for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Small optimisations by a team and by one process, for test_team: `python team_run.py FOLDER` writes FOLDER/RANK.npz.
+"""Small optimisations by a process group and by one process, for test_process_group.
+
+`python process_group_run.py FOLDER` writes FOLDER/RANK.npz.
 
 In double precision, so that no rounding hides a difference; the first case in single precision too.
 """
@@ -40,7 +42,7 @@ PROBES = 3
 _ROUNDING = 64 * np.finfo(np.float64).eps
 
 
-def run(case: str, team: ProcessGroup, probe: int | None = None) -> dict[str, np.ndarray]:
+def run(case: str, group: ProcessGroup, probe: int | None = None) -> dict[str, np.ndarray]:
     """Losses of the iterations, and the best hologram; for a probe's seed, of a target with its last digits changed."""
     changes, settings = CASES[case]
     system = small_bench(**changes)
@@ -50,7 +52,7 @@ def run(case: str, team: ProcessGroup, probe: int | None = None) -> dict[str, np
     stack = np.repeat(image[None], len(system.planes_m), axis=0)
     if probe is not None:
         stack = stack * (1 + _ROUNDING * np.random.default_rng(probe).uniform(-1, 1, stack.shape))
-    states = list(iterate(system, stack, Settings(iterations=12, amplitudes_every=3, **settings), team=team))
+    states = list(iterate(system, stack, Settings(iterations=12, amplitudes_every=3, **settings), team=group))
     best = states[-1].best
     return {
         "losses": np.array([state.loss for state in states]),
@@ -61,24 +63,24 @@ def run(case: str, team: ProcessGroup, probe: int | None = None) -> dict[str, np
     }
 
 
-def both(name: str, case: str, team: ProcessGroup) -> dict[str, np.ndarray]:
-    """Of the team; and of one process, if this one leads."""
-    found = {f"{name}/{key}": value for key, value in run(case, team).items()}
-    alone = run(case, SINGLE_PROCESS) if team.is_main else {}
+def both(name: str, case: str, group: ProcessGroup) -> dict[str, np.ndarray]:
+    """The results of the group, and those of one process if this is the main one."""
+    found = {f"{name}/{key}": value for key, value in run(case, group).items()}
+    alone = run(case, SINGLE_PROCESS) if group.is_main else {}
     return found | {f"{name}/alone/{key}": value for key, value in alone.items()}
 
 
 def main(folder: Path) -> None:
     torch.set_num_threads(1)
-    with torchrun_group("cpu") as team:
-        found = both("single", next(iter(CASES)), team)
+    with torchrun_group("cpu") as group:
+        found = both("single", next(iter(CASES)), group)
         torch.set_default_dtype(torch.float64)
         solve.Problem = partial(Problem, double=True)  # type: ignore[misc,assignment]
         for case in CASES:
-            found |= both(case, case, team)
-        for probe in range(PROBES if team.is_main else 0):
+            found |= both(case, case, group)
+        for probe in range(PROBES if group.is_main else 0):
             found |= {f"probe {probe}/{key}": value for key, value in run(PROBED, SINGLE_PROCESS, probe).items()}
-    np.savez(folder / f"{team.rank}.npz", **found)
+    np.savez(folder / f"{group.rank}.npz", **found)
 
 
 if __name__ == "__main__":
