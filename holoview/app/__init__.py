@@ -1,15 +1,42 @@
-"""The viewer: panels over a session, drawn by Dear ImGui on the device that computes the holograms.
+"""The viewer: panels over an editing session, drawn by Dear ImGui on the device that renders the holograms.
 
-run          opens it: on a screen, off screen by a script, in a browser
-app          what panels are given; frames, and computing in between in slices
-window       Dear ImGui on rendercanvas and wgpu; keys, commands: what keys mean
-layout       where windows are at first; menus, status, theme, toasts, overlays
-panel        what a panel is, and how one that fails leaves the others alone; panels: a file each
-fields       widgets made from parameters' metadata
-feed         an image kept up to date: quick while a hand drags, in full when it rests; sides: all that are compared
-viewport     images of the device into a texture: zoom, exposure, palette, comparison
-stack        small images of all planes; tiles, thumbnails, contact: showing them
-pages        phases and the eyebox; readout: values under the pointer
-hand script  synthetic events, and scripts made of them
-serve        to a browser, behind a token
+launch                opens device and session as the command line asks
+run                   runs the viewer on a screen, off screen by a script, or in a browser
+app                   the frame loop, which owns window, panels and context
+context               what panels, overlays and menus share
+window                Dear ImGui on rendercanvas and wgpu
+imgui_input           queues window events for ImGui
+window_layout         the initial arrangement of windows, settings of HelloImGui
+menus                 the menu bar
+status                the status bar
+theme                 fonts and colours
+toasts                notifications
+help_overlay          the sheet of keys and the command palette
+file_dialog           the file dialog
+recovery_dialog       offers sessions that a crash left
+panel                 the base class of panels
+draw_guard            drawing that may fail without closing the window
+panels                the panels, one module each
+command_registry      the commands of the viewer with their keys
+general_commands      commands that belong to no panel
+keys                  names of keys, chords
+parameter_widgets     sliders and fields made from a parameter's metadata
+plots                 small plots
+laser_colours         display colours of wavelengths
+progressive_renderer  a quick image at once, the full one when editing pauses
+side_renderers        one renderer for each side of a comparison
+viewport              draws images of the device into a texture: zoom, exposure, comparison
+derived_images        the pages "phase" and "spectrum"
+plane_previews        preview images of all focal planes
+tiles                 clickable pictures of planes
+plane_strip           a strip of all planes
+plane_sheet           a sheet of all planes
+readout               values of the sample under the pointer
+clipboard             copies and pastes pictures
+desktop               file drops and text clipboard of a window
+input_driver          synthetic events for a viewer off screen
+script                text scripts that use them
+serve                 HTTP and WebSocket, protected by a token
+notebook              the viewer in a notebook's cell
+no_adapter            the page shown without a usable adapter
 """

@@ -1,4 +1,4 @@
-"""Pictures to and from the system's clipboard. ImGui's own holds text only."""
+"""Copies and pastes pictures with the system's clipboard; ImGui's own clipboard holds text only."""
 
 from __future__ import annotations
 
@@ -17,36 +17,34 @@ from PIL import Image, ImageGrab
 from holoview.session.export.png_images import png_bytes
 from holoview.util.errors import UserError
 
-_SECONDS = 5.0
+_TIMEOUT_S = 5.0
+_REMEDY = "install wl-clipboard (Wayland) or xclip (X11)"
 
 
 def copy_picture(pixels: NDArray[np.uint8]) -> None:
-    """Puts 8-bit sRGB pixels (y, x, 3) on the clipboard. Raises UserError where that can't be done."""
+    """Puts 8-bit sRGB pixels (y, x, 3) on the clipboard. Raises UserError without a usable clipboard."""
     png = png_bytes(pixels)
     if sys.platform in ("win32", "darwin"):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "picture.png"
             path.write_bytes(png)
-            _run(_with_file(path), b"")
+            _run(_copy_file_command(path), b"")
     else:
-        _run(_linux_command(), png)
+        _run(_linux_copy_command(), png)
 
 
 def paste_picture() -> NDArray[np.uint8] | None:
-    """The clipboard's picture (y, x, 4), 8-bit sRGB; None where it holds none. Raises UserError without a clipboard."""
+    """The clipboard's picture (y, x, 4) in 8-bit sRGB; None if it holds none. Raises UserError if it can't be read."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            found = ImageGrab.grabclipboard()
+            content = ImageGrab.grabclipboard()
     except (NotImplementedError, OSError, ChildProcessError) as error:
         raise UserError("clipboard", f"can't be read: {error}", remedy=_REMEDY) from error
-    return np.asarray(found.convert("RGBA")) if isinstance(found, Image.Image) else None
+    return np.asarray(content.convert("RGBA")) if isinstance(content, Image.Image) else None
 
 
-_REMEDY = "install wl-clipboard (Wayland) or xclip (X11)"
-
-
-def _linux_command() -> list[str]:
+def _linux_copy_command() -> list[str]:
     if os.environ.get("WAYLAND_DISPLAY") and shutil.which("wl-copy"):
         return ["wl-copy", "--type", "image/png"]
     if os.environ.get("DISPLAY") and shutil.which("xclip"):
@@ -54,7 +52,7 @@ def _linux_command() -> list[str]:
     raise UserError("clipboard", "there is none that takes pictures", remedy=f"{_REMEDY}, or save the view as PNG")
 
 
-def _with_file(path: Path) -> list[str]:
+def _copy_file_command(path: Path) -> list[str]:
     if sys.platform == "darwin":
         return ["osascript", "-e", f'set the clipboard to (read (POSIX file "{path}") as «class PNGf»)']
     load = f"[System.Drawing.Image]::FromFile('{path}')"
@@ -63,10 +61,10 @@ def _with_file(path: Path) -> list[str]:
 
 
 def _run(command: list[str], data: bytes) -> None:
-    """Runs a clipboard's program; what it prints isn't waited for, since xclip stays to serve what it holds."""
+    """Runs a command. Its output is discarded, since xclip keeps the pipe open while it serves the selection."""
     try:
         done = subprocess.run(
-            command, input=data, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=_SECONDS, check=False
+            command, input=data, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=_TIMEOUT_S, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise UserError("clipboard", f"{command[0]} failed: {error}", remedy="save the view as PNG") from error

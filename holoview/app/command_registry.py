@@ -1,4 +1,4 @@
-"""What a user can do by name: each command once, for menus, keys, the palette, the sheet of keys and scripts."""
+"""The commands of the viewer with their keys, for menus, key bindings, the command palette and scripts."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ Action = Callable[[], None]
 
 @dataclass(frozen=True)
 class Command:
-    """A name such as "Exposure up", what it does, its keys, and the group under which people look for it.
+    """A command: a unique name, the action, the group (menu) it belongs to, its keys and a sentence of help.
 
-    is_held: called with every repeat of a key that is held down.
+    repeats: whether the action is called again while a key is held down.
     """
 
     name: str
@@ -44,24 +44,24 @@ class CommandRegistry:
         keys: str = "",
         help: str = "",
         *,
-        is_held: bool = False,
-        is_possible: Callable[[], bool] = lambda: True,
+        repeats: bool = False,
+        is_enabled: Callable[[], bool] = lambda: True,
     ) -> Command:
-        """Adds a command; keys are written "Ctrl+Z" and several are parted by spaces.
+        """Adds a command. keys: chords such as "Ctrl+Z", separated by spaces. repeats: see `Command`.
 
-        Raises ValueError when the name or one of the keys is taken: keys have one meaning.
+        Raises ValueError when the name or one of the keys belongs to another command.
         """
         chords = tuple(Chord(text) for text in keys.split())
         taken = {chord.code: command.name for command in self for chord in command.keys}
         clash = next((taken[chord.code] for chord in chords if chord.code in taken), None)
         if name in self._by_name or clash is not None:
             raise ValueError(f"command {name}: {clash or 'its name'} is taken")
-        command = Command(name, action, group, chords, help, is_held, is_possible)
+        command = Command(name, action, group, chords, help, repeats, is_enabled)
         self._by_name[name] = command
         return command
 
     def run(self, name: str) -> None:
-        """Runs a command by its name. Raises UserError for an unknown one, with near matches."""
+        """Runs a command by its name, if it is enabled. Raises UserError for an unknown name, with near matches."""
         if name not in self._by_name:
             raise UserError("command", f'"{name}"', remedy=suggest_matches(name, self._by_name))
         command = self._by_name[name]
@@ -69,11 +69,11 @@ class CommandRegistry:
             command.action()
 
     def is_repeating(self) -> bool:
-        """Whether a key is held down whose command is called again and again."""
+        """Whether a key of a repeating command is held down."""
         return any(chord.is_down() for command in self if command.repeats for chord in command.keys)
 
     def pressed(self) -> Iterator[Command]:
-        """The commands whose keys were pressed since the last frame."""
+        """The enabled commands whose keys were pressed since the last frame."""
         for command in self:
             if any(chord.was_pressed(command.repeats) for chord in command.keys) and command.is_enabled():
                 yield command

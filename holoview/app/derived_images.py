@@ -1,4 +1,4 @@
-"""The pictures of the pages "phase" and "spectrum", made when they are looked at."""
+"""The images of the pages "phase" and "spectrum" on the device, computed when they are displayed."""
 
 from __future__ import annotations
 
@@ -17,47 +17,47 @@ from holoview.session.latest_task import LatestTask
 
 
 class DerivedImages:
-    """Pictures of pages other than the image. What takes long is made on a thread; the last one stays until then."""
+    """Images of derived pages. The spectrum is computed on a thread; the image before stays until it is ready."""
 
     def __init__(self, device: Device, session: EditingSession) -> None:
         self._device, self._session = device, session
         self._pictures: dict[str, tuple[Any, DeviceImage]] = {}
-        self._asked: Any = None
-        self._newest: LatestTask[NDArray[np.float32]] = LatestTask(
+        self._requested_key: Any = None
+        self._task: LatestTask[NDArray[np.float32]] = LatestTask(
             "spectrum", session.call_on_owner, session.messages.post_error
         )
 
     @property
     def is_busy(self) -> bool:
-        """Whether a picture is on its way."""
-        return self._newest.is_busy
+        """Whether an image is being computed."""
+        return self._task.is_busy
 
     def picture(self) -> DeviceImage | None:
-        """The picture of the look's page; None where there is none yet."""
-        shown, look = self._session.displayed_document, self._session.view_settings
-        if look.page == "phase":
-            key = (shown.system, shown.drive, look.frame, look.modulator)
-            if self._known("phase", key) is None:
+        """The image of the displayed page; None until it is computed."""
+        document, view = self._session.displayed_document, self._session.view_settings
+        if view.page == "phase":
+            key = (document.system, document.drive, view.frame, view.modulator)
+            if self._current("phase", key) is None:
                 turns = phase_turns(*key)
                 self._put("phase", key, np.repeat(turns[..., None], 3, axis=2))
-        if look.page == "spectrum":
-            self._ask(shown)
-        found = self._pictures.get(look.page)
-        return None if found is None else found[1]
+        if view.page == "spectrum":
+            self._request_spectrum(document)
+        entry = self._pictures.get(view.page)
+        return None if entry is None else entry[1]
 
     def close(self) -> None:
         """Ends the thread."""
-        self._newest.close()
+        self._task.close()
 
-    def _ask(self, shown: Document) -> None:
-        key = (shown.system, shown.drive)
-        if self._asked is None or not _is_same(self._asked, key):
-            self._asked = key
-            self._newest.submit(partial(eyebox_xyz, *key), partial(self._put, "spectrum", key))
+    def _request_spectrum(self, document: Document) -> None:
+        key = (document.system, document.drive)
+        if self._requested_key is None or not _is_same(self._requested_key, key):
+            self._requested_key = key
+            self._task.submit(partial(eyebox_xyz, *key), partial(self._put, "spectrum", key))
 
-    def _known(self, page: str, key: Any) -> DeviceImage | None:
-        found = self._pictures.get(page)
-        return found[1] if found is not None and _is_same(found[0], key) else None
+    def _current(self, page: str, key: Any) -> DeviceImage | None:
+        entry = self._pictures.get(page)
+        return entry[1] if entry is not None and _is_same(entry[0], key) else None
 
     def _put(self, page: str, key: Any, xyz: NDArray[np.float32]) -> None:
         four = np.zeros((*xyz.shape[:2], 4), np.float32)

@@ -1,4 +1,4 @@
-"""The commands that belong to no panel: files, undo, help."""
+"""The commands that belong to no panel: undo, redo, random patterns, quit, help."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ def add_general_commands(context: AppContext) -> None:
         lambda: _post_undone(context, "Undone", session.undo()),
         "Edit",
         "Ctrl+Z",
-        is_possible=lambda: session.can_undo,
+        is_enabled=lambda: session.can_undo,
     )
     add(
         "Redo",
         lambda: _post_undone(context, "Done again", session.redo()),
         "Edit",
         "Ctrl+Shift+Z Ctrl+Y",
-        is_possible=lambda: session.can_redo,
+        is_enabled=lambda: session.can_redo,
     )
     add(
         "Random patterns",

@@ -64,10 +64,10 @@ class HelpOverlay:
             self.close()
 
     def matches(self) -> list[Command]:
-        """Commands whose name holds every word that was typed, those that begin with it first."""
+        """Commands whose group or name contains every word of the query; names that start with it come first."""
         words = self.query.lower().split()
-        found = [c for c in self._commands if all(word in f"{c.group} {c.name}".lower() for word in words)]
-        return sorted(found, key=lambda c: not c.name.lower().startswith(self.query.lower()))
+        matches = [c for c in self._commands if all(word in f"{c.group} {c.name}".lower() for word in words)]
+        return sorted(matches, key=lambda c: not c.name.lower().startswith(self.query.lower()))
 
     def _draw_sheet(self) -> None:
         commands = sorted((c for c in self._commands if c.keys), key=lambda c: c.group)

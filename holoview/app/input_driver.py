@@ -1,4 +1,4 @@
-"""A hand without a screen: synthetic events into an app that draws off screen, for scripts and tests."""
+"""Sends synthetic pointer and key events to a viewer that draws off screen, for scripts and tests."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.app.app import App
+from holoview.app.imgui_input import WHEEL_NOTCH
 from holoview.app.keys import Chord
 from holoview.util.errors import UserError, suggest_matches
 
 _SETTLING_FRAMES = 3
-_NOTCH = 100.0
 Point = tuple[float, float]
 
 
 class InputDriver:
-    """Moves the pointer, presses keys, and draws frames. Places are in logical pixels."""
+    """Moves the pointer, presses keys, and draws frames. Positions (x, y) are in logical pixels of the window."""
 
     def __init__(self, app: App) -> None:
         self.app, self.context, self.canvas = app, app.context, app.window.canvas
-        self._at: Point = (0.0, 0.0)
+        self._position: Point = (0.0, 0.0)
         self._buttons: tuple[int, ...] = ()
 
     def draw_frames(self, count: int = 1) -> NDArray[np.uint8]:
-        """Draws frames; the last as 8-bit sRGB (y, x, 3). What failed while drawing is raised."""
+        """Draws frames and returns the last one in 8-bit sRGB (y, x, 3). Raises an exception that ended a frame."""
         image: Any = None
         for _ in range(count):
             self.canvas._process_events()  # drawing alone leaves submitted events waiting
@@ -35,7 +35,7 @@ class InputDriver:
         return np.asarray(image)[..., :3].copy()
 
     def draw_until_idle(self, timeout_s: float = 120.0) -> NDArray[np.uint8]:
-        """Draws until all that is shown is computed."""
+        """Draws until everything that is shown is computed; returns the last frame as `draw_frames` does."""
         self.draw_frames(2)
         for _ in range(4):
             self.app.compute_until_idle(timeout_s)
@@ -45,7 +45,7 @@ class InputDriver:
         return image
 
     def item_position(self, name: str, x: float = 0.5, y: float = 0.5) -> Point:
-        """A place in the rectangle of a marked item, in shares of it. Raises UserError for an unknown name."""
+        """A position in a recorded item, (x, y) as fractions of its size. Raises UserError for an unknown name."""
         if name not in self.context.item_rects:
             raise UserError(
                 "script", f'no item is called "{name}"', remedy=suggest_matches(name, self.context.item_rects)
@@ -57,7 +57,7 @@ class InputDriver:
 
     def move(self, to: Point) -> None:
         """Moves the pointer."""
-        self._at = to
+        self._position = to
         self._pointer("pointer_move")
         self.draw_frames()
 
@@ -68,20 +68,20 @@ class InputDriver:
         self.draw_frames()
 
     def release_button(self, button: int = 1) -> None:
-        """Lets a button go."""
+        """Releases a button."""
         self._buttons = ()
         self._pointer("pointer_up", button)
         self.draw_frames(_SETTLING_FRAMES)
 
-    def click(self, at: Point, button: int = 1) -> None:
-        """Moves there and clicks."""
-        self.move(at)
-        self.move(at)
+    def click(self, position: Point, button: int = 1) -> None:
+        """Moves to a position and clicks."""
+        self.move(position)
+        self.move(position)
         self.press_button(button)
         self.release_button(button)
 
     def drag(self, start: Point, end: Point, steps: int = 4) -> None:
-        """Presses at one place, moves to another and lets go."""
+        """Presses the left button at `start`, moves to `end` in some steps, and releases it."""
         self.move(start)
         self.move(start)
         self.press_button()
@@ -90,12 +90,12 @@ class InputDriver:
             self.move((start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])))
         self.release_button()
 
-    def wheel(self, at: Point, notches: float, *modifiers: str) -> None:
-        """Turns the wheel away from the hand by so many notches."""
-        self.move(at)
+    def wheel(self, position: Point, notches: float, *modifiers: str) -> None:
+        """Turns the wheel by some notches, positive away from the user, while modifiers are held."""
+        self.move(position)
         self._modifiers(modifiers, "key_down")
-        x, y = at
-        self.submit_event("wheel", x=x, y=y, dx=0.0, dy=-_NOTCH * notches, buttons=(), modifiers=modifiers)
+        x, y = position
+        self.submit_event("wheel", x=x, y=y, dx=0.0, dy=-WHEEL_NOTCH * notches, buttons=(), modifiers=modifiers)
         self.draw_frames(2)
         self._modifiers(modifiers, "key_up")
         self.draw_frames()
@@ -103,7 +103,7 @@ class InputDriver:
     # --- keys -------------------------------------------------------------------------------------------------------
 
     def press_chord(self, chord: str) -> None:
-        """Presses and releases keys that are written like "Ctrl+Shift+Z"."""
+        """Presses and releases a chord such as "Ctrl+Shift+Z"."""
         modifiers, name = Chord(chord).parts
         modifiers = ("Shift", *modifiers) if name == "?" else modifiers
         self.hold_keys(modifiers)
@@ -113,7 +113,7 @@ class InputDriver:
         self.release_keys(modifiers)
 
     def hold_keys(self, names: tuple[str, ...]) -> None:
-        """Holds keys down, by the names that events have."""
+        """Presses keys, given by their names in events, and keeps them down."""
         self._modifiers(names, "key_down")
         self.draw_frames()
 
@@ -123,7 +123,7 @@ class InputDriver:
         self.draw_frames(_SETTLING_FRAMES)
 
     def type_text(self, text: str) -> None:
-        """Types text into what has the focus."""
+        """Types text into the widget that has the focus."""
         for letter in text:
             self.submit_event("char", data=letter, is_composing=False, input_type="insertText")
             self.draw_frames()
@@ -133,8 +133,9 @@ class InputDriver:
             self.submit_event(kind, key=name, modifiers=())
 
     def _pointer(self, kind: str, button: int = 0) -> None:
-        x, y = self._at
+        x, y = self._position
         self.submit_event(kind, x=x, y=y, button=button, buttons=self._buttons, modifiers=(), ntouches=0, touches={})
 
     def submit_event(self, kind: str, **details: Any) -> None:
+        """Sends an event to the canvas; it takes effect when the next frame is drawn."""
         self.canvas.submit_event({"event_type": kind, **details})

@@ -1,4 +1,4 @@
-"""Keys: from the names that browsers and windows give them to ImGui's, and chords such as "Ctrl+Shift+Z"."""
+"""Keys: from the names in events of browsers and windows to those of ImGui, and chords such as "Ctrl+Shift+Z"."""
 
 from __future__ import annotations
 
@@ -59,18 +59,18 @@ _SPOKEN = {"Space": " ", "Left": "ArrowLeft", "Right": "ArrowRight", "Up": "Arro
 
 
 def key_named(name: str) -> Key | None:
-    """ImGui's key for an event's key name; None for keys that mean nothing here."""
+    """ImGui's key for an event's key name; None for keys that aren't used."""
     return _NAMED.get(name) or _NAMED.get(name.lower())
 
 
 def modifier_named(name: str) -> Key | None:
-    """ImGui's modifier for the name of a modifier key."""
+    """ImGui's modifier for the name of a modifier key; None for other keys."""
     return _MODIFIERS.get(name)
 
 
 @dataclass(frozen=True)
 class Chord:
-    """A key with modifiers, as people write it: "Ctrl+Z", "Shift+Left", "?"."""
+    """A key with modifiers, written as "Ctrl+Z", "Shift+Left" or "?"."""
 
     text: str
 
@@ -82,7 +82,7 @@ class Chord:
 
     @property
     def code(self) -> int:
-        """ImGui's key chord."""
+        """ImGui's code of the key chord."""
         modifiers, name = self.parts
         key = key_named(name)
         assert key is not None, f"no key is called {name}"
@@ -90,7 +90,7 @@ class Chord:
         return int(sum({_MODIFIERS[modifier].value for modifier in modifiers} | extra)) | key.value
 
     def is_down(self) -> bool:
-        """Whether its key is held, whatever the modifiers."""
+        """Whether its key is held down, with any modifiers."""
         return imgui.is_key_down(Key(self.code & ~Key.mod_mask_.value))
 
     def was_pressed(self, repeat: bool = False) -> bool:

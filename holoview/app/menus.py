@@ -1,4 +1,4 @@
-"""The menu bar, made from the commands: a menu a group, with keys."""
+"""The menu bar, with one menu for each group of commands."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MENUS = ("File", "Edit", "Image", "Compare", "Focal plane", "Lasers", "Speckle",
 
 
 def draw_menus(context: AppContext) -> None:
-    """All menus; groups of commands that have no menu are reached by keys and the palette."""
+    """Draws all menus; commands of a group without a menu are reached by keys and the command palette."""
     for group in MENUS:
         commands = [command for command in context.commands if command.group == group]
         if not commands or not imgui.begin_menu(group):

@@ -1,4 +1,4 @@
-"""What is shown where no graphics adapter can compute holograms: why, and what to do. Drawn through OpenGL."""
+"""The page that is shown when no WebGPU adapter is usable: the reason and what to do. It is drawn with OpenGL."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ REMEDIES = {
 
 
 def show_no_adapter_page(error: UserError) -> bool:
-    """Shows the page until it is closed; whether that was possible."""
+    """Shows the page until it is closed; returns False if no window can be opened either."""
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return False
     params = hello_imgui.RunnerParams()
@@ -44,7 +44,7 @@ def show_no_adapter_page(error: UserError) -> bool:
 
 
 def draw_page(error: UserError) -> None:
-    """Draws the page."""
+    """Draws the content of the page in the present ImGui window."""
     imgui.push_text_wrap_pos(0.0)
     imgui.text_colored(theme.WARNING, "No graphics adapter can be used")
     imgui.text(f"{error.where}: {error.found}.")

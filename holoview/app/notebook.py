@@ -1,8 +1,8 @@
 """The viewer in a notebook's cell.
 
-viewer = holoview.show("holochrome-8")   # as a cell's last line, or display(viewer)
+viewer = holoview.show("holochrome-8")   # as the last line of a cell, or display(viewer)
 viewer.session.change("Gap", {"gap": "3 mm"})
-viewer.session.drive                     # patterns, also those that were found by the viewer
+viewer.session.drive                     # the patterns, e.g. after an optimisation in the viewer
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from holoview.session.editing_session import EditingSession
 from holoview.util.errors import UserError
 
 Showable = System | Hologram | EditingSession | str
-_MOST_FRAMES_A_SECOND = 30
+_MAX_FRAMES_A_SECOND = 30
 open_viewers: list[Viewer] = []
-"""The viewer that is open: ImGui has one window a process."""
+"""The viewer that is open, at most one: a process has a single ImGui window."""
 
 
 class Viewer:
-    """The viewer as a notebook shows it; `session` is what it edits, for code in other cells."""
+    """A viewer in a notebook's cell; other cells can edit its `session`."""
 
     def __init__(self, session: EditingSession, app: App, task: asyncio.Task[None]) -> None:
         self.session = session
         self.app, self._task = app, task
 
     def close(self) -> None:
-        """Ends it; the cell keeps its last picture."""
+        """Ends the viewer; the cell keeps its last image."""
         if self in open_viewers:
             open_viewers.remove(self)
             self._task.cancel()
             self.app.close()
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
-        """What IPython asks of whatever is the last line of a cell."""
+        """Called by IPython to display the value of a cell."""
         return self.app.window.canvas._repr_mimebundle_(**options)
 
 
@@ -77,7 +77,7 @@ def show(
     device = open_device(adapter)
     for viewer in list(open_viewers):
         viewer.close()
-    canvas = canvas_class(size=size, title="holoview", max_fps=_MOST_FRAMES_A_SECOND)
+    canvas = canvas_class(size=size, title="holoview", max_fps=_MAX_FRAMES_A_SECOND)
     app = App(session, device, canvas)
     session.wake = lambda: loop.call_soon_threadsafe(app.window.wake)
     viewer = Viewer(session, app, asyncio.get_running_loop().create_task(compute_loop(app)))
@@ -94,7 +94,7 @@ def _session(what: Showable, drive: NDArray[Any] | None) -> EditingSession:
 
 
 def _widgets() -> tuple[Any, Any]:
-    """rendercanvas's widget and its loop. Raises UserError where anywidget is missing or nothing runs a loop."""
+    """The widget class of rendercanvas and its loop. Raises UserError without anywidget or a running event loop."""
     try:
         asyncio.get_running_loop()
     except RuntimeError as error:
@@ -107,7 +107,7 @@ def _widgets() -> tuple[Any, Any]:
         raise UserError("show", f"{error.name} isn't installed", remedy=remedy) from error
 
     class Cell(RenderCanvas):  # type: ignore[misc]
-        """A widget whose closing doesn't call itself for ever, as that of rendercanvas 2.7 does."""
+        """A widget that avoids the endless recursion of rendercanvas 2.7 when it is closed."""
 
         def _rc_close(self) -> None:
             if not self.get_closed():

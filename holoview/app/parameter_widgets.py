@@ -1,4 +1,4 @@
-"""Widgets for a bench's parameters, made from what their metadata say: unit, range, choices, a sentence."""
+"""Widgets for the parameters of a system, made from their metadata: unit, range, choices and description."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from holoview.model.effects.parameter import Parameter
 from holoview.model.field_types import Choice, Integer, Number
 from holoview.util import units
 
-_SPAN = 3.0  # a slider reaches to so many times the value that "reset" gives back
-_WIDEST_RATIO = 1000.0
-_PRIORS = 5.0  # times what is common, to which an effect's slider reaches
+_RESET_MULTIPLE = 3.0  # the limit of a slider, as a multiple of the value that a right click restores
+_MAX_RATIO = 1000.0  # of the limits of a kind, up to which a slider covers its whole range
+_PRIOR_MULTIPLE = 5.0  # the limit of an effect's slider, as a multiple of the parameter's prior
 
 
 @dataclass(frozen=True)
 class WidgetEdit:
-    """What a widget did: the new value, whether the hand still holds it."""
+    """A new value from a widget, and whether the mouse button is still held on it."""
 
     value: Any
     is_held: bool
@@ -28,9 +28,10 @@ class WidgetEdit:
 def number_field(
     name: str, kind: Number, value: float, reset: float, doc: str, span: tuple[float, float] | None = None
 ) -> WidgetEdit | None:
-    """A slider with its unit, Ctrl+click for exact entry, right click to reset; the new value in SI, or None.
+    """Draws a slider with a unit; returns the new value in SI units, or None if it wasn't edited.
 
-    The slider covers `span` (SI), or what is near `reset`; exact entry takes all that the kind allows.
+    Ctrl+click enters a value, within the range of the kind; a right click restores `reset`. span: limits of the
+    slider in SI units; `slider_range` when None.
     """
     low, high = slider_range(kind, reset) if span is None else span
     note = f"{doc}\n{kind.format_range()}; right click: back to {format_value(kind, reset)}"
@@ -38,10 +39,10 @@ def number_field(
 
 
 def parameter_field(parameter: Parameter, value: float) -> WidgetEdit | None:
-    """A slider for a parameter of an effect, over what is common; right click to its identity."""
+    """Draws a slider for a parameter of an effect; a right click restores its identity, where it has no effect."""
     p = parameter
     kind = Number(p.shown if p.is_quantity else "", p.low, p.high)
-    reach = _PRIORS * p.prior
+    reach = _PRIOR_MULTIPLE * p.prior
     first, last, _ = p.scan or (p.identity, p.identity, 0.0)
     low, high = max(p.low, min(p.identity - reach, first)), min(p.high, max(p.identity + reach, last))
     note = f"{p.doc}\n{kind.format_range()}; right click: back to {p.format(p.identity)}, where it does nothing"
@@ -49,7 +50,7 @@ def parameter_field(parameter: Parameter, value: float) -> WidgetEdit | None:
 
 
 def count_field(name: str, kind: Integer, value: int, reset: int, doc: str) -> WidgetEdit | None:
-    """A slider for a whole number."""
+    """Draws a slider for an integer; see `number_field`."""
     high = min(kind.high, max(4, 2 * reset))
     changed, shown = imgui.slider_int(name, value, kind.low, high)
     if _tooltip_and_reset(f"{doc}\nfrom {kind.low} to {kind.high}; right click: back to {reset}"):
@@ -58,7 +59,7 @@ def count_field(name: str, kind: Integer, value: int, reset: int, doc: str) -> W
 
 
 def choice_field(name: str, kind: Choice, value: str, doc: str) -> WidgetEdit | None:
-    """A list to choose from."""
+    """Draws a combo box of the kind's options; see `number_field`."""
     options = list(kind.options)
     changed, index = imgui.combo(name, options.index(value), options)
     _tooltip_and_reset(doc)
@@ -66,7 +67,7 @@ def choice_field(name: str, kind: Choice, value: str, doc: str) -> WidgetEdit | 
 
 
 def unit_scale(kind: Number) -> float:
-    """What SI values are multiplied by to be shown."""
+    """The factor from SI units to the unit in which values are shown."""
     if not kind.unit:
         return 1.0
     quantity: units.Quantity = "angle" if kind.unit.endswith("rad") else "length"
@@ -74,23 +75,23 @@ def unit_scale(kind: Number) -> float:
 
 
 def format_value(kind: Number, value: float) -> str:
-    """A value as people write it."""
+    """A value in SI units as text with its unit."""
     return units.format_rounded(value, kind.unit).replace("um", "µm") if kind.unit else f"{value:.4g}"
 
 
 def slider_range(kind: Number, reset: float) -> tuple[float, float]:
-    """What a slider covers, SI: all that is allowed where that is a narrow range, else what is near `reset`."""
+    """The limits of a slider in SI units: those of the kind if they are close to each other, else around `reset`."""
     is_narrow = math.isfinite(kind.low) and math.isfinite(kind.high) and kind.low > -math.inf
-    if is_narrow and kind.low > 0 and kind.high / kind.low <= _WIDEST_RATIO:
+    if is_narrow and kind.low > 0 and kind.high / kind.low <= _MAX_RATIO:
         return kind.low, kind.high
-    reach = _SPAN * abs(reset) or 10.0 / unit_scale(kind)
+    reach = _RESET_MULTIPLE * abs(reset) or 10.0 / unit_scale(kind)
     low = -reach if kind.low < 0 else 0.0
     return max(low, kind.low), min(reach, kind.high)
 
 
 @dataclass(frozen=True)
 class _Scale:
-    """A unit, and what SI values are multiplied by to be shown in it."""
+    """A unit, and the factor from SI units to it."""
 
     unit: str
     factor: float
@@ -110,17 +111,17 @@ def _slider(
 
 
 def _rounded(shown: float) -> float:
-    """Six digits: a slider's f32 shouldn't show as 2.0000000949949026 mm in a preset."""
+    """Rounds to six digits, so that a slider's float32 isn't written to a preset as 2.0000000949949026 mm."""
     return float(f"{shown:.6g}")
 
 
 def tooltip(text: str) -> None:
-    """The tooltip of the last item."""
+    """Shows a tooltip while the pointer rests on the last item."""
     if text and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
         imgui.set_tooltip(text)
 
 
 def _tooltip_and_reset(doc: str) -> bool:
-    """The tooltip of the last item; whether it was clicked with the right button."""
+    """Shows a tooltip for the last item; returns whether the item was clicked with the right button."""
     tooltip(doc)
     return imgui.is_item_clicked(imgui.MouseButton_.right)

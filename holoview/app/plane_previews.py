@@ -1,4 +1,4 @@
-"""Small images of all focal planes of the bench, computed once the image itself is there."""
+"""Preview images of all focal planes of the system, computed when the displayed image is complete."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from holoview.session.quick_system import make_quick_system
 from holoview.session.scene import Scene
 from holoview.util.errors import UserError
 
-_MOST_PLANES = 24
+_MAX_PLANES = 24
 
 
 class PlanePreviews:
-    """A picture a plane, of the cheaper bench; those that are stale stay until their successor is there."""
+    """One picture of the simplified system for each plane; outdated pictures stay until they are replaced."""
 
     def __init__(self, device: Device, session: EditingSession) -> None:
         self._device, self._session = device, session
-        self._engine = TimedRenderer(device)
+        self._renderer = TimedRenderer(device)
         self._requested: tuple[System, Drive] | None = None
         self._stale: list[float] = []
         self._steps: Iterator[UpdateProgress] | None = None
@@ -35,58 +35,57 @@ class PlanePreviews:
 
     @property
     def planes_m(self) -> list[float]:
-        """The planes of the bench, nearest first; of very many, evenly chosen ones."""
+        """The planes of the system, nearest first; at most 24 of them, evenly chosen."""
         planes = np.unique(self._session.system.planes_m)
-        chosen = np.unique(np.linspace(0, len(planes) - 1, min(len(planes), _MOST_PLANES)).round().astype(int))
+        chosen = np.unique(np.linspace(0, len(planes) - 1, min(len(planes), _MAX_PLANES)).round().astype(int))
         return [float(planes[i]) for i in chosen]
 
     @property
     def is_busy(self) -> bool:
-        """Whether there is something to compute."""
+        """Whether a picture is outdated."""
         return bool(self._stale)
 
     def request(self) -> None:
-        """Follows the session."""
-        shown = self._session.displayed_document
-        is_same = (
-            self._requested is not None and shown.drive is self._requested[1] and shown.system == self._requested[0]
-        )
-        if not is_same:
-            self._requested, self._steps = (shown.system, shown.drive), None
-            here = self._session.view_settings.plane_m
-            self._stale = sorted(self.planes_m, key=lambda z: abs(z - here))
+        """Requests pictures of the displayed document, starting with planes near the displayed one."""
+        document = self._session.displayed_document
+        system, drive = self._requested or (None, None)
+        if document.drive is not drive or document.system != system:
+            self._requested, self._steps = (document.system, document.drive), None
+            focused_m = document.view_settings.plane_m
+            self._stale = sorted(self.planes_m, key=lambda z: abs(z - focused_m))
             self.pictures = {z: picture for z, picture in self.pictures.items() if z in self._stale}
 
     def compute_slice(self) -> bool:
-        """Computes a slice; whether a picture has changed."""
+        """Computes a slice and returns whether a picture has changed."""
         if not self._stale or self._requested is None:
             return False
         plane_m = self._stale[0]
         try:
             if self._steps is None:
                 system, drive = self._requested
-                self._steps = self._engine.start(Scene(make_quick_system(system), drive, plane_m))
+                self._steps = self._renderer.start(Scene(make_quick_system(system), drive, plane_m))
             if next(self._steps, None) is not None:
                 return False
-        except UserError:  # a bench that has no cheaper version has no small images either
+        except UserError:  # the system can't be simplified: there are no previews
             self._stale, self._steps = [], None
             return False
-        self._keep(plane_m)
+        self._store_picture(plane_m)
         self._stale, self._steps = self._stale[1:], None
         return True
 
-    def _keep(self, plane_m: float) -> None:
-        session = self._engine.renderer
-        assert session is not None
-        known = self.pictures.get(plane_m)
-        fits = known is not None and known.shape == session.compositor.shape
+    def _store_picture(self, plane_m: float) -> None:
+        """Copies the renderer's image to a buffer of its own."""
+        renderer = self._renderer.renderer
+        assert renderer is not None
+        previous = self.pictures.get(plane_m)
+        fits = previous is not None and previous.shape == renderer.compositor.shape
         buffer = (
-            known.buffer
-            if known is not None and fits
-            else session.compositor.xyz_buffer(f"plane {plane_m * 1e3:.4g} mm")
+            previous.buffer
+            if previous is not None and fits
+            else renderer.compositor.xyz_buffer(f"plane {plane_m * 1e3:.4g} mm")
         )
         recorder = CommandRecorder(self._device, "plane")
-        recorder.copy(session.xyz_buffer, buffer)
+        recorder.copy(renderer.xyz_buffer, buffer)
         recorder.submit()
         self._version += 1
-        self.pictures[plane_m] = DeviceImage(buffer, session.compositor.shape, is_quick=True, version=self._version)
+        self.pictures[plane_m] = DeviceImage(buffer, renderer.compositor.shape, is_quick=True, version=self._version)

@@ -1,4 +1,4 @@
-"""The strip of the bench's focal planes."""
+"""A horizontal strip of all focal planes of the system."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from holoview.session.focal_plane import SAME_PLANE_M
 
 
 class PlaneStrip:
-    """A row of tiles, a plane each."""
+    """Draws one tile for each plane in a scrollable row."""
 
     def __init__(self, context: AppContext) -> None:
         self._tiles = PlaneTiles(context, "plane")
 
     def draw(self, context: AppContext) -> float | None:
-        """Draws the strip in the room that is left; the plane that was clicked."""
-        room = imgui.get_content_region_avail()
-        if room.y < 24:
+        """Draws the strip in the rest of the window and returns the plane in metres that was clicked, if any."""
+        available = imgui.get_content_region_avail()
+        if available.y < 24:
             return None
         planes, chosen = context.plane_previews.planes_m, None
-        height = room.y
+        height = available.y
         size = tile_size(context.session.document.image_shape, height)
-        if size[0] * len(planes) + 6 * len(planes) > room.x:
+        if size[0] * len(planes) + 6 * len(planes) > available.x:
             size = tile_size(context.session.document.image_shape, height - imgui.get_style().scrollbar_size)
         imgui.begin_child("strip", imgui.ImVec2(0, 0), 0, imgui.WindowFlags_.horizontal_scrollbar)
         for plane_m in planes:
-            is_here = abs(plane_m - context.session.view_settings.plane_m) < SAME_PLANE_M
-            if self._tiles.draw(plane_m, context.plane_previews.pictures.get(plane_m), size, is_here):
+            is_focused = abs(plane_m - context.session.view_settings.plane_m) < SAME_PLANE_M
+            if self._tiles.draw(plane_m, context.plane_previews.pictures.get(plane_m), size, is_focused):
                 chosen = plane_m
             imgui.same_line()
         imgui.end_child()

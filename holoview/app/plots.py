@@ -1,4 +1,4 @@
-"""Small plots with the look that all panels share."""
+"""Small ImPlot plots in the style that all panels share."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ def plot(
     y_range: tuple[float, float],
     legend: int = implot.Location_.north_east,
 ) -> Iterator[bool]:
-    """A plot over the panel's width with fixed ranges; false where it can't be seen. legend: where no data are."""
+    """A context that draws a plot over the panel's width with fixed ranges; yields whether it is visible.
+
+    legend: its place, where there are no data.
+    """
     size = imgui.ImVec2(-1, HEIGHT_EM * imgui.get_font_size())
     is_open = implot.begin_plot(f"##{name}", size, _FLAGS | implot.Flags_.no_inputs)
     try:
@@ -41,13 +44,13 @@ def plot(
 
 
 def bars(name: str, centres: ArrayLike, heights: ArrayLike, width: float) -> None:
-    """Bars in the accent colour."""
+    """Draws bars in the accent colour."""
     spec = implot.Spec(fill_color=theme.ACCENT, fill_alpha=0.55, line_color=theme.ACCENT, line_weight=0.0)
     implot.plot_bars(name, _doubles(centres), _doubles(heights), width, spec)
 
 
 def line(name: str, x: ArrayLike, y: ArrayLike, colour: imgui.ImVec4, *, marked: bool = False) -> None:
-    """A line, with a mark at each value where they are few."""
+    """Draws a line; `marked` adds a marker at each value."""
     marker = implot.Marker_.circle if marked else implot.Marker_.none
     spec = implot.Spec(line_color=colour, line_weight=1.6, marker=marker, marker_size=3.0, marker_fill_color=colour)
     implot.plot_line(name, _doubles(x), _doubles(y), spec)

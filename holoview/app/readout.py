@@ -1,4 +1,4 @@
-"""The line below the image: where the pointer is and what the values there are."""
+"""The line below the image: the position of the pointer and the values of the sample there."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from holoview.session.measure import sample_pixel
 from holoview.session.view_settings import DERIVED_PAGES, NOW, displayed_side
 
 
-def draw_readout(context: AppContext, place: tuple[float, float] | None) -> None:
-    """place: shares (x, y) of the image under the pointer, None elsewhere."""
-    look, shape = context.session.view_settings, context.session.document.image_shape
-    if place is None or look.page in DERIVED_PAGES:
+def draw_readout(context: AppContext, position: tuple[float, float] | None) -> None:
+    """Draws the line. position: of the pointer, as fractions (x, y) of the image; None outside it."""
+    view, shape = context.session.view_settings, context.session.document.image_shape
+    if position is None or view.page in DERIVED_PAGES:
         imgui.push_style_color(imgui.Col_.text, imgui.get_style_color_vec4(imgui.Col_.text_disabled))
         imgui.text_wrapped(_idle_text(context))
         imgui.pop_style_color()
         return
-    imgui.text_wrapped(describe_pixel(context, int(place[0] * shape[1]), int(place[1] * shape[0])))
+    imgui.text_wrapped(describe_pixel(context, int(position[0] * shape[1]), int(position[1] * shape[0])))
     context.record_item_rect("readout")
     tooltip(
         "Linear sRGB and XYZ at this sample; 1 is white. Intensities are those of the lasers, in the table's order."
@@ -28,7 +28,7 @@ def draw_readout(context: AppContext, place: tuple[float, float] | None) -> None
 
 
 def readout_height(context: AppContext, width: float) -> float:
-    """Room for the values in a panel so wide, whether they are shown or not: the image mustn't jump."""
+    """The height that the values need in a panel of this width; reserved always, so that the image doesn't move."""
     rows, columns = context.session.document.image_shape
     three, lasers = "0.000  0.000  0.000", " ".join(["0.00"] * len(context.session.system.wavelengths_m))
     text = f"x {columns}  y {rows}   RGB {three}   XYZ {three}   I {lasers}"
@@ -36,7 +36,7 @@ def readout_height(context: AppContext, width: float) -> float:
 
 
 def describe_pixel(context: AppContext, x: int, y: int) -> str:
-    """The values at a sample, in a line."""
+    """The values of a sample in a line of text."""
     side = displayed_side(context.session.view_settings)
     xyz = context.side_renderers.xyz(side)
     values = (

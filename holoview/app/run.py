@@ -1,10 +1,12 @@
-"""Opens the viewer: on a screen, off screen by a script, or in a browser."""
+"""Runs the viewer on a screen, off screen by a script, or in a browser."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+
+from rendercanvas.utils.asyncs import sleep
 
 from holoview.app.app import App
 from holoview.app.desktop import connect_desktop
@@ -17,7 +19,7 @@ from holoview.session.editing_session import EditingSession
 from holoview.session.session_store import SessionStore
 from holoview.util.errors import UserError
 
-_IDLE_S = 0.05  # between looks at what there is to do, while there is nothing
+_IDLE_S = 0.05  # between checks for work while there is none
 _TITLE = "holoview"
 SCRIPT_FRAME_S = 1 / 60
 
@@ -31,7 +33,10 @@ def run_offscreen(
     picture: Path | None = None,
     names: Sequence[str] = (),
 ) -> None:
-    """Draws a window of `size` (x, y) that nobody sees, opens `names`, runs a script and writes a picture of it."""
+    """Draws an off-screen window of `size` (x, y) pixels, opens `names`, runs a script and writes a screenshot.
+
+    where: names the script in errors. picture: the path of the screenshot; None for none.
+    """
     from rendercanvas.offscreen import OffscreenRenderCanvas
 
     app = App(session, device, OffscreenRenderCanvas(size=size), frame_s=SCRIPT_FRAME_S)
@@ -52,8 +57,8 @@ def run_offscreen(
 def run_on_screen(
     session: EditingSession, device: Device, store: SessionStore, size: tuple[int, int], names: Sequence[str] = ()
 ) -> None:
-    """A window until it is closed. Raises UserError where there is no screen."""
-    try:
+    """Runs a window until it is closed. Raises UserError without a screen."""
+    try:  # here: glfw can't be imported on a machine without its libraries
         import glfw
         from rendercanvas.glfw import RenderCanvas, loop
     except (ImportError, RuntimeError) as error:
@@ -75,7 +80,7 @@ def run_in_browser(
     size: tuple[int, int],
     names: Sequence[str] = (),
 ) -> None:
-    """Serves the viewer to a browser until it is interrupted; `began` is told its address."""
+    """Serves the viewer to a browser until it is interrupted; `began` is called with the address."""
     try:
         from rendercanvas.http import RenderCanvas, loop
     except ImportError as error:
@@ -86,6 +91,7 @@ def run_in_browser(
 
 
 def open_app(session: EditingSession, device: Device, canvas: Any, store: SessionStore, names: Sequence[str]) -> App:
+    """The viewer with the user's preferences, opening `names`; at the very first start it posts a hint."""
     app = App(session, device, canvas, store=store, tunes=True)
     if not store.preferences.get("has_begun"):
         session.messages.post(
@@ -106,14 +112,14 @@ def _run_loop(app: App, store: SessionStore, loop: Any, run: Callable[[], None])
     finally:
         failed = app.window.error
         if autosave is not None and failed is None:
-            autosave.close()  # else it is offered at the next start
+            autosave.close()  # after a failure, the session is offered for recovery at the next start
         app.close()
     if isinstance(failed, UserError):
         raise UserError(failed.where, failed.found, remedy="start again: your work is saved and will be offered")
 
 
 def _autosave(app: App, store: SessionStore) -> Autosave | None:
-    """Saves the session as it changes; where that is impossible, the user is told."""
+    """Starts saving the session; if that is impossible, a message says so."""
     try:
         return store.start_autosave(app.session)
     except UserError as error:
@@ -122,9 +128,7 @@ def _autosave(app: App, store: SessionStore) -> Autosave | None:
 
 
 async def compute_loop(app: App) -> None:
-    """Computes a slice, lets the window do what it has to, and so on; at rest, it looks now and then."""
-    from rendercanvas.utils.asyncs import sleep
-
+    """Computes slices and yields to the window's loop in between; sleeps while there is nothing to compute."""
     while not app.window.canvas.get_closed():
         app.redraw_if_due()
         await sleep(0 if app.compute_slice() else max(app.context.side_renderers.wait_s, _IDLE_S))

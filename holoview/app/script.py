@@ -1,4 +1,4 @@
-"""Scripts for the viewer without a screen: a line an action, e.g. for the pictures of a manual.
+"""Runs text scripts in a viewer that draws off screen, one action for each line, e.g. for pictures of the manual.
 
 open still-life.png          a preset, file or picture, as the window opens it
 set gap = "3 mm"             a key of the bench, as --set takes it
@@ -28,11 +28,11 @@ from holoview.app.input_driver import InputDriver
 from holoview.io.png import write_png
 from holoview.util.errors import UserError, suggest_matches
 
-_JOBS_S = 600.0
+_TIMEOUT_S = 600.0
 
 
 def run_script(driver: InputDriver, text: str, where: str = "script") -> None:
-    """Runs a script's lines. Raises UserError that names the line which is wrong or can't be done."""
+    """Runs the lines of a script. Raises UserError that names the line which is wrong or fails."""
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.strip()
         if not words or words.startswith("#"):
@@ -68,19 +68,19 @@ def _run(driver: InputDriver, line: str) -> None:
 
 def wait_until_idle(driver: InputDriver) -> None:
     """Draws until everything is computed and all jobs have ended."""
-    driver.draw_until_idle(_JOBS_S)
-    if not driver.app.session.wait_until_idle(_JOBS_S):
-        raise UserError("wait", f"jobs still run after {_JOBS_S:g} s")
-    driver.draw_until_idle(_JOBS_S)
+    driver.draw_until_idle(_TIMEOUT_S)
+    if not driver.app.session.wait_until_idle(_TIMEOUT_S):
+        raise UserError("wait", f"jobs still run after {_TIMEOUT_S:g} s")
+    driver.draw_until_idle(_TIMEOUT_S)
 
 
 def screenshot(driver: InputDriver, path: Path) -> None:
-    """Writes the window as PNG."""
+    """Writes the whole window as PNG."""
     write_png(path, driver.draw_frames(2), {})
 
 
 def _raise_errors(driver: InputDriver) -> None:
-    """A script has nobody who reads messages: what went wrong ends it."""
+    """Raises the failure of a panel, or a UserError for an error message: nobody reads messages of a script."""
     for guarded in driver.app.panels:
         if guarded.failure is not None:
             raise guarded.failure
@@ -104,7 +104,7 @@ def _look(driver: InputDriver, text: str) -> None:
 
 
 def _parse_assignment(text: str) -> dict[str, Any]:
-    """One KEY = VALUE in TOML; dots stay part of the key."""
+    """Parses KEY = VALUE with a TOML value, else a plain string; dots are part of the key."""
     key, equals, value = text.partition("=")
     if not equals:
         raise UserError(text, "isn't KEY = VALUE")
@@ -115,7 +115,7 @@ def _parse_assignment(text: str) -> dict[str, Any]:
 
 
 def _split_numbers(text: str, count: int, default: tuple[float, ...]) -> tuple[str, list[float]]:
-    """The name of an item and the numbers after it; with fewer than `count` they belong to the name."""
+    """Splits the name of an item from `count` numbers after it; with fewer numbers, all words are the name."""
     try:
         words = shlex.split(text)
     except ValueError as error:

@@ -1,8 +1,8 @@
-"""The viewer in a browser: rendercanvas streams pictures and takes events, behind a token that the address carries.
+"""Serves the viewer to a browser by HTTP and WebSocket, protected by a token in the address.
 
-Whoever has the token drives the viewer, opens files and writes them, as the user who started it. So it is served to
-this machine only unless another address is asked for, and a page of another site can't connect though the browser has
-the token: its origin is refused.
+rendercanvas streams images and receives events. Whoever has the token can open and write files as the user who started
+the viewer. Therefore it is served to this machine only, unless another address is given, and WebSocket connections from
+pages of other sites are refused by their origin, although the browser would send them the cookie with the token.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Receive = Callable[[], Awaitable[Any]]
 Send = Callable[[Any], Awaitable[None]]
 Application = Callable[[Scope, Receive, Send], Awaitable[None]]
 
-_ANY_ADDRESS = ("0.0.0.0", "::")  # addresses to listen at, which nobody can open
+_ANY_ADDRESS = ("0.0.0.0", "::")  # can be listened at, but not opened in a browser
 _POLICY_VIOLATION = 1008  # RFC 6455, 7.4.1
 _PAGE = b"""<!DOCTYPE html>
 <html lang="en">
@@ -49,14 +49,14 @@ _PAGE = b"""<!DOCTYPE html>
 
 @dataclass(frozen=True)
 class Address:
-    """Where to serve: a host's name or number, and a port; port 0 takes a free one."""
+    """Where to serve: a host name or IP address, and a port; port 0 chooses a free one."""
 
     host: str = "127.0.0.1"
     port: int = 0
 
     @classmethod
     def parse(cls, text: str) -> Address:
-        """The address of "HOST:PORT", ":PORT" or "PORT". Raises UserError for anything else."""
+        """Parses "HOST:PORT", ":PORT" or "PORT". Raises UserError for anything else."""
         host, _, port = text.strip().rpartition(":")
         if not port.isdecimal() or not 0 <= int(port) < 65536:
             raise UserError("--serve", f'"{text}"', expected="HOST:PORT, e.g. 127.0.0.1:8080")
@@ -72,7 +72,7 @@ class Address:
 
     @property
     def warning(self) -> str:
-        """What whoever serves to other machines has to know; empty for this machine alone."""
+        """The risk of serving to other machines, in words; empty if only this machine can reach the address."""
         if self.is_loopback:
             return ""
         return (
@@ -82,13 +82,13 @@ class Address:
         )
 
     def url(self, port: int, token: str) -> str:
-        """What to open in a browser, once a port is known."""
+        """The URL to open in a browser, for the port that was chosen."""
         host = socket.gethostname() if self.host in _ANY_ADDRESS else self.host
         return f"http://{f'[{host}]' if ':' in host else host}:{port}/?token={token}"
 
 
 class TokenGuard:
-    """Lets only those through to an application who know the token: first in the address, then in a cookie."""
+    """Passes requests to an application only with the right token: first in the URL, later in a cookie."""
 
     def __init__(self, application: Application, token: str, cookie: str = "holoview") -> None:
         self._application, self._token, self._cookie = application, token, cookie
@@ -138,11 +138,10 @@ def serve(
     is_over: Callable[[], bool] = lambda: False,
     token: str | None = None,
 ) -> None:
-    """Serves the canvas of `rendercanvas.http` until it is interrupted or `is_over`.
+    """Serves the canvas of `rendercanvas.http` until it is interrupted or `is_over` returns true.
 
-    `began` is told the address, and before it, what to beware of where other machines can reach it.
-
-    Raises UserError where the libraries for it are missing or the address can't be had.
+    began: called with the URL, and before that with a warning if other machines can reach the address. token: a random
+    one when None. Raises UserError if a library isn't installed or the address is in use.
     """
     uvicorn, application = _libraries()
     token = secrets.token_urlsafe(18) if token is None else token
@@ -152,11 +151,11 @@ def serve(
         config = uvicorn.Config(guard, log_level="warning", lifespan="on", timeout_notify=1)
         server = uvicorn.Server(config)
 
-        async def look() -> None:
-            """Once a second: rendercanvas takes the keyboard's interrupt for itself, and closes its canvas."""
+        async def check_is_over() -> None:
+            """Called once a second: rendercanvas handles the keyboard interrupt itself and closes its canvas."""
             server.should_exit = server.should_exit or is_over()
 
-        config.callback_notify = look
+        config.callback_notify = check_is_over
         if address.warning:
             began(address.warning)
         began(address.url(port, token))
@@ -165,8 +164,8 @@ def serve(
 
 
 def _libraries() -> tuple[Any, Application]:
-    """uvicorn and rendercanvas's application. Raises UserError where one is missing."""
-    try:
+    """uvicorn and the application of rendercanvas. Raises UserError if a library isn't installed."""
+    try:  # here: these libraries are optional
         import uvicorn
         import websockets  # noqa: F401 — uvicorn takes it by itself, and silently does without
         from rendercanvas.http import asgi
@@ -186,7 +185,7 @@ def _listening(address: Address) -> socket.socket:
 
 
 def _is_same_origin(scope: Scope) -> bool:
-    """Whether a connection comes from the page itself, or from a program, which says no origin."""
+    """Whether a connection comes from the page itself, or from a program that sends no origin."""
     origin = _header(scope, b"origin")
     return not origin or urlsplit(origin).netloc == _header(scope, b"host")
 

@@ -1,4 +1,4 @@
-"""The images that are looked at and compared, each kept up to date on the device: now, target, snapshots, presets."""
+"""The images of the sides of a comparison, each kept up to date on the device: now, target, snapshots, presets."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from holoview.session.editing_session import EditingSession
 from holoview.session.scene import Scene
 from holoview.session.view_settings import NOW, TARGET, ComparisonSide
 
-_MOST_OTHERS = 2  # feeds besides "now": the memory of a device isn't endless
+_MAX_OTHERS = 2  # renderers besides that of "now", as each takes memory of the device
 
 
 class SideRenderers:
-    """Pictures by side. `want` at each change of the session, `advance` while `is_busy`."""
+    """One renderer for each side: call `request` after each change of the session, `compute_slice` while `is_busy`."""
 
     def __init__(self, device: Device, session: EditingSession) -> None:
         self._device, self._session = device, session
@@ -29,12 +29,12 @@ class SideRenderers:
         self._target: tuple[NDArray[np.float32], DeviceImage] | None = None
 
     def visible_sides(self) -> tuple[ComparisonSide, ...]:
-        """The sides that the look shows."""
-        look = self._session.view_settings
-        return (NOW,) if look.compare == "off" else tuple(dict.fromkeys((NOW, look.a, look.b)))
+        """The sides that the view settings show, and "now", which is always kept up to date."""
+        view = self._session.view_settings
+        return (NOW,) if view.compare == "off" else tuple(dict.fromkeys((NOW, view.a, view.b)))
 
     def request(self) -> None:
-        """Asks for what the session shows now. Raises UserError where a scene is impossible."""
+        """Requests the images that the session shows. Raises UserError for an impossible scene."""
         for side in self.visible_sides():
             if side == TARGET:
                 continue
@@ -43,49 +43,51 @@ class SideRenderers:
                 self._renderer_for(side).request(scene)
 
     def compute_slice(self) -> bool:
-        """Computes a slice of the first side that has something to do; whether a picture has changed."""
+        """Computes a slice of the first side that isn't up to date; returns whether a picture has changed."""
         for side in self.visible_sides():
-            feed = self.renderer(side)
-            if feed is not None and feed.is_busy and feed.wait_s == 0:
-                return feed.compute_slice()
+            renderer = self.renderer(side)
+            if renderer is not None and renderer.is_busy and renderer.wait_s == 0:
+                return renderer.compute_slice()
         return False
 
     @property
     def is_busy(self) -> bool:
-        """Whether there is something to compute, now or once the hand rests."""
-        return any(feed.is_busy for side in self.visible_sides() if (feed := self.renderer(side)) is not None)
+        """Whether an image isn't up to date, even if its full frame still waits for a pause in editing."""
+        return any(renderer.is_busy for side in self.visible_sides() if (renderer := self.renderer(side)) is not None)
 
     @property
     def wait_s(self) -> float:
-        """How long `advance` has nothing to do, where `is_busy`."""
-        rests = [
-            feed.wait_s for side in self.visible_sides() if (feed := self.renderer(side)) is not None and feed.is_busy
+        """The time until `compute_slice` can do something, while `is_busy`."""
+        waits = [
+            renderer.wait_s
+            for side in self.visible_sides()
+            if (renderer := self.renderer(side)) is not None and renderer.is_busy
         ]
-        return min(rests, default=0.0)
+        return min(waits, default=0.0)
 
     def renderer(self, side: ComparisonSide) -> ProgressiveRenderer | None:
-        """The feed of a side that is rendered."""
+        """The renderer of a side; None if it isn't rendered."""
         return self.now if side == NOW else self._others.get(side)
 
     def picture(self, side: ComparisonSide) -> DeviceImage | None:
-        """What there is of a side; None while it isn't there."""
+        """The newest image of a side on the device; None before the first."""
         if side == TARGET:
             return self._target_picture()
-        feed = self.renderer(side)
-        return None if feed is None else feed.picture
+        renderer = self.renderer(side)
+        return None if renderer is None else renderer.picture
 
     def xyz(self, side: ComparisonSide) -> NDArray[np.floating] | None:
-        """A side's image on the host, XYZ (y, x, 3); None while it isn't there in full."""
+        """The full image XYZ (y, x, 3) of a side on the host; None until it is computed."""
         if side == TARGET:
             target = self._session.target_at()
             return None if target is None else target @ SRGB_TO_XYZ.T
-        feed = self.renderer(side)
-        return None if feed is None else feed.xyz()
+        renderer = self.renderer(side)
+        return None if renderer is None else renderer.xyz()
 
     def close(self) -> None:
-        """Ends what goes on in the background."""
-        for feed in (self.now, *self._others.values()):
-            feed.close()
+        """Ends all renderers."""
+        for renderer in (self.now, *self._others.values()):
+            renderer.close()
 
     def _scene(self, side: ComparisonSide) -> Scene | None:
         """The scene of a side; that of a preset is cached, since new random patterns would restart its rendering."""
@@ -102,7 +104,7 @@ class SideRenderers:
         if side == NOW:
             return self.now
         if side not in self._others:
-            while len(self._others) >= _MOST_OTHERS:
+            while len(self._others) >= _MAX_OTHERS:
                 self._others.pop(next(iter(self._others)))
             self._others[side] = ProgressiveRenderer(self._device)
         self._others[side] = self._others.pop(side)

@@ -1,4 +1,4 @@
-"""The status bar: what computes, how long a frame takes, what is going on."""
+"""The status bar: the adapter, durations of frames, progress of rendering and jobs."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from holoview.app.parameter_widgets import tooltip
 
 
 def draw_status(context: AppContext) -> None:
-    """A line of facts; details as tooltips."""
-    info, feed = context.device.info, context.side_renderers.now
+    """Draws the status bar, with details as tooltips."""
+    info, renderer = context.device.info, context.side_renderers.now
     imgui.text(info.name)
     tooltip(info.label)
     if info.is_cpu:
         imgui.same_line()
         imgui.text_colored(theme.WARNING, "software")
         tooltip("Shaders run on the processor: a GPU's driver wasn't found, or --adapter chose this one.")
-    parts = [f"full frame {_ms(feed.update_s)}"] if feed.update_s else []
-    parts += [f"quick {_ms(feed.quick_s)}"] if feed.quick_s else []
+    parts = [f"full frame {_ms(renderer.update_s)}"] if renderer.update_s else []
+    parts += [f"quick {_ms(renderer.quick_s)}"] if renderer.quick_s else []
     parts += [f"window {_ms(context.window.draw_s)}"]
     imgui.same_line(spacing=20)
     imgui.text_disabled("  ·  ".join(parts))
     tooltip("Time of the last full frame, of the last quick one, and of drawing this window (processor's part).")
-    if feed.is_busy:
+    if renderer.is_busy:
         imgui.same_line(spacing=20)
-        text = "quick view" if feed.picture is not None and feed.picture.is_quick else "computing"
+        text = "quick view" if renderer.picture is not None and renderer.picture.is_quick else "computing"
         imgui.push_style_var(imgui.StyleVar_.frame_padding, imgui.ImVec2(6, 0))
-        imgui.progress_bar(feed.progress, imgui.ImVec2(110, imgui.get_text_line_height()), text)
+        imgui.progress_bar(renderer.progress, imgui.ImVec2(110, imgui.get_text_line_height()), text)
         imgui.pop_style_var()
         tooltip("A cheaper image is shown at once; the full one follows when your hand rests.")
     for job in context.session.jobs.active:

@@ -1,4 +1,4 @@
-"""Fonts and colours. Every text colour is readable on its ground: at least 4.5 : 1."""
+"""Fonts and colours of the window; texts have a contrast of at least 4.5 : 1 to their background (WCAG 2.2, 1.4.3)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ERROR = imgui.ImVec4(1.0, 0.45, 0.40, 1.0)
 
 
 def load_fonts() -> None:
-    """Roboto, which has the Greek letters and signs that optics needs; another font has its arrows and indices."""
+    """Loads Roboto, and Inconsolata for arrows and subscripts that Roboto lacks."""
     hello_imgui.load_font("fonts/Roboto/Roboto-Regular.ttf", FONT_PIXELS)
     rest = hello_imgui.FontLoadingParams()
     rest.merge_to_last_font = True
@@ -24,7 +24,7 @@ def load_fonts() -> None:
 
 
 def apply(name: str) -> None:
-    """Makes a theme of THEMES the present one."""
+    """Applies a theme of THEMES."""
     hello_imgui.apply_theme(_BASES[name])
     style = imgui.get_style()
     style.frame_rounding = style.grab_rounding = style.tab_rounding = 3.0

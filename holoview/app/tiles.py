@@ -1,4 +1,4 @@
-"""Small pictures of focal planes beside each other, to choose from."""
+"""Clickable tiles with pictures of focal planes."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from holoview.session.view_settings import ViewSettings
 
 _CHOSEN = imgui.IM_COL32(80, 160, 245, 255)
 _EMPTY = imgui.IM_COL32(20, 20, 22, 255)
-_GROUND, _INK = imgui.IM_COL32(0, 0, 0, 160), imgui.IM_COL32(255, 255, 255, 255)
+_LABEL_BACKGROUND, _LABEL_TEXT = imgui.IM_COL32(0, 0, 0, 160), imgui.IM_COL32(255, 255, 255, 255)
 
 
 class PlaneTiles:
-    """Draws pictures by plane; each has a texture of its own, drawn anew when it or the look has changed."""
+    """Draws tiles by plane; each has its own texture, which is redrawn when its picture or the view settings change."""
 
     def __init__(self, context: AppContext, name: str) -> None:
         self._context, self._name = context, name
         self._drawn: dict[float, tuple[Viewport, imgui.ImTextureRef]] = {}
 
     def draw(self, plane_m: float, picture: DeviceImage | None, size: tuple[int, int], is_chosen: bool) -> bool:
-        """A tile of `size` (x, y) pixels; whether it was clicked."""
+        """Draws a tile of `size` (x, y) logical pixels and returns whether it was clicked."""
         corner = imgui.get_cursor_screen_pos()
         corner = imgui.ImVec2(float(round(corner.x)), float(round(corner.y)))
         name = f"{plane_m * 1e3:.4g} mm"
@@ -38,34 +38,36 @@ class PlaneTiles:
         else:
             canvas.add_image(self._texture(plane_m, picture, size), corner, end)
         label = imgui.calc_text_size(name)
-        canvas.add_rect_filled(corner, imgui.ImVec2(corner.x + label.x + 8, corner.y + label.y + 2), _GROUND, 2)
-        canvas.add_text(imgui.ImVec2(corner.x + 4, corner.y + 1), _INK, name)
+        canvas.add_rect_filled(
+            corner, imgui.ImVec2(corner.x + label.x + 8, corner.y + label.y + 2), _LABEL_BACKGROUND, 2
+        )
+        canvas.add_text(imgui.ImVec2(corner.x + 4, corner.y + 1), _LABEL_TEXT, name)
         if is_chosen or imgui.is_item_hovered():
             canvas.add_rect(corner, end, _CHOSEN, 2, 2.0 if is_chosen else 1.0)
         return clicked
 
     def _texture(self, plane_m: float, picture: DeviceImage, size: tuple[int, int]) -> imgui.ImTextureRef:
-        look = _tile_view_settings(self._context.session.view_settings)
+        view = _tile_view_settings(self._context.session.view_settings)
         picture = replace(picture, gain=self._context.side_renderers.now.quick_gain)
-        known = self._drawn.get(plane_m)
-        viewport = known[0] if known is not None else Viewport(self._context.device, f"{self._name} {plane_m:g}")
+        entry = self._drawn.get(plane_m)
+        viewport = entry[0] if entry is not None else Viewport(self._context.device, f"{self._name} {plane_m:g}")
         scale = imgui.get_io().display_framebuffer_scale.x
         pixels = (max(round(size[0] * scale), 1), max(round(size[1] * scale), 1))
-        is_new = viewport.draw(picture, None, look, visible_area_of(look, pixels, picture.shape))
-        if known is not None and not is_new:
-            return known[1]
-        if known is not None:
-            self._context.window.forget_texture(known[1])
+        is_new = viewport.draw(picture, None, view, visible_area_of(view, pixels, picture.shape))
+        if entry is not None and not is_new:
+            return entry[1]
+        if entry is not None:
+            self._context.window.forget_texture(entry[1])
         reference = self._context.window.texture(viewport.view)
         self._drawn[plane_m] = (viewport, reference)
         return reference
 
 
 def tile_size(shape: tuple[int, int], height: float) -> tuple[int, int]:
-    """Pixels (x, y) of a tile of a height that shows an image of `shape` (y, x) without bars."""
+    """The size (x, y) of a tile of a given height with the aspect ratio of an image of `shape` (y, x)."""
     return max(round(height * shape[1] / shape[0]), 24), max(round(height), 16)
 
 
-def _tile_view_settings(look: ViewSettings) -> ViewSettings:
-    """The same tone; all of the image, and nothing compared."""
-    return look.with_(page="image", compare="off", zoom=0.0, centre=(0.5, 0.5), plane_m=0.0, region=None, profile=None)
+def _tile_view_settings(view: ViewSettings) -> ViewSettings:
+    """View settings of a tile: the same tone mapping, but all of the image and no comparison."""
+    return view.with_(page="image", compare="off", zoom=0.0, centre=(0.5, 0.5), plane_m=0.0, region=None, profile=None)

@@ -1,4 +1,4 @@
-"""Messages that appear for a while in the corner of the window."""
+"""Notifications: messages that appear for a while in the corner of the window."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _COLOURS = {"info": theme.ACCENT, "warning": theme.WARNING, "error": theme.ERROR
 
 
 class Toasts:
-    """Draws the newest messages of a session until their time is over or they are clicked away."""
+    """Draws the newest messages of a session until they expire or the user closes them."""
 
     def __init__(self, messages: MessageLog) -> None:
         self._messages = messages
@@ -21,27 +21,27 @@ class Toasts:
         self._drawn: list[float] = []
 
     def visible(self) -> list[Message]:
-        """Those that are to be seen, newest first."""
-        found = [
+        """The messages to show, newest first."""
+        messages = [
             message
             for kind, seconds in DURATIONS_S.items()
             for message in self._messages.recent(seconds)
             if message.kind == kind and message.when not in self._closed
         ]
-        return sorted(found, key=lambda message: -message.when)[:_MOST]
+        return sorted(messages, key=lambda message: -message.when)[:_MOST]
 
     def has_changed(self) -> bool:
-        """Whether others are to be seen than were drawn."""
+        """Whether other messages are to be shown than were drawn last."""
         return [message.when for message in self.visible()] != self._drawn
 
     def draw(self) -> None:
-        """Draws them above everything else."""
-        place = imgui.get_main_viewport()
-        right = place.work_pos.x + place.work_size.x - _GAP
-        bottom = place.work_pos.y + place.work_size.y - _GAP - imgui.get_frame_height()
-        seen = self.visible()
-        self._drawn = [message.when for message in seen]
-        for number, message in enumerate(seen):
+        """Draws the messages above everything else."""
+        viewport = imgui.get_main_viewport()
+        right = viewport.work_pos.x + viewport.work_size.x - _GAP
+        bottom = viewport.work_pos.y + viewport.work_size.y - _GAP - imgui.get_frame_height()
+        messages = self.visible()
+        self._drawn = [message.when for message in messages]
+        for number, message in enumerate(messages):
             bottom = self._draw_one(number, message, right, bottom) - _GAP
 
     def _draw_one(self, number: int, message: Message, right: float, bottom: float) -> float:

@@ -1,4 +1,4 @@
-"""Draws images of the device into a texture as the look says: zoom, exposure, palette, comparison, pixel grid."""
+"""Draws images of the device into a texture as the view settings say: zoom, tone, colour map, comparison, grid."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from holoview.session.colour_maps import colour_map
 from holoview.session.tone_mapping import channel_matrix
 from holoview.session.view_settings import ViewSettings
 
-_TILE = 8
-_GRID_FROM = 10.0  # screen pixels a sample: below, lines would hide what they part
-_TAPS = ((1 + 1e-4, 1), (2.0, 3), (4.0, 5), (8.0, 9))  # samples along an axis that a pixel covers: those it may touch
+_TILE = 8  # workgroup size of the shader along each axis
+_MIN_GRID_ZOOM = 10.0  # screen pixels for each sample from which the pixel grid is drawn
+_TAPS = ((1 + 1e-4, 1), (2.0, 3), (4.0, 5), (8.0, 9))
+"""Samples along an axis that a screen pixel covers at most, and those that it may touch, which the shader reads."""
 _SPARSE_TAPS = 8
 _COMPARISONS = {"off": 0, "hold": 0, "wipe": 1, "side-by-side": 2, "difference": 3}
 BACKGROUND = (0.075, 0.078, 0.086)
@@ -27,9 +28,10 @@ BACKGROUND = (0.075, 0.078, 0.086)
 
 @dataclass(frozen=True, eq=False)
 class DeviceImage:
-    """An image of XYZ on the device, f32 (y, x, 4).
+    """An XYZ image (y, x, 4) in float32 on the device; the fourth component is unused. shape: (y, x).
 
-    is_quick: of the cheaper bench. version: rises with its content. gain: its light is multiplied by it to be shown.
+    is_quick: whether it shows the simplified system. version: rises when the content changes. gain: a factor on its
+    light for display.
     """
 
     buffer: Buffer
@@ -41,25 +43,30 @@ class DeviceImage:
 
 @dataclass(frozen=True)
 class VisibleArea:
-    """Which part of an image is shown in `size` (x, y) pixels: `origin` and `step` in shares of the image."""
+    """The part of an image that is visible in `size` (x, y) screen pixels.
+
+    origin: of the first pixel, step: from pixel to pixel, both (x, y) as fractions of the image.
+    """
 
     size: tuple[int, int]
     origin: tuple[float, float]
     step: tuple[float, float]
 
     def to_image(self, x: float, y: float) -> tuple[float, float]:
-        """Shares of the image at a pixel's position."""
+        """The position in the image, as fractions, of a pixel position."""
         return self.origin[0] + x * self.step[0], self.origin[1] + y * self.step[1]
 
     def to_pixel(self, u: float, v: float) -> tuple[float, float]:
-        """The pixel's position of shares of the image."""
+        """The pixel position of a position in the image, given as fractions."""
         return (u - self.origin[0]) / self.step[0], (v - self.origin[1]) / self.step[1]
 
 
 def visible_area_of(view: ViewSettings, size: tuple[int, int], shape: tuple[int, int]) -> VisibleArea:
-    """The part of an image of `shape` (y, x) that a look shows in `size` (x, y) pixels; its corner is on a pixel's."""
-    panes = 2 if view.compare == "side-by-side" else 1
-    width, height = max(size[0] // panes, 1), max(size[1], 1)
+    """The part of an image of `shape` (y, x) that is visible in `size` (x, y) pixels.
+
+    The corner of the image lies on the corner of a screen pixel. Side by side, it is the part in the left half.
+    """
+    width, height = max(size[0] // pane_count(view), 1), max(size[1], 1)
     zoom = view.zoom or zoom_to_fit(view, size, shape)
     step = (1 / (zoom * shape[1]), 1 / (zoom * shape[0]))
     left, top = round(width / 2 - view.centre[0] / step[0]), round(height / 2 - view.centre[1] / step[1])
@@ -67,18 +74,22 @@ def visible_area_of(view: ViewSettings, size: tuple[int, int], shape: tuple[int,
 
 
 def zoom_to_fit(view: ViewSettings, size: tuple[int, int], shape: tuple[int, int]) -> float:
-    """Screen pixels a sample at which the whole image is seen."""
-    panes = 2 if view.compare == "side-by-side" else 1
-    return max(min(size[0] / panes / shape[1], size[1] / shape[0]), 1e-3)
+    """The zoom, in screen pixels for each sample, at which the whole image is visible."""
+    return max(min(size[0] / pane_count(view) / shape[1], size[1] / shape[0]), 1e-3)
+
+
+def pane_count(view: ViewSettings) -> int:
+    """The number of images side by side."""
+    return 2 if view.compare == "side-by-side" else 1
 
 
 class Viewport:
-    """A texture of its own on a device, drawn anew when asked. `view` is the texture's view."""
+    """A texture into which images are drawn. view: the texture's view, None before the first drawing."""
 
     def __init__(self, device: Device, label: str) -> None:
         self._device, self._label = device, label
         self._uniform = device.uniform(bytes(VIEWPORT.size), f"{label}: what is shown")
-        self._palettes: dict[str, Buffer] = {}
+        self._colour_maps: dict[str, Buffer] = {}
         self._drawn: Any = None
         self._texture: Any = None
         self.view: Any = None
@@ -106,7 +117,7 @@ class Viewport:
         self._device.write(self._uniform, _pack_uniform(a, b_or_a, view, frame))
         source = link(GeneratedWgsl("structs", VIEWPORT.wgsl), "display/viewport.wgsl")
         pipeline = self._device.pipeline(source, _constants(a, b_or_a, view, frame, shows_b and b is not None))
-        groups = [[self._uniform], [a.buffer, b_or_a.buffer, self._palette(view), self.view]]
+        groups = [[self._uniform], [a.buffer, b_or_a.buffer, self._colour_map(view), self.view]]
         tiles = (-(-frame.size[0] // _TILE), -(-frame.size[1] // _TILE), 1)
         recorder = CommandRecorder(self._device, self._label)
         recorder.add(Dispatch.bind(self._device, pipeline, groups, tiles))
@@ -115,7 +126,7 @@ class Viewport:
         return is_new
 
     def pixels(self) -> NDArray[np.uint8]:
-        """What was drawn, 8-bit sRGB (y, x, 3)."""
+        """Reads back what was drawn, 8-bit sRGB (y, x, 3)."""
         width, height = self.size
         data = self._device.raw.queue.read_texture(
             {"texture": self._texture, "mip_level": 0, "origin": (0, 0, 0)},
@@ -135,17 +146,17 @@ class Viewport:
         self.view, self.size = self._texture.create_view(), size
         return True
 
-    def _palette(self, view: ViewSettings) -> Buffer:
+    def _colour_map(self, view: ViewSettings) -> Buffer:
         name = colour_map_of(view) or "grey"
-        if name not in self._palettes:
+        if name not in self._colour_maps:
             opaque = np.full((256, 4), 255, np.uint8)
             opaque[:, :3] = colour_map(name)
-            self._palettes[name] = self._device.upload(opaque, f"palette {name}")
-        return self._palettes[name]
+            self._colour_maps[name] = self._device.upload(opaque, f"colour map {name}")
+        return self._colour_maps[name]
 
 
 def colour_map_of(view: ViewSettings) -> str:
-    """The palette that a look needs; "" where colours are shown as they are."""
+    """The name of the colour map that the view settings need; "" for images in colour."""
     if view.page == "phase":
         return "hue"
     if view.channel == "colour":
@@ -156,7 +167,7 @@ def colour_map_of(view: ViewSettings) -> str:
 def _constants(
     a: DeviceImage, b: DeviceImage, view: ViewSettings, frame: VisibleArea, only_b: bool
 ) -> dict[str, int | float | bool]:
-    """What a shader is made for: the comparison, the palette, and how many samples a pixel covers."""
+    """The shader's override constants: comparison, tone mapping, and how many samples a pixel covers."""
     shape = max(a.shape, b.shape)
     covered = max(frame.step[0] * shape[1], frame.step[1] * shape[0])
     taps = next((taps for most, taps in _TAPS if covered <= most), _SPARSE_TAPS)
@@ -166,7 +177,7 @@ def _constants(
         "has_palette": bool(colour_map_of(view)),
         "is_linear": view.page == "phase",
         "has_gamma": view.gamma != 1.0,
-        "has_grid": covered <= 1 / _GRID_FROM and not a.is_quick,
+        "has_grid": covered <= 1 / _MIN_GRID_ZOOM and not a.is_quick,
         "taps": taps,
         "is_sparse": covered > _TAPS[-1][0],
     }
@@ -177,7 +188,7 @@ def _pack_uniform(a: DeviceImage, b: DeviceImage, view: ViewSettings, frame: Vis
     matrix = np.array([[0.0, 1.0, 0.0]]) if view.page == "phase" else channel_matrix(view.channel)
     scale = 1.0 if view.page == "phase" else 2.0**view.exposure_stops / (view.high - view.low)
     rows[:, :3] = matrix * scale
-    is_offset = view.page != "phase" and view.compare != "difference"  # of a difference, blacks cancel
+    is_offset = view.page != "phase" and view.compare != "difference"  # in a difference the black levels cancel
     rows[:, 3] = -view.low / (view.high - view.low) if is_offset else 0.0
     first, second, third = rows
     return VIEWPORT.pack(

@@ -44,42 +44,24 @@ def run(args: argparse.Namespace) -> int:
     system = _system(args)
     names = [name for name in args.names if not _is_preset(name)]
     script = _read(args.script) if args.script is not None else ""
-    _open(args, system, names, size, script)
-    return 0
-
-
-def _open(args: argparse.Namespace, system: System, names: list[str], size: tuple[int, int], script: str) -> None:
     try:
-        from holoview.app.no_adapter import show_no_adapter_page
-        from holoview.app.run import run_in_browser, run_offscreen, run_on_screen
-    except ImportError as error:  # of a library of the system's: ImGui itself came with holoview
+        from holoview.app.launch import LaunchOptions, launch  # here: help needs no window library
+    except ImportError as error:  # a library of the operating system is missing; ImGui itself is a dependency
         raise UserError("view", f"its window can't be drawn: {error}", remedy=_REMEDY) from error
-    from holoview.app.serve import Address
-    from holoview.gpu.device import open_device
-    from holoview.session.editing_session import EditingSession, middle_plane
-    from holoview.session.session_store import SessionStore
-    from holoview.session.view_settings import SPECKLE_EXPOSURE_STOPS, ViewSettings
-
-    address = None if args.serve is None else Address.parse(args.serve)
-    try:
-        device = open_device(args.adapter)
-    except UserError as error:
-        if not args.offscreen and address is None and args.adapter is None:
-            show_no_adapter_page(error)
-        raise
-    look = ViewSettings(plane_m=middle_plane(system), exposure_stops=SPECKLE_EXPOSURE_STOPS)
-    begun = EditingSession(system, view_settings=look)
-    if args.offscreen:
-        run_offscreen(begun, device, size, script, str(args.script or "script"), args.screenshot, names)
-        return
-    store = SessionStore()
-    is_fresh = args.new or args.names or args.changes or args.scheme
-    last = None if is_fresh else store.last_session()
-    session = begun if last is None else last.restore()
-    if address is not None:
-        run_in_browser(session, device, store, address, print_stderr, size, names)
-    else:
-        run_on_screen(session, device, store, size, names)
+    options = LaunchOptions(
+        system=system,
+        names=names,
+        size=size,
+        adapter=args.adapter,
+        restores=not (args.new or args.names or args.changes or args.scheme),
+        serve=args.serve,
+        is_offscreen=args.offscreen,
+        script=script,
+        script_name=str(args.script or "script"),
+        screenshot=args.screenshot,
+    )
+    launch(options, print_stderr)
+    return 0
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -95,11 +77,11 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _system(args: argparse.Namespace) -> System:
-    """The bench to begin with: the preset among the names, if any."""
-    benches = [name for name in args.names if _is_preset(name)]
-    if len(benches) > 1:
-        raise UserError(benches[1], "a second preset", expected="one preset", remedy="choose others in the window")
-    system = preset.load(benches[0] if benches else _PRESET)
+    """The system to open: the preset among the names, else the default one, with the changes of the options."""
+    presets = [name for name in args.names if _is_preset(name)]
+    if len(presets) > 1:
+        raise UserError(presets[1], "a second preset", expected="one preset", remedy="choose others in the window")
+    system = preset.load(presets[0] if presets else _PRESET)
     return with_changes(system if args.scheme is None else with_scheme(system, args.scheme), args.changes)
 
 

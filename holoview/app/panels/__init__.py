@@ -1,4 +1,4 @@
-"""The panels of the viewer, a file each; their order is that of tabs that share a dock."""
+"""The panels of the viewer, one module each; their order is that of the tabs in a dock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bench's parameters: a widget each, made from their descriptions, so that a new parameter appears by itself."""
+"""The panel of the system's parameters; widgets are made from metadata, so that new parameters appear by themselves."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _TITLES = {
     "source": "Source",
 }
 _FIRST_VALUE = {"iris_na": 0.02, "dc_block_na": 0.001, "apodisation_na": 0.02}
-_MOST_SOURCES = 7
+_MAX_SOURCES = 7  # along each axis
 
 
 class BenchPanel(Panel):
-    """All parameters of the bench but its lasers."""
+    """Edits all parameters of the system but its lasers."""
 
     title = "Bench"
     dock = "Left"
@@ -111,10 +111,10 @@ class BenchPanel(Panel):
             context.record_item_rect(f"modulators.{key}")
             if edited is not None:
                 context.change(key.capitalize(), key, edited.value, is_held=edited.is_held)
-        two = len(system.modulators) == 2
-        if imgui.button("Leave out modulator 2" if two else "Add a second modulator"):
+        has_two = len(system.modulators) == 2
+        if imgui.button("Leave out modulator 2" if has_two else "Add a second modulator"):
             changes: dict[str, Any] = {"modulators": system.modulators[:1], "gap": None, "relay1": {}}
-            if not two:
+            if not has_two:
                 changes = {"modulators": system.modulators * 2, "gap": "2 mm"}
             context.attempt(context.session.change, "Modulators", changes)
 
@@ -125,7 +125,7 @@ class BenchPanel(Panel):
         imgui.text_disabled("one plane wave" if count == 1 else f"{count} plane waves, mutually incoherent")
         changed, grid = imgui.input_int2("grid", list(self._grid))
         tooltip("Rows and columns of sources. Several sources average out speckle and widen the eyebox.")
-        self._grid = (min(max(grid[0], 1), _MOST_SOURCES), min(max(grid[1], 1), _MOST_SOURCES))
+        self._grid = (min(max(grid[0], 1), _MAX_SOURCES), min(max(grid[1], 1), _MAX_SOURCES))
         kind = Number("mrad", low=0.0, high=0.2)
         spacing = number_field("spacing", kind, self._spacing_rad, 2e-3, "Angle between neighbouring sources.")
         if spacing is not None:
@@ -145,7 +145,7 @@ class BenchPanel(Panel):
 
 
 def _draw_frames(context: AppContext, system: System, reset: System) -> None:
-    """How many patterns are shown in turn; frames of different lasers have their own table."""
+    """Draws the number of frames; it is disabled if frames have different lasers, which the Lasers panel edits."""
     is_even = bool((system.amplitudes == system.amplitudes[0]).all())
     doc = "Patterns that are shown in turn and averaged by the eye, each with patterns of its own."
     imgui.begin_disabled(not is_even)
@@ -165,7 +165,7 @@ def _header(context: AppContext, title: str) -> bool:
 
 
 def _tilt(context: AppContext, system: System) -> None:
-    """The direction of the first source, which moves all of them."""
+    """Draws the mean direction of the sources; changing it tilts all of them."""
     kind = Number("mrad", low=-1.0, high=1.0)
     directions = system.source.directions_rad
     middle = directions.mean(axis=0)

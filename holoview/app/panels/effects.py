@@ -1,4 +1,4 @@
-"""What real benches do beyond the plain model: a switch an effect, and its sliders, made from the effects' library."""
+"""The panel of effects: a switch for each deviation of a real bench, and sliders for its parameters."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Table = dict[str, dict[str, float]]
 
 
 class EffectsPanel(Panel):
-    """All effects by the place that they act on; what was set of one that is switched off is kept."""
+    """Lists all effects by the part of the bench that they act on; switching off an effect keeps its values."""
 
     title = "Effects"
     dock = "Left"
@@ -37,12 +37,12 @@ class EffectsPanel(Panel):
         self._switched_off: Table = {}
 
     def set_up(self, context: AppContext) -> None:
-        """Adds the command."""
+        """Adds the command that switches off all effects."""
         add = context.commands.add
         add("Switch off all effects", lambda: self._switch_off(context), "Edit", help="The plain model of the bench.")
 
     def draw(self, context: AppContext) -> None:
-        """A line an effect, its sliders where it is on."""
+        """Draws a switch for each effect, and the sliders of those that are on."""
         system, effects = context.session.system, listed_effects()
         imgui.set_next_item_width(imgui.get_content_region_avail().x * 0.56)
         _, self._query = imgui.input_text_with_hint("##words", "find an effect", self._query)
@@ -54,55 +54,63 @@ class EffectsPanel(Panel):
         tooltip(f"{len(system.effects)} of {len(effects)} are switched on.")
         imgui.begin_child("effects")
         imgui.push_item_width(imgui.get_content_region_avail().x * 0.5)
-        for place, some in _by_place(self._found(effects.values())).items():
-            imgui.separator_text(place)
-            for one in some:
-                imgui.push_id(one.id)
-                self._draw_effect(context, one)
+        for location, group in _by_place(self._found(effects.values())).items():
+            imgui.separator_text(location)
+            for effect in group:
+                imgui.push_id(effect.id)
+                self._draw_effect(context, effect)
                 imgui.pop_id()
         imgui.pop_item_width()
         imgui.end_child()
 
     def _found(self, effects: Iterable[Effect]) -> list[Effect]:
         words = self._query.lower().split()
-        return [one for one in effects if all(word in f"{_name(one)} {one.id} {one.cause}".lower() for word in words)]
+        return [
+            effect
+            for effect in effects
+            if all(word in f"{_name(effect)} {effect.id} {effect.cause}".lower() for word in words)
+        ]
 
-    def _draw_effect(self, context: AppContext, one: Effect) -> None:
-        values = context.session.system.effect_values.get(one.id)
-        lacking = unmet_requirement(one, context.session.system)
-        imgui.begin_disabled(bool(lacking) and values is None)
-        switched, is_on = imgui.checkbox(_name(one), values is not None)
-        context.record_item_rect(f"effect {one.id}")
+    def _draw_effect(self, context: AppContext, effect: Effect) -> None:
+        values = context.session.system.effect_values.get(effect.id)
+        missing = unmet_requirement(effect, context.session.system)
+        imgui.begin_disabled(bool(missing) and values is None)
+        switched, is_on = imgui.checkbox(_name(effect), values is not None)
+        context.record_item_rect(f"effect {effect.id}")
         imgui.end_disabled()
-        tooltip(f"{one.cause}\n{_equation(one)}" + (f"\n\nIt can't be switched on: {lacking}." if lacking else ""))
+        tooltip(
+            f"{effect.cause}\n{_equation(effect)}" + (f"\n\nIt can't be switched on: {missing}." if missing else "")
+        )
         if switched:
-            self._switch(context, one, is_on)
+            self._switch(context, effect, is_on)
         elif values is not None:
             imgui.indent()
-            self._draw_sliders(context, one, [p for p in one.parameters if not p.fine], values)
-            self._draw_fine(context, one, [p for p in one.parameters if p.fine], values)
+            self._draw_sliders(context, effect, [p for p in effect.parameters if not p.fine], values)
+            self._draw_fine(context, effect, [p for p in effect.parameters if p.fine], values)
             imgui.unindent()
 
-    def _draw_fine(self, context: AppContext, one: Effect, fine: list[Parameter], values: dict[str, float]) -> None:
+    def _draw_fine(self, context: AppContext, effect: Effect, fine: list[Parameter], values: dict[str, float]) -> None:
         if fine and imgui.tree_node(f"{len(fine)} finer ones"):
-            self._draw_sliders(context, one, fine, values)
+            self._draw_sliders(context, effect, fine, values)
             imgui.tree_pop()
 
-    def _draw_sliders(self, context: AppContext, one: Effect, some: list[Parameter], values: dict[str, float]) -> None:
-        for parameter in some:
+    def _draw_sliders(
+        self, context: AppContext, effect: Effect, group: list[Parameter], values: dict[str, float]
+    ) -> None:
+        for parameter in group:
             edited = parameter_field(parameter, values.get(parameter.name, parameter.identity))
-            key = f"effects.{one.id}.{parameter.name}"
+            key = f"effects.{effect.id}.{parameter.name}"
             context.record_item_rect(key)
             if edited is not None:
-                context.change(f"Effect {_name(one)}", key, edited.value, is_held=edited.is_held)
+                context.change(f"Effect {_name(effect)}", key, edited.value, is_held=edited.is_held)
 
-    def _switch(self, context: AppContext, one: Effect, is_on: bool) -> None:
+    def _switch(self, context: AppContext, effect: Effect, is_on: bool) -> None:
         table = context.session.system.effect_values
         if is_on:
-            table[one.id] = self._switched_off.get(one.id) or _typical_values(one)
+            table[effect.id] = self._switched_off.get(effect.id) or _typical_values(effect)
         else:
-            self._switched_off[one.id] = table.pop(one.id)
-        context.change(f"Effect {_name(one)} {'on' if is_on else 'off'}", "effects", table)
+            self._switched_off[effect.id] = table.pop(effect.id)
+        context.change(f"Effect {_name(effect)} {'on' if is_on else 'off'}", "effects", table)
 
     def _switch_off(self, context: AppContext) -> None:
         self._switched_off |= context.session.system.effect_values
@@ -110,22 +118,22 @@ class EffectsPanel(Panel):
 
 
 def _by_place(effects: list[Effect]) -> dict[str, list[Effect]]:
-    places: dict[str, list[Effect]] = {place: [] for place in _PLACES.values()}
-    for one in effects:
-        places[_PLACES[one.acts_on[0]]].append(one)
-    return {place: some for place, some in places.items() if some}
+    places: dict[str, list[Effect]] = {location: [] for location in _PLACES.values()}
+    for effect in effects:
+        places[_PLACES[effect.acts_on[0]]].append(effect)
+    return {location: group for location, group in places.items() if group}
 
 
-def _typical_values(one: Effect) -> dict[str, float]:
-    """Its first parameter as large as it commonly is, so that something is seen when it is switched on."""
-    first = one.parameters[0]
+def _typical_values(effect: Effect) -> dict[str, float]:
+    """Initial values: the first parameter is its prior away from its identity, so that the effect is visible."""
+    first = effect.parameters[0]
     return {first.name: min(max(first.identity + first.prior, first.low), first.high)}
 
 
-def _name(one: Effect) -> str:
-    return one.id.replace("_", " ")
+def _name(effect: Effect) -> str:
+    return effect.id.replace("_", " ")
 
 
-def _equation(one: Effect) -> str:
-    """The first paragraph of its documentation, which says what it does to the light."""
-    return (inspect.getdoc(type(one)) or "").partition("\n\n")[0]
+def _equation(effect: Effect) -> str:
+    """The first paragraph of an effect's docstring, which says what it does to the light."""
+    return (inspect.getdoc(type(effect)) or "").partition("\n\n")[0]

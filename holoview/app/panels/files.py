@@ -1,4 +1,4 @@
-"""Opening, saving, exporting, and the work that goes on in the background."""
+"""The panel for opening, saving and exporting files, and for background jobs."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from holoview.session.tone_mapping import compose_comparison
 from holoview.session.view_settings import DERIVED_PAGES, displayed_side
 from holoview.util.errors import UserError
 
-_OPENS = (".safetensors", ".toml", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+_OPEN_SUFFIXES = (".safetensors", ".toml", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 
 
 @dataclass(frozen=True)
 class _Save:
-    """Something that can be saved: its name, the suffixes that it may have, what writes it, a sentence, its keys."""
+    """Something that can be saved: a name, possible suffixes, the function that writes it, a help text, and keys."""
 
     name: str
     suffixes: tuple[str, ...]
@@ -41,7 +41,10 @@ class _Save:
 
 
 class FilesPanel(Panel):
-    """Buttons for everything that is read or written."""
+    """Buttons for all files that are read or written, and the progress of jobs.
+
+    frames, seconds: of a focal sweep.
+    """
 
     title = "Files"
     dock = "Low right"
@@ -96,7 +99,7 @@ class FilesPanel(Panel):
         ]
 
     def draw(self, context: AppContext) -> None:
-        """Open, save, what the sweep is like, and jobs."""
+        """Draws the buttons, the settings of the sweep, and the jobs."""
         if imgui.button("Open…", imgui.ImVec2(-1, 0)):
             context.attempt(self._open, context)
         width = (imgui.get_content_region_avail().x - imgui.get_style().item_spacing.x) / 2
@@ -116,7 +119,7 @@ class FilesPanel(Panel):
         _draw_jobs(context)
 
     def _open(self, context: AppContext) -> None:
-        self.dialog.ask(FileRequest("Open", _OPENS, lambda path: context.loader.open(path), takes_folders=True))
+        self.dialog.ask(FileRequest("Open", _OPEN_SUFFIXES, lambda path: context.loader.open(path), takes_folders=True))
 
     def _save(self, context: AppContext, save: _Save) -> None:
         name = f"{context.session.system.name or 'hologram'}{save.suffixes[0]}"
@@ -144,20 +147,20 @@ def _draw_jobs(context: AppContext) -> None:
 
 
 def _export_pixels(context: AppContext) -> NDArray[np.uint8]:
-    """The image at its own resolution, compared as it is on the screen; other pages as large as they are shown."""
-    look = context.session.view_settings
-    if look.page == "planes":
+    """The image at its own resolution, with the comparison; derived pages at the resolution of the screen."""
+    view = context.session.view_settings
+    if view.page == "planes":
         raise UserError("view", "shows all planes", remedy="save all planes, or go to one of them first")
-    if look.page in DERIVED_PAGES:
+    if view.page in DERIVED_PAGES:
         pixels = context.displayed_pixels()
         if pixels is None:
             raise UserError("image", "is still being computed", remedy="try again in a moment")
         return pixels
-    b = look.b if look.compare != "off" and look.page == "image" else None
-    xyz, other = context.side_renderers.xyz(displayed_side(look)), None if b is None else context.side_renderers.xyz(b)
+    b = view.b if view.compare != "off" and view.page == "image" else None
+    xyz, other = context.side_renderers.xyz(displayed_side(view)), None if b is None else context.side_renderers.xyz(b)
     if xyz is None or (b is not None and other is None):
         raise UserError("image", "is still being computed", remedy="try again in a moment")
-    return compose_comparison(xyz, other, look)
+    return compose_comparison(xyz, other, view)
 
 
 def _copy(context: AppContext) -> None:

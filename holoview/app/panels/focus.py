@@ -1,4 +1,4 @@
-"""The focal plane: a slider, keys, play through the stack, thumbnails of the bench's planes."""
+"""The panel of the focal plane: a slider, a sweep through the planes, and previews of all of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SWEEP_S = 3.0  # from the first plane to the last
 
 
 class FocusPanel(Panel):
-    """Where the eye or the camera is focused."""
+    """Moves the focal plane. is_playing: whether a sweep is running."""
 
     title = "Focal plane"
     dock = "Bottom"
@@ -28,8 +28,8 @@ class FocusPanel(Panel):
     def set_up(self, context: AppContext) -> None:
         add = context.commands.add
         session = context.session
-        add("Nearer", lambda: step_focus(session, -1), "Focal plane", ", Left", "A small step nearer.", is_held=True)
-        add("Farther", lambda: step_focus(session, 1), "Focal plane", ". Right", "A small step farther.", is_held=True)
+        add("Nearer", lambda: step_focus(session, -1), "Focal plane", ", Left", "A small step nearer.", repeats=True)
+        add("Farther", lambda: step_focus(session, 1), "Focal plane", ". Right", "A small step farther.", repeats=True)
         add("Plane before", lambda: focus_at_next_plane(session, -1), "Focal plane", "PageUp")
         add("Plane after", lambda: focus_at_next_plane(session, 1), "Focal plane", "PageDown")
         add(

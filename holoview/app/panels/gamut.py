@@ -1,4 +1,4 @@
-"""The chromaticity diagram: what the lasers can mix, what screens show, and the colours of the image."""
+"""The panel of the chromaticity diagram: gamut of the lasers, gamuts of displays, colours of the image."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from holoview.session.view_settings import NOW
 _TRIANGLE_COLOURS = {"sRGB": imgui.ImVec4(0.75, 0.75, 0.75, 1.0), "Display P3": imgui.ImVec4(0.95, 0.72, 0.30, 1.0)}
 _LASER_LINE = imgui.ImVec4(0.35, 0.75, 1.0, 1.0)
 _OUTLINE = imgui.ImVec4(0.55, 0.57, 0.60, 1.0)
-_CLOUD = 1500
+_MAX_CLOUD_POINTS = 1500
 
 
 class GamutPanel(Panel):
-    """Colours that the lasers can mix, beside those of screens."""
+    """Draws the gamut of the lasers and those of displays."""
 
     title = "Gamut"
     dock = "Right"
@@ -55,7 +55,9 @@ class GamutPanel(Panel):
     def _draw_cloud(self, context: AppContext) -> None:
         xyz = context.side_renderers.xyz(NOW)
         if xyz is not None and (self._cloud is None or self._cloud[0] is not xyz):
-            points, colours = image_chromaticities(xyz * 2.0**context.session.view_settings.exposure_stops, _CLOUD)
+            points, colours = image_chromaticities(
+                xyz * 2.0**context.session.view_settings.exposure_stops, _MAX_CLOUD_POINTS
+            )
             self._cloud = (xyz, points, colours)
         if self._cloud is None or len(self._cloud[1]) == 0:
             return
@@ -76,9 +78,9 @@ def _column(points: NDArray[np.float64], index: int) -> NDArray[np.float64]:
 def _plot_outline(name: str, points: NDArray[np.float64], colour: imgui.ImVec4, weight: float = 1.0) -> None:
     if len(points) == 0:
         return
-    round_trip = np.vstack([points, points[:1]])
+    closed = np.vstack([points, points[:1]])
     spec = implot.Spec(line_color=colour, line_weight=weight)
-    implot.plot_line(name, _column(round_trip, 0), _column(round_trip, 1), spec=spec)
+    implot.plot_line(name, _column(closed, 0), _column(closed, 1), spec=spec)
 
 
 def _dot(name: str, x: float, y: float, colour: imgui.ImVec4, size: float) -> None:

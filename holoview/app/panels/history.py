@@ -1,4 +1,4 @@
-"""Every edit, newest last; a click goes there."""
+"""The panel of the undo history: a click on an edit goes back or forward to it."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from holoview.app.panel import Panel
 
 
 class HistoryPanel(Panel):
-    """Undo as a list."""
+    """Lists all edits, oldest first."""
 
     title = "History"
     dock = "Left"
 
     def __init__(self) -> None:
-        self._followed = -1
+        self._scrolled_to = -1
 
     def draw(self, context: AppContext) -> None:
-        """Steps, those that were undone in grey."""
+        """Draws buttons for undo and redo, and all steps; those that were undone are grey."""
         session = context.session
         width = (imgui.get_content_region_avail().x - imgui.get_style().item_spacing.x) / 2
         for name, act, is_possible in (
@@ -50,6 +50,6 @@ class HistoryPanel(Panel):
             imgui.set_tooltip(f"{time.strftime('%H:%M:%S', time.localtime(when))}; click to go here")
         if clicked:
             context.attempt(context.session.go_to_step, index)
-        if index == position != self._followed:
+        if index == position != self._scrolled_to:
             imgui.set_scroll_here_y()
-            self._followed = position
+            self._scrolled_to = position

@@ -1,4 +1,4 @@
-"""The lasers: a spectrum with the cones' sensitivities and a draggable peak a laser, a table, sets of lasers."""
+"""The panel of the lasers: a spectrum with draggable peaks and the cone fundamentals, and a table."""
 
 from __future__ import annotations
 
@@ -7,32 +7,32 @@ from imgui_bundle import imgui, implot
 from numpy.typing import NDArray
 
 from holoview.app.context import AppContext
-from holoview.app.laser_colours import laser_colour
+from holoview.app.laser_colours import EYE_RANGE_M, laser_colour
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
 from holoview.colour import cone_fundamentals
 from holoview.model import preset
 from holoview.model.system import System
 
-_SHOWN_NM = (390.0, 720.0)
-_EYE_NM = (390.0, 830.0)
+_PLOT_RANGE_NM = (390.0, 720.0)
+_EYE_RANGE_NM = (EYE_RANGE_M[0] * 1e9, EYE_RANGE_M[1] * 1e9)
 _CONES = (
     ("L", imgui.ImVec4(1.0, 0.45, 0.40, 0.75)),
     ("M", imgui.ImVec4(0.40, 0.85, 0.45, 0.75)),
     ("S", imgui.ImVec4(0.50, 0.60, 1.0, 0.75)),
 )
-_MOST_LASERS = 32
-_NAME_HEIGHT = 1.08  # of the cones' names, whose curves reach 1
+_MAX_LASERS = 32
+_NAME_HEIGHT = 1.08  # of the cones' names in the plot, above the curves, whose maximum is 1
 
 
 class LasersPanel(Panel):
-    """Wavelengths and powers of the lasers."""
+    """Edits wavelengths and amplitudes of the lasers; amplitudes are called powers in the window."""
 
     title = "Lasers"
     dock = "Right"
 
     def __init__(self) -> None:
-        nm = np.linspace(*_SHOWN_NM, 166)
+        nm = np.linspace(*_PLOT_RANGE_NM, 166)
         cones = cone_fundamentals(nm * 1e-9)
         self._nm = nm
         self._cones = [np.ascontiguousarray(cones[:, i]) for i in range(3)]
@@ -70,7 +70,7 @@ class LasersPanel(Panel):
             return
         context.record_item_rect("spectrum")
         implot.setup_axes("wavelength (nm)", "", 0, implot.AxisFlags_.no_tick_labels)
-        implot.setup_axes_limits(*_SHOWN_NM, 0.0, 1.18)
+        implot.setup_axes_limits(*_PLOT_RANGE_NM, 0.0, 1.18)
         implot.setup_axis_limits_constraints(implot.ImAxis_.x1, 200, 2000)
         for (name, colour), curve in zip(_CONES, self._cones, strict=True):
             implot.plot_line(f"##{name}", self._nm, curve, spec=implot.Spec(line_color=colour))
@@ -87,15 +87,15 @@ class LasersPanel(Panel):
         if self._held_scale is not None and not is_held:
             context.session.end_gesture()
         self._held_scale = scale if is_held else None
-        low = implot.plot_to_pixels(_SHOWN_NM[0], 0.0)
+        low = implot.plot_to_pixels(_PLOT_RANGE_NM[0], 0.0)
         context.item_rects["spectrum origin"] = (low.x, low.y, low.x, low.y)
         implot.end_plot()
 
     def _draw_laser(
         self, context: AppContext, system: System, index: int, nm: float, height: float, scale: float
     ) -> bool:
-        """A stem with a peak that can be dragged; whether the hand holds it."""
-        is_lit = _is_lit(context, index)
+        """Draws a laser as a stem with a peak that can be dragged; returns whether it is being dragged."""
+        is_lit = context.session.view_settings.shows_laser(index)
         colour = laser_colour(nm * 1e-9, 1.0 if is_lit else 0.35)
         stem = implot.Spec(line_color=colour, line_weight=3.0 if is_lit else 1.0)
         implot.plot_line(f"##stem{index}", np.array([nm, nm]), np.array([0.0, height]), spec=stem)
@@ -108,7 +108,9 @@ class LasersPanel(Panel):
             imgui.set_tooltip(f"laser {index + 1}: {nm:.4g} nm, power {height * scale:.4g}\ndrag: wavelength and power")
         if moved:
             power = min(max(y, 0.0), 1.1) * scale
-            _edit_laser(context, system, index, nm=round(x, 2), power=power, frame=self._frame, merge=("laser", index))
+            _edit_laser(
+                context, system, index, nm=round(x, 2), power=power, frame=self._frame, merge_key=("laser", index)
+            )
         return bool(held)
 
     # --- sets and table ---------------------------------------------------------------------------------------------
@@ -155,25 +157,25 @@ class LasersPanel(Panel):
         imgui.end_table()
 
     def _draw_row(self, context: AppContext, system: System, index: int) -> None:
-        nm, look = float(system.wavelengths_m[index]) * 1e9, context.session.view_settings
+        nm, view = float(system.wavelengths_m[index]) * 1e9, context.session.view_settings
         imgui.table_next_column()
         imgui.color_button("##colour", laser_colour(nm * 1e-9), imgui.ColorEditFlags_.no_tooltip, imgui.ImVec2(14, 14))
         imgui.table_next_column()
         imgui.set_next_item_width(-1)
-        changed, value = imgui.drag_float("##nm", nm, 0.25, *_EYE_NM, "%.5g")
+        changed, value = imgui.drag_float("##nm", nm, 0.25, *_EYE_RANGE_NM, "%.5g")
         context.record_item_rect(f"nm {index}")
         tooltip("Wavelength in nm: drag, or double click to enter it.")
         if changed:
-            _edit_laser(context, system, index, nm=round(value, 3), frame=self._frame, merge=("nm", index))
+            _edit_laser(context, system, index, nm=round(value, 3), frame=self._frame, merge_key=("nm", index))
         imgui.table_next_column()
         imgui.set_next_item_width(-1)
         power = float(system.amplitudes[self._frame, index])
         changed, value = imgui.drag_float("##power", power, max(power, 0.1) * 0.01, 0.0, 1e6, "%.4g")
         tooltip("Relative power: drag, or double click to enter it.")
         if changed:
-            _edit_laser(context, system, index, power=max(value, 0.0), frame=self._frame, merge=("power", index))
+            _edit_laser(context, system, index, power=max(value, 0.0), frame=self._frame, merge_key=("power", index))
         imgui.table_next_column()
-        self._draw_switches(context, system, index, look.solo == index, index in look.muted)
+        self._draw_switches(context, system, index, view.solo == index, index in view.muted)
 
     def _draw_switches(self, context: AppContext, system: System, index: int, is_solo: bool, is_muted: bool) -> None:
         if _toggle("S", is_solo, "Shows this laser alone."):
@@ -202,13 +204,8 @@ def _toggle(label: str, is_on: bool, doc: str) -> bool:
 
 
 def _digit_pressed() -> int:
-    """The digit key that was pressed since the last frame, 1…9; 1 where the command came by name."""
+    """The digit key 1…9 that was pressed since the last frame; 1 if the command was run by its name."""
     return next((n for n in range(1, 10) if imgui.is_key_pressed(imgui.Key(imgui.Key._0.value + n), False)), 1)
-
-
-def _is_lit(context: AppContext, index: int) -> bool:
-    look = context.session.view_settings
-    return look.solo == index if look.solo is not None else index not in look.muted
 
 
 def _solo(context: AppContext, index: int) -> None:
@@ -224,15 +221,15 @@ def _edit_laser(
     nm: float | None = None,
     power: float | None = None,
     frame: int = 0,
-    merge: tuple[str, int],
+    merge_key: tuple[str, int],
 ) -> None:
     wavelengths, amplitudes = system.wavelengths_m.copy(), system.amplitudes.copy()
     if nm is not None:
-        wavelengths[index] = round(min(max(nm, _EYE_NM[0]), _EYE_NM[1]) * 1e-9, 14)
+        wavelengths[index] = round(min(max(nm, _EYE_RANGE_NM[0]), _EYE_RANGE_NM[1]) * 1e-9, 14)
     if power is not None:
         amplitudes[frame, index] = power
     changes = {"wavelengths": wavelengths, "amplitudes": amplitudes}
-    context.attempt(context.session.change, f"Laser {index + 1}", changes, merge_key=merge)
+    context.attempt(context.session.change, f"Laser {index + 1}", changes, merge_key=merge_key)
 
 
 def _balance_to_white(context: AppContext) -> None:
@@ -241,8 +238,8 @@ def _balance_to_white(context: AppContext) -> None:
 
 def _add(context: AppContext) -> None:
     wavelengths = np.sort(context.session.system.wavelengths_m)
-    if len(wavelengths) >= _MOST_LASERS:
-        context.session.messages.post(f"{_MOST_LASERS} lasers are the most that the viewer adds", "warning")
+    if len(wavelengths) >= _MAX_LASERS:
+        context.session.messages.post(f"{_MAX_LASERS} lasers are the most that the viewer adds", "warning")
         return
     ends = np.array([450e-9, *wavelengths, 650e-9])
     widest = int(np.argmax(np.diff(ends)))

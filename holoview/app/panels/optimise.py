@@ -1,4 +1,4 @@
-"""Optimising in the background: what for, how, and how far it has come; the view follows."""
+"""The panel for optimising patterns in the background: target, settings, progress."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _TIPS = {
 
 
 class OptimisePanel(Panel):
-    """Scheme, loss, target; start, pause, keep, cancel."""
+    """Starts an optimisation with the chosen settings, and pauses, keeps or cancels a running one."""
 
     title = "Optimise"
     dock = "Low right"
@@ -61,23 +61,28 @@ class OptimisePanel(Panel):
             "Optimise",
             "Ctrl+Enter",
             "Find patterns for the target; undo brings the old ones back.",
-            is_possible=lambda: running_optimisation(context.session) is None,
+            is_enabled=lambda: running_optimisation(context.session) is None,
         )
-        for name, act in (
+        for name, action in (
             ("Keep the best so far", OptimisationJob.stop_and_keep),
             ("Pause or go on", _pause_or_go_on),
             ("Cancel the optimisation", OptimisationJob.cancel),
         ):
             add(
                 name,
-                partial(_with_running, context, act),
+                partial(_with_running, context, action),
                 "Optimise",
-                is_possible=lambda: running_optimisation(context.session) is not None,
+                is_enabled=lambda: running_optimisation(context.session) is not None,
             )
-        add("Quick look", lambda: _quick_look(context), "Optimise", help="A few iterations with large pixels: seconds.")
+        add(
+            "Quick look",
+            lambda: _quick_optimisation(context),
+            "Optimise",
+            help="A few iterations with large pixels: seconds.",
+        )
 
     def draw(self, context: AppContext) -> None:
-        """The target and the choices, or what is running."""
+        """Draws the target, then the settings or the progress of a running optimisation."""
         _draw_target(context)
         job = running_optimisation(context.session)
         if job is None:
@@ -89,11 +94,11 @@ class OptimisePanel(Panel):
             _draw_plot(shown)
 
     def start(self, context: AppContext) -> None:
-        """Starts what is chosen."""
+        """Starts an optimisation with the chosen settings."""
         context.attempt(lambda: start_optimisation(context.session, self.request()))
 
     def request(self) -> OptimisationRequest:
-        """What is chosen. Raises UserError for what makes no sense."""
+        """The chosen settings as a request. Raises UserError for invalid ones."""
         loss = self.loss if self.loss in LOSS_SPACES else None
         settings = Settings(iterations=self.iterations, loss=loss, eyebox=self.eyebox)
         scheme = None if self.scheme == _AS_IT_IS else self.scheme
@@ -118,25 +123,25 @@ class OptimisePanel(Panel):
 
 
 def _draw_target(context: AppContext) -> None:
-    wanted = context.session.target_spec
-    if wanted is None:
+    target_spec = context.session.target_spec
+    if target_spec is None:
         return
-    imgui.text_wrapped(f"target: {wanted.title}")
-    changed, brightness = imgui.slider_float("brightness", wanted.brightness, 0.1, 2.0, "%.2f")
+    imgui.text_wrapped(f"target: {target_spec.title}")
+    changed, brightness = imgui.slider_float("brightness", target_spec.brightness, 0.1, 2.0, "%.2f")
     tooltip(_TIPS["brightness"])
     if changed and brightness > 0:
         context.attempt(
             context.session.edit,
             "Target brightness",
-            target_spec=replace(wanted, brightness=float(f"{brightness:.3g}")),
+            target_spec=replace(target_spec, brightness=float(f"{brightness:.3g}")),
             merge_key="brightness",
         )
 
 
 def _draw_progress(job: OptimisationJob) -> None:
     left = job.seconds_left
-    words = f"{job.fraction:.0%}" + ("" if left is None else f", {_duration(left)} left")
-    imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), "paused" if job.status == "paused" else words)
+    text = f"{job.fraction:.0%}" + ("" if left is None else f", {_duration(left)} left")
+    imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), "paused" if job.status == "paused" else text)
     latest = job.latest
     if latest is None:
         imgui.text_disabled(job.note)
@@ -160,8 +165,8 @@ def _draw_progress(job: OptimisationJob) -> None:
 
 
 def _draw_plot(job: OptimisationJob) -> None:
-    iterations = np.array([reached.iteration for reached in job.progress])
-    decibels = np.array([reached.best_psnr_db for reached in job.progress])
+    iterations = np.array([progress.iteration for progress in job.progress])
+    decibels = np.array([progress.best_psnr_db for progress in job.progress])
     low, high = float(decibels.min()), float(decibels.max())
     with plots.plot(
         "psnr", "iteration", "best PSNR (dB)", (0, float(job.request.settings.iterations)), (low - 0.5, high + 0.5)
@@ -177,13 +182,13 @@ def _pause_or_go_on(job: OptimisationJob) -> None:
         job.pause()
 
 
-def _with_running(context: AppContext, act: Callable[[OptimisationJob], None]) -> None:
+def _with_running(context: AppContext, action: Callable[[OptimisationJob], None]) -> None:
     job = running_optimisation(context.session)
     if job is not None:
-        act(job)
+        action(job)
 
 
-def _quick_look(context: AppContext) -> None:
+def _quick_optimisation(context: AppContext) -> None:
     if context.session.target_spec is None:
         raise UserError("quick look", "there is no target", remedy="open a picture first")
     start_quick_optimisation(context.session)

@@ -1,4 +1,4 @@
-"""Speckle of a region: its numbers while they change, its histogram beside theory, what each wavelength brings."""
+"""The panel of speckle measurements: contrast of a region, histogram, contrast by wavelengths, line profile."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _TIPS = {
 
 
 class SpecklePanel(Panel):
-    """Draw a region on the image; its figures follow the image."""
+    """Shows live measurements of the image, and compares two colour schemes."""
 
     title = "Speckle"
     dock = "Right"
 
     def __init__(self) -> None:
-        self._showcase: SchemeComparisonJob | None = None
+        self._comparison_job: SchemeComparisonJob | None = None
         self._iterations = 0
 
     def set_up(self, context: AppContext) -> None:
@@ -68,30 +68,30 @@ class SpecklePanel(Panel):
         )
 
     def draw(self, context: AppContext) -> None:
-        """Tools, numbers, plots, and the comparison of schemes."""
+        """Draws tools, numbers, plots, and the comparison of schemes."""
         context.wants_measurement = True
         _draw_tools(context)
-        figures = context.live_measurement.measurements
-        if figures is None:
+        measurements = context.live_measurement.measurements
+        if measurements is None:
             imgui.text_disabled("The image is on its way.")
         else:
-            _draw_numbers(figures)
-            _draw_plots(figures)
-        self._draw_showcase(context)
+            _draw_numbers(measurements)
+            _draw_plots(measurements)
+        self._draw_comparison(context)
 
     @property
     def comparison(self) -> SchemeComparison | None:
-        """What the last comparison of schemes found."""
-        return None if self._showcase is None else self._showcase.result
+        """The result of the last comparison of schemes; None before it is done."""
+        return None if self._comparison_job is None else self._comparison_job.result
 
-    def _draw_showcase(self, context: AppContext) -> None:
+    def _draw_comparison(self, context: AppContext) -> None:
         imgui.separator_text("Simultaneous beside HoloChrome")
         if context.session.target_spec is not None:
             imgui.set_next_item_width(6 * imgui.get_font_size())
             _, self._iterations = imgui.input_int("iterations##showcase", self._iterations, 10, 50)
             self._iterations = min(max(self._iterations, 0), 1000)
             tooltip("0 takes random patterns for both; else both are optimised for the target, from equal starts.")
-        job = self._showcase
+        job = self._comparison_job
         if job is not None and job.is_active:
             imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), job.note)
             if imgui.button("Cancel##showcase"):
@@ -100,13 +100,13 @@ class SpecklePanel(Panel):
         if imgui.button("Compare##showcase", imgui.ImVec2(-1, 0)):
             self._compare(context)
         if self.comparison is not None:
-            for shown in (self.comparison.left, self.comparison.right):
-                imgui.text_wrapped(f"{shown.name}: contrast {shown.contrast:.3f}")
+            for compared in (self.comparison.left, self.comparison.right):
+                imgui.text_wrapped(f"{compared.name}: contrast {compared.contrast:.3f}")
             imgui.text_disabled(self.comparison.method)
 
     def _compare(self, context: AppContext) -> None:
         with context.session.report_errors():
-            self._showcase = start_scheme_comparison(context.session, self._iterations)
+            self._comparison_job = start_scheme_comparison(context.session, self._iterations)
 
 
 def _toggle_tool(context: AppContext, tool: str) -> None:
@@ -121,12 +121,12 @@ def _clear_selection(context: AppContext) -> None:
 def _draw_tools(context: AppContext) -> None:
     width = (imgui.get_content_region_avail().x - 2 * imgui.get_style().item_spacing.x) / 3
     for tool, name in (("region", "Region"), ("line", "Line")):
-        is_taken = context.drag_tool == tool
-        if is_taken:
+        is_active = context.drag_tool == tool
+        if is_active:
             imgui.push_style_color(imgui.Col_.button, theme.ACCENT)
         if imgui.button(name, imgui.ImVec2(width, 0)):
             _toggle_tool(context, tool)
-        if is_taken:
+        if is_active:
             imgui.pop_style_color()
         tooltip(f"Draw a {tool} on the image by a drag; its figures are below.")
         imgui.same_line()
@@ -143,20 +143,20 @@ def _draw_tools(context: AppContext) -> None:
             context.session.edit_view("Region", region=(x, y, w, h))
 
 
-def _draw_numbers(figures: ImageMeasurements) -> None:
-    if figures.problem:
+def _draw_numbers(measurements: ImageMeasurements) -> None:
+    if measurements.problem:
         imgui.push_style_color(imgui.Col_.text, theme.WARNING)
-        imgui.text_wrapped(figures.problem)
+        imgui.text_wrapped(measurements.problem)
         imgui.pop_style_color()
-    region = figures.region
+    region = measurements.region
     if region is None or not imgui.begin_table("numbers", 2, imgui.TableFlags_.sizing_stretch_prop):
         return
     _row("Contrast", f"{region.contrast:.3f}")
     if region.psnr_db is not None:
         _row("Contrast", f"{region.raw_contrast:.3f}", "with the picture's structure")
     _row("Mean", f"{region.mean:.4g}")
-    if figures.histogram is not None:
-        _row("Patterns", f"{figures.histogram.pattern_count:.2f}", "independent patterns, at most")
+    if measurements.histogram is not None:
+        _row("Patterns", f"{measurements.histogram.pattern_count:.2f}", "independent patterns, at most")
     if region.psnr_db is not None and region.delta_e is not None:
         _row("PSNR", f"{region.psnr_db:.2f} dB")
         _row("ΔE2000", f"{region.delta_e:.2f}")
@@ -173,13 +173,13 @@ def _row(key: str, value: str, label: str = "") -> None:
     imgui.text(value)
 
 
-def _draw_plots(figures: ImageMeasurements) -> None:
-    if figures.histogram is not None and _header("Histogram"):
-        _draw_histogram(figures.histogram)
-    if figures.curve is not None and _header("Contrast by the number of wavelengths"):
-        _draw_curve(figures.curve)
-    if figures.profile is not None and _header("Profile along the line"):
-        _draw_profile(figures.profile)
+def _draw_plots(measurements: ImageMeasurements) -> None:
+    if measurements.histogram is not None and _header("Histogram"):
+        _draw_histogram(measurements.histogram)
+    if measurements.curve is not None and _header("Contrast by the number of wavelengths"):
+        _draw_curve(measurements.curve)
+    if measurements.profile is not None and _header("Profile along the line"):
+        _draw_profile(measurements.profile)
 
 
 def _draw_histogram(histogram: SpeckleHistogram) -> None:

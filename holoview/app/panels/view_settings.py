@@ -1,4 +1,4 @@
-"""How the image is looked at: page, exposure, channel, false colour, black and white, comparison."""
+"""The panel of the view settings: page, exposure, channel, false colour, black and white, comparison."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ _COMPARE_DOCS = {
 
 
 class ViewPanel(Panel):
-    """Exposure, channels and comparison."""
+    """Edits the view settings."""
 
     title = "View"
     dock = "Low right"
 
     def set_up(self, context: AppContext) -> None:
         add, session = context.commands.add, context.session
-        add("Brighter", lambda: _adjust_exposure(context, _STOP), "Image", "E", "A quarter stop.", is_held=True)
-        add("Darker", lambda: _adjust_exposure(context, -_STOP), "Image", "Shift+E", "A quarter stop.", is_held=True)
+        add("Brighter", lambda: _adjust_exposure(context, _STOP), "Image", "E", "A quarter stop.", repeats=True)
+        add("Darker", lambda: _adjust_exposure(context, -_STOP), "Image", "Shift+E", "A quarter stop.", repeats=True)
         add("Reset tone", lambda: _reset(context), "Image", "R", "Exposure, gamma, black and white as at first.")
         add("Next channel", lambda: _cycle(context, "channel", CHANNELS), "Image", "C")
         add(
@@ -62,7 +62,7 @@ class ViewPanel(Panel):
         for name, keys in (("off", "Escape"), ("wipe", "W"), ("side-by-side", "S"), ("difference", "D"), ("hold", "H")):
             title = "No comparison" if name == "off" else f"Compare: {name}"
             action = partial(_compare, context, name)
-            add(title, action, "Compare", keys, _COMPARE_DOCS[name], is_possible=lambda: not context.help_overlay.page)
+            add(title, action, "Compare", keys, _COMPARE_DOCS[name], is_enabled=lambda: not context.help_overlay.page)
         add(
             "Swap A and B",
             lambda: context.edit_view("Swap", a=session.view_settings.b, b=session.view_settings.a),
@@ -73,29 +73,29 @@ class ViewPanel(Panel):
         add("Compare with target", lambda: context.edit_view("Compare", b=TARGET, compare="wipe"), "Compare", "T")
 
     def draw(self, context: AppContext) -> None:
-        look = context.session.view_settings
+        view = context.session.view_settings
         imgui.push_item_width(imgui.get_content_region_avail().x * 0.62)
-        _chosen(context, "page", PAGES, look.page, _PAGE_DOCS)
-        self._draw_tone(context, look)
-        if look.page == "phase":
-            self._draw_pattern_choice(context, look)
+        _combo(context, "page", PAGES, view.page, _PAGE_DOCS)
+        self._draw_tone(context, view)
+        if view.page == "phase":
+            self._draw_pattern_choice(context, view)
         imgui.separator_text("Compare")
-        self._draw_compare(context, look)
+        self._draw_compare(context, view)
         imgui.pop_item_width()
 
-    def _draw_tone(self, context: AppContext, look: ViewSettings) -> None:
-        if _slider(context, "exposure", look.exposure_stops, -8.0, 8.0, "%+.2f stops", 0.0, "Brighter by 2^stops."):
-            look = context.session.view_settings
-        _slider(context, "gamma", look.gamma, 0.3, 3.0, "%.2f", 1.0, "On top of the sRGB curve; 1 changes nothing.")
-        _chosen(
-            context, "channel", CHANNELS, look.channel, {}, "What is shown of the colours: all, or a single channel."
+    def _draw_tone(self, context: AppContext, view: ViewSettings) -> None:
+        if _slider(context, "exposure", view.exposure_stops, -8.0, 8.0, "%+.2f stops", 0.0, "Brighter by 2^stops."):
+            view = context.session.view_settings
+        _slider(context, "gamma", view.gamma, 0.3, 3.0, "%.2f", 1.0, "On top of the sRGB curve; 1 changes nothing.")
+        _combo(
+            context, "channel", CHANNELS, view.channel, {}, "What is shown of the colours: all, or a single channel."
         )
-        if look.channel != "colour":
-            _chosen(
-                context, "false_colour", FALSE_COLOURS, look.false_colour, {}, "A colour map for the single channel."
+        if view.channel != "colour":
+            _combo(
+                context, "false_colour", FALSE_COLOURS, view.false_colour, {}, "A colour map for the single channel."
             )
         changed, low, high = imgui.drag_float_range2(
-            "black, white", look.low, look.high, 0.005, -10.0, 10.0, "%.3f", "%.3f", imgui.SliderFlags_.always_clamp
+            "black, white", view.low, view.high, 0.005, -10.0, 10.0, "%.3f", "%.3f", imgui.SliderFlags_.always_clamp
         )
         context.record_item_rect("black, white")
         tooltip("Values of a channel, after exposure, that are shown black and white.")
@@ -109,26 +109,26 @@ class ViewPanel(Panel):
             _fit_brightness(context)
         tooltip("An exposure at which only the brightest hundredth of the image is beyond white.")
 
-    def _draw_pattern_choice(self, context: AppContext, look: ViewSettings) -> None:
+    def _draw_pattern_choice(self, context: AppContext, view: ViewSettings) -> None:
         frames, modulators = context.session.system.drive_shape[:2]
-        for name, value, count in (("modulator", look.modulator, modulators), ("frame", look.frame, frames)):
+        for name, value, count in (("modulator", view.modulator, modulators), ("frame", view.frame, frames)):
             if count > 1:
-                changed, shown = imgui.combo(name, value, [str(number + 1) for number in range(count)])
+                changed, value_shown = imgui.combo(name, value, [str(number + 1) for number in range(count)])
                 if changed:
-                    context.edit_view(name.capitalize(), **{name: shown})
+                    context.edit_view(name.capitalize(), **{name: value_shown})
 
-    def _draw_compare(self, context: AppContext, look: ViewSettings) -> None:
-        _chosen(context, "compare", COMPARISON_MODES, look.compare, _COMPARE_DOCS)
+    def _draw_compare(self, context: AppContext, view: ViewSettings) -> None:
+        _combo(context, "compare", COMPARISON_MODES, view.compare, _COMPARE_DOCS)
         for key in ("a", "b"):
-            self._draw_side(context, key, getattr(look, key))
-        if look.compare == "wipe":
-            _slider(context, "wipe", look.wipe, 0.0, 1.0, "%.2f", 0.5, "Share of the width that shows A.")
+            self._draw_side(context, key, getattr(view, key))
+        if view.compare == "wipe":
+            _slider(context, "wipe", view.wipe, 0.0, 1.0, "%.2f", 0.5, "Share of the width that shows A.")
         if imgui.button("Pin"):
             _pin(context)
         tooltip("Keeps the present state under a name, to compare with later.")
         imgui.same_line()
         if imgui.button("Swap"):
-            context.edit_view("Swap", a=look.b, b=look.a)
+            context.edit_view("Swap", a=view.b, b=view.a)
         tooltip("A becomes B and B becomes A.")
         for name in context.session.snapshots:
             _draw_snapshot(context, name)
@@ -167,19 +167,19 @@ def _slider(
     context: AppContext, key: str, value: float, low: float, high: float, text: str, reset: float, doc: str
 ) -> bool:
     field = "exposure_stops" if key == "exposure" else key
-    changed, shown = imgui.slider_float(key, value, low, high, text)
+    changed, value_shown = imgui.slider_float(key, value, low, high, text)
     context.record_item_rect(key)
     tooltip(f"{doc} Ctrl+click: exact entry; right click: {reset:g}.")
     if imgui.is_item_clicked(imgui.MouseButton_.right):
-        changed, shown = True, reset
+        changed, value_shown = True, reset
     if changed:
-        context.edit_view(key.capitalize(), **{field: shown})
+        context.edit_view(key.capitalize(), **{field: value_shown})
     if imgui.is_item_deactivated():
         context.session.end_gesture()
     return changed
 
 
-def _chosen(
+def _combo(
     context: AppContext, field: str, options: tuple[str, ...], value: str, docs: dict[str, str], doc: str = ""
 ) -> None:
     label = field.replace("_", " ")
