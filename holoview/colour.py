@@ -1,16 +1,14 @@
-"""From light at laser wavelengths to the colours of a screen.
+"""Colorimetry: intensities of lasers to CIE XYZ and sRGB, gamut mapping, and laser powers for white.
 
-Light becomes colour in three linear steps and one curve:
-
-    XYZ = Σ_λ I_λ · w_λ          observer_weights: an eye, the CIE 1931 observer, or a mono camera
-    rgb = XYZ_TO_SRGB · XYZ      xyz_to_linear_srgb: may leave 0…1, since lasers lie outside the sRGB gamut
+    XYZ = Σ_λ I_λ·w_λ            observer_weights: an eye, the CIE 1931 observer, or a mono camera
+    rgb = XYZ_TO_SRGB·XYZ        xyz_to_linear_srgb: may leave 0…1, since lasers lie outside the sRGB gamut
     gamut_map, srgb_encode       what a screen can show
 
-The scale is fixed throughout: Y = 1 is the white of the display, and nothing is normalised per image. An eye's XYZ_F is
-shown as if it were CIE 1931 XYZ, which is how CIE 170-2 intends it; the white point is that of sRGB in both cases.
+The scale is fixed: Y = 1 is the white of the display, and no image is normalised by itself. XYZ_F of the eye's cone
+fundamentals is shown as if it were CIE 1931 XYZ, as CIE 170-2 intends; the white point is that of sRGB in both cases.
 
-The observers' tables are colour-science's, kept as files beside the pictures: the package itself takes over a second to
-import and is loaded for colour differences only.
+The tables of the observers are those of the package colour-science, stored in `assets/observers`: the package takes
+over a second to import and is needed for colour differences only.
 """
 
 from __future__ import annotations
@@ -33,22 +31,22 @@ GAMUT_MAPS = ("clip", "desaturate")
 
 
 def _constant(values: ArrayLike) -> FloatArray:
-    """A read-only float64 array, since module constants and cached tables are shared by every caller."""
+    """A read-only float64 array: module constants and cached tables are shared by all callers."""
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
 
 
 def _xyz_of_chromaticity(x: float, y: float) -> list[float]:
-    """XYZ with Y = 1 of the chromaticity (x, y)."""
+    """XYZ of a chromaticity (x, y), with Y = 1."""
     return [x / y, 1.0, (1.0 - x - y) / y]
 
 
 def rgb_to_xyz(chromaticities: Sequence[tuple[float, float]]) -> FloatArray:
-    """The matrix that takes (1, 1, 1) to D65 and each channel to its primary's chromaticity.
+    """The matrix (3, 3) from linear RGB to XYZ for primaries with these chromaticities and the white D65.
 
-    chromaticities: (x, y) of red, green, blue and, after them, of a white that isn't needed: every white is shown as
-    that of the display.
+    chromaticities: (x, y) of red, green and blue. Further ones, such as a file's white point, are ignored: white is
+    always shown as the white of the display.
     """
     primaries = np.array([_xyz_of_chromaticity(*xy) for xy in chromaticities[:3]]).T
     matrix: FloatArray = primaries * np.linalg.solve(primaries, D65_WHITE)
@@ -71,14 +69,14 @@ XYZ_TO_SRGB = _constant(np.linalg.inv(SRGB_TO_XYZ))
 
 @cache
 def import_colour_science() -> Any:
-    """The colour-science package, imported at the first call.
+    """The package colour-science, imported at the first call.
 
-    Importing it warns about each optional package that is missing (matplotlib for its plots), none of which is used
-    here, and sets numpy's print options and warning filters for the whole process: both are put back.
+    The import warns of missing optional packages, which aren't needed here, and changes numpy's print options and the
+    warning filters of the process; both are restored.
     """
     with warnings.catch_warnings(), np.printoptions():
         warnings.filterwarnings("ignore", message=".*related API features are not available")
-        import colour
+        import colour  # here: takes over a second
     return colour
 
 
@@ -86,22 +84,22 @@ TABLES = {
     "cones": ("Stockman & Sharpe 2 Degree Cone Fundamentals", "L,M,S"),
     "cie1931": ("CIE 1931 2 Degree Standard Observer", "x,y,z"),
 }
-"""The tables in `assets/observers`: the name that each has in colour-science, and its columns."""
+"""The tables in `assets/observers`: the name of each in colour-science, and its columns."""
 
 
 @cache
 def _table(name: str) -> tuple[FloatArray, FloatArray]:
-    """Wavelengths (n,) in nm and values (n, 3) of one of `TABLES`, at 1 nm steps."""
+    """Wavelengths (n,) in nm and values (n, 3) of one of `TABLES`, in steps of 1 nm."""
     rows = np.loadtxt(data_dir("assets") / "observers" / f"{name}.csv", delimiter=",")
     return _constant(rows[:, 0]), _constant(rows[:, 1:])
 
 
 def _interpolate(name: str, wavelengths_m: ArrayLike, offset_nm: float = 0.0) -> tuple[FloatArray, FloatArray]:
-    """Where the table was read (n,) in nm, after the offset and held inside the table, and its values there (n, 3)."""
+    """A table at wavelengths plus an offset, clipped to its range: the wavelengths (n,) in nm and values (n, 3)."""
     known_nm, values = _table(name)
     asked_nm = np.atleast_1d(np.asarray(wavelengths_m, dtype=np.float64)) * 1e9
     first, last = known_nm[0], known_nm[-1]
-    rounding = 1e-6  # 390e-9 · 1e9 need not be 390
+    rounding = 1e-6  # 390e-9·1e9 needn't be exactly 390
     outside = ~((asked_nm >= first - rounding) & (asked_nm <= last + rounding))
     if outside.any():
         raise UserError(
@@ -115,45 +113,46 @@ def _interpolate(name: str, wavelengths_m: ArrayLike, offset_nm: float = 0.0) ->
 
 
 def cone_fundamentals(wavelengths_m: ArrayLike) -> FloatArray:
-    """L, M, S cone responses (n, 3) to unit energy at each wavelength (m), each cone with a peak of 1.
+    """Responses (n, 3) of the L, M and S cones to unit energy at wavelengths (n,) in metres; each peaks at 1.
 
-    Stockman & Sharpe (2000), 2°, energy-based, as adopted by CIE 170-1:2006; linear between the 1 nm table entries.
+    Stockman & Sharpe (2000), 2°, energy-based, as adopted by CIE 170-1:2006; linear between table entries 1 nm apart.
     Raises UserError outside 390…830 nm.
     """
     return _interpolate("cones", wavelengths_m)[1]
 
 
 def cone_fundamental_derivatives(wavelengths_m: ArrayLike) -> FloatArray:
-    """Derivatives (n, 3), per metre, of `cone_fundamentals` with respect to the wavelength.
+    """Derivatives (n, 3) of `cone_fundamentals` with respect to the wavelength, 1/m.
 
-    The interpolant has a kink at each whole nanometre, where lasers usually sit. A centred difference over ±0.001 nm is
-    exact between table entries and gives the mean of both slopes at one; at the ends of the table it's one-sided.
+    The linear interpolant has a kink at each whole nanometre, at which lasers usually are. A centred difference over
+    ±0.001 nm is exact between table entries and the mean of both slopes at an entry; one-sided at the table's ends.
     """
     below_nm, below = _interpolate("cones", wavelengths_m, -1e-3)
     above_nm, above = _interpolate("cones", wavelengths_m, 1e-3)
     return (above - below) / ((above_nm - below_nm) * 1e-9)[:, None]
 
 
-def observer_weights(kind: str, wavelengths_m: ArrayLike) -> FloatArray:
-    """XYZ (n, 3) that unit intensity at each wavelength (m) makes; an image is XYZ = Σ_λ I_λ · weights.
+def observer_weights(observer: str, wavelengths_m: ArrayLike) -> FloatArray:
+    """XYZ (n, 3) of unit intensity at wavelengths (n,) in metres; the colour of an image is Σ_λ I_λ·w_λ.
 
-    'eye': the 2° cone fundamentals taken to XYZ_F (CIE 170-2:2015). 'cie1931': the CIE 1931 2° colour-matching
-    functions. 'mono': D65 white with Y = 1 at every wavelength, a mono camera of flat response shown as neutral grey.
-    Raises UserError for another kind, and for a wavelength outside the observer's table.
+    observer: "eye": the 2° cone fundamentals as XYZ_F (CIE 170-2:2015); "cie1931": the CIE 1931 2° colour-matching
+    functions; "mono": D65 with Y = 1 at every wavelength, a camera with a flat response, shown as neutral grey.
+
+    Raises UserError for another observer, and for a wavelength outside its table.
     """
-    if kind == "eye":
+    if observer == "eye":
         return cone_fundamentals(wavelengths_m) @ LMS_TO_XYZ.T
-    if kind == "cie1931":
+    if observer == "cie1931":
         return _interpolate("cie1931", wavelengths_m)[1]
-    if kind == "mono":
+    if observer == "mono":
         return np.tile(D65_WHITE, (np.atleast_1d(np.asarray(wavelengths_m)).size, 1))
-    raise UserError("observer", repr(kind), remedy=suggest_matches(kind, OBSERVERS))
+    raise UserError("observer", repr(observer), remedy=suggest_matches(observer, OBSERVERS))
 
 
 def srgb_encode(x: ArrayLike) -> FloatArray:
-    """Linear light to the sRGB signal (IEC 61966-2-1), any shape.
+    """Linear light to the sRGB signal (IEC 61966-2-1), of any shape.
 
-    Odd-symmetric: srgb_encode(−x) = −srgb_encode(x), so out-of-gamut values survive a round trip and none is NaN.
+    Odd: srgb_encode(−x) = −srgb_encode(x), so that values outside the gamut survive a round trip.
     """
     x = np.asarray(x, dtype=np.float64)
     magnitude = np.abs(x)
@@ -163,7 +162,7 @@ def srgb_encode(x: ArrayLike) -> FloatArray:
 
 
 def srgb_decode(x: ArrayLike) -> FloatArray:
-    """The sRGB signal to linear light (IEC 61966-2-1), any shape; odd-symmetric as `srgb_encode`."""
+    """The sRGB signal to linear light (IEC 61966-2-1), of any shape; odd like `srgb_encode`."""
     x = np.asarray(x, dtype=np.float64)
     magnitude = np.abs(x)
     curve = ((np.maximum(magnitude, 0.04045) + 0.055) / 1.055) ** 2.4
@@ -177,11 +176,13 @@ def xyz_to_linear_srgb(xyz: ArrayLike) -> FloatArray:
 
 
 def gamut_map(rgb_linear: ArrayLike, how: str = "clip") -> FloatArray:
-    """Linear sRGB (…, 3) brought into 0…1.
+    """Linear sRGB (…, 3) mapped into 0…1.
 
-    'clip' limits each channel by itself; it's what the PSNR of this package is defined on, and it shifts hues.
-    'desaturate' moves a pixel towards the grey of its own luminance just until it's in gamut: luminance inside 0…1 is
-    kept, below it is black, above it is white. Raises UserError for another name.
+    how: "clip" limits each channel by itself, which shifts hues; the PSNR of this package is defined on it.
+    "desaturate" moves a colour towards the grey of its luminance until it is in gamut; luminances below 0 and above 1
+    become black and white.
+
+    Raises UserError for another name.
     """
     rgb = np.asarray(rgb_linear, dtype=np.float64)
     if how == "clip":
@@ -190,28 +191,29 @@ def gamut_map(rgb_linear: ArrayLike, how: str = "clip") -> FloatArray:
         raise UserError("gamut", repr(how), remedy=suggest_matches(how, GAMUT_MAPS))
     grey = np.clip(rgb @ SRGB_TO_XYZ[1], 0.0, 1.0)[..., None]
     chroma = rgb - grey
-    room = np.where(chroma > 0, 1.0 - grey, grey)
-    share = np.divide(room, np.abs(chroma), out=np.ones_like(chroma), where=np.abs(chroma) > room)
-    mapped: FloatArray = grey + chroma * share.min(axis=-1, keepdims=True)
-    return np.clip(mapped, 0.0, 1.0)  # removes rounding only
+    available = np.where(chroma > 0, 1.0 - grey, grey)
+    factor = np.divide(available, np.abs(chroma), out=np.ones_like(chroma), where=np.abs(chroma) > available)
+    mapped: FloatArray = grey + chroma * factor.min(axis=-1, keepdims=True)
+    return np.clip(mapped, 0.0, 1.0)  # removes rounding errors only
 
 
 def to_srgb8(rgb_linear: ArrayLike, gamut: str = "clip") -> NDArray[np.uint8]:
-    """Linear sRGB (…, 3) as 8-bit sRGB, rounded to nearest."""
+    """Linear sRGB (…, 3) as 8-bit sRGB, gamut-mapped and rounded to nearest."""
     return np.rint(255.0 * srgb_encode(gamut_map(rgb_linear, gamut))).astype(np.uint8)
 
 
 def _shares(weights: FloatArray, softness: float) -> FloatArray:
-    """Positive shares s (n,) near equal ones, e, whose colour Σ s·w is D65.
+    """Positive shares s (n,) of lasers with colours w (n, 3) that are nearest to equal ones e and mix to D65.
 
-    Minimises Σ [s·ln(s/e) − s + e] + |Σ s·w − D65|²/(2·softness), which leaves no share at zero. The minimum is
-    s = e·exp(w·d) with d (3,) where the convex dual Σ s − d·D65 + softness·|d|²/2 is least: Newton, halving its steps.
+    Minimises Σ [s·ln(s/e) − s + e] + |Σ s·w − D65|²/(2·softness); the relative entropy keeps every share positive. The
+    minimum is s = e·exp(w·d) for the d (3,) that minimises the convex dual Σ s − d·D65 + softness·|d|²/2, which
+    Newton's method with step halving finds.
     """
     equal = 1.0 / weights[:, 1].sum()
     dual = np.zeros(3)
 
     def cost(d: FloatArray) -> float:
-        with np.errstate(over="ignore"):  # a step too far costs inf, and is halved
+        with np.errstate(over="ignore"):  # too long a step costs inf, and is halved
             return float(equal * np.exp(weights @ d).sum() - d @ D65_WHITE + softness * d @ d / 2)
 
     for _ in range(100):
@@ -220,7 +222,7 @@ def _shares(weights: FloatArray, softness: float) -> FloatArray:
         if np.abs(slope).max() < 1e-12:
             break
         curvature = (weights.T * shares) @ weights + softness * np.eye(3)
-        # Least squares, since lasers that look alike, or can't make white, make the curvature nearly singular.
+        # Least squares: with lasers of similar colour, or that can't make white, the curvature is nearly singular.
         step = -np.linalg.lstsq(curvature, slope, rcond=None)[0]
         length, now, rounding = 1.0, cost(dual), 1e-14 * (1.0 + shares.sum())
         while cost(dual + length * step) > now + 0.1 * length * (slope @ step) + rounding and length > 1e-9:
@@ -231,14 +233,17 @@ def _shares(weights: FloatArray, softness: float) -> FloatArray:
 
 
 def white_amplitudes(weights: ArrayLike, sequence: ArrayLike) -> FloatArray:
-    """Laser amplitudes (frames, n), factors on intensity, whose mean over frames is D65 with Y = 1 at unit intensity.
+    """Laser amplitudes (frame, n), factors of the intensity, whose mean over the frames is D65 with Y = 1.
 
-    `weights` (n, 3) come from `observer_weights`; `sequence` (frames, n) says with 0 and 1 which laser is on in which
-    frame. A laser on in k of T frames gets T/k times its share. Of all mixtures that make white, the one nearest to
-    equal shares (least relative entropy) is taken: it's unique, every laser that is ever on stays on, and under 'mono'
-    all are equal. Where these lasers can't make white, the result has Y = 1 and trades its distance to D65 against even
-    shares, because the nearest mixture by itself would switch most lasers off. Raises UserError for a sequence that
-    isn't 0/1 of matching shape, or that shows no light.
+    weights: (n, 3) XYZ of each laser at unit intensity, from `observer_weights`.
+    sequence: (frame, n) of 0 and 1: which laser is on in which frame.
+
+    Of all mixtures that make white, the one nearest to equal shares in relative entropy: it is unique, every laser that
+    is on in some frame has a positive amplitude, and for the observer "mono" all are equal. A laser that is on in k of
+    T frames has T/k times its share. If the lasers can't make white, the mixture has Y = 1 and balances the distance
+    to D65 against equal shares: the mixture nearest to D65 alone would switch most lasers off.
+
+    Raises UserError for a sequence of another shape or with other values, and when no visible laser is on.
     """
     weights = np.asarray(weights, dtype=np.float64)
     on = np.asarray(sequence, dtype=np.float64)

@@ -42,7 +42,7 @@ learned_maps      the maps and what they do to light
 calibration_file  the file that holds them
 
 starting_grids    starting points that several effects share
-effect, parameter, places: old places of modules of `holoview.model.effects`
+effect, parameter, places: deprecated names of modules of `holoview.model.effects`
 """
 
 from typing import Any

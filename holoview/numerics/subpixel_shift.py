@@ -1,6 +1,7 @@
 """Images shifted by fractions of a pixel, and their gradients, by convolution with a windowed sinc.
 
-Both are accurate up to about 0.8 of the Nyquist frequency; edge values are continued outwards.
+Both are accurate to about 2 % of the amplitude up to 0.8 of the Nyquist frequency, for shifts of up to two pixels. Edge
+values are continued outwards.
 """
 
 from __future__ import annotations

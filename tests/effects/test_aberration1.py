@@ -17,8 +17,8 @@ SINE = torch.linspace(-0.03, 0.03, 401).double()
 
 def _opd(wavelength_m: float, **values: float) -> torch.Tensor:
     """Optical path over the iris, from the pupil's phase (of less than half a wave)."""
-    one, at = get_effect("aberration1"), RelayContext(0, wavelength_m, SINE[:, None], SINE[None], 0.03)
-    pupil = one.pupil(torch.ones(401, 401, dtype=torch.complex128), at, one.parameter_values(values))
+    effect, at = get_effect("aberration1"), RelayContext(0, wavelength_m, SINE[:, None], SINE[None], 0.03)
+    pupil = effect.pupil(torch.ones(401, 401, dtype=torch.complex128), at, effect.parameter_values(values))
     return (pupil.angle() * wavelength_m / (2 * torch.pi))[at.radius <= 1]
 
 

@@ -18,8 +18,8 @@ Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 @pytest.mark.parametrize("sigma", [0.5e-9, 4e-9, 9e-9])
 @pytest.mark.parametrize("top", [0.0, 0.4, 1.0])
 def test_each_wavelength_becomes_a_line_of_that_width(sigma: float, top: float) -> None:
-    one, system = get_effect("bandwidth"), hv.load("holochrome-8")
-    found = one.bench(system, one.parameter_values({"sigma": sigma, "top": top}))
+    effect, system = get_effect("bandwidth"), hv.load("holochrome-8")
+    found = effect.bench(system, effect.parameter_values({"sigma": sigma, "top": top}))
     lines = found.wavelengths_m.reshape(8, -1)
     weights = found.amplitudes[0].reshape(8, -1)
     assert weights.sum(axis=1) == pytest.approx(system.amplitudes[0])
@@ -32,5 +32,7 @@ def test_each_wavelength_becomes_a_line_of_that_width(sigma: float, top: float) 
 def test_what_changes_goes_by_the_square_of_the_width(make_session: Make, predicted: Predicted) -> None:
     captures = make_session(1)
     plain = predicted(captures)
-    one, two = (float((predicted(captures, {"bandwidth": {"sigma": s}}) - plain).norm()) for s in (0.1e-9, 0.2e-9))
-    assert two / one == pytest.approx(4.0, rel=0.02)
+    single, double = (
+        float((predicted(captures, {"bandwidth": {"sigma": s}}) - plain).norm()) for s in (0.1e-9, 0.2e-9)
+    )
+    assert double / single == pytest.approx(4.0, rel=0.02)

@@ -16,8 +16,8 @@ TAILS = 5e-4
 def test_a_point_spreads_by_the_variance(sigma: float) -> None:
     image = torch.zeros(41, 41).double()
     image[20, 20] = 5.0
-    one = get_effect("camera_blur")
-    found = one.image(image, CameraContext(4e-6, (41, 41)), one.parameter_values({"sigma": sigma}))
+    effect = get_effect("camera_blur")
+    found = effect.image(image, CameraContext(4e-6, (41, 41)), effect.parameter_values({"sigma": sigma}))
     x = (torch.arange(41) - 20).double()
     assert float(found.sum()) == pytest.approx(5.0, rel=TAILS)
     assert float((found.sum(dim=0) * x**2).sum() / 5) == pytest.approx(sigma**2, abs=20**2 * TAILS)

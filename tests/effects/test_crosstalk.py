@@ -11,10 +11,10 @@ from holoview.model.effects.registry import get_effect
 
 @pytest.mark.parametrize("sigma", [0.3, 0.45, 1.2])
 def test_a_pixel_spreads_by_the_variance_of_the_blur(sigma: float) -> None:
-    at, one = ModulatorContext(0, 520e-9, 780e-9, 8e-6, (1, 41), 4), get_effect("crosstalk")
+    at, effect = ModulatorContext(0, 520e-9, 780e-9, 8e-6, (1, 41), 4), get_effect("crosstalk")
     line = torch.zeros(1, 41).double()
     line[0, 20] = 1e-7
-    found = one.optical_path(line, at, one.parameter_values({"sigma": sigma}))[0] / 1e-7
+    found = effect.optical_path(line, at, effect.parameter_values({"sigma": sigma}))[0] / 1e-7
     x = (torch.arange(164) - 81.5).double()
     assert float(found.sum()) == pytest.approx(4.0, rel=1e-9)
     spread = float((found * x**2).sum() / found.sum())
@@ -22,6 +22,6 @@ def test_a_pixel_spreads_by_the_variance_of_the_blur(sigma: float) -> None:
 
 
 def test_an_equal_path_stays_equal() -> None:
-    at, one = ModulatorContext(1, 520e-9, 780e-9, 8e-6, (6, 8), 2), get_effect("crosstalk")
-    found = one.optical_path(torch.full((6, 8), 3e-7).double(), at, one.parameter_values({"sigma": 0.7}))
+    at, effect = ModulatorContext(1, 520e-9, 780e-9, 8e-6, (6, 8), 2), get_effect("crosstalk")
+    found = effect.optical_path(torch.full((6, 8), 3e-7).double(), at, effect.parameter_values({"sigma": 0.7}))
     torch.testing.assert_close(found, torch.full((12, 16), 3e-7).double(), rtol=1e-12, atol=0)

@@ -22,6 +22,6 @@ def test_the_light_straight_ahead_is_gone(make_fourier: Make, predicted: Predict
 
 
 def test_it_is_the_stop_of_relay_2(make_session: Make) -> None:
-    one, system = get_effect("dc_block"), make_session().nominal_system()
-    assert one.bench(system, one.parameter_values({"radius": 2e-3})).relay2.dc_block_na == 2e-3
-    assert one.bench(system, one.parameter_values({"radius": 1e-7})) == system
+    effect, system = get_effect("dc_block"), make_session().nominal_system()
+    assert effect.bench(system, effect.parameter_values({"radius": 2e-3})).relay2.dc_block_na == 2e-3
+    assert effect.bench(system, effect.parameter_values({"radius": 1e-7})) == system

@@ -16,8 +16,8 @@ Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 
 
 def test_moments_have_the_mean_and_variance_of_a_sine() -> None:
-    one = get_effect("flicker")
-    weights, factors = np.array(one.exposure_samples(one.parameter_values({"depth": 0.1}))).T
+    effect = get_effect("flicker")
+    weights, factors = np.array(effect.exposure_samples(effect.parameter_values({"depth": 0.1}))).T
     assert weights.sum() == pytest.approx(1.0)
     assert weights @ factors == pytest.approx(1.0)
     assert weights @ (factors - 1) ** 2 == pytest.approx(0.01)

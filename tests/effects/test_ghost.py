@@ -12,9 +12,11 @@ from holoview.model.effects.registry import get_effect
 def test_a_copy_lies_beside_the_picture() -> None:
     image = torch.zeros(20, 20).double()
     image[10, 10] = 100.0
-    one = get_effect("ghost")
-    found = one.image(
-        image, CameraContext(4e-6, (20, 20)), one.parameter_values({"strength": 0.1, "shift_y": 3.0, "shift_x": -2.5})
+    effect = get_effect("ghost")
+    found = effect.image(
+        image,
+        CameraContext(4e-6, (20, 20)),
+        effect.parameter_values({"strength": 0.1, "shift_y": 3.0, "shift_x": -2.5}),
     )
     assert float(found[10, 10]) == 100.0
     assert found[13, 7:9].tolist() == pytest.approx([5.0, 5.0])

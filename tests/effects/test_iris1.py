@@ -23,16 +23,16 @@ def test_it_changes_the_radius(make_session: Make, predicted: Predicted) -> None
 
 
 def test_off_the_centre_another_disc_passes(make_session: Make) -> None:
-    one = get_effect("iris1")
-    values = one.parameter_values({"radius_error": 0.1, "decentre_y": 0.5, "decentre_x": -0.25})
+    effect = get_effect("iris1")
+    values = effect.parameter_values({"radius_error": 0.1, "decentre_y": 0.5, "decentre_x": -0.25})
     sine = torch.linspace(-0.06, 0.06, 1201).double()
     at = RelayContext(0, 520e-9, sine[:, None], sine[None], 0.03)
-    passes = one.pupil(torch.ones(1201, 1201).double(), at, values)
+    passes = effect.pupil(torch.ones(1201, 1201).double(), at, values)
     area = float(passes.sum()) * 1e-4**2
     assert area == pytest.approx(torch.pi * 0.033**2, rel=2e-3)
     centre = [float((passes.sum(dim=1 - axis) * sine).sum() / passes.sum()) for axis in (0, 1)]
     assert centre == pytest.approx([0.015, -0.0075], abs=1e-5)
-    around = one.bench(make_session().nominal_system(), values).relay1.iris_na
+    around = effect.bench(make_session().nominal_system(), values).relay1.iris_na
     assert around == pytest.approx(0.03 * (1.1 + (0.5**2 + 0.25**2) ** 0.5))
 
 

@@ -59,11 +59,11 @@ def test_the_library_has_every_id_that_files_may_hold() -> None:
 
 @pytest.mark.parametrize("name", IDS)
 def test_an_effect_states_what_others_need_to_know(name: str) -> None:
-    one = listed_effects()[name]
-    assert one.id == name
-    assert one.cause.endswith(".") and set(one.acts_on) <= PLACES
-    assert all(other in listed_effects() for other in (*one.degeneracies(RICH), *one.degenerate_with))
-    for p in one.parameters:
+    effect = listed_effects()[name]
+    assert effect.id == name
+    assert effect.cause.endswith(".") and set(effect.acts_on) <= PLACES
+    assert all(other in listed_effects() for other in (*effect.degeneracies(RICH), *effect.degenerate_with))
+    for p in effect.parameters:
         assert p.low <= p.identity <= p.high and p.prior > 0 and p.doc.endswith(".")
         assert p.parse(p.to_toml(p.identity), name) == p.identity
         inside = min(p.identity + p.prior, p.high)
@@ -86,15 +86,15 @@ def test_an_effect_at_its_identity_changes_no_bit_far_away(name: str, make_fouri
 @pytest.mark.parametrize("name", IDS)
 def test_every_start_of_a_search_is_a_bench_that_can_be_and_differs(name: str, make_session: Make) -> None:
     captures = make_session(1, power=torch.tensor([0.5]).double().numpy())
-    predict, one = Predictor(captures), listed_effects()[name]
-    starts = list(one.starting_points(captures.nominal_system()))
+    predict, effect = Predictor(captures), listed_effects()[name]
+    starts = list(effect.starting_points(captures.nominal_system()))
     plain = predict([0])
-    for values in (starts or [{p.name: p.prior for p in one.parameters}])[:: max(1, len(starts) // 4)]:
-        assert all(p.low <= values.get(p.name, p.identity) <= p.high for p in one.parameters)
+    for values in (starts or [{p.name: p.prior for p in effect.parameters}])[:: max(1, len(starts) // 4)]:
+        assert all(p.low <= values.get(p.name, p.identity) <= p.high for p in effect.parameters)
         changed = predict([0], {name: values})
         same = torch.equal(changed.signal, plain.signal) and changed.black_level == plain.black_level
         assert not same or name == "dispersion", values  # which is nothing at its reference alone
-        assert "{" not in one.format_finding(captures.nominal_system(), values)
+        assert "{" not in effect.format_finding(captures.nominal_system(), values)
 
 
 @pytest.mark.parametrize("name", IDS)

@@ -12,9 +12,9 @@ SHARE = torch.linspace(0, 1, 16, dtype=torch.float64)[None]
 
 
 def _response(number: int = 0, **values: float) -> torch.Tensor:
-    one = get_effect("lut")
+    effect = get_effect("lut")
     at = ModulatorContext(number, 520e-9, 780e-9, 8e-6, (1, 16), 2)
-    return one.stroke_response(SHARE, at, one.parameter_values(values))[0]
+    return effect.stroke_response(SHARE, at, effect.parameter_values(values))[0]
 
 
 def test_gamma_bends_the_response_of_its_own_modulator() -> None:
@@ -29,10 +29,10 @@ def test_a_knot_moves_its_level_alone() -> None:
 
 
 def test_between_knots_the_correction_is_linear() -> None:
-    one = get_effect("lut")
+    effect = get_effect("lut")
     at = ModulatorContext(0, 520e-9, 780e-9, 8e-6, (1, 1), 2)
     halfway = torch.tensor([[4.5 / 15]], dtype=torch.float64)
-    assert float(one.stroke_response(halfway, at, one.parameter_values({"level1_04": 0.06}))) == pytest.approx(
+    assert float(effect.stroke_response(halfway, at, effect.parameter_values({"level1_04": 0.06}))) == pytest.approx(
         4.5 / 15 + 0.03
     )
 

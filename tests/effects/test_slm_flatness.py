@@ -11,8 +11,8 @@ from holoview.numerics.zernike import zernike
 
 
 def test_defocus_is_a_bowl_over_the_circle_around_the_modulator() -> None:
-    at, one = ModulatorContext(0, 520e-9, 780e-9, 8e-6, (30, 40), 1), get_effect("slm_flatness")
-    path = one.optical_path(torch.zeros(30, 40).double(), at, one.parameter_values({"z4_1": 50e-9}))
+    at, effect = ModulatorContext(0, 520e-9, 780e-9, 8e-6, (30, 40), 1), get_effect("slm_flatness")
+    path = effect.optical_path(torch.zeros(30, 40).double(), at, effect.parameter_values({"z4_1": 50e-9}))
     y, x = at.positions(path)
     rho2 = (y**2 + x**2) / (25 * 8e-6) ** 2  # the half diagonal of 30 × 40 pixels is 25
     torch.testing.assert_close(path, 50e-9 * 3**0.5 * (2 * rho2 - 1), rtol=1e-9, atol=1e-18)
@@ -20,8 +20,8 @@ def test_defocus_is_a_bowl_over_the_circle_around_the_modulator() -> None:
 
 @pytest.mark.parametrize("noll", range(4, 12))
 def test_every_term_is_a_zernike_polynomial_over_the_circle(noll: int) -> None:
-    at, one = ModulatorContext(0, 520e-9, 780e-9, 8e-6, (400, 400), 1), get_effect("slm_flatness")
-    path = one.optical_path(torch.zeros(400, 400).double(), at, one.parameter_values({f"z{noll}_1": 50e-9}))
+    at, effect = ModulatorContext(0, 520e-9, 780e-9, 8e-6, (400, 400), 1), get_effect("slm_flatness")
+    path = effect.optical_path(torch.zeros(400, 400).double(), at, effect.parameter_values({f"z{noll}_1": 50e-9}))
     y, x = at.positions(path)
     radius = torch.hypot(y, x) / (200 * 2**0.5 * 8e-6)
     inner = radius <= 2**-0.5  # the largest circle inside the modulator
@@ -30,10 +30,10 @@ def test_every_term_is_a_zernike_polynomial_over_the_circle(noll: int) -> None:
 
 
 def test_each_modulator_has_its_own_wavefront() -> None:
-    one = get_effect("slm_flatness")
-    values = one.parameter_values({"z4_2": 50e-9})
+    effect = get_effect("slm_flatness")
+    values = effect.parameter_values({"z4_2": 50e-9})
     flat = torch.zeros(8, 8).double()
     first, second = (
-        one.optical_path(flat, ModulatorContext(n, 520e-9, 780e-9, 8e-6, (8, 8), 2), values) for n in (0, 1)
+        effect.optical_path(flat, ModulatorContext(n, 520e-9, 780e-9, 8e-6, (8, 8), 2), values) for n in (0, 1)
     )
     assert torch.equal(first, flat) and bool(second.any())

@@ -18,8 +18,10 @@ Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 @pytest.mark.parametrize("radius", [0.2e-3, 2e-3, 5e-3])
 @pytest.mark.parametrize("outline", [-1.0, -0.3, 0.0, 0.5, 1.0])
 def test_directions_have_the_mean_and_variance_of_a_disc(radius: float, outline: float, make_session: Make) -> None:
-    one = get_effect("source_extent")
-    system = one.bench(make_session().nominal_system(), one.parameter_values({"radius": radius, "outline": outline}))
+    effect = get_effect("source_extent")
+    system = effect.bench(
+        make_session().nominal_system(), effect.parameter_values({"radius": radius, "outline": outline})
+    )
     found = system.source.directions_rad
     assert np.abs(found.mean(axis=0)).max() < 1e-12
     assert (found**2).mean(axis=0) == pytest.approx([radius**2 / 4] * 2, rel=1e-9)  # ∫y²·2πr dr/(πR²)
@@ -42,9 +44,9 @@ def test_as_many_directions_as_the_speckle_asks_for(make_session: Make, make_fou
 
     16 µm / 8.7 µm = 1.85 and 2 × 2 mrad × 28 × 8 µm / 520 nm = 1.72: two directions more than either.
     """
-    one = get_effect("source_extent")
-    assert one.directions_per_side(make_session().nominal_system(), 2e-3) == 4
-    assert one.directions_per_side(make_fourier().nominal_system(), 2e-3) == 4
+    effect = get_effect("source_extent")
+    assert effect.directions_per_side(make_session().nominal_system(), 2e-3) == 4
+    assert effect.directions_per_side(make_fourier().nominal_system(), 2e-3) == 4
 
 
 def test_speckle_washes_out(make_session: Make, predicted: Predicted) -> None:

@@ -26,9 +26,9 @@ def test_the_zero_order_has_the_amplitude_that_isnt_modulated(make_fourier: Make
 
 
 def test_the_first_modulator_may_leave_more_than_the_second() -> None:
-    one = get_effect("undiffracted")
-    v = one.parameter_values({"share": 0.2, "difference": 0.05})
+    effect = get_effect("undiffracted")
+    v = effect.parameter_values({"share": 0.2, "difference": 0.05})
     light = torch.full((2, 2), 1j, dtype=torch.complex128)
     for number, amount in ((0, 0.25), (1, 0.15)):
         at = ModulatorContext(number, 520e-9, 780e-9, 8e-6, (2, 2), 2)
-        torch.testing.assert_close(one.transmission(light, at, v), (1 - amount) * light + amount)
+        torch.testing.assert_close(effect.transmission(light, at, v), (1 - amount) * light + amount)

@@ -10,11 +10,11 @@ from holoview.model.effects.registry import get_effect
 
 
 def test_the_edges_lose_their_share() -> None:
-    one = get_effect("vignetting")
-    found = one.image(
+    effect = get_effect("vignetting")
+    found = effect.image(
         torch.ones(201, 301).double(),
         CameraContext(4e-6, (201, 301)),
-        one.parameter_values({"fall_y": 0.2, "fall_x": 0.4}),
+        effect.parameter_values({"fall_y": 0.2, "fall_x": 0.4}),
     )
     assert float(found[100, 150]) == 1.0
     assert float(found[0, 150]) == pytest.approx(0.8, abs=0.003)

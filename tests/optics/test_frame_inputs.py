@@ -1,4 +1,4 @@
-"""Slots: drives are checked and become optical paths; relays get a pupil only where they need one."""
+"""Inputs of a frame: drives are checked and become optical paths; relays have a pupil only where they need one."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def test_the_ends_of_the_stroke_are_allowed() -> None:
     assert float(make_frame_inputs(_plan(), np.ones((2, 2, 3, 4))).opd_m.max()) == 800e-9
 
 
-def test_only_relays_with_glass_have_pupils() -> None:
-    slots = make_frame_inputs(_plan(**{"relay1.iris_na": 0.02, "relay2.apodisation_na": 0.02}), _drive())
-    assert slots.pupils[0] == (None, None)
-    assert all(glass is not None and glass.dtype == torch.complex128 for glass in slots.pupils[1])
+def test_only_relays_with_aberration_or_apodisation_have_pupils() -> None:
+    inputs = make_frame_inputs(_plan(**{"relay1.iris_na": 0.02, "relay2.apodisation_na": 0.02}), _drive())
+    assert inputs.pupils[0] == (None, None)
+    assert all(pupil is not None and pupil.dtype == torch.complex128 for pupil in inputs.pupils[1])

@@ -1,4 +1,4 @@
-"""Slots without torch: the same strokes and refusals as with it, and only where nothing else shapes a slot."""
+"""Inputs of a frame without torch: the same drives and refusals as with it, and only for plain systems."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _bench(**changes: Any) -> System:
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int64])
-def test_strokes_are_those_of_the_slots(dtype: type) -> None:
+def test_stroke_fractions_are_those_of_frame_inputs(dtype: type) -> None:
     system = _bench(frames=2)
     drive = (
         np.round(random_drive(system, 3)).astype(dtype) if dtype is np.int64 else random_drive(system, 3).astype(dtype)
@@ -50,7 +50,7 @@ def test_strokes_are_those_of_the_slots(dtype: type) -> None:
     ],
     ids=["levels", "aberration", "apodisation", "effect"],
 )
-def test_what_shapes_a_slot_needs_torch(change: dict[str, Any]) -> None:
+def test_levels_pupils_and_effects_need_torch(change: dict[str, Any]) -> None:
     system = _bench(**change)
     assert plain_frame_inputs(make_plan(system), random_drive(system, 0)) is None
 

@@ -1,4 +1,4 @@
-"""People's units: text to SI and back without losing a digit, and refusals that say what to write instead."""
+"""Units: text to SI and back without losing a digit, and refusals that say what to write instead."""
 
 from __future__ import annotations
 
