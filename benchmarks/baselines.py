@@ -1,9 +1,9 @@
-"""What the optimiser is measured against: the same bench and loss in plain torch, differentiated by autograd.
+"""Baselines of the optimiser: the same bench and loss in plain PyTorch, differentiated by autograd.
 
-Textbook  as courses write it: each FFT between two shifts, H built anew at each propagation, a forward FFT a plane
-Cached    as a careful programmer writes it: no shifts, H built once in float64, one forward FFT for all planes
+Textbook  each FFT between two shifts; H computed at each propagation; a forward FFT for each plane
+Cached    no shifts; H computed once in float64; one forward FFT for all planes
 
-Both loop over wavelengths and planes, which is faster on a CPU than a batch, and retain the graph of an iteration.
+H is the transfer function. Both loop over wavelengths and planes, which is faster on a CPU than a batch.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Tensor = torch.Tensor
 
 @dataclass(frozen=True)
 class Work:
-    """A bench of one frame, the focal stack (plane, y, x, 3) to show, and a first drive (1, modulator, y, x)."""
+    """A test case: a bench of one frame, a target focal stack (plane, y, x, 3), a first drive (1, modulator, y, x)."""
 
     system: System
     stack: NDArray[np.float32]
@@ -32,9 +32,10 @@ class Work:
 
 
 class Autograd(ABC):
-    """Mean squared error of linear sRGB over a focal stack, on a periodic grid; Adam on the drive, held in 0…1.
+    """Minimises the mean squared error of linear sRGB over a focal stack by Adam on the drive; no padding.
 
-    rate_rad: Adam's step as phase at the middle wavelength, as in `holoview.Settings`.
+    The drive is clipped to 0…1.
+    rate_rad: Adam's step as a phase at the middle wavelength, as in `holoview.Settings`.
     """
 
     def __init__(self, work: Work, rate_rad: float = 1.0, betas: tuple[float, float] = (0.9, 0.99)) -> None:
@@ -54,13 +55,13 @@ class Autograd(ABC):
         self.adam = torch.optim.Adam([self.drive], lr=rate_rad / turn, betas=betas, eps=1e-20)
 
     def step(self) -> float:
-        """An iteration: loss, gradient, Adam's step. The loss is that before the step."""
+        """Make one iteration (loss, gradient, Adam's step) and return the loss before the step."""
         loss = self.loss(self.drive)
         self.move(loss)
         return loss.item()
 
     def move(self, loss: Tensor) -> None:
-        """Takes Adam's step against the gradient of a loss."""
+        """Take Adam's step for a loss."""
         self.adam.zero_grad()
         loss.backward()
         self.adam.step()
@@ -72,8 +73,8 @@ class Autograd(ABC):
 
     def intensities(self, drive: Tensor) -> Tensor:
         """Intensity (wavelength, plane, y, x) of each laser at unit amplitude."""
-        every = [torch.stack(self._intensities(i, drive)) for i in range(len(self.wavelengths_m))]
-        return torch.stack(every)
+        stacks = [torch.stack(self._intensities(i, drive)) for i in range(len(self.wavelengths_m))]
+        return torch.stack(stacks)
 
     def image(self, intensities: Tensor) -> Tensor:
         """Linear sRGB (plane, channel, y, x)."""
@@ -81,7 +82,7 @@ class Autograd(ABC):
         return torch.einsum("lc,lzyx->zcyx", weights, intensities)
 
     def phasor(self, modulator: int, λ: float, drive: Tensor) -> Tensor:
-        """What a modulator multiplies a wave by, on the simulation grid."""
+        """Transmission of a modulator on the simulation grid."""
         phase = (2 * math.pi * self.strokes_m[modulator] / λ) * drive[modulator]
         pixels = torch.polar(torch.ones_like(phase), phase)
         return pixels.repeat_interleave(self.upsample, dim=-2).repeat_interleave(self.upsample, dim=-1)
@@ -111,7 +112,7 @@ class Textbook(Autograd):
 
 
 class Cached(Autograd):
-    """Every transfer function is kept; the spectrum behind the last modulator is made once for all planes."""
+    """Stores all transfer functions, and computes the spectrum behind the last modulator once for all planes."""
 
     def __init__(self, work: Work, rate_rad: float = 1.0, betas: tuple[float, float] = (0.9, 0.99)) -> None:
         super().__init__(work, rate_rad, betas)

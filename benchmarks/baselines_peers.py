@@ -1,7 +1,8 @@
-"""Other libraries on the work that all can do: one wavelength, one modulator, a few planes, MSE of intensity, Adam.
+"""Other libraries on a case that all support: one wavelength, one modulator, some planes, MSE of intensity, Adam.
 
-odak (learn.wave) and torchoptics, used as their documentation shows. Modulator pixels are squares of samples, as ours.
-None is needed by holoview; what isn't installed isn't measured. `padding` is 1 (periodic) or 2 (twice the field).
+odak (learn.wave) and torchoptics are used as their documentation shows. Modulator pixels are squares of samples, as in
+holoview, which needs neither library; those that aren't installed aren't measured. `padding` is 1 (none) or 2 (twice
+the field).
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ ODAK_KINDS = {1: "Angular Spectrum", 2: "Bandlimited Angular Spectrum"}
 
 
 def installed(library: str) -> str | None:
-    """The version of a library; None where it isn't installed."""
+    """The version of a library, or None if it isn't installed."""
     try:
         return version(library)
     except PackageNotFoundError:
@@ -37,7 +38,7 @@ def installed(library: str) -> str | None:
 
 
 class Peer:
-    """An iteration with a library's propagation: the modulator's phase under torch's Adam, as both document it."""
+    """Optimises the modulator's phase by PyTorch's Adam with the propagation of a library."""
 
     def __init__(self, work: Work, propagate: Propagate) -> None:
         modulator = work.system.modulators[0]
@@ -50,7 +51,7 @@ class Peer:
         self._propagate = propagate
 
     def step(self) -> float:
-        """Loss before the step, gradient, Adam's step."""
+        """Make one iteration and return the loss before the step."""
         self.adam.zero_grad()
         loss = self.loss()
         loss.backward()
@@ -65,7 +66,7 @@ class Peer:
 
 
 def odak_each_time(work: Work, padding: int) -> Peer:
-    """odak.learn.wave.propagate_beam, which builds the kernel at each call."""
+    """odak.learn.wave.propagate_beam, which computes the kernel at each call."""
     wave, pitch_m, λ = _odak(), _pitch(work), _wavelength(work)
     kind, pads = ODAK_KINDS[padding], [padding == 2, False, padding == 2]
 
@@ -76,7 +77,7 @@ def odak_each_time(work: Work, padding: int) -> Peer:
 
 
 def odak_kept(work: Work, padding: int) -> Peer:
-    """The same with "custom" propagation: kernels of odak's own, built once."""
+    """odak.learn.wave.propagate_beam with "custom" propagation: odak's kernels, computed once."""
     wave, pitch_m, λ = _odak(), _pitch(work), _wavelength(work)
     pads = [padding == 2, False, padding == 2]
     rows, columns = (n * work.system.sampling.upsample * padding for n in work.system.modulators[0].shape)
@@ -93,7 +94,7 @@ def odak_kept(work: Work, padding: int) -> Peer:
 
 
 def torchoptics_field(work: Work, padding: int) -> Peer:
-    """torchoptics.Field.propagate_to_z by angular spectrum, in float32 as everyone else (its default is float64)."""
+    """torchoptics.Field.propagate_to_z by angular spectrum, in float32 as the others (its default is float64)."""
     import torchoptics
 
     torchoptics.set_default_dtype(torch.float32)
@@ -108,9 +109,9 @@ def torchoptics_field(work: Work, padding: int) -> Peer:
 
 
 class OdakOptimiser:
-    """odak.learn.wave.multi_color_hologram_optimizer, its multi-plane optimiser, image loss only, padded twofold.
+    """odak.learn.wave.multi_color_hologram_optimizer, its multi-plane optimiser, with image loss only, padded twofold.
 
-    It takes a step a plane, so that an iteration is as many steps as planes, and knows no pixels larger than a sample.
+    It makes one step for each plane, so that an iteration is as many steps as planes. Its pixels are single samples.
     """
 
     def __init__(self, work: Work) -> None:
@@ -138,7 +139,7 @@ class OdakOptimiser:
         self._optimiser.init_optimizer()
 
     def step(self) -> None:
-        """An iteration, without the progress bars that it draws."""
+        """Make one iteration, with its progress bars suppressed."""
         with redirect_stderr(StringIO()):
             self._optimiser.gradient_descent(number_of_iterations=1, weights=[1.0, 0.0, 0.0, 0.0])
 
@@ -148,11 +149,11 @@ PEERS: dict[str, tuple[str, Callable[[Work, int], Peer]]] = {
     "odak, propagate_beam, kernels kept": ("odak", odak_kept),
     "torchoptics, Field.propagate_to_z": ("torchoptics", torchoptics_field),
 }
-"""Library and what makes an iteration, by name; for both paddings."""
+"""Library and constructor of each variant, by name; for both paddings."""
 
 
 def _odak() -> Any:
-    """odak's waves, without the line that it logs at each kernel into a file of the working folder."""
+    """odak.learn.wave, imported in a temporary working folder, since it creates a log file, and with less logging."""
     with TemporaryDirectory(ignore_cleanup_errors=True) as folder, chdir(folder):
         import odak.learn.wave
     logging.getLogger("odak").setLevel(logging.ERROR)

@@ -1,11 +1,12 @@
-"""How often `holoview diagnose` names what is wrong: hidden effects of every kind and size, pairs, and nothing at all.
+"""Measures how often `holoview diagnose` names the right cause, for hidden effects of all kinds and sizes.
 
     python -m benchmarks.diagnosis --families singles pairs nothing --repeats 1 -o out/diagnosis.jsonl
     python -m benchmarks.diagnosis --summary out/diagnosis.jsonl
 
-Each case is drawn from a seed, measured on a virtual bench with noise, and diagnosed; the truth is looked at only then.
-Families: singles, pairs, nothing, nuisances, deleted (the true effect isn't in the library), sampling (data
-from samples twice as fine as the model's). A line of JSON a case; the summary prints rates and the confusion matrix.
+Each case is drawn from a seed, measured on a virtual bench with noise, and diagnosed without knowledge of the truth.
+Families: one effect (singles), two (pairs), none (nothing), none but jitter of the measurement (nuisances), one that
+the library lacks (deleted), and none in data from samples twice as fine as the model's (sampling). The output has one
+line of JSON for each case; the summary prints rates and the confusion matrix.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ FAMILIES = ("singles", "pairs", "nothing", "nuisances", "deleted", "sampling")
 
 @dataclass
 class Case:
-    """A hidden truth and what was said about it."""
+    """The hidden effects of a case, and the diagnosis."""
 
     family: str
     size: str
@@ -71,7 +72,7 @@ def bench(rows: int = 96, columns: int = 128) -> System:
 
 
 def cases(families: list[str], sizes: list[str], only: list[str], repeats: int, first_seed: int) -> Iterator[Case]:
-    """What is to be found, in an order that mixes effects early."""
+    """The cases, in an order in which all effects come early."""
     names = [n for n in listed_effects() if not only or n in only]
     facts_of = bench()
     for repeat in range(repeats):
@@ -119,7 +120,7 @@ def measure(case: Case, each: int, shape: list[int]) -> Captures:
 
 
 def solve(case: Case, args: argparse.Namespace) -> Case:
-    """Diagnoses a case and fills in what was said."""
+    """Diagnose a case and store the result in it."""
     captures = measure(case, args.each, args.shape)
     library = [e for e in listed_effects().values() if case.family != "deleted" or e.id not in _with_equals(case)]
     began, cpu = time.monotonic(), time.process_time()
@@ -145,7 +146,7 @@ def _with_equals(case: Case) -> set[str]:
 
 
 def is_right(case: Case) -> bool:
-    """Whether the verdict is what it should be: the physically same cause counts as the cause."""
+    """Whether the verdict is right; a cause that is degenerate with the true one counts as right."""
     if case.family in ("nothing", "nuisances"):
         return case.verdict == "consistent" and not case.named
     if case.family == "sampling":
@@ -158,7 +159,7 @@ def is_right(case: Case) -> bool:
 
 
 def is_covered(case: Case) -> list[bool]:
-    """For each true parameter of a named cause, whether its 95 % interval holds the truth."""
+    """For each parameter of a named cause, whether its 95 % interval contains the true value."""
     inside = []
     for effect, values in case.truth.items():
         for name, true in values.items():
@@ -212,7 +213,7 @@ def summary(lines: list[Case]) -> str:
 
 
 def confusion(lines: list[Case]) -> list[str]:
-    """A row of the confusion matrix for each hidden single effect: how often each cause was named first; no zeros."""
+    """A row of the confusion matrix for each single hidden effect: how often each cause was named first; no zeros."""
     rows: dict[str, Counter[str]] = defaultdict(Counter)
     for case in lines:
         if case.family == "singles":
@@ -221,7 +222,7 @@ def confusion(lines: list[Case]) -> list[str]:
 
 
 def main() -> None:
-    """Runs the cases, or sums up a file of results."""
+    """Run the cases, or summarise files of results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=["singles"])
     parser.add_argument("--sizes", nargs="+", choices=list(SIZES), default=list(SIZES))

@@ -1,9 +1,9 @@
-"""Time of a 2-D FFT by each strategy, beside torch.
+"""Times a 2-D FFT with each strategy, and torch.fft for comparison.
 
     python -m benchmarks.fft_time --sizes 1024x768,512x512
 
-All jobs of a size run in turns in one process, so that a busy machine slows all alike. What the columns mean: README.md
-beside this.
+All jobs of a size alternate in one process, so that other load on the machine slows all alike. README.md explains the
+columns.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from holoview.util.errors import UserError
 
 SIZES = "1024x768,512x512,1024x1024,2048x1536"
 THREADS = 2
-"""Of torch, and what processor times are divided by."""
+"""Threads of PyTorch; CPU times are divided by it."""
 WARM_UP = 2
 
 Shape = tuple[int, int]
@@ -37,7 +37,7 @@ Field = NDArray[np.complex64]
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the benchmark and prints its table, or JSON."""
+    """Run the benchmark and print its table, or JSON."""
     args = _parser().parse_args(arguments)
     torch.set_num_threads(THREADS)
     try:
@@ -68,7 +68,7 @@ def measure(device: Device, shape: Shape, repeats: int) -> dict[str, Any]:
 def _prepared(
     device: Device, strategy: Strategy, field: Field, expected: NDArray[np.complexfloating]
 ) -> tuple[Callable[[], None], dict[str, float]]:
-    """A job that transforms a field over and over, and the error and compile time of its first run."""
+    """A job that transforms a field, and the error and compile time of its first run."""
     start = time.perf_counter()
     plan = FftPlan(device, (field.shape[0], field.shape[1]), strategy=strategy)
     buffer = device.upload(plan.pack(field), "field")
@@ -81,7 +81,7 @@ def _prepared(
     job()
     seconds = time.perf_counter() - start
     error = _error(plan.natural_order(plan.download(buffer))[0], expected)
-    device.write(buffer, np.zeros_like(plan.pack(field)))  # so that numbers don't grow from run to run
+    device.write(buffer, np.zeros_like(plan.pack(field)))  # so that values don't grow from run to run
     return job, {"error": error, "first_run_s": seconds}
 
 

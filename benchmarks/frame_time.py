@@ -1,8 +1,8 @@
-"""Time of each stage of a frame, and of a whole frame of one wavelength: the shaders beside torch in complex64.
+"""Times each stage of a frame, and a whole frame of one wavelength, in WebGPU and in PyTorch (complex64).
 
     python -m benchmarks.frame_time --size 1024x768 --propagation periodic
 
-Both run in turns in one process, so that a busy machine slows both alike. What the columns mean: README.md beside this.
+Both alternate in one process, so that other load on the machine slows both alike. README.md explains the columns.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ _KEYS = ("median_ms", "minimum_ms")
 
 Finish = Callable[[], None]
 Seconds = dict[str, dict[str, list[float]]]
-"""Samples by row and executor."""
+"""Wall times (s) by row and executor."""
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the benchmark and prints its table, or JSON."""
+    """Run the benchmark and print its table, or JSON."""
     args = _parser().parse_args(arguments)
     try:
         result = measure(_system(args), args.repeats, args.adapter)
@@ -54,18 +54,18 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def measure(system: System, repeats: int, adapter: str | None = None) -> dict[str, Any]:
-    """Times (ms), ratios, errors and circumstances of one frame: one wavelength, one source, one focal plane."""
+    """Times (ms), ratios, errors and conditions for a frame of one wavelength, one source and one focal plane."""
     plan = make_plan(system, system.planes_m[len(system.planes_m) // 2 :][:1])
     drive = random_drive(system)
     device = open_device(adapter)
-    slots = make_frame_inputs(plan, drive)
-    shaders, single = WgpuExecutor(plan, slots, device), TorchExecutor(plan, slots)
+    inputs = make_frame_inputs(plan, drive)
+    shaders, single = WgpuExecutor(plan, inputs, device), TorchExecutor(plan, inputs)
     runs: dict[str, tuple[Executor[Any], Finish]] = {
         "wgsl": (shaders, lambda: shaders.submit(wait=True)),
         "torch": (single, _nothing),
     }
 
-    for _ in range(WARM_UP):  # compiles the shaders, and builds the transfer functions that torch keeps
+    for _ in range(WARM_UP):  # compiles the shaders, and computes the transfer functions that TorchExecutor caches
         for executor, finish in runs.values():
             _stages(executor, finish)
             _frame(executor, finish)
@@ -94,9 +94,9 @@ def measure(system: System, repeats: int, adapter: str | None = None) -> dict[st
 
 
 def _frame(executor: Executor[Any], finish: Finish) -> None:
-    """One wavelength of one frame, from one source to one plane and to the observer."""
+    """Compute one wavelength of one frame from one source at one plane, and composite it."""
     plan = executor.plan
-    wavelength, frame, distance_m, weight = _chosen(plan)
+    wavelength, frame, distance_m, weight = _selection(plan)
     executor.clear(0)
     executor.clear_xyz()
     spectrum = spectrum_behind_modulators(executor, wavelength, frame, 0)
@@ -106,9 +106,9 @@ def _frame(executor: Executor[Any], finish: Finish) -> None:
 
 
 def _calls(executor: Executor[Any]) -> Iterator[tuple[str, Callable[[Any], Any]]]:
-    """The stages of `_frame` in order, each as a function of the field before it."""
+    """The stages of `_frame` in order, each as a function of the preceding field."""
     plan, e = executor.plan, executor
-    wavelength, frame, distance_m, weight = _chosen(plan)
+    wavelength, frame, distance_m, weight = _selection(plan)
     gap_m = plan.system.gap_m
     yield "illuminate", lambda _: e.illuminate(wavelength, 0)
     yield "modulate", lambda field: e.modulate(field, frame, 0, wavelength)
@@ -125,7 +125,7 @@ def _calls(executor: Executor[Any]) -> Iterator[tuple[str, Callable[[Any], Any]]
 
 
 def _stages(executor: Executor[Any], finish: Finish) -> dict[str, float]:
-    """Seconds that each stage takes in a frame, all its calls together, each call waited for."""
+    """Wall time (s) of each stage in a frame: the sum over its calls, each of which is waited for."""
     executor.clear(0)
     executor.clear_xyz()
     finish()
@@ -139,15 +139,15 @@ def _stages(executor: Executor[Any], finish: Finish) -> dict[str, float]:
     return taken
 
 
-def _chosen(plan: Plan) -> tuple[int, int, float, float]:
-    """The wavelength in the middle, the first frame that it is lit in, the plane's distance, the weight."""
+def _selection(plan: Plan) -> tuple[int, int, float, float]:
+    """The middle wavelength, the first frame in which it has light, the distance of the plane, the weight."""
     wavelength = len(plan.system.wavelengths_m) // 2
     frame = plan.lit(wavelength)[0]
     return wavelength, frame, float(plan.planes_m[0]), float(plan.weights[frame, wavelength])
 
 
 def _errors(reference: TorchExecutor, executors: dict[str, Executor[Any]]) -> dict[str, float]:
-    """Relative L2 error of the intensity of a frame, against complex128."""
+    """Relative L2 error of each executor's intensity against complex128."""
     _frame(reference, _nothing)
     expected = reference.intensity(0)
     return {name: _relative(executor.intensity(0), expected) for name, executor in executors.items()}
@@ -164,7 +164,7 @@ def _timed(call: Callable[..., None], *arguments: Any) -> float:
 
 
 def _nothing() -> None:
-    """Torch on the CPU has finished when it returns."""
+    """PyTorch on the CPU has finished when a call returns."""
 
 
 # --- results --------------------------------------------------------------------------------------------------------
@@ -183,7 +183,7 @@ def _summary(samples: dict[str, list[float]]) -> dict[str, Any]:
 
 
 def _bench_facts(plan: Plan) -> dict[str, Any]:
-    wavelength, _, distance_m, _ = _chosen(plan)
+    wavelength, _, distance_m, _ = _selection(plan)
     return {
         "preset": plan.system.name,
         "modulators": len(plan.system.modulators),
@@ -196,7 +196,7 @@ def _bench_facts(plan: Plan) -> dict[str, Any]:
 
 
 def table(result: dict[str, Any]) -> str:
-    """The result for people."""
+    """The results as a table."""
     bench, machine = result["bench"], result["machine"]
     (width, height), (padded_x, padded_y) = bench["field"], bench["padded"]
     lines = [

@@ -1,6 +1,6 @@
-"""The gallery: every study at --quick, docs/gallery.md with a figure, a picture and the claims of each.
+"""Makes docs/gallery.md: every study at the quick scale, with a figure, pictures and the claims of each.
 
-python -m benchmarks.gallery [-o out/gallery]     what was run before is kept there, and not run again
+python -m benchmarks.gallery [-o out/gallery]     results of earlier runs in this folder are used again
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DOCS = Path(__file__).resolve().parent.parent / "docs"
 FIGURE_WIDTH, PICTURE_WIDTH = 560, 256
 _MOST_PICTURES = 3
 _CHOSEN = {"model-vs-capture": ("light-2", "left-before-2", "left-after-2")}
-"""Pictures of a study by name, where the first two and the last don't belong together."""
+"""Names of the pictures of a study for which the first two and the last aren't a good choice."""
 _LINE = 120
 _QUALITY = 88
 _COLOURS = 256
@@ -41,8 +41,8 @@ gains scatter, and nothing here is a figure to quote: run a study at `--scale mi
 {versions}"""
 
 
-def found_by(study: Study, folder: Path) -> Findings:
-    """What a study finds at the quick scale; its report is written too."""
+def run_study(study: Study, folder: Path) -> Findings:
+    """Run a study at the quick scale, write its report, and return its findings."""
     with progress_bar(study.name) as report:
         results = run_jobs(study, study.jobs(QUICK, 0), ResultStore(folder / "jobs"), progress=report)
     findings = study.analyse(results)
@@ -51,7 +51,7 @@ def found_by(study: Study, folder: Path) -> Findings:
 
 
 def section(study: Study, findings: Findings, images: Path) -> str:
-    """Markdown of a study; its images are written."""
+    """Write the images of a study and return its Markdown."""
     chosen = _chosen(study, findings.pictures)
     parts = [
         f"## {study.title}",
@@ -64,7 +64,7 @@ def section(study: Study, findings: Findings, images: Path) -> str:
 
 
 def _chosen(study: Study, pictures: Sequence[StudyPicture]) -> Sequence[StudyPicture]:
-    """Those that are named for it; else the first two and the last: what is wanted, the simplest display, the best."""
+    """The pictures named in `_CHOSEN`, else the first two and the last: target, simplest display, best display."""
     if study.name in _CHOSEN:
         return [picture for picture in pictures if picture.name in _CHOSEN[study.name]]
     return pictures if len(pictures) <= _MOST_PICTURES else (*pictures[: _MOST_PICTURES - 1], pictures[-1])
@@ -85,7 +85,7 @@ def _figure(study: Study, plot: StudyFigure, images: Path) -> str:
 
 
 def _picture(study: Study, picture: StudyPicture, images: Path) -> str:
-    """Enlarged by whole pixels, so that speckle is neither invented nor smoothed away."""
+    """Write a picture enlarged by an integer factor, so that speckle isn't interpolated, and return its Markdown."""
     pixels = Image.fromarray(picture.pixels)
     scale = max(PICTURE_WIDTH // pixels.width, 1)
     name = f"{study.name}-{picture.name}.jpg"
@@ -111,7 +111,7 @@ def main() -> None:
     folder, images = parser.parse_args().output, DOCS / "images" / "gallery"
     images.mkdir(parents=True, exist_ok=True)
     parts = [HEAD.format(versions=_wrapped(f"Computed with {version_summary()}."))]
-    parts += [section(study, found_by(study, folder / study.name), images) for study in studies_by_name().values()]
+    parts += [section(study, run_study(study, folder / study.name), images) for study in studies_by_name().values()]
     with atomic_write(DOCS / "gallery.md") as temporary:
         temporary.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     print(f"{DOCS / 'gallery.md'}: {sum(file.stat().st_size for file in images.iterdir()) / 1e6:.2f} MB of images")

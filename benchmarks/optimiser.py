@@ -1,8 +1,8 @@
-"""The optimiser against autograd, its own FFTs, other libraries and Adam, side by side in one run on the CPU.
+"""Compares the optimiser with autograd, its own FFTs, other libraries and Adam in one run on the CPU.
 
     python -m benchmarks.optimiser --only speed memory
 
-What each table means, and how to install the other libraries: README.md beside this.
+README.md explains the tables and how to install the other libraries.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import Any
 import torch
 
 from benchmarks import optimiser_convergence, optimiser_memory, optimiser_peers, optimiser_speed
+from benchmarks.common import count_of
 from holoview import __version__
 
 Section = tuple[Callable[[argparse.Namespace], Any], Callable[[Any], str]]
@@ -35,7 +36,7 @@ SECTIONS: dict[str, Section] = {
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the sections asked for; prints each when it is done."""
+    """Run the chosen sections and print each when it is ready."""
     args = _parser().parse_args(arguments)
     results: dict[str, Any] = {"machine": _machine(), "size": args.size, "repeats": args.repeats}
     print(", ".join(f"{name} {value}" for name, value in results["machine"].items()))
@@ -65,22 +66,16 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--size", nargs=2, type=_even, default=[768, 1024], metavar=("Y", "X"), help="simulated samples"
     )
-    parser.add_argument("--repeats", type=_count, default=7, help="iterations timed, after two that aren't")
-    parser.add_argument("--threads", nargs="+", type=_count, default=[torch.get_num_threads(), 1], help="of torch")
-    parser.add_argument("--seeds", type=_count, default=2, help="first patterns a target (convergence)")
-    parser.add_argument("--long", type=_count, default=1000, help="iterations of the long run (convergence)")
+    parser.add_argument("--repeats", type=count_of, default=7, help="iterations timed, after two that aren't")
+    parser.add_argument("--threads", nargs="+", type=count_of, default=[torch.get_num_threads(), 1], help="of torch")
+    parser.add_argument("--seeds", type=count_of, default=2, help="first patterns a target (convergence)")
+    parser.add_argument("--long", type=count_of, default=1000, help="iterations of the long run (convergence)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="where to write the numbers, unrounded")
     return parser
 
 
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f'"{text}": expected a whole number from 1')
-    return int(text)
-
-
 def _even(text: str) -> int:
-    count = _count(text)
+    count = count_of(text)
     if count % 2:
         raise argparse.ArgumentTypeError(f'"{text}": expected an even number, two samples a pixel')
     return count

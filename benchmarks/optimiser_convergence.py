@@ -1,8 +1,9 @@
 """How many FFTs a good hologram costs: the optimiser against torch's Adam at a constant rate of 0.1 rad.
 
-A long run of each says how good a hologram can become; good is within 0.2 dB of the better of them. Both begin with the
-same random patterns and solve the amplitudes in closed form each tenth iteration. Our steps shrink over the planned
-iterations, so ours is the least plan that ends there (by bisection); Adam's is the first iteration that is there.
+A long run of each shows which quality can be reached; the goal is 0.2 dB below the better of the two. Both start from
+the same random patterns and solve the amplitudes in closed form each tenth iteration. The optimiser's steps shrink over
+the planned number of iterations, so its result is the smallest plan that reaches the goal at its end, found by
+bisection. Adam's result is the first iteration that reaches the goal.
 """
 
 from __future__ import annotations
@@ -19,26 +20,28 @@ from scipy.optimize import nnls
 
 import holoview as hv
 from benchmarks.baselines import Autograd, Cached, Work
+from benchmarks.common import markdown_table
 from benchmarks.optimiser_ffts import FftCount, iteration_ffts
-from benchmarks.optimiser_work import colour_work, markdown, threads
+from benchmarks.optimiser_work import colour_work
+from holoview.benchmark.torch_baseline import torch_threads
 
 SIZE = (192, 256)
 TARGETS = ("still-life", "resolution")
 MARGIN_DB = 0.2
 _RATE_RAD, _BETAS = 0.1, (0.9, 0.999)
 _EVERY = 10  # iterations between two solutions of the amplitudes
-_SHORTEST, _FINENESS = 10, 1.05  # of the plans tried: fewest iterations, ratio of neighbours
+_SHORTEST, _RATIO = 10, 1.05  # of the bisection: fewest iterations, and the ratio at which it stops
 
 Curve = list[tuple[int, float]]
-"""Iterations made and PSNR (dB)."""
+"""Number of iterations and PSNR (dB)."""
 
 
 def measure(seeds: int, long: int) -> list[dict[str, Any]]:
-    """A row for each target and seed, from long runs of `long` iterations; each is shown when it is done, too."""
+    """A row for each target and seed, with `long` iterations in the long runs; prints each row when it is ready."""
     rows = []
     for target in TARGETS:
         for seed in range(seeds):
-            with threads(1):  # small FFTs
+            with torch_threads(1):  # small FFTs
                 rows.append(_compare(colour_work(SIZE, target, seed), long, target, seed))
             print(report(rows[-1:]), file=sys.stderr, flush=True)
     return rows
@@ -67,16 +70,19 @@ def _compare(work: Work, long: int, target: str, seed: int) -> dict[str, Any]:
 
 
 def planned(work: Work, iterations: int) -> tuple[float, float]:
-    """PSNR (dB) that a run of so many iterations ends at, and the FFTs it makes."""
+    """Final PSNR (dB) of a run planned for `iterations`, and its number of FFTs."""
     with FftCount(SIZE) as ffts:
         *_, state = hv.iterate(work.system, work.stack, hv.Settings(iterations=iterations), start=work.drive)
     return state.psnr_db, ffts.count
 
 
 def shortest_plan(work: Work, goal_db: float, longest: int, ffts: float) -> tuple[int, float]:
-    """The fewest iterations, to 5 %, whose run ends at the goal, and its FFTs; the longest does, by `ffts` FFTs."""
+    """The fewest iterations (to 5 %) whose run reaches the goal, and its FFTs.
+
+    longest, ffts: iterations and FFTs of a run that is known to reach it.
+    """
     low, high = _SHORTEST, longest
-    while high > max(low + 1, _FINENESS * low):
+    while high > max(low + 1, _RATIO * low):
         middle = round(math.sqrt(low * high))
         final_db, made = planned(work, middle)
         if final_db >= goal_db:
@@ -87,20 +93,20 @@ def shortest_plan(work: Work, goal_db: float, longest: int, ffts: float) -> tupl
 
 
 def adam_curve(adam: Autograd, iterations: int) -> Curve:
-    """PSNR each tenth iteration of Adam, with amplitudes solved for the patterns of that moment."""
+    """PSNR at each tenth iteration of Adam, with the amplitudes solved for the patterns of that iteration."""
     curve = []
     for made in range(iterations + 1):
         intensities = adam.intensities(adam.drive)
         if made % _EVERY == 0:
-            known = intensities.detach()
-            adam.amplitudes = solved_amplitudes(known, adam.colours, adam.target)
-            curve.append((made, psnr_db(adam.image(known), adam.target)))
+            fixed = intensities.detach()
+            adam.amplitudes = solved_amplitudes(fixed, adam.colours, adam.target)
+            curve.append((made, psnr_db(adam.image(fixed), adam.target)))
         adam.move(torch.nn.functional.mse_loss(adam.image(intensities), adam.target))
     return curve
 
 
 def psnr_db(image: torch.Tensor, target: torch.Tensor) -> float:
-    """Of linear sRGB clipped to 0…1, mean over planes, as `State.psnr_db`."""
+    """PSNR (dB) of linear sRGB clipped to 0…1, mean over planes, as `IterationState.psnr_db`."""
     errors = (image.clamp(0, 1) - target.clamp(0, 1)).square().mean(dim=(1, 2, 3))
     return float(-10 * torch.log10(errors).mean())
 
@@ -109,15 +115,15 @@ def solved_amplitudes(
     intensities: torch.Tensor, colours: NDArray[np.float64], target: torch.Tensor
 ) -> NDArray[np.float64]:
     """argmin over a ≥ 0 of |Σ a·colour·intensity − target|²: (wavelength,)."""
-    light, wanted = intensities.flatten(1).double(), target.movedim(1, 0).flatten(1).double()
+    light, targets = intensities.flatten(1).double(), target.movedim(1, 0).flatten(1).double()
     gram = (light @ light.T).numpy() * (colours @ colours.T)
-    right = np.einsum("lc,lc->l", colours, (light @ wanted.T).numpy())
+    right = np.einsum("lc,lc->l", colours, (light @ targets.T).numpy())
     root = np.linalg.cholesky(gram).T
     return np.asarray(nnls(root, np.linalg.solve(root.T, right))[0])
 
 
 def report(rows: Sequence[dict[str, Any]]) -> str:
-    """The result for people."""
+    """The results as a table."""
     header = ["target, seed", "long run, dB", "Adam's, dB", "iterations", "Adam's", "FFTs", "Adam's", "ratio"]
     cells = []
     for row in rows:
@@ -134,4 +140,4 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
                 ratio,
             ]
         )
-    return markdown(header, cells)
+    return markdown_table(header, cells)

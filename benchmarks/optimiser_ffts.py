@@ -1,4 +1,4 @@
-"""FFTs: how many an iteration makes, and how long they take alone, which no arithmetic around them can beat."""
+"""Counts the FFTs of an iteration, and times them alone, which is a lower limit of the time of an iteration."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _FFTS = {"_fft_c2c", "_fft_r2c", "_fft_c2r"}
 
 
 class FftCount(TorchDispatchMode):
-    """Counts the FFTs that torch makes inside a block, autograd's too, as 2-D ones of `size` (y, x) samples.
+    """Counts the FFTs that PyTorch (including autograd) computes inside a block, in units of 2-D FFTs of `size` (y, x).
 
-    A batch counts by its fields, a smaller field by its share of samples, one axis of two as a half.
+    Each field of a batch counts; smaller fields count by their number of samples, and a 1-D FFT counts as a half.
     """
 
     def __init__(self, size: Sequence[int]) -> None:
@@ -43,15 +43,17 @@ class FftCount(TorchDispatchMode):
 
 
 def iteration_ffts(system: System) -> float:
-    """Full-size FFTs that loss and gradient take: forward and backward, each wavelength has one of the pixels
-    (1/upsample² of a field's samples), one a plane and, with a second modulator, one before and one behind it.
+    """Number of full-size FFTs for loss and gradient.
+
+    For each wavelength, forward and backward: one of the modulator's pixels (1/upsample² of the samples), one for each
+    plane, and with a second modulator two more.
     """
     one_way = 1 / system.sampling.upsample**2 + len(system.planes_m) + (2 if system.gap_m is not None else 0)
     return 2 * one_way * len(system.wavelengths_m)
 
 
 class Floor:
-    """The FFTs of one iteration and nothing else, from and to memory that is already there."""
+    """Computes the FFTs of one iteration and nothing else, in memory that is already allocated."""
 
     def __init__(self, system: System) -> None:
         rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)

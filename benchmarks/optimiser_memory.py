@@ -1,7 +1,7 @@
-"""Peak memory of a few iterations, each way of computing them in a process of its own.
+"""Peak memory of a few iterations of the optimiser and of its baselines, each in a process of its own.
 
-Measured above what is resident when the libraries are loaded and the target and the first drive exist. The peak is
-reset there where the system allows it (Linux); elsewhere it is the process's highest so far.
+The memory that is resident after loading the libraries, the target and the first drive is subtracted. On Linux the peak
+is reset at this moment; on other systems it is the highest value since the start of the process.
 
     python -m benchmarks.optimiser_memory "autograd, cached H" 768 1024
 """
@@ -18,23 +18,24 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.baselines import Cached, Textbook, Work
+from benchmarks.common import markdown_table
 from benchmarks.optimiser_speed import CACHED, OWN, SOLVING, TEXTBOOK
-from benchmarks.optimiser_work import colour_work, markdown, ours
+from benchmarks.optimiser_work import colour_work, ours
 
 VARIANTS = (OWN, SOLVING, TEXTBOOK, CACHED)
 _ITERATIONS = 3
 
 
 def measure(size: Sequence[int]) -> dict[str, dict[str, float]]:
-    """Peak (MB) of each variant, and ours as a share of it."""
+    """Peak (MB) of each variant, and the ratio of the optimiser's peak to it."""
     peaks = {name: _in_process(name, size) for name in VARIANTS}
     return {name: {"peak_mb": peak, "ratio": peaks[OWN] / peak} for name, peak in peaks.items()}
 
 
 def report(result: dict[str, dict[str, float]]) -> str:
-    """The result for people."""
+    """The results as a table."""
     rows = [[name, f"{row['peak_mb']:.0f}", f"{row['ratio']:.3f}"] for name, row in result.items()]
-    return markdown(["peak memory", "MB", "holoview ÷ it"], rows)
+    return markdown_table(["peak memory", "MB", "holoview ÷ it"], rows)
 
 
 def peak_mb(variant: str, work: Work) -> float:
@@ -59,7 +60,7 @@ def _in_process(variant: str, size: Sequence[int]) -> float:
 
 
 def _reset() -> float:
-    """Lets the peak begin at what is resident now, and gives it (MB)."""
+    """Reset the peak to the resident memory, if the system allows it, and return it (MB)."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
     return _peak()

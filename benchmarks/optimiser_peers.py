@@ -1,4 +1,4 @@
-"""An iteration of the optimiser beside odak's and torchoptics' on one wavelength, one modulator and 3 planes."""
+"""Times an iteration of the optimiser, of odak and of torchoptics: one wavelength, one modulator, 3 planes."""
 
 from __future__ import annotations
 
@@ -7,38 +7,39 @@ from typing import Any
 
 from benchmarks.baselines import Work
 from benchmarks.baselines_peers import LIBRARIES, PEERS, OdakOptimiser, Peer, installed
-from benchmarks.optimiser_work import Run, interleaved, mono_work, ours, summary, threads, times_table
+from benchmarks.optimiser_work import Run, interleaved, mono_work, ours, summary, times_table
+from holoview.benchmark.torch_baseline import torch_threads
 
 OWN, ODAK_OPTIMISER = "holoview", "odak, multi_color_hologram_optimizer"
 PADDINGS = {"none": (1, "periodic"), "twofold": (2, "linear")}
 
 
 def measure(size: Sequence[int], repeats: int, thread_counts: Sequence[int]) -> dict[str, Any]:
-    """By padding: differences of the losses, times by number of threads. Versions: None for what isn't installed."""
+    """For each padding the differences of the losses and the times; versions are None for missing libraries."""
     result: dict[str, Any] = {"versions": {library: installed(library) for library in LIBRARIES}, "paddings": {}}
     for name, (padding, propagation) in PADDINGS.items():
         work = mono_work(size, propagation)
         found: dict[str, Any] = {"loss_differences": loss_differences(work, padding), "threads": {}}
         for count in thread_counts:
-            with threads(count):
+            with torch_threads(count):
                 found["threads"][str(count)] = summary(interleaved(_runs(work, padding), repeats), OWN)
         result["paddings"][name] = found
     return result
 
 
 def loss_differences(work: Work, padding: int) -> dict[str, float]:
-    """Relative difference of each peer's first loss from ours: how nearly they solve the same problem."""
+    """Relative difference of each library's first loss from the optimiser's, since their models differ slightly."""
     loss = next(ours(work)).loss
     return {name: abs(peer.loss().item() / loss - 1) for name, peer in _peers(work, padding).items()}
 
 
 def _peers(work: Work, padding: int) -> dict[str, Peer]:
-    """Those that are installed."""
+    """The installed libraries."""
     return {name: make(work, padding) for name, (library, make) in PEERS.items() if installed(library)}
 
 
 def _runs(work: Work, padding: int) -> dict[str, Run]:
-    """An iteration of ours and of each library that is there."""
+    """An iteration of the optimiser and of each installed library."""
     states = ours(work)
     runs: dict[str, Run] = {OWN: lambda: next(states)}
     runs |= {name: peer.step for name, peer in _peers(work, padding).items()}
@@ -48,7 +49,7 @@ def _runs(work: Work, padding: int) -> dict[str, Run]:
 
 
 def report(result: dict[str, Any]) -> str:
-    """The result for people."""
+    """The results as tables."""
     lines = [", ".join(f"{library} {number or 'not installed'}" for library, number in result["versions"].items())]
     names = [OWN, *PEERS, ODAK_OPTIMISER]
     for padding, found in result["paddings"].items():

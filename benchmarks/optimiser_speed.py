@@ -1,4 +1,4 @@
-"""An iteration of the optimiser beside autograd's and beside its own FFTs: first that they agree, then how long."""
+"""Compares an iteration of the optimiser with autograd (first the results, then the time) and with its FFTs alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import torch
 
 from benchmarks.baselines import Autograd, Cached, Textbook, Work
 from benchmarks.optimiser_ffts import FftCount, Floor, iteration_ffts
-from benchmarks.optimiser_work import colour_work, interleaved, ours, summary, threads, times_table
+from benchmarks.optimiser_work import colour_work, interleaved, ours, summary, times_table
+from holoview.benchmark.torch_baseline import torch_threads
 
 OWN, SOLVING = "holoview", "holoview, amplitudes solved too"
 TEXTBOOK, CACHED, FLOOR = "autograd, textbook", "autograd, cached H", "its FFTs alone"
@@ -25,8 +26,12 @@ _WEAK = 0.01  # of the r.m.s. slope: below this, rounding decides the sign
 
 @dataclass(frozen=True)
 class Agreement:
-    """Relative difference of the loss at the start and after our first step; share of pixels that we move against
-    the baseline's gradient; relative L2 difference of the baseline's gradient from that with cached H."""
+    """Agreement of a baseline with the optimiser.
+
+    loss, loss_after: relative difference of the loss at the start and after the optimiser's first step. downhill:
+    fraction of pixels that this step moves against the baseline's gradient. gradient: relative L2 difference of the
+    baseline's gradient from that with cached transfer functions.
+    """
 
     loss: float
     loss_after: float
@@ -35,7 +40,7 @@ class Agreement:
 
 
 def check(work: Work) -> dict[str, Agreement]:
-    """Compares both baselines with the optimiser. Raises RuntimeError where they don't compute the same."""
+    """Compare both baselines with the optimiser. Raises RuntimeError if a difference exceeds its tolerance."""
     states = ours(work)
     start, after = next(states), next(states)
     moved = torch.from_numpy(after.best.drive[0])
@@ -55,7 +60,7 @@ def check(work: Work) -> dict[str, Agreement]:
 def _compare(
     baseline: Autograd, our_loss: float, our_loss_after: float, moved: torch.Tensor, reference: torch.Tensor | None
 ) -> tuple[Agreement, torch.Tensor]:
-    """A baseline against our losses and the drive that we moved to, and its gradient at the start."""
+    """Agreement of a baseline with the optimiser's losses and first step, and the baseline's gradient at the start."""
     loss = baseline.loss(baseline.drive)
     (slope,) = torch.autograd.grad(loss, baseline.drive)
     with torch.no_grad():
@@ -70,13 +75,13 @@ def _compare(
 
 
 def _downhill(slope: torch.Tensor, step: torch.Tensor) -> float:
-    """Share of the pixels that move and have a slope worth mentioning in which the step goes against it."""
+    """Fraction of pixels whose step goes against the slope, among those with a step and a significant slope."""
     counts = (slope.abs() > _WEAK * slope.square().mean().sqrt()) & (step != 0)
     return float((slope * step < 0)[counts].float().mean())
 
 
 def counted_ffts(work: Work) -> float:
-    """FFTs that torch makes in one of our iterations."""
+    """FFTs that PyTorch computes in one iteration of the optimiser."""
     states = ours(work)
     next(states)
     rows, columns = (n * work.system.sampling.upsample for n in work.system.modulators[0].shape)
@@ -95,13 +100,13 @@ def measure(size: Sequence[int], repeats: int, thread_counts: Sequence[int]) -> 
         "threads": {},
     }
     for count in thread_counts:
-        with threads(count):
+        with torch_threads(count):
             result["threads"][str(count)] = _times(work, repeats)
     return result
 
 
 def _times(work: Work, repeats: int) -> dict[str, dict[str, float]]:
-    """A run is loss, gradient and Adam's step; one of ours solves the amplitudes too, by default done in 1 of 10."""
+    """Times of an iteration: loss, gradient, Adam's step. SOLVING solves the amplitudes in each, not in each tenth."""
     plain, solving = ours(work), ours(work, free=("patterns", "amplitudes"), amplitudes_every=1)
     runs = {
         OWN: lambda: next(plain),
@@ -114,7 +119,7 @@ def _times(work: Work, repeats: int) -> dict[str, dict[str, float]]:
 
 
 def report(result: dict[str, Any]) -> str:
-    """The result for people."""
+    """The results as text and tables."""
     lines = []
     for name, found in result["agreement"].items():
         lines.append(

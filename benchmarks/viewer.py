@@ -1,9 +1,9 @@
-"""How soon the viewer answers: input while an image is computed, a quick frame after a scrub, and the window alone.
+"""Measures how fast the viewer responds to input while it computes, after a change of plane or gap, and when idle.
 
     python -m benchmarks.viewer [--preset NAME] [--size WxH] [--adapter NAME]
 
-Off screen, at 1280 × 800. An answer is a frame that was drawn and read back after the event. The event is taken to
-arrive when a slice of computing begins, which is the worst moment.
+The window is off screen, by default 1280 × 800 pixels. A response is a frame that was drawn and read back after the
+event. The event arrives when a slice of the computation begins, which is the worst case.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ EVENTS = 24
 
 
 def main() -> None:
-    """Prints a table of medians and the worst."""
+    """Print a table of medians and maxima."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--preset", default="holochrome-8")
     parser.add_argument("--size", default="1280x800")
@@ -53,37 +53,37 @@ def main() -> None:
 
 
 def _while_computing(driver: InputDriver, edit: Callable[[int], None]) -> list[float]:
-    """Moves of the pointer, each answered while slices of a full frame are computed."""
-    answers: list[float] = []
+    """Seconds to respond to each of several pointer moves, while slices of a full frame are computed."""
+    seconds: list[float] = []
     for number in range(EVENTS):
         if not driver.context.side_renderers.now.is_busy:
             edit(number)
-        begun = time.perf_counter()
+        start = time.perf_counter()
         driver.app.compute_slice()
         driver.move((400 + 5.0 * number, 300))
-        answers.append(time.perf_counter() - begun)
+        seconds.append(time.perf_counter() - start)
         time.sleep(driver.context.side_renderers.wait_s)
-    return answers
+    return seconds
 
 
 def _scrub(driver: InputDriver, plane_m: float) -> float:
-    """From a change of the focal plane to its quick frame on the screen, the window drawn between slices as it is."""
-    begun, version = time.perf_counter(), driver.context.side_renderers.now.picture
+    """Seconds from a change of the focal plane until its quick frame is drawn."""
+    start, version = time.perf_counter(), driver.context.side_renderers.now.picture
     _plane(driver, plane_m)
     while driver.context.side_renderers.now.picture is version:
         driver.app.compute_slice()
     driver.draw_frames()
-    return time.perf_counter() - begun
+    return time.perf_counter() - start
 
 
 def _full(driver: InputDriver, change: Callable[[int], None], number: int) -> float:
-    """From an edit to the full frame, the rest of the hand and the quick frame before it included."""
-    begun = time.perf_counter()
+    """Seconds from an edit to the full frame, including the pause and the quick frame that precede it."""
+    start = time.perf_counter()
     change(number)
     driver.app.compute_slice()
     while driver.context.side_renderers.is_busy:
         driver.app.compute_slice()
-    return time.perf_counter() - begun
+    return time.perf_counter() - start
 
 
 def _plane(driver: InputDriver, plane_m: float) -> None:
@@ -95,9 +95,9 @@ def _gap(driver: InputDriver, gap_m: float) -> None:
 
 
 def _timed(call: Callable[[], object]) -> float:
-    begun = time.perf_counter()
+    start = time.perf_counter()
     call()
-    return time.perf_counter() - begun
+    return time.perf_counter() - start
 
 
 def _line(name: str, seconds: list[float]) -> None:
