@@ -11,7 +11,8 @@ from holoview.app.run import run_in_browser, run_offscreen, run_on_screen
 from holoview.app.serve import Address
 from holoview.gpu.device import Device, open_device
 from holoview.model.system import System
-from holoview.session.editing_session import EditingSession, middle_plane
+from holoview.session.document import middle_plane
+from holoview.session.editing_session import EditingSession
 from holoview.session.session_store import SessionStore
 from holoview.session.view_settings import SPECKLE_EXPOSURE_STOPS, ViewSettings
 from holoview.util.errors import UserError

@@ -100,29 +100,29 @@ class Viewport:
         a: DeviceImage,
         b: DeviceImage | None,
         view: ViewSettings,
-        frame: VisibleArea,
+        area: VisibleArea,
         *,
         shows_b: bool = False,
     ) -> bool:
-        """Draws where something has changed; whether `view` is another one than before.
+        """Draws, if anything has changed; returns whether the texture was replaced by one of another size.
 
-        b: the other side of the comparison, a alone when None. holds_b: b is shown in place of a.
+        a, b: the sides of the comparison; only a is shown when b is None. shows_b: shows b in place of a.
         """
-        is_new = self._resize(frame.size)
+        is_new = self._resize(area.size)
         b_or_a = a if b is None else b
         view = view if b is not None else replace(view, compare="off")
-        asked = (a.buffer, a.version, a.gain, b_or_a.buffer, b_or_a.version, b_or_a.gain, view, frame, shows_b)
-        if asked == self._drawn and not is_new:
+        inputs = (a.buffer, a.version, a.gain, b_or_a.buffer, b_or_a.version, b_or_a.gain, view, area, shows_b)
+        if inputs == self._drawn and not is_new:
             return False
-        self._device.write(self._uniform, _pack_uniform(a, b_or_a, view, frame))
+        self._device.write(self._uniform, _pack_uniform(a, b_or_a, view, area))
         source = link(GeneratedWgsl("structs", VIEWPORT.wgsl), "display/viewport.wgsl")
-        pipeline = self._device.pipeline(source, _constants(a, b_or_a, view, frame, shows_b and b is not None))
+        pipeline = self._device.pipeline(source, _constants(a, b_or_a, view, area, shows_b and b is not None))
         groups = [[self._uniform], [a.buffer, b_or_a.buffer, self._colour_map(view), self.view]]
-        tiles = (-(-frame.size[0] // _TILE), -(-frame.size[1] // _TILE), 1)
+        tiles = (-(-area.size[0] // _TILE), -(-area.size[1] // _TILE), 1)
         recorder = CommandRecorder(self._device, self._label)
         recorder.add(Dispatch.bind(self._device, pipeline, groups, tiles))
         recorder.submit()
-        self._drawn = asked
+        self._drawn = inputs
         return is_new
 
     def pixels(self) -> NDArray[np.uint8]:
@@ -165,11 +165,11 @@ def colour_map_of(view: ViewSettings) -> str:
 
 
 def _constants(
-    a: DeviceImage, b: DeviceImage, view: ViewSettings, frame: VisibleArea, only_b: bool
+    a: DeviceImage, b: DeviceImage, view: ViewSettings, area: VisibleArea, only_b: bool
 ) -> dict[str, int | float | bool]:
     """The shader's override constants: comparison, tone mapping, and how many samples a pixel covers."""
     shape = max(a.shape, b.shape)
-    covered = max(frame.step[0] * shape[1], frame.step[1] * shape[0])
+    covered = max(area.step[0] * shape[1], area.step[1] * shape[0])
     taps = next((taps for most, taps in _TAPS if covered <= most), _SPARSE_TAPS)
     return {
         "comparison": _COMPARISONS[view.compare],
@@ -183,7 +183,7 @@ def _constants(
     }
 
 
-def _pack_uniform(a: DeviceImage, b: DeviceImage, view: ViewSettings, frame: VisibleArea) -> bytes:
+def _pack_uniform(a: DeviceImage, b: DeviceImage, view: ViewSettings, area: VisibleArea) -> bytes:
     rows = np.zeros((3, 4))
     matrix = np.array([[0.0, 1.0, 0.0]]) if view.page == "phase" else channel_matrix(view.channel)
     scale = 1.0 if view.page == "phase" else 2.0**view.exposure_stops / (view.high - view.low)
@@ -196,13 +196,13 @@ def _pack_uniform(a: DeviceImage, b: DeviceImage, view: ViewSettings, frame: Vis
         channel_g=second,
         channel_b=third,
         background=(*BACKGROUND, 1.0),
-        origin=frame.origin,
-        step=frame.step,
+        origin=area.origin,
+        step=area.step,
         size_a=a.shape[::-1],
         size_b=b.shape[::-1],
-        size=frame.size,
+        size=area.size,
         gain_a=a.gain,
         gain_b=b.gain,
-        split=view.wipe * frame.size[0],
+        split=view.wipe * area.size[0],
         gamma=view.gamma,
     )

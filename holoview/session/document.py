@@ -94,6 +94,11 @@ class Document:
         return document
 
 
+def middle_plane(system: System) -> float:
+    """The median focal plane in metres, which a new session displays."""
+    return float(np.sort(system.planes_m)[len(system.planes_m) // 2])
+
+
 def is_same_document(one: Document, other: Document) -> bool:
     """Whether two documents are equal. Drives and targets are compared by identity, as edits share unchanged ones."""
     if one.drive is not other.drive or one.target_spec is not other.target_spec:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from holoview.model.system import System
 from holoview.session.call_queue import CallQueue
 from holoview.session.changes import CHANGE_KINDS, Change, Listeners, changed_kinds
-from holoview.session.document import Document, Drive, is_same_document
+from holoview.session.document import Document, Drive, is_same_document, middle_plane
 from holoview.session.history import History, HistoryStep
 from holoview.session.jobs import JobManager
 from holoview.session.messages import MessageLog
@@ -298,8 +298,3 @@ class EditingSession:
         if kinds:
             self.version += 1
         self._listeners.notify(*kinds)
-
-
-def middle_plane(system: System) -> float:
-    """The median focal plane in metres, which a new session displays."""
-    return float(np.sort(system.planes_m)[len(system.planes_m) // 2])

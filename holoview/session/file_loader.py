@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.model.system import System
-from holoview.session.editing_session import EditingSession, middle_plane
+from holoview.session.document import middle_plane
+from holoview.session.editing_session import EditingSession
 from holoview.session.file_reader import FileContent, read_content, target_from_image_bytes, target_from_pixels
 from holoview.session.file_watcher import POLL_INTERVAL_S, FileWatcher
 from holoview.session.jobs import BackgroundJob, JobControl

@@ -1,4 +1,4 @@
-"""A viewer without a screen, of a small bench, and a hand that moves in it; pictures compared with kept ones."""
+"""A viewer of a small system that draws off screen, driven by synthetic events; comparison with reference pictures."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def small_bench(**changes: Any) -> System:
 
 
 class Gui(InputDriver):
-    """A driver, and ImGui's test engine for widgets by name."""
+    """An input driver with ImGui's test engine, which finds widgets by name."""
 
     def __init__(self, app: App, engine: dict[str, Any]) -> None:
         super().__init__(app)

@@ -9,6 +9,7 @@ import pytest
 
 from holoview.app.panels.image import ImagePanel
 from holoview.app.readout import describe_pixel
+from holoview.colour import srgb_encode, xyz_to_linear_srgb
 from holoview.session.colour_maps import colour_map
 from holoview.session.file_reader import target_from_pixels
 from holoview.session.tone_mapping import compose_comparison, tone_map
@@ -172,8 +173,6 @@ def test_a_difference_acts_on_exposed_channels(pinned: Gui) -> None:
     pinned.draw_until_idle()
     look = pinned.session.view_settings
     a, b = pinned.context.side_renderers.xyz(look.a), pinned.context.side_renderers.xyz(look.b)
-    from holoview.colour import srgb_encode, xyz_to_linear_srgb
-
     difference = np.abs(xyz_to_linear_srgb(a - b)) * 2.0**look.exposure_stops
     expected = np.rint(255 * srgb_encode(np.clip(difference, 0, 1)))
     assert np.abs(_shown(pinned)[0] - expected).max() <= LEVEL

@@ -7,12 +7,13 @@ from imgui_bundle import imgui
 from numpy.typing import NDArray
 
 from holoview.app.context import AppContext
+from holoview.app.image_labels import draw_centred_text, draw_label, side_labels, waiting_text
 from holoview.app.panel import Panel
 from holoview.app.plane_sheet import PlaneSheet
 from holoview.app.readout import draw_readout, readout_height
-from holoview.app.viewport import DeviceImage, Viewport, VisibleArea, visible_area_of, zoom_to_fit
+from holoview.app.viewport import DeviceImage, Viewport, VisibleArea, pane_count, visible_area_of, zoom_to_fit
 from holoview.session.focal_plane import step_focus
-from holoview.session.view_settings import DERIVED_PAGES, TARGET, ViewSettings, displayed_side
+from holoview.session.view_settings import DERIVED_PAGES, ViewSettings, displayed_side
 
 _ZOOM_PER_NOTCH = 1.25  # of the wheel
 _MAX_ZOOM, _MIN_ZOOM = 64.0, 0.05
@@ -72,7 +73,7 @@ class ImagePanel(Panel):
         )
         b = context.side_renderers.picture(view.b) if is_compared else None
         if a is None:
-            _draw_text(_waiting_text(context, view), size)
+            draw_centred_text(waiting_text(context, view), size)
         else:
             self._draw_picture(context, a, b, view, size, corner)
         draw_readout(context, self._under_pointer(a, corner))
@@ -145,8 +146,8 @@ class ImagePanel(Panel):
                 1.5,
             )
         has_target = context.session.target_spec is not None
-        for text, share in _side_names(view, self.shows_b, has_target):
-            _label(draw_list, text, imgui.ImVec2(corner.x + share * size[0] + 8, corner.y + 6))
+        for text, share in side_labels(view, self.shows_b, has_target):
+            draw_label(draw_list, text, imgui.ImVec2(corner.x + share * size[0] + 8, corner.y + 6))
         draw_list.pop_clip_rect()
 
     def _to_screen(self, x: float, y: float, shape: tuple[int, int], corner: imgui.ImVec2) -> imgui.ImVec2:
@@ -189,25 +190,20 @@ class ImagePanel(Panel):
     ) -> None:
         """The place under the pointer stays where it is."""
         assert self.visible_area is not None
-        view, frame = context.session.view_settings, self.visible_area
-        fit = zoom_to_fit(view, frame.size, shape)
-        zoom = min(max((view.zoom or fit) * factor, min(_MIN_ZOOM, fit)), _MAX_ZOOM)
-        panes = 2 if view.compare == "side-by-side" else 1
-        width = frame.size[0] // panes
+        view, area = context.session.view_settings, self.visible_area
+        zoom = _scaled_zoom(view, zoom_to_fit(view, area.size, shape), factor)
+        panes = pane_count(view)
+        width = area.size[0] // panes
         x, y = self._to_viewport(pointer, corner)
         x = x % width if panes == 2 else x
-        u, v = frame.to_image(x, y)
-        centre = (u - (x - width / 2) / (zoom * shape[1]), v - (y - frame.size[1] / 2) / (zoom * shape[0]))
+        u, v = area.to_image(x, y)
+        centre = (u - (x - width / 2) / (zoom * shape[1]), v - (y - area.size[1] / 2) / (zoom * shape[0]))
         _edit_zoom(context, zoom=zoom, centre=centre)
 
     def _zoom_by(self, context: AppContext, factor: float) -> None:
-        view = context.session.view_settings
-        fit = (
-            zoom_to_fit(view, self.visible_area.size, context.session.document.image_shape)
-            if self.visible_area
-            else 1.0
-        )
-        _edit_zoom(context, zoom=min(max((view.zoom or fit) * factor, _MIN_ZOOM), _MAX_ZOOM))
+        view, shape, area = context.session.view_settings, context.session.document.image_shape, self.visible_area
+        fit = 1.0 if area is None else zoom_to_fit(view, area.size, shape)
+        _edit_zoom(context, zoom=_scaled_zoom(view, fit, factor))
 
     def _begin_drag(self, context: AppContext, shape: tuple[int, int], corner: imgui.ImVec2, io: imgui.IO) -> None:
         view = context.session.view_settings
@@ -264,40 +260,6 @@ def _edit_zoom(context: AppContext, **fields: object) -> None:
     context.attempt(context.session.edit_view, "Zoom", undoable=False, **fields)
 
 
-def _side_names(view: ViewSettings, shows_b: bool, has_target: bool) -> list[tuple[str, float]]:
-    """Texts above the image and their positions as fractions of its width."""
-    if view.page != "image" or view.compare == "off":
-        return []
-    a, b = (
-        "no target yet: open a picture" if side == TARGET and not has_target else side.label
-        for side in (view.a, view.b)
-    )
-    if view.compare == "hold":
-        return [(b if shows_b else f"{a}   (hold B: {b})", 0.0)]
-    if view.compare == "difference":
-        return [(f"{a} − {b}", 0.0)]
-    return [(a, 0.0), (b, 0.5 if view.compare == "side-by-side" else view.wipe)]
-
-
-def _label(draw_list: imgui.ImDrawList, text: str, position: imgui.ImVec2) -> None:
-    size = imgui.calc_text_size(text)
-    low, high = (
-        imgui.ImVec2(position.x - 4, position.y - 2),
-        imgui.ImVec2(position.x + size.x + 4, position.y + size.y + 2),
-    )
-    draw_list.add_rect_filled(low, high, imgui.IM_COL32(0, 0, 0, 170), 3)
-    draw_list.add_text(position, imgui.IM_COL32(255, 255, 255, 255), text)
-
-
-def _waiting_text(context: AppContext, view: ViewSettings) -> str:
-    if view.page == "target" and context.session.target_spec is None:
-        return "no target yet: open a picture"
-    return "computing the first image" if context.is_busy else "nothing to show"
-
-
-def _draw_text(text: str, size: tuple[int, int]) -> None:
-    """Draws a text in the middle of the area of the image."""
-    imgui.dummy(imgui.ImVec2(*size))
-    place = imgui.get_item_rect_min()
-    where = imgui.ImVec2(place.x + size[0] / 2 - imgui.calc_text_size(text).x / 2, place.y + size[1] / 2)
-    imgui.get_window_draw_list().add_text(where, imgui.get_color_u32(imgui.Col_.text_disabled), text)
+def _scaled_zoom(view: ViewSettings, fit: float, factor: float) -> float:
+    """The present zoom times a factor, within limits that include `fit`, at which the whole image is visible."""
+    return min(max((view.zoom or fit) * factor, min(_MIN_ZOOM, fit)), _MAX_ZOOM)
