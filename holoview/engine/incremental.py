@@ -231,10 +231,7 @@ class IncrementalRenderer:
         return self.compositor.download_srgb8(self.srgb_buffer)
 
     def intensity(self, wavelength: int) -> NDArray[np.float32]:
-        """Intensity (y, x) at a wavelength for the present bench, averaged over frames and sources.
-
-        It is computed if it is stale. It is in units of the illuminating intensity: the laser amplitudes are included.
-        """
+        """Up-to-date intensity (y, x) at a wavelength: mean over frames and sources, laser amplitudes included."""
         total = np.zeros(self._plan.grid.shape, np.float32)
         for frame in self._plan.lit(wavelength):
             key = (frame, wavelength)

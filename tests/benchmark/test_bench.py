@@ -1,4 +1,4 @@
-"""What `holoview bench` measures is the frame that it says: torch's loop and the shaders give the same picture."""
+"""`holoview bench` compares equal work: the loop in torch and the shaders compute the same image."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import pytest
 import torch
 
 from holoview.benchmark import first_image
-from holoview.benchmark import frame_benchmark as frame_bars
 from holoview.benchmark.device_time import device_time
+from holoview.benchmark.frame_benchmark import benchmark_frame
 from holoview.benchmark.strategy_choice import TuningReport
 from holoview.benchmark.timing import JobTimings, time_interleaved
 from holoview.benchmark.torch_baseline import TorchBaseline
@@ -71,12 +71,12 @@ def test_each_round_runs_every_job_once_and_warm_up_is_not_timed() -> None:
 
 
 @pytest.mark.gpu
-def test_bars_are_ratios_of_jobs_that_did_the_work(device: Device) -> None:
+def test_criteria_are_ratios_of_jobs_that_did_the_work(device: Device) -> None:
     threads = torch.get_num_threads()
-    found = frame_bars.benchmark_frame(_system(), device, rounds=1, strategy="passes")
+    found = benchmark_frame(_system(), device, rounds=1, strategy="passes")
     assert torch.get_num_threads() == threads
-    assert all(math.isfinite(bar.value) and bar.value > 0 for bar in found.criteria)
-    error = next(bar for bar in found.criteria if "error" in bar.name)
+    assert all(math.isfinite(criterion.value) and criterion.value > 0 for criterion in found.criteria)
+    error = next(criterion for criterion in found.criteria if "error" in criterion.name)
     assert error.is_met
     assert found.wavelengths == 8
     field = 48 * (64 + 8) * 8
@@ -88,12 +88,12 @@ def test_bars_are_ratios_of_jobs_that_did_the_work(device: Device) -> None:
 def test_a_timer_counts_the_time_on_the_device_and_no_more(device: Device) -> None:
     if TIMESTAMPS not in device.features:
         pytest.skip("this adapter has no timestamp queries")
-    session = IncrementalRenderer(_system(), random_drive(_system()), device)
-    session.update()
-    session.timer = timer = GpuTimer(device)
+    renderer = IncrementalRenderer(_system(), random_drive(_system()), device)
+    renderer.update()
+    renderer.timer = timer = GpuTimer(device)
     assert timer.take_seconds() == 0.0
-    session.invalidate()
-    session.update()
+    renderer.invalidate()
+    renderer.update()
     assert 1e-6 < timer.take_seconds() < 10.0
     assert timer.take_seconds() == 0.0
     timed = device_time(_system(), device, rounds=1, strategy="passes")

@@ -1,4 +1,4 @@
-"""Transforms between hooks: either strategy does what numpy does, along either axis, in one shader or several."""
+"""FFTs along one axis with hooks agree with numpy, by each strategy, along either axis."""
 
 from __future__ import annotations
 

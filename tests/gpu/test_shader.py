@@ -1,4 +1,4 @@
-"""Linked shaders hold each file once, and compile errors point to the file and line they came from."""
+"""Linked shaders contain each file once, and compile errors name the file and line."""
 
 from __future__ import annotations
 

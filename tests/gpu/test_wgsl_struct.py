@@ -1,4 +1,4 @@
-"""Struct bytes packed on the host land in the fields that the shader reads."""
+"""A shader reads each field of a struct as Python has packed it."""
 
 from __future__ import annotations
 

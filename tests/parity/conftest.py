@@ -1,4 +1,4 @@
-"""What the parity tests share: a small bench, and both executors of one plan for the same drive."""
+"""Fixtures of the parity tests: a small bench, and both executors of one plan for the same drive."""
 
 from __future__ import annotations
 

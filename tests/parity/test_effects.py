@@ -1,4 +1,4 @@
-"""Benches with effects: the shaders show what torch shows in complex128, whichever slot an effect changes."""
+"""Benches with effects: the shaders agree with torch in complex128, whichever input of the frame an effect changes."""
 
 from __future__ import annotations
 
@@ -9,6 +9,11 @@ import numpy as np
 import pytest
 
 from holoview.engine.frame import compute_focal_stack
+from holoview.engine.incremental import IncrementalRenderer
+from holoview.engine.torch_executor import TorchExecutor
+from holoview.model.plan import make_plan
+from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.view import random_drive
 
 pytestmark = pytest.mark.gpu
 
@@ -42,23 +47,17 @@ def test_a_frame_with_effects_is_that_of_torch(name: str, both: Opened, bench: O
     assert np.linalg.norm(expected_xyz - plain) > 0.02 * np.linalg.norm(plain)
 
 
-def test_a_session_goes_on_when_effects_are_edited(bench: Opened, device: Any) -> None:
-    """Switched on, changed and switched off again: always what torch shows, and the nominal bench is what it tells."""
-    from holoview.engine.incremental import IncrementalRenderer
-    from holoview.engine.torch_executor import TorchExecutor
-    from holoview.model.plan import make_plan
-    from holoview.optics.frame_inputs import make_frame_inputs
-    from holoview.view import random_drive
-
+def test_a_renderer_continues_when_effects_are_edited(bench: Opened, device: Any) -> None:
+    """Effects are switched on, changed and switched off; XYZ is that of torch, and `system` is the nominal bench."""
     plain = bench(**{"relay1.iris_na": 0.03, "relay2.iris_na": 0.03})
     drive = random_drive(plain, 1)
-    session = IncrementalRenderer(plain, drive, device, plane_m=3e-3, strategy="passes")
+    renderer = IncrementalRenderer(plain, drive, device, plane_m=3e-3, strategy="passes")
     for effects in ({}, *EFFECTS.values(), EFFECTS["modulators"], {"crosstalk": {"sigma": 0.8}}, {}):
         system = plain.edit({"effects": effects})
-        session.edit(system=system)
-        assert session.system == system
-        session.update()
+        renderer.edit(system=system)
+        assert renderer.system == system
+        renderer.update()
         plan = make_plan(system, [3e-3])
         expected = compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, drive), double=True))[1][0]
-        found = session.xyz()
+        found = renderer.xyz()
         assert np.linalg.norm(found - expected) <= TOLERANCE * np.linalg.norm(expected), effects

@@ -1,4 +1,4 @@
-"""Every shader compiles in every permutation; structs and phases reach the stages as the host means them."""
+"""Every shader compiles in every permutation; shaders read structs and fixed-point phases as Python packs them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from holoview.engine import shader_structs as layouts
+from holoview.engine import shader_structs
 from holoview.engine.kernels import KERNELS, FusedKernels, make_transform
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import LineFft, Strategy, supported_strategies
@@ -27,8 +27,8 @@ from holoview.util.files import data_dir
 
 pytestmark = pytest.mark.gpu
 
-STRUCTS = {struct.name: struct for struct in vars(layouts).values() if isinstance(struct, WgslStruct)}
-DECLARATIONS = GeneratedWgsl("layouts", "".join(struct.wgsl for struct in STRUCTS.values()))
+STRUCTS = {struct.name: struct for struct in vars(shader_structs).values() if isinstance(struct, WgslStruct)}
+DECLARATIONS = GeneratedWgsl("structs", "".join(struct.wgsl for struct in STRUCTS.values()))
 SWITCH = re.compile(r"^override (\w+): bool\b", re.MULTILINE)
 NUMBER = re.compile(r"^override (\w+): [ui]32;", re.MULTILINE)
 
