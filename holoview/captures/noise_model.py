@@ -33,7 +33,8 @@ def neighbour_variance(data: PreparedCaptures, indices: NDArray[np.intp]) -> Ima
 def add_model_error(variance: Images, light: Images, relative_model_error: float) -> Images:
     """Adds the variance of a model that is still wrong by a fraction of each image's mean light, (capture, y, x).
 
-    σ² + (relative_model_error · ⟨light⟩)². Early fits use it: their weights don't pretend that the model is exact to the noise.
+    σ² + (relative_model_error · ⟨light⟩)². Early fits use it, so that their weights don't pretend that the model is
+    exact to the noise.
     """
     mean = light.mean(axis=(1, 2), keepdims=True, dtype=np.float64)
     return variance + np.square(relative_model_error * mean).astype(np.float32)
