@@ -149,7 +149,7 @@ def test_the_description_of_a_bench_reaches_no_engine_and_no_window(module: str)
 
 
 def test_of_the_app_only_what_draws_windows_knows_webgpu() -> None:
-    drawing = {f"holoview.app.{name}" for name in ("window", "viewport", "textures")}
+    drawing = {f"holoview.app.{name}" for name in ("window", "viewport")}
     users = {m for m in MODULES if any(_under(name, "wgpu") for name in _imported(m, everywhere=True))}
     assert {m for m in users if _under(m, "holoview.app")} == drawing
 
