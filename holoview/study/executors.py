@@ -20,6 +20,7 @@ from typing import Any, Protocol
 
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
+from holoview.util.signals import sigint_blocked
 from holoview.util.version import __version__
 
 CONNECT_TIMEOUT_S = 10.0
@@ -87,7 +88,7 @@ class ProcessExecutor:
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
         """Runs function(resources, *arguments) in an idle process."""
         resources, pool = self._idle_pools.pop()
-        with _sigint_blocked():  # a process that is started now inherits the blocked signal
+        with sigint_blocked():  # a process that is started now inherits the blocked signal
             future = pool.submit(function, resources, *arguments)
         self._busy[future] = resources, pool
         return future
@@ -206,19 +207,3 @@ def _assign_resources(client: Any) -> dict[str, WorkerResources]:
 def _single_process_pool() -> ProcessPoolExecutor:
     """A pool of one process, which starts with the first job and ignores Ctrl-C: this process handles it."""
     return ProcessPoolExecutor(1, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN))
-
-
-@contextmanager
-def _sigint_blocked() -> Iterator[None]:
-    """Blocks SIGINT (Ctrl-C) in this thread until the block ends, and in processes started meanwhile for ever.
-
-    On platforms without signal masks, these processes ignore SIGINT only after their initialisation.
-    """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -6,6 +6,7 @@ files             folders of shaders, presets and assets; atomic writing of file
 safetensors_file  named tensors with metadata in safetensors files, checked when they are read
 progress          types of functions that report progress
 checkpoint        comparison of a checkpoint with the run that is to continue from it
+signals           Ctrl-C while processes are started
 cpu_count         number of CPUs that this process may use
 version           version of the installed package
 """
