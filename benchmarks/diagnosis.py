@@ -24,12 +24,12 @@ import numpy as np
 
 from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
-from holoview.diagnose.effect_sampling import sample_effect
 from holoview.diagnose.pipeline import diagnose
 from holoview.model.bench_parts import Modulator, Relay
 from holoview.model.effects.registry import listed_effects
 from holoview.model.system import System
 from holoview.util.errors import UserError
+from tests.diagnose.effect_sampling import sample_effect
 
 UNSEEN = 1.02  # χ²/n below which a hidden effect can't be told from nothing
 SIZES = {"small": 0.15, "medium": 0.45, "large": 0.9}

@@ -11,6 +11,7 @@ from holoview.captures.effect_check import check_user_effects
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import check_folder, check_output_file, make_folder
 from holoview.diagnose.comparison import Values
+from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.extended_model import extended_system, with_preset_geometry
 from holoview.diagnose.formatting import format_value
@@ -24,7 +25,7 @@ from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 from holoview.util.files import atomic_write
 
-_MAX_DEFAULT_WORKERS = 8  # unless asked for: each keeps a quarter of a gigabyte
+_MAX_DEFAULT_WORKERS = 8  # each worker keeps a cache of a quarter of a gigabyte
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -72,29 +73,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Diagnoses, then writes what was asked for, each file whole or not at all."""
-    if args.workers < 1:
-        raise UserError("--workers", f"{args.workers}", expected="1 or more")
-    for name, least, most in (("finer", 1, 8), ("padding", 2, 8), ("points", 1, 16)):
-        given = getattr(args, name)
-        if given is not None and not least <= given <= most:
-            raise UserError(f"--{name}", f"{given}", expected=f"{least} to {most}")
-    for path, suffix in ((args.json, ".json"), (args.save_preset, ".toml")):
-        if path is not None:
-            check_output_file(path, suffix)
-    if args.report is not None:
-        check_folder(args.report)
-    own = [one for file in args.effects for one in _load_effects(file)]
+    """Diagnoses, then writes the files that were asked for, each whole or not at all."""
+    _check_arguments(args)
+    user_effects = [effect for file in args.effects for effect in _load_effects(file)]
     captures = read_captures(args.captures)
-    check_user_effects(captures, own)
+    check_user_effects(captures, user_effects)
     known: dict[str, dict[str, float]] = {}
     bench = captures.nominal_system()
     if args.preset is not None:
         captures, known, bench = with_preset_geometry(captures, preset.load(args.preset), args.preset)
-    way = SamplingConfig(args.finer, args.padding, args.points)
-    with progress_bar("diagnosing") as report:
+    sampling = SamplingConfig(args.finer, args.padding, args.points)
+    with progress_bar("diagnosing") as progress:
         found = diagnose(
-            captures, known=known, workers=args.workers, progress=report, thorough=args.thorough, sampling=way
+            captures, known=known, workers=args.workers, progress=progress, thorough=args.thorough, sampling=sampling
         )
     if args.report is not None:
         _write_report(args, bench, captures.is_fourier, known, found)
@@ -107,23 +98,42 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _check_arguments(args: argparse.Namespace) -> None:
+    """Raises UserError for numbers out of range and for outputs that can't be written."""
+    if args.workers < 1:
+        raise UserError("--workers", f"{args.workers}", expected="1 or more")
+    for name, least, most in (("finer", 1, 8), ("padding", 2, 8), ("points", 1, 16)):
+        given = getattr(args, name)
+        if given is not None and not least <= given <= most:
+            raise UserError(f"--{name}", f"{given}", expected=f"{least} to {most}")
+    for path, suffix in ((args.json, ".json"), (args.save_preset, ".toml")):
+        if path is not None:
+            check_output_file(path, suffix)
+    if args.report is not None:
+        check_folder(args.report)
+
+
 def _load_effects(file: str) -> list[Effect]:
-    """The effects of a file of the user's own, which is run."""
+    """The effects of a user's file, which is run."""
     print_stderr(f"running {file} for its effects")
     return load_user_effects(file)
 
 
 def _write_report(args: argparse.Namespace, bench: System, fourier: bool, known: Values, found: Diagnosis) -> None:
-    from holoview.diagnose.display_gain import display_gain  # here: the optimiser and plots take a second to import
+    # here: the optimiser and matplotlib take a second to import
+    from holoview.diagnose.display_gain import display_gain
     from holoview.diagnose.html_report import write_report
 
     make_folder(args.report)
     gain = None
     if found.values and not fourier and not args.no_display:
-        with progress_bar("optimising holograms") as report:
-            gain = display_gain(bench.edit({"effects": {}}), known, found.values, progress=report)
-    with progress_bar("drawing") as report:
-        write_report(args.report, Path(args.captures).name, found, gain, report)
+        iterations = SearchConfig().report.hologram_iterations
+        with progress_bar("optimising holograms") as progress:
+            gain = display_gain(
+                bench.edit({"effects": {}}), known, found.values, iterations=iterations, progress=progress
+            )
+    with progress_bar("drawing") as progress:
+        write_report(args.report, Path(args.captures).name, found, gain, progress)
 
 
 def _print_diagnosis(found: Diagnosis, args: argparse.Namespace) -> None:

@@ -1,19 +1,43 @@
-"""What a simulation gets wrong about a real bench: from captures to named causes, an extended model, and the gain.
+"""What a simulation gets wrong about a real bench: from captures to named causes, an extended model, and its gain.
 
-measured noise split        pictures ready to compare; weights; which captures are fitted, which judged
-comparison resample         residuals with gains and movements of the camera taken out
-bench beams unknowns        what a search works with; what a prediction costs; parameters as vectors
-levenberg simplex           local fits: with slopes, and of hard edges
-screen displacement ghosts  a first look at every effect; starting values read off the pictures
-search refine               the best values of an effect; joint fits of causes
-judge select                candidates on held-out captures; forward selection of causes
-decide uncertainty          the verdict; intervals
-nuisances drift direction   what moves from capture to capture and is nobody's fault
-sampling ways               whether the model's samples are what the captures disagree with
-confounds power             look-alikes and what separates them; what the gains tell
-excess freeform             where an error lives: by property, and by free maps at each place
-diagnose diagnosis          all of it in order; the result and its JSON
-extend display              a bench with the causes switched on, and what it buys on the display
-plots report words          pictures and the HTML report; values in people's units
-draw                        random values of an effect, for tests that hide one
+pipeline            runs a diagnosis: prepare, search, decide, assemble
+config              all settings of a diagnosis, with units and evidence
+sampling_config     how predictions sample light
+diagnosis           the result and its JSON
+
+search_context      what all stages share: captures, bench, effects, predictors, workers, settings
+worker_pool         jobs in several processes
+capture_split       which captures are searched, fitted and held out
+comparison          residuals of a prediction, gains and movements of the camera fitted
+free_parameters     parameters of effects as one vector
+field_count         how many fields a prediction adds, which is what it costs
+
+screening           first look at every effect
+displacement_starts starting values where the image has moved
+ghost_starts        starting values where a copy lies over the image
+effect_scan         scans of one effect's range
+effect_fit          local least-squares fits
+fit_improvements    longer steps, hard edges, axes, fewer parameters
+refine              joint fits of several causes
+held_out_ranking    candidates ranked on captures that no fit has used
+forward_selection   one cause after another
+
+nuisances           sensitivity of pixels, movements of the camera, drift of lasers
+laser_drift         wavelengths that drift between captures
+significance        whether a mean differs from zero
+sampling_check      whether other samples explain what a cause explains
+power_law           what the gains tell of the lasers' power
+verdict             what the figures allow one to say
+
+cause_description   causes as they are reported
+uncertainty         confidence intervals; correlations between effects
+confounders         look-alikes, and the capture that separates them
+free_maps           where an error lives that no effect explains
+excess_breakdown    χ²/n by property of the pixels
+fit_statistics      PSNR and explained variance of held-out captures
+formatting          values with their intervals as text
+extended_model      a bench with the causes switched on
+display_gain        what the extended model gains on the display
+plots               figures
+html_report         the report
 """

@@ -20,7 +20,7 @@ Image = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class FitQuality:
-    """How well a model predicts captures: χ²/n, and PSNR against the brightest 0.1 % of each picture."""
+    """How well a model predicts captures: χ²/n, and mean PSNR (dB) against the brightest 0.1 % of each."""
 
     chi2_per_pixel: float
     psnr_db: float
@@ -28,10 +28,12 @@ class FitQuality:
 
 @dataclass(frozen=True)
 class Cause:
-    """A cause that was named: values with intervals (SI) and units, what it explains, what it may be mistaken for.
+    """A cause that was named.
 
-    excess_explained: share of the excess of the model that lacks only this cause. gain_db: PSNR on held-out captures
-    that it gains. confounded_with: effects whose pictures change alike, with the correlation (1: the same physics).
+    effect: its id. sentence: the finding in words. intervals, units: of each parameter, SI. excess_explained: share of
+    the excess of the model that lacks only this cause. gain_db: PSNR that it gains on held-out captures. before, after:
+    quality without and with it. confounded_with: effects that change captures alike, with the correlation (1: the same
+    physics). separate_by: the capture, in words, that would separate the causes from their first rival.
     """
 
     effect: str
@@ -48,7 +50,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class HeldOutGroup:
-    """Held-out captures of one wavelength and plane, before and after."""
+    """Quality on held-out captures of one wavelength and plane, by the nominal and the extended model."""
 
     wavelength_m: float
     distance_m: float
@@ -58,7 +60,10 @@ class HeldOutGroup:
 
 @dataclass(frozen=True, eq=False)
 class SampleCapture:
-    """A held-out capture for the eye: light (counts), predictions (counts) and residuals (σ) before, after: (y, x)."""
+    """A held-out capture to show; images are (y, x), pairs by the nominal and the extended model.
+
+    light: counts above black. predicted: expected counts. residual: in σ.
+    """
 
     capture: int
     wavelength_m: float
@@ -70,7 +75,7 @@ class SampleCapture:
 
 @dataclass(frozen=True)
 class CandidateResult:
-    """Causes that were fitted, and χ²/n on the held-out captures."""
+    """Causes that were fitted together, and χ²/n on the held-out captures."""
 
     causes: tuple[str, ...]
     chi2_per_pixel: float
@@ -78,11 +83,13 @@ class CandidateResult:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What is wrong, in the order in which it is told.
+    """The result of a diagnosis. Before means the nominal model, after the extended one.
 
-    values: the effects of the extended model (empty: the nominal one). rivals: sets of causes that can't be excluded.
-    candidates: what else was tried, best first. samples: a few held-out captures to look at.
-    unexplained: share of the excess that no cause explains; lives_in: share that free maps at each place explain.
+    values: the effects of the extended model; empty for the nominal one. rivals: sets of causes that can't be excluded.
+    unexplained: share of the excess that no cause explains. lives_in: share of it that free maps at a place explain.
+    groups: quality by wavelength and plane. candidates: all that were ranked, best first. samples: a few held-out
+    captures. signal_explained: share of the captures' variance, before and after. fixed_pattern: standard deviation of
+    the pixels' relative sensitivity. gain_spread: of the logarithm of the gains about those of their wavelength.
     """
 
     verdict: Verdict
@@ -103,13 +110,12 @@ class Diagnosis:
     gain_spread: float
     notes: tuple[str, ...]
     seconds: float
-    noise_floor: float = 1.0
 
     def as_json(self) -> dict[str, Any]:
-        """For programs; lengths in metres, angles in radians."""
+        """The diagnosis as JSON values; lengths in metres, angles in radians (docs/diagnosis.md lists the keys)."""
         return {
             "verdict": str(self.verdict),
-            "noise_floor": self.noise_floor,
+            "noise_floor": 1.0,
             "before": _quality(self.before),
             "after": _quality(self.after),
             "causes": [_cause(cause) for cause in self.causes],
@@ -189,5 +195,5 @@ def _excess(excess: ExcessBreakdown) -> dict[str, Any]:
 
 
 def _json_number(value: float) -> float | None:
-    """Six significant digits; None for what isn't a number, which JSON can't write."""
+    """Six significant digits; None for infinity and NaN, which JSON doesn't have."""
     return float(f"{value:.6g}") if math.isfinite(value) else None

@@ -1,7 +1,8 @@
-"""Where to start when the picture as a whole has moved: tilts, shifts, decentres of whatever kind.
+"""Starting values where the image as a whole has moved: tilts, shifts and decentres of any kind.
 
-The pictures' displacement against the prediction is measured by cross-correlation, the displacement that each parameter
-causes is computed, and the parameters that would cause the measured one follow: no effect is known by name here.
+The displacement of the captures from their prediction is measured by cross-correlation, the displacement that each
+parameter causes is predicted, and least squares gives the parameters that cause the measured one. No effect is known by
+name here.
 """
 
 from __future__ import annotations
@@ -13,50 +14,54 @@ from numpy.typing import NDArray
 
 from holoview.captures.prepared_captures import Images
 from holoview.diagnose.comparison import Comparison
+from holoview.diagnose.config import StartConfig
 from holoview.diagnose.free_parameters import FittedValues
 from holoview.model.effects.effect import Effect
 from holoview.util.errors import UserError
 
-StartProvider = Callable[[Effect], list[dict[str, float]]]
+StartingValues = list[dict[str, float]]
+StartProvider = Callable[[Effect], StartingValues]
 Vector = NDArray[np.float64]
 
-_LEAST_PX = 0.3  # below, a local fit starts well from the identity
-_LEAST_RESPONSE_PX = 0.05  # of a parameter's typical size; below, it doesn't move pictures
 
+class DisplacementStarts:
+    """For an effect, starting values that move the prediction onto the captures; none where they coincide already."""
 
-def displacement_starts(base: FittedValues, comparison: Comparison) -> StartProvider:
-    """For an effect, starting values that move the prediction onto the captures; none where they lie on it already."""
-    light = np.where(comparison.weight > 0, comparison.light, 0.0)
-    nominal = np.asarray(comparison.predictor(comparison.indices, base).signal)
-    wanted = measure_displacement(light, nominal)
+    def __init__(self, base: FittedValues, comparison: Comparison, config: StartConfig) -> None:
+        self._base, self._comparison, self._config = base, comparison, config
+        light = np.where(comparison.weight > 0, comparison.light, 0.0)
+        self._predicted = np.asarray(comparison.predictor(comparison.indices, base).signal)
+        self._displacement = measure_displacement(light, self._predicted)
 
-    def of(effect: Effect) -> list[dict[str, float]]:
-        if np.hypot(*wanted) < _LEAST_PX:
+    def __call__(self, effect: Effect) -> StartingValues:
+        if np.hypot(*self._displacement) < self._config.min_displacement_px:
             return []
-        movers, columns = [], []
+        movers, responses = [], []
         for p in effect.parameters:
             if p.fine or p.even or p.sharp:
                 continue
             size = p.scan[2] if p.scan else p.prior
-            try:
-                moved = comparison.predictor(comparison.indices, {**base, effect.id: {p.name: p.identity + size}})
-            except UserError:
-                continue
-            response = measure_displacement(np.asarray(moved.signal), nominal)
-            if np.hypot(*response) > _LEAST_RESPONSE_PX:
+            response = self._response(effect, {p.name: p.identity + size})
+            if response is not None and np.hypot(*response) > self._config.min_response_px:
                 movers.append(p)
-                columns.append(response / size)
+                responses.append(response / size)
         if not movers:
             return []
-        solved = np.linalg.lstsq(np.stack(columns, axis=1), wanted, rcond=0.05)[0]
-        start = {p.name: min(max(p.identity + d, p.low), p.high) for p, d in zip(movers, solved, strict=True)}
-        return [start]
+        rcond = self._config.displacement_rcond
+        solved = np.linalg.lstsq(np.stack(responses, axis=1), self._displacement, rcond=rcond)[0]
+        return [{p.name: min(max(p.identity + d, p.low), p.high) for p, d in zip(movers, solved, strict=True)}]
 
-    return of
+    def _response(self, effect: Effect, values: dict[str, float]) -> Vector | None:
+        """(y, x) pixels by which these values move the prediction; None for values that no bench can have."""
+        try:
+            moved = self._comparison.predictor(self._comparison.indices, {**self._base, effect.id: values})
+        except UserError:
+            return None
+        return measure_displacement(np.asarray(moved.signal), self._predicted)
 
 
 def measure_displacement(images: Images, reference: Images) -> Vector:
-    """(y, x) in pixels by which `images` lie beyond `reference`, captures together: the peak of the correlation."""
+    """(y, x) pixels by which `images` are displaced from `reference`: the peak of the captures' summed correlation."""
     shape = images.shape[1:]
     total = np.zeros(shape)
     for image, other in zip(images, reference, strict=True):
@@ -67,7 +72,7 @@ def measure_displacement(images: Images, reference: Images) -> Vector:
 
 
 def _normalised(image: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Without its mean, unit power."""
+    """The image without its mean, of unit power."""
     a = image - image.mean(dtype=np.float64)
     return np.asarray(a / max(float(np.linalg.norm(a)), 1e-30), dtype=np.float64)
 
@@ -80,7 +85,7 @@ def _subsample_peak(correlation: NDArray[np.float64], peak: tuple[np.intp, ...],
         at = list(peak)
         at[axis] = (peak[axis] + step) % n
         values.append(correlation[tuple(at)])
-    curve = values[0] - 2 * values[1] + values[2]
-    offset = 0.5 * (values[0] - values[2]) / curve if curve < 0 else 0.0
+    curvature = values[0] - 2 * values[1] + values[2]
+    offset = 0.5 * (values[0] - values[2]) / curvature if curvature < 0 else 0.0
     position = int(peak[axis])
     return (position - n if position > n // 2 else position) + float(offset)

@@ -1,4 +1,4 @@
-"""What a better model buys on the display: the same hologram optimised with both, shown on the bench as it is."""
+"""What the extended model gains on the display: a hologram optimised with either model, shown on the extended bench."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from PIL import Image
 
 from holoview.diagnose.comparison import Values
 from holoview.diagnose.extended_model import add_effect_values, extended_system
+from holoview.metrics.psnr import psnr
 from holoview.model.effects.registry import get_effect
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.report.contact_sheet import CaptionedTile, contact_sheet
+from holoview.report.contact_sheet import CaptionedTile, contact_sheet, greyscale_pixels
 from holoview.targets.target import target_for
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir
@@ -24,13 +25,13 @@ from holoview.view import simulate
 
 Floats = NDArray[np.float64]
 
-_ITERATIONS = 40
 _PICTURE = "resolution.png"
+_GAMMA = 2.2  # of the display on which the sheet is seen
 
 
 @dataclass(frozen=True, eq=False)
 class DisplayGain:
-    """PSNR (dB) on the bench as it is, of holograms optimised with either model; a PNG sheet of both."""
+    """PSNR (dB) on the extended bench of holograms optimised with either model; sheet: both images as a PNG file."""
 
     nominal_db: float
     extended_db: float
@@ -48,13 +49,14 @@ def display_gain(
     known: Values,
     found: Values,
     *,
-    iterations: int = _ITERATIONS,
+    iterations: int,
     progress: ProgressCallback | None = None,
 ) -> DisplayGain | None:
-    """Optimises a small hologram at the middle wavelength with both models and shows both on the extended bench.
+    """Optimises a small hologram at the middle wavelength with both models and simulates both on the extended bench.
 
-    What only the camera does isn't seen on the display and is left out. None where nothing is left, or where patterns
-    can't be optimised for the effects (those that split lasers into several lines or moments).
+    known, found: effects of the nominal model, and those found beyond it. iterations: of each optimisation. Effects of
+    the camera alone aren't seen on the display and are left out. Returns None where no other effect was found, or where
+    patterns can't be optimised for the effects (those that split a laser into several wavelengths or moments).
     """
     middle = float(nominal.wavelengths_m[len(nominal.wavelengths_m) // 2])
     bench = nominal.edit({"wavelengths": [middle], "amplitudes": [[1.0]]})
@@ -72,11 +74,14 @@ def display_gain(
         ]
     except UserError:
         return None
-    wanted = np.asarray(stack, dtype=np.float64) @ np.array([0.2126, 0.7152, 0.0722])
-    scaled = [_with_best_brightness(image, wanted) for image in shown]
-    quality = [_psnr(image, wanted) for image in scaled]
+    target = np.asarray(stack, dtype=np.float64) @ np.array([0.2126, 0.7152, 0.0722])
+    scaled = [_with_best_brightness(image, target) for image in shown]
+    quality = [psnr(image, target, peak=float(target.max())) for image in scaled]
     names = ("target", f"nominal model, {quality[0]:.1f} dB", f"extended model, {quality[1]:.1f} dB")
-    tiles = [CaptionedTile(_grey(image[0]), name) for image, name in zip((wanted, *scaled), names, strict=True)]
+    tiles = [
+        CaptionedTile(greyscale_pixels(np.clip(image[0], 0, 1) ** (1 / _GAMMA)), name)
+        for image, name in zip((target, *scaled), names, strict=True)
+    ]
     sheet = contact_sheet("On the bench as it is", ["", "", ""], [tiles], width=360)
     buffer = io.BytesIO()
     Image.fromarray(sheet).save(buffer, "PNG")
@@ -106,15 +111,6 @@ def _optimise_and_simulate(
     return np.asarray(view.intensity, dtype=np.float64).sum(axis=1)
 
 
-def _with_best_brightness(image: Floats, wanted: Floats) -> Floats:
-    """The image at the brightness that suits the target best."""
-    return image * float((image * wanted).sum() / np.maximum((image * image).sum(), 1e-30))
-
-
-def _psnr(image: Floats, wanted: Floats) -> float:
-    return float(10 * np.log10(wanted.max() ** 2 / np.mean(np.square(image - wanted))))
-
-
-def _grey(image: Floats) -> NDArray[np.uint8]:
-    shade = np.rint(255 * np.clip(image / 1.0, 0, 1) ** (1 / 2.2)).astype(np.uint8)
-    return np.repeat(shade[..., None], 3, axis=2)
+def _with_best_brightness(image: Floats, target: Floats) -> Floats:
+    """The image scaled to the least squared difference from the target."""
+    return image * float((image * target).sum() / np.maximum((image * image).sum(), 1e-30))

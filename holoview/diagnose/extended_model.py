@@ -1,4 +1,4 @@
-"""The model before and after: a preset as the nominal bench of captures, and a bench with the causes named."""
+"""A preset as the nominal bench of captures, and a bench with the causes that were found switched on."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from holoview.model.effects.registry import get_effect
 from holoview.model.system import System
 from holoview.util.errors import UserError
 
-_SAME = 1e-6
+_PITCH_TOLERANCE = 1e-6  # relative; the rounding of a value written to a file
 
 
 def with_preset_geometry(captures: Captures, system: System, name: str) -> tuple[Captures, FittedValues, System]:
@@ -34,12 +34,12 @@ def with_preset_geometry(captures: Captures, system: System, name: str) -> tuple
     if system.modulators[0].shape != shape:
         found = "{} x {} pixels".format(*system.modulators[0].shape)
         raise UserError(f"--preset {name}", found, expected="{} x {} as in the captures".format(*shape))
-    for panel, modulator in zip(captures.slms, system.modulators, strict=True):
-        if abs(panel.pitch_m / modulator.pitch_m - 1) > _SAME:
+    for slm, modulator in zip(captures.slms, system.modulators, strict=True):
+        if abs(slm.pitch_m / modulator.pitch_m - 1) > _PITCH_TOLERANCE:
             raise UserError(
                 f"--preset {name}",
                 f"a pitch of {modulator.pitch_m:.4g} m",
-                expected=f"{panel.pitch_m:.4g} m as in the captures",
+                expected=f"{slm.pitch_m:.4g} m as in the captures",
             )
     changed = dataclasses.replace(
         captures,
@@ -54,7 +54,7 @@ def with_preset_geometry(captures: Captures, system: System, name: str) -> tuple
 
 
 def add_effect_values(known: Values, found: Values) -> dict[str, dict[str, Any]]:
-    """Values of what is known and what was found beyond it: errors add, since each is told from its identity."""
+    """Values of both, as each is counted from its identity: known + found − identity, within the parameter's bounds."""
     result: dict[str, dict[str, Any]] = {name: dict(values) for name, values in known.items()}
     for name, values in found.items():
         own = result.setdefault(name, {})
@@ -68,30 +68,32 @@ def add_effect_values(known: Values, found: Values) -> dict[str, dict[str, Any]]
     return result
 
 
+FREE_MAP_PREFIX = "free_"
+"""Of the ids of free maps, which aren't in the registry and have no known values to add to."""
+
+
 class PredictorWithKnownEffects:
-    """A predictor on which known effects are always on."""
+    """A predictor with known effects always on. options: keywords of `Predictor`."""
 
     def __init__(self, captures: Captures, known_values: Values, **options: Any) -> None:
         self._predict, self._known = Predictor(captures, **options), known_values
 
     @property
     def fields_requested(self) -> int:
-        """How many fields calls have asked for so far."""
+        """How many fields calls have asked for."""
         return self._predict.fields_requested
 
     def __call__(self, indices: Any, values: Values, *, grad: bool = False) -> Prediction:
-        """As the predictor's; `values` add to what is known."""
-        own = (
-            add_effect_values(self._known, {n: v for n, v in values.items() if not n.startswith("free_")})
-            if self._known
-            else values
-        )
-        free = {n: v for n, v in values.items() if n.startswith("free_")}
-        return self._predict(indices, {**own, **free}, grad=grad)
+        """As `Predictor`; `values` add to what is known."""
+        if self._known:
+            free = {name: own for name, own in values.items() if name.startswith(FREE_MAP_PREFIX)}
+            listed = {name: own for name, own in values.items() if name not in free}
+            values = {**add_effect_values(self._known, listed), **free}
+        return self._predict(indices, values, grad=grad)
 
 
 def extended_system(system: System, found: Mapping[str, Mapping[str, float]]) -> System:
-    """A bench with the named effects switched on, beside those that it has."""
+    """A bench with the effects that were found switched on, beside those that it has."""
     values = add_effect_values(system.effect_values, found)
     changes = {f"effects.{name}.{key}": value for name, own in values.items() for key, value in own.items()}
     return system.edit(changes) if changes else system

@@ -1,4 +1,7 @@
-"""How many fields a prediction adds up: bandwidth, an extended source and flicker make one picture of many."""
+"""How many fields a prediction adds incoherently, which is what it costs.
+
+Bandwidth, an extended source and flicker make one image of many fields: wavelengths × directions × moments.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +14,11 @@ from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import Effect
 from holoview.util.errors import UserError
 
-MANY, VERY_MANY = 5, 25
-_CLEARLY = 0.4  # of the excess
-_BY_CHANCE = 5.0  # times √n: 3.5 σ of a χ²
-
 
 def incoherent_field_count(context: SearchContext, values: Values) -> int:
-    """Fields of one capture with these effects: wavelengths × directions × moments; 1 where such a bench can't be."""
+    """Fields of one capture with these effects; 1 for values that no bench can have."""
     system, moments = context.system, 1
-    lines = len(system.wavelengths_m)
+    nominal_lines = len(system.wavelengths_m)
     for name, own in values.items():
         effect = context.effects[name]
         try:
@@ -27,31 +26,44 @@ def incoherent_field_count(context: SearchContext, values: Values) -> int:
             system, moments = effect.bench(system, complete), moments * len(effect.exposure_samples(complete))
         except UserError:
             return 1
-    return len(system.wavelengths_m) // lines * len(system.source.directions_rad) * moments
+    return len(system.wavelengths_m) // nominal_lines * len(system.source.directions_rad) * moments
 
 
 def max_field_count(context: SearchContext, effect: Effect) -> int:
-    """Fields of one capture at the far end of an effect's scan."""
+    """Fields of one capture at the last point of an effect's scan."""
     points = list(effect.starting_points(context.system))
     return incoherent_field_count(context, {effect.id: points[-1]}) if points else 1
+
+
+def is_costly_effect(context: SearchContext, effect: Effect) -> bool:
+    """Whether predictions with this effect add many fields."""
+    return max_field_count(context, effect) >= context.config.budget.costly_fields
+
+
+def is_costly(context: SearchContext, fit: CandidateFit) -> bool:
+    """Whether predictions with these values add many fields."""
+    return incoherent_field_count(context, fit.values) >= context.config.budget.costly_fields
+
+
+def is_very_costly(context: SearchContext, fit: CandidateFit) -> bool:
+    """Whether predictions with these values add very many fields."""
+    return incoherent_field_count(context, fit.values) >= context.config.budget.very_costly_fields
 
 
 def without_costly_fits(
     context: SearchContext, fits: Sequence[CandidateFit], comparison: Comparison
 ) -> list[CandidateFit]:
-    """The trials in their order, of those with many fields only such as leave clearly less than all others.
+    """The fits in their order; of the costly ones only those that leave clearly less than all others.
 
-    Lost contrast imitates whatever is unknown; pictures of many fields pay only where nothing simpler does as well.
+    Lost contrast imitates whatever is unknown, so many fields are worth computing only where nothing simpler does as
+    well.
     """
-    many = {id(t): is_costly(context, t) for t in fits}
-    if not any(many.values()):
+    costly = {id(f): is_costly(context, f) for f in fits}
+    if not any(costly.values()):
         return list(fits)
-    left = {id(t): cost_or_inf(comparison, t.values) - comparison.pixel_count for t in fits}
-    simple = [left[id(t)] for t in fits if not many[id(t)]]
-    limit = max(_CLEARLY * min(simple, default=math.inf), _BY_CHANCE * comparison.pixel_count**0.5)
-    return [t for t in fits if left[id(t)] <= limit or not many[id(t)]]
-
-
-def is_costly(context: SearchContext, fit: CandidateFit) -> bool:
-    """Whether a trial's predictions take long."""
-    return incoherent_field_count(context, fit.values) >= MANY
+    budget = context.config.budget
+    left = {id(f): cost_or_inf(comparison, f.values) - comparison.pixel_count for f in fits}
+    simple = [left[id(f)] for f in fits if not costly[id(f)]]
+    by_chance = budget.costly_chance * comparison.pixel_count**0.5
+    limit = max(budget.costly_excess_share * min(simple, default=math.inf), by_chance)
+    return [f for f in fits if left[id(f)] <= limit or not costly[id(f)]]

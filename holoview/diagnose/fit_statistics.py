@@ -1,4 +1,4 @@
-"""Figures and pictures of a prediction beside held-out captures: χ²/n, PSNR, shares, by wavelength and plane."""
+"""How well a prediction fits held-out captures: χ²/n, PSNR, share of the variance, by wavelength and plane."""
 
 from __future__ import annotations
 
@@ -6,69 +6,66 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.captures.prepared_captures import Images
 from holoview.diagnose.comparison import Comparison, GainFit
+from holoview.diagnose.config import ReportConfig
 from holoview.diagnose.diagnosis import FitQuality, HeldOutGroup, SampleCapture
 
-_SAMPLES = 4
 
-
-def fit_quality(comparison: Comparison, fitted: GainFit, mask: NDArray[np.bool_] | None = None) -> FitQuality:
-    """χ²/n and mean PSNR of captures (all, or those of a mask)."""
+def fit_quality(
+    comparison: Comparison, fitted: GainFit, config: ReportConfig, mask: NDArray[np.bool_] | None = None
+) -> FitQuality:
+    """χ²/n and mean PSNR of the captures of a mask (capture,), or of all."""
     chosen = np.ones(len(comparison.indices), dtype=bool) if mask is None else mask
     chi2 = fitted.squares[chosen].sum() / max(comparison.pixels_per_capture[chosen].sum(), 1.0)
-    return FitQuality(float(chi2), float(_psnr(comparison, fitted.residual)[chosen].mean()))
+    return FitQuality(float(chi2), float(_psnr(comparison, fitted, config.peak_quantile)[chosen].mean()))
 
 
-def _psnr(comparison: Comparison, residual: Images) -> NDArray[np.float64]:
-    """PSNR of each capture against its brightest 0.1 %."""
-    usable = comparison.weight > 0
-    errors = np.where(usable, residual / np.where(usable, comparison.weight, 1.0), 0.0)
+def _psnr(comparison: Comparison, fitted: GainFit, peak_quantile: float) -> NDArray[np.float64]:
+    """PSNR (dB) of each capture against a quantile of its light."""
+    errors = comparison.residual_counts(fitted)
     mean_square = np.square(errors, dtype=np.float64).sum((1, 2)) / np.maximum(comparison.pixels_per_capture, 1.0)
-    peak = np.array([np.quantile(light[seen], 0.999) for light, seen in zip(comparison.light, usable, strict=True)])
+    usable = comparison.weight > 0
+    peak = np.array([np.quantile(light[u], peak_quantile) for light, u in zip(comparison.light, usable, strict=True)])
     return 10 * np.log10(np.maximum(peak, 1e-9) ** 2 / np.maximum(mean_square, 1e-12))
 
 
 def explained_variance(comparison: Comparison, fitted: GainFit) -> float:
-    """Share of the pictures' variance that a prediction explains."""
+    """Share of the images' variance that a prediction explains."""
     usable = comparison.weight > 0
-    errors = np.where(usable, fitted.residual / np.where(usable, comparison.weight, 1.0), 0.0)
-    spread = [float(light[seen].var() * seen.sum()) for light, seen in zip(comparison.light, usable, strict=True)]
+    spread = [float(light[u].var() * u.sum()) for light, u in zip(comparison.light, usable, strict=True)]
+    errors = comparison.residual_counts(fitted)
     return 1.0 - float(np.square(errors, dtype=np.float64).sum() / max(sum(spread), 1e-9))
 
 
 def held_out_groups(
-    captures: Captures, comparison: Comparison, before: GainFit, after: GainFit
+    captures: Captures, comparison: Comparison, before: GainFit, after: GainFit, config: ReportConfig
 ) -> tuple[HeldOutGroup, ...]:
-    """Held-out captures by wavelength and plane."""
+    """Quality on held-out captures by wavelength and plane."""
     indices = comparison.indices
     wavelengths, planes = captures.wavelength_m[indices], captures.distance_m[indices]
-    found = []
+    groups = []
     for wavelength, plane in sorted(set(zip(wavelengths, planes, strict=True))):
         same = (wavelengths == wavelength) & (planes == plane)
-        first, second = (fit_quality(comparison, fitted, same) for fitted in (before, after))
-        found.append(HeldOutGroup(float(wavelength), float(plane), first, second))
-    return tuple(found)
+        first, second = (fit_quality(comparison, fitted, config, same) for fitted in (before, after))
+        groups.append(HeldOutGroup(float(wavelength), float(plane), first, second))
+    return tuple(groups)
 
 
 def sample_captures(
-    captures: Captures, comparison: Comparison, before: GainFit, after: GainFit
+    captures: Captures, comparison: Comparison, before: GainFit, after: GainFit, count: int
 ) -> tuple[SampleCapture, ...]:
-    """Held-out captures of different wavelengths, as far as there are."""
+    """At most `count` held-out captures to show, one of each wavelength if there are several."""
     wavelengths = captures.wavelength_m[comparison.indices]
     first_of_each = [int(np.flatnonzero(wavelengths == w)[0]) for w in np.unique(wavelengths)]
     chosen = first_of_each if len(first_of_each) > 1 else list(range(len(wavelengths)))
-    shown = []
-    for k in chosen[:_SAMPLES]:
-        index = int(comparison.indices[k])
-        shown.append(
-            SampleCapture(
-                capture=index,
-                wavelength_m=float(captures.wavelength_m[index]),
-                distance_m=float(captures.distance_m[index]),
-                light=comparison.light[k],
-                predicted=(before.expected[k], after.expected[k]),
-                residual=(before.residual[k], after.residual[k]),
-            )
+    return tuple(
+        SampleCapture(
+            capture=int(comparison.indices[k]),
+            wavelength_m=float(wavelengths[k]),
+            distance_m=float(captures.distance_m[comparison.indices[k]]),
+            light=comparison.light[k],
+            predicted=(before.expected[k], after.expected[k]),
+            residual=(before.residual[k], after.residual[k]),
         )
-    return tuple(shown)
+        for k in chosen[:count]
+    )

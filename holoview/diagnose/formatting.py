@@ -1,4 +1,4 @@
-"""Values with their intervals in people's units, to the digits that the interval leaves: "0.1081 ± 0.0012 mm"."""
+"""Values with their intervals in customary units, to two digits of the interval: "0.1081 ± 0.0012 mm"."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from holoview.util import units
 
 
 def format_value(effect_id: str, parameter: str, interval: Interval) -> str:
-    """A parameter of the effect `name`: value ± half of its 95 % interval, and the unit."""
+    """Value ± half the width of its interval, and the unit, of a parameter of an effect."""
     p = next(p for p in get_effect(effect_id).parameters if p.name == parameter)
     value, half = (_number(p, x) for x in (interval.value, interval.half_width))
     if not math.isfinite(half):
@@ -21,7 +21,7 @@ def format_value(effect_id: str, parameter: str, interval: Interval) -> str:
 
 
 def _number(p: Parameter, value: float) -> float:
-    """In people's unit."""
+    """The value in the unit that the parameter is written in."""
     if not p.is_quantity or not math.isfinite(value):
         return value
     return float(units.format_exact(value, p.shown).split()[0])

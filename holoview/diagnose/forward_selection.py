@@ -1,10 +1,9 @@
 """Forward selection: the cause, or the causes together, that predict held-out captures best.
 
-Coarse to fine. Every effect is screened on the smoothest captures; the best few are fitted on more of them, first with
-weights that forgive what is still wrong, then with the noise alone; all are judged on captures that no fit has seen,
-with weights that are frozen. While much stays unexplained, each of the best is taken as a base and everything is tried
-on top of it; a cause that the others turn out to do without is dropped again. Once a bench has computed its share of
-fields, nothing further is begun.
+Every effect is screened on the smoothest captures; the best few are refined on more of them, first with weights that
+tolerate errors of the model, then with those of the noise; all are ranked on captures that no fit has used, with frozen
+weights. While much stays unexplained, each of the best is taken as a base and every effect is tried on top of it; a
+cause that the others make superfluous is dropped again. Once the budget of fields is spent, nothing further is begun.
 """
 
 from __future__ import annotations
@@ -14,17 +13,8 @@ from dataclasses import replace
 from functools import partial
 
 from holoview.diagnose.effect_fit import CandidateFit, cost_or_inf, local_fit
-from holoview.diagnose.field_count import (
-    MANY,
-    VERY_MANY,
-    incoherent_field_count,
-    is_costly,
-    max_field_count,
-    without_costly_fits,
-)
+from holoview.diagnose.field_count import is_costly, is_costly_effect, is_very_costly, without_costly_fits
 from holoview.diagnose.held_out_ranking import (
-    ALARM,
-    NEARLY,
     HeldOutScore,
     SearchResult,
     first_per_cause_set,
@@ -32,199 +22,202 @@ from holoview.diagnose.held_out_ranking import (
     score_on_held_out,
 )
 from holoview.diagnose.refine import RefinementQueue, refine_along_axes, refine_fit
-from holoview.diagnose.screening import relative_model_error, screen_effects
+from holoview.diagnose.screening import screen_effects
 from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import Effect
 from holoview.util.progress import ProgressCallback
 
-_SHORT_LIST, _CLOSE_SECONDS, _CLOSE = 3, 2, 1.3
-_BASES, _SECONDS, _MOST_CAUSES = 3, 3, 3
-FLOOR = 1.05  # χ²/n at which nothing worth a further cause is left
-_REFINED, _ALONG = 2, 2
-_NEARBY, _HARDLY = 0.2, 0.02  # r.m.s. residual: of the nominal bench's; over mean light
-_HELPS = 0.9  # of the nominal excess: what leaves more explains nothing
-_AS_GOOD = 1.05  # cost that is as good as another on coarse captures
-_SETTLED, _SETTLED_SHARE = 0.1, 0.05  # χ²/n − 1, and of the nominal one: so close, scans over ranges bring nothing
-_NO_SCAN = 2.0  # χ²/n of two causes on coarse captures, likewise
-_WORTHWHILE = 0.7  # of a base's cost: with less left, base and addition are fitted together at once
-_EARLY = 1.02  # a single cause that reaches this on held-out captures ends the search
-
 
 def select_causes(context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback) -> SearchResult:
-    """Searches causes until the held-out captures are explained, nothing helps, or there are three."""
-    selection = _refine_fine_parameters(context, _search_single_causes(context, effects, progress))
-    for number in range(2, _MOST_CAUSES + 1):
-        if _is_done(context, selection):
+    """Searches causes until the held-out captures are explained, nothing helps, or there are as many as allowed."""
+    result = _free_fine_parameters(context, _search_single_causes(context, effects, progress))
+    for number in range(2, context.config.selection.max_causes + 1):
+        if _is_done(context, result):
             break
-        wider = _drop_superfluous_causes(context, _search_further_causes(context, selection, number, effects, progress))
-        if not _is_better(wider, selection):
+        wider = _drop_superfluous_causes(context, _search_further_causes(context, result, number, effects, progress))
+        if not _is_better(context, wider, result):
             break
-        selection = _refine_fine_parameters(context, wider)
-    return selection
+        result = _free_fine_parameters(context, wider)
+    return result
 
 
 def _search_single_causes(
     context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback
 ) -> SearchResult:
     """Single causes; ends early when one explains everything."""
-    blind = context.data_weighted_comparison(context.split.coarse, 0.0)
-    trials: list[CandidateFit] = []
-    found, selection = RefinementQueue(context), rank_on_held_out(context, [])
+    config = context.config.selection
+    unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
+    near_cost = context.config.ranking.near_chi2 * unbiased.pixel_count
+    screened: list[CandidateFit] = []
+    queue, result = RefinementQueue(context), rank_on_held_out(context, [])
     for stage in screen_effects(context, {}, effects, progress, "one cause"):
         for batch in stage:
-            trials = first_per_cause_set(sorted([*trials, *batch], key=lambda t: t.cost))
-            if not batch or cost_or_inf(blind, batch[0].values) > NEARLY * blind.pixel_count:
+            screened = first_per_cause_set(sorted([*screened, *batch], key=lambda f: f.cost))
+            if not batch or cost_or_inf(unbiased, batch[0].values) > near_cost:
                 continue
-            if found.refine_new([t for t in batch[:_SHORT_LIST] if t.cost < _AS_GOOD * batch[0].cost]):
-                selection = rank_on_held_out(context, found.fits)
-            if selection.best.chi2_per_pixel < _EARLY:
-                return selection
-        found.refine_new(_short_list(without_costly_fits(context, trials, blind)))
-        selection = _refine_leaders_along_axes(context, rank_on_held_out(context, found.fits))
-        if selection.best.excess < min(_SETTLED, _SETTLED_SHARE * selection.nominal.excess):
+            as_good = [f for f in batch[: config.short_list] if f.cost < config.as_good_cost * batch[0].cost]
+            if queue.refine_new(as_good):
+                result = rank_on_held_out(context, queue.fits)
+            if _explains_everything(context, result):
+                return result
+        queue.refine_new(_short_list(context, without_costly_fits(context, screened, unbiased)))
+        result = _refine_leaders_along_axes(context, rank_on_held_out(context, queue.fits))
+        if result.best.excess < min(config.settled_excess, config.settled_share * result.nominal.excess):
             break
-    return selection
+    return result
 
 
 def _search_further_causes(
-    context: SearchContext, selection: SearchResult, number: int, effects: Sequence[Effect], progress: ProgressCallback
+    context: SearchContext, result: SearchResult, number: int, effects: Sequence[Effect], progress: ProgressCallback
 ) -> SearchResult:
-    """The candidates, and such with one cause more than the best ones; ends early when one explains everything."""
-    known = [c.fit for c in selection.candidates]
-    for base in _bases(context, selection, number - 1):
+    """The candidates, and those with one cause more than the best ones; ends early when one explains everything."""
+    fits = [c.fit for c in result.candidates]
+    for base in _bases(context, result, number - 1):
         if context.budget_exhausted:
             break
-        rest = [e for e in effects if _is_compatible(context, e, base.fit)]
-        wider = _with_one_more_cause(context, base.fit, rest, progress, f"{number} causes")
-        known += context.run_parallel([partial(refine_fit, context, t) for t in wider])
-        selection = _refine_leaders_along_axes(
-            context, rank_on_held_out(context, first_per_cause_set(sorted(known, key=lambda t: -len(t.causes))))
-        )
-        if selection.best.chi2_per_pixel < _EARLY:
+        compatible = [e for e in effects if _is_compatible(context, e, base.fit)]
+        wider = _with_one_more_cause(context, base.fit, compatible, progress, f"{number} causes")
+        fits += context.run_parallel([partial(refine_fit, context, f) for f in wider])
+        most_causes_first = first_per_cause_set(sorted(fits, key=lambda f: -len(f.causes)))
+        result = _refine_leaders_along_axes(context, rank_on_held_out(context, most_causes_first))
+        if _explains_everything(context, result):
             break
-    return selection
+    return result
 
 
 def _with_one_more_cause(
     context: SearchContext, base: CandidateFit, effects: Sequence[Effect], progress: ProgressCallback, note: str
 ) -> list[CandidateFit]:
     """The best with one cause more than a base, fitted together; the first that nearly explains all ends the search."""
-    blind = context.data_weighted_comparison(context.split.coarse, 0.0)
-    best, screened, joint = _WORTHWHILE * cost_or_inf(blind, base.values), list[CandidateFit](), list[CandidateFit]()
+    config = context.config.selection
+    unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
+    best = config.worthwhile_cost * cost_or_inf(unbiased, base.values)
+    screened, joint = list[CandidateFit](), list[CandidateFit]()
     for stage in screen_effects(context, base.values, effects, progress, note):
         for batch in stage:
             screened += batch
-            if batch and (cost := cost_or_inf(blind, batch[0].values)) < best:
+            if batch and (cost := cost_or_inf(unbiased, batch[0].values)) < best:
                 best = cost
                 joint = _joint_fits(context, batch[:1])
-                if joint[0].cost < NEARLY * blind.pixel_count:
+                if joint[0].cost < context.config.ranking.near_chi2 * unbiased.pixel_count:
                     return joint
-        best_first = first_per_cause_set(sorted(screened, key=lambda t: t.cost))
-        joint = _joint_fits(context, without_costly_fits(context, best_first, blind)[:_SECONDS])[:_REFINED]
-        if context.budget_exhausted or (joint and joint[0].cost < _NO_SCAN * blind.pixel_count):
+        best_first = first_per_cause_set(sorted(screened, key=lambda f: f.cost))
+        promising = without_costly_fits(context, best_first, unbiased)[: config.joint_fits]
+        joint = _joint_fits(context, promising)[: config.refined_joint_fits]
+        settled = joint and joint[0].cost < config.joint_no_scan_chi2 * unbiased.pixel_count
+        if context.budget_exhausted or settled:
             break
     return joint
 
 
 def _joint_fits(context: SearchContext, fits: Sequence[CandidateFit]) -> list[CandidateFit]:
-    """Joint fits of base and addition on the coarse captures."""
-    jobs = []
-    for trial in fits:
-        comparison = context.data_weighted_comparison(
-            context.split.coarse, min(relative_model_error(context, trial.values), 1.0)
-        )
-        effects = [context.effects[name] for name in trial.causes]
-        jobs.append(partial(local_fit, effects, trial.values, comparison))
-    blind = context.data_weighted_comparison(context.split.coarse, 0.0)
-    fits = context.run_parallel(jobs)
-    return sorted((replace(t, cost=cost_or_inf(blind, t.values)) for t in fits), key=lambda t: t.cost)
+    """Joint fits of base and addition on the coarse captures, the best first."""
+    coarse, jobs = context.split.coarse, []
+    for fit in fits:
+        comparison = context.tolerant_comparison(coarse, context.relative_model_error(fit.values))
+        effects = [context.effects[name] for name in fit.causes]
+        jobs.append(partial(local_fit, effects, fit.values, comparison, context.config.fits))
+    unbiased = context.data_weighted_comparison(coarse, 0.0)
+    joint = context.run_parallel(jobs)
+    return sorted((replace(f, cost=cost_or_inf(unbiased, f.values)) for f in joint), key=lambda f: f.cost)
 
 
-def _short_list(fits: list[CandidateFit]) -> list[CandidateFit]:
+def _short_list(context: SearchContext, fits: list[CandidateFit]) -> list[CandidateFit]:
+    """The best of sorted fits, and a few that are close to the best."""
     if not fits:
         return []
-    close = [t for t in fits[_SHORT_LIST:] if t.cost < _CLOSE * fits[0].cost]
-    return fits[:_SHORT_LIST] + close[:_CLOSE_SECONDS]
+    config = context.config.selection
+    close = [f for f in fits[config.short_list :] if f.cost < config.close_cost * fits[0].cost]
+    return fits[: config.short_list] + close[: config.close_fits]
 
 
-def _refine_fine_parameters(context: SearchContext, selection: SearchResult) -> SearchResult:
+def _free_fine_parameters(context: SearchContext, result: SearchResult) -> SearchResult:
     """The best candidate with its fine parameters freed, where it is near but not at the floor, and they help."""
-    best = selection.best
+    best = result.best
     effects = [context.effects[name] for name in best.causes]
-    if (
-        best.chi2_per_pixel < _EARLY
-        or not any(p.fine for e in effects for p in e.parameters)
-        or not _is_near(context, best.fit)
-    ):
-        return selection
+    has_fine = any(p.fine for e in effects for p in e.parameters)
+    if _explains_everything(context, result) or not has_fine or not _is_near(context, best.fit):
+        return result
     freed = refine_fit(context, best.fit, include_fine=True)
-    again = score_on_held_out(freed, selection.comparison, selection.tolerant_comparison)
-    if (best.chi2_per_pixel - again.chi2_per_pixel) * selection.pixel_count < ALARM or again.excess > 0.9 * best.excess:
-        return selection
-    return rank_on_held_out(context, [freed, *(c.fit for c in selection.candidates[1:])])
+    score = score_on_held_out(freed, result.comparison, result.tolerant_comparison)
+    gained = (best.chi2_per_pixel - score.chi2_per_pixel) * result.pixel_count
+    max_excess = context.config.selection.max_fine_excess_share * best.excess
+    if gained < context.config.verdict.min_delta_chi2 or score.excess > max_excess:
+        return result
+    return rank_on_held_out(context, [freed, *(c.fit for c in result.candidates[1:])])
 
 
-def _refine_leaders_along_axes(context: SearchContext, selection: SearchResult) -> SearchResult:
-    """The best candidates looked for along their axes, twice, where they stopped short of the floor, but not far off.
+def _refine_leaders_along_axes(context: SearchContext, result: SearchResult) -> SearchResult:
+    """The best candidates searched along their axes, where they are near the floor but not at it.
 
-    What is far off lacks a cause: the best values of what it has would be others with it.
+    What is far off lacks a cause: with it, other values of the causes that it has would be best.
     """
-    for _ in range(2):
-        if selection.best.chi2_per_pixel < FLOOR:
+    config = context.config.selection
+    for _ in range(config.axis_rounds):
+        if result.best.chi2_per_pixel < config.floor_chi2:
             break
-        some = [c.fit for c in selection.candidates[:_ALONG] if c.excess < _HELPS * selection.nominal.excess]
-        leaders = [t for t in some if incoherent_field_count(context, t.values) < VERY_MANY and _is_near(context, t)]
+        max_excess = config.explains_nothing_share * result.nominal.excess
+        helpful = [c.fit for c in result.candidates[: config.axis_candidates] if c.excess < max_excess]
+        leaders = [f for f in helpful if not is_very_costly(context, f) and _is_near(context, f)]
         if not leaders:
             break
-        closer = context.run_parallel([partial(refine_along_axes, context, t) for t in leaders])
-        better = [new for new, old in zip(closer, leaders, strict=True) if new.values != old.values]
+        refined = context.run_parallel([partial(refine_along_axes, context, f) for f in leaders])
+        better = [new for new, old in zip(refined, leaders, strict=True) if new.values != old.values]
         if not better:
             break
-        selection = rank_on_held_out(context, [*better, *(c.fit for c in selection.candidates)])
-    return selection
+        result = rank_on_held_out(context, [*better, *(c.fit for c in result.candidates)])
+    return result
 
 
 def _is_near(context: SearchContext, fit: CandidateFit) -> bool:
-    """Whether a trial leaves hardly anything, or a small part of what the nominal bench does."""
-    return relative_model_error(context, fit.values) < max(_HARDLY, _NEARBY * relative_model_error(context, {}))
+    """Whether a fit leaves a small error, or a small part of the nominal bench's error."""
+    config = context.config.selection
+    limit = config.near_error_share * context.relative_model_error({})
+    return context.relative_model_error(fit.values) < max(config.near_error, limit)
 
 
-def _is_done(context: SearchContext, selection: SearchResult) -> bool:
-    return selection.best.chi2_per_pixel < FLOOR or not selection.candidates or context.budget_exhausted
+def _explains_everything(context: SearchContext, result: SearchResult) -> bool:
+    return result.best.chi2_per_pixel < context.config.verdict.jitter_chi2
 
 
-def _bases(context: SearchContext, selection: SearchResult, causes: int) -> list[HeldOutScore]:
+def _is_done(context: SearchContext, result: SearchResult) -> bool:
+    at_floor = result.best.chi2_per_pixel < context.config.selection.floor_chi2
+    return at_floor or not result.candidates or context.budget_exhausted
+
+
+def _bases(context: SearchContext, result: SearchResult, causes: int) -> list[HeldOutScore]:
     """What to build on: the best candidates with so many causes.
 
-    Far from the floor smooth captures tell them apart better: rough ones favour whatever loses contrast.
+    Far from the floor they are ordered by the smooth captures: rough ones favour whatever loses contrast.
     """
-    most = _BASES if causes == 1 else 1
-    same = [c for c in selection.candidates if len(c.causes) == causes]
-    if selection.best.chi2_per_pixel > NEARLY:
-        smooth = context.data_weighted_comparison(context.split.coarse, min(relative_model_error(context, {}), 1.0))
+    count = context.config.selection.bases if causes == 1 else 1
+    same = [c for c in result.candidates if len(c.causes) == causes]
+    if result.best.chi2_per_pixel > context.config.ranking.near_chi2:
+        smooth = context.tolerant_comparison(context.split.coarse, context.relative_model_error({}))
         same.sort(key=lambda c: cost_or_inf(smooth, c.fit.values))
-    few = {id(t) for t in without_costly_fits(context, [c.fit for c in same], selection.tolerant_comparison)}
-    return [c for c in same if id(c.fit) in few][:most] or [selection.best]
+    affordable = without_costly_fits(context, [c.fit for c in same], result.tolerant_comparison)
+    chosen = {id(f) for f in affordable}
+    return [c for c in same if id(c.fit) in chosen][:count] or [result.best]
 
 
-def _is_better(new: SearchResult, old: SearchResult) -> bool:
+def _is_better(context: SearchContext, new: SearchResult, old: SearchResult) -> bool:
     before = score_on_held_out(old.best.fit, new.comparison, new.tolerant_comparison)
-    return (
-        before.chi2_per_pixel - new.best.chi2_per_pixel
-    ) * new.pixel_count > ALARM and new.best.excess < 0.8 * before.excess
+    gained = (before.chi2_per_pixel - new.best.chi2_per_pixel) * new.pixel_count
+    max_excess = context.config.selection.max_further_excess_share * before.excess
+    return gained > context.config.verdict.min_delta_chi2 and new.best.excess < max_excess
 
 
-def _drop_superfluous_causes(context: SearchContext, selection: SearchResult) -> SearchResult:
-    """Without causes that the best candidate's others do without: from its values a fit may find what it missed."""
-    best = selection.best
+def _drop_superfluous_causes(context: SearchContext, result: SearchResult) -> SearchResult:
+    """With fits of the best candidate's causes but one, from its values, from which a fit may find what it missed."""
+    best = result.best
     if len(best.causes) < 2:
-        return selection
+        return result
     refits = context.run_parallel([partial(refine_fit, context, best.fit.without(name)) for name in best.causes])
-    return rank_on_held_out(context, [*(c.fit for c in selection.candidates), *refits])
+    return rank_on_held_out(context, [*(c.fit for c in result.candidates), *refits])
 
 
 def _is_compatible(context: SearchContext, effect: Effect, base: CandidateFit) -> bool:
-    """Whether it is another cause than those that are in, and doesn't multiply many fields by many."""
+    """Whether an effect is another cause than the base's, and doesn't multiply many fields by many."""
     if any(name == effect.id or name in context.equivalents.get(effect.id, ()) for name in base.causes):
         return False
-    return not (is_costly(context, base) and max_field_count(context, effect) >= MANY)
+    return not (is_costly(context, base) and is_costly_effect(context, effect))

@@ -1,4 +1,4 @@
-"""Candidates on captures that no fit has seen, all by the same frozen weights."""
+"""Candidates ranked on captures that no fit has used, all with the same frozen weights."""
 
 from __future__ import annotations
 
@@ -9,21 +9,20 @@ from typing import TypeVar
 import numpy as np
 
 from holoview.diagnose.comparison import Comparison
+from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.effect_fit import CandidateFit, cost_or_inf
-from holoview.diagnose.screening import relative_model_error
 from holoview.diagnose.search_context import SearchContext
-
-NEARLY = 1.3  # χ²/n from which a cause is worth judging at once
-ALARM = 25.0  # Δχ² of held-out captures below which nothing has been found (5 σ)
 
 
 @dataclass(frozen=True)
 class HeldOutScore:
-    """A trial and its χ²/n on held-out captures, in total and for each; rank: the same by weights that forgive."""
+    """A fit and its χ²/n on held-out captures.
+
+    tolerant_chi2: the same with weights that tolerate the present error of the model.
+    """
 
     fit: CandidateFit
     chi2_per_pixel: float
-    per_capture: tuple[float, ...]
     tolerant_chi2: float
 
     @property
@@ -39,7 +38,7 @@ class HeldOutScore:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What a search found: candidates, best first, all judged by the same frozen weights; the nominal bench's χ²."""
+    """What a search found. nominal: the nominal bench. candidates: best first, all with the same frozen weights."""
 
     nominal: HeldOutScore
     candidates: tuple[HeldOutScore, ...]
@@ -53,59 +52,64 @@ class SearchResult:
 
     @property
     def pixel_count(self) -> float:
-        """How many held-out pixels judge."""
+        """Number of held-out pixels."""
         return self.comparison.pixel_count
 
 
-NOTHING = CandidateFit((), {}, float("inf"))
+NOMINAL_FIT = CandidateFit((), {}, float("inf"))
 
 HasCauses = TypeVar("HasCauses", CandidateFit, HeldOutScore)
 
 
 def rank_on_held_out(context: SearchContext, fits: Sequence[CandidateFit]) -> SearchResult:
-    """All trials on the held-out captures, with weights frozen at the prediction of the best of them.
+    """All fits on the held-out captures, with weights frozen at the prediction of the best of them.
 
-    Weights at a wrong prediction favour what is wrong alike. So as long as the best is far off, the order is by weights
-    that forgive as much as that.
+    Weights from a wrong prediction favour similar errors. So while even the best fit is far off, the order is by
+    weights that tolerate its error.
     """
-    indices = context.split.held_out
-    rough = context.data_weighted_comparison(indices, 1.0)
-    first = min([NOTHING, *fits], key=lambda t: cost_or_inf(rough, t.values))
-    forgiving = context.data_weighted_comparison(
-        indices, min(relative_model_error(context, first.values, indices), 1.0)
-    )
-    first = min([NOTHING, *fits], key=lambda t: cost_or_inf(forgiving, t.values))
+    indices, all_fits = context.split.held_out, [NOMINAL_FIT, *fits]
+    rough = context.data_weighted_comparison(indices, context.config.fits.max_tolerated_error)
+    first = min(all_fits, key=lambda f: cost_or_inf(rough, f.values))
+    tolerant = context.tolerant_comparison(indices, context.relative_model_error(first.values, indices))
+    first = min(all_fits, key=lambda f: cost_or_inf(tolerant, f.values))
     comparison = context.model_weighted_comparison(indices, first.values)
-    found = [score_on_held_out(t, comparison, forgiving) for t in fits]
-    near = min((j.chi2_per_pixel for j in found), default=np.inf) < NEARLY
-    ordered = sorted(found, key=lambda j: j.chi2_per_pixel if near else j.tolerant_chi2)
-    candidates = first_per_cause_set(_simpler_first(ordered, comparison.pixel_count) if near else ordered)
-    return SearchResult(score_on_held_out(NOTHING, comparison, forgiving), tuple(candidates), comparison, forgiving)
+    scores = [score_on_held_out(f, comparison, tolerant) for f in fits]
+    near = min((s.chi2_per_pixel for s in scores), default=np.inf) < context.config.ranking.near_chi2
+    if near:
+        ordered = sorted(scores, key=lambda s: s.chi2_per_pixel)
+        ordered = _simpler_first(ordered, comparison.pixel_count, context.config)
+    else:
+        ordered = sorted(scores, key=lambda s: s.tolerant_chi2)
+    nominal = score_on_held_out(NOMINAL_FIT, comparison, tolerant)
+    return SearchResult(nominal, tuple(first_per_cause_set(ordered)), comparison, tolerant)
 
 
 def score_on_held_out(fit: CandidateFit, comparison: Comparison, tolerant_comparison: Comparison) -> HeldOutScore:
-    """One trial by weights that a selection froze."""
-    squares = comparison.fit_gains(fit.values).squares
-    per_capture = squares / np.maximum(comparison.pixels_per_capture, 1.0)
-    rank = cost_or_inf(tolerant_comparison, fit.values) / tolerant_comparison.pixel_count
-    return HeldOutScore(fit, float(squares.sum() / comparison.pixel_count), tuple(float(c) for c in per_capture), rank)
+    """One fit, with weights that were frozen before."""
+    tolerant = cost_or_inf(tolerant_comparison, fit.values) / tolerant_comparison.pixel_count
+    return HeldOutScore(fit, comparison.chi2_per_pixel(fit.values), tolerant)
 
 
 def first_per_cause_set(items: Sequence[HasCauses]) -> list[HasCauses]:
     """The first of each set of causes."""
     seen: dict[frozenset[str], HasCauses] = {}
-    for one in items:
-        seen.setdefault(frozenset(one.causes), one)
+    for item in items:
+        seen.setdefault(frozenset(item.causes), item)
     return list(seen.values())
 
 
-def _simpler_first(found: Sequence[HeldOutScore], pixels: float) -> list[HeldOutScore]:
-    """Sorted by χ²; of the leaders, those within 0.02 + 0.02·excess and noise of the best, fewer numbers come first."""
-    if not found:
+def _simpler_first(scores: Sequence[HeldOutScore], pixels: float, config: SearchConfig) -> list[HeldOutScore]:
+    """Scores sorted by χ²/n; among those that tie with the best, fewer causes and parameters come first.
+
+    Ties are within a share of the excess, an excess, and the Δχ² that a cause must gain.
+    """
+    if not scores:
         return []
-    best = found[0]
+    best, ties = scores[0], config.ranking
     excess = max(best.excess, 0.0)
-    limit = best.chi2_per_pixel + 0.02 * excess + min(0.02, 0.1 * excess) + ALARM / pixels
-    leaders = [j for j in found if j.chi2_per_pixel <= limit]
-    rest = [j for j in found if j.chi2_per_pixel > limit]
-    return sorted(leaders, key=lambda j: (len(j.causes), j.fit.parameter_count, j.chi2_per_pixel)) + rest
+    tolerance = ties.tie_excess_share * excess
+    limit = best.chi2_per_pixel + tolerance + min(ties.tie_excess, ties.tie_near_share * excess)
+    limit += config.verdict.min_delta_chi2 / pixels
+    leaders = [s for s in scores if s.chi2_per_pixel <= limit]
+    rest = [s for s in scores if s.chi2_per_pixel > limit]
+    return sorted(leaders, key=lambda s: (len(s.causes), s.fit.parameter_count, s.chi2_per_pixel)) + rest

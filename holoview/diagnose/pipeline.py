@@ -1,10 +1,13 @@
-"""From captures to a diagnosis: prepare, search, decide, and tell how sure it is."""
+"""From captures to a diagnosis: prepare, search, decide, and state how certain it is."""
 
 from __future__ import annotations
 
 import dataclasses
+import inspect
+import math
 import time
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -15,12 +18,12 @@ from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import prepare_captures
 from holoview.diagnose.capture_split import split_captures
+from holoview.diagnose.cause_description import describe_causes, describe_power_law
 from holoview.diagnose.comparison import Values
-from holoview.diagnose.confounders import best_separating_capture, lookalike_correlations
-from holoview.diagnose.diagnosis import CandidateResult, Cause, Diagnosis, FitQuality
+from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.diagnosis import CandidateResult, Cause, Diagnosis
 from holoview.diagnose.excess_breakdown import break_down_excess
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
-from holoview.diagnose.field_count import VERY_MANY, incoherent_field_count
 from holoview.diagnose.fit_statistics import explained_variance, fit_quality, held_out_groups, sample_captures
 from holoview.diagnose.forward_selection import select_causes
 from holoview.diagnose.free_maps import fit_free_maps, likely_locations
@@ -30,20 +33,18 @@ from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_pow
 from holoview.diagnose.refine import refine_fit
 from holoview.diagnose.sampling_check import drop_sampling_artefacts
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
-from holoview.diagnose.search_context import PerThreadPredictor, SearchContext, equivalent_effects
-from holoview.diagnose.uncertainty import confidence_intervals, local_jacobian
+from holoview.diagnose.search_context import (
+    NeighbourVariances,
+    PerThreadPredictor,
+    SearchContext,
+    equivalent_effects,
+)
 from holoview.diagnose.verdict import Decision, Verdict, decide
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
-from holoview.model.effects.registry import listed_effects
+from holoview.model.effects.registry import is_user_effect, listed_effects, load_user_effects
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
-
-_LEAST_CAPTURES = 2
-_REJUDGED = 3  # candidates, once nuisances are known, of those that leave so little more than the best:
-_NEAR, _NEAR_FLOOR = 4.0, 0.1  # times its χ²/n − 1; beyond it
-_MOST_FIELDS = 16000
-_UNEXPLAINED = 1.1  # χ²/n above which it is worth asking where the rest lives
 
 
 def diagnose(
@@ -51,36 +52,80 @@ def diagnose(
     effects: Iterable[Effect] | None = None,
     *,
     known: Values | None = None,
-    workers: int = 2,
+    workers: int = 1,
     progress: ProgressCallback | None = None,
     free_maps: bool = True,
     thorough: bool = False,
     sampling: SamplingConfig = PLAIN,
+    config: SearchConfig | None = None,
 ) -> Diagnosis:
     """Names what the nominal model of these captures gets wrong.
 
-    effects: the candidates (all of the registry when None). known: effects that the nominal model has; what is found
-    adds to them. workers: processes or threads; results don't depend on their number. free_maps: ask where an
-    unexplained error lives. thorough: without it a search begins nothing new after 16 000 fields, about a minute for
-    128 × 96 modulator pixels. way: how light is sampled. report: (done, total, what). Raises UserError when there are
-    too few captures to judge.
+    effects: the candidates; all of the registry when None.
+    known: effects that the nominal model has, {id: {parameter: value}}; what is found adds to them.
+    workers: processes; results don't depend on their number. With more than one, a script needs the usual
+    `if __name__ == "__main__":` of Python's multiprocessing.
+    progress: called with (done, total, what).
+    free_maps: look for the place of an error that no effect explains.
+    thorough: search to the end; without it a search begins nothing new once `config.budget.max_fields` are computed,
+    about a minute for 128 × 96 modulator pixels.
+    sampling: how predictions sample light.
+    config: settings of all stages.
+
+    Raises UserError when there are too few captures to hold any out.
     """
     began = time.monotonic()
-    progress = progress or (lambda done, total, note: None)
-    _check_capture_count(captures)
+    config = config or SearchConfig()
+    _check_capture_count(captures, config)
+    library = list(listed_effects().values() if effects is None else effects)
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        library = list(listed_effects().values() if effects is None else effects)
-        bench, notes = _prepare(captures, library, known or {}, workers, sampling)
-        bench = bench if thorough else dataclasses.replace(bench, field_budget=_MOST_FIELDS)
-        return _run_pipeline(bench, notes, progress, free_maps, began)
+        with WorkerPool(workers) as pool:
+            context, notes = _prepare(captures, library, known or {}, pool, sampling, config)
+            if not thorough:
+                context = dataclasses.replace(context, field_budget=config.budget.max_fields)
+            pool.share(context.shared_objects(), partial(_prepare_worker, _user_effect_files(library)))
+            findings = _search(context, notes, progress or _no_progress)
+            diagnosis = _assemble_diagnosis(findings, free_maps, progress or _no_progress)
     finally:
         torch.set_num_threads(threads)
+    return dataclasses.replace(diagnosis, seconds=time.monotonic() - began)
 
 
-def _check_capture_count(captures: Captures) -> None:
-    if len(captures) < _LEAST_CAPTURES:
+@dataclass(frozen=True)
+class _Findings:
+    """What a search found, and what follows from it.
+
+    gain: of every capture under the best model. power_law: what the gains show. causes: as they are reported.
+    """
+
+    context: SearchContext
+    result: SearchResult
+    decision: Decision
+    gain: NDArray[np.float64]
+    power_law: PowerLawFit | None
+    causes: list[Cause]
+    notes: list[str]
+
+
+def _no_progress(done: int, total: int, note: str) -> None:
+    pass
+
+
+def _prepare_worker(effect_files: Sequence[str]) -> None:
+    """What another process needs before it can run jobs of a diagnosis."""
+    torch.set_num_threads(1)
+    for file in effect_files:
+        load_user_effects(file)
+
+
+def _user_effect_files(effects: Sequence[Effect]) -> list[str]:
+    return sorted({inspect.getfile(type(effect)) for effect in effects if is_user_effect(effect)})
+
+
+def _check_capture_count(captures: Captures, config: SearchConfig) -> None:
+    if len(captures) < config.split.min_captures:
         raise UserError(
             "captures",
             "one only",
@@ -90,181 +135,134 @@ def _check_capture_count(captures: Captures) -> None:
 
 
 def _prepare(
-    captures: Captures, effects: Sequence[Effect], known: Values, workers: int, sampling: SamplingConfig
+    captures: Captures,
+    effects: Sequence[Effect],
+    known: Values,
+    pool: WorkerPool,
+    sampling: SamplingConfig,
+    config: SearchConfig,
 ) -> tuple[SearchContext, list[str]]:
-    facts = captures.data_properties()
-    missing = {e.id: e.needs.unmet_by(facts) for e in effects}
-    seen = {e.id: e for e in effects if not missing[e.id]}
-    notes = [f"{name} can't be seen in these captures: {why}." for name, why in missing.items() if why]
-    if facts.wavelengths == 1:
+    """What a search works with, and notes on what these captures can't show."""
+    properties = captures.data_properties()
+    unmet = {e.id: e.needs.unmet_by(properties) for e in effects}
+    visible = {e.id: e for e in effects if not unmet[e.id]}
+    notes = [f"{name} can't be seen in these captures: {why}." for name, why in unmet.items() if why]
+    if properties.wavelengths == 1:
         notes.append("With one wavelength, errors of the wavelength and of distances can't be told apart.")
-    if facts.planes == 1 and not facts.is_fourier:
+    if properties.planes == 1 and not properties.is_fourier:
         notes.append("With one plane, a wrong wavelength looks much like a wrong distance.")
-    bench = SearchContext(
-        data=prepare_captures(captures),
+    data = prepare_captures(captures)
+    options = dataclasses.asdict(sampling)
+    context = SearchContext(
+        data=data,
         system=captures.nominal_system(),
-        effects=seen,
-        split=split_captures(captures, pattern_roughness(captures)),
-        predictor=PerThreadPredictor(
-            partial(PredictorWithKnownEffects, captures, known, **dataclasses.asdict(sampling))
-        ),
-        workers=WorkerPool(workers),
+        effects=visible,
+        split=split_captures(captures, pattern_roughness(captures), config.split),
+        predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, captures, known, **options)),
+        workers=pool,
+        variances=NeighbourVariances(data),
+        config=config,
         sampling=sampling,
-        equivalents=equivalent_effects(seen, facts),
+        equivalents=equivalent_effects(visible, properties),
     )
-    return bench, notes
+    return context, notes
 
 
-def _run_pipeline(
-    context: SearchContext, notes: list[str], progress: ProgressCallback, free_maps: bool, began: float
-) -> Diagnosis:
+def _search(context: SearchContext, notes: list[str], progress: ProgressCallback) -> _Findings:
     context = detect_nuisances(context, {})
-    context, selection = _search_causes(context, progress)
-    decision, forgiven = excuse_laser_drift(context, selection, decide(selection, context.equivalents))
-    decision, doubts = drop_sampling_artefacts(context, selection, decision)
-    notes = [*notes, *forgiven, *doubts, *_budget_notes(context, decision)]
-    gain = _gains(context, decision)
+    context, result = _search_causes(context, progress)
+    decision, drift_notes = excuse_laser_drift(context, result, _decide(context, result))
+    decision, sampling_notes = drop_sampling_artefacts(context, result, decision)
+    notes = [*notes, *drift_notes, *sampling_notes, *_budget_notes(context, decision)]
+    values = decision.best.fit.values if decision.best else {}
+    every = context.data_weighted_comparison(np.arange(len(context.data.captures)), 0.0)
+    gain = every.fit_gains(values).gain
     law = _power_law(context, gain)
     progress(1, 1, "intervals, look-alikes")
-    causes = _describe_causes(context, selection, decision)
-    return _assemble_diagnosis(context, selection, decision, gain, law, causes, notes, progress, free_maps, began)
+    causes = describe_causes(context, result, decision)
+    return _Findings(context, result, decision, gain, law, causes, notes)
+
+
+def _decide(context: SearchContext, result: SearchResult) -> Decision:
+    return decide(result, context.equivalents, context.config.verdict)
 
 
 def _search_causes(context: SearchContext, progress: ProgressCallback) -> tuple[SearchContext, SearchResult]:
-    """What a search finds; none is begun where a shaking camera alone explains the captures."""
+    """The context with the nuisances found, and the candidates ranked with them.
+
+    No search is begun where movements of the camera alone explain the captures.
+    """
     nothing = rank_on_held_out(context, [])
-    if (
-        context.has_camera_jitter
-        and excuse_laser_drift(context, nothing, decide(nothing, context.equivalents))[0].verdict is Verdict.CONSISTENT
-    ):
-        return context, nothing
-    selection = select_causes(context, [e for e in context.effects.values() if not changes_only_power(e)], progress)
-    settled = detect_nuisances(context, selection.best.fit.values)
+    if context.has_camera_jitter:
+        decision, _ = excuse_laser_drift(context, nothing, _decide(context, nothing))
+        if decision.verdict is Verdict.CONSISTENT:
+            return context, nothing
+    result = select_causes(context, [e for e in context.effects.values() if not changes_only_power(e)], progress)
+    settled = detect_nuisances(context, result.best.fit.values)
     if settled is context:
-        return context, selection
-    near = [c.fit for c in selection.candidates[:_REJUDGED] if c.excess < _NEAR * selection.best.excess + _NEAR_FLOOR]
-    return settled, rank_on_held_out(
-        settled, settled.run_parallel(partial(refine_fit, settled, trial) for trial in near)
-    )
+        return context, result
+    config = context.config.selection
+    max_excess = config.reranked_excess_factor * result.best.excess + config.reranked_excess
+    near = [c.fit for c in result.candidates[: config.reranked] if c.excess < max_excess]
+    return settled, rank_on_held_out(settled, settled.run_parallel(partial(refine_fit, settled, f) for f in near))
 
 
 def _budget_notes(context: SearchContext, decision: Decision) -> list[str]:
-    """A note where a search that hadn't come to its end was ended."""
+    """A note where a search that found no full explanation ended at its budget."""
     if not context.budget_exhausted or decision.verdict not in (Verdict.UNEXPLAINED, Verdict.PARTLY):
         return []
     return ["The search was ended with causes left to try; a thorough one (--thorough) takes minutes more."]
 
 
-def _gains(context: SearchContext, decision: Decision) -> NDArray[np.float64]:
-    """The gain of every capture under the best model."""
-    values = decision.best.fit.values if decision.best else {}
-    return context.data_weighted_comparison(np.arange(len(context.data.captures)), 0.0).fit_gains(values).gain
-
-
 def _power_law(context: SearchContext, gain: NDArray[np.float64]) -> PowerLawFit | None:
-    """What the gains of all captures tell of the lasers' power."""
-    found = [fit_power_law(e, context.data.captures, gain) for e in context.effects.values() if changes_only_power(e)]
-    return min((law for law in found if law is not None), key=lambda law: law.spread_after, default=None)
+    """The law of the lasers' power that leaves the smallest spread of the gains, if one is significant."""
+    captures, laws = context.data.captures, [e for e in context.effects.values() if changes_only_power(e)]
+    fits = [fit_power_law(effect, captures, gain, context.config) for effect in laws]
+    return min((fit for fit in fits if fit is not None), key=lambda fit: fit.spread_after, default=None)
 
 
-def _describe_causes(context: SearchContext, selection: SearchResult, decision: Decision) -> list[Cause]:
-    if decision.best is None:
-        return []
-    trial, judged_by = decision.best.fit, selection.comparison
-    after = fit_quality(judged_by, judged_by.fit_gains(trial.values))
-    effects = [context.effects[name] for name in trial.causes]
-    fitted = context.model_weighted_comparison(context.split.fine, trial.values)
-    at = local_jacobian(trial, effects, fitted)
-    found = confidence_intervals(trial, at, fitted)
-    one_or_two = [0] if incoherent_field_count(context, trial.values) >= VERY_MANY else [0, -1]
-    few = context.model_weighted_comparison(context.split.coarse[one_or_two], trial.values)
-    alike = lookalike_correlations(context, trial, local_jacobian(trial, effects, few), few)
-    separate = best_separating_capture(context, decision.best, decision.rivals[0]) if decision.rivals else None
-    rivals = {name: 1.0 for rival in decision.rivals for name in rival.causes if name not in trial.causes}
-    causes = []
-    for effect in effects:
-        before = fit_quality(judged_by, judged_by.fit_gains(trial.without(effect.id).values))
-        share = (before.chi2_per_pixel - after.chi2_per_pixel) / max(before.chi2_per_pixel - 1.0, 1e-9)
-        shown = {name: interval for (e, name), interval in found.items() if e == effect.id}
-        causes.append(
-            Cause(
-                effect=effect.id,
-                sentence=effect.format_finding(context.system, trial.values[effect.id]),
-                intervals=shown,
-                units={p.name: p.unit for p in effect.parameters},
-                excess_explained=float(np.clip(share, 0.0, 1.0)),
-                gain_db=after.psnr_db - before.psnr_db,
-                before=before,
-                after=after,
-                confounded_with=rivals | alike[effect.id],
-                separate_by=separate,
-            )
-        )
-    return sorted(causes, key=lambda c: -c.gain_db)
-
-
-def _assemble_diagnosis(
-    context: SearchContext,
-    selection: SearchResult,
-    decision: Decision,
-    gain: NDArray[np.float64],
-    law: PowerLawFit | None,
-    causes: list[Cause],
-    notes: list[str],
-    progress: ProgressCallback,
-    free_maps: bool,
-    began: float,
-) -> Diagnosis:
-    captures, comparison = context.data.captures, selection.comparison
+def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: ProgressCallback) -> Diagnosis:
+    """The diagnosis, without the seconds that it took."""
+    context, result, decision, law = findings.context, findings.result, findings.decision, findings.power_law
+    captures, comparison, config = context.data.captures, result.comparison, context.config
     values = decision.best.fit.values if decision.best else {}
-    verdict = decision.verdict
     nominal, best = comparison.fit_gains({}), comparison.fit_gains(values)
-    after = fit_quality(comparison, best)
-    left = max(after.chi2_per_pixel - 1.0, 0.0) / max(selection.nominal.excess, 1e-9)
-    freed = []
-    if free_maps and verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY) and after.chi2_per_pixel > _UNEXPLAINED:
-        progress(0, 1, "free maps at every place")
-        freed = fit_free_maps(context, values, comparison)
-    if law is not None:
-        values = values | law.values
-        causes = [*causes, _power_cause(context, law)]
-        verdict = Verdict.EXPLAINED if verdict is Verdict.CONSISTENT else verdict
-        verdict = Verdict.PARTLY if verdict is Verdict.UNEXPLAINED else verdict
-    rough = pattern_roughness(captures)
+    after = fit_quality(comparison, best, config.report)
+    left = max(after.chi2_per_pixel - 1.0, 0.0) / max(result.nominal.excess, 1e-9)
+    roughness = pattern_roughness(captures)
     return Diagnosis(
-        verdict=verdict,
-        before=fit_quality(comparison, nominal),
+        verdict=decision.verdict if law is None else _verdict_with_power_law(decision.verdict),
+        before=fit_quality(comparison, nominal, config.report),
         after=after,
-        causes=tuple(causes),
-        values=values,
+        causes=tuple(findings.causes if law is None else [*findings.causes, describe_power_law(context, law)]),
+        values=values if law is None else values | law.values,
         rivals=tuple(r.causes for r in decision.rivals),
         unexplained=0.0 if decision.verdict is Verdict.CONSISTENT else float(min(left, 1.0)),
-        lives_in=likely_locations(freed),
-        groups=held_out_groups(captures, comparison, nominal, best),
-        candidates=tuple(CandidateResult(c.causes, c.chi2_per_pixel) for c in selection.candidates),
-        samples=sample_captures(captures, comparison, nominal, best),
-        excess_before=break_down_excess(captures, comparison, nominal, rough),
-        excess_after=break_down_excess(captures, comparison, best, rough),
+        lives_in=_locations(findings, values, after.chi2_per_pixel, progress) if free_maps else {},
+        groups=held_out_groups(captures, comparison, nominal, best, config.report),
+        candidates=tuple(CandidateResult(c.causes, c.chi2_per_pixel) for c in result.candidates),
+        samples=sample_captures(captures, comparison, nominal, best, config.report.samples),
+        excess_before=break_down_excess(captures, comparison, nominal, roughness, config.breakdown),
+        excess_after=break_down_excess(captures, comparison, best, roughness, config.breakdown),
         signal_explained=(explained_variance(comparison, nominal), explained_variance(comparison, best)),
         fixed_pattern=context.prnu,
-        gain_spread=gain_spread(captures, gain),
-        notes=tuple(notes),
-        seconds=time.monotonic() - began,
+        gain_spread=gain_spread(captures, findings.gain),
+        notes=tuple(findings.notes),
+        seconds=math.nan,
     )
 
 
-def _power_cause(context: SearchContext, law: PowerLawFit) -> Cause:
-    """The laser's law as a cause; its before and after are the spread of the gains, as errors of the pictures."""
-    effect = context.effects[law.effect]
-    gain_db = 20 * float(np.log10(law.spread_before / max(law.spread_after, 1e-9)))
-    nothing = FitQuality(float("nan"), float("nan"))
-    return Cause(
-        effect=effect.id,
-        sentence=effect.format_finding(context.system, law.values[effect.id]),
-        intervals={name: interval for (_, name), interval in law.intervals.items()},
-        units={p.name: p.unit for p in effect.parameters},
-        excess_explained=1.0 - (law.spread_after / law.spread_before) ** 2,
-        gain_db=gain_db,
-        before=nothing,
-        after=nothing,
-    )
+def _locations(findings: _Findings, values: Values, chi2: float, progress: ProgressCallback) -> dict[str, float]:
+    """The places of an error that no effect explains, with the shares that free maps there explain."""
+    context, verdict = findings.context, findings.decision.verdict
+    is_open = verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
+    if not is_open or chi2 <= context.config.verdict.explained_chi2:
+        return {}
+    progress(0, 1, "free maps at every place")
+    base = {name: dict(own) for name, own in values.items()}
+    return likely_locations(fit_free_maps(context, base, findings.result.comparison), context.config.free_maps)
+
+
+def _verdict_with_power_law(verdict: Verdict) -> Verdict:
+    """The verdict once a law of the lasers' power is named as well."""
+    return {Verdict.CONSISTENT: Verdict.EXPLAINED, Verdict.UNEXPLAINED: Verdict.PARTLY}.get(verdict, verdict)

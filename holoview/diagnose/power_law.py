@@ -1,7 +1,7 @@
 """What the fitted gains tell: whether the laser's power follows what was set, and how much exposures jitter.
 
-The gain of each capture is a nuisance that every fit frees, so an effect that changes nothing but the laser's power
-leaves no residual. It is read off the gains: log a_k, centred for each wavelength, against the law's prediction.
+Every fit frees the gain of each capture, so an effect that changes the laser's power alone leaves no residual. It is
+read off the gains: log a_k, centred for each wavelength, is fitted by the law's prediction.
 """
 
 from __future__ import annotations
@@ -13,16 +13,12 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from holoview.captures.dataset import Captures
-from holoview.diagnose.free_parameters import FittedValues, free_parameters_of
+from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.free_parameters import FittedValues, FreeParameters, free_parameters_of
 from holoview.diagnose.uncertainty import Interval
 from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
 
 Floats = NDArray[np.float64]
-
-_LEAST_SPREAD = 0.003  # of the gains: jitter of exposures up to here is every laboratory's
-_LEAST_EXPLAINED = 0.5
-_SIGMAS = 5.0
-_MOST_RISK = 1.96
 
 
 @dataclass(frozen=True)
@@ -37,24 +33,24 @@ class PowerLawFit:
 
 
 def gain_spread(captures: Captures, gain: Floats) -> float:
-    """R.m.s. of the gains about those of their wavelength, relative."""
-    return float(np.std(centre_per_wavelength(captures, np.log(np.maximum(gain, 1e-300)))))
+    """Standard deviation of the logarithm of the gains about the mean of their wavelength."""
+    return float(np.std(_centred_log(captures, gain)))
 
 
 def changes_only_power(effect: Effect) -> bool:
-    """Whether an effect changes the laser's power and nothing that a picture's shape would show."""
-    others = (*BENCH_HOOKS, *MODULATOR_HOOKS, *CAMERA_HOOKS, "pupil")
-    return effect.overrides("laser_power") and not any(
-        effect.overrides(hook) for hook in others if hook != "laser_power"
-    )
+    """Whether an effect changes the laser's power and nothing that an image's shape would show."""
+    others = {*BENCH_HOOKS, *MODULATOR_HOOKS, *CAMERA_HOOKS, "pupil"} - {"laser_power"}
+    return effect.overrides("laser_power") and not any(effect.overrides(hook) for hook in others)
 
 
-def fit_power_law(effect: Effect, captures: Captures, gain: Floats) -> PowerLawFit | None:
-    """The law's parameters where it explains the gains' spread, else None. Gains are those of the nominal law."""
-    log_gain = centre_per_wavelength(captures, np.log(np.maximum(gain, 1e-300)))
+def fit_power_law(effect: Effect, captures: Captures, gain: Floats, config: SearchConfig) -> PowerLawFit | None:
+    """The law's parameters where it explains the gains' spread, else None. gain: under the nominal law, (capture,)."""
+    limits = config.power_law
+    log_gain = _centred_log(captures, gain)
     free = free_parameters_of([effect], include_fine=True)
     spread = float(np.std(log_gain))
-    if spread < _LEAST_SPREAD or len(free) == 0 or len(captures) < len(captures.wavelengths_m) + len(free) + 2:
+    fitted_numbers = len(captures.wavelengths_m) + len(free)
+    if spread < limits.min_spread or len(free) == 0 or len(captures) < fitted_numbers + limits.spare_captures:
         return None
 
     def residual(x: Floats) -> Floats:
@@ -62,28 +58,40 @@ def fit_power_law(effect: Effect, captures: Captures, gain: Floats) -> PowerLawF
         law = np.log(np.maximum(emitted, 1e-300) / captures.power)
         return np.asarray(log_gain - centre_per_wavelength(captures, law), dtype=np.float64)
 
-    bounds, start = free.bounds(), free.pack({})
-    found = least_squares(residual, start, bounds=(bounds.lower, bounds.upper), x_scale=1.0)
-    left = float(np.std(found.fun))
-    if 1.0 - (left / spread) ** 2 < _LEAST_EXPLAINED:
+    bounds, start = free.bounds(config.fits.steps), free.pack({})
+    solution = least_squares(residual, start, bounds=(bounds.lower, bounds.upper), x_scale=1.0)
+    left = float(np.std(solution.fun))
+    if 1.0 - (left / spread) ** 2 < limits.min_explained:
         return None
-    freedom = len(captures) - len(captures.wavelengths_m) - len(free)
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * np.square(found.fun).sum() / freedom
-    sigma = np.sqrt(np.diag(covariance)) * np.abs(free.value_derivatives(found.x))
-    values = free.unpack(found.x)
+    values = free.unpack(solution.x)
+    sigma = _standard_deviations(free, solution.x, solution.jac, solution.fun, len(captures) - fitted_numbers)
     own = values[effect.id]
     intervals = {
-        (e, p.name): Interval(own[p.name], float(s), _MOST_RISK * float(s))
+        (e, p.name): Interval(own[p.name], float(s), limits.interval_sigmas * float(s))
         for (e, p), s in zip(free.entries, sigma, strict=True)
     }
-    significant = any(abs(own[p.name] - p.identity) > _SIGMAS * intervals[e, p.name].sigma for e, p in free.entries)
+    significant = any(
+        abs(own[p.name] - p.identity) > limits.min_sigmas * intervals[e, p.name].sigma for e, p in free.entries
+    )
     return PowerLawFit(effect.id, values, intervals, spread, left) if significant else None
 
 
 def centre_per_wavelength(captures: Captures, values: Floats) -> Floats:
-    """Values less the mean of their wavelength."""
+    """Values (capture,) less the mean of their wavelength."""
     result = np.array(values, dtype=np.float64)
     for wavelength in captures.wavelengths_m:
         same = captures.wavelength_m == wavelength
         result[same] -= result[same].mean()
     return result
+
+
+def _centred_log(captures: Captures, gain: Floats) -> Floats:
+    return centre_per_wavelength(captures, np.log(np.maximum(gain, 1e-300)))
+
+
+def _standard_deviations(
+    free: FreeParameters, x: Floats, jacobian: Floats, residual: Floats, degrees_of_freedom: int
+) -> Floats:
+    """Of the values of a least-squares solution whose residuals have one common variance."""
+    covariance = np.linalg.pinv(jacobian.T @ jacobian) * np.square(residual).sum() / degrees_of_freedom
+    return np.sqrt(np.diag(covariance)) * np.abs(free.value_derivatives(x))

@@ -1,8 +1,8 @@
-"""Whether captures disagree with the model's own samples rather than with the bench.
+"""Whether captures disagree with the model's sampling rather than with the bench.
 
-Lost contrast is what coarse samples look like; a blur, bandwidth and an extended source then explain part of it. So the
-held-out captures are predicted once more with finer samples, larger grids, camera pixels that integrate or don't. A
-cause that these do better without isn't one.
+Coarse samples look like lost contrast, which a blur, bandwidth and an extended source partly explain. So the held-out
+captures are predicted once more with finer samples, larger grids, and camera pixels that integrate or don't. A cause
+that isn't needed with such samples isn't named.
 """
 
 from __future__ import annotations
@@ -13,90 +13,108 @@ from functools import partial
 
 from holoview.diagnose.capture_split import spread_over_wavelengths
 from holoview.diagnose.comparison import Comparison, Values
-from holoview.diagnose.held_out_ranking import ALARM, HeldOutScore, SearchResult, score_on_held_out
+from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.held_out_ranking import HeldOutScore, SearchResult, score_on_held_out
 from holoview.diagnose.sampling_config import SamplingConfig
 from holoview.diagnose.search_context import SearchContext
-from holoview.diagnose.verdict import HALF, Decision, Verdict, chance_excess, jitter_excess
-
-_OTHERS = tuple(SamplingConfig(*way) for way in ((1, 2, 2), (2, 2, 1), (2, 2, 2), (1, 3, 1), (1, 4, 1), (2, 3, 2)))
-_CAPTURES = 4
-_MOST_SAMPLES = 1 << 26  # of a grid: half a gigabyte a field
-_CACHE_MB = 64  # of each way: causes are left out one after the other
+from holoview.diagnose.verdict import Decision, Verdict, chance_excess, jitter_excess
 
 AlternativeComparisons = Mapping[SamplingConfig, Comparison]
 
 
 def drop_sampling_artefacts(
-    context: SearchContext, selection: SearchResult, decision: Decision
+    context: SearchContext, result: SearchResult, decision: Decision
 ) -> tuple[Decision, list[str]]:
-    """The decision without causes that other samples do better without; with notes.
+    """The decision without causes that other samples make superfluous; with notes.
 
-    What comes down to the noise isn't doubted.
+    A model that predicts the captures down to their noise isn't checked.
     """
-    best = decision.best
-    if decision.verdict is Verdict.CONSISTENT or (
-        best is not None and best.excess <= chance_excess(selection.pixel_count)
-    ):
+    best, config = decision.best, context.config
+    at_noise = best is not None and best.excess <= chance_excess(result.pixel_count, config.verdict)
+    if decision.verdict is Verdict.CONSISTENT or at_noise:
         return decision, []
     comparison = _check_comparison(context, decision)
-    others = _alternative_comparisons(context, comparison)
+    alternatives = _alternative_comparisons(context, comparison)
     dropped: list[str] = []
-    while best is not None and (name := _find_dispensable_cause(comparison, others, best)):
+    while best is not None and (name := _find_dispensable_cause(config, comparison, alternatives, best)):
         dropped.append(name)
         fewer = best.fit.without(name)
-        best = score_on_held_out(fewer, selection.comparison, selection.tolerant_comparison) if fewer.causes else None
+        best = score_on_held_out(fewer, result.comparison, result.tolerant_comparison) if fewer.causes else None
     notes = [f"{name} is not named: other samples of the same bench explain more than it does." for name in dropped]
     if dropped:
         decision = Decision(Verdict.PARTLY if best else Verdict.UNEXPLAINED, best)
     if decision.verdict not in (Verdict.PARTLY, Verdict.UNEXPLAINED):
         return decision, notes
     values = best.fit.values if best else {}
-    found, left = best_alternative_sampling(others, values), comparison.chi2_per_pixel(values)
-    if found is None or (left - found[1]) * comparison.pixel_count < ALARM or found[1] - 1.0 > HALF * (left - 1.0):
-        return decision, notes
-    notes.append(
-        f"With {found[0].description} χ²/n is {found[1]:.4g}, not {left:.4g}; {found[0].cli_options} diagnoses so."
-    )
-    if best is None and found[1] - 1.0 < jitter_excess(comparison.pixel_count):
+    decision, more = _credit_sampling(config, comparison, alternatives, decision, values)
+    return decision, notes + more
+
+
+def _credit_sampling(
+    config: SearchConfig,
+    comparison: Comparison,
+    alternatives: AlternativeComparisons,
+    decision: Decision,
+    values: Values,
+) -> tuple[Decision, list[str]]:
+    """The decision with a note on samples that explain much of what is left; consistent if they explain it all."""
+    alternative, left = _best_alternative(alternatives, values), comparison.chi2_per_pixel(values)
+    if alternative is None:
+        return decision, []
+    sampling, chi2 = alternative
+    gained = (left - chi2) * comparison.pixel_count
+    max_excess = config.sampling_check.max_left_share * (left - 1.0)
+    if gained < config.verdict.min_delta_chi2 or chi2 - 1.0 > max_excess:
+        return decision, []
+    note = f"With {sampling.description} χ²/n is {chi2:.4g}, not {left:.4g}; {sampling.cli_options} diagnoses so."
+    if decision.best is None and chi2 - 1.0 < jitter_excess(comparison.pixel_count, config.verdict):
         decision = Decision(Verdict.CONSISTENT, None)
-    return decision, notes
+    return decision, [note]
 
 
-def best_alternative_sampling(
-    alternatives: AlternativeComparisons, values: Values
-) -> tuple[SamplingConfig, float] | None:
-    """The best of other ways to sample with these causes, and its χ²/n; None where there is no other."""
+def _best_alternative(alternatives: AlternativeComparisons, values: Values) -> tuple[SamplingConfig, float] | None:
+    """The best other sampling with these causes, and its χ²/n; None where there is no other."""
     return min(
-        ((way, other.chi2_per_pixel(values)) for way, other in alternatives.items()),
-        key=lambda found: found[1],
+        ((sampling, other.chi2_per_pixel(values)) for sampling, other in alternatives.items()),
+        key=lambda pair: pair[1],
         default=None,
     )
 
 
 def _alternative_comparisons(context: SearchContext, comparison: Comparison) -> dict[SamplingConfig, Comparison]:
-    """The comparison in other ways, but for those whose grids would be too large."""
+    """The comparison with each other sampling, except those whose grids would be too large."""
+    config = context.config.sampling_check
     rows, columns = context.system.modulators[0].shape
     samples = context.system.sampling.upsample**2 * rows * columns
-    able = [
-        way for way in _OTHERS if way != context.sampling and samples * (way.finer * way.padding) ** 2 <= _MOST_SAMPLES
+    affordable = [
+        sampling
+        for sampling in config.alternatives
+        if sampling != context.sampling and samples * (sampling.finer * sampling.padding) ** 2 <= config.max_samples
     ]
-    make = partial(context.predictor.create, cache_mb=_CACHE_MB)
-    return {way: comparison.with_predictor(make(**asdict(way))) for way in able}
+    create = partial(context.predictor.create, cache_mb=config.cache_mb)
+    return {sampling: comparison.with_predictor(create(**asdict(sampling))) for sampling in affordable}
 
 
 def _check_comparison(context: SearchContext, decision: Decision) -> Comparison:
-    few = spread_over_wavelengths(context.data.captures, context.split.held_out, _CAPTURES)
+    """A few held-out captures, with the weights of the noise at the best model."""
+    count = context.config.sampling_check.captures
+    few = spread_over_wavelengths(context.data.captures, context.split.held_out, count)
     return context.model_weighted_comparison(few, decision.best.fit.values if decision.best else {})
 
 
-def _find_dispensable_cause(comparison: Comparison, others: AlternativeComparisons, best: HeldOutScore) -> str | None:
-    """A cause without which other samples leave less than the model with it, and to which they don't need it either."""
+def _find_dispensable_cause(
+    config: SearchConfig, comparison: Comparison, alternatives: AlternativeComparisons, best: HeldOutScore
+) -> str | None:
+    """A cause without which other samples leave less than the model with it, and that they don't need either."""
     left = comparison.chi2_per_pixel(best.fit.values)
     for name in reversed(best.causes):
-        found = best_alternative_sampling(others, best.fit.without(name).values)
-        if found is None or (left - found[1]) * comparison.pixel_count < ALARM:
+        alternative = _best_alternative(alternatives, best.fit.without(name).values)
+        if alternative is None:
             continue
-        both = others[found[0]].chi2_per_pixel(best.fit.values)
-        if found[1] - both < HALF * (found[1] - 1.0):
+        sampling, chi2 = alternative
+        if (left - chi2) * comparison.pixel_count < config.verdict.min_delta_chi2:
+            continue
+        with_cause = alternatives[sampling].chi2_per_pixel(best.fit.values)
+        if chi2 - with_cause < config.sampling_check.max_left_share * (chi2 - 1.0):
             return name
     return None

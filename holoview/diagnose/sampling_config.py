@@ -1,4 +1,4 @@
-"""Ways to sample the same bench: they change the model's accuracy, not the bench."""
+"""How a prediction samples light: it changes the model's accuracy, not the bench."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class SamplingConfig:
-    """How light is computed and seen.
+    """The keywords of `Predictor` that set its sampling.
 
-    finer: samples each way for each that the captures ask for. padding: sides of the grid in those of the modulators.
-    points: how many points each way a camera pixel averages; None: one for each sample on it.
+    finer: samples on each axis for every one of the model's own. padding: sides of the grid over the modulators'.
+    points: points on each axis that a camera pixel averages; None: one for each sample on it.
     """
 
     finer: int = 1
@@ -19,7 +19,7 @@ class SamplingConfig:
 
     @property
     def description(self) -> str:
-        """How it differs from the plain one."""
+        """How it differs from the default."""
         parts = ["finer samples"] if self.finer > 1 else []
         parts += [f"a grid {self.padding} times the modulators' size"] if self.padding > 2 else []
         parts += ["camera pixels that integrate"] if (self.points or self.finer) > 1 else []
@@ -27,7 +27,7 @@ class SamplingConfig:
 
     @property
     def cli_options(self) -> str:
-        """The command's options for it."""
+        """The options of `holoview diagnose` for it."""
         points = f" --points {self.points}" if self.points else ""
         return f"--finer {self.finer} --padding {self.padding}{points}"
 

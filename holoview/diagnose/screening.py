@@ -1,35 +1,28 @@
 """First look at every effect, on the smoothest captures, on top of causes that are already known.
 
-Three ways, by how far the model is off. Nearly there: the tangent at the identity tells what each effect could gain,
-and only the most promising are fitted. Medium: a local fit of each from its identity. Far: a scan over each effect's
-range first, since decorrelated speckle has no slope that points home. Effects come in batches, the cheapest first, so
-that the caller can stop as soon as one explains everything.
+How depends on the relative error of the model. Small: derivatives at the identity predict what each effect could gain,
+and only the most promising are fitted. Medium: every effect is fitted from its identity. Large: every effect is scanned
+over its range first, since decorrelated speckle has no derivative that points to the true value. Effects come in
+batches, the cheapest first, so that the caller can stop as soon as one explains everything.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.diagnose.capture_split import spread_over_wavelengths
 from holoview.diagnose.comparison import Comparison
-from holoview.diagnose.displacement_starts import StartProvider, displacement_starts
-from holoview.diagnose.effect_fit import (
-    CandidateFit,
-    cost_at_identity,
-    cost_or_inf,
-    effect_jacobian,
-    find_hard_edges,
-    fit_from_scan,
-    local_fit,
-    scan_effect,
-)
-from holoview.diagnose.field_count import MANY, max_field_count
-from holoview.diagnose.free_parameters import FittedValues
-from holoview.diagnose.ghost_starts import ghost_starts
+from holoview.diagnose.displacement_starts import DisplacementStarts, StartProvider
+from holoview.diagnose.effect_fit import CandidateFit, cost_or_inf, effect_jacobian, local_fit
+from holoview.diagnose.effect_scan import cost_at_identity, find_hard_edges, fit_from_scan, scan_effect
+from holoview.diagnose.field_count import is_costly_effect, max_field_count
+from holoview.diagnose.free_parameters import FittedValues, identity_values
+from holoview.diagnose.ghost_starts import GhostStarts
 from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
 from holoview.util.progress import ProgressCallback
@@ -37,166 +30,142 @@ from holoview.util.progress import ProgressCallback
 EffectFitter = Callable[[Effect], CandidateFit]
 FitBatches = Iterator[list[CandidateFit]]
 
-_TANGENT_BELOW, _LOCAL_BELOW = 0.05, 0.35  # r.m.s. residual over mean light
-_TANGENT_FITS = 8
-_LONG = 20.0  # times the step of tangents of many fields: over short ones irises' edges jump more than the rest changes
-_STRAIGHT = 2.0  # χ²/n up to which nothing can lie beyond the reach of tangents
-_BATCH = 8
-_SCAN_CAPTURES = 2
-_FEW_POINTS = 3  # of a scan where a prediction adds many fields; a local fit is begun only if one of them leaves
-_WORTH_FITTING = 0.9  # of the cost without the effect
-
-
-def relative_model_error(
-    context: SearchContext, values: FittedValues, indices: NDArray[np.intp] | None = None
-) -> float:
-    """How far a model is off: r.m.s. residual beyond the noise over the mean light; coarse captures when None."""
-    comparison = context.data_weighted_comparison(context.split.coarse if indices is None else indices, 0.0)
-    fitted = comparison.fit_gains(values)
-    usable = comparison.weight > 0
-    inverse = np.where(usable, 1.0 / np.where(usable, comparison.weight, 1.0), 0.0)
-    excess = np.square(fitted.residual * inverse).sum((1, 2)) - np.square(inverse).sum((1, 2))
-    light = np.abs(np.where(usable, comparison.light, 0.0).sum((1, 2)))
-    ratio = np.maximum(excess, 0.0) * comparison.pixels_per_capture / np.maximum(light, 1e-9) ** 2
-    return float(np.sqrt(ratio.mean()))
-
 
 def screen_effects(
     context: SearchContext, base: FittedValues, effects: Sequence[Effect], progress: ProgressCallback, note: str
 ) -> Iterator[FitBatches]:
-    """Stages of batches of trials, each one effect on top of `base` with costs of one comparison; cheap effects first.
+    """Stages of batches of fits, each of one effect on top of `base`, with costs of one comparison.
 
-    Near the floor the most promising tangents; further off local fits; then, unless there is hardly anything to
-    explain, scans over ranges. Far off scans alone.
+    Fits that gain nothing are left out. With a small error of the model: the most promising effects by their
+    derivatives, then scans unless hardly anything is left to explain. Medium: local fits, then scans. Large: scans
+    alone.
     """
-    off_by = relative_model_error(context, base)
-    comparison = context.data_weighted_comparison(context.split.coarse, min(off_by, 1.0))
-    some = spread_over_wavelengths(context.data.captures, context.split.coarse, _SCAN_CAPTURES)
-    few = context.data_weighted_comparison(some, min(off_by, 1.0))
-    nothing = cost_or_inf(comparison, base)
+    config = context.config.screening
+    error = context.relative_model_error(base)
+    screening = _Screening(context, base, error, progress, note)
     ordered = sorted(effects, key=lambda e: (search_cost(context, e), e.id))
-
-    def batches(look: EffectFitter, note: str) -> FitBatches:
-        for batch in _batches(ordered):
-            yield _improving(context.map_effects(look, batch, progress, note), nothing)
-
-    def nearly() -> FitBatches:
-        doubled = ghost_starts(base, comparison)
-        look = _scan_fitter(context, comparison, few, base, doubled)
-        yield _improving(context.map_effects(look, [e for e in ordered if doubled(e)], progress, note), nothing)
-        best = _best_by_tangent(context, base, [e for e in ordered if not doubled(e)], comparison, progress, note)
-        yield _improving(
-            context.map_effects(_local_fitter(context, comparison, few, base, 4), best, progress, note), nothing
-        )
-
-    if off_by < _TANGENT_BELOW:
-        yield nearly()
-        blind = context.data_weighted_comparison(context.split.coarse, 0.0)
-        if cost_or_inf(blind, base) < _STRAIGHT * blind.pixel_count:
+    if error < config.tangent_max_error:
+        yield screening.nearby_fits(ordered)
+        unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
+        if cost_or_inf(unbiased, base) < config.no_scan_chi2 * unbiased.pixel_count:
             return
-    elif off_by < _LOCAL_BELOW:
-        yield batches(_local_fitter(context, comparison, few, base, 4), note)
-    look = _scan_fitter(context, comparison, few, base, _starts(context, base, comparison))
-    yield batches(look, f"{note}, over its range")
+    elif error < config.local_max_error:
+        yield screening.in_batches(screening.fitter.local_fit, ordered, "")
+    starts = screening.image_starts()
+    yield screening.in_batches(partial(screening.fitter.scan_and_fit, starts), ordered, ", over its range")
 
 
 def search_cost(context: SearchContext, effect: Effect) -> float:
-    """How much a search costs: points of its scan × fields of a prediction × how early the light path changes."""
-    points = list(effect.starting_points(context.system))
-    beams = max_field_count(context, effect)
-    upstream = any(effect.overrides(h) for h in (*BENCH_HOOKS, *MODULATOR_HOOKS) if h != "laser_power")
-    aims = any(effect.overrides(h) for h in CAMERA_HOOKS)
-    return (len(points) + 3 * len(effect.parameters)) * (4.0 * beams if upstream else 0.2 if aims else 2.0)
+    """How much a search costs: points of its scan × fields of a prediction × how early it acts on the light."""
+    config = context.config.screening
+    points = len(list(effect.starting_points(context.system))) + config.points_per_parameter * len(effect.parameters)
+    if any(effect.overrides(hook) for hook in (*BENCH_HOOKS, *MODULATOR_HOOKS) if hook != "laser_power"):
+        return points * (config.upstream_cost * max_field_count(context, effect))
+    on_camera = any(effect.overrides(hook) for hook in CAMERA_HOOKS)
+    return points * (config.camera_pose_cost if on_camera else config.downstream_cost)
 
 
-def _best_by_tangent(
-    context: SearchContext,
-    base: FittedValues,
-    effects: Sequence[Effect],
-    comparison: Comparison,
-    progress: ProgressCallback,
-    note: str,
-) -> list[Effect]:
-    """The effects whose tangents explain most of the residual, the best first."""
-    residual = comparison.residual(base)
+@dataclass(frozen=True)
+class _EffectFitter:
+    """Fits one effect on top of a base; its methods are jobs, which a worker process can run.
 
-    def gain(effect: Effect) -> float:
-        start = {**base, effect.id: _identity(effect)}
-        stretch = _LONG if max_field_count(context, effect) >= MANY else 1.0
-        slopes = effect_jacobian(effect, start, comparison, residual, step_factor=stretch)
+    comparison: the coarse captures, on which fits are compared. scan_comparison: the few on which a scan is computed.
+    """
+
+    context: SearchContext
+    base: FittedValues
+    comparison: Comparison
+    scan_comparison: Comparison
+
+    def local_fit(self, effect: Effect) -> CandidateFit:
+        """A local fit from the identity; of a costly effect, from the best of a few points."""
+        if is_costly_effect(self.context, effect):
+            return self._fit_costly(effect, 1.0)
+        start = {**self.base, effect.id: identity_values(effect)}
+        config = self.context.config
+        fit = local_fit([effect], start, self.comparison, config.fits, iterations=config.screening.local_iterations)
+        return CandidateFit((*self.base, effect.id), fit.values, fit.cost)
+
+    def scan_and_fit(self, starts: StartProvider, effect: Effect) -> CandidateFit:
+        """A scan on a few captures, then local fits on all coarse ones. starts: points beyond those of the scan."""
+        if is_costly_effect(self.context, effect):
+            return self._fit_costly(effect, self.context.config.screening.costly_max_cost)
+        config = self.context.config.fits
+        points = [*starts(effect), *effect.starting_points(self.context.system)]
+        scan = scan_effect(effect, self.scan_comparison, self.base, points, config)
+        first = find_hard_edges(effect, scan[0], self.scan_comparison, config)
+        return fit_from_scan(effect, self.comparison, self.base, [first, *scan[1:]], config)
+
+    def tangent_gain(self, residual: NDArray[np.float32], effect: Effect) -> float:
+        """By how much the effect lowers Σ residual² if residuals depend on it linearly: gᵀ(JJᵀ)⁺g, g = J·r."""
+        start = {**self.base, effect.id: identity_values(effect)}
+        config = self.context.config
+        factor = config.screening.costly_step_factor if is_costly_effect(self.context, effect) else 1.0
+        slopes = effect_jacobian(effect, start, self.comparison, residual, config.fits, step_factor=factor)
         normal = (slopes @ slopes.T).astype(np.float64)
         right = (slopes @ residual).astype(np.float64)
         return float(right @ np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ right)
 
-    gains = context.map_effects(gain, effects, progress, f"{note}, tangents")
-    order = np.argsort(gains)[::-1][:_TANGENT_FITS]
-    return [effects[k] for k in order if gains[k] > 0]
+    def _fit_costly(self, effect: Effect, max_cost: float) -> CandidateFit:
+        """A few points and one fit, on a few captures.
+
+        The fit is begun only where a point leaves no more than a share `max_cost` of the cost without the effect.
+        """
+        points = list(effect.starting_points(self.context.system))
+        count = self.context.config.screening.costly_scan_points
+        points = [points[(2 * k + 1) * len(points) // (2 * count)] for k in range(count)]
+        config = self.context.config.fits
+        scan = scan_effect(effect, self.scan_comparison, self.base, points, config)
+        if scan[0].cost > max_cost * cost_at_identity(scan, effect):
+            return CandidateFit((*self.base, effect.id), scan[0].values, float("inf"))
+        fit = fit_from_scan(effect, self.scan_comparison, self.base, scan, config, max_starts=1)
+        return replace(fit, cost=cost_or_inf(self.comparison, fit.values))
 
 
-def _local_fitter(
-    context: SearchContext, comparison: Comparison, few: Comparison, base: FittedValues, iterations: int
-) -> EffectFitter:
-    """A local fit from the identity; of many fields from the best of a few points."""
-    of_many = _costly_fitter(context, comparison, few, base, 1.0)
+class _Screening:
+    """One screening: what its stages have in common. error: relative error of the model with the base."""
 
-    def look(effect: Effect) -> CandidateFit:
-        if max_field_count(context, effect) >= MANY:
-            return of_many(effect)
-        start = {**base, effect.id: _identity(effect)}
-        found = local_fit([effect], start, comparison, iterations=iterations)
-        return CandidateFit((*base, effect.id), found.values, found.cost)
+    def __init__(
+        self, context: SearchContext, base: FittedValues, error: float, progress: ProgressCallback, note: str
+    ) -> None:
+        self._context, self._base, self._progress, self._note = context, base, progress, note
+        coarse = context.split.coarse
+        comparison = context.tolerant_comparison(coarse, error)
+        few = spread_over_wavelengths(context.data.captures, coarse, context.config.screening.scan_captures)
+        self.fitter = _EffectFitter(context, base, comparison, context.tolerant_comparison(few, error))
+        self._base_cost = cost_or_inf(comparison, base)
 
-    return look
+    def in_batches(self, fit: EffectFitter, effects: Sequence[Effect], note: str) -> FitBatches:
+        """Fits of all effects, batch after batch."""
+        size = self._context.config.budget.effects_per_batch
+        for first in range(0, len(effects), size):
+            yield self._improving(fit, effects[first : first + size], note)
 
+    def nearby_fits(self, effects: Sequence[Effect]) -> FitBatches:
+        """Fits of ghosts from peaks of the correlation, then of the effects whose derivatives promise most."""
+        ghosts = GhostStarts(self._base, self.fitter.comparison, self._context.config.starts)
+        yield self._improving(partial(self.fitter.scan_and_fit, ghosts), [e for e in effects if ghosts(e)], "")
+        best = self._best_by_tangent([e for e in effects if not ghosts(e)])
+        yield self._improving(self.fitter.local_fit, best, "")
 
-def _scan_fitter(
-    context: SearchContext, comparison: Comparison, few: Comparison, base: FittedValues, starts: StartProvider
-) -> EffectFitter:
-    """Scan on a few captures, local fits on all of the comparison's."""
-    of_many = _costly_fitter(context, comparison, few, base, _WORTH_FITTING)
+    def image_starts(self) -> StartProvider:
+        """Starting values that the images themselves suggest."""
+        config, comparison = self._context.config.starts, self.fitter.comparison
+        displaced = DisplacementStarts(self._base, comparison, config)
+        return partial(_all_starts, (displaced, GhostStarts(self._base, comparison, config)))
 
-    def look(effect: Effect) -> CandidateFit:
-        if max_field_count(context, effect) >= MANY:
-            return of_many(effect)
-        trials = scan_effect(effect, few, base, [*starts(effect), *effect.starting_points(context.system)])
-        return fit_from_scan(effect, comparison, base, [find_hard_edges(effect, trials[0], few), *trials[1:]])
+    def _best_by_tangent(self, effects: Sequence[Effect]) -> list[Effect]:
+        """The effects whose derivatives explain most of the residual, the best first."""
+        gain = partial(self.fitter.tangent_gain, self.fitter.comparison.residual(self._base))
+        gains = self._context.map_effects(gain, effects, self._progress, f"{self._note}, tangents")
+        order = np.argsort(gains)[::-1][: self._context.config.screening.tangent_fits]
+        return [effects[k] for k in order if gains[k] > 0]
 
-    return look
-
-
-def _costly_fitter(
-    context: SearchContext, comparison: Comparison, few: Comparison, base: FittedValues, worth: float
-) -> EffectFitter:
-    """Effects whose predictions add many fields: a few points and one fit on a few captures.
-
-    The fit is begun only where a point leaves no more than a share `worth` of the cost without the effect.
-    """
-
-    def look(effect: Effect) -> CandidateFit:
-        points = list(effect.starting_points(context.system))
-        points = [points[(2 * k + 1) * len(points) // (2 * _FEW_POINTS)] for k in range(_FEW_POINTS)]
-        trials = scan_effect(effect, few, base, points)
-        if trials[0].cost > worth * cost_at_identity(trials, effect):
-            return CandidateFit((*base, effect.id), trials[0].values, float("inf"))
-        found = fit_from_scan(effect, few, base, trials, max_starts=1)
-        return replace(found, cost=cost_or_inf(comparison, found.values))
-
-    return look
+    def _improving(self, fit: EffectFitter, effects: Sequence[Effect], note: str) -> list[CandidateFit]:
+        """Fits of some effects that cost less than the base, the best first."""
+        fits = self._context.map_effects(fit, effects, self._progress, self._note + note)
+        return sorted((f for f in fits if f.cost < self._base_cost), key=lambda f: f.cost)
 
 
-def _starts(context: SearchContext, base: FittedValues, comparison: Comparison) -> StartProvider:
-    """Starting values that the pictures themselves suggest."""
-    moved, doubled = displacement_starts(base, comparison), ghost_starts(base, comparison)
-    return lambda effect: [*moved(effect), *doubled(effect)]
-
-
-def _batches(effects: Sequence[Effect]) -> list[Sequence[Effect]]:
-    return [effects[k : k + _BATCH] for k in range(0, len(effects), _BATCH)]
-
-
-def _improving(fits: Sequence[CandidateFit], baseline_cost: float) -> list[CandidateFit]:
-    return sorted((t for t in fits if t.cost < baseline_cost), key=lambda t: t.cost)
-
-
-def _identity(effect: Effect) -> dict[str, float]:
-    return {p.name: p.identity for p in effect.parameters}
+def _all_starts(providers: Sequence[StartProvider], effect: Effect) -> list[dict[str, float]]:
+    return [start for provider in providers for start in provider(effect)]

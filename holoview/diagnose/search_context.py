@@ -1,4 +1,4 @@
-"""What a diagnosis works with: the captures, the nominal bench, the effects, predictors, and the split."""
+"""Everything that the stages of a diagnosis share: captures, nominal bench, effects, predictors, workers, settings."""
 
 from __future__ import annotations
 
@@ -7,15 +7,17 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.noise_model import add_model_error, neighbour_variance
+from holoview.captures.predictor import Prediction
 from holoview.captures.prepared_captures import Images, PreparedCaptures
 from holoview.diagnose.capture_split import CaptureSplit
-from holoview.diagnose.comparison import Comparison, Prediction, PredictorProtocol, Values
+from holoview.diagnose.comparison import Comparison, PredictorProtocol, Values
+from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
 from holoview.diagnose.worker_pool import FinishedCallback, WorkerPool
 from holoview.model.effects.effect import DataProperties, Effect
@@ -25,50 +27,65 @@ from holoview.util.progress import ProgressCallback
 T = TypeVar("T")
 
 
-class CountingPredictor(PredictorProtocol, Protocol):
-    """A predictor that counts the fields that it was asked for."""
-
-    @property
-    def fields_requested(self) -> int: ...
-
-
 class PerThreadPredictor:
-    """A predictor for each thread that asks for one: predictors remember what they computed and can't be shared.
+    """A predictor for each thread that asks for one, since a predictor's cache can't be shared.
 
-    make: a new one; `extra` effects may be given.
+    create: makes a new one; it accepts the keywords of `Predictor`, such as `extra_effects` and `cache_mb`.
     """
 
-    def __init__(self, create: Callable[..., CountingPredictor]) -> None:
-        self.create, self._own = create, threading.local()
-        self._all: list[CountingPredictor] = []
+    def __init__(self, create: Callable[..., PredictorProtocol]) -> None:
+        self.create, self._local = create, threading.local()
+        self._predictors: list[PredictorProtocol] = []
         self.fields_in_workers = 0
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PerThreadPredictor, (self.create,)
 
     @property
     def fields_requested(self) -> int:
-        """How many fields all of them were asked for, `elsewhere` in other processes: once all wait."""
-        return sum(one.fields_requested for one in self._all) + self.fields_in_workers
+        """How many fields all threads, and other processes, have asked for; read it while no thread works."""
+        return sum(one.fields_requested for one in self._predictors) + self.fields_in_workers
 
     @property
     def thread_fields(self) -> int:
-        """How many the one of this thread was asked for."""
-        return self._own.predict.fields_requested if hasattr(self._own, "predict") else 0
+        """How many fields this thread has asked for."""
+        return self._local.predictor.fields_requested if hasattr(self._local, "predictor") else 0
 
     def __call__(self, indices: NDArray[np.intp], values: Values, *, grad: bool = False) -> Prediction:
-        if not hasattr(self._own, "predict"):
-            self._own.predict = self.create()
-            self._all.append(self._own.predict)
-        predicted: Prediction = self._own.predict(indices, values, grad=grad)
-        return predicted
+        if not hasattr(self._local, "predictor"):
+            self._local.predictor = self.create()
+            self._predictors.append(self._local.predictor)
+        prediction: Prediction = self._local.predictor(indices, values, grad=grad)
+        return prediction
+
+
+class NeighbourVariances:
+    """The noise variance (counts²) that the captures themselves suggest, computed once for each choice of captures."""
+
+    def __init__(self, data: PreparedCaptures) -> None:
+        self._data = data
+        self._variances: dict[tuple[int, ...], Images] = {}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return NeighbourVariances, (self._data,)
+
+    def __call__(self, indices: NDArray[np.intp]) -> Images:
+        key = tuple(int(k) for k in indices)
+        if key not in self._variances:
+            self._variances[key] = neighbour_variance(self._data, indices)
+        return self._variances[key]
 
 
 @dataclass(frozen=True)
 class SearchContext:
-    """measured: the captures. effects: the candidates by id. split: which captures are for what.
+    """What the stages of a search work with.
 
-    predict: predicts the captures, sampled in a `way`. team: who works.
-    most_fields: after so many fields a search begins nothing new that is long. fixed_pattern: 1 σ of the pixels'
-    relative sensitivity. shaking: whether the camera moves from capture to capture, so that comparisons take its
-    movements out. equals: for each effect the others that are the same physics on this bench (`same_physics`).
+    data: the captures, prepared. system: the nominal bench. effects: the candidates by id. split: which captures are
+    for what. predictor: predicts captures, sampled as `sampling` says. workers: run jobs in parallel. variances: of the
+    noise, from the captures. config: settings of all stages. field_budget: after so many fields a search begins nothing
+    new that takes long. prnu: standard deviation of the pixels' relative sensitivity. has_camera_jitter: whether the
+    camera moves from capture to capture, so that comparisons fit its movements. equivalents: for each effect the others
+    that are the same physics on this bench.
     """
 
     data: PreparedCaptures
@@ -77,62 +94,86 @@ class SearchContext:
     split: CaptureSplit
     predictor: PerThreadPredictor
     workers: WorkerPool
+    variances: NeighbourVariances
+    config: SearchConfig = field(default_factory=SearchConfig)
     sampling: SamplingConfig = PLAIN
     field_budget: float = math.inf
     prnu: float = 0.0
     has_camera_jitter: bool = False
     equivalents: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    _data_variances: dict[tuple[int, ...], Images] = field(default_factory=dict, repr=False)
 
     @property
     def budget_exhausted(self) -> bool:
-        """Whether a search has to come to its end. Asked only while no thread works, so that threads change nothing."""
+        """Whether the budget of fields is spent. Asked only while no job runs, so that workers change no result."""
         return self.predictor.fields_requested > self.field_budget
 
+    def shared_objects(self) -> dict[str, Any]:
+        """The large objects that jobs refer to, of which each worker process needs one copy."""
+        effects = {f"effect {name}": effect for name, effect in self.effects.items()}
+        return {"data": self.data, "predictor": self.predictor, "variances": self.variances, **effects}
+
     def data_weighted_comparison(self, indices: NDArray[np.intp], relative_model_error: float) -> Comparison:
-        """Weights from the pictures, for a model that is off by `mismatch` of the mean light."""
-        key = tuple(int(k) for k in indices)
-        if key not in self._data_variances:
-            self._data_variances[key] = neighbour_variance(self.data, indices)
-        variance = add_model_error(self._data_variances[key], self.data.light[indices], relative_model_error)
-        return Comparison(self.predictor, self.data, indices, variance)
+        """Weights from the images, for a model that is off by `relative_model_error` of the mean light."""
+        variance = add_model_error(self.variances(indices), self.data.light[indices], relative_model_error)
+        return Comparison(self.predictor, self.data, indices, variance, self.config.comparison)
+
+    def tolerant_comparison(self, indices: NDArray[np.intp], error: float) -> Comparison:
+        """Weights from the images that tolerate the present relative error of the model, up to a limit."""
+        return self.data_weighted_comparison(indices, min(error, self.config.fits.max_tolerated_error))
+
+    def half_tolerant_comparison(self, indices: NDArray[np.intp], error: float) -> Comparison:
+        """Weights from the images that tolerate a share of the present error, for a fit that is to lower it."""
+        share = self.config.fits.half_tolerated_error
+        return self.data_weighted_comparison(indices, min(share, share * error))
 
     def model_weighted_comparison(self, indices: NDArray[np.intp], values: Values) -> Comparison:
-        """Weights from a model's prediction, then frozen; movements of a shaking camera are taken out."""
+        """Weights from a model's prediction, then frozen; movements are fitted where the camera moves."""
         shifts = self.has_camera_jitter and len(indices) > 1
-        blind = self.data_weighted_comparison(indices, 0.0)
-        expected = (blind.fitting_shifts() if shifts else blind).fit_gains(values).expected
+        unbiased = self.data_weighted_comparison(indices, 0.0)
+        expected = (unbiased.fitting_shifts() if shifts else unbiased).fit_gains(values).expected
         variance = self.data.camera.noise_variance(expected)
         if self.prnu:
             variance = variance + np.square(np.float32(self.prnu) * expected)
-        return Comparison(self.predictor, self.data, indices, variance, fit_shifts=shifts)
+        return Comparison(self.predictor, self.data, indices, variance, self.config.comparison, fit_shifts=shifts)
+
+    def relative_model_error(self, values: Values, indices: NDArray[np.intp] | None = None) -> float:
+        """R.m.s. residual beyond the noise over the mean light; of the coarse captures when None."""
+        comparison = self.data_weighted_comparison(self.split.coarse if indices is None else indices, 0.0)
+        fitted = comparison.fit_gains(values)
+        usable = comparison.weight > 0
+        sigma = np.where(usable, 1.0 / np.where(usable, comparison.weight, 1.0), 0.0)
+        excess = np.square(fitted.residual * sigma).sum((1, 2)) - np.square(sigma).sum((1, 2))
+        light = np.abs(np.where(usable, comparison.light, 0.0).sum((1, 2)))
+        ratio = np.maximum(excess, 0.0) * comparison.pixels_per_capture / np.maximum(light, 1e-9) ** 2
+        return float(np.sqrt(ratio.mean()))
 
     def map_effects(
         self, work: Callable[[Effect], T], effects: Sequence[Effect], progress: ProgressCallback, note: str
     ) -> list[T]:
-        """`work` on every effect, side by side; results in the order of `effects`. Ctrl-C ends it."""
-        jobs = [partial(work, one) for one in effects]
+        """`work` of every effect, in parallel; results in the order of `effects`."""
+        jobs = [partial(work, effect) for effect in effects]
         return self.run_parallel(jobs, lambda done: progress(done, len(effects), note))
 
     def run_parallel(self, jobs: Iterable[Callable[[], T]], on_finished: FinishedCallback | None = None) -> list[T]:
-        """Results of jobs that the team works on; fields that were computed in other processes count too."""
-        counted = [partial(self._run_counting_fields, job) for job in jobs]
+        """Results of jobs in their order; fields that other processes computed count too."""
+        counted = [partial(_run_counting_fields, self.predictor, job) for job in jobs]
         before = self.predictor.fields_requested
-        done = self.workers.run(counted, on_finished)
-        self.predictor.fields_in_workers += sum(fields for _, fields in done) - (
-            self.predictor.fields_requested - before
-        )
-        return [result for result, _ in done]
-
-    def _run_counting_fields(self, job: Callable[[], T]) -> tuple[T, int]:
-        before = self.predictor.thread_fields
-        result = job()
-        return result, self.predictor.thread_fields - before
+        finished = self.workers.run(counted, on_finished)
+        here = self.predictor.fields_requested - before
+        self.predictor.fields_in_workers += sum(fields for _, fields in finished) - here
+        return [result for result, _ in finished]
 
 
 def equivalent_effects(effects: Mapping[str, Effect], data_properties: DataProperties) -> dict[str, frozenset[str]]:
-    """For each effect those of the others that such data can't tell from it, both ways around."""
+    """For each effect those of the others that such data can't tell from it, a symmetric relation."""
     pairs = {(e.id, other) for e in effects.values() for other in e.degeneracies(data_properties) if other in effects}
     return {
         name: frozenset({b for a, b in pairs if a == name} | {a for a, b in pairs if b == name}) for name in effects
     }
+
+
+def _run_counting_fields(predictor: PerThreadPredictor, job: Callable[[], T]) -> tuple[T, int]:
+    """The result of a job, and how many fields it asked for."""
+    before = predictor.thread_fields
+    result = job()
+    return result, predictor.thread_fields - before

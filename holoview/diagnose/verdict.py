@@ -1,7 +1,7 @@
-"""The verdict: what the figures of a search allow one to say, and no more.
+"""The verdict: what the figures of a search allow one to say.
 
-Share explained alone misleads: of a large error a blur often explains nine tenths. What separates the true cause from
-stand-ins is how close it comes to the noise floor on captures that no fit has seen.
+The share of the excess that is explained misleads: of a large error a blur often explains nine tenths. What separates
+the true cause from others is how close it comes to the noise floor on captures that no fit has used.
 """
 
 from __future__ import annotations
@@ -10,13 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from holoview.diagnose.held_out_ranking import ALARM, HeldOutScore, SearchResult
+from holoview.diagnose.config import VerdictConfig
+from holoview.diagnose.held_out_ranking import HeldOutScore, SearchResult
 
-_QUIET = 0.02  # χ²/n − 1 that exposure jitter, λ jitter and the like may leave
-_NEAR_FLOOR = 0.10  # χ²/n − 1 up to which a cause may be said to explain the captures
-_MOST_LEFT = 0.2  # of the excess, after an explanation
-HALF = 0.5
-_RIVAL = 2.0  # a rival that leaves less than so many times what the best leaves can't be excluded
+Equivalents = Mapping[str, frozenset[str]]
 
 
 class Verdict(StrEnum):
@@ -38,61 +35,57 @@ class Decision:
     rivals: tuple[HeldOutScore, ...] = ()
 
 
-def decide(selection: SearchResult, equivalents: Mapping[str, frozenset[str]]) -> Decision:
-    """The verdict of a selection. equals: for each effect those that are the same physics."""
-    nominal, best, n = selection.nominal, selection.best, selection.pixel_count
+def decide(result: SearchResult, equivalents: Equivalents, config: VerdictConfig) -> Decision:
+    """The verdict on a search. equivalents: for each effect those that are the same physics."""
+    nominal, best, n = result.nominal, result.best, result.pixel_count
     excess = nominal.excess
     gain = (nominal.chi2_per_pixel - best.chi2_per_pixel) * n
-    share = share_explained(nominal, best)
-    found = bool(selection.candidates) and gain > ALARM and share >= HALF
-    if not found:
-        verdict = Verdict.CONSISTENT if excess < jitter_excess(n) else Verdict.UNEXPLAINED
-        return Decision(verdict, None)
-    is_explained = best.excess <= max(chance_excess(n), min(_NEAR_FLOOR, _MOST_LEFT * excess))
-    if not is_explained:
+    share = _share_explained(nominal, best)
+    if not (result.candidates and gain > config.min_delta_chi2 and share >= config.min_explained_share):
+        is_consistent = excess < jitter_excess(n, config)
+        return Decision(Verdict.CONSISTENT if is_consistent else Verdict.UNEXPLAINED, None)
+    max_excess = min(config.explained_excess, config.explained_max_share * excess)
+    if best.excess > max(chance_excess(n, config), max_excess):
         return Decision(Verdict.PARTLY, best)
-    rivals = rivals_of(best, selection.candidates, excess, n, equivalents)
+    rivals = _rivals_of(best, result, equivalents, config)
     return Decision(Verdict.AMBIGUOUS if rivals else Verdict.EXPLAINED, best, rivals)
 
 
-def chance_excess(pixels: float) -> float:
-    """χ²/n − 1 that so many pixels reach by chance: 2.5 σ."""
-    return float(2.5 * (2.0 / pixels) ** 0.5)
+def chance_excess(pixels: float, config: VerdictConfig) -> float:
+    """The excess χ²/n − 1 that so many pixels reach by chance; its standard deviation is √(2/n)."""
+    return float(config.chance_sigmas * (2.0 / pixels) ** 0.5)
 
 
-def jitter_excess(pixels: float) -> float:
-    """χ²/n − 1 that jitter of an ordinary laboratory and chance may leave."""
-    return max(_QUIET, chance_excess(pixels))
+def jitter_excess(pixels: float, config: VerdictConfig) -> float:
+    """The excess χ²/n − 1 that jitter of an ordinary laboratory and chance may leave."""
+    return max(config.jitter_excess, chance_excess(pixels, config))
 
 
-def share_explained(nominal: HeldOutScore, explained: HeldOutScore) -> float:
+def _share_explained(nominal: HeldOutScore, best: HeldOutScore) -> float:
     """Share of the excess that is gone, 0 … 1."""
     if nominal.excess <= 0:
         return 0.0
-    return min(1.0, max(0.0, (nominal.chi2_per_pixel - explained.chi2_per_pixel) / nominal.excess))
+    return min(1.0, max(0.0, (nominal.chi2_per_pixel - best.chi2_per_pixel) / nominal.excess))
 
 
-def rivals_of(
-    best: HeldOutScore,
-    candidates: Sequence[HeldOutScore],
-    excess: float,
-    pixels: float,
-    equivalents: Mapping[str, frozenset[str]],
+def _rivals_of(
+    best: HeldOutScore, result: SearchResult, equivalents: Equivalents, config: VerdictConfig
 ) -> tuple[HeldOutScore, ...]:
     """Other causes, not more numerous, that come about as close to the floor as the best.
 
     A candidate that contains all of the best's causes, or the same physics under another name, isn't a rival.
     """
-    tolerated = max(ALARM / pixels, min(0.01, 0.1 * excess))
-    limit = _RIVAL * max(best.excess, tolerated)
+    accuracy = min(config.rival_excess, config.rival_excess_share * result.nominal.excess)
+    limit = config.rival_factor * max(best.excess, max(config.min_delta_chi2 / result.pixel_count, accuracy))
     return tuple(
         c
-        for c in candidates
+        for c in result.candidates
         if len(c.causes) <= len(best.causes)
         and c.excess < limit
         and not _are_equivalent(c.causes, best.causes, equivalents)
     )
 
 
-def _are_equivalent(a: Sequence[str], b: Sequence[str], equals: Mapping[str, frozenset[str]]) -> bool:
-    return all(any(x == y or y in equals.get(x, ()) or x in equals.get(y, ()) for y in b) for x in a)
+def _are_equivalent(a: Sequence[str], b: Sequence[str], equivalents: Equivalents) -> bool:
+    """Whether each cause in `a` is one of `b` or the same physics as one of them."""
+    return all(any(x == y or y in equivalents.get(x, ()) or x in equivalents.get(y, ()) for y in b) for x in a)

@@ -1,134 +1,207 @@
-"""Jobs side by side: in copies of this process where the system can make them, else in threads.
+"""Runs jobs in this process, and once that has taken a while, in several.
 
-A field of a bench is small: computing it is many short calls, for which Python lets one thread at a time. Two threads
-are as fast as one; two processes nearly twice. A forked copy has all that a job needs, and only results are sent back.
+Computing a field is many short calls, for which Python lets one thread at a time, so that threads gain nothing. The
+processes are those of a `concurrent.futures.ProcessPoolExecutor`. They stay for a whole diagnosis, so that each keeps
+the cache of its predictor, and large objects that jobs refer to are sent once.
+
+Starting the processes costs 3 s of processor time, for the import of torch. A session without a fault takes 1 s, one
+small fault 6 s (128 × 96 modulator pixels, 32 captures). So jobs run here until `start_after_s` is over, and on until
+the processes are ready. Where there is a fork server (Linux), it alone imports; this process, which has threads, is
+never forked. Measured on two cores: a pair of faults takes 31 s in one process, 31 s in two that are forked for each
+batch of jobs (their caches die with the batch, which costs what the second core gains), 21 s in two that stay.
 """
 
 from __future__ import annotations
 
+import io
 import multiprocessing
+import os
 import pickle
 import signal
 import sys
-import warnings
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
-from multiprocessing.connection import Connection
-from multiprocessing.connection import wait as wait_for
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
+from multiprocessing.context import BaseContext
+from types import TracebackType
 from typing import Any, TypeVar
 
 from holoview.util.errors import UserError
+from holoview.util.signals import sigint_blocked
 
 T = TypeVar("T")
 FinishedCallback = Callable[[int], None]
 
-_SPELL_S = 0.2  # in which Ctrl-C is noticed
+_POLL_S = 0.2  # Windows notices Ctrl-C between two waits only
+_PRELOADED = "holoview.diagnose.pipeline"
+
+_shared_objects: dict[str, Any] = {}  # in a worker process: what jobs refer to by name
 
 
 class WorkerPool:
-    """So many workers. forks: whether they are processes; None: where that is safe, which is on Linux."""
+    """Runs jobs, picklable functions without arguments, in up to `workers` processes; one means this process.
 
-    def __init__(self, workers: int, use_processes: bool | None = None) -> None:
+    start_after_s: age of the pool at which it starts its processes. Use it in a `with` block, which ends them.
+    """
+
+    def __init__(self, workers: int, start_after_s: float = 2.0) -> None:
         self.workers = max(1, workers)
-        self.use_processes = (sys.platform == "linux" if use_processes is None else use_processes) and workers > 1
+        self._start_at = time.monotonic() + start_after_s
+        self._shared: dict[str, Any] = {}
+        self._prepare: Callable[[], None] | None = None
+        self._executor: ProcessPoolExecutor | None = None
+        self._ready: Future[None] | None = None
+        self._closing, self._is_closed = threading.Lock(), False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return WorkerPool, (1,)
+
+    def __enter__(self) -> WorkerPool:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close(kill=kind is not None)
+
+    def share(self, objects: Mapping[str, Any], prepare: Callable[[], None] | None = None) -> None:
+        """Names large objects that jobs refer to: each process gets them once. prepare: what a process does first."""
+        self._shared, self._prepare = dict(objects), prepare
 
     def run(self, jobs: Sequence[Callable[[], T]], on_finished: FinishedCallback | None = None) -> list[T]:
-        """Results of jobs, in their order; what one raises, in the order of jobs too. finished: told how many are."""
-        told = on_finished or (lambda done: None)
-        if self.workers < 2 or len(jobs) < 2:
-            return [_run_inline(job, done, told) for done, job in enumerate(jobs, 1)]
-        return (
-            _run_in_processes(jobs, min(self.workers, len(jobs)), told)
-            if self.use_processes
-            else self.run_in_threads(jobs, told)
-        )
+        """Results of jobs in their order; raises what the first of them that fails raises.
 
-    def run_in_threads(self, jobs: Sequence[Callable[[], T]], on_finished: FinishedCallback | None = None) -> list[T]:
-        """The same in threads, for jobs that may not be forked."""
-        with ThreadPoolExecutor(self.workers) as pool:
-            futures = [pool.submit(job) for job in jobs]
-            try:
-                for done, future in enumerate(futures, 1):
-                    while not future.done():
-                        wait([future], timeout=_SPELL_S)
-                    future.result()
-                    if on_finished:
-                        on_finished(done)
-            except BaseException:
-                for future in futures:
-                    future.cancel()
-                raise
-        return [future.result() for future in futures]
+        on_finished: called with the number of jobs that are done. Raises UserError when a process died.
+        """
+        results: list[T] = []
+        while len(results) < len(jobs) and not (len(jobs) - len(results) > 1 and self._has_processes()):
+            results.append(jobs[len(results)]())
+            _report(on_finished, len(results))
+        if len(results) < len(jobs):
+            results += self._run_in_processes(jobs[len(results) :], len(results), on_finished)
+        return results
 
+    def start(self) -> None:
+        """Starts the processes now and waits until they are ready."""
+        self._start_at = 0.0
+        if not self._has_processes() and self._ready is not None:
+            wait([self._ready])
 
-def _run_inline(job: Callable[[], T], done: int, finished: FinishedCallback) -> T:
-    result = job()
-    finished(done)
-    return result
-
-
-def _run_in_processes(jobs: Sequence[Callable[[], T]], workers: int, finished: FinishedCallback) -> list[T]:
-    """Each worker takes the next job that nobody has taken, and sends (number, whether it went well, result)."""
-    context = multiprocessing.get_context("fork")
-    following = context.Value("l", 0)
-    team, pipes = [], []
-    for _ in range(workers):
-        ours, theirs = context.Pipe(duplex=False)
-        worker = context.Process(target=_worker_loop, args=(jobs, following, theirs), daemon=True)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # of threads that live here: copies don't touch them
-            worker.start()
-        theirs.close()
-        team.append(worker)
-        pipes.append(ours)
-    try:
-        results = _collect_results(pipes, len(jobs), finished)
-    except BaseException:
-        for worker in team:
-            worker.terminate()
-        raise
-    finally:
-        for worker, pipe in zip(team, pipes, strict=True):
-            worker.join()
-            pipe.close()
-    for number in range(len(jobs)):
-        went_well, result = results[number]
-        if not went_well:
-            raise result
-    return [results[number][1] for number in range(len(jobs))]
-
-
-def _collect_results(pipes: Sequence[Connection], jobs: int, finished: FinishedCallback) -> dict[int, tuple[bool, Any]]:
-    results: dict[int, tuple[bool, Any]] = {}
-    live = list(pipes)
-    while len(results) < jobs:
-        if not live:
-            raise UserError("workers", "one died, perhaps of too little memory", remedy="--workers 1 works without any")
-        for pipe in wait_for(live, timeout=_SPELL_S):
-            assert isinstance(pipe, Connection)
-            try:
-                number, went_well, result = pipe.recv()
-            except EOFError:
-                live.remove(pipe)
-                continue
-            results[number] = went_well, result
-            finished(len(results))
-    return results
-
-
-def _worker_loop(jobs: Sequence[Callable[[], Any]], next_job: Any, pipe: Connection) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent hears it and ends us
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    while True:
-        with next_job.get_lock():
-            number = next_job.value
-            next_job.value += 1
-        if number >= len(jobs):
+    def close(self, kill: bool = False) -> None:
+        """Ends the processes; kill: in the middle of their jobs."""
+        with self._closing:
+            self._is_closed = True
+        if self._executor is None or self._ready is None:
             return
+        while kill or not self._ready.done():
+            for process in list((self._executor._processes or {}).values()):
+                process.terminate()
+            kill = not wait([self._ready], timeout=_POLL_S).done
+        self._executor.shutdown(cancel_futures=True)
+
+    def _has_processes(self) -> bool:
+        """Whether the processes are ready; starts them when it is time."""
+        if self.workers < 2 or time.monotonic() < self._start_at:
+            return False
+        if self._ready is None:
+            try:
+                shared = pickle.dumps(self._shared)
+            except (pickle.PicklingError, AttributeError, TypeError):
+                self.workers = 1  # an effect that only this process knows
+                return False
+            self._ready = Future()
+            threading.Thread(target=self._start_processes, args=(shared, self._ready), daemon=True).start()
+        return self._ready.done()
+
+    def _start_processes(self, shared: bytes, ready: Future[None]) -> None:
+        """Starts the processes, in a thread of its own since a fork server answers only once it has imported."""
         try:
-            pipe.send((number, True, jobs[number]()))
+            with sigint_blocked():  # this process hears Ctrl-C and ends them
+                context = _process_context()
+                if sys.platform == "linux":
+                    first_process = context.Process(target=os.getpid)  # type: ignore[attr-defined]
+                    first_process.start()  # waits until the fork server has imported
+                    first_process.join()
+                with self._closing:
+                    if self._is_closed:
+                        return
+                    self._executor = ProcessPoolExecutor(
+                        self.workers, context, initializer=_prepare_process, initargs=(shared, self._prepare)
+                    )
+                first = [self._executor.submit(os.getpid) for _ in range(self.workers)]
+            for future in first:
+                future.result()
+            ready.set_result(None)
         except Exception as error:
-            pipe.send((number, False, _picklable(error)))
+            ready.set_exception(error)
+
+    def _run_in_processes(
+        self, jobs: Sequence[Callable[[], T]], finished: int, on_finished: FinishedCallback | None
+    ) -> list[T]:
+        assert self._executor is not None and self._ready is not None
+        names = {id(shared): name for name, shared in self._shared.items()}
+        try:
+            self._ready.result()
+            futures = [self._executor.submit(_run_job, _dump_job(job, names)) for job in jobs]
+            pending = set(futures)
+            while pending:
+                done, pending = wait(pending, timeout=_POLL_S, return_when=FIRST_COMPLETED)
+                for _ in done:
+                    finished += 1
+                    _report(on_finished, finished)
+            return [future.result() for future in futures]
+        except BrokenExecutor as error:
+            remedy = "--workers 1 works without any; a script that starts them needs `if __name__ == '__main__':`"
+            raise UserError("workers", "one died, perhaps of too little memory", remedy=remedy) from error
+
+
+def _report(on_finished: FinishedCallback | None, count: int) -> None:
+    if on_finished is not None:
+        on_finished(count)
+
+
+def _process_context() -> BaseContext:
+    if sys.platform != "linux":  # elsewhere, forking a process that has loaded system frameworks isn't safe
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([_PRELOADED])
+    return context
+
+
+class _JobPickler(pickle.Pickler):
+    """Pickles shared objects as their names."""
+
+    def __init__(self, file: io.BytesIO, names: Mapping[int, str]) -> None:
+        super().__init__(file)
+        self._names = names
+
+    def persistent_id(self, obj: Any) -> str | None:
+        return self._names.get(id(obj))
+
+
+class _JobUnpickler(pickle.Unpickler):
+    def persistent_load(self, pid: str) -> Any:
+        return _shared_objects[pid]
+
+
+def _dump_job(job: Callable[[], Any], names: Mapping[int, str]) -> bytes:
+    buffer = io.BytesIO()
+    _JobPickler(buffer, names).dump(job)
+    return buffer.getvalue()
+
+
+def _prepare_process(shared: bytes, prepare: Callable[[], None] | None) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if prepare is not None:
+        prepare()
+    _shared_objects.update(pickle.loads(shared))
+
+
+def _run_job(job: bytes) -> Any:
+    """The result of a job; an exception that can't be sent becomes a RuntimeError with its words."""
+    try:
+        return _JobUnpickler(io.BytesIO(job)).load()()
+    except Exception as error:
+        raise _picklable(error) from None
 
 
 def _picklable(error: Exception) -> Exception:

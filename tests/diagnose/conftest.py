@@ -15,15 +15,21 @@ from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings
 from holoview.captures.virtual_measurement import make_captures as measure
 from holoview.diagnose.capture_split import split_captures
+from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
-from holoview.diagnose.search_context import PerThreadPredictor, SearchContext, equivalent_effects
+from holoview.diagnose.search_context import (
+    NeighbourVariances,
+    PerThreadPredictor,
+    SearchContext,
+    equivalent_effects,
+)
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.bench_parts import Modulator, Relay
 from holoview.model.effects.registry import listed_effects
 from holoview.model.system import System
 from tests.captures.conftest import SHAPE, pictures
 
-MakeBench = Callable[..., SearchContext]
+MakeContext = Callable[..., SearchContext]
 
 
 def small_system(modulators: int = 2, **changes: Any) -> System:
@@ -56,27 +62,28 @@ def nominal() -> Captures:
 
 
 @pytest.fixture(scope="session")
-def bench(nominal: Captures) -> SearchContext:
+def context(nominal: Captures) -> SearchContext:
     """What a search would work with on these captures."""
-    return _bench(nominal)
+    return _context(nominal)
 
 
 @pytest.fixture
-def make_bench() -> MakeBench:
+def make_context() -> MakeContext:
     """What a search would work with on captures of a small session with faults {effect: {parameter: value}}."""
-    return lambda faults=None: _bench(
+    return lambda faults=None: _context(
         measure(small_system(), faults or {}, AcquisitionSettings(captures_per_condition=6, seed=5))
     )
 
 
-def _bench(captures: Captures) -> SearchContext:
-    effects, facts = dict(listed_effects()), captures.data_properties()
+def _context(captures: Captures) -> SearchContext:
+    effects, properties, data = dict(listed_effects()), captures.data_properties(), prepare_captures(captures)
     return SearchContext(
-        data=prepare_captures(captures),
+        data=data,
         system=captures.nominal_system(),
         effects=effects,
-        split=split_captures(captures, pattern_roughness(captures)),
+        split=split_captures(captures, pattern_roughness(captures), SearchConfig().split),
         predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, captures, {})),
         workers=WorkerPool(1),
-        equivalents=equivalent_effects(effects, facts),
+        variances=NeighbourVariances(data),
+        equivalents=equivalent_effects(effects, properties),
     )

@@ -9,6 +9,7 @@ import pytest
 
 from holoview.captures.dataset import Captures
 from holoview.diagnose.capture_split import split_captures
+from holoview.diagnose.config import SplitConfig
 
 Make = Callable[..., Captures]
 
@@ -17,7 +18,7 @@ Make = Callable[..., Captures]
 @pytest.mark.parametrize("wavelengths", [1, 2, 4, 10])
 def test_no_capture_is_fitted_and_judged(make_captures: Make, count: int, wavelengths: int) -> None:
     captures = make_captures(count, wavelength_m=np.resize(np.linspace(450e-9, 640e-9, wavelengths), count))
-    found = split_captures(captures, np.random.default_rng(count).uniform(size=count))
+    found = split_captures(captures, np.random.default_rng(count).uniform(size=count), SplitConfig())
     assert len(found.coarse) and len(found.fine) and len(found.held_out)
     assert not set(found.held_out) & (set(found.rough) | set(found.fine) | set(found.coarse))
     assert len(found.coarse) <= 6 and len(found.fine) <= 12 and len(found.rough) <= 18 and len(found.held_out) <= 16
@@ -26,7 +27,7 @@ def test_no_capture_is_fitted_and_judged(make_captures: Make, count: int, wavele
 def test_the_smoothest_of_each_wavelength_come_first(make_captures: Make) -> None:
     captures = make_captures(16)
     rough = np.random.default_rng(1).permutation(16).astype(float)
-    found = split_captures(captures, rough)
+    found = split_captures(captures, rough, SplitConfig())
     for wavelength in captures.wavelengths_m:
         own = np.flatnonzero(captures.wavelength_m == wavelength)
         assert own[rough[own].argmin()] in found.coarse
@@ -37,6 +38,6 @@ def test_the_smoothest_of_each_wavelength_come_first(make_captures: Make) -> Non
 
 def test_every_plane_is_fitted_and_judged(make_captures: Make) -> None:
     captures = make_captures(32, distance_m=np.resize(np.repeat([3e-3, 5e-3], 2), 32))
-    found = split_captures(captures, np.random.default_rng(2).uniform(size=32))
+    found = split_captures(captures, np.random.default_rng(2).uniform(size=32), SplitConfig())
     for indices in (found.fine, found.held_out):
         assert set(captures.distance_m[indices]) == {3e-3, 5e-3}

@@ -14,6 +14,7 @@ from scipy.ndimage import gaussian_filter
 from holoview.captures.dataset import Captures
 from holoview.captures.prepared_captures import PreparedCaptures, prepare_captures
 from holoview.diagnose.comparison import Comparison
+from holoview.diagnose.config import ComparisonConfig
 from holoview.numerics.subpixel_shift import shift_images
 from tests.diagnose.conftest import SHAPE, pictures
 
@@ -56,7 +57,7 @@ def _comparison(captures: Captures, fake: Fake, shifts: bool = False, black: flo
     seen: PreparedCaptures = prepare_captures(captures)
     variance = captures.camera.noise_variance(np.maximum(seen.light - black, 0))
     smooth = gaussian_filter(variance, (0, 3, 3))
-    return Comparison(fake, seen, np.arange(COUNT), smooth, fit_shifts=shifts)
+    return Comparison(fake, seen, np.arange(COUNT), smooth, ComparisonConfig(), fit_shifts=shifts)
 
 
 STILL = np.zeros((COUNT, 2))

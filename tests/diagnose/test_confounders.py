@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from holoview.diagnose.config import FitConfig
 from holoview.diagnose.confounders import best_separating_capture, proposed_captures
 from holoview.diagnose.effect_fit import CandidateFit, effect_jacobian
+from holoview.diagnose.free_parameters import identity_values
 from holoview.diagnose.held_out_ranking import HeldOutScore
 from holoview.diagnose.search_context import SearchContext, equivalent_effects
 from holoview.diagnose.uncertainty import canonical_correlation
@@ -21,27 +23,27 @@ def test_defocus_of_a_relay_is_a_distance_either_way() -> None:
     assert "distance" not in equals["gap"]
 
 
-def _alike(bench: SearchContext, first: str, second: str, index: int | None = None) -> float:
+def _alike(context: SearchContext, first: str, second: str, index: int | None = None) -> float:
     """Correlation of what two effects change, near their identity; index: of one parameter of the second."""
-    comparison = bench.model_weighted_comparison(bench.split.coarse, {})
+    comparison = context.model_weighted_comparison(context.split.coarse, {})
     residual = comparison.residual({})
     slopes = []
     for name in (first, second):
-        one = bench.effects[name]
-        slopes.append(effect_jacobian(one, {name: {p.name: p.identity for p in one.parameters}}, comparison, residual))
+        one = context.effects[name]
+        slopes.append(effect_jacobian(one, {name: identity_values(one)}, comparison, residual, FitConfig()))
     chosen = slopes[1] if index is None else slopes[1][[index]]
     return canonical_correlation(slopes[0], chosen)
 
 
 @pytest.mark.parametrize(("length", "relay"), [("gap", "aberration1"), ("distance", "aberration2")])
-def test_the_pictures_say_so_too(bench: SearchContext, length: str, relay: str) -> None:
+def test_the_pictures_say_so_too(context: SearchContext, length: str, relay: str) -> None:
     """√(1 − s²) is a parabola up to s⁴/8: at NA 0.03 the rest is (0.03)²/4 = 2e-4 of it."""
-    assert _alike(bench, length, relay, 0) > 0.99  # z4, defocus; steps of float32 pictures
-    assert _alike(bench, length, relay, 1) < 0.6  # z5, astigmatism
+    assert _alike(context, length, relay, 0) > 0.99  # z4, defocus; steps of float32 pictures
+    assert _alike(context, length, relay, 1) < 0.6  # z5, astigmatism
 
 
-def test_a_vignette_is_unlike_a_gap(bench: SearchContext) -> None:
-    assert _alike(bench, "gap", "vignetting") < 0.3
+def test_a_vignette_is_unlike_a_gap(context: SearchContext) -> None:
+    assert _alike(context, "gap", "vignetting") < 0.3
 
 
 def test_captures_that_might_help_differ_in_one_respect_each() -> None:
@@ -56,18 +58,18 @@ def test_captures_that_might_help_differ_in_one_respect_each() -> None:
     assert found["a capture at 660 nm"].wavelength_m == pytest.approx([660e-9])
 
 
-def test_a_second_plane_tells_a_wavelength_from_a_distance(bench: SearchContext) -> None:
+def test_a_second_plane_tells_a_wavelength_from_a_distance(context: SearchContext) -> None:
     """z·λ is what one plane sees: 450 nm at 4 mm, 1 % off. What is proposed must be one of the experiments."""
 
-    def judged(effect: str, name: str, value: float) -> HeldOutScore:
-        return HeldOutScore(CandidateFit((effect,), {effect: {name: value}}, 0.0), 1.0, (1.0,), 1.0)
+    def score(effect: str, name: str, value: float) -> HeldOutScore:
+        return HeldOutScore(CandidateFit((effect,), {effect: {name: value}}, 0.0), 1.0, 1.0)
 
     words = best_separating_capture(
-        bench, judged("wavelength_offset", "offset", 5e-9), judged("distance", "distance_error", 4e-5)
+        context, score("wavelength_offset", "offset", 5e-9), score("distance", "distance_error", 4e-5)
     )
     assert words is not None and words.startswith("a capture")
 
 
-def test_nothing_separates_what_is_the_same(bench: SearchContext) -> None:
-    same = HeldOutScore(CandidateFit(("gap",), {"gap": {"gap_error": 1e-4}}, 0.0), 1.0, (1.0,), 1.0)
-    assert best_separating_capture(bench, same, same) is None
+def test_nothing_separates_what_is_the_same(context: SearchContext) -> None:
+    same = HeldOutScore(CandidateFit(("gap",), {"gap": {"gap_error": 1e-4}}, 0.0), 1.0, 1.0)
+    assert best_separating_capture(context, same, same) is None

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from holoview.diagnose.config import BreakdownConfig
 from holoview.diagnose.excess_breakdown import ExcessBin, ExcessBreakdown, break_down_excess
 from tests.diagnose.conftest import SHAPE, pictures
 
@@ -31,7 +32,7 @@ def _excess(more: np.ndarray | float) -> ExcessBreakdown:
         pixel_count=float(PIXELS),
     )
     fitted: Any = SimpleNamespace(residual=residual, expected=expected, squares=np.square(residual).sum((1, 2)))
-    return break_down_excess(captures, comparison, fitted, ROUGH)
+    return break_down_excess(captures, comparison, fitted, ROUGH, BreakdownConfig())
 
 
 def _bins(found: ExcessBreakdown) -> list[tuple[ExcessBin, ...]]:

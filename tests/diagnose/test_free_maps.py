@@ -8,9 +8,26 @@ import torch
 
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor
-from holoview.diagnose.free_maps import FreeCamera, FreeMaps, FreeModulator, FreeRelay, FreeSource, likely_locations
+from holoview.diagnose.config import FreeMapConfig
+from holoview.diagnose.free_maps import (
+    FreeCamera,
+    FreeMapFit,
+    FreeMaps,
+    FreeModulator,
+    FreeRelay,
+    FreeSource,
+    likely_locations,
+)
 
-MAPS = [FreeSource(), FreeModulator(0), FreeModulator(1), FreeRelay(0), FreeRelay(1), FreeCamera()]
+CONFIG = FreeMapConfig()
+MAPS = [
+    FreeSource(CONFIG),
+    FreeModulator(CONFIG, 0),
+    FreeModulator(CONFIG, 1),
+    FreeRelay(CONFIG, 0),
+    FreeRelay(CONFIG, 1),
+    FreeCamera(CONFIG),
+]
 
 
 @pytest.mark.parametrize("maps", MAPS, ids=lambda m: m.id)
@@ -48,10 +65,6 @@ def test_every_number_of_a_map_has_its_slope(nominal: Captures, maps: FreeMaps) 
 
 
 def test_only_places_that_explain_much_are_named() -> None:
-    from holoview.diagnose.free_maps import FreeMapFit
-
-    freed = [
-        FreeMapFit(place, share, MAPS[0], {}) for place, share in (("camera", 0.9), ("source", 0.7), ("relay 1", 0.2))
-    ]
-    assert likely_locations(freed) == {"camera": 0.9, "source": 0.7}
-    assert likely_locations([FreeMapFit("camera", 0.05, MAPS[0], {})]) == {} and likely_locations([]) == {}
+    fits = [FreeMapFit("camera", 0.9), FreeMapFit("source", 0.7), FreeMapFit("relay 1", 0.2)]
+    assert likely_locations(fits, CONFIG) == {"camera": 0.9, "source": 0.7}
+    assert likely_locations([FreeMapFit("camera", 0.05)], CONFIG) == {} and likely_locations([], CONFIG) == {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.effect_fit import CandidateFit
 from holoview.diagnose.free_parameters import FreeParameters, free_parameters_of
 from holoview.diagnose.uncertainty import LocalJacobian, canonical_correlation, confidence_intervals
@@ -42,9 +43,9 @@ def test_intervals_hold_the_truth_as_often_as_they_say(error: float) -> None:
     inside = 0
     for _ in range(200):
         a, b, rest = _drawn(rng, slopes, error)
-        trial = CandidateFit(("two",), {"two": {"a": a, "b": b}}, 0.0)
+        fit = CandidateFit(("two",), {"two": {"a": a, "b": b}}, 0.0)
         at = LocalJacobian(_free(), slopes, rest, CAPTURES)
-        found = confidence_intervals(trial, at, None)  # type: ignore[arg-type]
+        found = confidence_intervals(fit, at, None, SearchConfig())  # type: ignore[arg-type]
         inside += abs(a) <= found["two", "a"].half_width
         inside += abs(b) <= found["two", "b"].half_width
     assert inside >= 380 - 4 * 4.4
@@ -54,8 +55,8 @@ def test_a_number_that_nothing_depends_on_is_unknown() -> None:
     slopes = np.zeros((2, CAPTURES * PIXELS), np.float32)
     slopes[0] = 1.0
     rest = np.random.default_rng(1).standard_normal(CAPTURES * PIXELS).astype(np.float32)
-    trial = CandidateFit(("two",), {"two": {"a": 1.0, "b": 1.0}}, 0.0)
-    found = confidence_intervals(trial, LocalJacobian(_free(), slopes, rest, CAPTURES), None)  # type: ignore[arg-type]
+    fit = CandidateFit(("two",), {"two": {"a": 1.0, "b": 1.0}}, 0.0)
+    found = confidence_intervals(fit, LocalJacobian(_free(), slopes, rest, CAPTURES), None, SearchConfig())  # type: ignore[arg-type]
     assert np.isfinite(found["two", "a"].sigma) and found["two", "b"].sigma == float("inf")
 
 

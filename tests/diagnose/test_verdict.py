@@ -7,23 +7,24 @@ from typing import Any
 
 import pytest
 
+from holoview.diagnose.config import VerdictConfig
 from holoview.diagnose.effect_fit import CandidateFit
 from holoview.diagnose.held_out_ranking import HeldOutScore, SearchResult
 from holoview.diagnose.verdict import Decision, Verdict, decide
 
 PIXELS = 100_000.0
-EQUALS = {"distance": frozenset({"aberration2"}), "aberration2": frozenset({"distance"})}
+EQUIVALENTS = {"distance": frozenset({"aberration2"}), "aberration2": frozenset({"distance"})}
 
 
-def _judged(causes: str, chi2: float) -> HeldOutScore:
+def _score(causes: str, chi2: float) -> HeldOutScore:
     names = tuple(causes.split())
-    return HeldOutScore(CandidateFit(names, {n: {"x": 1.0} for n in names}, chi2 * PIXELS), chi2, (chi2,), chi2)
+    return HeldOutScore(CandidateFit(names, {n: {"x": 1.0} for n in names}, chi2 * PIXELS), chi2, chi2)
 
 
 def _decided(nominal: float, *tried: tuple[str, float]) -> Decision:
     comparison: Any = SimpleNamespace(pixel_count=PIXELS)
-    selection = SearchResult(_judged("", nominal), tuple(_judged(*t) for t in tried), comparison, comparison)
-    return decide(selection, EQUALS)
+    result = SearchResult(_score("", nominal), tuple(_score(*t) for t in tried), comparison, comparison)
+    return decide(result, EQUIVALENTS, VerdictConfig())
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,9 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 import time
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
@@ -14,7 +16,24 @@ import pytest
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.util.errors import UserError
 
-TEAMS = [WorkerPool(1), WorkerPool(3, use_processes=False), WorkerPool(3, use_processes=True)]
+TABLE = {"answer": 42}
+
+
+@pytest.fixture
+def processes() -> Iterator[WorkerPool]:
+    """Two processes that are ready."""
+    with WorkerPool(2) as pool:
+        pool.share({"table": TABLE})
+        pool.start()
+        yield pool
+
+
+@pytest.fixture(params=["one worker", "not started", "two processes"])
+def pool(request: pytest.FixtureRequest) -> Iterator[WorkerPool]:
+    with WorkerPool(1 if request.param == "one worker" else 2, start_after_s=3600) as made:
+        if request.param == "two processes":
+            made.start()
+        yield made
 
 
 def _late(number: int) -> np.ndarray:
@@ -40,48 +59,68 @@ def _odd() -> None:
     raise Odd("very odd")
 
 
-@pytest.mark.parametrize("team", TEAMS)
-def test_results_come_in_order_and_are_counted(team: WorkerPool) -> None:
+def _same_table(first: dict[str, int], second: dict[str, int]) -> tuple[bool, int]:
+    return first is second, first["answer"]
+
+
+def test_results_come_in_order_and_are_counted(pool: WorkerPool) -> None:
     told: list[int] = []
-    results = team.run([partial(_late, k) for k in range(5)], told.append)
+    results = pool.run([partial(_late, k) for k in range(5)], told.append)
     assert [int(r[0]) for r in results] == [0, 1, 2, 3, 4]
     assert told == [1, 2, 3, 4, 5]
-    assert team.run([]) == []
+    assert pool.run([]) == []
 
 
-@pytest.mark.parametrize("team", TEAMS)
-def test_the_first_mistake_in_order_is_raised(team: WorkerPool) -> None:
+def test_the_first_mistake_in_order_is_raised(pool: WorkerPool) -> None:
     with pytest.raises(UserError, match="here: 3; expected less"):
-        team.run([partial(_fails, k) for k in range(6)])
+        pool.run([partial(_fails, k) for k in range(6)])
 
 
-def test_processes_are_copies() -> None:
-    found = WorkerPool(2, use_processes=True).run([os.getpid] * 6)
+def test_jobs_run_here_until_the_processes_are_ready(processes: WorkerPool) -> None:
+    found = processes.run([os.getpid] * 6)
     assert os.getpid() not in found and 1 <= len(set(found)) <= 2
-    assert set(WorkerPool(2, use_processes=False).run([os.getpid] * 6)) == {os.getpid()}
+    with WorkerPool(2, start_after_s=3600) as early:
+        assert set(early.run([os.getpid] * 6)) == {os.getpid()}
 
 
-def test_an_exception_that_cant_be_sent_is_told_in_words() -> None:
+def test_processes_do_not_depend_on_the_threads_of_this_one(processes: WorkerPool) -> None:
+    """They are not copies of it."""
+    assert processes.run([threading.active_count] * 2) == [1, 1]
+
+
+def test_what_is_shared_is_one_object_in_each_process(processes: WorkerPool) -> None:
+    separate = dict(TABLE)
+    assert processes.run([partial(_same_table, TABLE, TABLE)] * 3) == [(True, 42)] * 3
+    assert processes.run([partial(_same_table, TABLE, separate)] * 2) == [(False, 42)] * 2
+
+
+def test_objects_that_cannot_be_sent_keep_the_jobs_here() -> None:
+    with WorkerPool(2) as pool:
+        pool.share({"function": lambda: None})
+        pool.start()
+        assert set(pool.run([os.getpid] * 2)) == {os.getpid()}
+
+
+def test_an_exception_that_cant_be_sent_is_told_in_words(processes: WorkerPool) -> None:
     with pytest.raises(RuntimeError, match="Odd: very odd"):
-        WorkerPool(2, use_processes=True).run([_odd, _odd])
+        processes.run([_odd, _odd])
 
 
-def test_workers_that_died_are_told() -> None:
+def test_workers_that_died_are_told(processes: WorkerPool) -> None:
     with pytest.raises(UserError, match=r"one died.*--workers 1"):
-        WorkerPool(2, use_processes=True).run([partial(os._exit, 3)] * 4)
+        processes.run([partial(os._exit, 3)] * 4)
 
 
 def test_an_interrupt_ends_the_workers() -> None:
     def interrupted(done: int) -> None:
         raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
-        WorkerPool(2, use_processes=True).run(
-            [partial(time.sleep, 0.01), *[partial(time.sleep, 3600)] * 3], interrupted
-        )
+    with pytest.raises(KeyboardInterrupt), WorkerPool(2) as pool:
+        pool.start()
+        pool.run([partial(time.sleep, 0.01), *[partial(time.sleep, 3600)] * 3], interrupted)
     assert not multiprocessing.active_children()
 
 
-def test_workers_dont_hear_ctrl_c() -> None:
+def test_workers_dont_hear_ctrl_c(processes: WorkerPool) -> None:
     """The parent does, and ends them."""
-    assert WorkerPool(2, use_processes=True).run([partial(signal.getsignal, signal.SIGINT)] * 2) == [signal.SIG_IGN] * 2
+    assert processes.run([partial(signal.getsignal, signal.SIGINT)] * 2) == [signal.SIG_IGN] * 2

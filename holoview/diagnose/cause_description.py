@@ -1,0 +1,71 @@
+"""The causes of a decision as they are reported: values, intervals, share explained, look-alikes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from holoview.diagnose.confounders import best_separating_capture, lookalike_correlations
+from holoview.diagnose.diagnosis import Cause, FitQuality
+from holoview.diagnose.field_count import is_very_costly
+from holoview.diagnose.fit_statistics import fit_quality
+from holoview.diagnose.held_out_ranking import SearchResult
+from holoview.diagnose.power_law import PowerLawFit
+from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.uncertainty import confidence_intervals, local_jacobian
+from holoview.diagnose.verdict import Decision
+
+
+def describe_causes(context: SearchContext, result: SearchResult, decision: Decision) -> list[Cause]:
+    """The causes that a decision names, the one that gains most first."""
+    if decision.best is None:
+        return []
+    fit, held_out, report, steps = (
+        decision.best.fit,
+        result.comparison,
+        context.config.report,
+        context.config.fits.steps,
+    )
+    after = fit_quality(held_out, held_out.fit_gains(fit.values), report)
+    effects = [context.effects[name] for name in fit.causes]
+    fine = context.model_weighted_comparison(context.split.fine, fit.values)
+    intervals = confidence_intervals(fit, local_jacobian(fit, effects, fine, steps), fine, context.config)
+    one_or_two = [0] if is_very_costly(context, fit) else [0, -1]
+    few = context.model_weighted_comparison(context.split.coarse[one_or_two], fit.values)
+    lookalikes = lookalike_correlations(context, fit, local_jacobian(fit, effects, few, steps), few)
+    separate = best_separating_capture(context, decision.best, decision.rivals[0]) if decision.rivals else None
+    rivals = {name: 1.0 for rival in decision.rivals for name in rival.causes if name not in fit.causes}
+    causes = []
+    for effect in effects:
+        before = fit_quality(held_out, held_out.fit_gains(fit.without(effect.id).values), report)
+        share = (before.chi2_per_pixel - after.chi2_per_pixel) / max(before.chi2_per_pixel - 1.0, 1e-9)
+        causes.append(
+            Cause(
+                effect=effect.id,
+                sentence=effect.format_finding(context.system, fit.values[effect.id]),
+                intervals={name: interval for (e, name), interval in intervals.items() if e == effect.id},
+                units={p.name: p.unit for p in effect.parameters},
+                excess_explained=float(np.clip(share, 0.0, 1.0)),
+                gain_db=after.psnr_db - before.psnr_db,
+                before=before,
+                after=after,
+                confounded_with=rivals | lookalikes[effect.id],
+                separate_by=separate,
+            )
+        )
+    return sorted(causes, key=lambda c: -c.gain_db)
+
+
+def describe_power_law(context: SearchContext, law: PowerLawFit) -> Cause:
+    """A law of the laser's power as a cause. Its gain is that of the gains' spread; no image shows it."""
+    effect = context.effects[law.effect]
+    no_image = FitQuality(float("nan"), float("nan"))
+    return Cause(
+        effect=effect.id,
+        sentence=effect.format_finding(context.system, law.values[effect.id]),
+        intervals={name: interval for (_, name), interval in law.intervals.items()},
+        units={p.name: p.unit for p in effect.parameters},
+        excess_explained=1.0 - (law.spread_after / law.spread_before) ** 2,
+        gain_db=20 * float(np.log10(law.spread_before / max(law.spread_after, 1e-9))),
+        before=no_image,
+        after=no_image,
+    )

@@ -1,0 +1,123 @@
+"""Settings of what precedes the search: split, budget, residuals, and what varies on every bench."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class SplitConfig:
+    """Which captures are searched, fitted and held out."""
+
+    min_captures: int = 2
+    """[captures] A session needs so many. Evidence: derivation: of one capture nothing can be held out."""
+
+    max_coarse: int = 6
+    """[captures] Most that a screening uses. Evidence: the cost must not grow with the session; the search study
+    used one of each wavelength; the number itself: none recorded."""
+
+    max_fine: int = 12
+    """[captures] Most that a joint fit uses. Evidence: as `max_coarse`; the search study used two of each
+    wavelength."""
+
+    max_rough: int = 18
+    """[captures] Most that a search along axes uses. Evidence: as `max_coarse`; rough captures show small
+    errors."""
+
+    max_held_out: int = 16
+    """[captures] Most that candidates are ranked on. Evidence: as `max_coarse`."""
+
+    held_out_per_wavelength: int = 2
+    """[captures] Held out of each wavelength, 1 or 2, if enough are left to fit. Evidence: the search study."""
+
+    scarce_stride: int = 3
+    """[captures] With fewer than two captures a wavelength, every so many-th is held out. Evidence: none
+    recorded."""
+
+
+@dataclass(frozen=True)
+class BudgetConfig:
+    """How much is computed. A field is one coherent light field, propagated through the bench."""
+
+    max_fields: int = 16_000
+    """[fields] After so many a search begins nothing new unless it is thorough. Evidence: measured: about a minute
+    for 128 × 96 modulator pixels."""
+
+    costly_fields: int = 5
+    """[fields] A capture whose prediction adds so many or more is costly. Evidence: the search study summed a
+    bandwidth at 5 Gauss–Hermite points; the limit itself: none recorded."""
+
+    very_costly_fields: int = 25
+    """[fields] A capture with so many or more is very costly. Evidence: 5², for the two dimensions of a source;
+    none recorded."""
+
+    costly_excess_share: float = 0.4
+    """[1] Costly fits are pursued if their excess is below this share of the best simple fit's. Evidence: lost
+    contrast imitates whatever is unknown; the value: none recorded."""
+
+    costly_chance: float = 5.0
+    """[√n] … or if Σ residual² exceeds the n pixels by less than this many √n. Evidence: derivation: 3.5 σ of χ²,
+    whose standard deviation is √(2n)."""
+
+    effects_per_batch: int = 8
+    """[effects] Screened between two decisions whether to stop. Evidence: none recorded."""
+
+
+@dataclass(frozen=True)
+class ComparisonConfig:
+    """Residuals of a prediction, with the camera's movements taken out to first order."""
+
+    max_shift_px: float = 0.5
+    """[px] Largest movement of the camera in one capture. Evidence: beyond it the first order says nothing."""
+
+    first_order_shift_px: float = 0.02
+    """[px] Movements up to here are taken out in one step, larger ones in two. Evidence: none recorded."""
+
+    typical_shift_px: float = 0.2
+    """[px] Standard deviation of the Gaussian prior of a movement. Evidence: the screening study's jitter of 0.5 µm
+    is 0.125 px of a camera with a pitch of 4 µm."""
+
+    shared_shift_p_value: float = 1e-4
+    """[1] A mean movement less probable than this under jitter alone is shared, and stays in the residual.
+    Evidence: it replaced 5 σ of the mean, which few captures reach by chance; the value: none recorded."""
+
+    infeasible_factor: float = 10.0
+    """[1] Residuals of parameters that no bench can have are so many times those of a dark image. Evidence: they
+    must exceed those of every bench that can be."""
+
+
+@dataclass(frozen=True)
+class NuisanceConfig:
+    """Differences of sensitivity between pixels (PRNU) and a camera that moves from capture to capture."""
+
+    prnu_max_chi2: float = 3.0
+    """[χ²/n] Up to here residuals tell PRNU from errors of the model. Evidence: none recorded; it was 1.5
+    before."""
+
+    max_prnu: float = 0.1
+    """[1] Largest standard deviation of the pixels' relative sensitivity. Evidence: none recorded; the benchmark
+    has 0.01."""
+
+    min_prnu_chi2: float = 0.005
+    """[χ²/n] PRNU that adds less than this is ignored. Evidence: none recorded."""
+
+    jitter_max_excess: float = 0.5
+    """[1] The camera moves if taking movements out leaves less than this share of the excess. Evidence: real
+    movements explain nearly all of it, those that imitate a wrong model little; the value: none recorded."""
+
+
+@dataclass(frozen=True)
+class LaserDriftConfig:
+    """Wavelengths that change from capture to capture without a common direction."""
+
+    step_m: float = 0.02e-9
+    """[m] Distance between two wavelengths that are tried. Evidence: none recorded; the screening study detected an
+    offset of 0.0026 nm in bright captures."""
+
+    steps: int = 10
+    """[1] Steps tried either way, ± 0.2 nm with the default step. Evidence: the benchmark drifts by 0.05 nm r.m.s.,
+    of which this is 4 σ."""
+
+    p_value: float = 1e-3
+    """[1] A mean drift less probable than this under jitter alone is systematic. Evidence: it replaced 3 σ of the
+    mean; the value: none recorded."""
