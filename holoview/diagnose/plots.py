@@ -1,4 +1,4 @@
-"""Figures of a diagnosis, drawn off screen."""
+"""Figures of a diagnosis, drawn without a window."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from holoview.diagnose.excess_breakdown import ExcessBin
 from holoview.util.units import format_rounded
 
 _BEFORE, _AFTER, _NOISE = "#c8553d", "#2f6f9f", "#888888"
-_SIGMAS = 5.0
+_SIGMAS = 5.0  # residuals at the ends of the colour scale
 _DPI = 110
 
 
@@ -29,7 +29,7 @@ def to_png(figure: Figure) -> bytes:
 
 
 def residual_maps(samples: Sequence[SampleCapture]) -> Figure:
-    """A row a capture: seen, predicted by the nominal and the extended model, and both residuals in σ."""
+    """A row for each capture: as captured, then prediction and residual (σ) of the nominal and the extended model."""
     heads = ("captured", "nominal model", "residual, nominal (σ)", "extended model", "residual, extended (σ)")
     rows, columns = samples[0].light.shape
     figure = Figure(figsize=(13.5, 0.35 + (2.4 * rows / columns + 0.15) * len(samples)), dpi=_DPI, layout="constrained")
@@ -51,47 +51,46 @@ def residual_maps(samples: Sequence[SampleCapture]) -> Figure:
     return figure
 
 
-def excess_bars(found: Diagnosis) -> Figure:
-    """χ²/n by each property, before and after."""
+def excess_bars(diagnosis: Diagnosis) -> Figure:
+    """χ²/n by each property, of the nominal and the extended model."""
     names = ("wavelength", "plane", "smoothness", "radius", "frequency", "brightness")
     figure = Figure(figsize=(13.5, 6), dpi=_DPI, layout="constrained")
     for axis, name in zip(figure.subplots(2, 3).ravel(), names, strict=True):
-        _paired_bars(axis, getattr(found.excess_before, name), getattr(found.excess_after, name))
+        _paired_bars(axis, getattr(diagnosis.excess_before, name), getattr(diagnosis.excess_after, name))
         axis.set_title(f"by {name}" if name != "frequency" else "by spatial frequency", fontsize=10)
     figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     return figure
 
 
-def held_out_psnr_bars(found: Diagnosis) -> Figure:
-    """PSNR of held-out captures for each wavelength and plane, before and after."""
-    figure = Figure(figsize=(max(4.0, 1.3 * len(found.groups) + 1.5), 3.2), dpi=_DPI, layout="constrained")
+def held_out_psnr_bars(diagnosis: Diagnosis) -> Figure:
+    """PSNR of held-out captures for each wavelength and plane, of both models."""
+    groups = diagnosis.groups
+    figure = Figure(figsize=(max(4.0, 1.3 * len(groups) + 1.5), 3.2), dpi=_DPI, layout="constrained")
     axis = figure.subplots()
-    at = np.arange(len(found.groups))
-    before, after = ([getattr(g, side).psnr_db for g in found.groups] for side in ("before", "after"))
-    axis.bar(at - 0.2, before, 0.4, color=_BEFORE, label="nominal model")
-    axis.bar(at + 0.2, after, 0.4, color=_AFTER, label="extended model")
-    labels = [f"{format_rounded(g.wavelength_m, 'nm')}\n{format_rounded(g.distance_m, 'mm')}" for g in found.groups]
-    axis.set_xticks(at, labels, fontsize=8)
+    positions = np.arange(len(groups))
+    before, after = ([getattr(g, side).psnr_db for g in groups] for side in ("before", "after"))
+    axis.bar(positions - 0.2, before, 0.4, color=_BEFORE, label="nominal model")
+    axis.bar(positions + 0.2, after, 0.4, color=_AFTER, label="extended model")
+    labels = [f"{format_rounded(g.wavelength_m, 'nm')}\n{format_rounded(g.distance_m, 'mm')}" for g in groups]
+    axis.set_xticks(positions, labels, fontsize=8)
     axis.set_ylabel("PSNR, dB")
     figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=8)
     return figure
 
 
-def candidate_excess_bars(found: Diagnosis, max_candidates: int = 12) -> Figure:
-    """χ²/n − 1 on held-out captures of what was tried, on a logarithmic scale."""
-    shown = found.candidates[:max_candidates]
+def candidate_excess_bars(diagnosis: Diagnosis, max_candidates: int = 12) -> Figure:
+    """χ²/n − 1 on held-out captures of the best candidates, on a logarithmic scale."""
+    shown = diagnosis.candidates[:max_candidates]
     names = ["nominal model", *(" + ".join(c.causes) for c in shown)]
-    excess = [found.before.chi2_per_pixel - 1, *(c.chi2_per_pixel - 1 for c in shown)]
+    excess = [diagnosis.before.chi2_per_pixel - 1, *(c.chi2_per_pixel - 1 for c in shown)]
     figure = Figure(figsize=(8, 0.9 + 0.27 * len(names)), dpi=_DPI, layout="constrained")
     axis = figure.subplots()
     floor = 1e-3
     axis.barh(
         np.arange(len(names)), np.maximum(excess, floor) - floor, left=floor, color=[_BEFORE] + [_AFTER] * len(shown)
     )
-    for place, value in enumerate(excess):
-        axis.annotate(
-            f"{value:.2g}", (max(value, floor), place), (3, 0), textcoords="offset points", va="center", size=7
-        )
+    for row, value in enumerate(excess):
+        axis.annotate(f"{value:.2g}", (max(value, floor), row), (3, 0), textcoords="offset points", va="center", size=7)
     axis.set_xscale("log")
     axis.set_xlim(floor, 3 * max(*excess, 10 * floor))
     axis.set_yticks(np.arange(len(names)), names, fontsize=8)
@@ -101,11 +100,11 @@ def candidate_excess_bars(found: Diagnosis, max_candidates: int = 12) -> Figure:
 
 
 def _paired_bars(axis: Axes, before: Sequence[ExcessBin], after: Sequence[ExcessBin]) -> None:
-    at = np.arange(len(before))
-    axis.bar(at - 0.2, [b.chi2_per_pixel for b in before], 0.4, color=_BEFORE, label="nominal model")
-    axis.bar(at + 0.2, [b.chi2_per_pixel for b in after], 0.4, color=_AFTER, label="extended model")
+    positions = np.arange(len(before))
+    axis.bar(positions - 0.2, [b.chi2_per_pixel for b in before], 0.4, color=_BEFORE, label="nominal model")
+    axis.bar(positions + 0.2, [b.chi2_per_pixel for b in after], 0.4, color=_AFTER, label="extended model")
     axis.axhline(1.0, color=_NOISE, linewidth=1, linestyle="--", label="noise alone")
-    axis.set_xticks(at, [_wrapped(b.name) for b in before], fontsize=7)
+    axis.set_xticks(positions, [_wrapped(b.name) for b in before], fontsize=7)
     if max(b.chi2_per_pixel for b in before) > 10:
         axis.set_yscale("log")
     axis.set_ylabel("χ²/n", fontsize=8)

@@ -49,7 +49,7 @@ class WorkerPool:
         self.workers = max(1, workers)
         self._start_at = time.monotonic() + start_after_s
         self._shared: dict[str, Any] = {}
-        self._prepare: Callable[[], None] | None = None
+        self._prepare: Callable[[], object] | None = None
         self._executor: ProcessPoolExecutor | None = None
         self._ready: Future[None] | None = None
         self._closing, self._is_closed = threading.Lock(), False
@@ -63,7 +63,7 @@ class WorkerPool:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close(kill=kind is not None)
 
-    def share(self, objects: Mapping[str, Any], prepare: Callable[[], None] | None = None) -> None:
+    def share(self, objects: Mapping[str, Any], prepare: Callable[[], object] | None = None) -> None:
         """Names large objects that jobs refer to: each process gets them once. prepare: what a process does first."""
         self._shared, self._prepare = dict(objects), prepare
 
@@ -189,7 +189,7 @@ def _dump_job(job: Callable[[], Any], names: Mapping[int, str]) -> bytes:
     return buffer.getvalue()
 
 
-def _prepare_process(shared: bytes, prepare: Callable[[], None] | None) -> None:
+def _prepare_process(shared: bytes, prepare: Callable[[], object] | None) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if prepare is not None:
         prepare()

@@ -9,11 +9,14 @@ import threading
 import time
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from holoview.diagnose.worker_pool import WorkerPool
+from holoview.model.effects import registry
+from holoview.model.effects.effect import Effect
 from holoview.util.errors import UserError
 
 TABLE = {"answer": 42}
@@ -99,6 +102,30 @@ def test_objects_that_cannot_be_sent_keep_the_jobs_here() -> None:
         pool.share({"function": lambda: None})
         pool.start()
         assert set(pool.run([os.getpid] * 2)) == {os.getpid()}
+
+
+HAZE = """
+from holoview.effects import Effect, Parameter
+
+class Haze(Effect):
+    id, cause, finding, acts_on = "haze", "Haze.", "Haze of {share}.", ("camera",)
+    parameters = (Parameter("share", "Of the mean.", low=0.0, prior=0.05),)
+"""
+
+
+def _identifier(effect: Effect) -> tuple[str, str]:
+    """The id of an effect that was sent, and of the one that this process knows by it."""
+    return effect.id, registry.get_effect(effect.id).id
+
+
+@pytest.mark.usefixtures("no_user_effects")
+def test_effects_of_a_users_file_are_known_in_every_process(tmp_path: Path) -> None:
+    (tmp_path / "haze.py").write_text(HAZE, encoding="utf-8")
+    (effect,) = registry.load_user_effects(tmp_path / "haze.py")
+    with WorkerPool(2) as pool:
+        pool.share({"haze": effect}, partial(registry.load_user_effects, str(tmp_path / "haze.py")))
+        pool.start()
+        assert pool.run([partial(_identifier, effect)] * 2) == [("haze", "haze")] * 2
 
 
 def test_an_exception_that_cant_be_sent_is_told_in_words(processes: WorkerPool) -> None:
