@@ -161,8 +161,11 @@ class FileDialog:
 
 
 def centre_next_window(width: float) -> None:
-    """Makes the next window appear in the middle of the main one, `width` logical pixels wide."""
-    centre = imgui.get_main_viewport().get_center()
-    imgui.set_next_window_pos(centre, imgui.Cond_.appearing, imgui.ImVec2(0.5, 0.5))
-    imgui.set_next_window_size_constraints(imgui.ImVec2(width, 0), imgui.ImVec2(width, 2000))
+    """Keeps the next window in the middle of the main one and inside it, `width` logical pixels wide.
+
+    In every frame: a browser's page gets its size after the first ones, and changes it later.
+    """
+    viewport = imgui.get_main_viewport()
+    imgui.set_next_window_pos(viewport.get_center(), imgui.Cond_.always, imgui.ImVec2(0.5, 0.5))
+    imgui.set_next_window_size_constraints(imgui.ImVec2(width, 0), imgui.ImVec2(width, viewport.work_size.y))
     imgui.set_next_window_bg_alpha(1.0)

@@ -35,7 +35,11 @@ _PAGE = b"""<!DOCTYPE html>
 <link rel="stylesheet" href="renderview.css">
 <style>
   html, body { margin: 0; height: 100%; background: #18181b; overflow: hidden; }
-  #canvas { position: fixed; inset: 0; width: 100% !important; height: 100% !important; }
+  #canvas {
+    position: fixed; inset: 0; border: 0;
+    width: 100% !important; height: 100% !important;
+    max-width: none !important; max-height: none !important; /* renderview.js limits both to 90 % of the shorter side */
+  }
   #status { position: fixed; right: 8px; bottom: 8px; color: #71717a; font: 11px sans-serif; pointer-events: none; }
   #status button { pointer-events: auto; }
 </style>

@@ -4,11 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
-import re
-import signal
-import subprocess
-import sys
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -22,35 +17,19 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from holoview.gpu.device import Device
+from tests.gui.served import SECONDS, serving
 
 pytestmark = pytest.mark.gpu
-_SECONDS = 60
+_SECONDS = SECONDS
 _SIZE = {"width": 640, "height": 400, "pwidth": 640, "pheight": 400, "ratio": 1.0}
 
 
 @pytest.fixture
 def address(device: Device, tmp_path: Path) -> Iterator[tuple[str, str]]:
     """A viewer that is served: its HOST:PORT and its token. It ends in good order when it is interrupted."""
-    command = [sys.executable, "-m", "holoview.cli", "view", "--serve", "127.0.0.1:0", "--set", "shape=[32, 48]"]
-    folders = {key: str(tmp_path) for key in ("XDG_STATE_HOME", "XDG_CACHE_HOME")}
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=os.environ | folders
-    )
-    assert process.stdout is not None
-    try:
-        said = ""
-        for line in process.stdout:
-            said += line
-            if found := re.search(r"http://(\S+)/\?token=(\S+)", line):
-                yield found[1], found[2]
-                break
-        process.send_signal(signal.SIGINT)
-        rest, _ = process.communicate(timeout=_SECONDS)
-        assert process.returncode == 0 and "Traceback" not in rest, said + rest
-        assert not list(tmp_path.rglob("lock.json")), "the session was closed in good order"
-    finally:
-        process.kill()
-        process.communicate()
+    with serving(tmp_path) as address:
+        yield address
+    assert not list(tmp_path.rglob("lock.json")), "the session was closed in good order"
 
 
 def _cookie(address: str, token: str) -> str:
