@@ -112,17 +112,6 @@ def test_a_fine_screen_gets_all_its_pixels(device: Device, tmp_path: Path, launc
         _wait_for_sizes(page, width, height, 1.5)
 
 
-def test_keys_arrive(device: Device, tmp_path: Path, open_page: Callable[..., Any]) -> None:
-    with serving(tmp_path, "--new") as (host, token):
-        page = open_page(f"http://{host}/?token={token}", 900, 600)
-        _wait_for_sizes(page, 900, 600)
-        _wait(lambda: _pixels(page, tmp_path / "a.png").std() > 20)
-        before = _pixels(page, tmp_path / "a.png")
-        page.mouse.click(450, 300)
-        page.keyboard.press("F1")  # the sheet of keys covers the image
-        _wait(lambda: np.abs(_pixels(page, tmp_path / "b.png") - before).mean() > 5)
-
-
 def test_a_dropped_connection_is_told_and_opened_again(
     device: Device, tmp_path: Path, open_page: Callable[..., Any]
 ) -> None:
