@@ -81,7 +81,7 @@ def diagnose(
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        with WorkerPool(workers) as pool:
+        with WorkerPool(workers, config.budget.worker_start_s) as pool:
             context, notes = _prepare(captures, library, known or {}, pool, sampling, config)
             if not thorough:
                 context = dataclasses.replace(context, field_budget=config.budget.max_fields)

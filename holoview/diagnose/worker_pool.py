@@ -4,11 +4,11 @@ Computing a field is many short calls, for which Python lets one thread at a tim
 processes are those of a `concurrent.futures.ProcessPoolExecutor`. They stay for a whole diagnosis, so that each keeps
 the cache of its predictor, and large objects that jobs refer to are sent once.
 
-Starting the processes costs 3 s of processor time, for the import of torch. A session without a fault takes 1 s, one
-small fault 6 s (128 × 96 modulator pixels, 32 captures). So jobs run here until `start_after_s` is over, and on until
-the processes are ready. Where there is a fork server (Linux), it alone imports; this process, which has threads, is
-never forked. Measured on two cores: a pair of faults takes 31 s in one process, 31 s in two that are forked for each
-batch of jobs (their caches die with the batch, which costs what the second core gains), 21 s in two that stay.
+Starting the processes costs 3 s of processor time, for the import of torch. So jobs run here until `start_after_s` is
+over, and on until the processes are ready: a session without a fault takes 1 s, one with a small fault 4 s (128 × 96
+modulator pixels, 32 captures). Where there is a fork server (Linux), it alone imports; this process, which has threads,
+is never forked. Measured on two cores beside other programs, the median of four alternating runs with a pair of faults:
+39 s in two processes that are forked for each batch of jobs, whose caches die with the batch, 31 s in two that stay.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class WorkerPool:
     start_after_s: age of the pool at which it starts its processes. Use it in a `with` block, which ends them.
     """
 
-    def __init__(self, workers: int, start_after_s: float = 2.0) -> None:
+    def __init__(self, workers: int, start_after_s: float = 0.0) -> None:
         self.workers = max(1, workers)
         self._start_at = time.monotonic() + start_after_s
         self._shared: dict[str, Any] = {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import multiprocessing
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from holoview.diagnose.field_count import incoherent_field_count, is_costly, max
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.verdict import Verdict
+from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext, small_system
 
@@ -78,6 +80,16 @@ def test_a_search_that_was_ended_says_so() -> None:
 def test_the_end_does_not_depend_on_workers() -> None:
     captures = make_captures(small_system(), TWO, AcquisitionSettings(captures_per_condition=6, seed=2))
     effects = [listed_effects()[name] for name in FEW]
-    found = [diagnose(captures, effects, workers=n, free_maps=False, config=_budget(1000)).as_json() for n in (1, 3)]
-    first, second = ({k: v for k, v in one.items() if k != "seconds"} for one in found)
+    processes: list[int] = []
+
+    def count_processes(done: int, total: int, what: str) -> None:
+        processes.append(len(multiprocessing.active_children()))
+
+    with WorkerPool(2) as pool:
+        pool.start()  # the fork server has imported then, and answers at once
+    config = SearchConfig(budget=BudgetConfig(max_fields=1000, worker_start_s=0.0))
+    alone = diagnose(captures, effects, workers=1, free_maps=False, config=config).as_json()
+    shared = diagnose(captures, effects, workers=3, free_maps=False, config=config, progress=count_processes).as_json()
+    first, second = ({k: v for k, v in one.items() if k != "seconds"} for one in (alone, shared))
     assert json.dumps(first) == json.dumps(second)
+    assert max(processes) == 3

@@ -59,6 +59,10 @@ class BudgetConfig:
     """[√n] … or if Σ residual² exceeds the n pixels by less than this many √n. Evidence: derivation: 3.5 σ of χ²,
     whose standard deviation is √(2n)."""
 
+    worker_start_s: float = 5.0
+    """[s] Age of a diagnosis at which it starts its processes. Evidence: measured: starting them costs 3 s of processor
+    time, and a small fault takes 4 s without them; the value: none recorded."""
+
     effects_per_batch: int = 8
     """[effects] Screened between two decisions whether to stop. Evidence: none recorded."""
 
