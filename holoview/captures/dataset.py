@@ -129,6 +129,16 @@ class Captures:
         )
         return DataProperties(wavelengths, planes, powers, len(self.slms), irises, self.is_fourier)
 
+    @property
+    def relay1(self) -> Relay:
+        """The nominal stops between the modulators."""
+        return Relay(iris_na=self.iris1_na)
+
+    @property
+    def relay2(self) -> Relay:
+        """The nominal stops between the last modulator and the camera, on a Fourier bench in front of the camera."""
+        return Relay(iris_na=self.iris2_na)
+
     def subset(self, indices: Sequence[int] | NDArray[np.integer]) -> Captures:
         """The captures of these indices, in that order, on the same bench."""
         chosen = np.asarray(indices)
@@ -165,8 +175,8 @@ class Captures:
             ),
             gap_m=self.gap_m,
             planes_m=planes,
-            relay1=Relay(iris_na=self.iris1_na),
-            relay2=Relay(iris_na=None if self.is_fourier else self.iris2_na),
+            relay1=self.relay1,
+            relay2=Relay() if self.is_fourier else self.relay2,
             observer="mono",
             sampling=Sampling(upsample=self.upsample),
         )

@@ -17,6 +17,7 @@ import torch
 from holoview.captures.camera_sampling import PixelGrid, squared_magnitude
 from holoview.captures.incoherent_component import IncoherentComponent
 from holoview.captures.tensor_cache import TensorCache
+from holoview.model.bench_parts import Relay
 from holoview.model.effects.hook_contexts import Pose
 from holoview.model.plan import Plan
 from holoview.numerics.chirp_z import chirp_z_transform
@@ -33,8 +34,8 @@ class FourierBenchModel:
     """Intensities on the camera in the focal plane of a lens.
 
     plan: of the bench with its effects on distances, angles, wavelengths and apertures; its plane lies at
-    focal_length_m + defocus. effects: their other hooks. iris_na: nominal aperture of a stop in front of the camera;
-    None without one. cache: keeps intensities; a key names all values that its intensity depends on.
+    focal_length_m + defocus. effects: their other hooks. relay: the nominal stops in front of the camera.
+    cache: keeps intensities; a key names all values that its intensity depends on.
     """
 
     def __init__(
@@ -42,12 +43,12 @@ class FourierBenchModel:
         plan: Plan,
         effects: TorchEffects,
         focal_length_m: float,
-        iris_na: float | None,
+        relay: Relay,
         pixel_grid: PixelGrid,
         dtype: torch.dtype,
         cache: TensorCache,
     ) -> None:
-        self.plan, self.effects, self.focal_length_m, self.iris_na = plan, effects, focal_length_m, iris_na
+        self.plan, self.effects, self.focal_length_m, self.relay = plan, effects, focal_length_m, relay
         self.pixel_grid, self.dtype, self.cache = pixel_grid, dtype, cache
         self.real_dtype = torch.float64 if dtype == torch.complex128 else torch.float32
 
@@ -111,14 +112,18 @@ class FourierBenchModel:
             envelope = torch.special.sinc(cycles) / field.shape[axis] ** 0.5
             light = light * envelope.to(self.real_dtype)
             sines.append(sine)
-        return squared_magnitude(light) * self._stop_mask(*sines)
+        return squared_magnitude(light) * self._stop_mask(λ, *sines)
 
-    def _stop_mask(self, sine_y: Tensor, sine_x: Tensor) -> Tensor:
-        """1 where the iris and the DC block pass light to the camera, 0 elsewhere, (rows, columns)."""
+    def _stop_mask(self, λ: float, sine_y: Tensor, sine_x: Tensor) -> Tensor:
+        """1 where the stops pass light to the camera, 0 elsewhere, (rows, columns)."""
         sine2 = sine_y.square()[:, None] + sine_x.square()[None, :]
         passes = torch.ones_like(sine2, dtype=torch.bool)
-        if self.iris_na is not None:
-            passes &= sine2 <= self.iris_na**2
+        y, x = (sine - centre for sine, centre in zip((sine_y, sine_x), self.relay.centre_na, strict=True))
+        if self.relay.iris_na is not None:
+            passes &= y.square()[:, None] + x.square()[None, :] <= self.relay.iris_na**2
+        if self.relay.square is not None:
+            half = self.relay.square.half_side_sine(λ, self.plan.system.modulators[0].pitch_m)
+            passes &= (y.abs()[:, None] < half) & (x.abs()[None, :] < half)
         if self.plan.system.relay2.dc_block_na is not None:
             passes &= sine2 > self.plan.system.relay2.dc_block_na**2
         return passes.to(self.real_dtype)

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-import numpy as np
 import torch
 
+from holoview.model.passband import band_of_rows
 from holoview.model.plan import Grid, Transfer
 from holoview.numerics.fft_grid import frequency_indices
 
@@ -32,10 +32,9 @@ class FrequencyBand:
 
     @staticmethod
     def from_transfer(transfer: Transfer, grid: Grid) -> FrequencyBand:
-        """The smallest band that holds all frequencies that a transfer function passes."""
-        rows = np.flatnonzero(transfer.support[:, 1] >= 0)
-        max_y = int(np.abs(frequency_indices(grid.padded[0])[rows]).max(initial=0))
-        max_x = int(transfer.support[:, 1].max(initial=0))
+        """The smallest such band that holds all frequencies that a transfer function passes."""
+        band = band_of_rows([transfer.support])
+        max_y, max_x = (max(0, -low, high) for low, high in zip(band.lowest, band.highest, strict=True))
         return FrequencyBand(grid.padded, (max_y, max_x))
 
     @property

@@ -17,6 +17,7 @@ from holoview.captures.camera_sampling import PixelGrid, sample_intensity
 from holoview.captures.frequency_band import FrequencyBand
 from holoview.captures.incoherent_component import IncoherentComponent
 from holoview.captures.tensor_cache import TensorCache
+from holoview.model.bench_parts import Relay
 from holoview.model.effects.hook_contexts import RelayContext
 from holoview.model.plan import Plan, Transfer
 from holoview.optics.propagate import transfer_function_at
@@ -32,7 +33,7 @@ class NearFieldModel:
     """Intensities on the camera at the first plane of a plan.
 
     plan: of the bench with its effects on distances, angles, wavelengths and apertures. effects: their other hooks.
-    iris_nas: nominal apertures of relays 1 and 2, which normalise pupil coordinates; None without an iris.
+    relays: the nominal relays 1 and 2, whose stops normalise pupil coordinates.
     cache: keeps intermediate fields; a key names all values that its field depends on.
     """
 
@@ -40,12 +41,12 @@ class NearFieldModel:
         self,
         plan: Plan,
         effects: TorchEffects,
-        iris_nas: tuple[float | None, float | None],
+        relays: tuple[Relay, Relay],
         pixel_grid: PixelGrid,
         dtype: torch.dtype,
         cache: TensorCache,
     ) -> None:
-        self.plan, self.effects, self.iris_nas, self.pixel_grid = plan, effects, iris_nas, pixel_grid
+        self.plan, self.effects, self.relays, self.pixel_grid = plan, effects, relays, pixel_grid
         self.dtype, self.cache = dtype, cache
         self.real_dtype = torch.float64 if dtype == torch.complex128 else torch.float32
 
@@ -162,8 +163,9 @@ class NearFieldModel:
             key = ("nominal", relay, transfer.wavelength_m, transfer.distance_m, self.plan.relays[relay], band)
             response = self.cache.get_invariant(key, nominal_response)
             sine_y, sine_x = (k.double() * s for k, s in zip((ky, kx), transfer.sine_step, strict=True))
-            iris_na = self.iris_nas[relay] or 1.0
-            context = RelayContext(relay, transfer.wavelength_m, sine_y[:, None], sine_x[None], iris_na)
+            λ, nominal = transfer.wavelength_m, self.relays[relay]
+            radius = nominal.pupil_radius_sine(λ, self.plan.nominal.modulators[0].pitch_m)
+            context = RelayContext(relay, λ, sine_y[:, None], sine_x[None], radius, nominal.centre_na)
             pupil = self.effects.pupil(context, torch.complex128)
             return (response if pupil is None else response * pupil).to(self.dtype)
 

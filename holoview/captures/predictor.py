@@ -143,8 +143,8 @@ class Predictor:
     ) -> NearFieldModel | FourierBenchModel:
         c = self.captures
         if c.focal_length_m is not None:
-            return FourierBenchModel(plan, active, c.focal_length_m, c.iris2_na, self.pixel_grid, self.dtype, cache)
-        return NearFieldModel(plan, active, (c.iris1_na, c.iris2_na), self.pixel_grid, self.dtype, cache)
+            return FourierBenchModel(plan, active, c.focal_length_m, c.relay2, self.pixel_grid, self.dtype, cache)
+        return NearFieldModel(plan, active, (c.relay1, c.relay2), self.pixel_grid, self.dtype, cache)
 
     def _drive(self, k: int) -> Tensor:
         if k not in self._drives:

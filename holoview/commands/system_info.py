@@ -9,7 +9,8 @@ import numpy as np
 
 from holoview.model.bench_parts import Relay
 from holoview.model.effects.active_effects import ActiveEffects
-from holoview.model.plan import Plan, band_limit, make_plan, walk_off
+from holoview.model.passband import band_limit
+from holoview.model.plan import Plan, make_plan, walk_off
 from holoview.model.system import System
 from holoview.optimise.memory import peak_bytes
 from holoview.util import units
@@ -67,7 +68,7 @@ def _diffraction(system: System) -> list[InfoRow]:
     turns = [2 * modulator.stroke_m / λ for λ in (shortest, longest)]
     sines = [min(1.0, λ / (2 * modulator.pitch_m)) for λ in (shortest, longest)]
     angles = [math.degrees(math.asin(sine)) for sine in sines]
-    cone = min(sines[1], 0.999, system.relay2.iris_na or 1.0)
+    cone = min(sines[1], 0.999, system.relay2.steepest_sine(longest, modulator.pitch_m))
     blur = float(np.ptp(system.planes_m)) * math.tan(math.asin(cone)) / modulator.pitch_m
     return [
         InfoRow(
@@ -92,13 +93,7 @@ def _cut_offs(plan: Plan) -> list[InfoRow]:
         InfoRow("cut-offs", "simulation grid", f"{0.5e-3 / dx:.4g} cycles/mm"),
     ]
     for name, relay in (("relay 1", system.relay1), ("relay 2", system.relay2)):
-        if relay.iris_na is not None:
-            sides = [
-                f"{relay.iris_na / λ * 1e-3:.4g}" for λ in (system.wavelengths_m.max(), system.wavelengths_m.min())
-            ]
-            out.append(InfoRow("cut-offs", f"iris of {name}", f"{' to '.join(sides)} cycles/mm (NA {relay.iris_na:g})"))
-        if relay.dc_block_na is not None:
-            out.append(InfoRow("cut-offs", f"DC block of {name}", f"NA {relay.dc_block_na:g}"))
+        out += _stops(name, relay, system)
     longest, farthest = float(system.wavelengths_m.max()), float(plan.planes_m.max())
     limit = min(band_limit(p, dx, longest, farthest) for p in plan.grid.padded)
     text = f"{limit * 1e-3:.4g} cycles/mm"
@@ -107,6 +102,35 @@ def _cut_offs(plan: Plan) -> list[InfoRow]:
     elif system.sampling.propagation == "periodic":
         text = f"none (periodic), though the kernel aliases above {text}"
     return [*out, InfoRow("cut-offs", "band limit at the farthest plane", text)]
+
+
+def _stops(name: str, relay: Relay, system: System) -> list[InfoRow]:
+    """What a relay's stops pass at each wavelength: half widths in cycles/mm, and as multiples of the first order."""
+    pitch_m, rows = system.modulators[0].pitch_m, []
+    if relay.iris_na is not None:
+        at = [_cut_off(relay.iris_na, float(λ), pitch_m) for λ in system.wavelengths_m]
+        rows.append(InfoRow("cut-offs", f"iris of {name}", f"radius {_by_wavelength(at)} (NA {relay.iris_na:g})"))
+    if relay.square is not None:
+        sines = [relay.square.half_side_sine(float(λ), pitch_m) for λ in system.wavelengths_m]
+        at = [_cut_off(sine, float(λ), pitch_m) for sine, λ in zip(sines, system.wavelengths_m, strict=True)]
+        rows.append(InfoRow("cut-offs", f"square stop of {name}", f"half side {_by_wavelength(at)} ({relay.square})"))
+    if any(relay.centre_na):
+        y, x = relay.centre_na
+        rows.append(InfoRow("cut-offs", f"centre of {name}'s stops", f"direction sine {y:g} (y), {x:g} (x)"))
+    if relay.dc_block_na is not None:
+        rows.append(InfoRow("cut-offs", f"DC block of {name}", f"NA {relay.dc_block_na:g}"))
+    return rows
+
+
+def _cut_off(sine: float, wavelength_m: float, pitch_m: float) -> str:
+    """A stop's half width in cycles/mm, and as a multiple of the modulators' first order."""
+    cycles = sine / wavelength_m
+    return f"{cycles * 1e-3:.4g} cycles/mm = {cycles * 2 * pitch_m:.3g} orders"
+
+
+def _by_wavelength(texts: list[str]) -> str:
+    """One text if it is the same at all wavelengths, else all in the order of the wavelengths."""
+    return texts[0] if len(set(texts)) == 1 else ", ".join(texts)
 
 
 def _sampling(plan: Plan) -> list[InfoRow]:

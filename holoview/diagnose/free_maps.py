@@ -118,7 +118,7 @@ class FreeRelay(FreeMaps):
     def pupil(self, pupil: Tensor, context: RelayContext, v: Values) -> Tensor:
         if context.relay != self.relay_index:
             return pupil
-        reach = context.iris_na if context.iris_na < 1 else float(context.sine_y.abs().max())
+        reach = context.pupil_radius if context.pupil_radius < 1 else float(context.sine_y.abs().max())
         real = pupil.real.dtype
         y, x = (s.to(real) / reach for s in (context.sine_y, context.sine_x))
         positions = torch.stack([x.expand(len(y), -1), y.expand(-1, x.shape[1])], dim=-1)[None]

@@ -1,4 +1,4 @@
-"""The iris of relay 2 has another size than its nominal one, or isn't centred."""
+"""The stop of relay 2 has another size than its nominal one, or isn't centred."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from holoview.model.effects.effect import Needs
 
 
 class Iris2(Iris):
-    """The round iris in the Fourier plane of relay 2."""
+    """The iris or square stop in the Fourier plane of relay 2."""
 
     id = "iris2"
-    cause = "The iris behind the last modulator is wider, narrower or off its centre."
-    finding = "The iris of relay 2 has an aperture of {actual}, not {nominal}{beside}."
+    cause = "The iris or square stop behind the last modulator is wider, narrower or off its centre."
+    finding = "The {stop} of relay 2 has an aperture of {actual}, not {nominal}{beside}."
     relay = "relay2"
     acts_on = ("relay 2",)
     needs = Needs(irises=(2,), fourier=False)

@@ -1,39 +1,39 @@
-"""Base class of the irises of both relays: a wrong radius and a decentred aperture."""
+"""Base class of the stops of both relays, round or square: a wrong size and a decentred aperture."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from holoview.effects.starting_grids import square_grid
+from holoview.model.bench_parts import Relay
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 from holoview.util.units import format_rounded
 
-if TYPE_CHECKING:  # torch takes seconds to import
-    from torch import Tensor
-
-    from holoview.model.effects.hook_contexts import RelayContext
-
 PARAMETERS = (
     Parameter(
         "radius_error",
-        "Relative error of the radius.",
+        "Relative error of the radius, or of the side of a square stop.",
         low=-0.9,
         high=4.0,
         prior=0.1,
         scan=(-0.5, 0.5, 0.1),
         sharp=True,
     ),
-    Parameter("decentre_y", "Shift in y, in nominal radii.", low=-2.0, high=2.0, prior=0.1, sharp=True),
-    Parameter("decentre_x", "Shift in x, in nominal radii.", low=-2.0, high=2.0, prior=0.1, sharp=True),
+    Parameter("decentre_y", "Shift in y, in nominal radii or half sides.", low=-2.0, high=2.0, prior=0.1, sharp=True),
+    Parameter("decentre_x", "Shift in x, in nominal radii or half sides.", low=-2.0, high=2.0, prior=0.1, sharp=True),
 )
 
 
 class Iris(Effect):
-    """Aperture na → na·(1 + radius_error), with its centre at the direction sines na·(decentre_y, decentre_x)."""
+    """Aperture na → na·(1 + radius_error), with its centre moved by the direction sines na·(decentre_y, decentre_x).
+
+    na is the radius of an iris or half the side of a square stop, the smaller where there are both; of a stop at the
+    first order of every wavelength that at 550 nm.
+    """
 
     relay: ClassVar[str]
     parameters = PARAMETERS
@@ -42,25 +42,26 @@ class Iris(Effect):
         return [*super().starting_points(system), *square_grid("decentre_y", "decentre_x", 0.4, 0.2)]
 
     def bench(self, system: System, v: Values) -> System:
-        """The iris itself if it is centred, else the smallest centred one that contains it; `pupil` does the rest."""
-        relay = getattr(system, self.relay)
-        decentre = (v["decentre_y"] ** 2 + v["decentre_x"] ** 2) ** 0.5
-        iris_na = min(relay.iris_na * (1 + v["radius_error"] + decentre), 1.0)
-        return dataclasses.replace(system, **{self.relay: dataclasses.replace(relay, iris_na=iris_na)})
+        relay: Relay = getattr(system, self.relay)
+        na, factor = self._nominal_na(system), 1 + v["radius_error"]
+        shift = na * v["decentre_y"], na * v["decentre_x"]
+        y, x = (max(-1.0, min(c + s, 1.0)) for c, s in zip(relay.centre_na, shift, strict=True))
+        iris_na = None if relay.iris_na is None else min(relay.iris_na * factor, 1.0)
+        square = None if relay.square is None else relay.square.scaled(factor)
+        return system.edit({self.relay: dataclasses.replace(relay, iris_na=iris_na, square=square, centre_na=(y, x))})
 
-    def pupil(self, pupil: Tensor, context: RelayContext, v: Values) -> Tensor:
-        centre_y, centre_x = (context.iris_na * v[name] for name in ("decentre_y", "decentre_x"))
-        if centre_y == 0 and centre_x == 0:
-            return pupil
-        radius = context.iris_na * (1 + v["radius_error"])
-        return pupil * ((context.sine_y - centre_y) ** 2 + (context.sine_x - centre_x) ** 2 <= radius**2)
+    def _nominal_na(self, system: System) -> float:
+        relay: Relay = getattr(system, self.relay)
+        iris = 1.0 if relay.iris_na is None else relay.iris_na
+        return iris if relay.square is None else min(iris, relay.square.nominal_na(system.modulators[0].pitch_m))
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:
-        na = getattr(system, self.relay).iris_na
+        relay, na = getattr(system, self.relay), self._nominal_na(system)
         decentre = (v["decentre_y"], v["decentre_x"])
         y, x = (format_rounded(na * shift, "mrad", 3) for shift in decentre)
         beside = f", off its centre by {y} (y) and {x} (x)"
         return {
+            "stop": "iris" if relay.square is None else "stop",
             "actual": f"{na * (1 + v['radius_error']):.4g}",
             "nominal": f"{na:.4g}",
             "beside": beside * any(decentre),

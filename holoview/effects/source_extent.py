@@ -53,7 +53,7 @@ class SourceExtent(Effect):
         """The number of directions along a side of the grid."""
         far = float(system.planes_m.max()) + (system.gap_m or 0.0)
         shortest, slm = float(system.wavelengths_m.min()), system.modulators[0]
-        sines = [na for na in (system.relay1.iris_na, system.relay2.iris_na) if na is not None]
+        sines = [relay.steepest_sine(shortest, slm.pitch_m) for relay in (system.relay1, system.relay2)]
         sines += [shortest / slm.pitch_m, max(slm.shape) * slm.pitch_m / (2 * max(far, 1e-9))]
         across = 2 * radius_rad * far * 2 * min(sines) / shortest
         return min(max(math.ceil(across) + 2, _MIN_SIDE), _MAX_SIDE)

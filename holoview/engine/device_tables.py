@@ -15,16 +15,16 @@ import numpy as np
 from holoview.engine.shader_inputs import ShaderInputs
 from holoview.engine.shader_structs import MODULATOR, PLANE_WAVE, PROPAGATION
 from holoview.engine.uniforms import (
-    column_support,
     dense_transmission,
     modulator_uniform,
     plane_wave_uniform,
     propagation_uniform,
+    support_table,
 )
 from holoview.gpu.device import Buffer, Device
 from holoview.model.plan import Plan
 
-_SUPPORT_BYTES = 8  # of two i32: the smallest and the largest |k_y| of a column
+_SUPPORT_BYTES = 16  # of a vec4i: the frequencies that pass in a column
 
 Key = tuple[str | int, ...]
 Fingerprint = Hashable
@@ -78,12 +78,12 @@ class DeviceTables:
         """
         grid, count = self.plan.grid, len(self.plan.system.wavelengths_m)
         propagations = list(self._items.get(("propagations", relay), [bytes(PROPAGATION.size)] * count))
-        columns = grid.padded[1] // 2 + 1
+        columns = grid.padded[1]
         supports = list(self._items.get(("support", relay), [bytes(_SUPPORT_BYTES * columns)] * count))
         for wavelength in range(count) if wavelengths is None else wavelengths:
             step = self.plan.transfer(relay, wavelength, distance_m)
             propagations[wavelength] = PROPAGATION.pack(**propagation_uniform(step))
-            supports[wavelength] = column_support(step, grid).tobytes()
+            supports[wavelength] = support_table(step, grid).tobytes()
         for name, items in (("propagations", propagations), ("support", supports)):
             self._items[name, relay] = items
             self._fill((name, relay), items)

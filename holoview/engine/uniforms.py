@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.engine.shader_inputs import ShaderInputs
+from holoview.model.passband import column_support
 from holoview.model.plan import Grid, Plan, Transfer, turns_to_fixed_point
 
 UniformValues = dict[str, object]
@@ -36,19 +37,12 @@ def propagation_uniform(step: Transfer) -> UniformValues:
     return {"paraxial_y": words[0], "paraxial_x": words[1], "sine_step2": sine_step2, "distance_waves": step.waves}
 
 
-def column_support(step: Transfer, grid: Grid) -> NDArray[np.int32]:
-    """Smallest and largest |k_y| that passes for each |k_x| = 0 … P_x/2, (P_x/2 + 1, 2).
+def support_table(step: Transfer, grid: Grid) -> NDArray[np.int32]:
+    """The support of a relay by columns, as the shaders' vec4i: (P_x, 4) int32 in `fftfreq` order.
 
-    The largest is −1 if none passes. These are the frequencies of `Transfer.support`, which holds the smallest and
-    largest |k_x| for each |k_y|. Neither of its bounds increases with |k_y|, since irises and DC blocks are discs and
-    the band limit is a rectangle; therefore both can be inverted by binary search.
+    Smallest |k_y|, lowest k_y and highest k_y that pass in a column, and 0.
     """
-    py, px = grid.padded
-    smallest, largest = step.support[: py // 2 + 1].T
-    kx = np.arange(px // 2 + 1)
-    first = len(smallest) - np.searchsorted(smallest[::-1], kx, side="right")
-    end = len(largest) - np.searchsorted(largest[::-1], kx, side="left")
-    return np.stack([first, end - 1], axis=1).astype(np.int32)
+    return np.pad(column_support(step.support, grid.padded[1]), ((0, 0), (0, 1)))
 
 
 def dense_transmission(inputs: ShaderInputs, frame: int, modulator: int, wavelength: int) -> NDArray[np.complex64]:

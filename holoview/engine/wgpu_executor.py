@@ -20,11 +20,11 @@ from holoview.engine.shader_inputs import DeviceArray, ShaderInputs
 from holoview.engine.shader_structs import GRID, MODULATOR, PLANE_WAVE, PROPAGATION, WEIGHT
 from holoview.engine.uniforms import (
     UniformValues,
-    column_support,
     dense_transmission,
     modulator_uniform,
     plane_wave_uniform,
     propagation_uniform,
+    support_table,
 )
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.fft import FftPlan
@@ -114,7 +114,7 @@ class WgpuExecutor:
         step = self.plan.transfer(relay, wavelength, distance_m)
         key = ("transmit", relay, wavelength, distance_m, spectrum.index)
         propagation = self._uniform(key[:4], PROPAGATION, lambda: propagation_uniform(step))
-        support = self._stored(("support", *key[1:4]), lambda: column_support(step, self.plan.grid))
+        support = self._stored(("support", *key[1:4]), lambda: support_table(step, self.plan.grid))
         pupil = self.inputs.pupils[relay][wavelength]
         pupil_table = self._no_table
         if pupil is not None:

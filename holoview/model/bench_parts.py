@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from holoview.model.dataclass_fields import Description, described_field, validate
 from holoview.model.field_types import Array, Choice, Coefficients, Integer, LevelFractions, Number, Shape
+from holoview.model.stops import CentreField, SquareField, SquareStop
 from holoview.util.errors import UserError
 
 Floats = NDArray[np.float64]
@@ -83,10 +85,15 @@ class Relay(Description):
     """Imaging optics between two planes: the stops in its Fourier plane, and its aberrations.
 
     iris_na: numerical aperture of a round iris, the sine of the steepest direction that passes; None: no iris.
+    square: a square stop, a `SquareStop`: its half side as a numerical aperture; "first order", which passes
+    |u_y|, |u_x| < 1/(2·pitch) at every wavelength; "first order at 650 nm", a real aperture that is as wide as that
+    at one wavelength; None: no square stop. With `iris_na`, light has to pass both.
+    centre_na: direction sine (y, x) of the centre of the iris and of the square stop.
     dc_block_na: numerical aperture of a round stop at the zero order, less than `iris_na`; None: no stop.
     apodisation_na: aperture at which a Gaussian transmission falls to 1/e in amplitude; None: uniform.
-    aberration_m: Zernike terms over the iris, a table {"Z4": "50 nm"} or pairs (Noll index 1…37, r.m.s. optical path
-    in metres), each at most 0.1 mm. They need an iris.
+    aberration_m: Zernike terms over the pupil, a table {"Z4": "50 nm"} or pairs (Noll index 1…37, r.m.s. optical path
+    in metres), each at most 0.1 mm. They need an iris or a square stop: the pupil is the iris, or the circle through
+    the corners of the square where that is smaller or alone.
 
     A relay without arguments images perfectly. Magnification isn't modelled: distances and pitches are those of the
     image space of the relay. Raises UserError for values out of range or that contradict each other.
@@ -95,10 +102,20 @@ class Relay(Description):
     >>> relay = hv.Relay(iris_na=0.02, aberration_m={"Z4": "50 nm"})
     >>> relay.aberration_m, relay.is_clear, hv.Relay().is_clear
     (((4, 5e-08),), False, True)
+    >>> hv.Relay(square="first order").steepest_sine(532e-9, pitch_m=8e-6)
+    0.04702260094890466
     """
 
     iris_na: float | None = described_field(
         _APERTURE, "Numerical aperture of a round iris; none when absent.", default=None
+    )
+    square: SquareStop | None = described_field(
+        SquareField(),
+        'A square stop: "first order", "first order at 550 nm", or half its side as an aperture.',
+        default=None,
+    )
+    centre_na: tuple[float, float] = described_field(
+        CentreField(), "Direction sine (y, x) of the centre of the iris and of the square stop.", default=(0.0, 0.0)
     )
     dc_block_na: float | None = described_field(
         _APERTURE, "Radius of a round stop at the zero order, as an aperture.", default=None
@@ -108,7 +125,7 @@ class Relay(Description):
     )
     aberration_m: tuple[tuple[int, float], ...] = described_field(
         Coefficients("Z", Number("nm", low=-1e-4, high=1e-4), highest=37),
-        "Zernike terms (Noll index, r.m.s. optical path) over the iris.",
+        "Zernike terms (Noll index, r.m.s. optical path) over the pupil.",
         default=(),
     )
 
@@ -121,8 +138,46 @@ class Relay(Description):
                 expected=f"less than iris_na = {self.iris_na:g}",
                 remedy="nothing would pass the relay otherwise",
             )
-        if self.aberration_m and self.iris_na is None:
-            raise UserError("aberration", "without an iris", remedy="give iris_na: Zernike terms are over the iris")
+        if not self.has_aperture and self.aberration_m:
+            remedy = "give iris_na or square: Zernike terms are over the pupil"
+            raise UserError("aberration", "without an iris or a square stop", remedy=remedy)
+        if not self.has_aperture and any(self.centre_na):
+            raise UserError("centre_na", "without an iris or a square stop", remedy="give iris_na or square")
+
+    @property
+    def has_aperture(self) -> bool:
+        """Whether there is an iris or a square stop.
+
+        >>> import holoview as hv
+        >>> hv.Relay(square=0.02).has_aperture, hv.Relay(dc_block_na=0.001).has_aperture
+        (True, False)
+        """
+        return self.iris_na is not None or self.square is not None
+
+    def steepest_sine(self, wavelength_m: float, pitch_m: float) -> float:
+        """The direction sine of the steepest ray that the iris and the square stop pass; 1 without either.
+
+        wavelength_m: of the light. pitch_m: of the modulators' pixels, on which a stop at the first order depends.
+
+        >>> import holoview as hv
+        >>> hv.Relay(iris_na=0.02, centre_na=(0.0, 0.005)).steepest_sine(532e-9, pitch_m=8e-6)
+        0.025
+        """
+        return min(1.0, self.pupil_radius_sine(wavelength_m, pitch_m) + math.hypot(*self.centre_na))
+
+    def pupil_radius_sine(self, wavelength_m: float, pitch_m: float) -> float:
+        """Radius of the pupil as a direction sine: of the iris, or of the circle through the corners of the square.
+
+        The smaller one where there are both, 1 where there is neither. Arguments are those of `steepest_sine`.
+
+        >>> import holoview as hv
+        >>> hv.Relay(iris_na=0.02).pupil_radius_sine(532e-9, pitch_m=8e-6)
+        0.02
+        """
+        iris = 1.0 if self.iris_na is None else self.iris_na
+        if self.square is None:
+            return iris
+        return min(iris, math.sqrt(2) * self.square.half_side_sine(wavelength_m, pitch_m))
 
     @property
     def is_clear(self) -> bool:

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from holoview.colour import observer_weights
 from holoview.model.bench_parts import Relay, Sampling
 from holoview.model.effects.active_effects import ActiveEffects
+from holoview.model.passband import Band, band_limit, band_of_rows, limited_rows, stop_rows
 from holoview.model.system import PLANE_DISTANCES, System
-from holoview.numerics.fft_grid import frequency_indices, is_fast_length, next_fast_length
+from holoview.numerics.fft_grid import is_fast_length, next_fast_length
 from holoview.util.errors import UserError
 
 RowsColumns = tuple[int, int]
@@ -68,8 +69,8 @@ class Transfer:
     distance_m: z.
     wavelength_m: λ.
     step: distance between spatial frequencies (y, x), 1/m.
-    support: (P_y, 2) int32, for each row of frequencies in `fftfreq` order the smallest and the largest |k_x| that
-    passes; the largest is −1 where nothing passes.
+    support: (P_y, 3) int32, for each row of frequencies in `fftfreq` order the smallest |k_x|, the lowest k_x and the
+    highest k_x that pass; the lowest lies above the highest where nothing passes.
     """
 
     distance_m: float
@@ -128,6 +129,7 @@ class Plan:
     nominal: System
     moments: tuple[float, ...] = (1.0,)
     _transfers: dict[tuple[float, int, int], Transfer] = field(default_factory=dict, repr=False, compare=False)
+    _stops: dict[tuple[int, int], NDArray[np.int32]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def relays(self) -> tuple[Relay, Relay]:
@@ -153,14 +155,41 @@ class Plan:
         >>> plan = hv.make_plan(hv.load("holochrome-8").with_(shape=[48, 64]))
         >>> transfer = plan.transfer(1, 0, 5e-3)
         >>> round(transfer.waves), transfer.support.shape
-        (10870, (192, 2))
+        (10870, (192, 3))
         """
         key = (distance_m, relay, wavelength)
         if key not in self._transfers:
-            λ = float(self.system.wavelengths_m[wavelength])
-            support = _passband_rows(self.grid, self.relays[relay], λ, distance_m, self.system.sampling.propagation)
-            self._transfers[key] = Transfer(distance_m, λ, self.grid.frequency_step, support)
+            λ, grid = float(self.system.wavelengths_m[wavelength]), self.grid
+            support = self._stop_rows(relay, wavelength)
+            if self.system.sampling.propagation != "periodic":
+                limits = [
+                    band_limit(p, grid.pitch_m, λ, distance_m) / step
+                    for p, step in zip(grid.padded, grid.frequency_step, strict=True)
+                ]
+                support = limited_rows(support, (math.floor(limits[0]), math.floor(limits[1])))
+            self._transfers[key] = Transfer(distance_m, λ, grid.frequency_step, support)
         return self._transfers[key]
+
+    def band(self, relay: int) -> Band:
+        """The smallest rectangle of frequencies that holds all that the stops of a relay pass at any wavelength.
+
+        relay: 0 for the gap between the modulators, 1 for the way from the last modulator to the planes.
+
+        It doesn't depend on the distance. Without stops it holds the whole grid, or all waves that propagate.
+
+        >>> import holoview as hv
+        >>> system = hv.load("holochrome-8").edit({"shape": [48, 64], "relay2.square": "first order"})
+        >>> hv.make_plan(system).band(1)
+        Band(lowest=(-47, -63), highest=(47, 63))
+        """
+        return band_of_rows([self._stop_rows(relay, i) for i in range(len(self.system.wavelengths_m))])
+
+    def _stop_rows(self, relay: int, wavelength: int) -> NDArray[np.int32]:
+        key = (relay, wavelength)
+        if key not in self._stops:
+            λ, pitch_m = float(self.system.wavelengths_m[wavelength]), self.system.modulators[0].pitch_m
+            self._stops[key] = stop_rows(self.grid.padded, self.grid.upsample, pitch_m, self.relays[relay], λ)
+        return self._stops[key]
 
     def lit(self, wavelength: int) -> list[int]:
         """Indices of the frames of `system` in which a laser is on.
@@ -222,20 +251,13 @@ def turns_to_fixed_point(turns: float) -> NDArray[np.uint32]:
 def walk_off(system: System, relay: Relay, distance_m: float) -> float:
     """How many samples the steepest ray moves sideways over a distance, z·tan θ / dx.
 
-    The steepest ray is that of the highest sampled frequency at the longest wavelength, or of the relay's iris.
+    The steepest ray is that of the highest sampled frequency at the longest wavelength, or of the relay's stops.
     """
-    dx = system.modulators[0].pitch_m / system.sampling.upsample
+    pitch_m = system.modulators[0].pitch_m
+    dx = pitch_m / system.sampling.upsample
     longest = float(system.wavelengths_m.max())
-    sine = min(longest / (2 * dx), 1.0 if relay.iris_na is None else relay.iris_na, _STEEPEST_SINE)
+    sine = min(longest / (2 * dx), relay.steepest_sine(longest, pitch_m), _STEEPEST_SINE)
     return distance_m * sine / math.sqrt(1 - sine * sine) / dx
-
-
-def band_limit(padded: int, pitch_m: float, wavelength_m: float, distance_m: float) -> float:
-    """The highest spatial frequency (1/m) along an axis whose transfer function is sampled without aliasing.
-
-    1/(λ·√((2·Δu·z)² + 1)) with Δu = 1/(P·dx): Matsushima & Shimobaba, Opt. Express 17, 19662 (2009), eq. 13.
-    """
-    return 1.0 / (wavelength_m * math.hypot(2 * distance_m / (padded * pitch_m), 1.0))
 
 
 def parse_planes(planes: Sequence[float | str] | NDArray[np.float64]) -> NDArray[np.float64]:
@@ -279,21 +301,3 @@ def _slopes(system: System) -> NDArray[np.float64]:
     if system.source.tilts_rad is not None:
         angles = angles + system.source.tilts_rad[None]
     return np.sin(angles) * dx / system.wavelengths_m[None, :, None]
-
-
-def _passband_rows(grid: Grid, relay: Relay, λ: float, distance_m: float, propagation: str) -> NDArray[np.int32]:
-    """`Transfer.support`: propagating waves inside the band limit and the iris and outside the DC block."""
-    (py, px), (dfy, dfx) = grid.padded, grid.frequency_step
-    ky = np.abs(frequency_indices(py))
-    reachable = np.arange(px // 2 + 1)
-    sine_y2, sine_x2 = (λ * dfy * ky) ** 2, (λ * dfx * reachable) ** 2
-    largest = np.searchsorted(sine_x2, 1.0 - sine_y2, side="left") - 1  # A < 1: evanescent waves are left out
-    if relay.iris_na is not None:
-        largest = np.minimum(largest, np.searchsorted(sine_x2, relay.iris_na**2 - sine_y2, side="right") - 1)
-    if propagation != "periodic":
-        limit_y, limit_x = (band_limit(p, grid.pitch_m, λ, distance_m) for p in (py, px))
-        largest = np.where(ky * dfy <= limit_y, np.minimum(largest, math.floor(limit_x / dfx)), -1)
-    smallest = np.zeros_like(largest)
-    if relay.dc_block_na is not None:
-        smallest = np.searchsorted(sine_x2, relay.dc_block_na**2 - sine_y2, side="right")
-    return np.stack([smallest, largest], axis=1).astype(np.int32)

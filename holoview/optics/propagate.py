@@ -39,14 +39,15 @@ def transfer_function_at(transfer: Transfer, ky: torch.Tensor, kx: torch.Tensor,
 
     H is even in both frequencies: one quadrant is evaluated, and the result is gathered from it.
     """
-    rows, ky, kx = ky % len(transfer.support), ky.abs(), kx.abs()
+    mask = support_mask(transfer, kx, chosen=ky % len(transfer.support))
+    ky, kx = ky.abs(), kx.abs()
     sine_y, sine_x = (
         torch.arange(int(k.max()) + 1, device=k.device).double() * step
         for k, step in zip((ky, kx), transfer.sine_step, strict=True)
     )
     a = sine_y.square()[:, None] + sine_x.square()[None, :]
     quadrant = phasor_of_turns(-transfer.waves * a / (1 + torch.sqrt((1 - a).clamp_min(0)))).to(dtype)
-    return quadrant[ky][:, kx] * support_mask(transfer, kx, chosen=rows)
+    return quadrant[ky][:, kx] * mask
 
 
 def phase_wavelength_derivative(wavelength_m: float, grid: Grid) -> torch.Tensor:
@@ -69,11 +70,11 @@ def relay_transfer_function(
     return (transfer_function(transfer, grid, torch.complex128, device) * pupil.to(device)).to(dtype)
 
 
-def support_mask(transfer: Transfer, abs_kx: torch.Tensor, chosen: torch.Tensor | slice = slice(None)) -> torch.Tensor:
-    """Which frequencies pass, (A, B) bool, from the rows (smallest, largest |k_x|) of the support.
+def support_mask(transfer: Transfer, kx: torch.Tensor, chosen: torch.Tensor | slice = slice(None)) -> torch.Tensor:
+    """Which frequencies pass, (A, B) bool, from the rows (smallest |k_x|, lowest k_x, highest k_x) of the support.
 
-    abs_kx: |k_x| of the columns, (B,).
+    kx: signed indices of the columns, (B,).
     chosen: indices (A,) of the rows; all by default.
     """
-    rows = torch.from_numpy(transfer.support).to(abs_kx.device)[chosen]
-    return (abs_kx[None, :] >= rows[:, :1]) & (abs_kx[None, :] <= rows[:, 1:])
+    smallest, lowest, highest = torch.from_numpy(transfer.support).to(kx.device)[chosen].T[..., None]
+    return (kx.abs() >= smallest) & (kx >= lowest) & (kx <= highest)

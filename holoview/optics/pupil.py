@@ -1,9 +1,9 @@
 """The complex pupil of a relay: apodisation and Zernike aberrations. Its stops are in the plan's support.
 
-    pupil = exp(−(s/na)²)·exp(2πi·opd/λ),  opd = Σ_j c_j·Z_j over the iris
+    pupil = exp(−(s/na)²)·exp(2πi·opd/λ),  opd = Σ_j c_j·Z_j over the pupil
 
 with the direction sine s = |λu|, the aperture `na` of the apodisation, and Zernike terms Z_j with unit r.m.s. over the
-iris in Noll's order (J. Opt. Soc. Am. 66, 207 (1976)).
+pupil in Noll's order (J. Opt. Soc. Am. 66, 207 (1976)).
 """
 
 from __future__ import annotations
@@ -34,5 +34,7 @@ def nominal_pupil(
     amplitude = torch.ones_like(sine)
     if description.apodisation_na is not None:
         amplitude = torch.exp(-((sine / description.apodisation_na) ** 2))
-    opd = zernike_sum(description.aberration_m, sine / float(description.iris_na or 1.0), torch.atan2(sine_y, sine_x))
+    radius = description.pupil_radius_sine(λ, plan.system.modulators[0].pitch_m)
+    sine_y, sine_x = (s - centre for s, centre in zip((sine_y, sine_x), description.centre_na, strict=True))
+    opd = zernike_sum(description.aberration_m, torch.hypot(sine_y, sine_x) / radius, torch.atan2(sine_y, sine_x))
     return torch.polar(amplitude, 2 * math.pi * torch.remainder(opd / λ, 1.0)).to(dtype)

@@ -318,4 +318,4 @@ def _check_effects(plan: Plan, settings: Settings) -> None:
 
 
 def _no_light_error() -> UserError:
-    return UserError("relay2", "no light passes its stops", remedy="widen iris_na, or narrow dc_block_na")
+    return UserError("relay2", "no light passes its stops", remedy="widen iris_na or square, or narrow dc_block_na")

@@ -101,4 +101,4 @@ def _geometry_key(system: System) -> Hashable:
     """What a target depends on besides its specification: planes, sampling, and the cone of light that blurs it."""
     modulator, median_m = system.modulators[0], float(np.median(system.wavelengths_m))
     grid = (modulator.shape, modulator.pitch_m, system.sampling.upsample)
-    return grid, median_m, system.relay2.iris_na, system.planes_m.tobytes()
+    return grid, median_m, system.relay2, system.planes_m.tobytes()

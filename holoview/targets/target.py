@@ -55,8 +55,8 @@ def target_for(
     """The focal stack of a picture on a display: what an observer should see at each plane, with natural defocus.
 
     Away from its distance the picture is blurred by the cone of light that reaches an image point. The cone's half
-    angle is that of the first diffraction order of the modulator at the middle wavelength, or of the iris of relay 2
-    where that is smaller.
+    angle is that of the first diffraction order of the modulator at the middle wavelength, or of the stops of relay 2
+    where they are smaller.
 
     system: the display, whose planes and simulation grid the stack has.
     picture: an image file (PNG, JPEG, TIFF, EXR), or a `holoview.targets.picture.Picture`. It is scaled to cover the
@@ -134,7 +134,11 @@ def _check_inside(at_m: float, first: float, last: float, what: str) -> None:
 
 
 def _blur_cone(system: System) -> tuple[float, Aperture]:
-    """Half-angle (rad) and shape of an image point's light cone: the modulator's first order, or a smaller iris."""
-    angle = diffraction_half_angle(float(np.median(system.wavelengths_m)), system.modulators[0].pitch_m)
-    iris = system.relay2.iris_na
-    return (math.asin(iris), "disc") if iris is not None and iris < math.sin(angle) else (angle, "square")
+    """Half-angle (rad) and shape of an image point's light cone: the modulator's first order, or a smaller stop."""
+    middle_m, pitch_m = float(np.median(system.wavelengths_m)), system.modulators[0].pitch_m
+    angle, relay = diffraction_half_angle(middle_m, pitch_m), system.relay2
+    if relay.square is not None:
+        angle = min(angle, math.asin(relay.square.half_side_sine(middle_m, pitch_m)))
+    if relay.iris_na is not None and relay.iris_na < math.sin(angle):
+        return math.asin(relay.iris_na), "disc"
+    return angle, "square"

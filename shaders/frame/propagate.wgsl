@@ -6,19 +6,19 @@
 override has_pupil: bool = false;
 
 @group(1) @binding(3) var<storage, read> propagations: array<Propagation>;
-// Smallest and largest |k_y| that passes, for each |k_x| of each wavelength.
-@group(1) @binding(4) var<storage, read> support: array<vec2i>;
+// Smallest |k_y|, lowest and highest k_y that pass, for each k_x of each wavelength.
+@group(1) @binding(4) var<storage, read> support: array<vec4i>;
 @group(1) @binding(5) var<storage, read> pupil: array<vec2f>;
 
 var<private> propagation: Propagation;
 var<private> column: ColumnTerms;
-var<private> column_support: vec2i;
+var<private> column_support: vec4i;
 
 fn begin(line: u32, field: u32) {
     let kx = frequency_x(line);
     propagation = propagations[params.first_wavelength + field];
     column = column_terms(propagation, kx);
-    column_support = support[(params.first_wavelength + field) * (grid.padded.y / 2u + 1u) + u32(abs(kx))];
+    column_support = support[(params.first_wavelength + field) * grid.padded.y + frequency_index(kx, grid.padded.y)];
 }
 
 fn load(position: vec3u) -> vec2f {

@@ -28,13 +28,17 @@ fn transfer(propagation: Propagation, column: ColumnTerms, ky: i32) -> vec2f {
     return cis(-(f32(bitcast<i32>(paraxial)) * 2.3283064365386963e-10 + fract(rest)));
 }
 
-// Whether k_y lies within the support of a column: the smallest and the largest |k_y| that passes.
-fn is_in_support(support: vec2i, ky: i32) -> bool {
-    return abs(ky) >= support.x && abs(ky) <= support.y;
+// Whether k_y lies within the support of a column: (smallest |k_y|, lowest k_y, highest k_y) that pass.
+fn is_in_support(support: vec4i, ky: i32) -> bool {
+    return abs(ky) >= support.x && ky >= support.y && ky <= support.z;
 }
 
-// Index of a frequency in a pupil, whose rows and columns are in the order 0, 1, …, −1.
+// Index of a frequency along an axis of n in tables in the order 0, 1, …, −1.
+fn frequency_index(k: i32, n: u32) -> u32 {
+    return u32(select(k, k + i32(n), k < 0));
+}
+
+// Index of a frequency in a pupil.
 fn pupil_index(grid: Grid, ky: i32, kx: i32) -> u32 {
-    let row = u32(select(ky, ky + i32(grid.padded.x), ky < 0));
-    return row * grid.padded.y + u32(select(kx, kx + i32(grid.padded.y), kx < 0));
+    return frequency_index(ky, grid.padded.x) * grid.padded.y + frequency_index(kx, grid.padded.y);
 }

@@ -9,7 +9,6 @@ import pytest
 import torch
 
 from holoview.captures.dataset import Captures
-from holoview.model.effects.hook_contexts import RelayContext
 from holoview.model.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
@@ -23,17 +22,21 @@ def test_it_changes_the_radius(make_session: Make, predicted: Predicted) -> None
 
 
 def test_off_the_centre_another_disc_passes(make_session: Make) -> None:
-    effect = get_effect("iris1")
-    values = effect.parameter_values({"radius_error": 0.1, "decentre_y": 0.5, "decentre_x": -0.25})
-    sine = torch.linspace(-0.06, 0.06, 1201).double()
-    at = RelayContext(0, 520e-9, sine[:, None], sine[None], 0.03)
-    passes = effect.pupil(torch.ones(1201, 1201).double(), at, values)
-    area = float(passes.sum()) * 1e-4**2
-    assert area == pytest.approx(torch.pi * 0.033**2, rel=2e-3)
-    centre = [float((passes.sum(dim=1 - axis) * sine).sum() / passes.sum()) for axis in (0, 1)]
-    assert centre == pytest.approx([0.015, -0.0075], abs=1e-5)
-    around = effect.bench(make_session().nominal_system(), values).relay1.iris_na
-    assert around == pytest.approx(0.03 * (1.1 + (0.5**2 + 0.25**2) ** 0.5))
+    values = get_effect("iris1").parameter_values({"radius_error": 0.1, "decentre_y": 0.5, "decentre_x": -0.25})
+    relay = get_effect("iris1").bench(make_session().nominal_system(), values).relay1
+    assert relay.iris_na == pytest.approx(0.033)
+    assert relay.centre_na == pytest.approx((0.015, -0.0075))
+
+
+@pytest.mark.parametrize("square", [0.02, "first order at 532 nm", "first order"])
+def test_a_square_stop_grows_and_moves_in_its_own_half_sides(make_session: Make, square: float | str) -> None:
+    system = make_session().nominal_system().edit({"relay1": {"square": square, "centre_na": [0.001, 0.0]}})
+    values = get_effect("iris1").parameter_values({"radius_error": -0.2, "decentre_x": 0.5})
+    relay = get_effect("iris1").bench(system, values).relay1
+    pitch_m = system.modulators[0].pitch_m
+    before, after = (r.square.half_side_sine(550e-9, pitch_m) for r in (system.relay1, relay))
+    assert after == pytest.approx(0.8 * before)
+    assert relay.centre_na == pytest.approx((0.001, 0.5 * before))
 
 
 def test_it_says_how_wide_it_is(make_session: Make) -> None:

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from holoview.colour import observer_weights
 from holoview.model.bench_parts import Modulator
-from holoview.model.plan import Plan, band_limit, make_plan, walk_off
+from holoview.model.passband import band_limit
+from holoview.model.plan import Plan, make_plan, walk_off
 from holoview.model.system import System
 from holoview.numerics.fft_grid import frequency_indices, is_fast_length
 from holoview.util.errors import UserError
@@ -76,8 +77,8 @@ def test_frequencies_are_a_step_apart_on_the_padded_grid() -> None:
 
 def _support(plan: Plan, relay: int, wavelength: int, distance_m: float) -> np.ndarray:
     rows = plan.transfer(relay, wavelength, distance_m).support
-    kx = np.abs(frequency_indices(plan.grid.padded[1]))
-    return (kx >= rows[:, :1]) & (kx <= rows[:, 1:])
+    kx = frequency_indices(plan.grid.padded[1])
+    return (abs(kx) >= rows[:, :1]) & (kx >= rows[:, 1:2]) & (kx <= rows[:, 2:])
 
 
 def _masks(plan: Plan, relay: int, wavelength: int, distance_m: float) -> np.ndarray:
@@ -86,8 +87,12 @@ def _masks(plan: Plan, relay: int, wavelength: int, distance_m: float) -> np.nda
     uy, ux = (np.fft.fftfreq(p, plan.grid.pitch_m) for p in plan.grid.padded)
     sine2 = (λ * uy[:, None]) ** 2 + (λ * ux) ** 2
     passes = sine2 < 1
+    from_centre = λ * uy[:, None] - stops.centre_na[0], λ * ux - stops.centre_na[1]
     if stops.iris_na is not None:
-        passes &= sine2 <= stops.iris_na**2
+        passes &= from_centre[0] ** 2 + from_centre[1] ** 2 <= stops.iris_na**2
+    if stops.square is not None:
+        half = stops.square.half_side_sine(λ, plan.system.modulators[0].pitch_m)
+        passes &= (np.abs(from_centre[0]) < half * (1 - 1e-12)) & (np.abs(from_centre[1]) < half * (1 - 1e-12))
     if stops.dc_block_na is not None:
         passes &= sine2 > stops.dc_block_na**2
     if plan.system.sampling.propagation != "periodic":
@@ -107,6 +112,11 @@ def _masks(plan: Plan, relay: int, wavelength: int, distance_m: float) -> np.nda
         {"relay2.iris_na": 0.0311},
         {"relay2.dc_block_na": 0.0123},
         {"relay2.iris_na": 0.0311, "relay2.dc_block_na": 0.0123},
+        {"relay2.square": "first order"},
+        {"relay2.square": "first order at 600 nm", "relay2.dc_block_na": 0.0123},
+        {"relay2.square": 0.0271, "relay2.centre_na": [0.0043, -0.0117]},
+        {"relay2.square": 0.0271, "relay2.iris_na": 0.0311, "relay2.centre_na": [-0.0021, 0.0153]},
+        {"relay2.iris_na": 0.0311, "relay2.centre_na": [0.0021, 0.0153], "relay2.dc_block_na": 0.0123},
     ],
     ids=lambda stops: "+".join(stops) or "clear",
 )

@@ -79,7 +79,7 @@ IMPOSSIBLE: list[tuple[dict[str, Any], tuple[str, ...]]] = [
     ({"planes": ["10 mm", "-1 mm"]}, ("planes[1]: -1 mm", "between 0 mm and")),
     ({"planes": {"first": "1 mm"}}, ("planes: ", "['first']", "first, last and count")),
     ({"planes": {"first": "1 mm", "last": "2 mm", "count": 0}}, ("planes.count: 0", "whole number")),
-    ({"relay2": 3}, ("relay2: 3", "iris_na, dc_block_na")),
+    ({"relay2": 3}, ("relay2: 3", "iris_na, square, centre_na, dc_block_na")),
     ({"relay2": {"iris_na": 0}}, ("relay2.iris_na: 0", "between 1e-05 and 1")),
     ({"relay2": {"iris_na": 1.5}}, ("relay2.iris_na: 1.5", "between 1e-05 and 1")),
     ({"relay2": {"iris": 0.1}}, ("relay2.iris: unknown key", "did you mean iris_na?")),

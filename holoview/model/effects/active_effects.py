@@ -133,7 +133,7 @@ def unmet_requirement(effect: Effect, system: System) -> str:
         planes=len(system.planes_m),
         powers=2,  # powers can be changed later
         modulators=len(system.modulators),
-        irises=(system.relay1.iris_na is not None, system.relay2.iris_na is not None),
+        irises=(system.relay1.has_aperture, system.relay2.has_aperture),
         is_fourier=False,
     )
     return dataclasses.replace(effect.needs, wavelengths=1, planes=1).unmet_by(properties)

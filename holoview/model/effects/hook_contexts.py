@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import torch
 
-from holoview.model.effects.old_names import old_method
+from holoview.model.effects.old_names import old_attribute, old_method
 from holoview.numerics.resample import AffineRows, affine_warp, centred_indices, gaussian_blur, upsample_nearest
 from holoview.numerics.zernike import zernike_sum
 
@@ -104,27 +104,32 @@ class RelayContext:
 
     relay: 0 between the modulators, 1 behind the last one.
     sine_y, sine_x: direction sines λu of the frequencies, (rows, 1) and (1, columns).
-    iris_na: of the nominal iris; 1 without one.
+    pupil_radius: of the nominal pupil, a direction sine: of the iris, or of the circle through the corners of a
+    square stop; 1 without a stop.
+    centre: direction sine (y, x) of the nominal pupil's centre.
     """
 
     relay: int
     wavelength_m: float
     sine_y: Tensor
     sine_x: Tensor
-    iris_na: float
+    pupil_radius: float
+    centre: tuple[float, float] = (0.0, 0.0)
+
+    iris_na = old_attribute("iris_na", "pupil_radius")
 
     @property
     def radius(self) -> Tensor:
-        """Distance from the centre in radii of the nominal iris, (rows, columns)."""
-        return torch.hypot(self.sine_y, self.sine_x) / self.iris_na
+        """Distance from the centre in radii of the nominal pupil, (rows, columns)."""
+        return torch.hypot(self.sine_y - self.centre[0], self.sine_x - self.centre[1]) / self.pupil_radius
 
     @property
     def angle(self) -> Tensor:
-        """Azimuth in radians, from +x towards +y, (rows, columns)."""
-        return torch.atan2(self.sine_y, self.sine_x)
+        """Azimuth around the centre in radians, from +x towards +y, (rows, columns)."""
+        return torch.atan2(self.sine_y - self.centre[0], self.sine_x - self.centre[1])
 
     def zernike(self, terms: Mapping[int, float]) -> Tensor:
-        """Σ c_j·Z_j over the nominal iris, zero outside it; terms: {Noll index j: c_j}."""
+        """Σ c_j·Z_j over the nominal pupil, zero outside it; terms: {Noll index j: c_j}."""
         return zernike_sum(terms.items(), self.radius, self.angle)
 
     def delayed(self, pupil: Tensor, opd_m: Tensor) -> Tensor:

@@ -1,0 +1,157 @@
+"""The spatial frequencies that a relay's stops pass, as rows of integers, decided once in float64.
+
+Symbols as in `holoview.model.plan`: λ wavelength, P padded samples, u samples along each side of a modulator pixel,
+k signed frequency index, df frequency step; a direction sine is λ·df·k.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.model.bench_parts import Relay
+from holoview.numerics.fft_grid import frequency_indices
+
+Integers = NDArray[np.int32]
+RowsColumns = tuple[int, int]
+
+_BEYOND = np.iinfo(np.int32).max // 2  # a frequency index that no grid has
+
+
+@dataclass(frozen=True)
+class Band:
+    """A rectangle of spatial frequencies: signed indices (k_y, k_x) from `lowest` to `highest`, both included.
+
+    Made by `Plan.band`; everything that a relay passes lies inside.
+    """
+
+    lowest: RowsColumns
+    highest: RowsColumns
+
+    @property
+    def shape(self) -> RowsColumns:
+        """Numbers of rows and columns of frequencies; 0 where nothing passes."""
+        rows, columns = (max(0, high - low + 1) for low, high in zip(self.lowest, self.highest, strict=True))
+        return rows, columns
+
+
+def band_limit(padded: int, pitch_m: float, wavelength_m: float, distance_m: float) -> float:
+    """The highest spatial frequency (1/m) along an axis whose transfer function is sampled without aliasing.
+
+    1/(λ·√((2·Δu·z)² + 1)) with Δu = 1/(P·dx): Matsushima & Shimobaba, Opt. Express 17, 19662 (2009), eq. 13.
+    """
+    return 1.0 / (wavelength_m * math.hypot(2 * distance_m / (padded * pitch_m), 1.0))
+
+
+def stop_rows(padded: RowsColumns, upsample: int, pitch_m: float, relay: Relay, λ: float) -> Integers:
+    """The frequencies of light that propagates and that the stops of a relay pass at a wavelength.
+
+    padded: samples (y, x) of the grid. upsample: samples along each side of a pixel. pitch_m: of the pixels.
+
+    Returns (P_y, 3) int32: for each row of frequencies in `fftfreq` order the smallest |k_x|, the lowest k_x and the
+    highest k_x that pass. Where nothing passes, the lowest lies above the highest.
+    """
+    step_y, step_x = (λ * (1.0 / (n * (pitch_m / upsample))) for n in padded)
+    ky, kx = frequency_indices(padded[0]), np.arange(-(padded[1] // 2), (padded[1] + 1) // 2)
+    squares_x = (step_x * np.arange(padded[1] // 2 + 1)) ** 2
+    edge = np.searchsorted(squares_x, 1.0 - (step_y * ky) ** 2, side="left") - 1  # A < 1: no evanescent waves
+    low, high = np.maximum(-edge, kx[0]), np.minimum(edge, kx[-1])
+    if relay.iris_na is not None:
+        disc = _disc_rows(relay.iris_na, relay.centre_na, step_y * ky, step_x * kx)
+        low, high = np.maximum(low, disc[0] + kx[0]), np.minimum(high, disc[1] + kx[0])
+    if relay.square is not None:
+        rows, columns = _square_bounds(relay, padded, upsample, pitch_m, λ)
+        inside = (ky >= rows[0]) & (ky <= rows[1])
+        low = np.where(inside, np.maximum(low, columns[0]), _BEYOND)
+        high = np.minimum(high, columns[1])
+    smallest = np.zeros_like(low)
+    if relay.dc_block_na is not None:
+        smallest = np.searchsorted(squares_x, relay.dc_block_na**2 - (step_y * ky) ** 2, side="right")
+    return rows_with_bounds(smallest, low, high)
+
+
+def limited_rows(rows: Integers, limits: RowsColumns) -> Integers:
+    """The rows of `stop_rows` without the frequencies beyond |k_y| ≤ limits[0], |k_x| ≤ limits[1]."""
+    smallest, low, high = rows.astype(np.int64).T
+    inside = np.abs(frequency_indices(len(rows))) <= limits[0]
+    low = np.where(inside, np.maximum(low, -limits[1]), _BEYOND)
+    return rows_with_bounds(smallest, low, np.minimum(high, limits[1]))
+
+
+def rows_with_bounds(smallest: NDArray[np.int64], low: NDArray[np.int64], high: NDArray[np.int64]) -> Integers:
+    """Rows (smallest |k_x|, lowest k_x, highest k_x), int32; the bounds are (1, 0) where the highest is too low."""
+    is_empty = low > high
+    return np.stack([smallest, np.where(is_empty, 1, low), np.where(is_empty, 0, high)], axis=1).astype(np.int32)
+
+
+def band_of_rows(supports: Sequence[Integers]) -> Band:
+    """The smallest rectangle that holds the bounds of all rows of some supports of one grid; empty without any."""
+    ky = np.tile(frequency_indices(len(supports[0])), len(supports))
+    rows = np.concatenate(supports)
+    is_lit = rows[:, 1] <= rows[:, 2]
+    if not is_lit.any():
+        return Band((1, 1), (0, 0))
+    ky, rows = ky[is_lit], rows[is_lit]
+    return Band((int(ky.min()), int(rows[:, 1].min())), (int(ky.max()), int(rows[:, 2].max())))
+
+
+def column_support(support: Integers, columns: int) -> Integers:
+    """The same frequencies as `Transfer.support`, by columns instead of rows.
+
+    support: (P_y, 3) for each row of frequencies the smallest |k_x|, the lowest k_x and the highest k_x.
+    columns: P_x.
+
+    Returns (P_x, 3) int32: for each column of frequencies in `fftfreq` order the smallest |k_y|, the lowest k_y and the
+    highest k_y. What passes an iris, a square stop and a band limit is convex, so that the bounds of the rows rise to
+    one maximum, and those of the columns follow by binary search; the DC block is a disc around zero.
+    """
+    order = np.argsort(frequency_indices(len(support)), kind="stable")
+    ky, kx = frequency_indices(len(support))[order], frequency_indices(columns)
+    smallest, low, high = support[order].astype(np.int64).T
+    empty = low > high
+    low, high = np.where(empty, _BEYOND, low), np.where(empty, -_BEYOND, high)
+    first, last = _rows_above(high, kx)
+    first_low, last_low = _rows_above(-low, -kx)
+    first, last = np.maximum(first, first_low), np.minimum(last, last_low)
+    blocked = smallest[len(ky) // 2 :]  # of k_y = 0, 1, …
+    hole = np.searchsorted(-blocked, -np.abs(kx), side="left")
+    found = first <= last
+    bounds = (ky[np.minimum(first, len(ky) - 1)], ky[np.maximum(last, 0)])
+    return rows_with_bounds(hole, np.where(found, bounds[0], 1), np.where(found, bounds[1], 0))
+
+
+def _rows_above(bounds: NDArray[np.int64], at: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last index of `bounds`, which rise to one maximum and fall, where they are at least `at`."""
+    rising = np.maximum.accumulate(bounds)
+    falling = np.maximum.accumulate(bounds[::-1])
+    return np.searchsorted(rising, at, side="left"), len(bounds) - 1 - np.searchsorted(falling, at, side="left")
+
+
+def _disc_rows(
+    radius: float, centre: tuple[float, float], sine_y: NDArray[Any], sine_x: NDArray[Any]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """For each sine_y the first and the last index of the rising sine_x that lie in a disc, its edge included."""
+    squared = radius**2 - (sine_y - centre[0]) ** 2
+    half = np.sqrt(np.maximum(squared, 0.0))
+    first = np.searchsorted(sine_x, centre[1] - half, side="left")
+    last = np.searchsorted(sine_x, centre[1] + half, side="right") - 1
+    return np.where(squared < 0, _BEYOND, first), np.where(squared < 0, -_BEYOND, last)
+
+
+def _square_bounds(
+    relay: Relay, padded: RowsColumns, upsample: int, pitch_m: float, λ: float
+) -> tuple[RowsColumns, RowsColumns]:
+    """Lowest and highest k_y, lowest and highest k_x inside a square stop, whose edges are left out."""
+    square = relay.square
+    assert square is not None
+    bounds = []
+    for centre, n in zip(relay.centre_na, padded, strict=True):
+        middle = centre * n * (pitch_m / upsample) / λ
+        half = square.half_side_bins(λ, n, upsample, pitch_m)
+        bounds.append((math.floor(middle - half) + 1, math.ceil(middle + half) - 1))
+    return bounds[0], bounds[1]
