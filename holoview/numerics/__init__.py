@@ -1,6 +1,7 @@
 """Numerical methods that know nothing of displays.
 
 fft_grid           FFT lengths 2^a·3^b·5^c, the order of frequency bins, positions counted from a grid's centre
+pruned_fft         FFTs between a window of samples and a band of frequencies
 chirp_z            Fourier sums at any equally spaced frequencies (Bluestein's algorithm)
 phasor             exp(2πi·turns), with the turns reduced to one period first
 resample           Gaussian blur, affine warp and interpolation of two-dimensional maps, differentiable

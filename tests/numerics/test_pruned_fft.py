@@ -1,0 +1,87 @@
+"""Pruned transforms against whole FFTs of the padded field, their adjoints and their gradients."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from holoview.numerics.fft_grid import frequency_indices
+from holoview.numerics.pruned_fft import PrunedAxis, PrunedTransform
+
+AXES = {
+    "all": PrunedAxis.for_band(12, 0, 12, -6, 5),
+    "all, padded": PrunedAxis.for_band(15, 4, 9, -7, 7),
+    "around zero": PrunedAxis.for_band(20, 3, 11, -4, 4),
+    "around zero, odd": PrunedAxis.for_band(15, 0, 15, -3, 2),
+    "above zero": PrunedAxis.for_band(16, 5, 8, 2, 6),
+    "below zero": PrunedAxis.for_band(16, 5, 11, -7, -3),
+    "over the highest frequency": PrunedAxis.for_band(16, 2, 7, 5, 11),
+    "one frequency": PrunedAxis.for_band(9, 1, 6, 0, 0),
+    "none": PrunedAxis.for_band(8, 2, 4, 1, 0),
+}
+Pair = tuple[PrunedAxis, PrunedAxis]
+PAIRS = [(y, x) for y in ("all", "around zero", "over the highest frequency", "none") for x in AXES]
+
+
+def _random(seed: int, *shape: int) -> torch.Tensor:
+    return torch.randn(*shape, dtype=torch.complex128, generator=torch.Generator().manual_seed(seed))
+
+
+def _whole_spectrum(field: torch.Tensor, axes: Pair) -> torch.Tensor:
+    padded = torch.zeros(axes[0].padded, axes[1].padded, dtype=torch.complex128)
+    padded[tuple(slice(a.offset, a.offset + a.count) for a in axes)] = field
+    return torch.fft.fft2(padded)
+
+
+@pytest.mark.parametrize("names", PAIRS, ids=", ".join)
+def test_the_spectrum_is_that_of_the_padded_field_in_the_band(names: tuple[str, str]) -> None:
+    axes = (AXES[names[0]], AXES[names[1]])
+    field = _random(0, axes[0].count, axes[1].count)
+    found = PrunedTransform(axes).forward(field)
+    whole = _whole_spectrum(field, axes)
+    expected = whole[np.ix_(*(a.indices % a.padded for a in axes))]
+    # FFTs of 20 points in float64 of numbers near 1, whose sums are below 1e2: 1e2 · 2⁻⁵³ · 5 steps
+    torch.testing.assert_close(found, expected, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("names", PAIRS, ids=", ".join)
+def test_the_field_is_that_of_the_spectrum_with_zeros_outside_the_band(names: tuple[str, str]) -> None:
+    axes = (AXES[names[0]], AXES[names[1]])
+    spectrum = _random(1, axes[0].frequencies, axes[1].frequencies)
+    whole = torch.zeros(axes[0].padded, axes[1].padded, dtype=torch.complex128)
+    whole[np.ix_(*(a.indices % a.padded for a in axes))] = spectrum
+    expected = torch.fft.ifft2(whole)[tuple(slice(a.offset, a.offset + a.count) for a in axes)]
+    torch.testing.assert_close(PrunedTransform(axes).inverse(spectrum), expected, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", AXES)
+def test_the_inverse_is_the_adjoint_of_the_transform_divided_by_its_length(name: str) -> None:
+    axis = AXES[name]
+    field, spectrum = _random(2, 3, axis.count), _random(3, 3, axis.frequencies)
+    one = torch.vdot(spectrum.flatten(), axis.forward(field, 1).flatten())
+    other = torch.vdot(axis.inverse(spectrum, 1).flatten(), field.flatten()) * axis.padded
+    torch.testing.assert_close(one, other, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", AXES)
+def test_any_axis_of_a_batch_can_be_transformed(name: str) -> None:
+    axis = AXES[name]
+    field = _random(4, 2, axis.count, 3)
+    torch.testing.assert_close(axis.forward(field, 1), axis.forward(field.mT, -1).mT)
+    torch.testing.assert_close(axis.inverse(axis.forward(field, -2), 1), axis.inverse(axis.forward(field, 1), -2))
+
+
+@pytest.mark.parametrize("name", AXES)
+def test_torch_differentiates_both_ways(name: str) -> None:
+    axis = AXES[name]
+    field, spectrum = (_random(5, 2, n).requires_grad_() for n in (axis.count, axis.frequencies))
+    assert torch.autograd.gradcheck(lambda x: axis.forward(x, 1), field)
+    assert torch.autograd.gradcheck(lambda x: axis.inverse(x, 1), spectrum)
+
+
+def test_a_band_of_all_frequencies_is_in_the_order_of_the_fft() -> None:
+    assert AXES["all"].indices.tolist() == frequency_indices(12).tolist()
+    assert AXES["all, padded"].indices.tolist() == frequency_indices(15).tolist()
+    assert AXES["around zero"].indices.tolist() == list(range(-4, 5))
+    assert AXES["over the highest frequency"].indices.tolist() == [5, 6, 7, -8, -7, -6, -5]
