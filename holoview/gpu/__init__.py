@@ -1,5 +1,6 @@
 """WebGPU utilities: devices, shaders and FFTs. Nothing in this package knows optics.
 
+binding             loads wgpu's native backend fast
 adapter             finds and ranks the machine's graphics adapters, and checks their limits
 device              an open device: checked allocation, upload and download, compiled pipelines
 recorder            records dispatches, copies and clears, and submits them at once or in slices

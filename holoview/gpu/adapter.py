@@ -13,6 +13,7 @@ from typing import Any
 
 import wgpu
 
+from holoview.gpu.binding import load_backend
 from holoview.util.errors import UserError, suggest_matches
 
 MIB = 2**20
@@ -75,6 +76,7 @@ class AdapterInfo:
 
 def native_adapters() -> list[Any]:
     """The wgpu adapters of this machine, best first; an empty list if no driver is installed."""
+    load_backend()
     try:
         with _runtime_folder():
             adapters = wgpu.gpu.enumerate_adapters_sync()

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import wgpu
-from wgpu.backends.wgpu_native import lib as native
 
 from holoview.gpu.device import TIMESTAMPS, Device
 from holoview.util.errors import UserError
@@ -57,5 +56,7 @@ class GpuTimer:
 
     def _tick_s(self) -> float:
         """Seconds per tick of the device's clock. WebGPU has no call for it, so this asks the native queue of wgpu."""
+        from wgpu.backends.wgpu_native import lib as native  # here: importing it loads the backend, see `binding`
+
         nanoseconds: float = native.wgpuQueueGetTimestampPeriod(self._device.raw.queue._internal)
         return nanoseconds * 1e-9

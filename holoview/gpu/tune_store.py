@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -19,7 +17,7 @@ from typing import Any, cast
 from holoview.gpu.adapter import AdapterInfo
 from holoview.gpu.line_fft import STRATEGIES, Strategy
 from holoview.util.errors import UserError
-from holoview.util.files import atomic_write
+from holoview.util.files import atomic_write, cache_dir
 
 FORMAT = 1
 """Version of the entries; to be increased when shaders become faster or slower, or the layout of the file changes."""
@@ -90,17 +88,6 @@ class TuningStore:
         except (OSError, ValueError, RecursionError):
             return {}
         return entries if isinstance(entries, dict) else {}
-
-
-def cache_dir() -> Path:
-    """The folder of the user for caches of this program; it may not exist yet."""
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA", "")
-    elif sys.platform == "darwin":
-        base = str(Path.home() / "Library" / "Caches")
-    else:
-        base = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(base) if Path(base).is_absolute() else Path.home() / ".cache") / "holoview"
 
 
 def _key(info: AdapterInfo, shape: tuple[int, int]) -> str:

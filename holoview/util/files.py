@@ -1,8 +1,9 @@
-"""Folders of the files that holoview ships (shaders, presets, assets), and atomic writing of result files."""
+"""Folders of files that holoview ships (shaders, presets, assets) and of its caches; atomic writing of result files."""
 
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +18,17 @@ def data_dir(kind: str) -> Path:
     """The folder named "shaders", "presets" or "assets": in the installed package, or at the root of a checkout."""
     installed = _PACKAGE / "data" / kind
     return installed if installed.is_dir() else _PACKAGE.parent / kind
+
+
+def cache_dir() -> Path:
+    """The folder of the user for caches of this program; it may not exist yet."""
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA", "")
+    elif sys.platform == "darwin":
+        base = str(Path.home() / "Library" / "Caches")
+    else:
+        base = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(base) if Path(base).is_absolute() else Path.home() / ".cache") / "holoview"
 
 
 @contextmanager

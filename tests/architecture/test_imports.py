@@ -33,6 +33,7 @@ ENGINES = {"torch", "wgpu", *GUIS}
 SLOW = "starting: it takes a second to import, and what needs none of it shouldn't wait"
 OPTIONAL = "an optional library: the rest works without it"
 CHOICE = "importing a rendercanvas backend chooses the window system, and may need what isn't installed"
+BACKEND = "importing it loads wgpu's backend, which is for `holoview.gpu.binding` to do"
 LATE: dict[tuple[str, str], str] = {
     ("holoview.colour", "colour"): SLOW,
     ("holoview.engine.backend", "holoview.engine.torch_executor"): SLOW,
@@ -40,6 +41,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.engine.backend", "holoview.engine.wgpu_executor"): OPTIONAL,
     ("holoview.engine.backend", "holoview.gpu.device"): OPTIONAL,
     ("holoview.engine.incremental", "holoview.optics.frame_inputs"): SLOW,
+    ("holoview.gpu.timer", "wgpu.backends.wgpu_native"): BACKEND,
     ("holoview.effects.calibrated", "holoview.effects.calibration_file"): SLOW,
     ("holoview.calibrate.figure_file", "matplotlib.backends.backend_agg"): SLOW,
     ("holoview.calibrate.figure_file", "matplotlib.figure"): SLOW,

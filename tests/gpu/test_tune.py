@@ -23,7 +23,6 @@ from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.shader import ShaderError
 from holoview.gpu.tune import FftTuner, TuningResult, TuningStore, remembered_strategy
 from holoview.gpu.tune_process import TuningProcess
-from holoview.gpu.tune_store import cache_dir
 from holoview.util.errors import UserError
 
 SHAPE = (64, 64)
@@ -132,14 +131,6 @@ def test_a_folder_that_can_not_be_made_is_no_error(tmp_path: Path) -> None:
     store.save(INFO, SHAPE, KNOWN)
     assert store.load(INFO, SHAPE) is None
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="elsewhere no variable decides")
-def test_the_store_is_among_the_caches_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert cache_dir() == tmp_path / "holoview"
-    monkeypatch.setenv("XDG_CACHE_HOME", "not/absolute")
-    assert cache_dir() == Path.home() / ".cache" / "holoview"
 
 
 # --- tuner ---------------------------------------------------------------------------------------------------------

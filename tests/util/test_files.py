@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
 
 from holoview.util.errors import UserError
-from holoview.util.files import atomic_write, data_dir
+from holoview.util.files import atomic_write, cache_dir, data_dir
 
 
 def _write(path: Path, text: str) -> None:
@@ -93,3 +94,11 @@ def test_a_new_file_has_the_permissions_that_the_umask_leaves(tmp_path: Path, um
 
 def test_product_data_are_found_in_this_checkout() -> None:
     assert (data_dir("presets") / "holochrome-8.toml").is_file()
+
+
+@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="elsewhere no variable decides")
+def test_the_folder_for_caches_is_where_the_user_has_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache_dir() == tmp_path / "holoview"
+    monkeypatch.setenv("XDG_CACHE_HOME", "not/absolute")
+    assert cache_dir() == Path.home() / ".cache" / "holoview"
