@@ -29,7 +29,9 @@ from numpy.typing import NDArray
 
 from holoview.calibrate.settings import CalibrationSettings
 from holoview.captures.dataset import Camera, Captures, SlmSpec
+from holoview.captures.nominal_stops import stated_keys
 from holoview.effects.learned_maps import MapLayout
+from holoview.model.bench_parts import Relay
 from holoview.model.effects.active_effects import EffectValues
 from holoview.util.checkpoint import differing_fields, refuse_differences
 from holoview.util.errors import UserError
@@ -138,9 +140,12 @@ def captures_digest(captures: Captures) -> str:
     digest = hashlib.sha256(repr((captures.levels.shape, captures.images.shape)).encode())
     for name in ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s"):
         digest.update(np.ascontiguousarray(getattr(captures, name)).tobytes())
-    geometry = (captures.gap_m, captures.iris1_na, captures.iris2_na, captures.focal_length_m)
+    relays = (captures.relay1, captures.relay2)
+    geometry = (captures.gap_m, relays[0].iris_na, relays[1].iris_na, captures.focal_length_m)
     for text in (_slms_text(captures.slms), _camera_text(captures.camera), *(repr(value) for value in geometry)):
         digest.update(text.encode())
+    for number, relay in enumerate(relays, start=1):
+        digest.update(_relay_text(relay, number).encode())
     return digest.hexdigest()
 
 
@@ -161,6 +166,12 @@ def _camera_text(camera: Camera) -> str:
         f"electrons_per_count={camera.electrons_per_count!r}, read_noise={camera.read_noise!r}, "
         f"black_level={camera.black_level!r})"
     )
+
+
+def _relay_text(relay: Relay, number: int) -> str:
+    """What a relay has besides an iris; empty where it has nothing else, as in the first version of the format."""
+    others = {key: value for key, value in stated_keys(relay).items() if key != "iris_na"}
+    return f"relay{number}={json.dumps(others, sort_keys=True)}" if others else ""
 
 
 def _effects_json(known: EffectValues) -> str:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.effects.learned_maps import MapLayout, RowsColumns
+from holoview.model.bench_parts import Relay
 
 _SOURCE_PIXELS_PER_NODE = 8
 _MAX_ANCHORS = 4
@@ -41,8 +42,8 @@ def map_layout_for(
         noll2=_NOLL_2 if has_camera_relay else (),
         degree=0 if len(wavelengths) < 2 else 1 if len(wavelengths) < 4 else 2,
         pupil_nodes=(_PUPIL_NODES, _PUPIL_NODES) if has_camera_relay else (0, 0),
-        sine1=_pupil_radius_na(captures, captures.iris1_na),
-        sine2=_pupil_radius_na(captures, captures.iris2_na),
+        sine1=_pupil_radius_na(captures, captures.relay1),
+        sine2=_pupil_radius_na(captures, captures.relay2),
     )
 
 
@@ -57,9 +58,13 @@ def _source_node_counts(captures: Captures, pixels_per_node: int) -> RowsColumns
     return rows, columns
 
 
-def _pupil_radius_na(captures: Captures, iris_na: float | None) -> float:
-    """Radius of a relay's pupil in direction sines: its iris, or without one the circle around all simulated ones."""
-    if iris_na is not None:
-        return iris_na
-    sample_m = captures.slms[0].pitch_m / captures.upsample
+def _pupil_radius_na(captures: Captures, relay: Relay) -> float:
+    """Radius of a relay's pupil in direction sines, of all wavelengths the largest.
+
+    Without an iris or a square stop that of the circle around all simulated directions.
+    """
+    pitch_m = captures.slms[0].pitch_m
+    if relay.has_aperture:
+        return max(relay.pupil_radius_sine(float(λ), pitch_m) for λ in captures.wavelengths_m)
+    sample_m = pitch_m / captures.upsample
     return min(1.0, math.sqrt(2) * float(captures.wavelength_m.max()) / (2 * sample_m))

@@ -3,6 +3,7 @@
 dataset               Captures: the data of one measurement session
 capture_file          reads and writes the HDF5 capture file, version 1
 folder_import         imports a folder of images with captures.csv and bench.toml
+nominal_stops         irises and square stops as attributes of the file and keys of bench.toml
 validation            refuses impossible sessions and hints at wrong units
 summary               a session as numbers and as a contact sheet
 patterns              random test patterns from smooth to rough
@@ -15,7 +16,7 @@ incoherent_component  one of the fields whose intensities add up, and its illumi
 near_field_model      camera intensity behind one or two modulators, relays and free space
 fourier_model         camera intensity in the back focal plane of a lens
 camera_sampling       intensity on the camera's pixels of a field that is known by its spectrum
-frequency_band        FFTs restricted to the frequencies that an iris passes
+frequency_band        FFTs restricted to the frequencies that stops pass
 tensor_cache          least-recently-used caches of tensors
 """
 

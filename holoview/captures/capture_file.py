@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Camera, Captures, SlmSpec
+from holoview.captures.nominal_stops import stop_attributes, stops_from_attributes
 from holoview.captures.validation import check_captures
 from holoview.util.errors import UserError
 from holoview.util.files import atomic_write
@@ -24,6 +25,7 @@ FORMAT_NAME, FORMAT_VERSION = "holoview-captures", 1
 SLM_ATTRIBUTES = ("pitch", "num_levels", "opd_range")
 CAMERA_ATTRIBUTES = ("pitch", "bit_depth", "electrons_per_count", "read_noise", "black_level")
 _PER_CAPTURE = ("wavelength", "distance", "power", "exposure")
+_GEOMETRY = "geometry attribute "  # before its name, in errors
 
 
 def read_captures(path: str | os.PathLike[str]) -> Captures:
@@ -62,10 +64,10 @@ def write_captures(path: str | os.PathLike[str], captures: Captures) -> None:
         for name, values in zip(_PER_CAPTURE, columns, strict=True):
             h5.create_dataset(name, data=values.astype(np.float64))
         geometry = h5.create_group("geometry")
-        for name in ("gap", "iris1_na", "iris2_na", "focal_length"):
-            value = getattr(captures, f"{name}_m" if name in ("gap", "focal_length") else name)
+        for name, value in (("gap", captures.gap_m), ("focal_length", captures.focal_length_m)):
             if value is not None:
                 geometry.attrs[name] = value
+        geometry.attrs.update(stop_attributes(captures.relay1, 1) | stop_attributes(captures.relay2, 2))
 
 
 def slm_from_attributes(attributes: Mapping[str, float]) -> SlmSpec:
@@ -117,8 +119,8 @@ def _read(h5: h5py.File) -> Captures:
         slms=tuple(slm_from_attributes(_numbers(h5[slm], SLM_ATTRIBUTES)) for slm in slms),
         camera=camera_from_attributes(_numbers(h5["camera"], CAMERA_ATTRIBUTES)),
         gap_m=_optional(geometry, "gap"),
-        iris1_na=_optional(geometry, "iris1_na"),
-        iris2_na=_optional(geometry, "iris2_na"),
+        relay1=stops_from_attributes(geometry, 1, _GEOMETRY),
+        relay2=stops_from_attributes(geometry, 2, _GEOMETRY),
         focal_length_m=_optional(geometry, "focal_length"),
     )
 
@@ -163,7 +165,7 @@ def _numbers(group: h5py.Group, names: tuple[str, ...]) -> dict[str, float]:
 
 
 def _optional(attributes: dict[str, Any], name: str) -> float | None:
-    return None if name not in attributes else _scalar(attributes[name], f"geometry attribute {name}")
+    return None if name not in attributes else _scalar(attributes[name], f"{_GEOMETRY}{name}")
 
 
 def _scalar(value: Any, where: str) -> float:

@@ -20,6 +20,7 @@ from holoview.model.system import System
 
 Floats = NDArray[np.float64]
 Real = TypeVar("Real", bound=np.floating)
+_CLEAR = Relay()
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,8 @@ class Captures:
     power: (N,), laser power that was set, in any unit.
     exposure_s: (N,), exposure times.
     gap_m: distance between the two modulators; None with one modulator.
-    iris1_na, iris2_na: sine of the half angle that the iris of relay 1 or 2 passes; None without an iris.
+    relay1: the nominal stops between the modulators; clear with one modulator.
+    relay2: those between the last modulator and the camera, on a Fourier bench in front of the camera.
     focal_length_m: of the lens of a Fourier bench, which has the camera in its back focal plane; None for near field.
     """
 
@@ -94,8 +96,8 @@ class Captures:
     slms: tuple[SlmSpec, ...]
     camera: Camera
     gap_m: float | None = None
-    iris1_na: float | None = None
-    iris2_na: float | None = None
+    relay1: Relay = _CLEAR
+    relay2: Relay = _CLEAR
     focal_length_m: float | None = None
 
     def __len__(self) -> int:
@@ -123,21 +125,11 @@ class Captures:
 
     def data_properties(self) -> DataProperties:
         """What these data contain, for comparison with what an effect needs in order to show (`Needs`)."""
-        irises = (self.iris1_na is not None, self.iris2_na is not None)
+        irises = (self.relay1.has_aperture, self.relay2.has_aperture)
         wavelengths, planes, powers = (
             len(np.unique(values)) for values in (self.wavelength_m, self.distance_m, self.power)
         )
         return DataProperties(wavelengths, planes, powers, len(self.slms), irises, self.is_fourier)
-
-    @property
-    def relay1(self) -> Relay:
-        """The nominal stops between the modulators."""
-        return Relay(iris_na=self.iris1_na)
-
-    @property
-    def relay2(self) -> Relay:
-        """The nominal stops between the last modulator and the camera, on a Fourier bench in front of the camera."""
-        return Relay(iris_na=self.iris2_na)
 
     def subset(self, indices: Sequence[int] | NDArray[np.integer]) -> Captures:
         """The captures of these indices, in that order, on the same bench."""

@@ -20,7 +20,8 @@ bench.toml describes modulators, camera and distances:
     [geometry]              # gap with two modulators; focal_length for a Fourier bench
     gap = "1 mm"
     iris1_na = 0.03
-    iris2_na = 0.03
+    square2 = "first order at 550 nm"
+    centre2_na = [0.0, 0.001]
 """
 
 from __future__ import annotations
@@ -39,8 +40,9 @@ from PIL import Image
 
 from holoview.captures.capture_file import camera_from_attributes, slm_from_attributes
 from holoview.captures.dataset import Captures
+from holoview.captures.nominal_stops import STOP_KEYS, stops_from_attributes
 from holoview.captures.validation import check_captures
-from holoview.model.field_types import Number
+from holoview.model.field_types import FieldType, Number
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.progress import StepCallback
 
@@ -60,11 +62,16 @@ _CAMERA_KEYS: dict[str, Number] = {
     "read_noise": Number(),
     "black_level": Number(),
 }
-_GEOMETRY_KEYS: dict[str, Number] = {
+_GEOMETRY_KEYS: dict[str, FieldType] = {
     "gap": Number("mm"),
-    "iris1_na": Number(),
-    "iris2_na": Number(),
     "focal_length": Number("mm"),
+    **STOP_KEYS,
+}
+_TABLES: dict[str, Mapping[str, FieldType]] = {
+    "slm1": _SLM_KEYS,
+    "slm2": _SLM_KEYS,
+    "camera": _CAMERA_KEYS,
+    "geometry": _GEOMETRY_KEYS,
 }
 
 
@@ -88,7 +95,7 @@ def import_folder(path: str | os.PathLike[str], progress: StepCallback | None = 
         if progress is not None:
             progress(number + 1, len(rows))
     columns = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in _VALUE_COLUMNS}
-    geometry = bench.get("geometry", {})
+    geometry, where = bench.get("geometry", {}), f"{folder / BENCH_FILE}: geometry"
     captures = Captures(
         levels=_stack([_stack(patterns, "patterns of one capture") for patterns in levels], "patterns"),
         images=_stack(images, "pictures").astype(np.uint16),
@@ -99,15 +106,15 @@ def import_folder(path: str | os.PathLike[str], progress: StepCallback | None = 
         slms=slms,
         camera=camera_from_attributes(bench["camera"]),
         gap_m=geometry.get("gap"),
-        iris1_na=geometry.get("iris1_na"),
-        iris2_na=geometry.get("iris2_na"),
+        relay1=stops_from_attributes(geometry, 1, f"{where}."),
+        relay2=stops_from_attributes(geometry, 2, f"{where}."),
         focal_length_m=geometry.get("focal_length"),
     )
     check_captures(captures)
     return captures
 
 
-def _read_bench_toml(path: Path) -> dict[str, dict[str, float]]:
+def _read_bench_toml(path: Path) -> dict[str, dict[str, Any]]:
     """The tables of bench.toml as {table: {key: SI value}}; UserError where one is unknown or missing."""
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -115,25 +122,22 @@ def _read_bench_toml(path: Path) -> dict[str, dict[str, float]]:
         raise UserError(str(path), "no such file", expected="a description of the bench in TOML") from error
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise UserError(str(path), f"can't be read: {error}", expected="a description of the bench in TOML") from error
-    known = {"slm1": _SLM_KEYS, "slm2": _SLM_KEYS, "camera": _CAMERA_KEYS, "geometry": _GEOMETRY_KEYS}
-    bench: dict[str, dict[str, float]] = {}
+    bench: dict[str, dict[str, Any]] = {}
     for name, table in tables.items():
-        if name not in known or not isinstance(table, Mapping):
-            raise UserError(f"{path}: {name}", "unknown table", remedy=suggest_matches(name, known))
-        bench[name] = {key: _bench_value(known[name], key, value, f"{path}: {name}") for key, value in table.items()}
+        if name not in _TABLES or not isinstance(table, Mapping):
+            raise UserError(f"{path}: {name}", "unknown table", remedy=suggest_matches(name, _TABLES))
+        bench[name] = {key: _bench_value(_TABLES[name], key, value, f"{path}: {name}") for key, value in table.items()}
     for name in ("slm1", "camera", *(["slm2"] if "slm2" in bench else [])):
-        for key in known[name]:
+        for key in _TABLES[name]:
             if key not in bench.get(name, {}):
                 raise UserError(f"{path}: {name}.{key}", "is missing")
     return bench
 
 
-def _bench_value(known: Mapping[str, Number], key: str, value: Any, where: str) -> float:
+def _bench_value(known: Mapping[str, FieldType], key: str, value: Any, where: str) -> Any:
     if key not in known:
         raise UserError(f"{where}.{key}", "unknown key", remedy=suggest_matches(key, known))
-    number = known[key].parse(value, f"{where}.{key}")
-    assert number is not None
-    return number
+    return known[key].parse(value, f"{where}.{key}")
 
 
 def _read_table(path: Path, file_columns: list[str]) -> list[dict[str, Any]]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
+from holoview.captures.nominal_stops import describe_stops
 from holoview.model.effects.registry import listed_effects
 from holoview.report.contact_sheet import CaptionedTile, contact_sheet, greyscale_pixels
 
@@ -20,9 +21,9 @@ _TILE_WIDTH_PX = 420
 def summarise(captures: Captures) -> dict[str, Any]:
     """The contents of a session as a dictionary for JSON.
 
-    saturated: fractions of the pixels, in the worst capture and on average. dark: captures without significant light.
-    mean_electrons: median over the captures of the mean signal per pixel. cant_tell: {effect id: why these data can't
-    show it}.
+    stops: those of each relay in words, the first relay before the second. saturated: fractions of the pixels, in the
+    worst capture and on average. dark: captures without significant light. mean_electrons: median over the captures of
+    the mean signal per pixel. cant_tell: {effect id: why these data can't show it}.
     """
     camera, properties = captures.camera, captures.data_properties()
     signal = captures.images.mean(axis=(1, 2)) - camera.black_level
@@ -36,6 +37,7 @@ def summarise(captures: Captures) -> dict[str, Any]:
         "levels": [slm.num_levels for slm in captures.slms],
         "image": list(captures.shape),
         "geometry": "Fourier bench" if captures.is_fourier else "near field",
+        "stops": [describe_stops(relay) for relay in (captures.relay1, captures.relay2)[-len(captures.slms) :]],
         "wavelengths_m": captures.wavelengths_m.tolist(),
         "distances_m": np.unique(captures.distance_m).tolist(),
         "powers": properties.powers,

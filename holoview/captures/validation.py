@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
+from holoview.captures.nominal_stops import has_only_stops, stop_attributes
 from holoview.util.errors import UserError
 
 _LENGTH_LIMITS: dict[str, tuple[float, float, str]] = {
@@ -105,17 +106,17 @@ def _check_spread(captures: Captures) -> None:
     """No distance is so long that diffraction would spread the light over many modulator widths.
 
     Such a distance, for example 0.5 for half a millimetre, is within the limits of `_check_lengths`, but its unit is
-    wrong. The light spreads by distance × the smaller of the iris's sine and λ/(2·pitch), the edge of the first order.
+    wrong. The light spreads by distance × the smaller of the stops' sine and λ/(2·pitch), the edge of the first order.
     """
     if captures.is_fourier:
         return
-    width = max(captures.levels.shape[2:]) * captures.slms[0].pitch_m
-    edge_sine = float(captures.wavelength_m.min()) / (2 * captures.slms[0].pitch_m)
-    paths = {"distance": (float(captures.distance_m.max()), captures.iris2_na)}
+    pitch_m, shortest = captures.slms[0].pitch_m, float(captures.wavelength_m.min())
+    width, edge_sine = max(captures.levels.shape[2:]) * pitch_m, shortest / (2 * pitch_m)
+    paths = {"distance": (float(captures.distance_m.max()), captures.relay2)}
     if captures.gap_m is not None:
-        paths["geometry attribute gap"] = (captures.gap_m, captures.iris1_na)
-    for name, (length, na) in paths.items():
-        if length * min(na or 1.0, edge_sine) > _MAX_SPREAD_WIDTHS * width:
+        paths["geometry attribute gap"] = (captures.gap_m, captures.relay1)
+    for name, (length, relay) in paths.items():
+        if length * min(relay.steepest_sine(shortest, pitch_m), edge_sine) > _MAX_SPREAD_WIDTHS * width:
             found = (
                 f"{length:g}: light would spread over {_MAX_SPREAD_WIDTHS:g} times the modulator's {width * 1e3:.3g} mm"
             )
@@ -136,11 +137,13 @@ def _check_geometry(captures: Captures) -> None:
         raise UserError("geometry attribute gap", "is missing", expected="the distance between the two modulators")
     if not two and captures.gap_m is not None:
         raise UserError("geometry attribute gap", "with one modulator", expected="no gap, or slm2/levels")
-    if not two and captures.iris1_na is not None:
-        raise UserError("geometry attribute iris1_na", "with one modulator", expected="iris2_na only")
-    for name, na in (("iris1_na", captures.iris1_na), ("iris2_na", captures.iris2_na)):
-        if na is not None and not 1e-5 <= na <= 1.0:
-            raise UserError(f"geometry attribute {name}", f"{na:g}", expected="a sine between 0.00001 and 1")
+    for number, relay in ((1, captures.relay1), (2, captures.relay2)):
+        if not has_only_stops(relay):
+            raise UserError(f"relay{number}", "has more than stops", expected="an iris, a square stop and their centre")
+    if not two and (stops := stop_attributes(captures.relay1, 1)):
+        raise UserError(
+            f"geometry attribute {next(iter(stops))}", "with one modulator", expected="stops of relay 2 only"
+        )
     if two and captures.slms[0].pitch_m != captures.slms[1].pitch_m:
         raise UserError("slm2 attribute pitch", f"{captures.slms[1].pitch_m:g}", expected="the pitch of slm1")
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Camera, Captures, SlmSpec
+from holoview.captures.nominal_stops import has_only_stops
 from holoview.captures.patterns import BLUR_SIGMAS_PX, random_levels
 from holoview.captures.predictor import Predictor
 from holoview.captures.validation import check_captures
@@ -139,8 +140,8 @@ def blank_captures(system: System, settings: AcquisitionSettings, rng: np.random
             pitch_m, settings.bit_depth, settings.full_well / full_scale, settings.read_noise, settings.black_level
         ),
         gap_m=system.gap_m,
-        iris1_na=system.relay1.iris_na,
-        iris2_na=system.relay2.iris_na if settings.focal_length_m is None else None,
+        relay1=system.relay1,
+        relay2=system.relay2 if settings.focal_length_m is None else Relay(),
         focal_length_m=settings.focal_length_m,
     )
 
@@ -194,9 +195,9 @@ def _check_nominal(system: System, settings: AcquisitionSettings) -> None:
     """Raises UserError unless a capture file can hold the bench's nominal geometry."""
     remedy = "use a preset without it; `--effects` can add it as what is really there"
     for name in ("relay1", "relay2"):
-        relay = getattr(system, name)
-        if relay != Relay(iris_na=relay.iris_na):
-            raise UserError(name, "has more than an iris", expected="a nominal relay with an iris only", remedy=remedy)
+        if not has_only_stops(getattr(system, name)):
+            expected = "a nominal relay with an iris and a square stop only"
+            raise UserError(name, "has more than stops", expected=expected, remedy=remedy)
     if system.source != Source():
         raise UserError("source", "isn't a single wave on the axis", expected="one plane wave", remedy=remedy)
     for modulator in system.modulators:

@@ -111,6 +111,7 @@ def _check(args: argparse.Namespace) -> int:
     print(f"{args.captures}: {summary['captures']} captures, {summary['geometry']}")
     print(f"  modulators   {summary['modulators']} of {columns} x {rows} pixels, {summary['levels'][0]} levels")
     print(f"  camera       {image_columns} x {image_rows} pixels, {summary['mean_electrons']:.0f} electrons")
+    print(f"  stops        {'; then '.join(summary['stops'])}")
     print(f"  wavelengths  {wavelengths}")
     print(f"  distances    {distances}")
     print(f"  saturated    {saturated['mean']:.2%} of the pixels, {saturated['worst']:.2%} in the worst picture")

@@ -47,8 +47,8 @@ def with_preset_geometry(captures: Captures, system: System, name: str) -> tuple
             SlmSpec(p.pitch_m, p.num_levels, m.stroke_m) for p, m in zip(captures.slms, system.modulators, strict=True)
         ),
         gap_m=system.gap_m,
-        iris1_na=system.relay1.iris_na,
-        iris2_na=captures.iris2_na if captures.is_fourier else system.relay2.iris_na,
+        relay1=system.relay1,
+        relay2=captures.relay2 if captures.is_fourier else system.relay2,
     )
     return changed, system.effect_values, system
 

@@ -118,9 +118,10 @@ class FreeRelay(FreeMaps):
     def pupil(self, pupil: Tensor, context: RelayContext, v: Values) -> Tensor:
         if context.relay != self.relay_index:
             return pupil
-        reach = context.pupil_radius if context.pupil_radius < 1 else float(context.sine_y.abs().max())
+        sine_y, sine_x = context.sines_from_centre
+        reach = context.pupil_radius if context.pupil_radius < 1 else float(sine_y.abs().max())
         real = pupil.real.dtype
-        y, x = (s.to(real) / reach for s in (context.sine_y, context.sine_x))
+        y, x = (s.to(real) / reach for s in (sine_y, sine_x))
         positions = torch.stack([x.expand(len(y), -1), y.expand(-1, x.shape[1])], dim=-1)[None]
         maps = torch.stack([self.maps["amplitude"], self.maps["path"]]).to(real)[None]
         amplitude, path = torch.nn.functional.grid_sample(maps, positions, padding_mode="border", align_corners=True)[0]

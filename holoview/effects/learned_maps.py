@@ -8,7 +8,8 @@ The hyperspectral model of HoloChrome, with the fringing of its modulators, at a
     source         exp(a(λ) + 2πi·p(λ)/λ): maps on nodes at anchor wavelengths, linear in λ between them
     warp           modulator 2 is seen at r − d(r), where d is the thin-plate spline through displacements at nodes
                    (Duchon 1977; Bookstein, IEEE PAMI 11, 567 (1989))
-    relay          exp(b(s) + 2πi·opd/λ), opd = Σ_jp c_jp·Z_j(s)·((λ − λ₀)/100 nm)^p over direction sines s = λu.
+    relay          exp(b(s) + 2πi·opd/λ), opd = Σ_jp c_jp·Z_j(s)·((λ − λ₀)/100 nm)^p over direction sines s = λu from
+                   the centre of its stops.
                    What is fixed in the optics shrinks in frequency as λ₀/λ.
 
 All tensors are zero for the nominal display.
@@ -233,7 +234,8 @@ class LearnedMaps:
         nodes, sine = self.tensors[f"pupil{context.relay + 1}_log_amplitude"], self._sine(context)
         scale = [(n - 1) / 2 / sine for n in nodes.shape]
         shape = (len(context.sine_y), context.sine_x.shape[1])
-        y, x = (s.to(nodes.dtype).expand(shape) for s in (context.sine_y * scale[0], context.sine_x * scale[1]))
+        sine_y, sine_x = context.sines_from_centre
+        y, x = (s.to(nodes.dtype).expand(shape) for s in (sine_y * scale[0], sine_x * scale[1]))
         return interpolate_at(nodes, y, x).exp()
 
     def pupil(self, pupil: Tensor, context: RelayContext) -> Tensor:
@@ -257,7 +259,7 @@ class LearnedMaps:
         noll = self.layout.noll2 if context.relay else self.layout.noll1
 
         def make() -> Tensor:
-            radius = torch.hypot(context.sine_y, context.sine_x) / self._sine(context)
+            radius = torch.hypot(*context.sines_from_centre) / self._sine(context)
             return torch.stack([zernike(j, radius, context.angle) for j in noll])
 
         return _cached(self._of_layout, ("zernikes", *_frequencies_key(context)), make)
@@ -276,6 +278,7 @@ def _frequencies_key(context: RelayContext) -> tuple[Hashable, ...]:
     return (
         context.relay,
         context.wavelength_m,
+        context.centre,
         len(context.sine_y),
         context.sine_x.shape[1],
         float(context.sine_x.abs().max()),

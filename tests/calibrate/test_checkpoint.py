@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from holoview.calibrate.checkpoint import captures_digest
 from holoview.captures.dataset import Camera, Captures, SlmSpec
+from holoview.model.bench_parts import Relay
 
 
 @pytest.mark.parametrize(
@@ -17,7 +20,26 @@ from holoview.captures.dataset import Camera, Captures, SlmSpec
     ],
 )
 def test_the_digest_of_captures_is_that_of_version_1(modulators: int, digest: str) -> None:
-    captures = Captures(
+    assert captures_digest(_captures(modulators)) == digest
+
+
+def test_every_stop_counts() -> None:
+    relays = [
+        Relay(),
+        Relay(iris_na=0.03),
+        Relay(square=0.03),
+        Relay(square="first order"),
+        Relay(square="first order at 550 nm"),
+        Relay(square="first order", centre_na=(0.0, 0.001)),
+        Relay(square="first order", centre_na=(0.001, 0.0)),
+        Relay(dc_block_na=0.03),
+    ]
+    both = [{"relay1": first, "relay2": second} for first in relays for second in relays]
+    assert len({captures_digest(dataclasses.replace(_captures(2), **changes)) for changes in both}) == len(relays) ** 2
+
+
+def _captures(modulators: int) -> Captures:
+    return Captures(
         levels=np.arange(4 * modulators, dtype=np.uint8).reshape(1, modulators, 2, 2),
         images=np.array([[[100, 200, 300], [400, 500, 600]]], dtype=np.uint16),
         wavelength_m=np.array([5.2e-7]),
@@ -27,7 +49,6 @@ def test_the_digest_of_captures_is_that_of_version_1(modulators: int, digest: st
         slms=(SlmSpec(pitch_m=8e-6, num_levels=256, opd_range_m=6.6e-7),) * modulators,
         camera=Camera(pitch_m=4e-6, bit_depth=12, electrons_per_count=2.5, read_noise=3.0, black_level=64.0),
         gap_m=None if modulators == 1 else 2e-3,
-        iris1_na=None if modulators == 1 else 0.03,
-        iris2_na=0.02,
+        relay1=Relay(iris_na=None if modulators == 1 else 0.03),
+        relay2=Relay(iris_na=0.02),
     )
-    assert captures_digest(captures) == digest

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from holoview.captures.dataset import Camera, Captures, SlmSpec
+from holoview.model.bench_parts import Relay
 
 SHAPE = (32, 40)
 
@@ -27,8 +28,8 @@ def pictures(count: int = 4, seed: int = 0, **changes: Any) -> Captures:
         slms=(SlmSpec(8e-6, 16, 825e-9),) * 2,
         camera=Camera(4e-6, 12, 4.0, 3.0, 64.0),
         gap_m=1e-3,
-        iris1_na=0.03,
-        iris2_na=0.03,
+        relay1=Relay(iris_na=0.03),
+        relay2=Relay(iris_na=0.03),
     )
     return dataclasses.replace(plain, **changes)
 

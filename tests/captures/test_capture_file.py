@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from holoview.captures import Camera, Captures, SlmSpec, read_captures, write_captures
+from holoview.model.bench_parts import Relay
 from holoview.util.errors import UserError
 
 Edit = Callable[[h5py.File], None]
+SQUARE = Relay(iris_na=0.04, square="1.1 first order at 550 nm", centre_na=(0.001, -0.0025))
 
 
 def _captures(modulators: int = 2) -> Captures:
@@ -29,8 +31,8 @@ def _captures(modulators: int = 2) -> Captures:
         slms=(SlmSpec(8e-6, 16, 780e-9),) * modulators,
         camera=Camera(4e-6, 12, 4.0, 3.0, 64.0),
         gap_m=1e-3 if two else None,
-        iris1_na=0.03 if two else None,
-        iris2_na=0.03,
+        relay1=Relay(iris_na=0.03 if two else None),
+        relay2=Relay(iris_na=0.03),
     )
 
 
@@ -44,10 +46,12 @@ def _same(first: Captures, second: Captures) -> bool:
     [
         _captures(),
         _captures(1),
-        dataclasses.replace(_captures(1), distance_m=np.zeros(3), focal_length_m=0.2, iris2_na=None),
+        dataclasses.replace(_captures(1), distance_m=np.zeros(3), focal_length_m=0.2, relay2=Relay()),
         dataclasses.replace(_captures(), levels=np.full((3, 2, 6, 8), 15, np.uint16)),
+        dataclasses.replace(_captures(), relay1=Relay(square="first order"), relay2=SQUARE),
+        dataclasses.replace(_captures(1), distance_m=np.zeros(3), focal_length_m=0.2, relay2=SQUARE),
     ],
-    ids=["near field", "one modulator", "Fourier bench", "16 bit levels"],
+    ids=["near field", "one modulator", "Fourier bench", "16 bit levels", "square stops", "square on Fourier bench"],
 )
 def test_what_is_written_is_read_again(captures: Captures, tmp_path: Path) -> None:
     write_captures(tmp_path / "c.h5", captures)
@@ -60,6 +64,39 @@ def test_what_is_unknown_is_ignored(tmp_path: Path) -> None:
         h5["notes"] = "a cold morning"
         h5["camera"].attrs["serial"] = 7
     assert _same(read_captures(tmp_path / "c.h5"), _captures())
+
+
+def test_stops_are_attributes_of_the_geometry(tmp_path: Path) -> None:
+    """Those of an iris are where every version of the format has them; others only where there are such stops."""
+    relay1, relay2 = Relay(square=0.031, centre_na=(0.0, 0.002)), SQUARE
+    write_captures(tmp_path / "c.h5", dataclasses.replace(_captures(), relay1=relay1, relay2=relay2))
+    with h5py.File(tmp_path / "c.h5") as h5:
+        found = {key: np.asarray(value).tolist() for key, value in h5["geometry"].attrs.items()}
+    assert found == {
+        "gap": 1e-3,
+        "square1": 0.031,
+        "centre1_na": [0.0, 0.002],
+        "iris2_na": 0.04,
+        "square2": "1.1 first order at 550 nm",
+        "centre2_na": [0.001, -0.0025],
+    }
+    write_captures(tmp_path / "c.h5", _captures())
+    with h5py.File(tmp_path / "c.h5") as h5:
+        assert dict(h5["geometry"].attrs) == {"gap": 1e-3, "iris1_na": 0.03, "iris2_na": 0.03}
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["first order at 550 nm", np.bytes_(b"first order at 550 nm"), np.array(["first order at 550 nm"], dtype="S")],
+    ids=["text", "bytes", "array of bytes"],
+)
+def test_text_is_read_as_any_library_writes_it(value: object, tmp_path: Path) -> None:
+    write_captures(tmp_path / "c.h5", _captures())
+    with h5py.File(tmp_path / "c.h5", "a") as h5:
+        h5["geometry"].attrs["square2"] = value
+        h5["geometry"].attrs["centre2_na"] = np.array([[0.001, 0.002]])  # a row, as of a program that has no vectors
+    expected = Relay(iris_na=0.03, square="first order at 550 nm", centre_na=(0.001, 0.002))
+    assert read_captures(tmp_path / "c.h5").relay2 == expected
 
 
 def _without(name: str) -> Edit:
@@ -79,6 +116,14 @@ def _attribute(group: str, name: str, value: object) -> Edit:
 def _no_attribute(group: str, name: str) -> Edit:
     def edit(h5: h5py.File) -> None:
         del h5[group].attrs[name]
+
+    return edit
+
+
+def _changed(*edits: Edit) -> Edit:
+    def edit(h5: h5py.File) -> None:
+        for one in edits:
+            one(h5)
 
     return edit
 
@@ -126,6 +171,16 @@ def _nan(h5: h5py.File) -> None:
         (_attribute("slm1", "pitch", 0.008), "slm1 attribute pitch: 0.008; .* it looks like millimetres"),
         (_attribute("geometry", "focal_length", 200.0), "focal_length: 200; .* millimetres"),
         (_attribute("geometry", "iris1_na", 30.0), "iris1_na: 30"),
+        (_attribute("geometry", "iris1_na", "0.03"), "geometry attribute iris1_na: '0.03' is not a number"),
+        (_attribute("geometry", "square2", 30.0), "geometry attribute square2: 30 is out of range; .* first order"),
+        (_attribute("geometry", "square2", "first"), 'geometry attribute square2: "first"; .* "first order at 550 nm"'),
+        (_attribute("geometry", "square1", [0.03, 0.02]), "geometry attribute square1: .* is not a number"),
+        (_attribute("geometry", "centre2_na", 0.002), r"geometry attribute centre2_na: 0.002; expected \[y, x\]"),
+        (_attribute("geometry", "centre2_na", [0.0, 2.0]), r"geometry attribute centre2_na\[1\]: 2 is out of range"),
+        (
+            _changed(_no_attribute("geometry", "iris1_na"), _attribute("geometry", "centre1_na", [0.0, 0.1])),
+            "geometry attribute centre1_na: without an iris or a square stop; give iris1_na or square1",
+        ),
         (_attribute("slm1", "num_levels", 8), "slm1/levels: level 15; expected 0 to 7"),
         (_attribute("camera", "bit_depth", 8), "camera/images: .* counts; expected 0 to 255"),
         (_attribute("camera", "bit_depth", 40), "camera attribute bit_depth: 40"),
@@ -179,3 +234,24 @@ def test_a_damaged_dataset_is_told_as_such(tmp_path: Path) -> None:
 def test_two_modulators_dont_go_with_a_focal_length() -> None:
     with pytest.raises(UserError, match="slm2: on a Fourier bench"):
         write_captures("unused.h5", dataclasses.replace(_captures(), focal_length_m=0.2, distance_m=np.zeros(3)))
+
+
+@pytest.mark.parametrize(
+    ("captures", "words"),
+    [
+        (
+            dataclasses.replace(_captures(1), relay1=Relay(iris_na=0.03)),
+            "attribute iris1_na: with one modulator",
+        ),
+        (
+            dataclasses.replace(_captures(1), relay1=Relay(square=0.03)),
+            "attribute square1: with one modulator",
+        ),
+        (dataclasses.replace(_captures(), relay2=Relay(dc_block_na=1e-3)), "relay2: has more than stops"),
+    ],
+    ids=["iris", "square", "DC block"],
+)
+def test_stops_that_a_file_cant_hold_are_refused(captures: Captures, words: str, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=words):
+        write_captures(tmp_path / "c.h5", captures)
+    assert not (tmp_path / "c.h5").exists()

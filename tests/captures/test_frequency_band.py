@@ -35,9 +35,13 @@ def test_forward_and_inverse_are_adjoint_but_for_the_scale() -> None:
     torch.testing.assert_close(left, right)
 
 
-@pytest.mark.parametrize("na", [0.01, 0.03, None])
-def test_a_band_holds_all_that_a_relay_lets_through(na: float | None) -> None:
-    system = hv.load("holochrome-8").edit({"shape": [20, 28], "relay2.iris_na": na})
+@pytest.mark.parametrize(
+    "relay",
+    [{"iris_na": 0.01}, {"iris_na": 0.03}, {}, {"square": "first order"}, {"square": 0.017}],
+    ids=str,
+)
+def test_a_band_holds_all_that_a_relay_lets_through(relay: dict[str, float | str]) -> None:
+    system = hv.load("holochrome-8").edit({"shape": [20, 28], "relay2": relay})
     plan = hv.make_plan(system)
     step = plan.transfer(1, 0, 0.01)
     band = FrequencyBand.from_transfer(step, plan.grid)
@@ -45,4 +49,14 @@ def test_a_band_holds_all_that_a_relay_lets_through(na: float | None) -> None:
     ky, kx = band.frequency_indices
     assert torch.equal(transfer_function_at(step, ky, kx, torch.complex128), whole[ky][:, kx])
     assert int((whole[ky][:, kx] != 0).sum()) == int((whole != 0).sum())
-    assert bool(support_mask(step, kx.abs(), ky % plan.grid.padded[0]).any(dim=0).all())  # and no column more
+    assert bool(support_mask(step, kx, ky % plan.grid.padded[0]).any(dim=0).all())  # and no column more
+
+
+@pytest.mark.parametrize("relay", [{"iris_na": 0.02}, {"square": 0.017}, {"square": "first order"}], ids=str)
+def test_a_band_around_a_displaced_stop_holds_its_light(relay: dict[str, float | str]) -> None:
+    moved = {**relay, "centre_na": [-0.013, 0.019]}
+    plan = hv.make_plan(hv.load("holochrome-8").edit({"shape": [20, 28], "relay2": moved}))
+    step = plan.transfer(1, 0, 0.01)
+    ky, kx = FrequencyBand.from_transfer(step, plan.grid).frequency_indices
+    whole = transfer_function(step, plan.grid, torch.complex128, torch.device("cpu"))
+    assert int((whole[ky][:, kx] != 0).sum()) == int((whole != 0).sum()) > 0

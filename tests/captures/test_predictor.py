@@ -14,6 +14,7 @@ import holoview as hv
 from holoview.captures import Camera, Captures, SlmSpec, read_captures
 from holoview.captures.near_field_model import NearFieldModel
 from holoview.captures.predictor import Predictor
+from holoview.model.bench_parts import Relay
 from holoview.util.errors import UserError
 
 FOLDER = Path(__file__).resolve().parents[1] / "data"
@@ -56,8 +57,8 @@ def _session(count: int = 3, modulators: int = 2) -> Captures:
         slms=(SlmSpec(8e-6, 16, 780e-9),) * modulators,
         camera=Camera(4e-6, 12, 4.0, 3.0, 64.0),
         gap_m=1e-3 if modulators == 2 else None,
-        iris1_na=0.03 if modulators == 2 else None,
-        iris2_na=0.03,
+        relay1=Relay(iris_na=0.03 if modulators == 2 else None),
+        relay2=Relay(iris_na=0.03),
     )
 
 
@@ -80,6 +81,53 @@ def test_one_modulator_too(name: str) -> None:
     captures = _session(modulators=1)
     found = Predictor(captures, double_precision=True)([0], {name: NEAR[name]}).signal[0].numpy()
     np.testing.assert_allclose(found, _executed(captures, 0, {name: NEAR[name]}), rtol=1e-9, atol=1e-9 * found.max())
+
+
+STOPS = {
+    "square": Relay(square=0.025),
+    "first order": Relay(square="first order"),
+    "real first order, displaced": Relay(square="first order at 500 nm", centre_na=(0.004, -0.011)),
+    "iris and square, displaced": Relay(iris_na=0.03, square=0.025, centre_na=(-0.007, 0.003)),
+    "iris beyond the axis": Relay(iris_na=0.01, centre_na=(0.0, 0.02)),
+}
+
+
+@pytest.mark.parametrize("name", ["none", "iris1", "iris2", "aberration1", "aberration2", "dc_block", "tilt"])
+@pytest.mark.parametrize("stops", STOPS)
+def test_square_and_displaced_stops_too(stops: str, name: str) -> None:
+    captures = dataclasses.replace(_session(), relay1=Relay(square=0.027), relay2=STOPS[stops])
+    effects = {name: NEAR[name]} if name in NEAR else {}
+    found = Predictor(captures, double_precision=True)([1], effects).signal[0].numpy()
+    np.testing.assert_allclose(found, _executed(captures, 1, effects), rtol=1e-9, atol=1e-9 * found.max())
+
+
+def test_all_of_a_preset_s_relay_counts() -> None:
+    relay = Relay(square=0.027, dc_block_na=2e-3, apodisation_na=0.02, aberration_m={"Z5": 1e-7}, centre_na=(0, 2e-3))
+    captures = dataclasses.replace(_session(), relay2=relay)
+    found = Predictor(captures, double_precision=True)([0]).signal[0].numpy()
+    np.testing.assert_allclose(found, _executed(captures, 0, {}), rtol=1e-9, atol=1e-9 * found.max())
+
+
+@pytest.mark.parametrize("square", [0.012, "first order", "first order at 600 nm"])
+def test_a_square_stop_of_a_fourier_bench_has_straight_edges_where_its_direction_sines_are(square: float | str) -> None:
+    f, pixel, relay = 0.1, 10e-6, Relay(square=square, centre_na=(0.00313, -0.00487))
+    plain = dataclasses.replace(
+        _session(2, 1),
+        images=np.full((2, 601, 801), 500, np.uint16),
+        distance_m=np.zeros(2),
+        camera=Camera(pixel, 12, 4.0, 3.0, 64.0),
+        relay2=Relay(),
+        focal_length_m=f,
+    )
+    y, x = ((np.arange(n) - (n - 1) / 2) * pixel / f for n in plain.shape)
+    for k, λ in enumerate(plain.wavelength_m):
+        whole, stopped = (
+            Predictor(dataclasses.replace(plain, relay2=r), double_precision=True)([k]).signal[0].numpy()
+            for r in (Relay(), relay)
+        )
+        half = square if isinstance(square, float) else (λ if square == "first order" else 600e-9) / 16e-6
+        inside = (abs(y - 0.00313) < half)[:, None] & (abs(x + 0.00487) < half)
+        np.testing.assert_array_equal(stopped, np.where(inside, whole, 0.0))
 
 
 def test_all_effects_together() -> None:
@@ -161,7 +209,7 @@ def test_a_grating_on_a_fourier_bench_sends_its_orders_where_the_grating_equatio
         exposure_s=np.ones(1),
         slms=(SlmSpec(pitch, 2, λ / 2),),
         camera=Camera(20e-6, 12, 4.0, 3.0, 64.0),
-        iris2_na=None,
+        relay2=Relay(),
         focal_length_m=f,
     )
     image = Predictor(captures, double_precision=True)([0]).signal[0]

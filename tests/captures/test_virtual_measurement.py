@@ -12,6 +12,7 @@ import holoview as hv
 from holoview.captures import Captures
 from holoview.captures.predictor import Predictor
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
+from holoview.model.bench_parts import Relay
 from holoview.model.system import System
 from holoview.util.errors import UserError
 
@@ -55,6 +56,17 @@ def test_effects_of_the_preset_are_there_and_not_in_the_nominal_bench() -> None:
     captures = make_captures(system, {}, AcquisitionSettings(captures_per_condition=1))
     assert captures.gap_m == _system().gap_m
     assert _chi2(captures, {"gap": {"gap_error": 1e-4}}) == pytest.approx(np.ones(2), abs=SCATTER)
+
+
+@pytest.mark.parametrize("square", ["first order", "first order at 550 nm", 0.031])
+def test_a_bench_with_square_and_displaced_stops_is_measured(square: float | str) -> None:
+    stops = {"relay1.square": square, "relay2": {"square": square, "centre_na": [0.002, -0.004]}}
+    system, effects = _system(**stops), {"gap": {"gap_error": 1e-4}}
+    captures = make_captures(system, effects, AcquisitionSettings(captures_per_condition=4))
+    assert (captures.relay1, captures.relay2) == (system.relay1, system.relay2)
+    assert _chi2(captures, effects) == pytest.approx(np.ones(8), abs=SCATTER)
+    round_ones = dataclasses.replace(captures, relay2=Relay(iris_na=0.031))
+    assert _chi2(round_ones, effects).max() > 20
 
 
 def test_pictures_are_well_exposed_and_each_wavelength_has_its_own_scale() -> None:
@@ -117,7 +129,7 @@ def test_a_fourier_bench_is_measured_too() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"relay2.dc_block_na": 0.001}, "relay2: has more than an iris"),
+        ({"relay2.dc_block_na": 0.001}, "relay2: has more than stops"),
         ({"source": {"directions": [[0, 0.01]]}}, "source: isn't a single wave"),
         ({"levels": [0, 0.3, 1.0]}, "levels: aren't equal steps"),
     ],

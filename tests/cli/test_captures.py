@@ -110,6 +110,20 @@ def test_a_folder_of_pictures_becomes_the_same_session(holoview: Run, tmp_path: 
     assert (found.gap_m, found.slms) == (captures.gap_m, captures.slms)
 
 
+def test_square_stops_are_measured_listed_and_imported(holoview: Run, tmp_path: Path) -> None:
+    stops = ('relay1.square="first order"', 'relay2.square="first order at 550 nm"', "relay2.centre_na=[0, 0.002]")
+    captures, folder = _make(holoview, "a.h5", *(word for stop in stops for word in ("--set", stop))), tmp_path / "b"
+    said = "iris NA 0.03, square first order; then iris NA 0.03, square first order at 550 nm, centre [0, 0.002]"
+    assert said in holoview("captures", "check", "a.h5").out
+    bench = _folder(captures, folder) / BENCH_FILE
+    text = bench.read_text(encoding="utf-8")
+    text += 'square1 = "first order"\nsquare2 = "first order at 550 nm"\ncentre2_na = [0, 0.002]\n'
+    bench.write_text(text, encoding="utf-8")
+    assert holoview("captures", "import", folder, "-o", "b.h5").code == 0
+    found = read_captures("b.h5")
+    assert (found.relay1, found.relay2) == (captures.relay1, captures.relay2)
+
+
 @pytest.mark.parametrize(
     ("name", "old", "new", "words"),
     [
@@ -119,6 +133,9 @@ def test_a_folder_of_pictures_becomes_the_same_session(holoview: Run, tmp_path: 
         (TABLE_FILE, "3 mm", "3", "has no unit"),
         (BENCH_FILE, 'pitch = "4 um"\n', "", "camera.pitch: is missing"),
         (BENCH_FILE, "[geometry]", "[geometri]", "did you mean geometry"),
+        (BENCH_FILE, "iris2_na = 0.03", 'square2 = "second order"', 'geometry.square2: "second order"; expected a num'),
+        (BENCH_FILE, "iris2_na = 0.03", "centre2_na = [0, 0.1]", "geometry.centre2_na: without an iris"),
+        (BENCH_FILE, "iris2_na = 0.03", "iris2_na = 30", "geometry.iris2_na: 30 is out of range"),
         (BENCH_FILE, "bit_depth = 12", "bit_depth = ", "can't be read"),
         (BENCH_FILE, "bit_depth = 12", "bit_depth = 8", "expected 0 to 255"),
     ],
@@ -145,7 +162,7 @@ def test_what_is_wrong_in_a_folder_is_named(
         (("--effects", "gap.gap_error"), "isn't KEY=VALUE"),
         (("--effects", "none.py"), "no such file"),
         (("--effects", "gap.gap_error=-3mm"), "effects.gap"),
-        (("--set", "relay2.dc_block_na=0.01"), "has more than an iris"),
+        (("--set", "relay2.dc_block_na=0.01"), "has more than stops"),
         (("--each", "0"), "at least 1"),
         (("--camera-jitter", "5"), "has no unit"),
     ],

@@ -90,7 +90,7 @@ def test_the_cameras_effects_are_set_apart(holoview: Run) -> None:
         ('[effects.gap]\ngap_error = "1 m"', "effects.gap.gap_error: 1000 mm is out of range"),
         ("[effects.gap]\ngap_error = true", "effects.gap.gap_error"),
         ('effects = "none"', "effects: 'none'"),
-        ("[effects.iris1]\nradius_error = 0.1", "effects.iris1: relay 1 has no iris"),
+        ("[effects.iris1]\nradius_error = 0.1", "effects.iris1: relay 1 has neither an iris nor a square stop"),
         ('[effects.gap]\ngap_error = "-3 mm"', "effects.gap: gap: -1 mm is out of range"),
     ],
 )

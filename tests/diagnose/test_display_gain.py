@@ -50,6 +50,14 @@ def test_a_preset_gives_the_geometry_and_what_is_known() -> None:
     assert captures.gap_m == pytest.approx(1.2e-3) and known["gap"]["gap_error"] == pytest.approx(1e-4)
 
 
+def test_a_preset_s_relays_count_as_a_whole() -> None:
+    changes = {"relay1.square": "first order", "relay2": {"square": 0.03, "centre_na": [0, 1e-3], "dc_block_na": 1e-3}}
+    system = small_system(**changes)
+    captures, _, _ = with_preset_geometry(pictures(), system, "mine")
+    assert (captures.relay1, captures.relay2) == (system.relay1, system.relay2)
+    assert captures.nominal_system().relay2 == system.relay2
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [({"shape": [30, 40]}, "30 x 40 pixels"), ({"pitch": "9 um"}, "a pitch of 9e-06 m")],

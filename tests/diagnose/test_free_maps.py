@@ -18,6 +18,7 @@ from holoview.diagnose.free_maps import (
     FreeSource,
     likely_locations,
 )
+from holoview.model.effects.hook_contexts import RelayContext
 
 CONFIG = FreeMapConfig()
 MAPS = [
@@ -36,6 +37,16 @@ def test_maps_of_zero_are_no_maps(nominal: Captures, maps: FreeMaps) -> None:
     plain = Predictor(nominal, double_precision=True)([0]).signal
     mapped = Predictor(nominal, extra_effects=[maps], double_precision=True)([0], {maps.id: {"on": 1.0}}).signal
     torch.testing.assert_close(mapped, plain, rtol=1e-9, atol=1e-12)
+
+
+def test_maps_of_a_relay_are_centred_where_its_stops_are() -> None:
+    maps = FreeRelay(CONFIG, 1)
+    maps.set_from_vector(np.random.default_rng(0).standard_normal(maps.parameter_count))
+    sine, (y, x), flat = torch.linspace(-0.03, 0.03, 25).double(), (0.004, -0.01), torch.ones(25, 25).cdouble()
+    middle = RelayContext(1, 500e-9, sine[:, None], sine[None], 0.03)
+    moved = RelayContext(1, 500e-9, sine[:, None] + y, sine[None] + x, 0.03, (y, x))
+    on = maps.parameter_values({"on": 1.0})
+    torch.testing.assert_close(maps.pupil(flat, moved, on), maps.pupil(flat, middle, on))
 
 
 @pytest.mark.parametrize("maps", MAPS, ids=lambda m: m.id)

@@ -12,6 +12,7 @@ import torch
 
 from holoview.captures.dataset import Camera, Captures, SlmSpec
 from holoview.captures.predictor import Predictor
+from holoview.model.bench_parts import Relay
 
 SHAPE = (20, 28)
 PITCH = 8e-6
@@ -31,8 +32,8 @@ def session(count: int = 2, modulators: int = 2, **changes: Any) -> Captures:
         slms=(SlmSpec(PITCH, 16, 780e-9),) * modulators,
         camera=Camera(PITCH / 2, 12, 4.0, 3.0, 64.0),
         gap_m=1e-3 if two else None,
-        iris1_na=0.03 if two else None,
-        iris2_na=0.03,
+        relay1=Relay(iris_na=0.03 if two else None),
+        relay2=Relay(iris_na=0.03),
     )
     return dataclasses.replace(plain, **changes)
 
@@ -40,7 +41,7 @@ def session(count: int = 2, modulators: int = 2, **changes: Any) -> Captures:
 def fourier(count: int = 2, **changes: Any) -> Captures:
     """Captures on a Fourier bench of 100 mm focal length, camera pixels of 10 µm."""
     camera = Camera(10e-6, 12, 4.0, 3.0, 64.0)
-    own: dict[str, Any] = {"distance_m": np.zeros(count), "iris2_na": None, "camera": camera, "focal_length_m": 0.1}
+    own: dict[str, Any] = {"distance_m": np.zeros(count), "relay2": Relay(), "camera": camera, "focal_length_m": 0.1}
     return session(count, 1, images=np.full((count, 61, 81), 500, np.uint16), **{**own, **changes})
 
 

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from holoview.captures.dataset import Captures
+from holoview.model.bench_parts import Relay
 from holoview.model.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
@@ -16,7 +17,7 @@ Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 
 def test_it_changes_the_radius(make_session: Make, predicted: Predicted) -> None:
     captures = make_session()
-    narrower = dataclasses.replace(captures, iris2_na=0.8 * 0.03)
+    narrower = dataclasses.replace(captures, relay2=Relay(iris_na=0.8 * 0.03))
     found = predicted(captures, {"iris2": {"radius_error": 0.8 * 0.03 / 0.03 - 1}})
     torch.testing.assert_close(found, predicted(narrower), rtol=1e-9, atol=1e-12)
 

@@ -112,7 +112,7 @@ def test_a_value_out_of_bounds_is_refused_with_the_key(name: str) -> None:
         ("dispersion", {"wavelengths": 1}, "2 wavelengths"),
         ("laser_power", {"powers": 1}, "2 powers"),
         ("gap", {"modulators": 1}, "2 modulators"),
-        ("iris1", {"irises": (False, True)}, "relay 1 has no iris"),
+        ("iris1", {"irises": (False, True)}, "relay 1 has neither an iris nor a square stop"),
         ("gap", {"is_fourier": True}, "Fourier"),
     ],
 )

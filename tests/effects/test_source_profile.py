@@ -9,13 +9,14 @@ import pytest
 import torch
 
 from holoview.captures.dataset import Captures
+from holoview.model.bench_parts import Relay
 from holoview.model.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 
 
 def test_the_waist_and_centre_are_those_of_a_gaussian(make_session: Make, predicted: Predicted) -> None:
-    captures = make_session(1, modulators=1, distance_m=np.zeros(1), iris2_na=None)
+    captures = make_session(1, modulators=1, distance_m=np.zeros(1), relay2=Relay())
     half, waist, centre = 14 * 8e-6, 100e-6, 30e-6
     values = {"fall": (half / waist) ** 2, "slope_x": 2 * half * centre / waist**2}
     image = predicted(captures, {"source_profile": values})[0]

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from holoview.captures.dataset import Captures
+from holoview.model.bench_parts import Relay
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
 _ANGLE = 2e-3
@@ -28,7 +29,7 @@ def test_behind_a_lens_the_zero_order_moves(make_fourier: Make, predicted: Predi
 
 
 def test_near_by_the_shadow_moves(make_session: Make, predicted: Predicted) -> None:
-    captures = make_session(1, modulators=1, levels=np.zeros((1, 1, 20, 28), np.uint8), iris2_na=None)
+    captures = make_session(1, modulators=1, levels=np.zeros((1, 1, 20, 28), np.uint8), relay2=Relay())
     before, after = (_centre(predicted(captures, e)[0]) for e in ({}, {"tilt": {"tilt_x": _ANGLE}}))
     assert after[1] - before[1] > 0.5  # 1.5 pixels less what leaves the picture
     assert after[0] == pytest.approx(before[0], abs=1e-9)

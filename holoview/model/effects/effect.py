@@ -47,7 +47,7 @@ class DataProperties:
     """What captures contain, on which it depends which effects can be seen in them.
 
     wavelengths, planes, powers, modulators: how many different ones.
-    irises: whether relay 1 and relay 2 have an iris.
+    irises: whether relay 1 and relay 2 have an iris or a square stop.
     is_fourier: whether the camera is in the far field of the modulator, on a Fourier bench.
     """
 
@@ -64,7 +64,7 @@ class Needs:
     """What captures must contain for an effect to be seen in them.
 
     wavelengths, planes, powers, modulators: at least so many different ones.
-    irises: numbers (1, 2) of the relays that must have an iris.
+    irises: numbers (1, 2) of the relays that must have an iris or a square stop.
     near_field, fourier: whether the effect acts on a near-field bench and on a Fourier bench.
     """
 
@@ -84,7 +84,7 @@ class Needs:
             if getattr(properties, what) < getattr(self, what):
                 return f"it needs {getattr(self, what)} {what}, there are {getattr(properties, what)}"
         lacking = [n for n in self.irises if not properties.irises[n - 1]]
-        return f"relay {lacking[0]} has no iris" if lacking else ""
+        return f"relay {lacking[0]} has neither an iris nor a square stop" if lacking else ""
 
 
 class Effect:

@@ -119,14 +119,19 @@ class RelayContext:
     iris_na = old_attribute("iris_na", "pupil_radius")
 
     @property
+    def sines_from_centre(self) -> tuple[Tensor, Tensor]:
+        """Direction sines of the frequencies relative to the centre, (rows, 1) and (1, columns)."""
+        return self.sine_y - self.centre[0], self.sine_x - self.centre[1]
+
+    @property
     def radius(self) -> Tensor:
         """Distance from the centre in radii of the nominal pupil, (rows, columns)."""
-        return torch.hypot(self.sine_y - self.centre[0], self.sine_x - self.centre[1]) / self.pupil_radius
+        return torch.hypot(*self.sines_from_centre) / self.pupil_radius
 
     @property
     def angle(self) -> Tensor:
         """Azimuth around the centre in radians, from +x towards +y, (rows, columns)."""
-        return torch.atan2(self.sine_y - self.centre[0], self.sine_x - self.centre[1])
+        return torch.atan2(*self.sines_from_centre)
 
     def zernike(self, terms: Mapping[int, float]) -> Tensor:
         """Σ c_j·Z_j over the nominal pupil, zero outside it; terms: {Noll index j: c_j}."""
