@@ -10,7 +10,10 @@ from holoview.model.system import System
 
 
 class DcBlock(Effect):
-    """A round stop at the zero order in the Fourier plane of relay 2; `radius` is the direction sine at its edge."""
+    """A round stop at the zero order in the Fourier plane of relay 2; `radius` is the direction sine at its edge.
+
+    It covers at most 99 % of the way to the farthest point of the relay's iris or square stop.
+    """
 
     id = "dc_block"
     cause = "A stop at the zero order (or dust there) takes low frequencies away."
@@ -32,8 +35,9 @@ class DcBlock(Effect):
     def bench(self, system: System, v: Values) -> System:
         relay = system.relay2
         radius = max(v["radius"], relay.dc_block_na or 0.0)
-        if relay.iris_na is not None:
-            radius = min(radius, 0.99 * relay.iris_na)
+        if relay.has_aperture:
+            shortest, pitch_m = float(system.wavelengths_m.min()), system.modulators[0].pitch_m
+            radius = min(radius, 0.99 * relay.steepest_sine(shortest, pitch_m))
         if radius < 1e-5:  # the least that a System accepts
             return system
         return dataclasses.replace(system, relay2=dataclasses.replace(relay, dc_block_na=radius))

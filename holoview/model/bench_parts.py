@@ -89,7 +89,8 @@ class Relay(Description):
     |u_y|, |u_x| < 1/(2·pitch) at every wavelength; "first order at 650 nm", a real aperture that is as wide as that
     at one wavelength; None: no square stop. With `iris_na`, light has to pass both.
     centre_na: direction sine (y, x) of the centre of the iris and of the square stop.
-    dc_block_na: numerical aperture of a round stop at the zero order, less than `iris_na`; None: no stop.
+    dc_block_na: numerical aperture of a round stop at the zero order, which doesn't cover all that the iris and the
+    square stop pass; None: no stop.
     apodisation_na: aperture at which a Gaussian transmission falls to 1/e in amplitude; None: uniform.
     aberration_m: Zernike terms over the pupil, a table {"Z4": "50 nm"} or pairs (Noll index 1…37, r.m.s. optical path
     in metres), each at most 0.1 mm. They need an iris or a square stop: the pupil is the iris, or the circle through
@@ -131,18 +132,29 @@ class Relay(Description):
 
     def __post_init__(self) -> None:
         validate(self)
-        if self.dc_block_na and self.iris_na and self.dc_block_na >= self.iris_na:
-            raise UserError(
-                "dc_block_na",
-                f"{self.dc_block_na:g}",
-                expected=f"less than iris_na = {self.iris_na:g}",
-                remedy="nothing would pass the relay otherwise",
-            )
+        self._check_dc_block(self._farthest_sine(None if self.square is None else self.square.half_side_na))
         if not self.has_aperture and self.aberration_m:
             remedy = "give iris_na or square: Zernike terms are over the pupil"
             raise UserError("aberration", "without an iris or a square stop", remedy=remedy)
         if not self.has_aperture and any(self.centre_na):
             raise UserError("centre_na", "without an iris or a square stop", remedy="give iris_na or square")
+
+    def check_passes_light(self, wavelength_m: float, pitch_m: float) -> None:
+        """Raises UserError if the DC block covers all that the other stops pass.
+
+        wavelength_m: of the light. pitch_m: of the modulators' pixels, on which a stop at the first order depends.
+        """
+        self._check_dc_block(self.steepest_sine(wavelength_m, pitch_m))
+
+    def _check_dc_block(self, edge: float) -> None:
+        if self.dc_block_na is not None and self.dc_block_na >= edge:
+            what = "iris_na" if edge == self.iris_na else "the steepest direction that the other stops pass"
+            raise UserError(
+                "dc_block_na",
+                f"{self.dc_block_na:g}",
+                expected=f"less than {what} = {edge:.6g}",
+                remedy="nothing would pass the relay otherwise",
+            )
 
     @property
     def has_aperture(self) -> bool:
@@ -163,7 +175,16 @@ class Relay(Description):
         >>> hv.Relay(iris_na=0.02, centre_na=(0.0, 0.005)).steepest_sine(532e-9, pitch_m=8e-6)
         0.025
         """
-        return min(1.0, self.pupil_radius_sine(wavelength_m, pitch_m) + math.hypot(*self.centre_na))
+        return self._farthest_sine(None if self.square is None else self.square.half_side_sine(wavelength_m, pitch_m))
+
+    def _farthest_sine(self, half_side: float | None) -> float:
+        """The largest direction sine in the iris and in a square of this half side; at most 1."""
+        farthest = 1.0
+        if self.iris_na is not None:
+            farthest = min(farthest, self.iris_na + math.hypot(*self.centre_na))
+        if half_side is not None:
+            farthest = min(farthest, math.hypot(*(abs(c) + half_side for c in self.centre_na)))
+        return farthest
 
     def pupil_radius_sine(self, wavelength_m: float, pitch_m: float) -> float:
         """Radius of the pupil as a direction sine: of the iris, or of the circle through the corners of the square.

@@ -98,6 +98,7 @@ class System(Description):
         self._check_amplitudes()
         self._check_modulators()
         self._check_source()
+        self._check_stops()
         if self.observer != "mono":
             self._check_visible()
 
@@ -151,6 +152,14 @@ class System(Description):
                 f"{len(tilts)} rows",
                 expected=f"a row for each of {len(self.wavelengths_m)} wavelengths",
             )
+
+    def _check_stops(self) -> None:
+        """At the longest wavelength, at which a stop at the first order is widest, light passes each relay."""
+        for key, relay in (("relay1", self.relay1), ("relay2", self.relay2)):
+            try:
+                relay.check_passes_light(float(self.wavelengths_m.max()), self.modulators[0].pitch_m)
+            except UserError as error:
+                raise error.inside(f"{key}.") from error
 
     def _check_visible(self) -> None:
         low, high = _EYE_RANGE_M

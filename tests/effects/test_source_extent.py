@@ -10,6 +10,7 @@ import torch
 
 from holoview.captures.dataset import Captures
 from holoview.effects.source_extent import spot_directions
+from holoview.model.bench_parts import Relay
 from holoview.model.effects.registry import get_effect
 
 Make, Predicted = Callable[..., Captures], Callable[..., torch.Tensor]
@@ -47,6 +48,14 @@ def test_as_many_directions_as_the_speckle_asks_for(make_session: Make, make_fou
     effect = get_effect("source_extent")
     assert effect.directions_per_side(make_session().nominal_system(), 2e-3) == 4
     assert effect.directions_per_side(make_fourier().nominal_system(), 2e-3) == 4
+
+
+def test_a_square_stop_counts_by_its_corners(make_session: Make) -> None:
+    """4 mm × 2 × 10 mrad of movement over speckle of 520 nm/(2·s); a wide stop passes no more than the modulator."""
+    effect, modulator = get_effect("source_extent"), 28 * 8e-6 / 2 / 4e-3
+    for square, sine in ((0.005, 0.005 * 2**0.5), (0.012, 0.012 * 2**0.5), ("first order", modulator)):
+        system = make_session(relay1=Relay(), relay2=Relay(square=square)).nominal_system()
+        assert effect.directions_per_side(system, 10e-3) == np.ceil(4e-3 * 20e-3 * 2 * sine / 520e-9) + 2
 
 
 def test_speckle_washes_out(make_session: Make, predicted: Predicted) -> None:

@@ -97,6 +97,22 @@ def test_a_displaced_stop_is_the_centred_one_at_other_frequencies() -> None:
         np.testing.assert_array_equal(moved, np.roll(centred, (3, -7), axis=(0, 1)))
 
 
+@given(relay=_relays, pixels=_sizes, upsample=st.integers(1, 3))
+def test_the_steepest_sine_bounds_what_passes(relay: Relay, pixels: tuple[int, int], upsample: int) -> None:
+    padded = (pixels[0] * upsample, pixels[1] * upsample)
+    ky, kx = np.nonzero(_mask(stop_rows(padded, upsample, PITCH_M, relay, λ), padded[1]))
+    sines = [λ * upsample / (n * PITCH_M) * frequency_indices(n)[k] for n, k in zip(padded, (ky, kx), strict=True)]
+    assert np.hypot(*sines).max(initial=0.0) <= relay.steepest_sine(λ, PITCH_M) * (1 + 1e-12)  # rounding of the sines
+
+
+def test_the_farthest_corner_of_a_displaced_square_is_the_steepest_direction() -> None:
+    relay = Relay(square=0.02, centre_na=(-0.01, 0.02))
+    assert relay.steepest_sine(λ, PITCH_M) == pytest.approx(np.hypot(0.03, 0.04))
+    assert Relay(square=0.02, iris_na=0.025, centre_na=(-0.01, 0.02)).steepest_sine(λ, PITCH_M) == pytest.approx(
+        0.025 + np.hypot(0.01, 0.02)
+    )
+
+
 @pytest.mark.parametrize(
     ("keys", "fragments"),
     [
