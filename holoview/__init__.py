@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
     from holoview.model.plan import Plan, make_plan
     from holoview.model.preset import load
+    from holoview.model.stops import SquareStop
     from holoview.model.system import System
     from holoview.optimise.settings import Settings
     from holoview.optimise.solve import iterate
@@ -63,6 +64,7 @@ _MODULES = {
     "Sampling": "holoview.model.bench_parts",
     "Settings": "holoview.optimise.settings",
     "Source": "holoview.model.bench_parts",
+    "SquareStop": "holoview.model.stops",
     "System": "holoview.model.system",
     "UserError": "holoview.util.errors",
     "View": "holoview.view",
@@ -86,6 +88,7 @@ __all__ = [
     "Sampling",
     "Settings",
     "Source",
+    "SquareStop",
     "System",
     "UserError",
     "View",

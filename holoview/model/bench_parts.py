@@ -103,8 +103,8 @@ class Relay(Description):
     >>> relay = hv.Relay(iris_na=0.02, aberration_m={"Z4": "50 nm"})
     >>> relay.aberration_m, relay.is_clear, hv.Relay().is_clear
     (((4, 5e-08),), False, True)
-    >>> hv.Relay(square="first order").steepest_sine(532e-9, pitch_m=8e-6)
-    0.04702260094890466
+    >>> round(hv.Relay(square="first order").steepest_sine(532e-9, pitch_m=8e-6), 6)  # to the corners: √2·λ/(2·pitch)
+    0.047023
     """
 
     iris_na: float | None = described_field(
@@ -143,6 +143,15 @@ class Relay(Description):
         """Raises UserError if the DC block covers all that the other stops pass.
 
         wavelength_m: of the light. pitch_m: of the modulators' pixels, on which a stop at the first order depends.
+
+        >>> import holoview as hv
+        >>> relay = hv.Relay(square="first order", dc_block_na=0.06)
+        >>> relay.check_passes_light(700e-9, pitch_m=8e-6)
+        >>> try:
+        ...     relay.check_passes_light(450e-9, pitch_m=8e-6)
+        ... except hv.UserError as error:
+        ...     print(error.expected)
+        less than the steepest direction that the other stops pass = 0.0397748
         """
         self._check_dc_block(self.steepest_sine(wavelength_m, pitch_m))
 
@@ -189,7 +198,9 @@ class Relay(Description):
     def pupil_radius_sine(self, wavelength_m: float, pitch_m: float) -> float:
         """Radius of the pupil as a direction sine: of the iris, or of the circle through the corners of the square.
 
-        The smaller one where there are both, 1 where there is neither. Arguments are those of `steepest_sine`.
+        The smaller one where there are both, 1 where there is neither.
+
+        wavelength_m: of the light. pitch_m: of the modulators' pixels, on which a stop at the first order depends.
 
         >>> import holoview as hv
         >>> hv.Relay(iris_na=0.02).pupil_radius_sine(532e-9, pitch_m=8e-6)

@@ -24,7 +24,7 @@ APERTURE = Number(low=1e-5, high=1.0)
 
 @dataclass(frozen=True)
 class SquareStop:
-    """A square stop in the Fourier plane of a relay, with sides along y and x.
+    """A square stop in the Fourier plane of a relay, with sides along y and x, which pass nothing themselves.
 
     half_side_na: direction sine at the middle of a side, the same at every wavelength, as of a real aperture; or None
     for a stop at the modulators' first order, |u_y|, |u_x| < 1/(2·pitch).
@@ -32,12 +32,13 @@ class SquareStop:
     None for an ideal stop, which is as wide as the first order at every wavelength.
     scale: factor on the width of the first order; 1 with `half_side_na`.
 
+    `Relay.square` holds one, and takes a number or text in its place.
+
     >>> import holoview as hv
-    >>> relay = hv.Relay(square="first order at 650 nm")
-    >>> relay.square.half_side_sine(650e-9, pitch_m=8e-6)
-    0.040625
-    >>> str(relay.square)
-    'first order at 650 nm'
+    >>> hv.Relay(square="first order at 650 nm").square == hv.SquareStop(wavelength_m=650e-9)
+    True
+    >>> hv.Relay(square=0.03).square
+    SquareStop(half_side_na=0.03, wavelength_m=None, scale=1.0)
     """
 
     half_side_na: float | None = None
@@ -45,24 +46,54 @@ class SquareStop:
     scale: float = 1.0
 
     def half_side_sine(self, wavelength_m: float, pitch_m: float) -> float:
-        """The direction sine at the middle of a side, for light of a wavelength and modulators of a pitch."""
+        """The direction sine at the middle of a side.
+
+        wavelength_m: of the light. pitch_m: of the modulators' pixels.
+
+        >>> import holoview as hv
+        >>> real, ideal = hv.SquareStop(wavelength_m=650e-9), hv.SquareStop()
+        >>> real.half_side_sine(450e-9, pitch_m=8e-6), ideal.half_side_sine(450e-9, pitch_m=8e-6)
+        (0.040625, 0.028125)
+        """
         if self.half_side_na is not None:
             return self.half_side_na
         return self.scale * (wavelength_m if self.wavelength_m is None else self.wavelength_m) / (2 * pitch_m)
 
     def half_side_bins(self, wavelength_m: float, padded: int, upsample: int, pitch_m: float) -> float:
-        """Half the side in steps upsample/(padded·pitch): exactly padded/(2·upsample) at the first order."""
+        """Half the side in steps of the grid's frequencies: exactly padded/(2·upsample) at the first order.
+
+        wavelength_m: of the light. padded: samples of the grid along an axis. upsample: samples along each side of a
+        pixel. pitch_m: of the modulators' pixels.
+
+        >>> import holoview as hv
+        >>> hv.SquareStop().half_side_bins(532e-9, padded=2048, upsample=2, pitch_m=8e-6)
+        512.0
+        """
         if self.half_side_na is not None:
             return self.half_side_na * padded * (pitch_m / upsample) / wavelength_m
         ratio = 1.0 if self.wavelength_m is None else self.wavelength_m / wavelength_m
         return padded / (2 * upsample) * (self.scale * ratio)
 
     def nominal_na(self, pitch_m: float) -> float:
-        """One aperture for all wavelengths: of the real aperture, or of an ideal stop at 550 nm."""
+        """One aperture for all wavelengths: of the real aperture, or of an ideal stop at 550 nm.
+
+        pitch_m: of the modulators' pixels.
+
+        >>> import holoview as hv
+        >>> hv.SquareStop(half_side_na=0.03).nominal_na(8e-6), hv.SquareStop().nominal_na(8e-6)
+        (0.03, 0.034375)
+        """
         return self.half_side_sine(_REFERENCE_M, pitch_m)
 
     def scaled(self, factor: float) -> SquareStop:
-        """The stop with its sides multiplied by a factor."""
+        """The stop with its sides multiplied by a factor.
+
+        factor: above 0.
+
+        >>> import holoview as hv
+        >>> hv.SquareStop(wavelength_m=650e-9).scaled(0.9).text
+        '0.9 first order at 650 nm'
+        """
         if self.half_side_na is not None:
             return SquareStop(half_side_na=self.half_side_na * factor)
         return SquareStop(wavelength_m=self.wavelength_m, scale=self.scale * factor)
@@ -74,7 +105,12 @@ class SquareStop:
 
     @property
     def text(self) -> str:
-        """A stop at the first order as in a preset, for example "1.2 first order at 550 nm"."""
+        """A stop at the first order as in a preset, for example "1.2 first order at 550 nm".
+
+        >>> import holoview as hv
+        >>> hv.SquareStop(scale=1.2).text
+        '1.2 first order'
+        """
         scale = "" if self.scale == 1.0 else f"{self.scale!r} "
         at = "" if self.wavelength_m is None else f" at {units.format_exact(self.wavelength_m, 'nm')}"
         return f"{scale}{_FIRST_ORDER}{at}"
