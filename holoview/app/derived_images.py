@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -10,22 +11,23 @@ from numpy.typing import NDArray
 
 from holoview.app.viewport import DeviceImage
 from holoview.gpu.device import Device
+from holoview.model.system import System
 from holoview.session.derived_images import eyebox_xyz, phase_turns
-from holoview.session.document import Document
+from holoview.session.document import Drive
 from holoview.session.editing_session import EditingSession
 from holoview.session.latest_task import LatestTask
 
+Xyz = NDArray[np.float32]
+
 
 class DerivedImages:
-    """Images of derived pages. The spectrum is computed on a thread; the image before stays until it is ready."""
+    """Images of derived pages. They are computed on a thread; the image before stays until the new one is ready."""
 
     def __init__(self, device: Device, session: EditingSession) -> None:
         self._device, self._session = device, session
         self._pictures: dict[str, tuple[Any, DeviceImage]] = {}
-        self._requested_key: Any = None
-        self._task: LatestTask[NDArray[np.float32]] = LatestTask(
-            "spectrum", session.call_on_owner, session.messages.post_error
-        )
+        self._requested: tuple[str, Any] | None = None
+        self._task: LatestTask[Xyz] = LatestTask("derived image", session.call_on_owner, session.messages.post_error)
 
     @property
     def is_busy(self) -> bool:
@@ -36,12 +38,9 @@ class DerivedImages:
         """The image of the displayed page; None until it is computed."""
         document, view = self._session.displayed_document, self._session.view_settings
         if view.page == "phase":
-            key = (document.system, document.drive, view.frame, view.modulator)
-            if self._current("phase", key) is None:
-                turns = phase_turns(*key)
-                self._put("phase", key, np.repeat(turns[..., None], 3, axis=2))
+            self._request("phase", (document.system, document.drive, view.frame, view.modulator), _phase_xyz)
         if view.page == "spectrum":
-            self._request_spectrum(document)
+            self._request("spectrum", (document.system, document.drive), eyebox_xyz)
         entry = self._pictures.get(view.page)
         return None if entry is None else entry[1]
 
@@ -49,20 +48,23 @@ class DerivedImages:
         """Ends the thread."""
         self._task.close()
 
-    def _request_spectrum(self, document: Document) -> None:
-        key = (document.system, document.drive)
-        if self._requested_key is None or not _is_same(self._requested_key, key):
-            self._requested_key = key
-            self._task.submit(partial(eyebox_xyz, *key), partial(self._put, "spectrum", key))
+    def _request(self, page: str, key: tuple[Any, ...], compute: Callable[..., Xyz]) -> None:
+        """Has the image of a page computed from `key`, unless it is there or was the last to be requested."""
+        known = (self._requested, (page, self._pictures[page][0]) if page in self._pictures else None)
+        if any(entry is not None and entry[0] == page and _is_same(entry[1], key) for entry in known):
+            return
+        self._requested = (page, key)
+        self._task.submit(partial(compute, *key), partial(self._put, page, key))
 
-    def _current(self, page: str, key: Any) -> DeviceImage | None:
-        entry = self._pictures.get(page)
-        return entry[1] if entry is not None and _is_same(entry[0], key) else None
-
-    def _put(self, page: str, key: Any, xyz: NDArray[np.float32]) -> None:
+    def _put(self, page: str, key: Any, xyz: Xyz) -> None:
         four = np.zeros((*xyz.shape[:2], 4), np.float32)
         four[..., :3] = xyz
         self._pictures[page] = (key, DeviceImage(self._device.upload(four, page), (xyz.shape[0], xyz.shape[1])))
+
+
+def _phase_xyz(system: System, drive: Drive, frame: int, modulator: int) -> Xyz:
+    """The phase of a pattern in turns (y, x, 3), thrice, as the shader of images reads it."""
+    return np.repeat(phase_turns(system, drive, frame, modulator)[..., None], 3, axis=2)
 
 
 def _is_same(one: tuple[Any, ...], other: tuple[Any, ...]) -> bool:

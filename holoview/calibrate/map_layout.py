@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
-from holoview.effects.learned_maps import MapLayout, RowsColumns
+from holoview.effects.calibration.learned_maps import MapLayout, RowsColumns
 from holoview.model.bench_parts import Relay
 
 _SOURCE_PIXELS_PER_NODE = 8

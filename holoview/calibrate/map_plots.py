@@ -15,7 +15,7 @@ from holoview.calibrate.figure_file import png_figure
 from holoview.calibrate.prediction_score import PredictSignals
 from holoview.calibrate.training_data import TrainingData
 from holoview.captures.dataset import Captures
-from holoview.effects.learned_maps import LearnedMaps
+from holoview.effects.calibration.learned_maps import LearnedMaps
 from holoview.model.effects.hook_contexts import ModulatorContext, RelayContext
 from holoview.util.units import format_rounded
 

@@ -25,7 +25,7 @@ from holoview.commands.arguments import parse_seed
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.exit_codes import EXIT_INTERRUPTED
 from holoview.commands.output_files import check_output_file, make_folder
-from holoview.effects.learned_maps import MapLayout
+from holoview.effects.calibration.learned_maps import MapLayout
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.optimise.threads import limit_torch_threads

@@ -12,9 +12,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
 from holoview.util.progress import ProgressCallback
 
 LINE_INTERVAL_S = 10.0
@@ -32,10 +29,14 @@ def progress_bar(title: str) -> Iterator[ProgressCallback]:
 
     Where stderr isn't a terminal, it prints a line every LINE_INTERVAL_S and after the last step instead.
     """
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    if not sys.stderr.isatty():
         yield _line_progress(title)
         return
+    from rich.console import (
+        Console,  # here: most commands never show a bar, and importing rich takes a tenth of a second
+    )
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
     columns = (
         TextColumn("{task.description}"),
         BarColumn(bar_width=30),
@@ -45,7 +46,7 @@ def progress_bar(title: str) -> Iterator[ProgressCallback]:
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console) as bar:
+    with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task(title, total=1, note="")
 
         def update(done: int, total: int, note: str = "") -> None:

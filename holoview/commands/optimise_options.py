@@ -18,7 +18,7 @@ from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.numerics.image_region import Region
 from holoview.optimise.checkpoint import Checkpoint, load_checkpoint
-from holoview.optimise.losses import LOSS_SPACES
+from holoview.optimise.loss_spaces import LOSS_SPACES
 from holoview.optimise.process_group import device_for_rank
 from holoview.optimise.settings import INITIAL_PATTERNS, VARIABLES, Settings
 from holoview.optimise.torch_device import resolve_torch_device

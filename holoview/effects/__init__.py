@@ -37,9 +37,7 @@ vignetting        fall-off towards the edges
 ghost             a weak shifted copy
 
 learned by a calibration
-calibrated        the effect that applies learned maps
-learned_maps      the maps and what they do to light
-calibration_file  the file that holds them
+calibrated        the effect that applies learned maps; calibration: the maps and their file
 
 starting_grids    starting points that several effects share
 effect, parameter, places: deprecated names of modules of `holoview.model.effects`

@@ -7,12 +7,12 @@ the one of shape N = (Σm)²/Σm² (Goodman, *Speckle Phenomena in Optics*, 2007
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from holoview.numerics.image_region import Region, region_slices
 from holoview.util.errors import UserError
@@ -48,8 +48,14 @@ class SpeckleHistogram:
 
 
 def speckle_density(relative_intensity: ArrayLike, pattern_count: float = 1.0) -> Floats:
-    """Probability density of I/Ī for the sum of N independent speckle patterns of equal mean; N may be fractional."""
-    return np.asarray(stats.gamma.pdf(relative_intensity, pattern_count, scale=1 / pattern_count), dtype=np.float64)
+    """Probability density of s = I/Ī for the sum of N independent speckle patterns of equal mean; N may be fractional.
+
+    It is N^N·s^(N−1)·exp(−N·s)/Γ(N) for s ≥ 0, and 0 below.
+    """
+    count, s = pattern_count, np.asarray(relative_intensity, dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        powers = np.zeros_like(s) if count == 1.0 else (count - 1.0) * np.log(s)
+    return np.where(s >= 0, np.exp(count * math.log(count) - math.lgamma(count) - count * s + powers), 0.0)
 
 
 def speckle_histogram(

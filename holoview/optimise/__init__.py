@@ -11,7 +11,8 @@ amplitudes           laser amplitudes by non-negative least squares
 adam                 Adam's moments and step, and two learning-rate schedules
 problem              one evaluation of the loss and of the requested gradients
 objective            the loss of an image stack and its derivative
-losses               the colour spaces in which image and target are compared
+loss_spaces          the colour spaces in which image and target are compared
+srgb_curve           the curve of encoded sRGB and its derivative
 forward_model        wave propagation from patterns to intensities, and its hand-written adjoint
 autograd_model       the same with torch's autograd, where effects change the modulators' light
 transfer_functions   precomputed transfer functions, pupils and spectra of pixels

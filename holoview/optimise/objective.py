@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from holoview.model.plan import Plan
 from holoview.numerics.image_region import Region, region_slices, zero_outside
-from holoview.optimise.losses import LossSpace, find_loss_space, torch_srgb_encode, torch_srgb_encode_derivative
+from holoview.optimise.loss_spaces import LossSpace, find_loss_space
 from holoview.optimise.settings import Settings
+from holoview.optimise.srgb_curve import torch_srgb_encode, torch_srgb_encode_derivative
 from holoview.util.errors import UserError
 
 Tensor = torch.Tensor

@@ -23,7 +23,7 @@ class Settings:
     amplitudes_every: iterations between two solutions for the laser amplitudes, and between two wavelength steps.
     free: the variables that are optimised, of "patterns", "amplitudes" and "wavelengths"; the others keep the values of
     the system and of the initial patterns.
-    loss: a name in `holoview.optimise.losses.LOSS_SPACES`; None: linear sRGB, or "mono" for a monochrome observer.
+    loss: a name in `holoview.optimise.loss_spaces.LOSS_SPACES`; None: linear sRGB, or "mono" for a monochrome observer.
     region: (x, y, width, height), samples of the simulated image that count; all when None.
     plane_weights: one weight for each plane, of 0 or more; equal when None.
     eyebox: weight of the squared variation of light in the eyebox, which is added to the loss; 0 for no penalty.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from holoview.model.system import System
 from holoview.optimise.adam import Adam, sqrt_decay
 from holoview.optimise.level_gradients import curvature_weight
-from holoview.optimise.losses import find_loss_space
+from holoview.optimise.loss_spaces import find_loss_space
 from holoview.optimise.patterns import PatternVariables
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation
 from holoview.optimise.settings import Settings

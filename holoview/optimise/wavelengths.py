@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
 from holoview.colour import LMS_TO_XYZ, cone_fundamental_derivatives, observer_weights
-from holoview.optimise.losses import LossSpace
+from holoview.optimise.loss_spaces import LossSpace
 from holoview.optimise.settings import Settings
 from holoview.util.errors import UserError
 

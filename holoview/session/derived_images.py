@@ -1,25 +1,28 @@
-"""Images derived from a hologram other than its focal planes: the phase of a pattern, and the eyebox."""
+"""Images derived from a hologram other than its focal planes: the phase of a pattern, and the eyebox.
+
+Both are computed in torch, which takes a second to import: call them on a worker thread.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from holoview.engine.frame import spectrum_behind_modulators
-from holoview.engine.torch_executor import TorchExecutor
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.optics.first_order import first_order
-from holoview.optics.frame_inputs import make_frame_inputs
-from holoview.optics.slm import optical_path
 from holoview.session.document import Drive
 
 
 def phase_turns(system: System, drive: Drive, frame: int, modulator: int) -> NDArray[np.float32]:
     """Phase (y, x) of a modulator's pattern at the median wavelength, in turns modulo 1: 2π radians are one turn."""
+    import torch  # slow start: a viewer begins with neither image
+
+    from holoview.optics.slm import optical_path
+
     wavelength_m = float(np.sort(system.wavelengths_m)[len(system.wavelengths_m) // 2])
     path_m = optical_path(torch.from_numpy(drive[frame, modulator].copy()), system.modulators[modulator])
     turns: NDArray[np.float32] = torch.remainder(path_m / wavelength_m, 1.0).numpy()
@@ -34,6 +37,9 @@ def eyebox_xyz(system: System, drive: Drive, check: Callable[[], None] = lambda:
     scaled to a mean luminance of 1/4. The grid isn't padded, so the resolution is one period of the grid. `check` is
     called before each spectrum and may raise an exception to cancel.
     """
+    from holoview.engine.torch_executor import TorchExecutor
+    from holoview.optics.frame_inputs import make_frame_inputs
+
     plan = make_plan(system.edit({"propagation": "periodic"}))
     executor, order = TorchExecutor(plan, make_frame_inputs(plan, drive)), first_order(plan.grid)
     rows, columns = order.bins

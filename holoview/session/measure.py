@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from holoview.colour import SRGB_TO_XYZ, gamut_map, observer_weights, xyz_to_linear_srgb
 from holoview.metrics.delta_e import delta_e_linear_srgb
@@ -160,6 +159,8 @@ def line_profile(image: NDArray[np.floating], line: Line, pitch_m: float) -> Lin
 
     pitch_m: distance between samples in metres. Raises UserError for a line that leaves the image.
     """
+    from scipy import ndimage  # slow start: most sessions draw no line
+
     x0, y0, x1, y1 = line
     rows, columns = image.shape[:2]
     ends_x, ends_y = sorted((x0, x1)), sorted((y0, y1))

@@ -15,8 +15,6 @@ from holoview.model.system import System
 from holoview.optimise.iteration_state import IterationState
 from holoview.optimise.memory import with_compact_grid
 from holoview.optimise.settings import Settings
-from holoview.optimise.solve import iterate
-from holoview.optimise.torch_device import resolve_torch_device
 from holoview.session.document import Document, Drive
 from holoview.session.editing_session import EditingSession
 from holoview.session.jobs import BackgroundJob, JobControl
@@ -94,6 +92,9 @@ class OptimisationJob(BackgroundJob):
 
     def run(self, control: JobControl) -> Document:
         """Optimises on the compact grid and returns the best result as a document. Called on the job's thread."""
+        from holoview.optimise.solve import iterate  # slow start: it imports torch, which a viewer doesn't begin with
+        from holoview.optimise.torch_device import resolve_torch_device
+
         request, target_spec, drive = self.request, self.start_document.target_spec, self.start_document.drive
         assert target_spec is not None
         control.report(0, request.settings.iterations, "building the target")

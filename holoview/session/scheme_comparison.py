@@ -11,8 +11,6 @@ from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.optimise.memory import with_compact_grid
 from holoview.optimise.settings import Settings
-from holoview.optimise.solve import iterate
-from holoview.optimise.torch_device import resolve_torch_device
 from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession
 from holoview.session.jobs import BackgroundJob, JobControl
@@ -108,6 +106,9 @@ def _document_of_scheme(start: Document, system: System, iterations: int, contro
     """The document of a scheme, with random patterns or those of an optimisation. number: 0 or 1, for the progress."""
     if not iterations:
         return replace(start, system=system, drive=random_drive(system), origin="random patterns", path=None)
+    from holoview.optimise.solve import iterate  # slow start: it imports torch, which a viewer doesn't begin with
+    from holoview.optimise.torch_device import resolve_torch_device
+
     assert start.target_spec is not None
     state, settings = None, Settings(iterations=iterations)
     stack = start.target_spec.build(system).stack

@@ -13,7 +13,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
 Aperture = Literal["square", "disc"]
 _STRIPS_PER_PIXEL = 64
@@ -80,6 +79,8 @@ class FftConvolver:
     """
 
     def __init__(self, picture: NDArray[np.float32], reach: int) -> None:
+        from scipy import fft  # slow start: a picture needs it, and most programs that can open one don't
+
         self._picture = picture
         self._reach = reach
         self._size = [fft.next_fast_len(max(n, reach + 1) + reach, real=True) for n in picture.shape[1:]]
@@ -87,6 +88,8 @@ class FftConvolver:
 
     def convolve(self, blur: NDArray[np.float64]) -> NDArray[np.float32]:
         """The picture convolved with `blur`, of the same shape. Raises ValueError for a kernel wider than `reach`."""
+        from scipy import fft
+
         reach = blur.shape[0] // 2
         if reach == 0:
             return self._picture

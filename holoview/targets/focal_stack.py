@@ -20,7 +20,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from holoview.targets.defocus import Aperture, FftConvolver, blur_kernel, blur_radius_px, kernel_share_in_frame
 from holoview.util.errors import UserError
@@ -176,6 +175,8 @@ def _inpaint_occluded(
     layer of that pixel. Visible pixels next to a much nearer layer aren't used as sources, because antialiasing has
     mixed the nearer colour into them.
     """
+    from scipy import ndimage  # slow start: a picture needs it, and most programs that can open one don't
+
     visible = labels == layer
     not_nearer = labels >= layer
     source, mask = np.indices(labels.shape), visible

@@ -29,6 +29,7 @@ DESCRIPTION = (
 """What describes a bench: importing it loads neither torch nor WebGPU."""
 GUIS = {"imgui_bundle", "rendercanvas", "glfw"}
 ENGINES = {"torch", "wgpu", *GUIS}
+SLOW_LIBRARIES = {"torch", "scipy", "colour", "matplotlib", "h5py", "rich"}
 
 SLOW = "starting: it takes a second to import, and what needs none of it shouldn't wait"
 OPTIONAL = "an optional library: the rest works without it"
@@ -41,8 +42,21 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.engine.backend", "holoview.engine.wgpu_executor"): OPTIONAL,
     ("holoview.engine.backend", "holoview.gpu.device"): OPTIONAL,
     ("holoview.engine.incremental", "holoview.optics.frame_inputs"): SLOW,
+    ("holoview.commands.console", "rich.console"): SLOW,
+    ("holoview.commands.console", "rich.progress"): SLOW,
+    ("holoview.session.derived_images", "torch"): SLOW,
+    ("holoview.session.derived_images", "holoview.engine.torch_executor"): SLOW,
+    ("holoview.session.derived_images", "holoview.optics.frame_inputs"): SLOW,
+    ("holoview.session.derived_images", "holoview.optics.slm"): SLOW,
+    ("holoview.session.measure", "scipy"): SLOW,
+    ("holoview.session.optimisation_job", "holoview.optimise.solve"): SLOW,
+    ("holoview.session.optimisation_job", "holoview.optimise.torch_device"): SLOW,
+    ("holoview.session.scheme_comparison", "holoview.optimise.solve"): SLOW,
+    ("holoview.session.scheme_comparison", "holoview.optimise.torch_device"): SLOW,
+    ("holoview.targets.defocus", "scipy"): SLOW,
+    ("holoview.targets.focal_stack", "scipy"): SLOW,
     ("holoview.gpu.timer", "wgpu.backends.wgpu_native"): BACKEND,
-    ("holoview.effects.calibrated", "holoview.effects.calibration_file"): SLOW,
+    ("holoview.effects.calibrated", "holoview.effects.calibration.calibration_file"): SLOW,
     ("holoview.calibrate.figure_file", "matplotlib.backends.backend_agg"): SLOW,
     ("holoview.calibrate.figure_file", "matplotlib.figure"): SLOW,
     ("holoview.study.report", "pyarrow"): OPTIONAL,
@@ -150,6 +164,12 @@ def test_the_description_of_a_bench_reaches_no_engine_and_no_window(module: str)
     assert not reached & ENGINES
 
 
+def test_the_viewer_starts_without_the_libraries_that_take_long_to_import() -> None:
+    reached = {name.partition(".")[0] for name in _reached("holoview.app.launch") | _reached("holoview.commands.view")}
+    assert {"numpy", "wgpu", "imgui_bundle"} <= reached
+    assert not reached & SLOW_LIBRARIES
+
+
 def test_of_the_app_only_what_draws_windows_knows_webgpu() -> None:
     drawing = {f"holoview.app.{name}" for name in ("window", "viewport")}
     users = {m for m in MODULES if any(_under(name, "wgpu") for name in _imported(m, everywhere=True))}
@@ -187,7 +207,12 @@ def test_imports_are_absolute() -> None:
 
 @pytest.mark.parametrize(
     "program",
-    ["import holoview", "from holoview import load; load('holochrome-8')", "from holoview import make_plan, System"],
+    [
+        "import holoview",
+        "from holoview.model.effects.registry import listed_effects; assert listed_effects()",
+        "from holoview import load; load('holochrome-8')",
+        "from holoview import make_plan, System",
+    ],
 )
 def test_describing_a_bench_loads_neither_torch_nor_webgpu_nor_a_gui(program: str) -> None:
     check = f"import sys; {program}; loaded = {sorted(ENGINES)!r} & sys.modules.keys(); assert not loaded, loaded"

@@ -13,7 +13,7 @@ from holoview.calibrate.settings import CalibrationSettings
 from holoview.calibrate.train import TrainingState, train
 from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
-from holoview.effects.learned_maps import MapLayout
+from holoview.effects.calibration.learned_maps import MapLayout
 from holoview.model.bench_parts import Modulator, Relay
 from holoview.model.system import System
 

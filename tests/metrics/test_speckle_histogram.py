@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import gamma
 
 from holoview.metrics.speckle_histogram import speckle_density, speckle_histogram
 from holoview.util.errors import UserError
@@ -27,6 +28,14 @@ def test_the_law_has_mean_1_and_contrast_1_over_the_root_of_the_patterns(pattern
     mean, square = (np.trapezoid(density * at**power, at) for power in (1, 2))
     assert mean == pytest.approx(1.0, rel=1e-6)
     assert np.sqrt(square - mean**2) == pytest.approx(1 / np.sqrt(patterns), rel=1e-6)
+
+
+@pytest.mark.parametrize("patterns", [0.7, 1.0, 1.3, 2.0, 8.0, 500.0])
+def test_the_law_is_the_gamma_distribution(patterns: float) -> None:
+    at = np.concatenate([[-1.0, 0.0], np.linspace(0.01, 8.0, 200)])
+    np.testing.assert_allclose(
+        speckle_density(at, patterns), gamma.pdf(at, patterns, scale=1 / patterns), rtol=1e-10, atol=1e-300
+    )
 
 
 def test_a_dark_region_has_no_histogram() -> None:

@@ -14,9 +14,10 @@ import holoview as hv
 from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.optimise.losses import LOSS_SPACES, torch_srgb_encode
+from holoview.optimise.loss_spaces import LOSS_SPACES
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation, Problem
 from holoview.optimise.settings import Settings
+from holoview.optimise.srgb_curve import torch_srgb_encode
 
 Bench = Callable[..., System]
 Noise = Callable[..., torch.Tensor]

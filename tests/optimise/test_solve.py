@@ -17,7 +17,7 @@ from holoview.metrics.image_quality import eyebox_uniformity_of
 from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.system import System
 from holoview.optimise.iteration_state import IterationState
-from holoview.optimise.losses import LOSS_SPACES
+from holoview.optimise.loss_spaces import LOSS_SPACES
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.util.errors import UserError

@@ -13,7 +13,7 @@ from holoview.app import plots, theme
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
-from holoview.optimise.losses import LOSS_SPACES
+from holoview.optimise.loss_spaces import LOSS_SPACES
 from holoview.optimise.settings import Settings
 from holoview.session.optimisation_job import (
     START_PATTERNS,

@@ -86,9 +86,11 @@ def _all_effects() -> Mapping[str, Effect]:
 
 @cache
 def _library() -> Mapping[str, Effect]:
-    """The effects of `holoview.effects`."""
+    """The effects of `holoview.effects`; its subpackages hold what effects use."""
     effects: dict[str, Effect] = {}
     for info in pkgutil.iter_modules(import_module(_LIBRARY).__path__):
+        if info.ispkg:
+            continue
         for effect in _effects_of(import_module(f"{_LIBRARY}.{info.name}")):
             _check(effect, info.name)
             effects[effect.id] = effect

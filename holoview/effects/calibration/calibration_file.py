@@ -13,7 +13,7 @@ from typing import Any
 
 import torch
 
-from holoview.effects.learned_maps import TENSORS, LearnedMaps, MapLayout
+from holoview.effects.calibration.learned_maps import TENSORS, LearnedMaps, MapLayout
 from holoview.util.errors import UserError
 from holoview.util.safetensors_file import TensorFormat
 

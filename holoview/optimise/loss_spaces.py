@@ -1,21 +1,18 @@
-"""The colour spaces in which image and target are compared, and the curve of encoded sRGB with its derivative."""
+"""The colour spaces in which image and target are compared."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from holoview.colour import LMS_TO_XYZ, SRGB_TO_XYZ, XYZ_TO_SRGB
 from holoview.util.errors import UserError, suggest_matches
 
-Tensor = torch.Tensor
 Floats = NDArray[np.float64]
 
 _XYZ_TO_LMS: Floats = np.asarray(np.linalg.inv(LMS_TO_XYZ), dtype=np.float64)
-_SRGB_KNEE, _SRGB_SLOPE = 0.0031308, 12.92  # IEC 61966-2-1
 
 
 @dataclass(frozen=True)
@@ -66,16 +63,3 @@ def find_loss_space(name: str) -> LossSpace:
     if name not in LOSS_SPACES:
         raise UserError("loss", f'"{name}"', expected=", ".join(LOSS_SPACES), remedy=suggest_matches(name, LOSS_SPACES))
     return LOSS_SPACES[name]
-
-
-def torch_srgb_encode(light: Tensor) -> Tensor:
-    """sRGB's curve (IEC 61966-2-1) of linear light of any shape, continued to negative values as an odd function."""
-    magnitude = light.abs()
-    curve = 1.055 * magnitude.clamp_min(_SRGB_KNEE) ** (1 / 2.4) - 0.055
-    return torch.where(magnitude <= _SRGB_KNEE, _SRGB_SLOPE * light, torch.copysign(curve, light))
-
-
-def torch_srgb_encode_derivative(light: Tensor) -> Tensor:
-    """Derivative of `torch_srgb_encode`: at most 12.92."""
-    magnitude = light.abs().clamp_min(_SRGB_KNEE)
-    return torch.where(magnitude <= _SRGB_KNEE, _SRGB_SLOPE, (1.055 / 2.4) * magnitude ** (1 / 2.4 - 1))

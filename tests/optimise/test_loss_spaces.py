@@ -7,8 +7,9 @@ import pytest
 import torch
 
 from holoview.colour import D65_WHITE, SRGB_TO_XYZ, cone_fundamentals, observer_weights, srgb_encode
-from holoview.optimise.losses import LOSS_SPACES, find_loss_space, torch_srgb_encode, torch_srgb_encode_derivative
+from holoview.optimise.loss_spaces import LOSS_SPACES, find_loss_space
 from holoview.optimise.settings import Settings
+from holoview.optimise.srgb_curve import torch_srgb_encode, torch_srgb_encode_derivative
 from holoview.optimise.wavelengths import channel_wavelength_derivatives, check_wavelength_search
 from holoview.util.errors import UserError
 
