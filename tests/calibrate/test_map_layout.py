@@ -7,9 +7,9 @@ import math
 
 import pytest
 import torch
-from holoview.effects.learned_maps import LearnedMaps
 
 from holoview.calibrate.map_layout import map_layout_for
+from holoview.effects.calibration.learned_maps import LearnedMaps
 from holoview.model.bench_parts import Relay
 from holoview.model.effects.hook_contexts import RelayContext
 from tests.captures.conftest import pictures
