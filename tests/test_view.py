@@ -52,7 +52,7 @@ def test_colours_follow_from_intensity_by_the_observers_response(view: hv.View) 
 
 
 def test_an_idle_bench_of_no_length_is_white() -> None:
-    system = _system(gap=0.0)
+    system = _system(gap=0.0, relay1={}, relay2={})
     view = hv.simulate(system, np.zeros(system.drive_shape), planes=[0.0], backend="torch64")
     np.testing.assert_allclose(view.rgb, 1.0, atol=1e-9)
     assert (view.srgb8 == 255).all()

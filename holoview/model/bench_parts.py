@@ -176,15 +176,29 @@ class Relay(Description):
         return self.iris_na is not None or self.square is not None
 
     def steepest_sine(self, wavelength_m: float, pitch_m: float) -> float:
-        """The direction sine of the steepest ray that the iris and the square stop pass; 1 without either.
+        """The largest direction sine along y or x that the iris and the square stop pass; 1 without either.
 
-        wavelength_m: of the light. pitch_m: of the modulators' pixels, on which a stop at the first order depends.
+        wavelength_m: of the light.
+        pitch_m: of the modulators' pixels, on which a stop at the first order depends.
 
         >>> import holoview as hv
         >>> hv.Relay(iris_na=0.02, centre_na=(0.0, 0.005)).steepest_sine(532e-9, pitch_m=8e-6)
         0.025
         """
         return self._farthest_sine(None if self.square is None else self.square.half_side_sine(wavelength_m, pitch_m))
+
+    def axis_sine(self, wavelength_m: float, pitch_m: float) -> float:
+        """The largest direction sine along y or x alone that the iris and the square stop pass; 1 without either.
+
+        wavelength_m: of the light. pitch_m: of the modulators' pixels, on which a stop at the first order depends.
+
+        >>> import holoview as hv
+        >>> hv.Relay(square="first order").axis_sine(532e-9, pitch_m=8e-6)
+        0.03325
+        """
+        iris = 1.0 if self.iris_na is None else self.iris_na
+        half = iris if self.square is None else min(iris, self.square.half_side_sine(wavelength_m, pitch_m))
+        return min(1.0, half + max(map(abs, self.centre_na)))
 
     def _farthest_sine(self, half_side: float | None) -> float:
         """The largest direction sine in the iris and in a square of this half side; at most 1."""

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from holoview.colour import observer_weights, white_amplitudes
-from holoview.model.bench_parts import Relay
 from holoview.model.system import System
 from holoview.util.errors import UserError, suggest_matches
 
@@ -62,7 +61,7 @@ def _parse(part: str, scheme: str) -> tuple[str, dict[str, int]]:
 def _changes(system: System, name: str, numbers: dict[str, int]) -> dict[str, Any]:
     """What a part of a scheme changes, as keys of `System.edit`."""
     if name == "1slm":
-        return {"modulators": system.modulators[:1], "gap": None, "relay1": Relay()}
+        return {"modulators": system.modulators[:1], "gap": None}
     if name == "multisource":
         grid = [numbers["rows"], numbers["columns"]]
         return {"source": {"grid": grid, "spacing": _SOURCE_SPACING_RAD}}

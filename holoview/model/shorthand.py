@@ -78,9 +78,12 @@ def expand_edit(system: SystemLike, changes: Mapping[str, Any]) -> dict[str, Any
     """The changes of an edit with shorthands replaced by plain keys.
 
     `pitch`, `shape`, `stroke` and `levels` change every modulator; `upsample`, `propagation` and `padding` change the
-    sampling; amplitudes = "white", `frames` and `source.grid` are as in presets.
+    sampling; amplitudes = "white", `frames` and `source.grid` are as in presets. A gap of None, for one modulator,
+    takes away relay 1, which would lie in it.
     """
     out: dict[str, Any] = {}
+    if "gap" in changes and changes["gap"] is None and not any(key.startswith("relay1") for key in changes):
+        out["relay1"] = {}
     for key, value in changes.items():
         if key in _MODULATOR_KEYS:
             modulators = changes.get("modulators", system.modulators)

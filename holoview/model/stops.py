@@ -118,11 +118,13 @@ class SquareStop:
 
 @dataclass(frozen=True)
 class SquareField:
-    """Field type of an optional `SquareStop`: a number is a numerical aperture, text names the first order."""
+    """Field type of an optional `SquareStop`: a number is a numerical aperture, text the first order or "none"."""
 
     def parse(self, value: Any, where: str) -> SquareStop | None:
         if value is None or isinstance(value, SquareStop):
             return value
+        if value == "none":  # so that a preset can take away the stop of its base
+            return None
         if not isinstance(value, str):
             try:
                 return SquareStop(half_side_na=APERTURE.parse(value, where))

@@ -210,7 +210,8 @@ class System(Description):
 
         Shorthands: `pitch`, `shape`, `stroke` and `levels` change every modulator; `upsample`, `propagation` and
         `padding` change the sampling; `amplitudes` "white" balances the lasers to D65; `frames` repeats equal
-        amplitudes; a table `source` with `grid` and `spacing` makes a grid of directions.
+        amplitudes; a table `source` with `grid` and `spacing` makes a grid of directions; `gap` None, with one
+        modulator, takes away relay 1.
 
         All changes are applied before the copy is checked. Raises UserError for unknown keys and impossible values.
 

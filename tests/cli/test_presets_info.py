@@ -105,8 +105,20 @@ def test_set_takes_every_kind_of_value(holoview: Run, changes: list[str], shown:
 
 
 def test_the_periodic_grid_says_that_light_wraps_around(holoview: Run) -> None:
-    out = holoview("info", "holochrome-8", "--set", "propagation=periodic").out
+    out = holoview("info", "holochrome-8-open", "--set", "propagation=periodic").out
     assert "up to 29% of a side (224 samples walk-off over the planes)" in out
+    out = holoview("info", "holochrome-8", "--set", "propagation=periodic").out
+    assert "up to 15% of a side (112 samples walk-off over the planes)" in out
+
+
+def test_what_a_stop_passes_is_shown_at_each_wavelength(holoview: Run) -> None:
+    table = json.loads(holoview("info", "simultaneous", "--json", "--set", "relay1.square=first order at 638 nm").out)
+    cut_offs = table["cut-offs"]
+    assert cut_offs["square stop of relay 2"] == "half side 62.5 cycles/mm = 1 orders (first order)"
+    assert cut_offs["square stop of relay 1"] == (
+        "half side 86.68 cycles/mm = 1.39 orders, 74.95 cycles/mm = 1.2 orders, 62.5 cycles/mm = 1 orders "
+        "(first order at 638 nm)"
+    )
 
 
 @pytest.mark.parametrize("command", list(COMMANDS))

@@ -9,11 +9,13 @@ import pytest
 
 from holoview.colour import D65_WHITE, observer_weights
 from holoview.model import preset
+from holoview.model.bench_parts import Relay
 from holoview.util.errors import UserError
 
 NAMES = preset.names()
 PAPER = [name for name in NAMES if name != "bench-plm"]
-TWINS = [name for name in NAMES if name.endswith("-1slm")]
+TWINS = [name for name in NAMES if "-1slm" in name]
+OPEN = [name for name in NAMES if name.endswith("-open")]
 
 
 def _file(folder: Path, name: str, text: str) -> Path:
@@ -90,9 +92,19 @@ def test_time_sequential_colour_shows_one_laser_a_frame(name: str) -> None:
     np.testing.assert_array_equal(preset.load(name).amplitudes > 0, np.eye(3, dtype=bool))
 
 
+@pytest.mark.parametrize("name", OPEN)
+def test_an_open_display_differs_from_its_original_by_the_stops_only(name: str) -> None:
+    opened, original = preset.load(name), preset.load(name.removesuffix("-open"))
+    assert opened.relay1.is_clear and opened.relay2.is_clear
+    assert original.relay2 == Relay(square="first order")
+    assert original.relay1 == (Relay() if len(original.modulators) == 1 else original.relay2)
+    changes = {"relay1": {}, "relay2": {}, "name": name, "description": opened.description}
+    assert original.edit(changes) == opened
+
+
 @pytest.mark.parametrize("name", TWINS)
 def test_a_twin_differs_from_its_original_by_the_second_modulator_only(name: str) -> None:
-    twin, original = preset.load(name), preset.load(name.removesuffix("-1slm"))
+    twin, original = preset.load(name), preset.load(name.replace("-1slm", ""))
     assert len(twin.modulators) == 1 and twin.gap_m is None
     changes = {"modulators": original.modulators[:1], "gap": None, "name": name, "description": twin.description}
     assert original.edit(changes) == twin

@@ -113,7 +113,7 @@ class BenchPanel(Panel):
                 context.change(key.capitalize(), key, edited.value, is_held=edited.is_held)
         has_two = len(system.modulators) == 2
         if imgui.button("Leave out modulator 2" if has_two else "Add a second modulator"):
-            changes: dict[str, Any] = {"modulators": system.modulators[:1], "gap": None, "relay1": {}}
+            changes: dict[str, Any] = {"modulators": system.modulators[:1], "gap": None}
             if not has_two:
                 changes = {"modulators": system.modulators * 2, "gap": "2 mm"}
             context.attempt(context.session.change, "Modulators", changes)
