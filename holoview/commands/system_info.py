@@ -105,15 +105,17 @@ def _cut_offs(plan: Plan) -> list[InfoRow]:
 
 
 def _stops(name: str, relay: Relay, system: System) -> list[InfoRow]:
-    """What a relay's stops pass at each wavelength: half widths in cycles/mm, and as multiples of the first order."""
-    pitch_m, rows = system.modulators[0].pitch_m, []
+    """What a relay's stops pass at each wavelength."""
+    rows = []
     if relay.iris_na is not None:
-        at = [_cut_off(relay.iris_na, float(λ), pitch_m) for λ in system.wavelengths_m]
-        rows.append(InfoRow("cut-offs", f"iris of {name}", f"radius {_by_wavelength(at)} (NA {relay.iris_na:g})"))
+        sines = [relay.iris_na] * len(system.wavelengths_m)
+        text = f"radius {_by_wavelength(sines, system)} (NA {relay.iris_na:g})"
+        rows.append(InfoRow("cut-offs", f"iris of {name}", text))
     if relay.square is not None:
+        pitch_m = system.modulators[0].pitch_m
         sines = [relay.square.half_side_sine(float(λ), pitch_m) for λ in system.wavelengths_m]
-        at = [_cut_off(sine, float(λ), pitch_m) for sine, λ in zip(sines, system.wavelengths_m, strict=True)]
-        rows.append(InfoRow("cut-offs", f"square stop of {name}", f"half side {_by_wavelength(at)} ({relay.square})"))
+        text = f"half side {_by_wavelength(sines, system)} ({relay.square})"
+        rows.append(InfoRow("cut-offs", f"square stop of {name}", text))
     if any(relay.centre_na):
         y, x = relay.centre_na
         rows.append(InfoRow("cut-offs", f"centre of {name}'s stops", f"direction sine {y:g} (y), {x:g} (x)"))
@@ -122,15 +124,14 @@ def _stops(name: str, relay: Relay, system: System) -> list[InfoRow]:
     return rows
 
 
-def _cut_off(sine: float, wavelength_m: float, pitch_m: float) -> str:
-    """A stop's half width in cycles/mm, and as a multiple of the modulators' first order."""
-    cycles = sine / wavelength_m
-    return f"{cycles * 1e-3:.4g} cycles/mm = {cycles * 2 * pitch_m:.3g} orders"
-
-
-def _by_wavelength(texts: list[str]) -> str:
-    """One text if it is the same at all wavelengths, else all in the order of the wavelengths."""
-    return texts[0] if len(set(texts)) == 1 else ", ".join(texts)
+def _by_wavelength(sines: list[float], system: System) -> str:
+    """Direction sines of all wavelengths as frequencies, and as multiples of the modulators' first order."""
+    cycles = np.array(sines) / system.wavelengths_m
+    if np.allclose(cycles, cycles[0], rtol=1e-9):
+        cycles = cycles[:1]
+    orders = cycles * 2 * system.modulators[0].pitch_m
+    frequencies, multiples = (", ".join(f"{x:.4g}" for x in row) for row in (cycles * 1e-3, orders))
+    return f"{frequencies} cycles/mm = {multiples} first orders"
 
 
 def _sampling(plan: Plan) -> list[InfoRow]:

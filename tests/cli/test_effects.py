@@ -95,7 +95,7 @@ def test_the_cameras_effects_are_set_apart(holoview: Run) -> None:
     ],
 )
 def test_what_cant_be_is_named(holoview: Run, tmp_path: Path, text: str, words: str) -> None:
-    (tmp_path / "own.toml").write_text(f'base = "holochrome-8"\n{text}\n', encoding="utf-8")
+    (tmp_path / "own.toml").write_text(f'base = "holochrome-8-open"\n{text}\n', encoding="utf-8")
     outcome = holoview("render", tmp_path / "own.toml", *SMALL, "--backend", "torch", "-o", "a.png")
     assert outcome.code == 2 and words in outcome.err
     assert not (tmp_path / "a.png").exists()

@@ -114,10 +114,9 @@ def test_the_periodic_grid_says_that_light_wraps_around(holoview: Run) -> None:
 def test_what_a_stop_passes_is_shown_at_each_wavelength(holoview: Run) -> None:
     table = json.loads(holoview("info", "simultaneous", "--json", "--set", "relay1.square=first order at 638 nm").out)
     cut_offs = table["cut-offs"]
-    assert cut_offs["square stop of relay 2"] == "half side 62.5 cycles/mm = 1 orders (first order)"
+    assert cut_offs["square stop of relay 2"] == "half side 62.5 cycles/mm = 1 first orders (first order)"
     assert cut_offs["square stop of relay 1"] == (
-        "half side 86.68 cycles/mm = 1.39 orders, 74.95 cycles/mm = 1.2 orders, 62.5 cycles/mm = 1 orders "
-        "(first order at 638 nm)"
+        "half side 86.68, 74.95, 62.5 cycles/mm = 1.387, 1.199, 1 first orders (first order at 638 nm)"
     )
 
 
