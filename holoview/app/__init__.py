@@ -35,6 +35,7 @@ plane_sheet           a sheet of all planes
 readout               values of the sample under the pointer
 clipboard             copies and pastes pictures
 desktop               file drops and text clipboard of a window
+frame_rate            how many images a second the viewer shows, measured off screen
 input_driver          synthetic events for a viewer off screen
 script                text scripts that use them
 serve                 HTTP and WebSocket, protected by a token

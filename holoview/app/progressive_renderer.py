@@ -2,7 +2,7 @@
 
     edit ─▶ quick frame (of the simplified system) ─▶ pause in editing ─▶ full frame
 
-A new edit drops the work on the scene before. The quick frame is skipped where a full one is fast enough.
+A new edit drops the work on the scene before. Where a full frame is fast enough, quick frame and pause are skipped.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class ProgressiveRenderer:
         self._device = device
         self._full, self._quick = TimedRenderer(device), TimedRenderer(device)
         self._requested: Scene | None = None
-        self._stage = "done"
+        self._stage, self._follows_quick_frame = "done", False
         self._steps: Iterator[UpdateProgress] | None = None
         self._requested_at, self._version = 0.0, 0
         self.picture: DeviceImage | None = None
@@ -125,8 +125,8 @@ class ProgressiveRenderer:
 
     @property
     def wait_s(self) -> float:
-        """The time until `compute_slice` can do something: the full frame waits for a pause in editing."""
-        if self._stage != "full" or self._steps is not None or self.picture is None:
+        """The time until `compute_slice` can do something: after a quick frame, it waits for a pause in editing."""
+        if self._stage != "full" or self._steps is not None or not self._follows_quick_frame:
             return 0.0
         return max(self._requested_at + IDLE_BEFORE_FULL_S - time.perf_counter(), 0.0)
 
@@ -136,7 +136,7 @@ class ProgressiveRenderer:
             return
         self._requested, self._requested_at = scene, time.perf_counter()
         self._steps, self.progress = None, 0.0
-        self._stage = "quick" if self._is_slow(scene) else "full"
+        self._stage, self._follows_quick_frame = "quick" if self._is_slow(scene) else "full", False
 
     def compute_slice(self) -> bool:
         """Computes a slice and returns whether the picture has changed. Raises UserError for an impossible scene."""
@@ -225,7 +225,7 @@ class ProgressiveRenderer:
         self.picture = DeviceImage(timed.renderer.xyz_buffer, shape, is_quick, self._version, gain)
         self._steps = None
         if is_quick:
-            self._stage, self._quick_scene = "full", self._requested
+            self._stage, self._follows_quick_frame, self._quick_scene = "full", True, self._requested
             return
         self._stage, self.progress, self.full_scene = "done", 1.0, self._requested
         self._compare_brightness()

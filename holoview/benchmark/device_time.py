@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import statistics
-import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from holoview.benchmark.strategy_choice import resolve_strategy
+from holoview.benchmark.device_probe import probe_device
+from holoview.benchmark.frame_jobs import full_frame, open_renderer
+from holoview.benchmark.timing import TimedJob
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.gpu.device import Device
-from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.timer import GpuTimer
 from holoview.gpu.tune import StrategyOption
-from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.view import random_drive
-
-_COPIES = 16
-_COPY_BYTES = 2**26
 
 
 @dataclass(frozen=True)
@@ -43,30 +38,22 @@ def device_time(
     Raises UserError if the device has no timestamp queries.
     """
     periodic = system.edit({"propagation": "periodic"})
-    chosen = resolve_strategy(device, make_plan(periodic).grid.padded, strategy)
-    renderer = IncrementalRenderer(periodic, random_drive(periodic), device, half=half, strategy=chosen)
-    renderer.update(with_srgb=False)
-    renderer.timer = GpuTimer(device)
+    renderer = open_renderer(periodic, device, half, strategy)
+    frame_s, count = job_device_s(renderer, full_frame(renderer), rounds), len(periodic.wavelengths_m)
+    bandwidth = count * renderer.traffic_bytes / frame_s
+    copy_bandwidth = probe_device(device, rounds).copy_bandwidth
+    return DeviceTime(1e3 * frame_s, 1e3 * frame_s / count, bandwidth, copy_bandwidth)
+
+
+def job_device_s(renderer: IncrementalRenderer, job: TimedJob, rounds: int) -> float:
+    """Median time (s) of the device in `rounds` runs of a job of the renderer; gaps between its passes don't count.
+
+    Raises UserError if the device has no timestamp queries.
+    """
+    renderer.timer = GpuTimer(renderer.device)
     seconds = []
     for _ in range(rounds):
-        renderer.invalidate()
-        renderer.update(with_srgb=False)
+        job()
         seconds.append(renderer.timer.take_seconds())
-    frame_s, count = statistics.median(seconds), len(periodic.wavelengths_m)
-    bandwidth = count * renderer.traffic_bytes / frame_s
-    return DeviceTime(1e3 * frame_s, 1e3 * frame_s / count, bandwidth, _copy_bandwidth(device, rounds))
-
-
-def _copy_bandwidth(device: Device, rounds: int) -> float:
-    """Bandwidth (bytes/s, read plus written) of copying one large buffer to another."""
-    source, target = (device.buffer(_COPY_BYTES, f"{name} of a copy") for name in ("source", "target"))
-    seconds = []
-    for _ in range(rounds + 1):
-        recorder = CommandRecorder(device, "copies")
-        for _ in range(_COPIES):
-            recorder.copy(source, target)
-        device.wait()
-        start = time.perf_counter()
-        recorder.submit(wait=True)
-        seconds.append(time.perf_counter() - start)
-    return 2 * _COPIES * _COPY_BYTES / statistics.median(seconds[1:])
+    renderer.timer = None
+    return statistics.median(seconds)

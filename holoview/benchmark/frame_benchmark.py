@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from itertools import cycle
 from typing import Any
 
 import numpy as np
 import torch
 
 from holoview.benchmark.fft_benchmark import FFT, TORCH_FFT, fft_jobs
-from holoview.benchmark.strategy_choice import resolve_strategy
+from holoview.benchmark.frame_jobs import amplitude_edit, full_frame, open_renderer, scrub
 from holoview.benchmark.timing import JobTimings, TimedJob, time_interleaved
 from holoview.benchmark.torch_baseline import TorchBaseline, torch_threads
-from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.gpu.device import Device
 from holoview.gpu.line_fft import Strategy
@@ -44,6 +41,17 @@ class Criterion:
         """Whether the value is within the limit."""
         return self.value <= self.limit
 
+    def as_dict(self) -> dict[str, Any]:
+        """The criterion as JSON values."""
+        return {
+            "name": self.name,
+            "value": self.value,
+            "bar": self.limit,
+            "aim": self.goal,
+            "unit": self.unit,
+            "holds": self.is_met,
+        }
+
 
 @dataclass(frozen=True)
 class FrameTimings:
@@ -71,12 +79,12 @@ def benchmark_frame(
     base = system.edit({"propagation": "periodic"})
     single = one_wavelength(base)
     renderers = {
-        FULL: _open_renderer(base, device, half, strategy),
-        SINGLE: _open_renderer(single, device, half, strategy),
-        PADDED: _open_renderer(system.edit({"propagation": "linear"}), device, half, strategy),
+        FULL: open_renderer(base, device, half, strategy),
+        SINGLE: open_renderer(single, device, half, strategy),
+        PADDED: open_renderer(system.edit({"propagation": "linear"}), device, half, strategy),
     }
-    jobs: dict[str, TimedJob] = {name: _full_frame(renderer) for name, renderer in renderers.items()}
-    jobs |= {SCRUB: _scrub(renderers[FULL]), AMPLITUDE: _amplitudes(renderers[FULL])}
+    jobs: dict[str, TimedJob] = {name: full_frame(renderer) for name, renderer in renderers.items()}
+    jobs |= {SCRUB: scrub(renderers[FULL]), AMPLITUDE: amplitude_edit(renderers[FULL])}
     jobs |= _torch_jobs(TORCH, base) | _torch_jobs(TORCH_SINGLE, single)
     jobs |= fft_jobs(device, make_plan(base).grid.padded, renderers[FULL].strategy)
     samples = time_interleaved(jobs, rounds)
@@ -94,7 +102,7 @@ def one_wavelength(system: System) -> System:
 
 def frame_error(system: System, device: Device, half: bool, strategy: StrategyOption) -> float:
     """Relative L2 error of the intensity of the first wavelength against PyTorch in complex128."""
-    renderer = _open_renderer(system, device, half, strategy)
+    renderer = open_renderer(system, device, half, strategy)
     plan = make_plan(system, [renderer.plane_m])
     reference = TorchExecutor(plan, make_frame_inputs(plan, random_drive(system)), double=True)
     reference.run(0)
@@ -116,53 +124,6 @@ def _criteria(samples: dict[str, JobTimings], wavelengths: int, error: float) ->
         Criterion("amplitude edit / full frame", ms[AMPLITUDE] / ms[FULL], 0.10, 0.05),
         Criterion("frame error, relative L2 against complex128", error, 1e-6, 7e-7),
     ]
-
-
-def _open_renderer(system: System, device: Device, half: bool, strategy: StrategyOption) -> IncrementalRenderer:
-    """A renderer at the middle focal plane, with its first frame rendered."""
-    middle = float(system.planes_m[len(system.planes_m) // 2])
-    chosen = resolve_strategy(device, make_plan(system, [*system.planes_m, middle]).grid.padded, strategy)
-    renderer = IncrementalRenderer(system, random_drive(system), device, plane_m=middle, half=half, strategy=chosen)
-    renderer.update()
-    return renderer
-
-
-def _full_frame(renderer: IncrementalRenderer) -> TimedJob:
-    """Render everything from the light source to XYZ."""
-
-    def job() -> None:
-        renderer.invalidate()
-        _update_and_wait(renderer)
-
-    return job
-
-
-def _scrub(renderer: IncrementalRenderer) -> TimedJob:
-    """Alternate between two focal planes."""
-    planes_m = cycle([renderer.plane_m * 1.01, renderer.plane_m])
-    return _edit(renderer, lambda: {"plane_m": next(planes_m)})
-
-
-def _amplitudes(renderer: IncrementalRenderer) -> TimedJob:
-    """Alternate between two amplitudes of all lasers."""
-    factors = cycle([1.01, 1.0])
-    before = renderer.system
-    return _edit(renderer, lambda: {"system": before.with_(amplitudes=before.amplitudes * next(factors))})
-
-
-def _edit(renderer: IncrementalRenderer, change: Callable[[], dict[str, Any]]) -> TimedJob:
-    """Time from an edit to XYZ, with all earlier results up to date."""
-
-    def job() -> None:
-        renderer.edit(**change())
-        _update_and_wait(renderer)
-
-    return job
-
-
-def _update_and_wait(renderer: IncrementalRenderer) -> None:
-    renderer.update(with_srgb=False)
-    renderer.device.wait()
 
 
 def _torch_jobs(name: str, system: System) -> dict[str, TimedJob]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
 from collections.abc import Callable, Mapping
@@ -33,11 +34,23 @@ class JobTimings:
         """Least CPU time, ms: comparable even if other programs keep all cores busy."""
         return 1e3 * min(self.cpu_seconds, default=0.0)
 
+    def as_dict(self) -> dict[str, float]:
+        """The three times as JSON values."""
+        return {"median_ms": self.median_ms, "minimum_ms": self.minimum_ms, "cpu_ms": self.cpu_ms}
 
-def time_interleaved(jobs: Mapping[str, TimedJob], rounds: int, warm_up: int = 1) -> dict[str, JobTimings]:
-    """Time `rounds` rounds of all jobs, after `warm_up` rounds that aren't timed."""
+
+def time_interleaved(
+    jobs: Mapping[str, TimedJob], rounds: int, warm_up: int = 1, limit_s: float = math.inf
+) -> dict[str, JobTimings]:
+    """Time `rounds` rounds of all jobs, after `warm_up` rounds that aren't timed.
+
+    limit_s: no further round begins after this time, but one round is always timed.
+    """
     samples: dict[str, list[tuple[float, float]]] = {name: [] for name in jobs}
+    deadline = time.perf_counter() + limit_s
     for number in range(warm_up + rounds):
+        if number > warm_up and time.perf_counter() > deadline:
+            break
         for name, job in jobs.items():
             start, cpu_start = time.perf_counter(), time.process_time()
             job()

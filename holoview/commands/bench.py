@@ -6,7 +6,7 @@ import argparse
 import json
 import os
 import platform
-from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -14,8 +14,11 @@ import torch
 from holoview.benchmark.device_time import DeviceTime, device_time
 from holoview.benchmark.first_image import first_image_criterion
 from holoview.benchmark.frame_benchmark import Criterion, FrameTimings, benchmark_frame
+from holoview.benchmark.machine_facts import versions
+from holoview.benchmark.report_run import ReportOptions
 from holoview.benchmark.strategy_choice import tune
 from holoview.commands.arguments import add_system, system_from_args
+from holoview.commands.bench_report import write_report
 from holoview.gpu.device import TIMESTAMPS, Device, open_device
 from holoview.gpu.line_fft import STRATEGIES, supported_strategies
 from holoview.gpu.tune import StrategyOption
@@ -23,15 +26,16 @@ from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.numerics.fft_grid import is_fast_length
 from holoview.util.errors import UserError
-from holoview.util.version import __version__
 
-_DEFAULT = "holochrome-8"
+_DEFAULT, _SIZE = "holochrome-8", "1024x768"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     add_system(parser, optional=True)
-    parser.add_argument("--size", metavar="1024x768", default="1024x768", help="simulated samples, x by y")
+    parser.add_argument(
+        "--size", metavar="XxY[,XxY…]", help=f"simulated samples, x by y ({_SIZE}); with --report, one or several"
+    )
     parser.add_argument("--rounds", metavar="N", default="7", help="how often each job is timed; medians are shown")
     parser.add_argument("--half", action="store_true", help="store fields as f16 between kernels")
     parser.add_argument(
@@ -45,13 +49,25 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--adapter", metavar="NAME", help="part of the name of the WebGPU adapter to use")
     parser.add_argument("--json", action="store_true", help="machine-readable output")
+    parser.add_argument(
+        "--report",
+        metavar="DIR",
+        type=Path,
+        help="measure all strategies at several sizes and numbers of lasers, the exactness of each stage, the viewer, "
+        "the optimiser and the power, and write one file that can be attached to an issue",
+    )
+    parser.add_argument("--lasers", metavar="N[,N…]", help="with --report: numbers of lasers (1,3,8,16)")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the benchmark and print a table or JSON."""
     args.preset = args.preset or _DEFAULT
-    system = _sized(system_from_args(args), args.size)
-    rounds = _rounds(args.rounds)
+    rounds = _positive("--rounds", args.rounds)
+    if args.report is not None:
+        return _report(args, rounds)
+    if args.lasers is not None:
+        raise UserError("--lasers", "without --report", remedy="change the bench with --set wavelengths=…")
+    system = _sized(system_from_args(args), args.size or _SIZE)
     device = open_device(args.adapter)
     if args.tune:
         print(_tuning_report(system, device, as_json=args.json))
@@ -64,6 +80,26 @@ def run(args: argparse.Namespace) -> int:
     result = _result(system, device, frame, criteria, timed, rounds)
     print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _table(result))
     return 0
+
+
+def _report(args: argparse.Namespace, rounds: int) -> int:
+    """Write the report that --report asks for."""
+    for flag, is_set in (
+        ("--tune", args.tune),
+        ("--json", args.json),
+        ("--half", args.half),
+        ("--strategy", args.strategy != "auto"),
+    ):
+        if is_set:
+            raise UserError(flag, "with --report", remedy="leave it out: a report has all strategies, and JSON in it")
+    system, options = system_from_args(args), {"rounds": rounds, "adapter": args.adapter}
+    if args.size is not None:
+        for size in args.size.split(","):
+            _sized(system, size)
+        options["sizes"] = tuple((int(x), int(y)) for x, _, y in (size.partition("x") for size in args.size.split(",")))
+    if args.lasers is not None:
+        options["wavelengths"] = tuple(_positive("--lasers", count) for count in args.lasers.split(","))
+    return write_report(open_device(args.adapter), ReportOptions(system, **options), args.report)
 
 
 def _result(
@@ -83,29 +119,12 @@ def _result(
         "rounds": rounds,
         "strategies": frame.strategies,
         "adapter": _adapter(device),
-        "versions": {
-            "holoview": __version__,
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("numpy", "torch", "wgpu")},
-        },
+        "versions": versions(),
         "platform": platform.platform(),
         "cores": os.cpu_count(),
         "torch_threads": torch.get_num_threads(),
-        "bars": [
-            {
-                "name": criterion.name,
-                "value": criterion.value,
-                "bar": criterion.limit,
-                "aim": criterion.goal,
-                "unit": criterion.unit,
-                "holds": criterion.is_met,
-            }
-            for criterion in criteria
-        ],
-        "jobs": {
-            name: {"median_ms": sample.median_ms, "minimum_ms": sample.minimum_ms, "cpu_ms": sample.cpu_ms}
-            for name, sample in frame.timings.items()
-        },
+        "bars": [criterion.as_dict() for criterion in criteria],
+        "jobs": {name: sample.as_dict() for name, sample in frame.timings.items()},
         "traffic_bytes_a_wavelength": frame.traffic_bytes,
         "device_memory_bytes": frame.memory_bytes,
         "device_time": None if timed is None else timed.as_dict(),
@@ -115,13 +134,13 @@ def _result(
 def _table(result: dict[str, Any]) -> str:
     """The results as a table."""
     adapter, (columns, rows) = result["adapter"], result["size"]
-    versions = ", ".join(f"{name} {number}" for name, number in result["versions"].items())
+    software = ", ".join(f"{name} {number}" for name, number in result["versions"].items())
     lines = [
         f"{result['preset']}: {columns} x {rows} samples, {result['wavelengths']} wavelengths, "
         f"medians of {result['rounds']} rounds, all jobs in turn; "
         f"transforms: {', '.join(dict.fromkeys(result['strategies'].values()))}",
         f"{adapter['name']}, {adapter['backend']}, {adapter['driver']}",
-        f"{versions}; {result['cores']} cores, {result['torch_threads']} threads of torch",
+        f"{software}; {result['cores']} cores, {result['torch_threads']} threads of torch",
         "",
         f"{'':<48}  {'value':>9}  {'bar':>7}  {'aim':>7}",
     ]
@@ -190,7 +209,7 @@ def _adapter(device: Device) -> dict[str, str]:
     return {"name": info.name, "kind": info.kind, "backend": info.backend, "driver": info.driver}
 
 
-def _rounds(text: str) -> int:
+def _positive(flag: str, text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
-        raise UserError("--rounds", f'"{text}"', expected="a whole number from 1")
+        raise UserError(flag, f'"{text}"', expected="a whole number from 1")
     return int(text)

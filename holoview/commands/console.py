@@ -68,10 +68,10 @@ def _line_progress(title: str) -> ProgressCallback:
 
 
 @contextmanager
-def deferred_interrupt() -> Iterator[Callable[[], bool]]:
+def deferred_interrupt(step: str = "iteration") -> Iterator[Callable[[], bool]]:
     """Defers Ctrl-C in the block; yields a function that tells whether it was pressed. A second Ctrl-C interrupts.
 
-    A loop that asks after each step can end with a complete result.
+    A loop that asks after each step can end with a complete result. step: what a step is called in the message.
     """
     is_asked = False
 
@@ -80,7 +80,7 @@ def deferred_interrupt() -> Iterator[Callable[[], bool]]:
         if is_asked:
             raise KeyboardInterrupt
         is_asked = True
-        print_stderr("stopping after this iteration; press Ctrl-C again to stop at once")
+        print_stderr(f"stopping after this {step}; press Ctrl-C again to stop at once")
 
     previous = signal.signal(signal.SIGINT, handle)
     try:

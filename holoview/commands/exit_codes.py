@@ -1,5 +1,8 @@
 """Exit codes of the command line besides 0. This module imports nothing, so that `holoview --help` starts fast."""
 
+EXIT_FAILED = 1
+"""The command was carried out in part: what failed is in the file that it wrote, and named on stderr."""
+
 EXIT_USER_ERROR = 2
 """The command wasn't carried out: a mistake of the user, or no memory or disk space. One line on stderr says which."""
 

@@ -1,0 +1,67 @@
+"""Times an iteration of the optimiser on the processor and on the card that PyTorch computes on, for equal patterns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+
+from holoview.benchmark.timing import time_interleaved
+from holoview.model.system import System
+from holoview.optimise.iteration_state import IterationState
+from holoview.optimise.memory import with_compact_grid
+from holoview.optimise.settings import Settings
+from holoview.optimise.solve import iterate
+from holoview.optimise.torch_device import resolve_torch_device
+from holoview.util.errors import UserError
+
+_ENDLESS = 1_000_000
+_DRIVE_SEED, _STACK_SEED = 0, 1
+_AGREEING = 3
+"""Iterations after which the losses are compared."""
+
+
+def time_iterations(system: System, rounds: int, limit_s: float, devices: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Times of an iteration (ms) and losses by torch device, as JSON values.
+
+    An iteration is the loss in linear sRGB at all planes, its gradient for all patterns, and Adam's step, on the
+    compact grid that `holoview optimise` uses. The target is noise: an iteration takes equally long for any target.
+
+    devices: of torch; by default the processor, and CUDA or MPS where there is one. limit_s: no further round begins
+    after this time.
+    """
+    compact = with_compact_grid(system)
+    rows, columns = (n * system.sampling.upsample for n in system.modulators[0].shape)
+    stack = np.random.default_rng(_STACK_SEED).random((len(system.planes_m), rows, columns, 3), dtype=np.float32)
+    names = devices or tuple(dict.fromkeys(("cpu", resolve_torch_device())))
+    runs, failures, losses = {}, {}, {}
+    for name in names:
+        try:
+            device = resolve_torch_device(name)
+            states = iterate(compact, stack, Settings(iterations=_ENDLESS, free=("patterns",)), device=device)
+            losses[name] = [next(states).loss for _ in range(_AGREEING)]
+            runs[name] = states
+        except (UserError, RuntimeError) as error:  # PyTorch has no class for what its devices lack
+            failures[name] = str(error).partition("\n")[0]
+    jobs = {name: partial(_step, name, states) for name, states in runs.items()}
+    timings = time_interleaved(jobs, rounds, limit_s=limit_s)
+    return {
+        "size": [columns, rows],
+        "wavelengths": len(system.wavelengths_m),
+        "planes": len(system.planes_m),
+        "threads": torch.get_num_threads(),
+        "median_ms": {name: timing.median_ms for name, timing in timings.items()},
+        "minimum_ms": {name: timing.minimum_ms for name, timing in timings.items()},
+        "losses": losses,
+        "failures": failures,
+    }
+
+
+def _step(device: str, states: Iterator[IterationState]) -> None:
+    """One iteration, to its end."""
+    next(states)
+    if device.startswith("cuda"):
+        torch.cuda.synchronize()

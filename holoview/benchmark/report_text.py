@@ -1,0 +1,285 @@
+"""Writes a report as Markdown: tables for people, and at its end all numbers as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from holoview.benchmark.frame_cases import AMPLITUDES, FRAME, GAP, IN_A_ROW, SCRUB
+from holoview.benchmark.report_goals import goals, share_of_copy
+from holoview.benchmark.report_run import (
+    FRAME_PARITY,
+    FRAMES,
+    OPTIMISER,
+    PARITY,
+    POWER,
+    PROBE,
+    TORCH,
+    TUNING,
+    VIEWER,
+)
+
+Values = dict[str, Any]
+_ANSWER = {True: "yes", False: "**no**", None: ""}
+_MIB = 2**20
+_LIMITS = (
+    "max-buffer-size",
+    "max-storage-buffer-binding-size",
+    "max-compute-invocations-per-workgroup",
+    "max-compute-workgroup-storage-size",
+    "max-compute-workgroups-per-dimension",
+    "max-storage-buffers-per-shader-stage",
+)
+_METHOD = """\
+Times are medians of wall times in ms, from recording the commands to the end of their execution. All jobs of a row ran
+in turn. "frame" is everything from the light source to XYZ; "in a row" is a frame of several that are waited for once.
+"device" is the sum of the device's own times of all compute passes (timestamps), without gaps between them. "plane",
+"gap" and "lasers" are edits, from the edit to XYZ. "copy" is the share of the bandwidth of a copy that a frame reaches
+by the device's clock. Counted are the bytes that the kernels must read and write: the fields between kernels, patterns,
+intensities and XYZ, but not what a strategy moves between the passes of one transform. A field that fits into the
+device's cache is not limited by its memory, so the share can exceed 100 %. Grids aren't padded; patterns are random."""
+
+
+def report_markdown(data: Values) -> str:
+    """The report of `ReportRun.data`."""
+    machine = data["machine"]
+    sections = [
+        [f"# holoview bench: {machine['adapter']['name']}", "", *_head(data)],
+        ["## Goals of a graphics card", "", *_goals(data)],
+        ["## Machine", "", *_machine(machine)],
+        ["## Stages beside torch in complex128", "", *_stages(data)],
+        ["## Copies and submissions", "", *_probe(data)],
+        ["## Frames and edits, ms", "", _METHOD, *_frames(data)],
+        ["## Strategies of the transforms", "", *_strategies(data)],
+        ["## Beside torch on the processor", "", *_beside_torch(data)],
+        ["## An iteration of the optimiser", "", *_optimiser(data)],
+        ["## Viewer", "", *_viewer(data)],
+        ["## Power", "", *_power(data)],
+        ["## Not measured", "", *_problems(data)],
+        ["<details><summary>All numbers as JSON</summary>", "", "```json", _json(data), "```", "", "</details>"],
+    ]
+    return "\n\n".join("\n".join(lines) for lines in sections) + "\n"
+
+
+def report_data(markdown: str) -> Values:
+    """The numbers of a report that `report_markdown` wrote. Raises ValueError for another text."""
+    _, found, rest = markdown.rpartition("```json\n")
+    if not found:
+        raise ValueError("the text is no report of holoview bench")
+    data: Values = json.loads(rest.partition("\n```")[0])
+    return data
+
+
+def _json(data: Values) -> str:
+    return json.dumps(data, indent=1, ensure_ascii=False)
+
+
+def results(data: Values, section: str) -> list[Values]:
+    """What the measurements of a section have given, without those that failed."""
+    return [entry["result"] for entry in data["results"].get(section, []) if "result" in entry]
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> list[str]:
+    """Lines of a table whose first columns hold words and the others numbers; a remark if it has no rows."""
+    if not rows:
+        return ["Not measured."]
+    rule = ["---"] * words + ["---:"] * (len(header) - words)
+    return [f"| {' | '.join(cells)} |" for cells in (header, rule, *rows)]
+
+
+def _number(value: float | None, digits: int = 3) -> str:
+    """A value with some significant digits, without an exponent below 100 000; a dash for what isn't known."""
+    if value is None:
+        return "–"
+    return f"{value:.0f}" if 100 <= abs(value) < 1e5 else f"{value:.{digits}g}"
+
+
+def _copy_bandwidth(data: Values) -> float | None:
+    probes = results(data, PROBE)
+    return probes[0]["copy_bandwidth"] if probes else None
+
+
+# --- sections -------------------------------------------------------------------------------------------------------
+
+
+def _head(data: Values) -> list[str]:
+    software = ", ".join(f"{name} {number}" for name, number in data["machine"]["versions"].items())
+    end = "" if data["is_complete"] else "; **interrupted: not everything was measured**"
+    return [f"{data['preset']}, {data['begun']}, {software}; {data['rounds']} rounds{end}"]
+
+
+def _goals(data: Values) -> list[str]:
+    found = goals(results(data, FRAMES), _copy_bandwidth(data), results(data, VIEWER), results(data, PARITY))
+    return _table(["goal", "measured", "met"], [[goal.text, goal.measured, _ANSWER[goal.is_met]] for goal in found], 3)
+
+
+def _machine(machine: Values) -> list[str]:
+    adapter, cuda = machine["adapter"], machine["cuda"]
+    memory = "unknown" if machine["memory_bytes"] is None else f"{machine['memory_bytes'] / 2**30:.1f} GiB"
+    rows = [
+        ["adapter", f"{adapter['name']} ({adapter['kind']}), {adapter['backend']}"],
+        ["driver", adapter["driver"]],
+        ["other adapters", "; ".join(machine["adapters"][1:]) or "none"],
+        ["processor", f"{machine['processor']}, {machine['cores']} cores, {memory}"],
+        ["system", machine["platform"]],
+        ["torch", f"{machine['torch_threads']} threads, CUDA: {cuda['name'] if cuda else 'none'}"],
+        *([name, f"{machine['limits'][name]:,}".replace(",", " ")] for name in _LIMITS if name in machine["limits"]),
+        ["features used", ", ".join(machine["features"]["used"]) or "none"],
+        ["features of the adapter", ", ".join(machine["features"]["all"])],
+    ]
+    return _table(["", ""], rows, 2)
+
+
+def _stages(data: Values) -> list[str]:
+    benches = results(data, PARITY)
+    rows = []
+    for stage in dict.fromkeys(name for bench in benches for name in bench):
+        errors = [bench[stage]["error"] for bench in benches if stage in bench]
+        allowed = next(bench[stage]["allowed"] for bench in benches if stage in bench)
+        rows.append([stage, f"{max(errors):.2g}", f"{allowed:.2g}", _ANSWER[max(errors) <= allowed]])
+    text = [f"The greatest relative L2 error of {len(benches)} benches, each stage on the same input as torch.", ""]
+    frames = [
+        [f"{entry['size'][0]} × {entry['size'][1]}", entry["strategy"], f"{entry['error']:.2g}"]
+        for entry in results(data, FRAME_PARITY)
+    ]
+    whole = ["", "Relative L2 error of the intensity of a whole frame of one wavelength:", ""]
+    return [
+        *text,
+        *_table(["stage", "error", "allowed", "holds"], rows),
+        *whole,
+        *_table(["size", "strategy", "error"], frames, 2),
+    ]
+
+
+def _probe(data: Values) -> list[str]:
+    rows = [
+        row
+        for probe in results(data, PROBE)
+        for row in (
+            [
+                f"copying {probe['copy_bytes'] / _MIB:.0f} MiB by command",
+                f"{probe['copy_command'] / 1e9:.4g} GB/s read and written",
+            ],
+            ["the same by a shader", f"{probe['copy_shader'] / 1e9:.4g} GB/s"],
+            ["an empty submission and waiting for it", f"{1e6 * probe['submission_s']:.3g} µs"],
+            ["a dispatch that does nothing, after another", f"{1e6 * probe['dispatch_s']:.3g} µs"],
+        )
+    ]
+    return _table(["", "measured"], rows)
+
+
+def _frames(data: Values) -> Iterator[str]:
+    """A table for each size."""
+    bandwidth = _copy_bandwidth(data)
+    header = ["λ", "strategy", "λ in a dispatch", "frame", "in a row", "device", "copy", "plane", "plane, device"]
+    for size in data["sizes"]:
+        rows = [_frame_row(case, bandwidth) for case in results(data, FRAMES) if case["size"] == size]
+        yield from ["", f"### {size[0]} × {size[1]}", ""]
+        yield from _table([*header, "gap", "lasers", "MB moved", "MiB held"], rows, 2)
+
+
+def _frame_row(case: Values, bandwidth: float | None) -> list[str]:
+    wall, device = case["median_ms"], case.get("device_ms", {})
+    share = share_of_copy(case, bandwidth)
+    times = [wall[FRAME], wall[IN_A_ROW], device.get(FRAME)]
+    edits = [wall[SCRUB], device.get(SCRUB), wall.get(GAP), wall[AMPLITUDES]]
+    return [
+        str(case["wavelengths"]),
+        case["strategy"],
+        str(case["per_dispatch"]),
+        *map(_number, times),
+        "–" if share is None else f"{share:.0%}",
+        *map(_number, edits),
+        _number(case["frame_bytes"] / 1e6),
+        _number(case["memory_bytes"] / _MIB),
+    ]
+
+
+def _strategies(data: Values) -> list[str]:
+    rows = []
+    for tuning in results(data, TUNING):
+        names = dict.fromkeys([*tuning["seconds"], *tuning["compile_seconds"], *tuning["refused"]])
+        for name in names:
+            seconds, compiling = tuning["seconds"].get(name), tuning["compile_seconds"].get(name)
+            rows.append(
+                [
+                    f"{tuning['size'][0]} × {tuning['size'][1]}",
+                    name + " (chosen)" * (name == tuning["chosen"]),
+                    _number(None if seconds is None else 1e3 * seconds),
+                    _number(compiling),
+                    tuning["refused"].get(name, ""),
+                ]
+            )
+    return _table(["size", "strategy", "an FFT and its inverse, ms", "compiling both, s", "refused"], rows, 2)
+
+
+def _beside_torch(data: Values) -> Iterator[str]:
+    for found in results(data, TORCH):
+        yield f"{found['size'][0]} × {found['size'][1]}, {found['wavelengths']} λ."
+        yield ""
+        bars = [[bar["name"], _number(bar["value"]), _number(bar["bar"]), bar["unit"]] for bar in found["bars"]]
+        yield from _table(["", "value", "bar", "unit"], bars)
+        yield ""
+        jobs = [
+            [name, *(_number(job[key]) for key in ("median_ms", "minimum_ms"))] for name, job in found["jobs"].items()
+        ]
+        yield from _table(["ms", "median", "least"], jobs)
+    if not results(data, TORCH):
+        yield "Not measured."
+
+
+def _optimiser(data: Values) -> Iterator[str]:
+    for found in results(data, OPTIMISER):
+        (columns, rows), median = found["size"], found["median_ms"]
+        yield f"{columns} × {rows}, {found['wavelengths']} λ, {found['planes']} planes, {found['threads']} threads."
+        yield ""
+        lines = [
+            [name, _number(time), _number(median["cpu"] / time) if "cpu" in median else "–", f"{loss[-1]:.6g}"]
+            for (name, time), loss in zip(median.items(), (found["losses"][name] for name in median), strict=True)
+        ]
+        yield from _table(["torch device", "ms", "times as fast as the processor", "loss after 3 iterations"], lines)
+        yield from (f"\n{name}: {reason}" for name, reason in found["failures"].items())
+    if not results(data, OPTIMISER):
+        yield "Not measured."
+
+
+def _viewer(data: Values) -> list[str]:
+    rows = [
+        row
+        for found in results(data, VIEWER)
+        for row in (
+            [f"window of {found['window'][0]} × {found['window'][1]} pixels alone", _number(found["window_ms"])],
+            ["change of the focal plane, to its first image", _number(found["scrub_ms"])],
+            ["the same, to the full image", _number(found["full_ms"])],
+            ["images a second while scrubbing", _number(found["scrub_images_per_s"])],
+        )
+    ]
+    return _table(["off screen, each image read back", "ms"], rows)
+
+
+def _power(data: Values) -> list[str]:
+    found = next((result for result in results(data, POWER) if result), None)
+    if found is None:
+        return ["Unknown: nvidia-smi isn't there, or tells no power of this adapter."]
+    rows = [
+        ["at rest", f"{_number(found['rest_w'])} W"],
+        ["frames in a row", f"{_number(found['load_w'])} W of {_number(found['limit_w'])} W"],
+        [
+            "a frame",
+            f"{_number(1e3 * found['energy_per_frame_j'])} mJ at {_number(found['frames_per_s'])} frames a second",
+        ],
+        ["clocks", f"{_number(found['clock_mhz'], 4)} MHz, memory {_number(found['memory_clock_mhz'], 4)} MHz"],
+        ["temperature", f"{_number(found['temperature_c'])} °C"],
+    ]
+    return _table(["", f"{found['readings']} readings"], rows)
+
+
+def _problems(data: Values) -> list[str]:
+    """What was refused with the reason, and what failed with the text of the error."""
+    lines: list[str] = []
+    for section, entries in data["results"].items():
+        lines += [f"- {section}, {entry['title']}: {entry['refused']}" for entry in entries if "refused" in entry]
+        for entry in (entry for entry in entries if "failed" in entry):
+            lines += [f"- {section}, {entry['title']} failed:", "", "```text", entry["failed"].rstrip(), "```"]
+    return lines or ["Nothing is missing."]

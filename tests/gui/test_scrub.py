@@ -1,0 +1,61 @@
+"""A scrub of the focal plane: a full frame is shown at once where it is fast, else after a quick one and a pause."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from holoview.app import progressive_renderer
+from holoview.app.frame_rate import measure_frame_rate
+from holoview.app.progressive_renderer import ProgressiveRenderer
+from holoview.gpu.device import Device
+from holoview.session.scene import Scene
+from holoview.view import random_drive
+from tests.gui.conftest import small_bench
+
+pytestmark = pytest.mark.gpu
+
+
+def _rendered(device: Device) -> tuple[ProgressiveRenderer, Scene]:
+    """A renderer that has measured how long a full frame takes."""
+    system = small_bench(shape=[16, 24])
+    scene = Scene(system, random_drive(system), 9e-3)
+    renderer = ProgressiveRenderer(device)
+    renderer.request(scene)
+    while renderer.is_busy:
+        renderer.compute_slice()
+    return renderer, scene
+
+
+def test_a_fast_full_frame_follows_an_edit_without_a_pause(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    renderer, scene = _rendered(device)
+    monkeypatch.setattr(progressive_renderer, "QUICK_FRAME_ABOVE_S", float("inf"))
+    monkeypatch.setattr(progressive_renderer, "IDLE_BEFORE_FULL_S", float("inf"))
+    for plane_m in (9.5e-3, 1e-2):
+        renderer.request(replace(scene, plane_m=plane_m))
+        assert renderer.is_busy and renderer.wait_s == 0
+        while renderer.is_busy:
+            renderer.compute_slice()
+        assert renderer.is_fresh and renderer.picture is not None and not renderer.picture.is_quick
+
+
+def test_a_slow_full_frame_waits_for_a_pause_after_the_quick_one(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    renderer, scene = _rendered(device)
+    monkeypatch.setattr(progressive_renderer, "QUICK_FRAME_ABOVE_S", 0.0)
+    monkeypatch.setattr(progressive_renderer, "IDLE_BEFORE_FULL_S", 1000.0)
+    renderer.request(replace(scene, plane_m=1e-2))
+    before = renderer.picture
+    while renderer.wait_s == 0:
+        renderer.compute_slice()
+    assert renderer.picture is not before and renderer.picture is not None and renderer.picture.is_quick
+    assert renderer.is_busy and renderer.wait_s > 900
+
+
+def test_the_frame_rate_is_that_of_the_images_drawn(device: Device) -> None:
+    found = measure_frame_rate(small_bench(shape=[16, 24]), device, (320, 200), rounds=2, limit_s=60.0)
+    assert found["rounds"] == 2 and found["size"] == [48, 32] and found["wavelengths"] == 3
+    assert found["scrub_images_per_s"] > 0
+    assert min(found["window_ms"], found["scrub_ms"], found["full_ms"]) > 0
