@@ -11,7 +11,7 @@ class Iris1(Iris):
 
     id = "iris1"
     cause = "The iris or square stop between the modulators is wider, narrower or off its centre."
-    finding = "The {stop} of relay 1 has an aperture of {actual}, not {nominal}{beside}."
+    finding = "The {stop} of relay 1 {faults}."
     relay = "relay1"
     acts_on = ("relay 1",)
     needs = Needs(modulators=2, irises=(1,), fourier=False)

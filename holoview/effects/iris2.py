@@ -11,7 +11,7 @@ class Iris2(Iris):
 
     id = "iris2"
     cause = "The iris or square stop behind the last modulator is wider, narrower or off its centre."
-    finding = "The {stop} of relay 2 has an aperture of {actual}, not {nominal}{beside}."
+    finding = "The {stop} of relay 2 {faults}."
     relay = "relay2"
     acts_on = ("relay 2",)
     needs = Needs(irises=(2,), fourier=False)

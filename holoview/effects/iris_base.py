@@ -10,6 +10,7 @@ from holoview.effects.starting_grids import square_grid
 from holoview.model.bench_parts import Relay
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.stops import SquareStop
 from holoview.model.system import System
 from holoview.util.units import format_rounded
 
@@ -43,26 +44,33 @@ class Iris(Effect):
 
     def bench(self, system: System, v: Values) -> System:
         relay: Relay = getattr(system, self.relay)
-        na, factor = self._nominal_na(system), 1 + v["radius_error"]
+        (_, na), factor = self._narrower_stop(system), 1 + v["radius_error"]
         shift = na * v["decentre_y"], na * v["decentre_x"]
         y, x = (max(-1.0, min(c + s, 1.0)) for c, s in zip(relay.centre_na, shift, strict=True))
         iris_na = None if relay.iris_na is None else min(relay.iris_na * factor, 1.0)
         square = None if relay.square is None else relay.square.scaled(factor)
         return system.edit({self.relay: dataclasses.replace(relay, iris_na=iris_na, square=square, centre_na=(y, x))})
 
-    def _nominal_na(self, system: System) -> float:
+    def _narrower_stop(self, system: System) -> tuple[SquareStop | None, float]:
+        """The square stop, or None where there is none or a narrower iris, and the nominal aperture `na`."""
         relay: Relay = getattr(system, self.relay)
         iris = 1.0 if relay.iris_na is None else relay.iris_na
-        return iris if relay.square is None else min(iris, relay.square.nominal_na(system.modulators[0].pitch_m))
+        half_side = 1.0 if relay.square is None else relay.square.nominal_na(system.modulators[0].pitch_m)
+        return (relay.square, half_side) if half_side < iris else (None, iris)
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:
-        relay, na = getattr(system, self.relay), self._nominal_na(system)
+        square, na = self._narrower_stop(system)
         decentre = (v["decentre_y"], v["decentre_x"])
+        sizes = [f"{size:.4g}" for size in (na * (1 + v["radius_error"]), na)]
         y, x = (format_rounded(na * shift, "mrad", 3) for shift in decentre)
-        beside = f", off its centre by {y} (y) and {x} (x)"
-        return {
-            "stop": "iris" if relay.square is None else "stop",
-            "actual": f"{na * (1 + v['radius_error']):.4g}",
-            "nominal": f"{na:.4g}",
-            "beside": beside * any(decentre),
-        }
+        faults = ["has {} of {}, not {}".format(_measure(square), *sizes)] * (sizes[0] != sizes[1])
+        faults += [f"is off its centre by {y} (y) and {x} (x)"] * any(decentre)
+        return {"stop": "iris" if square is None else "square stop", "faults": " and ".join(faults)}
+
+
+def _measure(square: SquareStop | None) -> str:
+    """What `na` is of a stop, in words."""
+    if square is None:
+        return "an aperture"
+    is_ideal = square.half_side_na is None and square.wavelength_m is None
+    return "half a side, at 550 nm," if is_ideal else "half a side"

@@ -43,3 +43,28 @@ def test_a_square_stop_grows_and_moves_in_its_own_half_sides(make_session: Make,
 def test_it_says_how_wide_it_is(make_session: Make) -> None:
     said = get_effect("iris1").format_finding(make_session().nominal_system(), {"radius_error": -0.2})
     assert said == "The iris of relay 1 has an aperture of 0.024, not 0.03."
+
+
+@pytest.mark.parametrize(
+    ("relay", "values", "words"),
+    [
+        ({"iris_na": 0.03}, {"decentre_x": -0.1}, "iris of relay 1 is off its centre by 0 mrad (y) and -3 mrad (x)."),
+        ({"square": 0.03}, {"radius_error": 0.1}, "square stop of relay 1 has half a side of 0.033, not 0.03."),
+        (
+            {"square": "first order at 560 nm"},
+            {"radius_error": 0.1, "decentre_y": 0.2},
+            "has half a side of 0.0385, not 0.035 and is off its centre by 7 mrad (y) and 0 mrad (x).",
+        ),
+        ({"square": "first order"}, {"radius_error": -0.2}, "has half a side, at 550 nm, of 0.0275, not 0.03438."),
+        (
+            {"square": 0.03, "iris_na": 0.02},
+            {"radius_error": 0.1},
+            "iris of relay 1 has an aperture of 0.022, not 0.02.",
+        ),
+    ],
+)
+def test_it_says_what_is_wrong_with_which_stop(
+    make_session: Make, relay: dict[str, float | str], values: dict[str, float], words: str
+) -> None:
+    system = make_session().nominal_system().edit({"relay1": relay})
+    assert get_effect("iris1").format_finding(system, values).endswith(words)
