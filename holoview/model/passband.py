@@ -20,6 +20,7 @@ from holoview.numerics.fft_grid import frequency_indices
 Integers = NDArray[np.int32]
 RowsColumns = tuple[int, int]
 
+_HAIR = 1e-12  # of half a side: thousands of roundings of f64
 _BEYOND = np.iinfo(np.int32).max // 2  # a frequency index that no grid has
 
 
@@ -146,12 +147,15 @@ def _disc_rows(
 def _square_bounds(
     relay: Relay, padded: RowsColumns, upsample: int, pitch_m: float, λ: float
 ) -> tuple[RowsColumns, RowsColumns]:
-    """Lowest and highest k_y, lowest and highest k_x inside a square stop, whose edges are left out."""
+    """Lowest and highest k_y, lowest and highest k_x inside a square stop.
+
+    Its edges are left out, a hair inwards, so that rounding doesn't decide about a frequency on an edge.
+    """
     square = relay.square
     assert square is not None
     bounds = []
     for centre, n in zip(relay.centre_na, padded, strict=True):
         middle = centre * n * (pitch_m / upsample) / λ
-        half = square.half_side_bins(λ, n, upsample, pitch_m)
+        half = square.half_side_bins(λ, n, upsample, pitch_m) * (1 - _HAIR)
         bounds.append((math.floor(middle - half) + 1, math.ceil(middle + half) - 1))
     return bounds[0], bounds[1]

@@ -21,6 +21,54 @@ Complex = NDArray[np.complex128]
 _WINDOW = 3  # of the modulators' size: another padding than the model's
 _FULL_WELL = 16000.0  # electrons
 _READ_NOISE, _BLACK, _BITS = 3.0, 64.0, 12
+_LINE_SAMPLES = 13  # of a spectral line, over ±3 standard deviations
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A relay's aperture, by direction sines: round, or square with sides along rows and columns.
+
+    iris: radius. half_side: of a square. order_at_m: instead, a square as wide as the modulators' first order at this
+    wavelength; 0: at every wavelength. centre: (y, x).
+    """
+
+    iris: float | None = None
+    half_side: float | None = None
+    order_at_m: float | None = None
+    centre: tuple[float, float] = (0.0, 0.0)
+
+    def passes(self, sine_y: Floats, sine_x: Floats, wavelength_m: float, pitch_m: float, fault: StopFault) -> Floats:
+        """1 inside, 0 outside, for sines (rows, 1) and (1, columns). A square's edge, which blocks, is a hair inwards,
+        so that rounding doesn't decide about frequencies on it."""
+        y, x = (s - c - moved for s, c, moved in zip((sine_y, sine_x), self.centre, fault.moved, strict=True))
+        inside = np.ones(np.broadcast_shapes(y.shape, x.shape))
+        if self.iris is not None:
+            inside = inside * (y**2 + x**2 <= (fault.size * self.iris) ** 2)
+        half = self.half_side if self.order_at_m is None else (self.order_at_m or wavelength_m) / (2 * pitch_m)
+        if half is not None:
+            inside = inside * (np.maximum(abs(y), abs(x)) < fault.size * half * (1 - 1e-9))
+        return inside
+
+    def attributes(self, number: int) -> dict[str, object]:
+        """What the file says of it."""
+        found: dict[str, object] = {}
+        if self.iris is not None:
+            found[f"iris{number}_na"] = self.iris
+        if self.half_side is not None:
+            found[f"square{number}"] = self.half_side
+        if self.order_at_m is not None:
+            found[f"square{number}"] = "first order" + (f" at {self.order_at_m * 1e9:.0f} nm" * bool(self.order_at_m))
+        if any(self.centre):
+            found[f"centre{number}_na"] = self.centre
+        return found
+
+
+@dataclass(frozen=True)
+class StopFault:
+    """A stop so many times as large, and moved by direction sines (y, x)."""
+
+    size: float = 1.0
+    moved: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -33,6 +81,8 @@ class Faults:
     shift_px: tuple[float, float] = (0.0, 0.0)  # modulator 2, (y, x); multiples of 1/fine
     crosstalk_px: float = 0.0  # Gaussian σ of the optical paths
     tilt_rad: tuple[float, float] = (0.0, 0.0)
+    line_m: float = 0.0  # standard deviation of a laser's Gaussian line
+    stops: tuple[StopFault, StopFault] = (StopFault(), StopFault())
     black: float = 0.0  # counts
     vortex: float = 0.0  # a spiral phase on modulator 1, turns: no effect of the library
 
@@ -47,7 +97,7 @@ class Laboratory:
     opd_m: float = 825e-9
     gap_m: float = 1e-3
     distance_m: float = 4e-3
-    na: float = 0.03
+    stops: tuple[Stop, Stop] = (Stop(iris=0.03), Stop(iris=0.03))
     wavelengths_m: tuple[float, ...] = (450e-9, 600e-9)
     each: int = 6
     smoothness_px: tuple[float, ...] = (4.0, 2.5, 1.5, 0.8)
@@ -67,11 +117,23 @@ def write_session(path: Path, lab: Laboratory) -> Path:
     scale = {λ: rng.uniform(0.6, 1.4) for λ in lab.wavelengths_m}
     images, exposure = [], []
     for k, λ in enumerate(wavelength):
-        signal = scale[λ] * power[k] * intensity(lab, levels[k], float(λ))
+        signal = scale[λ] * power[k] * line_intensity(lab, levels[k], float(λ))
         exposure.append(float(f"{0.8 / np.quantile(signal, 0.999):.3g}"))
         images.append(_counts(rng, signal * exposure[-1], lab.faults.black))
     _write(path, lab, levels, np.stack(images), wavelength, power, np.array(exposure))
     return path
+
+
+def line_intensity(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float) -> Floats:
+    """Mean light of each camera pixel over a laser's line: intensities of its wavelengths add."""
+    if not lab.faults.line_m:
+        return intensity(lab, levels, wavelength_m)
+    away = np.linspace(-3, 3, _LINE_SAMPLES)
+    weights = np.exp(-(away**2) / 2)
+    parts = [
+        w * intensity(lab, levels, wavelength_m + a * lab.faults.line_m) for w, a in zip(weights, away, strict=True)
+    ]
+    return np.sum(parts, axis=0) / weights.sum()
 
 
 def intensity(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float) -> Floats:
@@ -82,10 +144,11 @@ def intensity(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float) -
     wave = np.exp(2j * np.pi / wavelength_m * (sine_y * y[:, None] + sine_x * x[None, :]))
     spiral = np.exp(1j * lab.faults.vortex * np.arctan2(y[:, None], x[None, :]))
     first = _framed(wave * spiral * _modulated(lab, levels[0], wavelength_m))
-    field = _travelled(first, lab, wavelength_m, lab.gap_m + lab.faults.gap_m)
+    field = _travelled(first, lab, 0, wavelength_m, lab.gap_m + lab.faults.gap_m)
     second = _framed(_modulated(lab, levels[1], wavelength_m))
     by = tuple(round(s * lab.fine) for s in lab.faults.shift_px)
-    field = _travelled(field * np.roll(second, by, (0, 1)), lab, wavelength_m, lab.distance_m + lab.faults.distance_m)
+    field = field * np.roll(second, by, (0, 1))
+    field = _travelled(field, lab, 1, wavelength_m, lab.distance_m + lab.faults.distance_m)
     seen = np.abs(field[rows : 2 * rows, columns : 2 * columns]) ** 2
     side = lab.fine // lab.camera
     return seen.reshape(rows // side, side, columns // side, side).mean(axis=(1, 3))
@@ -106,12 +169,13 @@ def _framed(inner: Complex) -> Complex:
     return field
 
 
-def _travelled(field: Complex, lab: Laboratory, wavelength_m: float, distance_m: float) -> Complex:
-    """Through a relay with an iris, then over a distance: the angular spectrum."""
+def _travelled(field: Complex, lab: Laboratory, relay: int, wavelength_m: float, distance_m: float) -> Complex:
+    """Through the stop of a relay, then over a distance: the angular spectrum."""
     fy, fx = (np.fft.fftfreq(n, lab.pitch_m / lab.fine) for n in field.shape)
-    sine2 = wavelength_m**2 * (fy[:, None] ** 2 + fx[None, :] ** 2)
-    cosine = np.sqrt(np.maximum(1 - sine2, 0))
-    transfer = np.where(sine2 <= lab.na**2, np.exp(2j * np.pi * distance_m / wavelength_m * cosine), 0)
+    sine_y, sine_x = wavelength_m * fy[:, None], wavelength_m * fx[None, :]
+    cosine = np.sqrt(np.maximum(1 - sine_y**2 - sine_x**2, 0))
+    passes = lab.stops[relay].passes(sine_y, sine_x, wavelength_m, lab.pitch_m, lab.faults.stops[relay])
+    transfer = passes * np.exp(2j * np.pi * distance_m / wavelength_m * cosine)
     return np.fft.ifft2(np.fft.fft2(field) * transfer)
 
 
@@ -154,4 +218,6 @@ def _write(
         )
         h5["wavelength"], h5["distance"] = wavelength, np.full(len(wavelength), lab.distance_m)
         h5["power"], h5["exposure"] = power, exposure
-        h5.create_group("geometry").attrs.update(gap=lab.gap_m, iris1_na=lab.na, iris2_na=lab.na)
+        h5.create_group("geometry").attrs.update(gap=lab.gap_m)
+        for number, stop in enumerate(lab.stops, start=1):
+            h5["geometry"].attrs.update(stop.attributes(number))

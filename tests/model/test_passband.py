@@ -89,6 +89,14 @@ def test_a_real_aperture_passes_more_orders_of_shorter_waves() -> None:
     assert len({band_of_rows([stop_rows(padded, 2, PITCH_M, ideal, w)]).shape for w in (450e-9, 640e-9)}) == 1
 
 
+@pytest.mark.parametrize("upsample", [2, 3, 4, 7])
+def test_a_frequency_on_an_edge_is_blocked_whatever_the_rounding(upsample: int) -> None:
+    """Of 120 pixels it is the 55th at 600 nm, where 60·550/600 comes out as 55.00000000000001."""
+    relay, padded = Relay(square="first order at 550 nm"), (120 * upsample, 120 * upsample)
+    band = band_of_rows([stop_rows(padded, upsample, PITCH_M, relay, 600e-9)])
+    assert band == Band((-54, -54), (54, 54))
+
+
 def test_a_displaced_stop_is_the_centred_one_at_other_frequencies() -> None:
     step = λ / (64 * PITCH_M / 2)  # direction sine between frequencies of 64 samples
     for shape in ({"iris_na": 9.5 * step}, {"square": 9.5 * step}):
