@@ -8,7 +8,7 @@ from pathlib import Path
 
 from holoview.app.no_adapter import show_no_adapter_page
 from holoview.app.run import run_in_browser, run_offscreen, run_on_screen
-from holoview.app.serve import Address
+from holoview.app.serve import Address, require_serving_libraries
 from holoview.gpu.device import Device, open_device
 from holoview.model.system import System
 from holoview.session.document import middle_plane
@@ -43,9 +43,11 @@ class LaunchOptions:
 def launch(options: LaunchOptions, report: Callable[[str], None]) -> None:
     """Runs the viewer until it is closed; `report` prints a line, such as the address that is served.
 
-    Raises UserError where the device, the window or a file can't be opened.
+    Raises UserError where a library is missing, or the device, the window or a file can't be opened.
     """
     address = None if options.serve is None else Address.parse(options.serve)
+    if address is not None:
+        require_serving_libraries()
     device = _open_device(options, has_window=address is None and not options.is_offscreen)
     view = ViewSettings(plane_m=middle_plane(options.system), exposure_stops=SPECKLE_EXPOSURE_STOPS)
     session = EditingSession(options.system, view_settings=view)

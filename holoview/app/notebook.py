@@ -20,6 +20,7 @@ from holoview.model import preset
 from holoview.model.system import System
 from holoview.session.editing_session import EditingSession
 from holoview.util.errors import UserError
+from holoview.util.optional_library import import_optional
 
 Showable = System | Hologram | EditingSession | str
 _MAX_FRAMES_A_SECOND = 30
@@ -100,11 +101,8 @@ def _widgets() -> tuple[Any, Any]:
     except RuntimeError as error:
         remedy = "use `holoview view` on a screen, or holoview.simulate for an image"
         raise UserError("show", "no event loop runs here", expected="a notebook", remedy=remedy) from error
-    try:
-        from rendercanvas.anywidget import RenderCanvas, loop
-    except ImportError as error:
-        remedy = 'install it with `pip install "holoview[notebook]"`'
-        raise UserError("show", f"{error.name} isn't installed", remedy=remedy) from error
+    import_optional("anywidget", "show")
+    from rendercanvas.anywidget import RenderCanvas, loop
 
     class Cell(RenderCanvas):  # type: ignore[misc]
         """A widget that avoids the endless recursion of rendercanvas 2.7 when it is closed."""

@@ -81,10 +81,8 @@ def run_in_browser(
     names: Sequence[str] = (),
 ) -> None:
     """Serves the viewer to a browser until it is interrupted; `began` is called with the address."""
-    try:
-        from rendercanvas.http import RenderCanvas, loop
-    except ImportError as error:
-        raise UserError("--serve", f"{error}", remedy='pip install "holoview[serve]"') from error
+    from rendercanvas.http import RenderCanvas, loop
+
     canvas = RenderCanvas(size=size, title=_TITLE, max_fps=30)
     app = open_app(session, device, canvas, store, names)
     _run_loop(app, store, loop, lambda: serve(address, began, canvas.get_closed))

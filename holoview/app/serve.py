@@ -18,6 +18,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from holoview.util.errors import UserError
+from holoview.util.optional_library import import_optional
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Any]]
@@ -147,11 +148,14 @@ def serve(
     began: called with the URL, and before that with a warning if other machines can reach the address. token: a random
     one when None. Raises UserError if a library isn't installed or the address is in use.
     """
-    uvicorn, application = _libraries()
+    require_serving_libraries()
+    uvicorn = import_optional("uvicorn", "--serve")
+    from rendercanvas.http import asgi
+
     token = secrets.token_urlsafe(18) if token is None else token
     with _listening(address) as listener:
         port = listener.getsockname()[1]
-        guard = TokenGuard(application, token, f"holoview-{port}")  # cookies know hosts, not ports
+        guard = TokenGuard(asgi, token, f"holoview-{port}")  # cookies know hosts, not ports
         config = uvicorn.Config(guard, log_level="warning", lifespan="on", timeout_notify=1)
         server = uvicorn.Server(config)
 
@@ -167,16 +171,10 @@ def serve(
             server.run(sockets=[listener])
 
 
-def _libraries() -> tuple[Any, Application]:
-    """uvicorn and the application of rendercanvas. Raises UserError if a library isn't installed."""
-    try:  # here: these libraries are optional
-        import uvicorn
-        import websockets  # noqa: F401 — uvicorn takes it by itself, and silently does without
-        from rendercanvas.http import asgi
-    except ImportError as error:
-        remedy = 'install it with `pip install "holoview[serve]"`'
-        raise UserError("--serve", f"{error.name} isn't installed", remedy=remedy) from error
-    return uvicorn, asgi
+def require_serving_libraries() -> None:
+    """Raises UserError if a library of the extra "serve" isn't installed."""
+    for library in ("uvicorn", "websockets"):  # uvicorn takes websockets by itself, and silently does without
+        import_optional(library, "--serve")
 
 
 def _listening(address: Address) -> socket.socket:

@@ -20,5 +20,5 @@ laser_response    fits each laser's scale and power-law exponent
 prediction_score  scores predictions before and after
 result            writes the preset, its maps and the scores
 map_plots         plots the maps and the residuals
-figure_file       writes matplotlib figures as PNG files
+lut_plot          plots a look-up table
 """

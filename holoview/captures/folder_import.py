@@ -43,6 +43,7 @@ from holoview.captures.dataset import Captures
 from holoview.captures.nominal_stops import STOP_KEYS, stops_from_attributes
 from holoview.captures.validation import check_captures
 from holoview.model.field_types import FieldType, Number
+from holoview.targets.tiff import naming_missing_codecs
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.progress import StepCallback
 
@@ -185,10 +186,13 @@ def read_greyscale(path: Path) -> NDArray[Any]:
     """
     try:
         if path.suffix.lower() in (".tif", ".tiff"):
-            values = tifffile.imread(path)
+            with naming_missing_codecs(path):
+                values = tifffile.imread(path)
         else:
             with Image.open(path) as image:
                 values = np.asarray(image)
+    except UserError:
+        raise
     except FileNotFoundError as error:
         raise UserError(str(path), "no such file", expected=f"a picture that {TABLE_FILE} names") from error
     except Exception as error:  # each decoder raises exceptions of its own

@@ -29,6 +29,7 @@ from holoview.effects.calibration.learned_maps import MapLayout
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.optimise.threads import limit_torch_threads
+from holoview.report.figure import require_matplotlib
 from holoview.util.errors import UserError
 
 # destinations in argparse's namespace of the options that only this form of the command has
@@ -70,6 +71,7 @@ def run_captures(args: argparse.Namespace, file: Path) -> int:
     if args.checkpoint is not None:
         check_output_file(args.checkpoint, ".safetensors")
     if args.pictures is not None:
+        require_matplotlib("--pictures")
         make_folder(args.pictures)
     task = _prepare_task(args, file)
     padded_samples = 4 * task.captures.upsample**2 * task.captures.levels[0, 0].size

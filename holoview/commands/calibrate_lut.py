@@ -8,10 +8,11 @@ from pathlib import Path
 
 from holoview.calibrate import lut_file
 from holoview.calibrate.efficiency_sweep import read_sweep
-from holoview.calibrate.figure_file import plot_lut
 from holoview.calibrate.lut import fit_lut
+from holoview.calibrate.lut_plot import plot_lut
 from holoview.commands.output_files import check_output_file
 from holoview.model import preset
+from holoview.report.figure import require_matplotlib
 from holoview.util import units
 from holoview.util.errors import UserError
 
@@ -38,6 +39,8 @@ def run_lut(args: argparse.Namespace, file: Path) -> int:
     for path, suffix in ((args.output, ".toml"), (args.save_preset, ".toml"), (args.plot, ".png")):
         if path is not None:
             check_output_file(path, suffix)
+    if args.plot is not None:
+        require_matplotlib("--plot")
     if (args.save_preset is None) != (args.preset is None):
         missing = "--preset" if args.preset is None else "--save-preset"
         raise UserError(missing, "is missing", expected="--preset and --save-preset together")

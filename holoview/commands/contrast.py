@@ -19,6 +19,7 @@ from holoview.metrics.image_quality import central_region
 from holoview.metrics.speckle import independent_patterns, speckle_contrast
 from holoview.model import preset
 from holoview.numerics.image_region import Region
+from holoview.report.figure import require_matplotlib
 from holoview.study.plots import make_figure
 from holoview.study.speckle_figure import speckle_figure
 from holoview.study.study import StudyFigure
@@ -64,6 +65,7 @@ class LuminanceImage:
 def run(args: argparse.Namespace) -> int:
     """Measures and prints the contrast of a region, and plots it with its histogram if asked."""
     if args.plot is not None:
+        require_matplotlib("--plot")
         check_output_file(args.plot, ".png")
     image = _luminance_image(args)
     region = central_region(image.luminance.shape) if args.region is None else _parse_region(args.region)

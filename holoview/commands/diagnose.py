@@ -21,6 +21,7 @@ from holoview.model import preset
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import load_user_effects
 from holoview.model.system import System
+from holoview.report.figure import require_matplotlib
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 from holoview.util.files import atomic_write
@@ -110,6 +111,7 @@ def _check_arguments(args: argparse.Namespace) -> None:
         if path is not None:
             check_output_file(path, suffix)
     if args.report is not None:
+        require_matplotlib("--report")
         check_folder(args.report)
 
 

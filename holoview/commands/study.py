@@ -10,6 +10,7 @@ from holoview.commands.arguments import parse_seed
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.exit_codes import EXIT_INTERRUPTED
 from holoview.commands.output_files import make_folder
+from holoview.report.figure import require_matplotlib
 from holoview.study.registry import find_study, studies_by_name
 from holoview.study.report import format_claims, write_report
 from holoview.study.runner import ExecutionTarget, run_jobs
@@ -45,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
         raise UserError("study", "which one?", expected=", ".join(studies_by_name()), remedy="`holoview study --list`")
     study, scale = find_study(args.name), SCALES[args.scale or "middle"]
     target = _execution_target(args)
+    require_matplotlib(f"the report of the study {study.name}")
     folder = args.output or Path("out") / f"study-{study.name}"
     make_folder(folder)
     jobs, started = study.jobs(scale, args.seed), time.monotonic()

@@ -13,6 +13,7 @@ from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.display_gain import DisplayGain
 from holoview.diagnose.formatting import format_value
 from holoview.diagnose.verdict import Verdict
+from holoview.report.figure import figure_bytes
 from holoview.util.files import atomic_write
 from holoview.util.progress import ProgressCallback
 
@@ -44,7 +45,7 @@ def write_report(
     }
     pictures = {}
     for number, (name, figure) in enumerate(figures.items(), 1):
-        pictures[name] = plots.to_png(figure)
+        pictures[name] = figure_bytes(figure)
         if progress is not None:
             progress(number, len(figures) + 1, name)
     if gain is not None:

@@ -2,37 +2,31 @@
 
 from __future__ import annotations
 
-import io
 import textwrap
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from holoview.diagnose.diagnosis import Diagnosis, SampleCapture
 from holoview.diagnose.excess_breakdown import ExcessBin
+from holoview.report.figure import new_figure
 from holoview.util.units import format_rounded
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _BEFORE, _AFTER, _NOISE = "#c8553d", "#2f6f9f", "#888888"
 _SIGMAS = 5.0  # residuals at the ends of the colour scale
 _DPI = 110
 
 
-def to_png(figure: Figure) -> bytes:
-    """The figure as a PNG file."""
-    buffer = io.BytesIO()
-    FigureCanvasAgg(figure)
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
-
-
 def residual_maps(samples: Sequence[SampleCapture]) -> Figure:
     """A row for each capture: as captured, then prediction and residual (σ) of the nominal and the extended model."""
     heads = ("captured", "nominal model", "residual, nominal (σ)", "extended model", "residual, extended (σ)")
     rows, columns = samples[0].light.shape
-    figure = Figure(figsize=(13.5, 0.35 + (2.4 * rows / columns + 0.15) * len(samples)), dpi=_DPI, layout="constrained")
+    figure = new_figure((13.5, 0.35 + (2.4 * rows / columns + 0.15) * len(samples)), dpi=_DPI)
     axes = figure.subplots(len(samples), len(heads), squeeze=False)
     for axis, head in zip(axes[0], heads, strict=True):
         axis.set_title(head, fontsize=9)
@@ -54,7 +48,7 @@ def residual_maps(samples: Sequence[SampleCapture]) -> Figure:
 def excess_bars(diagnosis: Diagnosis) -> Figure:
     """χ²/n by each property, of the nominal and the extended model."""
     names = ("wavelength", "plane", "smoothness", "radius", "frequency", "brightness")
-    figure = Figure(figsize=(13.5, 6), dpi=_DPI, layout="constrained")
+    figure = new_figure((13.5, 6), dpi=_DPI)
     for axis, name in zip(figure.subplots(2, 3).ravel(), names, strict=True):
         _paired_bars(axis, getattr(diagnosis.excess_before, name), getattr(diagnosis.excess_after, name))
         axis.set_title(f"by {name}" if name != "frequency" else "by spatial frequency", fontsize=10)
@@ -65,7 +59,7 @@ def excess_bars(diagnosis: Diagnosis) -> Figure:
 def held_out_psnr_bars(diagnosis: Diagnosis) -> Figure:
     """PSNR of held-out captures for each wavelength and plane, of both models."""
     groups = diagnosis.groups
-    figure = Figure(figsize=(max(4.0, 1.3 * len(groups) + 1.5), 3.2), dpi=_DPI, layout="constrained")
+    figure = new_figure((max(4.0, 1.3 * len(groups) + 1.5), 3.2), dpi=_DPI)
     axis = figure.subplots()
     positions = np.arange(len(groups))
     before, after = ([getattr(g, side).psnr_db for g in groups] for side in ("before", "after"))
@@ -83,7 +77,7 @@ def candidate_excess_bars(diagnosis: Diagnosis, max_candidates: int = 12) -> Fig
     shown = diagnosis.candidates[:max_candidates]
     names = ["nominal model", *(" + ".join(c.causes) for c in shown)]
     excess = [diagnosis.before.chi2_per_pixel - 1, *(c.chi2_per_pixel - 1 for c in shown)]
-    figure = Figure(figsize=(8, 0.9 + 0.27 * len(names)), dpi=_DPI, layout="constrained")
+    figure = new_figure((8, 0.9 + 0.27 * len(names)), dpi=_DPI)
     axis = figure.subplots()
     floor = 1e-3
     axis.barh(

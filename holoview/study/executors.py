@@ -20,6 +20,7 @@ from typing import Any, Protocol
 
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
+from holoview.util.optional_library import import_optional
 from holoview.util.signals import sigint_blocked
 from holoview.util.version import __version__
 
@@ -135,13 +136,9 @@ def dask_executor(address: str) -> Iterator[DaskExecutor]:
 
     Raises UserError when the scheduler doesn't answer, or a worker has another version or none.
     """
+    distributed = import_optional("distributed", "--scheduler")
     try:
-        from distributed import Client  # optional library
-    except ImportError as error:
-        remedy = 'pip install "holoview[cluster]"'
-        raise UserError("--scheduler", "dask.distributed isn't installed", remedy=remedy) from error
-    try:
-        client = Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
+        client = distributed.Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         expected = "the address of a Dask scheduler that runs, such as tcp://host:8786"
         raise UserError(f"--scheduler {address}", f"no answer: {error}", expected=expected) from error
@@ -158,9 +155,8 @@ def resources_of_worker(resources: WorkerResources | dict[str, WorkerResources])
     """
     if isinstance(resources, WorkerResources):
         return resources
-    from distributed import get_worker  # optional library
-
-    return resources.get(get_worker().address, WorkerResources(1, os.getpid()))
+    worker = import_optional("distributed", "--scheduler").get_worker()
+    return resources.get(worker.address, WorkerResources(1, os.getpid()))
 
 
 def check_version(version: str, worker: str) -> None:

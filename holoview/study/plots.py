@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator
 from numpy.typing import NDArray
 
+from holoview.report.figure import figure_bytes, new_figure
 from holoview.study.study import StudyFigure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _SIZE = (6.4, 4.0)
 _DPI = 150
@@ -26,18 +27,15 @@ _MAX_TWO_DECIMAL_BARS = 10
 
 def make_figure(plot: StudyFigure) -> Figure:
     """The matplotlib figure of a study's figure."""
-    figure = Figure(figsize=_SIZE, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(_SIZE)
     plot.draw(figure)
     return figure
 
 
 def render_figure(plot: StudyFigure) -> dict[str, bytes]:
     """The figure as the content of files, {"png": …, "pdf": …}."""
-    figure, buffers = make_figure(plot), {"png": io.BytesIO(), "pdf": io.BytesIO()}
-    for kind, buffer in buffers.items():
-        figure.savefig(buffer, format=kind, dpi=_DPI)
-    return {kind: buffer.getvalue() for kind, buffer in buffers.items()}
+    figure = make_figure(plot)
+    return {kind: figure_bytes(figure, kind, _DPI) for kind in ("png", "pdf")}
 
 
 def data_uri(png: bytes) -> str:
@@ -144,4 +142,4 @@ def _double_logarithmic(axes: Axes) -> None:
     axes.set_yticks([tick for tick in (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0) if low <= tick <= high])
     for along in (axes.xaxis, axes.yaxis):
         along.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.minorticks_off()

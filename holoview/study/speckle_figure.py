@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from holoview.metrics.speckle import independent_patterns
 from holoview.metrics.speckle_histogram import speckle_density, speckle_histogram
 from holoview.numerics.image_region import Region, region_slices
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _HIGHEST_QUANTILE = 0.999
 _MIN_CONTRAST = 1e-3

@@ -6,6 +6,7 @@ defocus          defocus blur kernels (square or disc), and FFT convolution with
 rendered_stacks  focal stacks rendered elsewhere: a folder, TIFF pages, OpenEXR parts or layers
 picture          a picture or a depth map as linear light, and resizing to the simulation grid
 image_reader     decodes PNG, JPEG, TIFF and OpenEXR files, recognised by their first bytes
+deep_png         decodes PNG files of 16 bits a sample
 raster           the decoded image (`Raster`), and helpers that all decoders share
 exr              parts and layers of OpenEXR files as rasters
 tiff             pages of TIFF files as rasters

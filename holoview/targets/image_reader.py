@@ -1,7 +1,6 @@
 """Decodes PNG, JPEG, TIFF and OpenEXR files as rasters, without interpreting their colours.
 
-The format is recognised by the file's first bytes, never by its name. PNG with 16 bits is decoded by imagecodecs,
-because Pillow reduces colour PNG to 8 bits.
+The format is recognised by the file's first bytes, never by its name.
 """
 
 from __future__ import annotations
@@ -13,10 +12,10 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-import imagecodecs
 import numpy as np
 from PIL import Image, ImageOps
 
+from holoview.targets.deep_png import decode_deep_png
 from holoview.targets.exr import exr_count, exr_pictures
 from holoview.targets.raster import MAX_PIXELS, Raster, integers_to_unit_range, split_alpha, too_large_error
 from holoview.targets.tiff import tiff_count, tiff_pictures
@@ -140,7 +139,7 @@ def _read_png(path: Path) -> Raster:
         raise UserError(str(path), f"has no pixels: {width} × {height}")
     if bits != 16:
         return _read_with_pillow(path)
-    return split_alpha(integers_to_unit_range(imagecodecs.png_decode(data)), encoded=True)
+    return split_alpha(integers_to_unit_range(decode_deep_png(data)), encoded=True)
 
 
 def _read_with_pillow(path: Path) -> Raster:

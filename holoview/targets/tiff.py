@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import tifffile
 
 from holoview.targets.raster import MAX_PIXELS, Raster, integers_to_unit_range, split_alpha, too_large_error
 from holoview.util.errors import UserError
+from holoview.util.optional_library import import_optional
 
 _PHOTOMETRICS = (
     tifffile.PHOTOMETRIC.MINISWHITE,
@@ -36,6 +38,17 @@ def tiff_pictures(path: Path) -> Iterator[Raster]:
         pages = _pages(file)
         for number, page in enumerate(pages, start=1):
             yield _raster(path, page, f"page {number}" if len(pages) > 1 else "")
+
+
+@contextmanager
+def naming_missing_codecs(path: Path) -> Iterator[None]:
+    """Turns tifffile's exception in the block into a UserError if imagecodecs decodes the file and isn't installed."""
+    try:
+        yield
+    except Exception as error:
+        if "requires the 'imagecodecs' package" in str(error):  # tifffile's words, in exceptions of several types
+            import_optional("imagecodecs", f"{path}, for its compression")
+        raise
 
 
 def _pages(file: tifffile.TiffFile) -> list[tifffile.TiffPage]:
@@ -70,7 +83,8 @@ def _raster(path: Path, page: tifffile.TiffPage, name: str) -> Raster:
     if photometric not in _PHOTOMETRICS:
         colours = getattr(photometric, "name", photometric)
         raise UserError(str(path), f"has {colours} colours", expected="grey or RGB", remedy="export it as RGB")
-    samples = np.asarray(page.asarray())
+    with naming_missing_codecs(path):
+        samples = np.asarray(page.asarray())
     full = 2**page.bitspersample - 1 if samples.dtype.kind == "u" else None
     if photometric == tifffile.PHOTOMETRIC.PALETTE:
         samples, full, axes = np.asarray(page.colormap)[:, samples], None, "SYX"

@@ -3,6 +3,7 @@
 errors            `UserError`, the exception for a user's mistake, and suggestions of similar words
 units             text with units such as "8 um" to SI numbers and back, without losing a digit
 files             folders of shaders, presets and assets; atomic writing of files
+optional_library  imports of libraries that a plain installation leaves out
 safetensors_file  named tensors with metadata in safetensors files, checked when they are read
 progress          types of functions that report progress
 checkpoint        comparison of a checkpoint with the run that is to continue from it

@@ -57,10 +57,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.targets.focal_stack", "scipy"): SLOW,
     ("holoview.gpu.timer", "wgpu.backends.wgpu_native"): BACKEND,
     ("holoview.effects.calibrated", "holoview.effects.calibration.calibration_file"): SLOW,
-    ("holoview.calibrate.figure_file", "matplotlib.backends.backend_agg"): SLOW,
-    ("holoview.calibrate.figure_file", "matplotlib.figure"): SLOW,
     ("holoview.study.report", "pyarrow"): OPTIONAL,
-    ("holoview.study.executors", "distributed"): OPTIONAL,
     ("holoview.commands.diagnose", "holoview.diagnose.display_gain"): SLOW,
     ("holoview.commands.diagnose", "holoview.diagnose.html_report"): SLOW,
     ("holoview.benchmark.report_run", "holoview.benchmark.optimiser_iteration"): OPTIONAL,
@@ -73,8 +70,6 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.app.run", "rendercanvas.offscreen"): CHOICE,
     ("holoview.app.notebook", "rendercanvas.anywidget"): CHOICE,
     ("holoview.app.serve", "rendercanvas.http"): CHOICE,
-    ("holoview.app.serve", "uvicorn"): OPTIONAL,
-    ("holoview.app.serve", "websockets"): OPTIONAL,
 }
 """Every import inside a function, with its reason; all others stand at the top of their files."""
 

@@ -4,5 +4,5 @@ png_images      PNG of the displayed image and of all planes, bytes for the clip
 hologram_files  hologram files and presets
 sweep           an animated focal sweep as GIF or MP4
 figure          a labelled figure with a scale bar as PNG or PDF
-optional        imports of optional libraries, checks of suffixes
+suffix          suffixes of files
 """

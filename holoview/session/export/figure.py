@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 from pathlib import Path
 from typing import Any
@@ -10,15 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.report.figure import new_figure, require_matplotlib
 from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession
-from holoview.session.export.optional import check_suffix, import_optional
+from holoview.session.export.suffix import check_suffix
 from holoview.session.jobs import BackgroundJob, JobControl
 from holoview.session.measure import RegionMetrics, measure_region
 from holoview.session.rendering import render_planes
 from holoview.session.tone_mapping import tone_map
 from holoview.util import units
 from holoview.util.files import atomic_write
+from holoview.util.optional_library import import_optional
 
 SUFFIXES = (".png", ".pdf")
 _WIDTH_IN, _DPI = 6.4, 200
@@ -28,7 +29,7 @@ _MAX_BAR_FRACTION = 0.2  # of the image's width
 def save_figure(session: EditingSession, path: Path) -> BackgroundJob:
     """Writes the figure in the background. Raises UserError for another suffix, and if matplotlib isn't installed."""
     path = check_suffix(path, SUFFIXES)
-    figure_module = import_optional("matplotlib.figure", "a figure")
+    require_matplotlib("a figure")
     document, target = session.displayed_document, session.target_at()
 
     def work(control: JobControl) -> Path:
@@ -37,18 +38,16 @@ def save_figure(session: EditingSession, path: Path) -> BackgroundJob:
         control.report(1, 2, "drawing")
         metrics = measure_region(xyz, document.measured_region, target)
         with atomic_write(path) as temporary:
-            _draw(figure_module, temporary, document, tone_map(xyz, document.view_settings), metrics)
+            _draw(temporary, document, tone_map(xyz, document.view_settings), metrics)
         return path
 
     return session.jobs.start("Figure", work, lambda written: session.messages.post(f"figure written to {written}"))
 
 
-def _draw(
-    figure_module: Any, path: Path, document: Document, pixels: NDArray[np.uint8], metrics: RegionMetrics
-) -> None:
+def _draw(path: Path, document: Document, pixels: NDArray[np.uint8], metrics: RegionMetrics) -> None:
     rows, columns = pixels.shape[:2]
     caption_in = 0.55
-    figure = figure_module.Figure((_WIDTH_IN, _WIDTH_IN * rows / columns + caption_in), dpi=_DPI)
+    figure = new_figure((_WIDTH_IN, _WIDTH_IN * rows / columns + caption_in), dpi=_DPI, layout=None)
     height = 1 - caption_in / figure.get_figheight()
     axes = figure.add_axes((0, 1 - height, 1, height))
     axes.imshow(pixels, interpolation="nearest", aspect="auto")
@@ -76,7 +75,7 @@ def _draw_bar(axes: Any, document: Document, rows: int, columns: int) -> None:
     for color, width in (("black", 5.0), ("white", 3.0)):
         axes.plot([x0, x0 + length_m / pitch_m], [y, y], color=color, linewidth=width, solid_capstyle="butt")
     text = axes.text(x0, y - 0.015 * rows, units.format_rounded(length_m, "mm"), color="white", fontsize=9, va="bottom")
-    effects = importlib.import_module("matplotlib.patheffects")
+    effects = import_optional("matplotlib.patheffects", "a figure")
     text.set_path_effects([effects.withStroke(linewidth=2, foreground="black")])
 
 

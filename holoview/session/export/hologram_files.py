@@ -7,6 +7,7 @@ from pathlib import Path
 from holoview.io.hologram import Hologram
 from holoview.model import preset
 from holoview.session.editing_session import EditingSession
+from holoview.session.export.suffix import with_default_suffix
 
 
 def save_hologram(session: EditingSession, path: Path) -> None:
@@ -22,8 +23,3 @@ def save_preset(session: EditingSession, path: Path) -> None:
     file = with_default_suffix(path, ".toml")
     preset.save(session.system, file)
     session.messages.post(f"preset written to {file}")
-
-
-def with_default_suffix(path: Path, suffix: str) -> Path:
-    """The path, with `suffix` added if it has none."""
-    return path if path.suffix else path.with_suffix(suffix)

@@ -13,7 +13,7 @@ from holoview.io.png import path_with_suffix, write_png
 from holoview.model import preset
 from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession
-from holoview.session.export.hologram_files import with_default_suffix
+from holoview.session.export.suffix import with_default_suffix
 from holoview.session.jobs import BackgroundJob, JobControl
 from holoview.session.rendering import render_planes
 from holoview.session.tone_mapping import tone_map
