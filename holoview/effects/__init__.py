@@ -55,7 +55,7 @@ _old = moved(__name__, "holoview.model.effects.effect", {"Facts": "DataPropertie
 
 
 def __getattr__(name: str) -> Any:
-    """`Facts`, the name of `DataProperties` before version 0.2."""
+    """`Facts`, the name of `DataProperties` before version 0.1.0."""
     if name != "Facts":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return _old(name)

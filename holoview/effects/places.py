@@ -1,4 +1,4 @@
-"""Deprecated place of `holoview.model.effects.hook_contexts`, for effect files from before version 0.2."""
+"""Deprecated place of `holoview.model.effects.hook_contexts`, for effect files from before version 0.1.0."""
 
 from holoview.model.effects.old_names import moved
 

@@ -1,4 +1,4 @@
-"""Deprecated names in effect files from before version 0.2: they work until version 0.3, with a FutureWarning."""
+"""Deprecated names in effect files from before version 0.1.0: they work until version 0.3, with a FutureWarning."""
 
 from __future__ import annotations
 
