@@ -28,14 +28,15 @@ _VEC4_BYTES = 16
 class DeviceProbe:
     """Bandwidths (bytes/s, read plus written) of copies by command and by shader, and overheads (s).
 
-    submission_s: of an empty submission and waiting for its end. dispatch_s: of a dispatch that does next to nothing
-    and waits for the preceding one.
+    submission_s: of an empty submission and waiting for its end. check_s: of the check that precedes each submission,
+    whether the device is still there. dispatch_s: of a dispatch that does next to nothing, after another.
     """
 
     copy_command: float
     copy_shader: float
     copy_bytes: int
     submission_s: float
+    check_s: float
     dispatch_s: float
 
     @property
@@ -66,6 +67,7 @@ def probe_device(device: Device, rounds: int, copy_bytes: int | None = None) -> 
         copy_shader=moved / _step_s(device, lambda recorder: recorder.add(large), copies, rounds),
         copy_bytes=nbytes,
         submission_s=statistics.median(_submission_s(device, command, 0) for _ in range(rounds)),
+        check_s=statistics.median(_check_s(device) for _ in range(rounds)),
         dispatch_s=_step_s(device, lambda recorder: recorder.add(small), _DISPATCHES, rounds),
     )
 
@@ -98,4 +100,11 @@ def _submission_s(device: Device, record: Callable[[CommandRecorder], None], cou
     device.wait()
     start = time.perf_counter()
     recorder.submit(wait=True)
+    return time.perf_counter() - start
+
+
+def _check_s(device: Device) -> float:
+    """Time (s) of a check whether the device is still there."""
+    start = time.perf_counter()
+    device.check_alive()
     return time.perf_counter() - start

@@ -85,7 +85,7 @@ def benchmark_frame(
     }
     jobs: dict[str, TimedJob] = {name: full_frame(renderer) for name, renderer in renderers.items()}
     jobs |= {SCRUB: scrub(renderers[FULL]), AMPLITUDE: amplitude_edit(renderers[FULL])}
-    jobs |= _torch_jobs(TORCH, base) | _torch_jobs(TORCH_SINGLE, single)
+    jobs |= _torch_jobs(TORCH, base) | _torch_jobs(TORCH_SINGLE, single) | _cuda_jobs(base)
     jobs |= fft_jobs(device, make_plan(base).grid.padded, renderers[FULL].strategy)
     samples = time_interleaved(jobs, rounds)
     criteria = _criteria(samples, len(base.wavelengths_m), frame_error(single, device, half, strategy))
@@ -131,17 +131,36 @@ def _torch_jobs(name: str, system: System) -> dict[str, TimedJob]:
 
     One thread is often faster on a busy machine, where several wait for each other.
     """
-    plan = make_plan(system, [float(system.planes_m[len(system.planes_m) // 2])])
-    inputs, default_threads = make_frame_inputs(plan, random_drive(system)), torch.get_num_threads()
-    orders = {"in turn": False, "batched": True} if len(system.wavelengths_m) > 1 else {"in turn": False}
-    baselines = {order: TorchBaseline(plan, inputs, batched=batched) for order, batched in orders.items()}
+    default_threads = torch.get_num_threads()
     return {
         f"{name}: {order}, {threads} threads": partial(_run_baseline, baseline, threads)
-        for order, baseline in baselines.items()
+        for order, baseline in _torch_baselines(system, "cpu").items()
         for threads in sorted({1, default_threads})
     }
+
+
+def _cuda_jobs(system: System) -> dict[str, TimedJob]:
+    """The same frame in PyTorch on a card, if PyTorch has one."""
+    if not torch.cuda.is_available():
+        return {}
+    baselines = _torch_baselines(system, "cuda")
+    return {f"{TORCH} on cuda: {order}": partial(_run_on_cuda, baseline) for order, baseline in baselines.items()}
+
+
+def _torch_baselines(system: System, device: str) -> dict[str, TorchBaseline]:
+    """The loops over wavelengths one by one and, if there are several, over all at once."""
+    plan = make_plan(system, [float(system.planes_m[len(system.planes_m) // 2])])
+    inputs = make_frame_inputs(plan, random_drive(system))
+    orders = {"in turn": False, "batched": True} if len(system.wavelengths_m) > 1 else {"in turn": False}
+    return {order: TorchBaseline(plan, inputs, batched=batched, device=device) for order, batched in orders.items()}
 
 
 def _run_baseline(baseline: TorchBaseline, threads: int) -> None:
     with torch_threads(threads), torch.inference_mode():
         baseline()
+
+
+def _run_on_cuda(baseline: TorchBaseline) -> None:
+    with torch.inference_mode():
+        baseline()
+    torch.cuda.synchronize()

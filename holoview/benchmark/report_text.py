@@ -163,6 +163,7 @@ def _probe(data: Values) -> list[str]:
             ],
             ["the same by a shader", f"{probe['copy_shader'] / 1e9:.4g} GB/s"],
             ["an empty submission and waiting for it", f"{1e6 * probe['submission_s']:.3g} µs"],
+            ["the check before each, whether the device is there", f"{1e6 * probe['check_s']:.3g} µs"],
             ["a dispatch that does nothing, after another", f"{1e6 * probe['dispatch_s']:.3g} µs"],
         )
     ]

@@ -21,13 +21,13 @@ from holoview.optics.propagate import relay_transfer_function
 
 
 class TorchBaseline:
-    """Computes XYZ of one plane, (3, y, x) float32, in PyTorch on the CPU.
+    """Computes XYZ of one plane, (3, y, x) float32, in PyTorch.
 
-    batched: all wavelengths at once instead of one after the other.
+    batched: all wavelengths at once instead of one after the other. device: of torch.
     Raises ValueError for a bench with padding, tilted light, several frames or several sources.
     """
 
-    def __init__(self, plan: Plan, inputs: FrameInputs, *, batched: bool) -> None:
+    def __init__(self, plan: Plan, inputs: FrameInputs, *, batched: bool, device: str = "cpu") -> None:
         if (
             plan.grid.padded != plan.grid.shape
             or plan.slopes.any()
@@ -38,13 +38,17 @@ class TorchBaseline:
         system = plan.system
         wavelengths = range(len(system.wavelengths_m))
         self._batched = batched
-        self._paths_nm = [upsample_nearest(opd, plan.grid.upsample).float() * 1e9 for opd in inputs.opd_m[0]]
+        self._device = torch.device(device)
+        paths_m = [upsample_nearest(opd, plan.grid.upsample) for opd in inputs.opd_m[0]]
+        self._paths_nm = [path_m.float().to(self._device) * 1e9 for path_m in paths_m]
         self._radians_per_nm = [2 * math.pi / (float(λ) * 1e9) for λ in system.wavelengths_m]
         gap = [] if system.gap_m is None else [_transfer_functions(plan, inputs, 0, system.gap_m)]
-        self._transfers = [*gap, _transfer_functions(plan, inputs, 1, float(plan.planes_m[0]))]
+        transfers = [*gap, _transfer_functions(plan, inputs, 1, float(plan.planes_m[0]))]
+        self._transfers = [transfer.to(self._device) for transfer in transfers]
         weights = plan.weights[0][:, None] * plan.colour_weights
-        self._xyz_weights = torch.from_numpy(np.ascontiguousarray(weights)).float()
-        self._ones = torch.ones(plan.grid.shape)
+        self._weights = weights.tolist()
+        self._xyz_weights = torch.from_numpy(np.ascontiguousarray(weights)).float().to(self._device)
+        self._ones = torch.ones(plan.grid.shape, device=self._device)
         self._wavelengths = wavelengths
 
     def __call__(self) -> torch.Tensor:
@@ -52,7 +56,7 @@ class TorchBaseline:
         return self._all_wavelengths() if self._batched else self._one_by_one()
 
     def _one_by_one(self) -> torch.Tensor:
-        xyz = torch.zeros(3, *self._ones.shape)
+        xyz = torch.zeros(3, *self._ones.shape, device=self._device)
         for wavelength in self._wavelengths:
             field: torch.Tensor | None = None
             for path, transfers in zip(self._paths_nm, self._transfers, strict=True):
@@ -62,15 +66,15 @@ class TorchBaseline:
             assert field is not None
             intensity = field.real.square().add_(field.imag.square())
             for channel in range(3):
-                xyz[channel].add_(intensity, alpha=float(self._xyz_weights[wavelength, channel]))
+                xyz[channel].add_(intensity, alpha=self._weights[wavelength][channel])
         return xyz
 
     def _all_wavelengths(self) -> torch.Tensor:
-        radians_per_nm = torch.tensor(self._radians_per_nm)[:, None, None]
+        radians_per_nm = torch.tensor(self._radians_per_nm, device=self._device)[:, None, None]
         field: torch.Tensor | None = None
         for path, transfers in zip(self._paths_nm, self._transfers, strict=True):
             phase = path * radians_per_nm
-            phasor = torch.polar(torch.ones(1).expand_as(phase), phase)
+            phasor = torch.polar(torch.ones(1, device=self._device).expand_as(phase), phase)
             field = phasor if field is None else field.mul_(phasor)
             field = torch.fft.ifft2(torch.fft.fft2(field).mul_(transfers))
         assert field is not None

@@ -30,6 +30,7 @@ from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.optics.frame_inputs import make_frame_inputs
 from holoview.view import random_drive
+from tests.second_device import SecondDevice
 
 TOLERANCE = 2e-6
 """Relative L2 of XYZ from complex64; 6e-7 is what torch's own executor has."""
@@ -49,6 +50,16 @@ def test_the_torch_loop_computes_what_the_reference_executor_computes(batched: b
     expected = compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, drive), double=True))[1][0]
     found = TorchBaseline(plan, make_frame_inputs(plan, drive), batched=batched)().movedim(0, -1).numpy()
     assert np.linalg.norm(found - expected) <= TOLERANCE * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize("batched", [False, True])
+def test_the_torch_loop_keeps_to_its_device(batched: bool) -> None:
+    plan = make_plan(_system(), [0.01])
+    inputs = make_frame_inputs(plan, random_drive(_system()))
+    expected = TorchBaseline(plan, inputs, batched=batched)()
+    with SecondDevice():
+        found = TorchBaseline(plan, inputs, batched=batched, device="cuda")()
+        assert found.device.type == "cuda" and torch.equal(found.cpu(), expected)
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def test_the_better_copy_counts_and_one_that_does_not_fit_is_refused(device: Dev
     probe = probe_device(device, 3, copy_bytes=2**20)
     assert probe.copy_bytes == 2**20
     assert probe.copy_bandwidth == max(probe.copy_command, probe.copy_shader)
-    assert min(probe.copy_command, probe.copy_shader, probe.dispatch_s, probe.submission_s) > 0
+    assert min(probe.copy_command, probe.copy_shader, probe.dispatch_s, probe.submission_s, probe.check_s) > 0
     with pytest.raises(UserError, match="copy"):
         probe_device(device, 1, copy_bytes=2 * device.limits["max-buffer-size"])
 
