@@ -5,16 +5,18 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
+from typing import Any
 
 from holoview.commands.arguments import parse_seed
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.exit_codes import EXIT_INTERRUPTED
 from holoview.commands.output_files import make_folder
+from holoview.model.field_types import Shape
 from holoview.report.figure import require_matplotlib
 from holoview.study.registry import find_study, studies_by_name
 from holoview.study.report import format_claims, write_report
 from holoview.study.runner import ExecutionTarget, run_jobs
-from holoview.study.scale import QUICK, SCALES
+from holoview.study.scale import QUICK, SCALES, TARGETS, StudyScale
 from holoview.study.store import ResultStore
 from holoview.util.errors import UserError
 
@@ -30,6 +32,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     size.add_argument("--full", dest="scale", action="store_const", const="full", help="the paper's size: hours")
     size.add_argument("--scale", choices=tuple(SCALES), help="middle: between the two, several seeds (default)")
     parser.add_argument("--seed", metavar="N", type=parse_seed, default=0, help="first seed of what is random")
+    parser.add_argument("--shape", metavar="ROWSxCOLUMNS", help="pixels of the modulators, instead of the scale's")
+    parser.add_argument("--iterations", metavar="N", type=int, help="of each optimisation, instead of the scale's")
+    parser.add_argument("--seeds", metavar="N", type=int, help="number of seeds, instead of the scale's")
+    parser.add_argument("--targets", metavar="A,B", help="pictures, instead of the scale's: " + ", ".join(TARGETS))
+    parser.add_argument(
+        "--eyebox", metavar="WEIGHT", type=float, help="penalty on an unevenly lit eyebox for all holograms (0: none)"
+    )
+    parser.add_argument("--jobs", metavar="DIR", type=Path, help="folder of finished jobs, which studies can share")
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, help="folder for the report; out/study-NAME")
     parser.add_argument("--workers", metavar="N", default="1", help="processes of this machine that share the work")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler's address: tcp://host:8786")
@@ -44,13 +54,13 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if args.name is None:
         raise UserError("study", "which one?", expected=", ".join(studies_by_name()), remedy="`holoview study --list`")
-    study, scale = find_study(args.name), SCALES[args.scale or "middle"]
+    study, scale = find_study(args.name), _scale(args)
     target = _execution_target(args)
     require_matplotlib(f"the report of the study {study.name}")
     folder = args.output or Path("out") / f"study-{study.name}"
     make_folder(folder)
     jobs, started = study.jobs(scale, args.seed), time.monotonic()
-    store = ResultStore(folder / "jobs")
+    store = ResultStore(args.jobs or folder / "jobs")
     try:
         with progress_bar(study.name) as progress:
             results = run_jobs(study, jobs, store, target, progress)
@@ -67,10 +77,27 @@ def run(args: argparse.Namespace) -> int:
         f"{len(jobs)} jobs in {time.monotonic() - started:.0f} s"
     )
     print("\n".join(["", *format_claims(findings.claims), ""]) if findings.claims else "")
-    for note in (*findings.notes, *([study.quick_note] if scale is QUICK else [])):
+    for note in (*findings.notes, *([study.quick_note] if scale.name == QUICK.name else [])):
         print(note)
     print(f"report: {path}")
     return 0
+
+
+def _scale(args: argparse.Namespace) -> StudyScale:
+    """The scale with what the arguments change of it."""
+    changes: dict[str, Any] = {key: getattr(args, key) for key in ("iterations", "seeds", "eyebox")}
+    if args.targets is not None:
+        changes["targets"] = tuple(args.targets.split(","))
+    if args.shape is not None:
+        changes["shape"] = _parse_shape(args.shape)
+    return SCALES[args.scale or "middle"].with_changes(**changes)
+
+
+def _parse_shape(text: str) -> tuple[int, int]:
+    rows, _, columns = text.partition("x")
+    if not (rows.isdecimal() and columns.isdecimal()):
+        raise UserError("--shape", f'"{text}"', expected="rows and columns, such as 192x256")
+    return Shape().parse([int(rows), int(columns)], "--shape")
 
 
 def _execution_target(args: argparse.Namespace) -> ExecutionTarget:

@@ -1,8 +1,10 @@
 """The job that most studies share (optimise a hologram and measure it), and means over results.
 
 Settings of such a job are scheme, target, seed, shape, iterations and planes; optional ones are `set` (changes of the
-bench), `saturation` of the target and `options` (of the optimiser's `Settings`). Everything is optimised and measured
-on a periodic grid, so that all results can be compared.
+bench), `range_mm` (first and last plane), `saturation` and `brightness` of the target, `depth` (false for a flat
+picture at the middle plane), `eyebox` (weight of the penalty), `margin` (share of each side beside the region that
+counts, which alone is optimised and measured) and `options` (of the optimiser's `Settings`). Everything
+is optimised and measured on a periodic grid, so that all results can be compared.
 """
 
 from __future__ import annotations
@@ -16,10 +18,18 @@ from numpy.typing import NDArray
 
 from holoview.colour import to_srgb8
 from holoview.io.hologram import Hologram
-from holoview.metrics.image_quality import eyebox_uniformity_of, measure_image_quality, plane_midpoints
+from holoview.metrics.image_quality import (
+    central_region,
+    eyebox_uniformity_of,
+    measure_image_quality,
+    plane_midpoints,
+)
+from holoview.metrics.psnr import psnr, psnr_linear_srgb
 from holoview.model import preset
+from holoview.model.plan import make_plan
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
+from holoview.numerics.image_region import Region, region_slices
 from holoview.optimise.iteration_state import IterationState
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
@@ -30,7 +40,7 @@ from holoview.util.files import data_dir
 from holoview.view import View, simulate
 
 _BASE = "holochrome-8"
-_PLANES_M = (9e-3, 11e-3)
+_RANGE_MM = (9.0, 11.0)
 _REPORT_EVERY = 10
 
 METRIC_LABELS = {
@@ -48,7 +58,9 @@ JobSettings = Mapping[str, Any]
 
 def job_system(settings: JobSettings) -> System:
     """The bench of a job, on a periodic grid."""
-    planes = np.linspace(*_PLANES_M, settings["planes"]) if settings["planes"] > 1 else np.array([np.mean(_PLANES_M)])
+    first_m, last_m = (1e-3 * mm for mm in settings.get("range_mm", _RANGE_MM))
+    count = settings["planes"]
+    planes = np.linspace(first_m, last_m, count) if count > 1 else np.array([(first_m + last_m) / 2])
     base = preset.load(_BASE).with_(shape=settings["shape"], propagation="periodic", planes=planes)
     return with_scheme(base, settings["scheme"]).edit(settings.get("set", {}))
 
@@ -56,22 +68,35 @@ def job_system(settings: JobSettings) -> System:
 def job_target(system: System, settings: JobSettings, planes_m: NDArray[np.float64]) -> NDArray[np.float32]:
     """The focal stack (plane, y, x, 3) of a job's target at distances `planes_m`, linear sRGB."""
     name = settings["target"]
-    depth = data_dir("assets") / "still-life-depth.png" if name == "still-life" else None
+    depth = data_dir("assets") / f"{name}-depth.png"
+    placement = Placement(depth=depth if settings.get("depth", True) and depth.is_file() else None)
     options = {"saturation": settings.get("saturation", 1.0), "planes": planes_m}
-    return target_for(system, data_dir("assets") / f"{name}.png", Placement(depth=depth), **options).stack
+    brightness = settings.get("brightness", 1.0)
+    return target_for(system, data_dir("assets") / f"{name}.png", placement, brightness, **options).stack
 
 
 def optimise_job(
     system: System, stack: NDArray[np.floating], settings: JobSettings, status: StatusCallback, label: str = ""
 ) -> IterationState:
     """Optimises for a focal stack (plane, y, x, 3) and returns the last state."""
-    options = Settings(iterations=settings["iterations"], seed=settings["seed"], **_options(settings))
+    region = _region(system, settings)
+    options = Settings(iterations=settings["iterations"], seed=settings["seed"], region=region, **_options(settings))
     state: IterationState | None = None
     for state in iterate(system, stack, options, device=resolve_torch_device()):
         if state.iteration % _REPORT_EVERY == 0:
             status(f"{label}{state.iteration}/{state.iterations}, {state.psnr_db:.1f} dB")
     assert state is not None
     return state
+
+
+def _region(system: System, settings: JobSettings) -> Region | None:
+    """The samples (x, y, width, height) that count, without the margin; None for all."""
+    margin = settings.get("margin", 0.0)
+    if not margin:
+        return None
+    rows, columns = make_plan(system).grid.shape
+    y, x = round(margin * rows), round(margin * columns)
+    return x, y, columns - 2 * x, rows - 2 * y
 
 
 def run_hologram_job(settings: JobSettings, status: StatusCallback) -> JobResult:
@@ -85,6 +110,8 @@ def run_hologram_job(settings: JobSettings, status: StatusCallback) -> JobResult
     target = job_target(system, settings, planes_m)
     state = optimise_job(system, target[:count], settings, status)
     view = simulate(state.best.system, state.best.drive, planes_m, backend="torch")
+    if (region := _region(system, settings)) is not None:
+        view, target = view.cropped(region), target[:, *region_slices(region)]
     numbers = hologram_metrics(state.best, view.at(range(count)), target[:count])
     between = [measure_image_quality(view.at([i]), target[i : i + 1]).psnr.mean_db for i in range(count, len(planes_m))]
     numbers |= {
@@ -98,10 +125,18 @@ def run_hologram_job(settings: JobSettings, status: StatusCallback) -> JobResult
 
 
 def hologram_metrics(hologram: Hologram, view: View, target: NDArray[np.floating]) -> dict[str, Any]:
-    """Fidelity, colour difference, speckle and eyebox of a hologram, by the names of a job's numbers."""
+    """Fidelity, colour difference, speckle and eyebox of a hologram, by the names of a job's numbers.
+
+    psnr_db: of linear sRGB. centre_db: of its central half. encoded_db: of 8-bit sRGB, as files hold it.
+    """
     quality, eyebox = measure_image_quality(view, target), eyebox_uniformity_of(hologram)
+    planes = zip(view.srgb8, np.asarray(target), strict=True)
+    x, y, width, height = central_region(view.rgb.shape[1:])
+    centre = np.s_[:, y : y + height, x : x + width]
     return {
         "psnr_db": quality.psnr.mean_db,
+        "centre_db": psnr_linear_srgb(view.rgb[centre], target[centre]).mean_db,
+        "encoded_db": float(np.mean([psnr(seen / 255, to_srgb8(wanted) / 255) for seen, wanted in planes])),
         "luminance_psnr_db": quality.psnr_luminance.mean_db,
         "delta_e": quality.delta_e,
         "speckle_contrast": quality.mean_speckle_contrast,
@@ -113,7 +148,7 @@ def hologram_metrics(hologram: Hologram, view: View, target: NDArray[np.floating
 
 def _options(settings: JobSettings) -> dict[str, Any]:
     """Options of the optimiser, with JSON's lists as tuples."""
-    options = settings.get("options", {})
+    options = {key: settings[key] for key in ("eyebox",) if key in settings} | settings.get("options", {})
     return {key: tuple(value) if isinstance(value, list) else value for key, value in options.items()}
 
 

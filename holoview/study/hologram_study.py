@@ -28,6 +28,8 @@ class HologramStudy(Study):
     """A study whose jobs are optimised holograms."""
 
     quick_note = f"{QUICK_SIZE}."
+    kind = "hologram"
+    revision = 2
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         return run_hologram_job(settings, status)

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Any
+
+from holoview.util.errors import UserError, suggest_matches
+
+TARGETS = ("still-life", "night", "bright", "coffee", "resolution")
+"""Names of the pictures that are part of holoview."""
 
 
 @dataclass(frozen=True)
@@ -11,7 +17,7 @@ class StudyScale:
     """A problem size.
 
     shape: modulator pixels (y, x). iterations: of an optimisation. seeds: number of them. targets: names of pictures.
-    planes: number of focal planes.
+    planes: number of focal planes. eyebox: weight of the penalty on an unevenly lit eyebox, for all holograms.
     """
 
     name: str
@@ -20,17 +26,35 @@ class StudyScale:
     seeds: int
     targets: tuple[str, ...]
     planes: int
+    eyebox: float = 0.0
+
+    def with_changes(self, **changes: Any) -> StudyScale:
+        """The scale with some fields changed; None leaves one as it is. Raises UserError for impossible values."""
+        changed = replace(self, **{key: value for key, value in changes.items() if value is not None})
+        for key, count in (("--iterations", changed.iterations), ("--seeds", changed.seeds)):
+            if count < 1:
+                raise UserError(key, str(count), expected="at least 1")
+        for name in changed.targets:
+            if name not in TARGETS:
+                remedy = suggest_matches(name, TARGETS)
+                raise UserError("--targets", f'"{name}"', expected=", ".join(TARGETS), remedy=remedy)
+        if not 0 <= changed.eyebox < math.inf:
+            raise UserError("--eyebox", f"{changed.eyebox:g}", expected="a weight of 0 or more")
+        return changed
 
     @property
     def job_settings(self) -> dict[str, Any]:
         """The settings of jobs that depend on the scale."""
-        return {"shape": list(self.shape), "iterations": self.iterations, "planes": self.planes}
+        eyebox = {"eyebox": self.eyebox} if self.eyebox else {}
+        return {"shape": list(self.shape), "iterations": self.iterations, "planes": self.planes, **eyebox}
 
     @property
     def description(self) -> str:
         """The scale of an optimisation in words."""
         samples, seeds = format_size(self.shape, self.seeds)
-        return f"{samples}, {self.iterations} iterations, {seeds}, {self.planes} focal planes"
+        even = f", eyebox penalty {self.eyebox:g}" if self.eyebox else ""
+        targets = "" if len(self.targets) == 1 else f", {len(self.targets)} targets"
+        return f"{samples}, {self.iterations} iterations, {seeds}{targets}, {self.planes} focal planes{even}"
 
 
 def format_size(shape: tuple[int, int], seeds: int) -> tuple[str, str]:
@@ -38,6 +62,7 @@ def format_size(shape: tuple[int, int], seeds: int) -> tuple[str, str]:
     return " x ".join(str(2 * n) for n in reversed(shape)) + " samples", f"{seeds} seeds" if seeds > 1 else "one seed"
 
 
+THREE_SCENES = ("still-life", "night", "bright")
 QUICK = StudyScale("quick", (48, 64), 40, 1, ("still-life",), 3)
 FULL = StudyScale("full", (384, 512), 100, 1, ("still-life",), 5)
 MIDDLE = StudyScale("middle", (96, 128), 150, 3, ("still-life", "resolution"), 5)

@@ -31,8 +31,8 @@ StatusCallback = Callable[[str], None]
 class StudyJob:
     """One computation of a study.
 
-    study: name of the study. label: for progress and tables. settings: JSON values, on which alone the result depends.
-    revision: of the study, see `Study.revision`.
+    study: what is computed, see `Study.kind`. label: for progress and tables. settings: JSON values, on which alone the
+    result depends. revision: of the study, see `Study.revision`.
     """
 
     study: str
@@ -42,7 +42,7 @@ class StudyJob:
 
     @cached_property
     def key(self) -> str:
-        """Digest of the study, its revision, the settings and holoview's version: equal for jobs with equal results."""
+        """Digest of kind, revision, settings and holoview's version: equal for jobs with equal results."""
         text = json.dumps([self.study, self.revision, self.settings, __version__], sort_keys=True)
         return blake2b(text.encode(), digest_size=10).hexdigest()
 
@@ -118,9 +118,12 @@ class Study(ABC):
     revision: int = 1
     """To be increased when `run_job` computes something else, so that stored results aren't used any more."""
 
+    kind: str = ""
+    """What `run_job` computes; studies of one kind can share results. Empty: something of this study's own."""
+
     def make_job(self, label: str, settings: Mapping[str, Any]) -> StudyJob:
-        """A job of this study and revision."""
-        return StudyJob(self.name, label, settings, self.revision)
+        """A job of this study's kind and revision."""
+        return StudyJob(self.kind or self.name, label, settings, self.revision)
 
     def describe_size(self, scale: StudyScale) -> str:
         """The size of the jobs at a scale, in words; overridden by studies that optimise nothing."""

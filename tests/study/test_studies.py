@@ -85,7 +85,7 @@ def test_a_study_runs_and_reports(name: str, tmp_path: Path) -> None:
     study = studies_by_name()[name]
     jobs = study.jobs(TINY, 0)
     assert len({job.label for job in jobs}) == len(jobs)
-    assert all(job.study == name and job.revision == study.revision for job in jobs)
+    assert all(job.study == (study.kind or name) and job.revision == study.revision for job in jobs)
     findings = study.analyse(run_jobs(study, jobs, ResultStore(tmp_path / "jobs")))
     assert findings.rows and findings.claims and findings.plots
     assert bool(findings.pictures) == (name in PICTURED)

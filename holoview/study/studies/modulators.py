@@ -13,7 +13,7 @@ from holoview.study.study import Findings, Results, StudyFigure, StudyJob
 
 _SCHEMES = ("holochrome-8", "holochrome-8+1slm", "simultaneous", "simultaneous+1slm")
 _NAMES = ("8 λ", "8 λ, one modulator", "3 λ", "3 λ, one modulator")
-_FREE_EYEBOX: dict[str, Any] = {}
+_FREE_EYEBOX: dict[str, Any] = {"eyebox": 0.0}
 _EVEN_EYEBOX: dict[str, Any] = {"eyebox": 0.03}
 _REASON = "PSNR rewards the single modulator's smooth phase, whose light crosses the eyebox as a small spot"
 
@@ -28,14 +28,12 @@ class _Modulators(HologramStudy):
     quick_note = f"{QUICK_SIZE}; the eyebox penalty has less time to act."
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
-        free = scheme_jobs(self, _SCHEMES, scale, seed, options=_FREE_EYEBOX)
-        return free + scheme_jobs(self, _SCHEMES, scale, seed, "even eyebox", options=_EVEN_EYEBOX)
+        free = scheme_jobs(self, _SCHEMES, scale, seed, **_FREE_EYEBOX)
+        return free + scheme_jobs(self, _SCHEMES, scale, seed, "even eyebox", **_EVEN_EYEBOX)
 
     def analyse(self, results: Results) -> Findings:
-        cases = [
-            {"scheme": scheme, "options": options} for scheme in _SCHEMES for options in (_FREE_EYEBOX, _EVEN_EYEBOX)
-        ]
-        labels = [f"{name}{', even' if options else ''}" for name in _NAMES for options in (_FREE_EYEBOX, _EVEN_EYEBOX)]
+        cases = [{"scheme": scheme, **eyebox} for scheme in _SCHEMES for eyebox in (_FREE_EYEBOX, _EVEN_EYEBOX)]
+        labels = [f"{name}, {eyebox}" for name in _NAMES for eyebox in ("free", "even")]
         pairs = [
             ("two modulators against one, 8 wavelengths, eyebox left free", 5.3, _SCHEMES[:2], _FREE_EYEBOX),
             ("the same, eyebox evened out (weight 0.03)", 5.3, _SCHEMES[:2], _EVEN_EYEBOX),
@@ -43,17 +41,17 @@ class _Modulators(HologramStudy):
             ("the same, eyebox evened out (weight 0.03)", None, _SCHEMES[2:], _EVEN_EYEBOX),
         ]
         return Findings(
-            rows=result_table(results, "options"),
+            rows=result_table(results, "eyebox"),
             claims=[
                 gain_claim(
                     results,
                     what,
                     paper_db,
-                    {"scheme": schemes[0], "options": options},
-                    {"scheme": schemes[1], "options": options},
+                    {"scheme": schemes[0], **eyebox},
+                    {"scheme": schemes[1], **eyebox},
                     reason=_REASON,
                 )
-                for what, paper_db, schemes, options in pairs
+                for what, paper_db, schemes, eyebox in pairs
             ],
             plots=[
                 psnr_plot(results, labels, cases),
