@@ -147,7 +147,7 @@ def _claim(what: str, rows: list[dict[str, Any]]) -> Claim:
     )
     is_even = max(row["eyebox, two"], row["eyebox, one"]) <= _EVEN
     if not is_even:
-        return Claim(what, f"{_PAPER_DB:+.1f} dB", measured, SHOWN, "the eyeboxes differ: no gain at matched eyebox")
+        return Claim(what, "", measured, SHOWN, "the eyeboxes differ, so that this is no gain at a matched eyebox")
     verdict = judge_gain(gain, _PAPER_DB)
     reason = "one modulator is as good at this eyebox" if verdict == CONTRADICTS else ""
     return Claim(what, f"{_PAPER_DB:+.1f} dB", measured, verdict, reason)
