@@ -5,7 +5,8 @@ run                   runs the viewer on a screen, off screen by a script, or in
 app                   the frame loop, which owns window, panels and context
 context               what panels, overlays and menus share
 window                Dear ImGui on rendercanvas and wgpu
-imgui_input           queues window events for ImGui
+input_steps           what events mean: steps of input, one change at a time
+imgui_input           gives Dear ImGui the steps frame by frame
 window_layout         the initial arrangement of windows, settings of HelloImGui
 menus                 the menu bar
 status                the status bar
@@ -39,6 +40,7 @@ frame_rate            how many images a second the viewer shows, measured off sc
 input_driver          synthetic events for a viewer off screen
 script                text scripts that use them
 serve                 HTTP and WebSocket, protected by a token
+served_canvas         the canvas that several pages show
 notebook              the viewer in a notebook's cell
 no_adapter            the page shown without a usable adapter
 """

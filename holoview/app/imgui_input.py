@@ -1,12 +1,18 @@
-"""Queues window events for Dear ImGui so that none is lost when frames are slow.
+"""Gives Dear ImGui the steps of input one after another, so that none is lost when frames are slow.
 
-If the pointer moves and a button is released within one frame, ImGui doesn't apply the last movement of the drag,
-because the widget is no longer active. A release therefore waits until a frame has processed the movement before it.
+ImGui reads its input once in a frame, and what a click or a key does may show its effect some frames later: an item
+under another one is hovered from the second frame on, a dialog has the keyboard after three. At 60 frames a second
+nobody is faster than that. At 2 frames a second a whole sentence arrives within one frame. If ImGui got it at once, a
+click that came with the movement before it would miss its item, Ctrl+P and the word after it would run the commands
+whose keys the letters are, and two keys would run in the order of the menus.
 
-ImGui uses the state of the modifiers at the end of a frame's events: a quick Ctrl+S whose keys are released before the
-frame would be read as S. A change of a modifier therefore waits until a frame has processed the actions before it.
+A frame therefore gets movements, or turns of the wheel, or text, or a single press or release; before each of these it
+gets the changes of modifiers and releases of keys that come first. A press, a release, a turn of the wheel or text
+waits until the interface has settled after the action before it. What a sequence of events does then doesn't depend on
+how it falls on frames. The frames in between need not be drawn: `Window` draws only the last one.
 
-Events behind a waiting one wait as well.
+While a text field has the keyboard, text goes to it as a whole and keys that type characters are left out, since their
+characters arrive as text. While none has it, keys are commands and their characters are left out.
 """
 
 from __future__ import annotations
@@ -16,87 +22,105 @@ from typing import Any
 
 from imgui_bundle import imgui
 
+from holoview.app.input_steps import (
+    ButtonChange,
+    EventReader,
+    KeyPress,
+    KeyRelease,
+    ModifierChange,
+    Move,
+    Step,
+    Text,
+    Wheel,
+)
 from holoview.app.keys import key_named, modifier_named
 
-WHEEL_NOTCH = 100.0
-"""One notch of the wheel in rendercanvas's units."""
-EVENT_TYPES = ("pointer_move", "pointer_down", "pointer_up", "wheel", "key_down", "key_up", "char")
-"""The event types of rendercanvas that are handled."""
-_MODIFIED_TYPES = ("pointer_down", "pointer_up", "wheel", "key_down")  # whose meaning depends on modifiers
+_HOVER_FRAMES = 2  # after a movement, until an item that lies above another one is hovered
+_SETTLING_FRAMES = 5  # after an action, until what it opens has its place and the keyboard
 
 
 class ImguiInputQueue:
-    """Forwards events to ImGui in their order. Call `after_frame` after each frame."""
+    """Forwards events to ImGui in their order. Call `begin_frame` before each frame."""
 
     def __init__(self) -> None:
-        self._waiting: deque[dict[str, Any]] = deque()
-        self._position: tuple[float, float] | None = None
-        self._has_moved = self._has_acted = False
+        self._reader, self._waiting = EventReader(), deque[Step]()
+        self._since_move = self._since_action = _SETTLING_FRAMES
+        self._sent: type[Step] | None = None  # what this frame has got, after modifiers and released keys
+        self._last_action: type[Step] | None = None
+        self._was_command = False  # whether the last key was pressed as a command, so that its characters aren't text
 
     @property
     def has_pending(self) -> bool:
-        """Whether events wait here or in ImGui, which processes one key press or character for each frame."""
+        """Whether events wait here or in ImGui."""
         return bool(self._waiting) or _imgui_has_pending()
 
     def enqueue(self, event: dict[str, Any]) -> None:
         """Adds an event; types that aren't in EVENT_TYPES are ignored."""
-        self._waiting.append(event)
-        self._forward()
+        self._waiting.extend(self._reader.read(event))
 
-    def after_frame(self) -> None:
-        """Forwards waiting events, once ImGui has processed those before."""
+    def begin_frame(self) -> None:
+        """Forwards what the next frame may process."""
+        self._since_move += 1
+        self._since_action += 1
+        self._sent = None
         if not _imgui_has_pending():
-            self._has_moved = self._has_acted = False
-            self._forward()
+            while self._waiting and self._may_take(self._waiting[0]):
+                self._take(self._waiting.popleft())
 
-    def _forward(self) -> None:
-        while self._waiting:
-            event = self._waiting[0]
-            if event["event_type"] == "pointer_up":
-                self._move(event)
-                if self._has_moved:
-                    return
-            is_modifier = _is_modifier(event)
-            if is_modifier and self._has_acted:
-                return
-            _send_to_imgui(self._waiting.popleft())
-            self._has_acted |= event["event_type"] in _MODIFIED_TYPES and not is_modifier
-            if event["event_type"] in ("pointer_move", "pointer_down"):
-                self._record_pointer(event)
+    def _may_take(self, step: Step) -> bool:
+        kind = _kind_of(step)
+        if isinstance(step, Text) and self._was_command:
+            return True
+        if kind is KeyRelease:
+            return self._sent in (None, Text)
+        if self._sent is not None:
+            return kind is self._sent and kind in (Move, Wheel, Text)
+        if kind in (Move, ModifierChange):
+            return True
+        continues = kind is self._last_action and kind in (Wheel, Text)
+        return self._since_move >= _HOVER_FRAMES and (continues or self._since_action >= _SETTLING_FRAMES)
 
-    def _move(self, event: dict[str, Any]) -> None:
-        if (event["x"], event["y"]) != self._position:
-            imgui.get_io().add_mouse_pos_event(event["x"], event["y"])
-            self._record_pointer(event)
-
-    def _record_pointer(self, event: dict[str, Any]) -> None:
-        self._position, self._has_moved = (event["x"], event["y"]), True
-
-
-def _is_modifier(event: dict[str, Any]) -> bool:
-    return event["event_type"] in ("key_down", "key_up") and modifier_named(event["key"]) is not None
-
-
-def _send_to_imgui(event: dict[str, Any]) -> None:
-    io, kind = imgui.get_io(), event["event_type"]
-    if kind in ("pointer_move", "pointer_down", "pointer_up"):
-        io.add_mouse_pos_event(event["x"], event["y"])
-        if kind != "pointer_move" and event["button"] > 0:
-            io.add_mouse_button_event(event["button"] - 1, kind == "pointer_down")
-    elif kind == "wheel":
-        io.add_mouse_wheel_event(event["dx"] / WHEEL_NOTCH, -event["dy"] / WHEEL_NOTCH)
-    elif kind in ("key_down", "key_up"):
-        _press(event["key"], kind == "key_down")
-    elif kind == "char":
-        io.add_input_characters_utf8(event.get("data") or "")
+    def _take(self, step: Step) -> None:
+        kind = _kind_of(step)
+        if isinstance(step, Text) and self._was_command:
+            return
+        if isinstance(step, KeyPress):
+            self._was_command = kind is KeyPress and step.types
+        elif not isinstance(step, Text | ModifierChange):
+            self._was_command = False
+        if isinstance(step, Text) or kind is not Text:
+            _send_to_imgui(step)
+        if kind is Move:
+            self._sent, self._since_move = Move, 0
+        elif kind not in (ModifierChange, KeyRelease):
+            self._sent, self._since_action, self._last_action = kind, 0, kind
 
 
-def _press(name: str, is_down: bool) -> None:
-    io, key, modifier = imgui.get_io(), key_named(name), modifier_named(name)
-    if modifier is not None:
-        io.add_key_event(modifier, is_down)
-    if key is not None:
-        io.add_key_event(key, is_down)
+def _kind_of(step: Step) -> type[Step]:
+    """A key that types is text while a text field has the keyboard."""
+    is_text = isinstance(step, KeyPress) and step.types and imgui.get_io().want_text_input
+    return Text if is_text else type(step)
+
+
+def _send_to_imgui(step: Step) -> None:
+    io = imgui.get_io()
+    match step:
+        case Move(x, y):
+            io.add_mouse_pos_event(x, y)
+        case ButtonChange(number, is_down):
+            io.add_mouse_button_event(number - 1, is_down)
+        case Wheel(dx, dy):
+            io.add_mouse_wheel_event(dx, dy)
+        case KeyPress(key) if key is not None:
+            io.add_key_event(key, True)
+        case KeyRelease(key):
+            io.add_key_event(key, False)
+        case ModifierChange(name, is_down):
+            for key in (modifier_named(name), key_named(name)):
+                if key is not None:
+                    io.add_key_event(key, is_down)
+        case Text(text):
+            io.add_input_characters_utf8(text)
 
 
 def _imgui_has_pending() -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.app.app import App
-from holoview.app.imgui_input import WHEEL_NOTCH
+from holoview.app.input_steps import WHEEL_NOTCH
 from holoview.app.keys import Chord
 from holoview.util.errors import UserError, suggest_matches
 

@@ -8,6 +8,7 @@ viewer.session.drive                     # the patterns, e.g. after an optimisat
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from holoview.util.optional_library import import_optional
 
 Showable = System | Hologram | EditingSession | str
 _MAX_FRAMES_A_SECOND = 30
+_INPUT_SCRIPT = Path(__file__).parent / "web" / "input.js"
 open_viewers: list[Viewer] = []
 """The viewer that is open, at most one: a process has a single ImGui window."""
 
@@ -105,7 +107,9 @@ def _widgets() -> tuple[Any, Any]:
     from rendercanvas.anywidget import RenderCanvas, loop
 
     class Cell(RenderCanvas):  # type: ignore[misc]
-        """A widget that avoids the endless recursion of rendercanvas 2.7 when it is closed."""
+        """A widget that loses no input, and avoids the endless recursion of rendercanvas 2.7 when it is closed."""
+
+        _esm = RenderCanvas._esm + _INPUT_SCRIPT.read_text(encoding="utf-8")
 
         def _rc_close(self) -> None:
             if not self.get_closed():

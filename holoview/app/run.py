@@ -81,9 +81,9 @@ def run_in_browser(
     names: Sequence[str] = (),
 ) -> None:
     """Serves the viewer to a browser until it is interrupted; `began` is called with the address."""
-    from rendercanvas.http import RenderCanvas, loop
+    from holoview.app.served_canvas import ServedCanvas, loop
 
-    canvas = RenderCanvas(size=size, title=_TITLE, max_fps=30)
+    canvas = ServedCanvas(size=size, title=_TITLE, max_fps=30)
     app = open_app(session, device, canvas, store, names)
     _run_loop(app, store, loop, lambda: serve(address, began, canvas.get_closed))
 

@@ -14,6 +14,7 @@ from collections.abc import Awaitable, Callable, MutableMapping
 from contextlib import suppress
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -27,29 +28,13 @@ Application = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 _ANY_ADDRESS = ("0.0.0.0", "::")  # can be listened at, but not opened in a browser
 _POLICY_VIOLATION = 1008  # RFC 6455, 7.4.1
-_PAGE = b"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<title>holoview</title>
-<link rel="icon" href="data:,">
-<link rel="stylesheet" href="renderview.css">
-<style>
-  html, body { margin: 0; height: 100%; background: #18181b; overflow: hidden; }
-  #canvas {
-    position: fixed; inset: 0; border: 0;
-    width: 100% !important; height: 100% !important;
-    max-width: none !important; max-height: none !important; /* renderview.js limits both to 90 % of the shorter side */
-  }
-  #status { position: fixed; right: 8px; bottom: 8px; color: #71717a; font: 11px sans-serif; pointer-events: none; }
-  #status button { pointer-events: auto; }
-</style>
-<script type="module" src="renderview.js"></script>
-<script type="module" src="renderview-client.js"></script>
-</head>
-<body><div id="canvas" class="renderview-wrapper"></div><div id="status"></div></body>
-</html>
-"""
+_WEB = Path(__file__).parent / "web"
+_FILES = {
+    "/": ("page.html", b"text/html; charset=utf-8"),
+    "/input.js": ("input.js", b"text/javascript; charset=utf-8"),
+    "/client.js": ("client.js", b"text/javascript; charset=utf-8"),
+}
+"""The page and its scripts, by path: the file, and its type. The others are rendercanvas's own."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +99,9 @@ class TokenGuard:
             await _respond(send, 303, b"", [(b"location", b"/"), (b"set-cookie", cookie.encode())])
         elif not self._is_right(self._cookie_of(scope)):
             await _respond(send, 403, b"This address needs the token that `holoview view --serve` printed.\n")
-        elif scope["path"] == "/":
-            await _respond(send, 200, _PAGE, [(b"content-type", b"text/html; charset=utf-8")])
+        elif scope["path"] in _FILES:
+            name, kind = _FILES[scope["path"]]
+            await _respond(send, 200, (_WEB / name).read_bytes(), [(b"content-type", kind)])
         else:
             await self._application(scope, receive, send)
 

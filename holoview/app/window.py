@@ -13,7 +13,8 @@ from typing import Any
 from imgui_bundle import hello_imgui, imgui, immapp
 from wgpu.utils.imgui import ImguiWgpuBackend
 
-from holoview.app.imgui_input import EVENT_TYPES, ImguiInputQueue
+from holoview.app.imgui_input import ImguiInputQueue
+from holoview.app.input_steps import EVENT_TYPES
 from holoview.gpu.device import Device, DeviceLost
 
 _LONGEST_FRAME_S, _SHORTEST_FRAME_S = 0.25, 1e-4
@@ -30,6 +31,7 @@ _CURSORS = {
     imgui.MouseCursor_.not_allowed: "not_allowed",
 }
 _SETTLING_FRAMES = 3  # drawn after an event: ImGui responds to some events one or two frames later
+_UNSEEN_S = 0.05  # of frames that process input that waits; then one is drawn, so that its effect is seen
 
 
 class Window:
@@ -50,6 +52,7 @@ class Window:
         self._frame_s, self._last = frame_s, time.perf_counter()
         self._settling, self._event_at, self._rested = _SETTLING_FRAMES, self._last, 0
         self._cursor, self._input = "", ImguiInputQueue()
+        self._has_more, self._unseen_until = False, self._last
         self._context = canvas.get_wgpu_context()
         self._format = self._context.get_preferred_format(device.raw.adapter).removesuffix("-srgb")
         self._context.configure(device=device.raw, format=self._format)
@@ -77,6 +80,11 @@ class Window:
         self._settling = max(self._settling, 1)
         self.canvas.request_draw()
 
+    @property
+    def has_pending_input(self) -> bool:
+        """Whether events wait to be processed; drawing frames processes them."""
+        return self._input.has_pending
+
     def needs_redraw(self) -> bool:
         """Whether a frame is due without an event: for a tooltip after a rest of the pointer, for a blinking cursor."""
         now = time.perf_counter()
@@ -91,13 +99,18 @@ class Window:
         self._params.app_shall_exit = True
 
     def draw(self) -> None:
-        """Draws a frame. An exception is stored as `error` and raised, since the canvas would only log it.
+        """Draws a frame; input that waits is processed in frames before it that aren't drawn.
 
+        An exception is stored as `error` and raised, since the canvas would only log it.
         When the device was lost, nothing can be drawn any more: the exception is stored and the window closes.
         """
         begun = time.perf_counter()
+        self._unseen_until = begun + _UNSEEN_S
         try:
-            immapp.manual_render.render()
+            self._has_more = True
+            while self._has_more:
+                self._has_more = False
+                immapp.manual_render.render()
         except DeviceLost as error:
             self.error = error
             self.canvas.close()
@@ -106,7 +119,6 @@ class Window:
             self.error = error
             raise
         self.draw_s = time.perf_counter() - begun
-        self._input.after_frame()
         if self._params.app_shall_exit:
             self.canvas.close()
         elif self._settling > 0 or self._input.has_pending:
@@ -140,6 +152,7 @@ class Window:
 
     def _begin_frame(self) -> None:
         io = imgui.get_io()
+        self._input.begin_frame()
         io.display_size = imgui.ImVec2(*self._context.logical_size)
         io.display_framebuffer_scale = imgui.ImVec2(self._context.pixel_ratio, self._context.pixel_ratio)
         now = time.perf_counter()
@@ -147,7 +160,12 @@ class Window:
         self._last = now
 
     def _present(self) -> None:
+        """Draws the frame, unless more input waits and there is time to process it in a frame that nobody sees."""
         assert self._backend is not None
+        is_late = time.perf_counter() > self._unseen_until
+        self._has_more = self._input.has_pending and not is_late and not self._params.app_shall_exit
+        if self._has_more:
+            return
         cursor = _CURSORS.get(imgui.MouseCursor_(imgui.get_mouse_cursor()), "default")
         if cursor != self._cursor:
             self._cursor = cursor

@@ -66,7 +66,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.app.frame_rate", "rendercanvas.offscreen"): CHOICE,
     ("holoview.app.run", "glfw"): CHOICE,
     ("holoview.app.run", "rendercanvas.glfw"): CHOICE,
-    ("holoview.app.run", "rendercanvas.http"): CHOICE,
+    ("holoview.app.run", "holoview.app.served_canvas"): CHOICE,
     ("holoview.app.run", "rendercanvas.offscreen"): CHOICE,
     ("holoview.app.notebook", "rendercanvas.anywidget"): CHOICE,
     ("holoview.app.serve", "rendercanvas.http"): CHOICE,

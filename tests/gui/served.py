@@ -9,14 +9,38 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+
+from holoview.session.session_store import SessionStore
 
 SECONDS = 60
 
 
+@dataclass(frozen=True)
+class Served:
+    """A viewer that is served. process: the one that serves. folder: where its state lies."""
+
+    process: subprocess.Popen[str]
+    address: str
+    token: str
+    folder: Path
+
+    @property
+    def url(self) -> str:
+        """The address of the page, with the token."""
+        return f"http://{self.address}/?token={self.token}"
+
+    def edits(self) -> list[str]:
+        """What was done in the viewer and not undone, as far as it has been saved."""
+        found = SessionStore(self.folder / "holoview").saved_sessions()
+        sessions = [saved.restore() for saved in found]
+        return [step.label for session in sessions for step in session.history[1 : session.history_position + 1]]
+
+
 @contextmanager
-def serving(folder: Path, *options: str) -> Iterator[tuple[str, str]]:
-    """HOST:PORT and token of `holoview view --serve`; its state lies in `folder`. It ends in good order."""
+def serving(folder: Path, *options: str) -> Iterator[Served]:
+    """Runs `holoview view --serve` with its state in `folder`. It ends in good order, unless it was killed."""
     command = [sys.executable, "-m", "holoview.cli", "view", "--serve", "127.0.0.1:0", "--set", "shape=[32, 48]"]
     folders = {key: str(folder) for key in ("XDG_STATE_HOME", "XDG_CACHE_HOME")}
     process = subprocess.Popen(
@@ -28,11 +52,11 @@ def serving(folder: Path, *options: str) -> Iterator[tuple[str, str]]:
         for line in process.stdout:
             said += line
             if found := re.search(r"http://(\S+)/\?token=(\S+)", line):
-                yield found[1], found[2]
+                yield Served(process, found[1], found[2], folder)
                 break
         process.send_signal(signal.SIGINT)
         rest, _ = process.communicate(timeout=SECONDS)
-        assert process.returncode == 0 and "Traceback" not in rest, said + rest
+        assert process.returncode in (0, -signal.SIGKILL) and "Traceback" not in rest, said + rest
     finally:
         process.kill()
         process.communicate()

@@ -1,28 +1,24 @@
-"""`holoview view --serve` in Chromium: the page, its size, its dialogs, and a connection that drops."""
+"""`holoview view --serve` in Chromium: the page, its size, its dialogs, and connections that drop or end."""
 
 from __future__ import annotations
 
 import json
-import shutil
-import time
-from collections.abc import Callable, Iterator
+import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from holoview.gpu.device import Device
 from holoview.session.editing_session import EditingSession
 from holoview.session.session_store import SessionStore
+from tests.chromium import Browser, needs_chromium, pixels, started_browser, wait_until
 from tests.gui.conftest import small_bench
 from tests.gui.served import SECONDS, serving
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser")
-_CHROMIUM = shutil.which("chromium")
-pytestmark = [pytest.mark.gpu, pytest.mark.skipif(_CHROMIUM is None, reason="needs Chromium")]
-_QUIET = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update")
+pytestmark = [pytest.mark.gpu, needs_chromium]
 _SIZES = """() => {
     const canvas = document.getElementById('canvas'), image = canvas.querySelector('img')
     const page = canvas.getBoundingClientRect()
@@ -31,112 +27,110 @@ _SIZES = """() => {
 
 
 @pytest.fixture(scope="module")
-def launch() -> Iterator[Callable[..., Any]]:
-    """Starts Debian's browser without a window: launch(option, …)."""
-    with playwright.sync_playwright() as driver:
-        started: list[Any] = []
-
-        def made(*options: str) -> Any:
-            started.append(driver.chromium.launch(executable_path=_CHROMIUM, args=[*_QUIET, *options]))
-            return started[-1]
-
-        yield made
-        for browser in started:
-            browser.close()
-
-
-@pytest.fixture(scope="module")
-def chromium(launch: Callable[..., Any]) -> Any:
-    """A browser that several tests share."""
-    return launch()
+def chromium() -> Iterator[Browser]:
+    """A browser that all tests share."""
+    with started_browser() as browser:
+        yield browser
 
 
 @pytest.fixture
-def open_page(chromium: Any) -> Iterator[Callable[..., Any]]:
-    """Opens pages: open_page(url, width, height). No page may have thrown an error."""
-    contexts, errors = [], []
-
-    def made(url: str, width: int, height: int) -> Any:
-        contexts.append(chromium.new_context(viewport={"width": width, "height": height}))
-        page = contexts[-1].new_page()
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.goto(url)
-        return page
-
-    yield made
-    for context in contexts:
-        context.close()
-    assert errors == []
+def browser(chromium: Browser) -> Iterator[Browser]:
+    """The browser; nothing may go wrong in its pages."""
+    yield chromium
+    assert chromium.close_pages() == []
 
 
-def _wait(condition: Callable[[], bool]) -> None:
-    until = time.monotonic() + SECONDS
-    while not condition():
-        assert time.monotonic() < until, "it didn't come about in time"
-        time.sleep(0.1)
-
-
-def _wait_for_sizes(page: Any, width: int, height: int, ratio: float = 1.0) -> None:
+def wait_for_sizes(page: Any, width: int, height: int, ratio: float = 1.0) -> None:
     """Until the canvas fills the page and its image has a pixel for each of the screen's."""
     expected = pytest.approx([0, 0, width, height, width * ratio, height * ratio], abs=1)
-    _wait(lambda: page.evaluate(_SIZES) == expected)
+    wait_until(lambda: page.evaluate(_SIZES) == expected)
 
 
-def _pixels(page: Any, file: Path) -> np.ndarray:
-    page.screenshot(path=file)
-    return np.asarray(Image.open(file).convert("RGB")).astype(int)
-
-
-def test_without_the_token_there_is_no_page(device: Device, tmp_path: Path, open_page: Callable[..., Any]) -> None:
-    with serving(tmp_path) as (host, _):
-        page = open_page(f"http://{host}/?token=wrong", 400, 300)
+def test_without_the_token_there_is_no_page(device: Device, tmp_path: Path, browser: Browser) -> None:
+    with serving(tmp_path) as served:
+        page = browser.open(f"http://{served.address}/?token=wrong", 400, 300)
         assert "needs the token" in page.content() and page.query_selector("#canvas") is None
+        assert [problem for problem in browser.close_pages() if "403" not in problem] == []
 
 
-def test_the_image_fills_the_page_and_follows_its_size(
-    device: Device, tmp_path: Path, open_page: Callable[..., Any]
-) -> None:
-    with serving(tmp_path, "--new") as (host, token):
-        page = open_page(f"http://{host}/?token={token}", 1000, 640)
-        _wait_for_sizes(page, 1000, 640)
+def test_the_image_fills_the_page_and_follows_its_size(device: Device, tmp_path: Path, browser: Browser) -> None:
+    with serving(tmp_path, "--new") as served:
+        page = browser.open(served.url, 1000, 640)
+        wait_for_sizes(page, 1000, 640)
         page.set_viewport_size({"width": 720, "height": 500})
-        _wait_for_sizes(page, 720, 500)
+        wait_for_sizes(page, 720, 500)
 
 
-def test_a_fine_screen_gets_all_its_pixels(device: Device, tmp_path: Path, launch: Callable[..., Any]) -> None:
-    browser = launch("--force-device-scale-factor=1.5", "--window-size=900,600")
-    with serving(tmp_path, "--new") as (host, token):
-        page = browser.new_context(no_viewport=True).new_page()
-        page.goto(f"http://{host}/?token={token}")
+def test_a_fine_screen_gets_all_its_pixels(device: Device, tmp_path: Path, browser: Browser) -> None:
+    options = ("--force-device-scale-factor=1.5", "--window-size=900,600")
+    with serving(tmp_path, "--new") as served, browser.another(*options) as fine:
+        page = fine.open(served.url)
         width, height = page.evaluate("[window.innerWidth, window.innerHeight]")
-        _wait_for_sizes(page, width, height, 1.5)
+        wait_for_sizes(page, width, height, 1.5)
 
 
-def test_a_dropped_connection_is_told_and_opened_again(
-    device: Device, tmp_path: Path, open_page: Callable[..., Any]
-) -> None:
-    with serving(tmp_path, "--new") as (host, token):
-        page = open_page(f"http://{host}/?token={token}", 800, 500)
-        _wait_for_sizes(page, 800, 500)
-        page.evaluate("window.websocket.close()")
-        page.get_by_text("Disconnected").wait_for()
-        page.get_by_role("button", name="reconnect").click()
-        page.get_by_text("Connected").wait_for()
+def test_a_dropped_connection_is_told_and_opened_again(device: Device, tmp_path: Path, browser: Browser) -> None:
+    with serving(tmp_path, "--new") as served:
+        page = browser.open(served.url, 800, 500)
+        wait_for_sizes(page, 800, 500)
+        page.evaluate("window.websocket.close(4000)")
+        page.get_by_text("No connection to the viewer").wait_for()
         page.set_viewport_size({"width": 640, "height": 480})
-        _wait_for_sizes(page, 640, 480)
+        wait_for_sizes(page, 640, 480)
+        page.get_by_text("No connection to the viewer").wait_for(state="hidden")
 
 
-def test_two_pages_show_the_same_viewer(device: Device, tmp_path: Path, open_page: Callable[..., Any]) -> None:
-    with serving(tmp_path, "--new") as (host, token):
-        first, second = (open_page(f"http://{host}/?token={token}", 800, 500) for _ in range(2))
-        for page in (first, second):
-            _wait(lambda page=page: bool(page.evaluate(_SIZES)))  # type: ignore[misc]
-            _wait(lambda page=page: _pixels(page, tmp_path / "a.png").std() > 20)  # type: ignore[misc]
+def test_the_page_that_is_used_last_decides(device: Device, tmp_path: Path, browser: Browser) -> None:
+    with serving(tmp_path, "--new") as served:
+        first = browser.open(served.url, 800, 500)
+        wait_for_sizes(first, 800, 500)
+        second = browser.open(served.url, 700, 440)
+        second.get_by_text("Another page uses this viewer").wait_for()
+        wait_until(lambda: pixels(second, tmp_path).std() > 20)
+        second.mouse.click(350, 5)
+        wait_for_sizes(second, 700, 440)
+        first.get_by_text("Another page uses this viewer").wait_for()
+        second.keyboard.press("e")
+        wait_until(lambda: served.edits() == ["Exposure"])
+        second.close()
+        wait_for_sizes(first, 800, 500)
+        first.keyboard.press("g")
+        wait_until(lambda: served.edits() == ["Exposure", "Page"])
 
 
-def test_the_offer_to_recover_lies_inside_the_page_and_works(
-    device: Device, tmp_path: Path, open_page: Callable[..., Any]
-) -> None:
+def test_a_page_that_is_closed_leaves_the_viewer_as_it_is(device: Device, tmp_path: Path, browser: Browser) -> None:
+    with serving(tmp_path, "--new") as served:
+        page = browser.open(served.url, 800, 500)
+        wait_for_sizes(page, 800, 500)
+        page.keyboard.press("e")
+        wait_until(lambda: served.edits() == ["Exposure"])
+        page.close()
+        again = browser.open(served.url, 640, 400)
+        wait_for_sizes(again, 640, 400)
+        again.keyboard.press("g")
+        wait_until(lambda: served.edits() == ["Exposure", "Page"])
+
+
+def test_a_viewer_that_is_closed_says_so_on_the_page(device: Device, tmp_path: Path, browser: Browser) -> None:
+    with serving(tmp_path, "--new") as served:
+        page = browser.open(served.url, 800, 500)
+        wait_for_sizes(page, 800, 500)
+        page.keyboard.press("Control+q")
+        page.get_by_text("The viewer was closed").wait_for()
+        assert served.process.wait(SECONDS) == 0
+
+
+def test_a_viewer_that_died_is_missed(device: Device, tmp_path: Path, browser: Browser) -> None:
+    with serving(tmp_path, "--new") as served:
+        page = browser.open(served.url, 800, 500)
+        wait_for_sizes(page, 800, 500)
+        served.process.send_signal(signal.SIGKILL)
+        page.get_by_text("No connection to the viewer").wait_for()
+        served.process.wait(SECONDS)
+        assert all("WebSocket" in problem for problem in browser.close_pages())
+
+
+def test_the_offer_to_recover_lies_inside_the_page(device: Device, tmp_path: Path, browser: Browser) -> None:
     store = SessionStore(tmp_path / "holoview")
     lost = EditingSession(small_bench())
     autosave = store.start_autosave(lost)
@@ -144,20 +138,18 @@ def test_the_offer_to_recover_lies_inside_the_page_and_works(
     assert autosave.flush()
     (autosave.folder / "lock.json").write_text(json.dumps({"pid": 999999999, "since": 0}))
     lost.close()
-    with serving(tmp_path) as (host, token):
-        page = open_page(f"http://{host}/?token={token}", 900, 600)
-        _wait_for_sizes(page, 900, 600)
-        shown: list[np.ndarray] = []
+    with serving(tmp_path) as served:
+        page = browser.open(served.url, 900, 600)
+        wait_for_sizes(page, 900, 600)
 
         def has_dialog() -> bool:
             """Its black window, 560 pixels wide, around the middle of the page."""
-            shown.append(_pixels(page, tmp_path / "a.png").max(axis=2))
-            middle = shown[-1][:, 450 - 270 : 450 + 270] < 40
+            middle = pixels(page, tmp_path).max(axis=2)[:, 450 - 270 : 450 + 270] < 40
             return bool((middle.mean(axis=1) > 0.8).sum() > 30)
 
-        _wait(has_dialog)
+        wait_until(has_dialog)
         page.set_viewport_size({"width": 640, "height": 420})
-        _wait_for_sizes(page, 640, 420)
-        rows = np.flatnonzero((_pixels(page, tmp_path / "a.png").max(axis=2)[:, 50:590] < 40).mean(axis=1) > 0.8)
+        wait_for_sizes(page, 640, 420)
+        rows = np.flatnonzero((pixels(page, tmp_path).max(axis=2)[:, 50:590] < 40).mean(axis=1) > 0.8)
         assert rows.size > 30 and rows[0] > 0 and rows[-1] < 419
         assert (rows[0] + rows[-1]) / 2 == pytest.approx(210, abs=25)

@@ -27,8 +27,8 @@ _SIZE = {"width": 640, "height": 400, "pwidth": 640, "pheight": 400, "ratio": 1.
 @pytest.fixture
 def address(device: Device, tmp_path: Path) -> Iterator[tuple[str, str]]:
     """A viewer that is served: its HOST:PORT and its token. It ends in good order when it is interrupted."""
-    with serving(tmp_path) as address:
-        yield address
+    with serving(tmp_path) as served:
+        yield served.address, served.token
     assert not list(tmp_path.rglob("lock.json")), "the session was closed in good order"
 
 
