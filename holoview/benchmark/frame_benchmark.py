@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from holoview.benchmark.fft_benchmark import FFT, TORCH_FFT, fft_jobs
-from holoview.benchmark.frame_jobs import amplitude_edit, full_frame, open_renderer, scrub
+from holoview.benchmark.frame_jobs import amplitude_edit, full_frame, middle_plane_m, open_renderer, scrub
 from holoview.benchmark.timing import JobTimings, TimedJob, time_interleaved
 from holoview.benchmark.torch_baseline import TorchBaseline, torch_threads
 from holoview.engine.torch_executor import TorchExecutor
@@ -100,14 +101,28 @@ def one_wavelength(system: System) -> System:
     return system.edit({"wavelengths": [middle], "amplitudes": [[1.0]]})
 
 
-def frame_error(system: System, device: Device, half: bool, strategy: StrategyOption) -> float:
-    """Relative L2 error of the intensity of the first wavelength against PyTorch in complex128."""
+def frame_error(
+    system: System,
+    device: Device,
+    half: bool,
+    strategy: StrategyOption,
+    expected: NDArray[np.floating] | None = None,
+) -> float:
+    """Relative L2 error of the intensity of the first wavelength against PyTorch in complex128.
+
+    expected: `reference_intensity` of the system, if it is known already.
+    """
     renderer = open_renderer(system, device, half, strategy)
-    plan = make_plan(system, [renderer.plane_m])
+    expected = reference_intensity(system) if expected is None else expected
+    return float(np.linalg.norm(renderer.intensity(0) - expected) / np.linalg.norm(expected))
+
+
+def reference_intensity(system: System) -> NDArray[np.floating]:
+    """Intensity (y, x) of the first wavelength at the middle focal plane, in complex128, for the drive of the jobs."""
+    plan = make_plan(system, [middle_plane_m(system)])
     reference = TorchExecutor(plan, make_frame_inputs(plan, random_drive(system)), double=True)
     reference.run(0)
-    expected = reference.intensity(0)
-    return float(np.linalg.norm(renderer.intensity(0) - expected) / np.linalg.norm(expected))
+    return reference.intensity(0)
 
 
 def _criteria(samples: dict[str, JobTimings], wavelengths: int, error: float) -> list[Criterion]:
@@ -149,7 +164,7 @@ def _cuda_jobs(system: System) -> dict[str, TimedJob]:
 
 def _torch_baselines(system: System, device: str) -> dict[str, TorchBaseline]:
     """The loops over wavelengths one by one and, if there are several, over all at once."""
-    plan = make_plan(system, [float(system.planes_m[len(system.planes_m) // 2])])
+    plan = make_plan(system, [middle_plane_m(system)])
     inputs = make_frame_inputs(plan, random_drive(system))
     orders = {"in turn": False, "batched": True} if len(system.wavelengths_m) > 1 else {"in turn": False}
     return {order: TorchBaseline(plan, inputs, batched=batched, device=device) for order, batched in orders.items()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -83,7 +84,7 @@ def time_case(device: Device, base: System, case: FrameCase, rounds: int, limit_
     }
     if TIMESTAMPS not in device.features:
         return result
-    timed = {name: jobs[name][0] for name in (FRAME, SCRUB)}
+    timed = {name: job for name, (job, _) in jobs.items() if name != IN_A_ROW}
     repeats = len(timings[FRAME].seconds)
     return result | {"device_ms": {name: 1e3 * job_device_s(renderer, job, repeats) for name, job in timed.items()}}
 
@@ -96,6 +97,22 @@ def frame_bytes(renderer: IncrementalRenderer) -> int:
     """
     wavelengths, samples = len(renderer.system.wavelengths_m), math.prod(renderer.compositor.shape)
     return wavelengths * (renderer.traffic_bytes + samples * _F32) + samples * _XYZ_PIXEL_BYTES
+
+
+def parts_ms(case: Mapping[str, Any]) -> dict[str, float]:
+    """Device times (ms) of the parts of a frame, as differences of edits that begin at different kernels.
+
+    Empty without device times, and for a bench with one modulator.
+    """
+    device = case.get("device_ms", {})
+    if GAP not in device:
+        return {}
+    return {
+        "light": device[FRAME] - device[GAP],
+        "propagate, modulate": device[GAP] - device[SCRUB],
+        "propagate, observe": device[SCRUB] - device[AMPLITUDES],
+        "composite": device[AMPLITUDES],
+    }
 
 
 def _jobs(renderer: IncrementalRenderer, row: int) -> dict[str, tuple[TimedJob, int]]:

@@ -23,7 +23,7 @@ def open_renderer(
     system: System, device: Device, half: bool = False, strategy: StrategyOption = "auto", max_wavelengths: int = 1
 ) -> IncrementalRenderer:
     """A renderer of a random drive at the middle focal plane, with its first frame rendered."""
-    middle = float(system.planes_m[len(system.planes_m) // 2])
+    middle = middle_plane_m(system)
     chosen = resolve_strategy(device, make_plan(system, [*system.planes_m, middle]).grid.padded, strategy)
     renderer = IncrementalRenderer(
         system,
@@ -36,6 +36,11 @@ def open_renderer(
     )
     renderer.update()
     return renderer
+
+
+def middle_plane_m(system: System) -> float:
+    """The focal plane at which frames are rendered, m."""
+    return float(system.planes_m[len(system.planes_m) // 2])
 
 
 def full_frame(renderer: IncrementalRenderer) -> TimedJob:

@@ -12,9 +12,12 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from holoview.benchmark.device_probe import probe_device
 from holoview.benchmark.first_image import first_image_criterion
-from holoview.benchmark.frame_benchmark import benchmark_frame, frame_error
+from holoview.benchmark.frame_benchmark import benchmark_frame, frame_error, reference_intensity
 from holoview.benchmark.frame_cases import FRAME, FrameCase, case_system, time_case
 from holoview.benchmark.frame_jobs import open_renderer
 from holoview.benchmark.machine_facts import machine_facts
@@ -69,6 +72,7 @@ class ReportRun:
 
     def __init__(self, device: Device, options: ReportOptions) -> None:
         self.device, self.options = device, options
+        self._references: dict[Size, NDArray[np.floating]] = {}
         self.data: dict[str, Any] = {
             "format": FORMAT,
             "begun": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -143,7 +147,10 @@ class ReportRun:
     def _frame_error(self, size: Size, strategy: Strategy) -> dict[str, Any]:
         self._check_strategy(size, strategy)
         system = case_system(self.options.system, size, 1)
-        return {"size": list(size), "strategy": strategy, "error": frame_error(system, self.device, False, strategy)}
+        if size not in self._references:
+            self._references = {size: reference_intensity(system)}  # of the present size only
+        error = frame_error(system, self.device, False, strategy, self._references[size])
+        return {"size": list(size), "strategy": strategy, "error": error}
 
     def _frames(self, case: FrameCase) -> dict[str, Any]:
         self._check_strategy(case.size, case.strategy)

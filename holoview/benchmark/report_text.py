@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from holoview.benchmark.frame_cases import AMPLITUDES, FRAME, GAP, IN_A_ROW, SCRUB
+from holoview.benchmark.frame_cases import AMPLITUDES, FRAME, GAP, IN_A_ROW, SCRUB, parts_ms
 from holoview.benchmark.report_goals import goals, share_of_copy
 from holoview.benchmark.report_run import (
     FRAME_PARITY,
@@ -175,9 +175,23 @@ def _frames(data: Values) -> Iterator[str]:
     bandwidth = _copy_bandwidth(data)
     header = ["λ", "strategy", "λ in a dispatch", "frame", "in a row", "device", "copy", "plane", "plane, device"]
     for size in data["sizes"]:
-        rows = [_frame_row(case, bandwidth) for case in results(data, FRAMES) if case["size"] == size]
+        cases = [case for case in results(data, FRAMES) if case["size"] == size]
         yield from ["", f"### {size[0]} × {size[1]}", ""]
+        rows = [_frame_row(case, bandwidth) for case in cases]
         yield from _table([*header, "gap", "lasers", "MB moved", "MiB held"], rows, 2)
+        yield from _parts(cases)
+
+
+def _parts(cases: Sequence[Values]) -> Iterator[str]:
+    """A table of the device times of a frame's kernels; nothing where they aren't known."""
+    known = [(case, parts) for case in cases if (parts := parts_ms(case))]
+    if known:
+        rows = [
+            [str(case["wavelengths"]), case["strategy"], str(case["per_dispatch"]), *map(_number, parts.values())]
+            for case, parts in known
+        ]
+        yield from ["", "Device times of the kernels, ms, as differences of the edits' device times:", ""]
+        yield from _table(["λ", "strategy", "λ in a dispatch", *known[0][1]], rows, 2)
 
 
 def _frame_row(case: Values, bandwidth: float | None) -> list[str]:

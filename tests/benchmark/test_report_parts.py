@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from holoview.benchmark.device_probe import copy_dispatch, probe_device
-from holoview.benchmark.frame_cases import FrameCase, case_system, frame_bytes, time_case
+from holoview.benchmark.frame_cases import FrameCase, case_system, frame_bytes, parts_ms, time_case
 from holoview.benchmark.frame_jobs import amplitude_edit, full_frame, gap_edit, open_renderer, scrub
 from holoview.benchmark.machine_facts import machine_facts, processor_name
 from holoview.benchmark.optimiser_iteration import time_iterations
@@ -127,6 +127,13 @@ def test_device_times_are_a_part_of_the_whole(device: Device) -> None:
         share = share_of_copy(found, 1e9)
         assert share == pytest.approx(found["frame_bytes"] / (1e-3 * found["device_ms"]["frame"]) / 1e9)
     assert share_of_copy(found, None) is None
+
+
+def test_parts_of_a_frame_add_up_to_it() -> None:
+    device_ms = {"frame": 10.0, "gap": 8.0, "focal plane": 5.0, "amplitudes": 1.0}
+    parts = parts_ms({"device_ms": device_ms})
+    assert parts == {"light": 2.0, "propagate, modulate": 3.0, "propagate, observe": 4.0, "composite": 1.0}
+    assert parts_ms({}) == parts_ms({"device_ms": {"frame": 1.0, "focal plane": 0.5, "amplitudes": 0.1}}) == {}
 
 
 def test_no_round_begins_after_the_time_limit_but_one_is_always_timed() -> None:
