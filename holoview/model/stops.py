@@ -86,7 +86,7 @@ class SquareStop:
         return self.half_side_sine(_REFERENCE_M, pitch_m)
 
     def scaled(self, factor: float) -> SquareStop:
-        """The stop with its sides multiplied by a factor.
+        """The stop with its sides multiplied by a factor; a half side is at most 1.
 
         factor: above 0.
 
@@ -95,7 +95,7 @@ class SquareStop:
         '0.9 first order at 650 nm'
         """
         if self.half_side_na is not None:
-            return SquareStop(half_side_na=self.half_side_na * factor)
+            return SquareStop(half_side_na=min(self.half_side_na * factor, 1.0))
         return SquareStop(wavelength_m=self.wavelength_m, scale=self.scale * factor)
 
     def __str__(self) -> str:
@@ -121,8 +121,10 @@ class SquareField:
     """Field type of an optional `SquareStop`: a number is a numerical aperture, text the first order or "none"."""
 
     def parse(self, value: Any, where: str) -> SquareStop | None:
-        if value is None or isinstance(value, SquareStop):
-            return value
+        if value is None:
+            return None
+        if isinstance(value, SquareStop):
+            return _checked(value, where)
         if value == "none":  # so that a preset can take away the stop of its base
             return None
         if not isinstance(value, str):
@@ -144,6 +146,19 @@ class SquareField:
         if value is None or value.half_side_na is None:
             return None if value is None else value.text
         return value.half_side_na
+
+
+def _checked(square: SquareStop, where: str) -> SquareStop:
+    """The stop. Raises UserError for sizes that are impossible or that contradict each other."""
+    if square.half_side_na is None:
+        _SCALE.parse(square.scale, f"{where}.scale")
+        if square.wavelength_m is not None:
+            _WAVELENGTH.parse(square.wavelength_m, f"{where}.wavelength")
+    elif square != SquareStop(half_side_na=square.half_side_na):
+        raise UserError(where, f"{square!r}", expected="half_side_na alone, or none with wavelength_m and scale")
+    else:
+        APERTURE.parse(square.half_side_na, f"{where}.half_side_na")
+    return square
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ from holoview import load
 from holoview.app.panel import Panel
 from holoview.app.panels import ALL
 from holoview.app.panels.focus import FocusPanel
+from holoview.model.bench_parts import Relay
+from holoview.model.stops import SquareStop
 from holoview.session.view_settings import NOW, ComparisonSide
 from tests.gui.conftest import Gui, small_bench
 
@@ -80,6 +82,65 @@ def test_an_iris_and_an_aberration_are_switched_on_and_off(make_gui: Callable[..
     gui.engine(script)
     relay = gui.session.system.relay2
     assert relay.iris_na is not None and relay.aberration_m[0][0] == 4
+
+
+def test_a_square_stop_is_chosen_sized_and_moved(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui(small_bench(relay2={}), engine=True, size=(900, 700))
+    steps, kinds = len(gui.session.history), ("none", "first order", "first order at one wavelength", "aperture")
+
+    def choose(kind: str) -> None:
+        def script(ctx: Any) -> None:
+            ctx.item_click("Bench/relay2.square/square stop")
+            ctx.item_click(f"//$FOCUSED/$${kinds.index(kind)}/{kind}")
+
+        gui.engine(script)
+
+    def enter(name: str, value: float) -> Callable[[Any], None]:
+        return lambda ctx: ctx.item_input_value(f"Bench/**/{name}", value)
+
+    def stops() -> Relay:
+        return gui.session.system.relay2
+
+    gui.engine(lambda ctx: ctx.item_open("Bench/Relay 2 (to the focal plane)"))
+    choose("first order")
+    assert stops() == Relay(square="first order") and len(gui.session.history) == steps + 1
+    assert gui.session.history[-1].label == "Square stop"
+    choose("first order at one wavelength")
+    assert stops() == Relay(square="first order at 550 nm")
+    gui.engine(enter("at", 620.0))
+    gui.engine(enter("width", 1.2))
+    assert stops() == Relay(square="1.2 first order at 620 nm")
+    gui.engine(enter("centre x", 0.004))
+    assert stops().centre_na == (0.0, 0.004) and gui.session.history[-1].label == "Centre of the stops"
+    choose("aperture")
+    assert stops().square == SquareStop(half_side_na=1.2 * 620e-9 / (2 * gui.session.system.modulators[0].pitch_m))
+    gui.engine(enter("half side NA", 0.025))
+    assert stops() == Relay(square=0.025, centre_na=(0.0, 0.004))
+    gui.engine(enter("half side NA", 2.0))
+    assert stops().square == SquareStop(half_side_na=0.025) and "out of range" in gui.last_message()
+    choose("none")
+    assert stops().square is not None and "without an iris or a square stop" in gui.last_message()
+    gui.engine(enter("centre x", 0.0))
+    choose("none")
+    assert stops() == Relay() and "relay2.centre_na" in gui.context.item_rects
+    gui.press_chord("Ctrl+Z")
+    assert stops() == Relay(square=0.025)
+
+
+def test_sliders_of_a_centre_are_there_only_beside_a_stop(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui(small_bench(relay2={}), engine=True, size=(900, 700))
+    gui.engine(lambda ctx: ctx.item_open("Bench/Relay 2 (to the focal plane)"))
+    for relay, has_one in (
+        ({}, False),
+        ({"iris_na": 0.02}, True),
+        ({"dc_block_na": 1e-3}, False),
+        ({"square": 0.02}, True),
+    ):
+        gui.session.change("Relay", {"relay2": relay})
+        gui.context.item_rects.clear()
+        gui.draw_frames(2)
+        assert ("relay2.centre_na" in gui.context.item_rects) is has_one
+        assert "relay2.square" in gui.context.item_rects
 
 
 # --- lasers ---------------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from holoview.model.bench_parts import Relay
 from holoview.model.passband import Band, band_of_rows, column_support, limited_rows, stop_rows
+from holoview.model.stops import SquareStop
 from holoview.numerics.fft_grid import frequency_indices
 from holoview.util.errors import UserError
 
@@ -128,6 +129,10 @@ def test_the_farthest_corner_of_a_displaced_square_is_the_steepest_direction() -
         ({"square": "first order at 5"}, ("square", "no unit")),
         ({"square": 2.0}, ("square", "out of range", "first order")),
         ({"square": True}, ("square", "not a number")),
+        ({"square": SquareStop(half_side_na=-0.1)}, ("square.half_side_na", "out of range")),
+        ({"square": SquareStop(scale=0.0)}, ("square.scale", "out of range")),
+        ({"square": SquareStop(wavelength_m=5.0)}, ("square.wavelength", "out of range")),
+        ({"square": SquareStop(half_side_na=0.1, scale=2.0)}, ("square", "half_side_na alone")),
         ({"centre_na": [0.0, 0.01]}, ("centre_na", "without an iris or a square stop")),
         ({"square": 0.02, "centre_na": [0.1]}, ("centre_na", "[y, x]")),
         ({"aberration_m": {"Z4": 1e-8}}, ("aberration", "without an iris or a square stop")),

@@ -10,8 +10,10 @@ from imgui_bundle import imgui
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import WidgetEdit, choice_field, count_field, format_value, number_field, tooltip
+from holoview.app.stop_widgets import centre_field, square_field
 from holoview.model import dataclass_fields as describe
 from holoview.model.field_types import Array, Choice, Coefficients, Integer, Number, Shape
+from holoview.model.stops import CentreField, SquareField, SquareStop
 from holoview.model.system import System
 from holoview.util import units
 
@@ -25,6 +27,7 @@ _TITLES = {
     "source": "Source",
 }
 _FIRST_VALUE = {"iris_na": 0.02, "dc_block_na": 0.001, "apodisation_na": 0.02}
+_LABELS = {"square": "square stop", "centre_na": "centre of the stops"}
 _MAX_SOURCES = 7  # along each axis
 
 
@@ -65,17 +68,18 @@ class BenchPanel(Panel):
             if path == "" and key in _ELSEWHERE:
                 continue
             kind, doc, value = field.metadata["kind"], field.metadata["doc"], getattr(item, field.name)
-            if isinstance(kind, describe.Nested):
+            if isinstance(kind, describe.Nested) or (isinstance(kind, CentreField) and not item.has_aperture):
                 continue
             imgui.push_id(path + key)
             self._draw_field(context, path + key, kind, value, getattr(reset, field.name), doc)
             imgui.pop_id()
 
     def _draw_field(self, context: AppContext, path: str, kind: Any, value: Any, reset: Any, doc: str) -> None:
-        name = path.rpartition(".")[2].replace("_", " ").replace(" na", " NA")
+        key, pitch_m = path.rpartition(".")[2], context.session.system.modulators[0].pitch_m
+        name = _LABELS.get(key, key.replace("_", " ").replace(" na", " NA"))
         edited: WidgetEdit | None = None
-        if isinstance(kind, Number) and kind.optional and path.rpartition(".")[2] in _FIRST_VALUE:
-            edited = _optional(name, kind, value, reset, doc, _FIRST_VALUE[path.rpartition(".")[2]])
+        if isinstance(kind, Number) and kind.optional and key in _FIRST_VALUE:
+            edited = _optional(name, kind, value, reset, doc, _FIRST_VALUE[key])
         elif isinstance(kind, Number):
             if value is None:
                 return
@@ -88,6 +92,10 @@ class BenchPanel(Panel):
             edited = _coefficients(name, kind, value, doc)
         elif isinstance(kind, Array) and kind.axes == 1:
             edited = _lengths(name, kind, value, doc)
+        elif isinstance(kind, SquareField):
+            edited = square_field(name, value, pitch_m, doc)
+        elif isinstance(kind, CentreField):
+            edited = centre_field(value, reset, SquareStop().nominal_na(pitch_m), doc)
         context.record_item_rect(path)
         if edited is not None:
             context.change(name.capitalize(), path, edited.value, is_held=edited.is_held)
