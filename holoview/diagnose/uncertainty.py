@@ -71,13 +71,13 @@ def confidence_intervals(
     factor = float(student.ppf(0.5 + config.intervals.level / 2, max(at.capture_count - 1, 1)))
     unknown = np.diag(normal) <= 0.0
     scale = at.parameters.value_derivatives(at.parameters.pack(fit.values))
-    result = {}
+    edges, result = _edge_half_widths(fit, at, comparison, config), {}
     for i, (effect, parameter) in enumerate(at.parameters.entries):
         value = fit.values[effect][parameter.name]
         sigma = float("inf") if unknown[i] else float(np.sqrt(variance[i]) * abs(scale[i]))
         sigma = float(np.hypot(sigma, config.intervals.model_accuracy * abs(value - parameter.identity)))
         if parameter.sharp:
-            sigma = max(sigma, _edge_half_width(fit, at, i, comparison, config) * abs(scale[i]) / factor)
+            sigma = max(sigma, edges[effect] * abs(scale[i]) / factor)
         result[effect, parameter.name] = Interval(value, sigma, factor * sigma)
     return result
 
@@ -97,10 +97,28 @@ def _variances(at: LocalJacobian, normal: NDArray[np.float64]) -> NDArray[np.flo
     return np.maximum(np.diag(robust), np.diag(noise))
 
 
-def _edge_half_width(
+def _edge_half_widths(
+    fit: CandidateFit, at: LocalJacobian, comparison: Comparison, config: SearchConfig
+) -> dict[str, float]:
+    """For each effect with hard edges, half the interval of its parameters that move them, in priors.
+
+    An edge may move between two samples and change nothing. Each side of a stop is moved by several parameters, by its
+    size and its centre, so that one of them alone ends at the first side that passes a sample, while both together
+    could go on. The root of the sum of squares of their profiles allows for it: for two opposite sides, anywhere
+    between samples, the true range is at most √5/2 of it.
+    """
+    squares: dict[str, float] = {}
+    for axis, (effect, parameter) in enumerate(at.parameters.entries):
+        if parameter.sharp:
+            half_width = _profile_of_edge(fit, at, axis, comparison, config)
+            squares[effect] = squares.get(effect, 0.0) + half_width**2
+    return {effect: float(np.sqrt(total)) for effect, total in squares.items()}
+
+
+def _profile_of_edge(
     fit: CandidateFit, at: LocalJacobian, axis: int, comparison: Comparison, config: SearchConfig
 ) -> float:
-    """Half the interval of a parameter with a hard edge, which may move between two samples and change nothing."""
+    """How far a parameter with a hard edge may move alone before the captures object, in priors."""
     function = residual_function(at.parameters, fit.values, comparison)
     x = at.parameters.pack(fit.values)
     cost = float(np.square(at.residual, dtype=np.float64).sum())

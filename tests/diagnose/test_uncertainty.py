@@ -60,6 +60,57 @@ def test_a_number_that_nothing_depends_on_is_unknown() -> None:
     assert np.isfinite(found["two", "a"].sigma) and found["two", "b"].sigma == float("inf")
 
 
+class Aperture(Effect):
+    id = "aperture"
+    cause = finding = "Its size and its centre."
+    parameters = (Parameter("size", "Half.", prior=1.0, sharp=True), Parameter("centre", "At.", prior=1.0, sharp=True))
+    acts_on = ("relay 1",)
+
+
+class SampledEdges:
+    """A comparison that sees only between which samples, a quarter apart, the two edges of an aperture lie."""
+
+    infeasible_residual = np.full(CAPTURES * PIXELS, 1e3, np.float32)
+    pixel_count = CAPTURES * PIXELS
+
+    def __init__(self, size: float, centre: float) -> None:
+        self.true = self.samples(size, centre)
+        self.noise = np.random.default_rng(3).standard_normal(self.pixel_count).astype(np.float32)
+        self.noise[:2] = 0.0
+
+    @staticmethod
+    def samples(size: float, centre: float) -> np.ndarray:
+        return np.floor(4 * np.array([size + centre, size - centre]))
+
+    def residual(self, values: dict[str, dict[str, float]]) -> np.ndarray:
+        found = self.noise.copy()
+        found[:2] = 10 * (self.samples(**values["aperture"]) - self.true)
+        return found
+
+
+def test_intervals_of_edges_hold_all_that_no_sample_tells_apart() -> None:
+    """Size and centre anywhere in the cell of the true ones, which is found by drawing until the samples agree.
+
+    The half widths are at least 2/√5 of the cell's: of points drawn evenly, at least 95 % are inside.
+    """
+    rng, free, inside = np.random.default_rng(0), free_parameters_of([Aperture()]), 0
+    slopes = (100 * rng.standard_normal((2, CAPTURES * PIXELS))).astype(np.float32)
+    for _ in range(100):
+        size, centre = rng.uniform(1, 2), rng.uniform(-0.5, 0.5)
+        comparison = SampledEdges(size, centre)
+        found = next(
+            point
+            for point in ((size + dy, centre + dx) for dy, dx in rng.uniform(-0.25, 0.25, (10_000, 2)))
+            if (comparison.samples(*point) == comparison.true).all()
+        )
+        fit = CandidateFit(("aperture",), {"aperture": {"size": found[0], "centre": found[1]}}, 0.0)
+        at = LocalJacobian(free, slopes, comparison.noise, CAPTURES)
+        told = confidence_intervals(fit, at, comparison, SearchConfig())  # type: ignore[arg-type]
+        inside += abs(found[0] - size) <= told["aperture", "size"].half_width
+        inside += abs(found[1] - centre) <= told["aperture", "centre"].half_width
+    assert inside >= 190
+
+
 def test_a_canonical_correlation_is_the_cosine_between_planes() -> None:
     """(e1, e2) and (cos φ·e1 + sin φ·e3, e4): the smallest angle between them is φ."""
     e = np.eye(6, dtype=np.float32)
