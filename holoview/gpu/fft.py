@@ -17,15 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.gpu.device import Buffer, Device
-from holoview.gpu.fft_codegen import Axis, Direction
 from holoview.gpu.line_fft import (
     ROW_PADDING,
+    Axis,
+    Direction,
     Hooks,
     LineFft,
+    Step,
     Strategy,
     TransformShader,
     check_strategy,
-    spectrum_frequencies,
+    spectrum_order,
     storage_shader,
 )
 from holoview.gpu.recorder import CommandRecorder, Dispatch
@@ -61,7 +63,7 @@ class FftPlan:
         self.buffer_bytes = batch * ny * self.stride * _COMPLEX_BYTES
         check_strategy(device, "x", nx, strategy)
         check_strategy(device, "y", ny, strategy)
-        self.frequency_y, self.frequency_x = spectrum_frequencies(ny, strategy), spectrum_frequencies(nx, strategy)
+        self.frequency_y, self.frequency_x = (spectrum_order(device, n, strategy).frequencies() for n in shape)
         self._bound: WeakKeyDictionary[Buffer, dict[tuple[Direction, RowRange], list[Dispatch]]] = WeakKeyDictionary()
 
     def forward(self, recorder: CommandRecorder, buffer: Buffer, rows: RowRange | None = None) -> None:
@@ -132,4 +134,4 @@ class FftPlan:
     def _line_fft(self, axis: Axis, direction: Direction, scale: float = 1.0) -> LineFft:
         constants = (("row_stride", self.stride), ("field_stride", self.stride * self.shape[0]), ("scale", scale))
         hooks = Hooks("FFT", (storage_shader(self._device), "fft/buffer.wgsl"), constants, has_work_hooks=True)
-        return LineFft(self._device, axis, self.shape, (direction,), hooks, self.strategy)
+        return LineFft(self._device, axis, self.shape, (Step(direction),), hooks, self.strategy)

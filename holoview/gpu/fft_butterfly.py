@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from typing import Literal
 
 Sign = Literal[-1, 1]
+ZERO = "0"
+"""The name of a value that is known to be 0: sums with it and products of it need no code."""
 _EXACT = 1e-12
 
 
@@ -21,6 +23,7 @@ class WgslEmitter:
     def __init__(self) -> None:
         self.lines: list[str] = []
         self._count = 0
+        self._twiddle_names: dict[tuple[str, int, int], list[str]] = {}
 
     def let(self, expression: str) -> str:
         """Emit `let name = expression;` and return the name."""
@@ -31,19 +34,37 @@ class WgslEmitter:
 
     def add(self, a: str, b: str) -> str:
         """a + b"""
+        if ZERO in (a, b):
+            return b if a == ZERO else a
         return self.let(f"{a} + {b}")
 
     def subtract(self, a: str, b: str) -> str:
         """a − b"""
+        if ZERO in (a, b):
+            return a if b == ZERO else self.let(f"-{b}")
         return self.let(f"{a} - {b}")
+
+    def combine(self, *terms: tuple[float, str]) -> str:
+        """The sum of factor·name over the terms."""
+        needed = [(factor, name) for factor, name in terms if name != ZERO]
+        if not needed:
+            return ZERO
+        products = [name if abs(factor) == 1.0 else f"{wgsl_float(abs(factor))} * {name}" for factor, name in needed]
+        signs = [" - " if factor < 0 else " + " for factor, _ in needed]
+        first = "-" if needed[0][0] < 0 else ""
+        return self.let(first + products[0] + "".join(map(str.__add__, signs[1:], products[1:])))
 
     def times_i(self, a: str, sign: Sign) -> str:
         """±i·a"""
+        if a == ZERO:
+            return ZERO
         return self.let(f"vec2f(-{a}.y, {a}.x)" if sign > 0 else f"vec2f({a}.y, -{a}.x)")
 
     def times_constant(self, a: str, constant: complex) -> str:
         """a times a constant of modulus 1; multiples of an eighth of a turn need no complex product."""
         real, imaginary = constant.real, constant.imag
+        if a == ZERO:
+            return ZERO
         if abs(imaginary) < _EXACT:
             return a if real > 0 else self.let(f"-{a}")
         if abs(real) < _EXACT:
@@ -57,9 +78,11 @@ class WgslEmitter:
         """Names of w⁰ … w^(count−1), w = exp(−2πi·index/period) with a WGSL u32 `index`; the name of w⁰ = 1 is empty.
 
         w, w², w⁴, … are evaluated directly, the others as products of two of them. Successive multiplication by w would
-        lose a decimal digit.
+        lose a decimal digit. Equal arguments give the names of the first call.
         """
-        powers = [""]
+        if (index, count, period) in self._twiddle_names:
+            return self._twiddle_names[index, count, period]
+        powers = self._twiddle_names[index, count, period] = [""]
         for k in range(1, count):
             highest = 1 << (k.bit_length() - 1)
             if k == highest:
@@ -70,10 +93,12 @@ class WgslEmitter:
         return powers
 
     def times_twiddles(self, values: Sequence[str], twiddles: Sequence[str], *, conjugate: bool) -> list[str]:
-        """values[k]·w^k, or values[k]·conj(w^k), with the names from `twiddles`."""
+        """values[k] times twiddles[k] or its conjugate; an empty name stands for 1."""
         product = "cmul_conj" if conjugate else "cmul"
-        pairs = zip(values[1:], twiddles[1:], strict=True)
-        return [values[0], *(self.let(f"{product}({value}, {twiddle})") for value, twiddle in pairs)]
+        return [
+            self.let(f"{product}({value}, {twiddle})") if twiddle and value != ZERO else value
+            for value, twiddle in zip(values, twiddles, strict=True)
+        ]
 
 
 def wgsl_float(value: float) -> str:
@@ -82,10 +107,18 @@ def wgsl_float(value: float) -> str:
     return text if set(text) & set(".e") else f"{text}.0"
 
 
+def scattered(values: Sequence[str], places: Sequence[int], count: int) -> list[str]:
+    """`count` names: those of `values` at their `places`, and ZERO elsewhere."""
+    out = [ZERO] * count
+    for place, value in zip(places, values, strict=True):
+        out[place] = value
+    return out
+
+
 def emit_dft(code: WgslEmitter, values: Sequence[str], sign: Sign) -> list[str]:
     """Emit X[k] = Σ_j x[j]·exp(sign·2πi·jk/n) for the n named values x; return the names of X[0] … X[n−1]."""
     n = len(values)
-    if n == 1:
+    if n == 1 or all(value == ZERO for value in values):
         return list(values)
     if n in _SMALL_DFTS:
         return _SMALL_DFTS[n](code, values, sign)
@@ -107,8 +140,8 @@ def _dft2(code: WgslEmitter, x: Sequence[str], sign: Sign) -> list[str]:
 
 def _dft3(code: WgslEmitter, x: Sequence[str], sign: Sign) -> list[str]:
     total, difference = code.add(x[1], x[2]), code.subtract(x[1], x[2])
-    middle = code.let(f"{x[0]} - 0.5 * {total}")
-    rotated = code.let(f"{wgsl_float(math.sqrt(3) / 2)} * {code.times_i(difference, sign)}")
+    middle = code.combine((1.0, x[0]), (-0.5, total))
+    rotated = code.combine((math.sqrt(3) / 2, code.times_i(difference, sign)))
     return [code.add(x[0], total), code.add(middle, rotated), code.subtract(middle, rotated)]
 
 
@@ -125,15 +158,15 @@ def _dft4(code: WgslEmitter, x: Sequence[str], sign: Sign) -> list[str]:
 
 
 def _dft5(code: WgslEmitter, x: Sequence[str], sign: Sign) -> list[str]:
-    c1, s1 = (wgsl_float(f(2 * math.pi / 5)) for f in (math.cos, math.sin))
-    c2, s2 = (wgsl_float(f(4 * math.pi / 5)) for f in (math.cos, math.sin))
+    c1, s1 = (f(2 * math.pi / 5) for f in (math.cos, math.sin))
+    c2, s2 = (f(4 * math.pi / 5) for f in (math.cos, math.sin))
     outer, inner = code.add(x[1], x[4]), code.add(x[2], x[3])
     outer_difference, inner_difference = code.subtract(x[1], x[4]), code.subtract(x[2], x[3])
-    a = code.let(f"{x[0]} + {c1} * {outer} + {c2} * {inner}")
-    b = code.let(f"{x[0]} + {c2} * {outer} + {c1} * {inner}")
-    p = code.times_i(code.let(f"{s1} * {outer_difference} + {s2} * {inner_difference}"), sign)
-    q = code.times_i(code.let(f"{s2} * {outer_difference} - {s1} * {inner_difference}"), sign)
-    total = code.let(f"{x[0]} + {outer} + {inner}")
+    a = code.combine((1.0, x[0]), (c1, outer), (c2, inner))
+    b = code.combine((1.0, x[0]), (c2, outer), (c1, inner))
+    p = code.times_i(code.combine((s1, outer_difference), (s2, inner_difference)), sign)
+    q = code.times_i(code.combine((s2, outer_difference), (-s1, inner_difference)), sign)
+    total = code.combine((1.0, x[0]), (1.0, outer), (1.0, inner))
     return [total, code.add(a, p), code.add(b, q), code.subtract(b, q), code.subtract(a, p)]
 
 

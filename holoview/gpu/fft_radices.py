@@ -7,13 +7,9 @@ d₁ d₂ d₃ … (most significant first) holds the frequency d₁ + r₁·(d�
 
 from __future__ import annotations
 
-import math
 from functools import cache
 
-import numpy as np
-from numpy.typing import NDArray
-
-from holoview.numerics.fft_grid import frequency_indices, is_fast_length, next_fast_length
+from holoview.numerics.fft_grid import is_fast_length, next_fast_length
 from holoview.util.errors import UserError
 
 MAX_RADIX = 32
@@ -21,8 +17,10 @@ MAX_LENGTH = 8192
 
 
 @cache
-def radices(n: int) -> tuple[int, ...]:
+def radices(n: int, last_multiple_of: int = 1) -> tuple[int, ...]:
     """The radices of the passes over n points, largest first: the smallest number of factors, then the smallest sum.
+
+    last_multiple_of: a divisor, up to 32, of n; the last radix is a multiple of it.
 
     Few passes need little memory bandwidth; similar radices need few registers. A single point needs no pass.
     Raises UserError unless n = 2^a·3^b·5^c ≤ 8192; its remedy names the next possible size.
@@ -32,7 +30,13 @@ def radices(n: int) -> tuple[int, ...]:
     if not is_fast_length(n):
         remedy = f"the next good size is {next_fast_length(n)}"
         raise UserError("FFT size", f"{n} points a side", expected="a product of 2, 3 and 5", remedy=remedy)
-    return min(_factorisations(n, MAX_RADIX), key=lambda factors: (len(factors), sum(factors)))
+    possible = (
+        (*factors[:i], *factors[i + 1 :], last)
+        for factors in _factorisations(n, MAX_RADIX)
+        for i, last in enumerate(factors)
+        if last % last_multiple_of == 0 and last not in factors[i + 1 :]
+    )
+    return min(possible, key=lambda factors: (len(factors), sum(factors), factors[-1]), default=())
 
 
 def _factorisations(n: int, largest: int) -> list[tuple[int, ...]]:
@@ -45,36 +49,3 @@ def _factorisations(n: int, largest: int) -> list[tuple[int, ...]]:
         if n % first == 0
         for rest in _factorisations(n // first, first)
     ]
-
-
-def frequency_order(n: int) -> NDArray[np.int32]:
-    """Signed frequency index at each position of the spectrum of n points, shape (n,)."""
-    rest, block, weight = np.arange(n), n, 1
-    frequency = np.zeros(n, np.int64)
-    for radix in radices(n):
-        block //= radix
-        frequency += weight * (rest // block)
-        rest %= block
-        weight *= radix
-    return frequency_indices(n)[frequency].astype(np.int32)
-
-
-def frequency_wgsl(name: str, n: int) -> str:
-    """WGSL of a function `name(position: u32) -> i32` with the values of `frequency_order`."""
-    lines, block, weight = [], n, 1
-    for radix in radices(n):
-        block //= radix
-        lines.append(f"    frequency += {weight}u * ((position / {block}u) % {radix}u);")
-        weight *= radix
-    half = math.ceil(n / 2)
-    return "\n".join(
-        [
-            f"// Signed frequency index at a position of the spectrum of {n} points, whose digits are reversed.",
-            f"fn {name}(position: u32) -> i32 {{",
-            "    var frequency = 0u;",
-            *lines,
-            f"    return select(i32(frequency), i32(frequency) - {n}, frequency >= {half}u);",
-            "}",
-            "",
-        ]
-    )

@@ -13,8 +13,11 @@ and take it as the last argument of `load_shared` or `middle_shared`, which then
 evaluates it once for all these points.
 
 The steps are forward, X[f] = Σ x[p]·exp(−2πi·f·p/n), or inverse, with the other sign; neither is normalised. The order
-of a spectrum depends on the strategy: hooks can call `frequency_x(position: u32) -> i32` and `frequency_y`, which
-return the signed frequency index.
+of a spectrum depends on the strategy: hooks of a transform along x can call `frequency_x(position: u32) -> i32`, which
+returns the signed frequency index, or along y `frequency_y`. A step may name a band of frequencies. Then `load` and
+`store` see the stored frequencies of `SpectrumOrder` only, at positions from 0 to its `count` − 1, and values outside
+them count as 0. In the same way a step may name the points that it needs; others are neither loaded nor stored,
+except a few next to them.
 
 A strategy says where the values of a line are exchanged:
 
@@ -35,33 +38,34 @@ from typing import Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from holoview.gpu.device import INT64, SUBGROUP, Buffer, Constants, Device
-from holoview.gpu.fft_codegen import (
-    LINE_RANGE,
-    Axis,
-    Direction,
-    generate_pass_shader,
-    merge_passes,
-    pass_shapes,
-    pass_workgroups,
+from holoview.gpu.fft_codegen import LINE_RANGE, Axis, generate_pass_shader, merge_passes, pass_workgroups
+from holoview.gpu.fft_radices import MAX_RADIX, radices
+from holoview.gpu.line_fft_subgroup import (
+    MAX_REGISTERS,
+    can_repeat,
+    generate_subgroup_shader,
+    lanes_per_line,
+    subgroup_workgroups,
 )
-from holoview.gpu.fft_radices import frequency_order, frequency_wgsl, radices
-from holoview.gpu.line_fft_subgroup import MAX_REGISTERS, generate_subgroup_shader, lanes_per_line, subgroup_workgroups
 from holoview.gpu.line_fft_workgroup import fit_tile, generate_workgroup_shader
+from holoview.gpu.line_step import Direction, Step
 from holoview.gpu.recorder import CommandRecorder, Dispatch, workgroup_grid
 from holoview.gpu.shader import GeneratedWgsl, ShaderSource, link
-from holoview.numerics.fft_grid import frequency_indices
+from holoview.gpu.spectrum_order import Range, SpectrumOrder
 from holoview.util.errors import UserError
 
 __all__ = [
     "STRATEGIES",
     "Axis",
+    "Direction",
     "Hooks",
     "LineFft",
+    "Step",
     "Strategy",
-    "spectrum_frequencies",
+    "can_transform_repeats",
+    "spectrum_order",
     "storage_shader",
     "supported_strategies",
 ]
@@ -124,8 +128,9 @@ class TransformShader:
 
 
 class LineFft:
-    """Transforms along `axis` of fields of `shape` (ny, nx), with `steps` such as ("forward", "inverse").
+    """Transforms along `axis` with `steps` such as (Step("forward"), Step("inverse")).
 
+    shape: (ny, nx), the length of the transform along `axis`, and the number of lines along the other axis.
     `shaders` run in this order. `work_bytes` is the size of the work buffer for one field, 0 if none is needed.
     Raises UserError for a size that can't be transformed, at all or by the strategy on this device.
     """
@@ -135,7 +140,7 @@ class LineFft:
         device: Device,
         axis: Axis,
         shape: tuple[int, int],
-        steps: Sequence[Direction],
+        steps: Sequence[Step],
         hooks: Hooks,
         strategy: Strategy = "passes",
     ) -> None:
@@ -143,6 +148,7 @@ class LineFft:
         self._length = shape[1] if axis == "x" else shape[0]
         self._strategy = strategy
         check_strategy(device, axis, self._length, strategy)
+        self._radices = radices(self._length, math.lcm(*(step.repeats for step in self._steps)))
         generators = {
             "passes": self._pass_shaders,
             "workgroup": self._workgroup_shader,
@@ -178,42 +184,48 @@ class LineFft:
         return [TransformShader(self._linked(text), dict(self._hooks.constants), partial(subgroup_workgroups, lanes))]
 
     def _workgroup_shader(self) -> list[TransformShader]:
-        tile = fit_tile(self.axis, self._length, self._device.limits[_WORKGROUP_MEMORY])
+        tile = fit_tile(self.axis, self._length, self._radices, self._device.limits[_WORKGROUP_MEMORY])
         assert tile is not None
-        text = generate_workgroup_shader(tile, self._steps)
+        text = generate_workgroup_shader(tile, self._radices, self._steps)
         return [TransformShader(self._linked(text), dict(self._hooks.constants), tile.workgroups)]
 
     def _pass_shaders(self) -> list[TransformShader]:
-        passes = merge_passes(pass_shapes(self.axis, self._length, radices(self._length)), self._steps)
+        passes = merge_passes(self._length, self._radices, self._steps)
         shaders, last, has_work_hooks = [], len(passes) - 1, self._hooks.has_work_hooks
         row = self.shape[1] + ROW_PADDING
-        for number, (shape, directions) in enumerate(passes):
-            uses_hooks = has_work_hooks or number in (0, last) or len(directions) > 1
+        for number, steps in enumerate(passes):
+            uses_hooks = has_work_hooks or number in (0, last) or len(steps) > 1
             uses_work = not has_work_hooks and last > 0
-            load, store = "load" if number == 0 else "load_work", "store" if number == last else "store_work"
-            text = generate_pass_shader(shape, directions, load=load, store=store, begin=uses_hooks)
+            text = generate_pass_shader(
+                self.axis, steps, is_first=number == 0, is_last=number == last, begin=uses_hooks
+            )
             parts: list[Part] = ["fft/work.wgsl"] if uses_work else []
             constants: dict[str, int | float | bool] = {}
             if uses_work:
                 constants |= {"work_row_stride": row, "work_field_stride": row * self.shape[0]}
             if uses_hooks:
                 constants |= dict(self._hooks.constants)
-            source = self._linked(text, f", block {shape.block}", parts, uses_hooks)
-            shaders.append(TransformShader(source, constants, partial(pass_workgroups, shape), uses_hooks, uses_work))
+            source = self._linked(text, f", block {steps[0][0].block}", parts, uses_hooks)
+            shaders.append(TransformShader(source, constants, partial(pass_workgroups, steps), uses_hooks, uses_work))
         return shaders
 
     def _linked(self, text: str, suffix: str = "", parts: Sequence[Part] = (), uses_hooks: bool = True) -> ShaderSource:
         """`parts`, the hooks if they are used, and a generated shader; `suffix` is a part of its name in messages."""
-        name = f"{self._hooks.name}: {'-'.join(self._steps)} along {self.axis}{suffix}, {self._strategy}"
+        directions = "-".join(step.direction for step in self._steps)
+        name = f"{self._hooks.name}: {directions} along {self.axis}{suffix}, {self._strategy}"
         hooks: Sequence[Part] = (GeneratedWgsl("frequencies", self._frequencies()), *self._hooks.parts)
         if self._hooks.shared_hook is not None and self._strategy != "subgroup":
             hooks = (*hooks, _UNSHARED_HOOKS[self._hooks.shared_hook])
         return link(*parts, *(hooks if uses_hooks else ()), GeneratedWgsl(name, text))
 
     def _frequencies(self) -> str:
-        ny, nx = self.shape
-        function = _natural_frequency_wgsl if self._strategy == "subgroup" else frequency_wgsl
-        return function("frequency_y", ny) + function("frequency_x", nx)
+        """WGSL of the frequency at each position of the spectrum of the last step."""
+        band = self._steps[-1].band
+        if self._strategy == "subgroup":
+            order = spectrum_order(self._device, self._length, self._strategy, band)
+        else:
+            order = SpectrumOrder.reversed_order(self._radices, band)
+        return order.frequency_wgsl(f"frequency_{self.axis}")
 
 
 def supported_strategies(device: Device, shape: tuple[int, int]) -> tuple[Strategy, ...]:
@@ -225,9 +237,21 @@ def supported_strategies(device: Device, shape: tuple[int, int]) -> tuple[Strate
     return tuple(s for s in STRATEGIES if _is_supported(device, "y", ny, s) and _is_supported(device, "x", nx, s))
 
 
-def spectrum_frequencies(n: int, strategy: Strategy) -> NDArray[np.int32]:
-    """Signed frequency index at each position of the spectrum of n points, shape (n,)."""
-    return frequency_indices(n).astype(np.int32) if strategy == "subgroup" else frequency_order(n)
+def spectrum_order(device: Device, n: int, strategy: Strategy, band: Range | None = None) -> SpectrumOrder:
+    """The stored frequencies of n points, or of a band of them, which contains all that is stored otherwise.
+
+    Raises UserError for a size that can't be transformed.
+    """
+    lanes = lanes_per_line(n, subgroup_size(device)) if strategy == "subgroup" else None
+    return SpectrumOrder.reversed_order(radices(n), band) if lanes is None else SpectrumOrder.natural(n, lanes, band)
+
+
+def can_transform_repeats(device: Device, n: int, repeats: int, strategy: Strategy) -> bool:
+    """Whether the strategy can transform lines of n points with `Step.repeats`."""
+    if n % repeats or repeats > MAX_RADIX:
+        return False
+    lanes = lanes_per_line(n, subgroup_size(device)) if strategy == "subgroup" else None
+    return lanes is None or can_repeat(n, lanes, repeats)
 
 
 def storage_shader(device: Device, *, half: bool = False) -> str:
@@ -260,7 +284,7 @@ def subgroup_size(device: Device) -> int:
 def _is_supported(device: Device, axis: Axis, n: int, strategy: Strategy) -> bool:
     radices(n)  # raises UserError for sizes that no strategy can transform
     if strategy == "workgroup":
-        return fit_tile(axis, n, device.limits[_WORKGROUP_MEMORY]) is not None
+        return fit_tile(axis, n, radices(n), device.limits[_WORKGROUP_MEMORY]) is not None
     if strategy == "subgroup":
         return lanes_per_line(n, subgroup_size(device)) is not None
     return True
@@ -280,9 +304,3 @@ def check_strategy(device: Device, axis: Axis, n: int, strategy: Strategy) -> No
     }[strategy]
     found = f"{n} points along {axis} on {device.info.name}"
     raise UserError(f"FFT strategy '{strategy}'", found, expected=expected, remedy="use 'passes'")
-
-
-def _natural_frequency_wgsl(name: str, n: int) -> str:
-    """WGSL of a function that returns the signed frequency index at a position of a spectrum in natural order."""
-    half = math.ceil(n / 2)
-    return f"fn {name}(position: u32) -> i32 {{ return i32(position) - select(0, {n}, position >= {half}u); }}\n"

@@ -19,11 +19,19 @@ live at the same time.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 
-from holoview.gpu.fft_butterfly import WgslEmitter, emit_dft
-from holoview.gpu.fft_codegen import COMMON_DECLARATIONS, Direction
+from holoview.gpu.fft_butterfly import WgslEmitter, emit_dft, scattered
+from holoview.gpu.fft_codegen import COMMON_DECLARATIONS
+from holoview.gpu.line_step import Step
 from holoview.gpu.rounding import ceil_div
+from holoview.gpu.spectrum_order import covered_digits
+
+Names = dict[int, str]
+"""Names of values by the number of their register in a line, or by their digit in a group of a spectrum."""
+Spectrum = Iterator[tuple[int, Names]]
+"""The groups of a spectrum: their number and their values."""
 
 MAX_LINES, MAX_INVOCATIONS = 4, 128
 """Of a workgroup. Four columns are 32 bytes wide, the smallest memory transaction of GPUs."""
@@ -45,28 +53,35 @@ def lanes_per_line(n: int, subgroup_size: int) -> int | None:
 
 
 def generate_subgroup_shader(
-    axis: str, n: int, lanes: int, steps: Sequence[Direction], shared_hook: str | None = None, shared_points: int = 1
+    axis: str, n: int, lanes: int, steps: Sequence[Step], shared_hook: str | None = None, shared_points: int = 1
 ) -> str:
     """The WGSL of a transform of lines of n points along `axis`, to be linked after its hooks; entry point `main`.
 
     shared_hook: "load" or "middle" if that hook takes a value that each `shared_points` neighbouring points share.
     """
     code = _Line(axis, n, lanes, shared_hook, shared_points)
-    points: list[str] | None = None
-    spectrum: Iterable[list[str]] | None = None
+    points: Names | None = None
+    spectrum: Spectrum | None = None
     for step in steps:
-        if step == "forward":
-            spectrum = code.spectrum(code.loaded_points() if points is None else code.between_points(points))
-            points = None
+        if step.direction == "forward":
+            given = code.loaded_points(step) if points is None else code.between_points(points, step)
+            points, spectrum = None, code.spectrum(given, step)
+            if step.repeats > 1:
+                spectrum = code.repeated(spectrum, step.repeats)
         else:
-            points = code.points(code.loaded_spectrum() if spectrum is None else code.between_spectrum(spectrum))
-            spectrum = None
+            frequencies = code.loaded_spectrum(step) if spectrum is None else code.between_spectrum(spectrum, step)
+            points, spectrum = code.points(frequencies), None
     if spectrum is None:
-        code.store_points(points or [])
+        code.store_points(points or {}, steps[-1])
     else:
-        code.store_spectrum(spectrum)
+        code.store_spectrum(spectrum, steps[-1])
     body = "".join(f"    {line}\n" for line in code.lines)
     return f"{_prologue(axis, n, lanes, steps)}{body}}}\n"
+
+
+def can_repeat(n: int, lanes: int, repeats: int) -> bool:
+    """Whether the spectrum of n/repeats points can be repeated in registers."""
+    return n % (lanes * lanes * repeats) == 0
 
 
 def subgroup_workgroups(lanes: int, lines: int) -> int:
@@ -92,88 +107,117 @@ class _Line(WgslEmitter):
         self.lines.append("begin(line, field);")
         self._twiddles = self.twiddles("lane", self.registers, n)
 
-    def spectrum(self, points: list[str]) -> Iterator[list[str]]:
-        """The forward transform of points: frequencies, group by group."""
-        columns = self.times_twiddles(emit_dft(self, points, -1), self._twiddles, conjugate=False)
-        columns += ["vec2f(0.0)"] * (self.groups * self.lanes - self.registers)
-        for first in range(0, len(columns), self.lanes):
-            yield emit_dft(self, self._transposed(columns[first : first + self.lanes]), -1)
+    def spectrum(self, points: Names, step: Step) -> Spectrum:
+        """The forward transform of points: frequencies by digit, group by group."""
+        registers = self.registers // step.repeats
+        twiddles = self._twiddles[:: step.repeats]
+        given = scattered(list(points.values()), list(points), registers)
+        columns = self.times_twiddles(emit_dft(self, given, -1), twiddles, conjugate=False)
+        columns += ["vec2f(0.0)"] * (-registers % self.lanes)
+        for group, first in enumerate(range(0, len(columns), self.lanes)):
+            yield group, dict(enumerate(emit_dft(self, self._transposed(columns[first : first + self.lanes]), -1)))
 
-    def points(self, spectrum: Iterable[list[str]]) -> list[str]:
+    def repeated(self, spectrum: Spectrum, repeats: int) -> Spectrum:
+        """The spectrum repeated to n frequencies, of which register j of group g has the frequency lane + S·g + A·j."""
+        groups = self.groups // repeats
+        for group, values in spectrum:
+            for part in range(repeats):
+                digits = ((repeats * j + part) % self.lanes for j in range(self.lanes))
+                yield group + groups * part, {j: values[digit] for j, digit in enumerate(digits)}
+
+    def points(self, spectrum: Spectrum) -> Names:
         """The inverse transform of frequencies: the steps of `spectrum` in reverse order, conjugated."""
-        columns: list[str] = []
-        for group in spectrum:
-            columns += self._transposed(emit_dft(self, group, 1))
-        return emit_dft(self, self.times_twiddles(columns[: self.registers], self._twiddles, conjugate=True), 1)
+        columns = [""] * (self.groups * self.lanes)
+        for group, values in spectrum:
+            given = scattered(list(values.values()), list(values), self.lanes)
+            first = group * self.lanes
+            columns[first : first + self.lanes] = self._transposed(emit_dft(self, given, 1))
+        turned = self.times_twiddles(columns[: self.registers], self._twiddles, conjugate=True)
+        return dict(enumerate(emit_dft(self, turned, 1)))
 
-    def loaded_points(self) -> list[str]:
+    def loaded_points(self, step: Step) -> Names:
         """Points from the hook `load` or `load_shared`."""
+        registers = self._needed_points(step)
         if self._shared_hook != "load":
-            return [self.let(f"load({self._point(k)})") for k in range(self.registers)]
-        return [self.let(f"load_shared({self._point(k)}, {value})") for k, value in enumerate(self._shared_values())]
+            return {k: self.let(f"load({self._point(k)})") for k in registers}
+        return {k: self.let(f"load_shared({self._point(k)}, {value})") for k, value in self._shared_values(registers)}
 
-    def loaded_spectrum(self) -> Iterator[list[str]]:
+    def loaded_spectrum(self, step: Step) -> Spectrum:
         """Frequencies from the hook `load`, group by group."""
         for group in range(self.groups):
-            yield [self.let(f"load({position})") for position in self._frequencies(group)]
+            positions = self._frequencies(group, step)
+            yield group, {digit: self.let(f"load({position})") for digit, position in positions.items()}
 
-    def between_points(self, points: list[str]) -> list[str]:
+    def between_points(self, points: Names, step: Step) -> Names:
         """Points after the hook `middle` or `middle_shared`."""
+        registers = self._needed_points(step)
         if self._shared_hook != "middle":
-            return [self.let(f"middle({self._point(k)}, {value})") for k, value in enumerate(points)]
-        pairs = zip(points, self._shared_values(), strict=True)
-        return [
-            self.let(f"middle_shared({self._point(k)}, {value}, {shared})") for k, (value, shared) in enumerate(pairs)
-        ]
+            return {k: self.let(f"middle({self._point(k)}, {points[k]})") for k in registers}
+        shared = self._shared_values(registers)
+        return {k: self.let(f"middle_shared({self._point(k)}, {points[k]}, {value})") for k, value in shared}
 
-    def between_spectrum(self, spectrum: Iterable[list[str]]) -> Iterator[list[str]]:
+    def between_spectrum(self, spectrum: Spectrum, step: Step) -> Spectrum:
         """Frequencies after the hook `middle`, group by group."""
-        for group, values in enumerate(spectrum):
-            pairs = zip(self._frequencies(group), values, strict=True)
-            yield [self.let(f"middle({position}, {value})") for position, value in pairs]
+        for group, values in spectrum:
+            positions = self._frequencies(group, step)
+            yield (
+                group,
+                {digit: self.let(f"middle({position}, {values[digit]})") for digit, position in positions.items()},
+            )
 
-    def _shared_values(self) -> Iterator[str]:
+    def _shared_values(self, registers: Sequence[int]) -> Iterator[tuple[int, str]]:
         """For each register, the value that its point shares with its neighbours, evaluated by one lane for all.
 
         The points of u registers are S·u successive ones. They share S values, of which each lane evaluates one.
         """
         u, s = self._shared_points, self.lanes
         if u == 1 or s % u or self.registers % u:
-            for k in range(self.registers):
-                yield self.let(f"shared_value({self._point(k)})")
+            for k in registers:
+                yield k, self.let(f"shared_value({self._point(k)})")
             return
-        for first in range(0, self.registers, u):
+        for first, successive in groupby(registers, lambda k: k - k % u):
             own = self.let(f"shared_value({self._position(f'lane * {u}u + {s * first}u')})")
-            for part in range(u):
-                yield self.let(f"subgroupShuffle({own}, subgroup_start + lane / {u}u + {part * s // u}u)")
+            for k in successive:
+                yield k, self.let(f"subgroupShuffle({own}, subgroup_start + lane / {u}u + {k % u * s // u}u)")
 
-    def store_points(self, points: list[str]) -> None:
+    def store_points(self, points: Names, step: Step) -> None:
         """Pass the points of a valid line to the hook `store`."""
-        self._store("is_valid_line", [self._point(k) for k in range(self.registers)], points)
+        self._store("is_valid_line", {self._point(k): points[k] for k in self._needed_points(step)})
 
-    def store_spectrum(self, spectrum: Iterable[list[str]]) -> None:
+    def store_spectrum(self, spectrum: Spectrum, step: Step) -> None:
         """Pass the frequencies of a valid line to the hook `store`."""
-        for group, values in enumerate(spectrum):
+        for group, values in spectrum:
             is_whole = (group + 1) * self.lanes <= self.registers
             is_used = f"is_valid_line && lane + {group * self.lanes}u < {self.registers}u"
-            condition = "is_valid_line" if is_whole else is_used
-            self._store(condition, self._frequencies(group), values)
+            positions = self._frequencies(group, step)
+            self._store(
+                "is_valid_line" if is_whole else is_used,
+                {position: values[digit] for digit, position in positions.items()},
+            )
 
-    def _store(self, condition: str, positions: list[str], values: list[str]) -> None:
-        stores = [f"    store({position}, {value});" for position, value in zip(positions, values, strict=True)]
+    def _store(self, condition: str, values: dict[str, str]) -> None:
+        stores = [f"    store({position}, {value});" for position, value in values.items()]
         self.lines += [f"if ({condition}) {{", *stores, "}"]
+
+    def _needed_points(self, step: Step) -> tuple[int, ...]:
+        """The registers with points that a step needs."""
+        n, registers = self.n // step.repeats, self.registers // step.repeats
+        return covered_digits(n, registers, step.points)
 
     def _point(self, k: int) -> str:
         """Position of the point in register k."""
         return self._position(f"lane + {self.lanes * k}u")
 
-    def _frequencies(self, group: int) -> list[str]:
-        """Positions of the frequencies in the registers of a group."""
-        lowest = f"lane + {group * self.lanes}u"
+    def _frequencies(self, group: int, step: Step) -> dict[int, str]:
+        """Positions of the stored frequencies in the registers of a group, by digit."""
+        lowest, offset = "lane", group * self.lanes
         if (group + 1) * self.lanes > self.registers:
-            lowest = self.let(f"min({lowest}, {self.registers - 1}u)")
-            return [self._position(f"{lowest} + {self.registers * j}u") for j in range(self.lanes)]
-        return [self._position(f"lane + {group * self.lanes + self.registers * j}u") for j in range(self.lanes)]
+            lowest, offset = self.let(f"min(lane + {offset}u, {self.registers - 1}u)"), 0
+        digits = covered_digits(self.n, self.lanes, step.band)
+        return {
+            digit: self._position(f"{lowest} + {offset + self.registers * number}u")
+            for number, digit in enumerate(digits)
+        }
 
     def _position(self, along: str) -> str:
         return f"vec3u({along}, line, field)" if self.axis == "x" else f"vec3u(line, {along}, field)"
@@ -193,14 +237,14 @@ class _Line(WgslEmitter):
         return out
 
 
-def _prologue(axis: str, n: int, lanes: int, steps: Sequence[Direction]) -> str:
+def _prologue(axis: str, n: int, lanes: int, steps: Sequence[Step]) -> str:
     """The beginning of the shader up to the line of a lane.
 
     Lanes beyond the last line repeat it without storing, since shuffles need all lanes to be active.
     """
-    lines = _lines_per_workgroup(lanes)
+    lines, directions = _lines_per_workgroup(lanes), " and ".join(step.direction for step in steps)
     return f"""{COMMON_DECLARATIONS}
-// {" and ".join(steps)} transform along {axis}: {n} points in {n // lanes} registers of {lanes} lanes
+// {directions} transform along {axis}: {n} points in {n // lanes} registers of {lanes} lanes
 @compute @workgroup_size({lines * lanes})
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,

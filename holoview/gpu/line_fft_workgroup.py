@@ -12,16 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from holoview.gpu.fft_butterfly import WgslEmitter
-from holoview.gpu.fft_codegen import (
-    COMMON_DECLARATIONS,
-    Axis,
-    Direction,
-    PassShape,
-    emit_steps,
-    merge_passes,
-    pass_shapes,
-)
-from holoview.gpu.fft_radices import radices
+from holoview.gpu.fft_codegen import COMMON_DECLARATIONS, Axis, PassSteps, emit_pass, merge_passes
+from holoview.gpu.line_step import Step
 from holoview.gpu.rounding import ceil_div
 
 MIN_INVOCATIONS, MAX_INVOCATIONS = 64, 256
@@ -52,13 +44,9 @@ class WorkgroupTile:
         return ceil_div(lines, self.lines)
 
 
-def fit_tile(axis: Axis, n: int, memory_bytes: int) -> WorkgroupTile | None:
-    """The tile for lines of n points, or None if a single line exceeds `memory_bytes` of workgroup memory.
-
-    Raises UserError for a length that can't be transformed.
-    """
-    items = [shape.invocations_per_line for shape in pass_shapes("x", n, radices(n))]
-    threads = min(max(items, default=1), MAX_INVOCATIONS)
+def fit_tile(axis: Axis, n: int, factors: Sequence[int], memory_bytes: int) -> WorkgroupTile | None:
+    """The tile for lines of n points and these radices, or None if a single line exceeds the workgroup memory."""
+    threads = min(n // min(factors, default=1), MAX_INVOCATIONS)
     lines = COLUMNS if axis == "y" else 1
     while lines * threads < MIN_INVOCATIONS:
         lines *= 2
@@ -70,34 +58,39 @@ def fit_tile(axis: Axis, n: int, memory_bytes: int) -> WorkgroupTile | None:
     return WorkgroupTile(axis, n, threads, lines)
 
 
-def generate_workgroup_shader(tile: WorkgroupTile, steps: Sequence[Direction]) -> str:
+def generate_workgroup_shader(tile: WorkgroupTile, factors: tuple[int, ...], steps: Sequence[Step]) -> str:
     """The WGSL of the transforms of a tile, to be linked after its hooks; the entry point is `main`."""
-    passes = merge_passes(pass_shapes("x", tile.length, radices(tile.length)), steps)
+    passes = merge_passes(tile.length, factors, steps)
     body: list[str] = []
-    for number, (shape, directions) in enumerate(passes):
-        body += _pass(tile, shape, directions, is_first=number == 0, is_last=number == len(passes) - 1)
+    for number, merged in enumerate(passes):
+        body += _pass(tile, merged, is_first=number == 0, is_last=number == len(passes) - 1)
     text = "".join(f"    {line}\n" for line in body)
     return f"{_prologue(tile, steps)}{text}}}\n"
 
 
-def _pass(
-    tile: WorkgroupTile, shape: PassShape, steps: tuple[Direction, ...], *, is_first: bool, is_last: bool
-) -> list[str]:
+def _pass(tile: WorkgroupTile, steps: PassSteps, *, is_first: bool, is_last: bool) -> list[str]:
     """Statements of one pass, in a loop if the DFTs of a line aren't exactly as many as its invocations."""
-    code = WgslEmitter()
-    stride = shape.block // shape.radix
-    code.lines += [f"let offset = item % {stride}u;", f"let start = (item / {stride}u) * {shape.block}u + offset;"]
-    along = [f"start + {k * stride}u" for k in range(shape.radix)]
-    values = [
-        code.let(f"load({_position(tile, p)})" if is_first else f"line_memory[line_slot({p}, across)]") for p in along
-    ]
-    values = emit_steps(code, shape, values, steps, [_position(tile, p) for p in along])
-    pairs = list(zip(along, values, strict=True))
+    code, shape = WgslEmitter(), steps[0][0]
+    code.lines.append(f"let offset = item % {shape.stride}u;")
+
+    def position(along: str) -> str:
+        return f"vec3u({along}, line, field)" if tile.axis == "x" else f"vec3u(line, {along}, field)"
+
+    def load(along: str) -> str:
+        return (
+            f"load({position(along)})" if is_first else f"line_memory[line_slot({shape.between_passes(along)}, across)]"
+        )
+
+    pairs = emit_pass(code, steps, load, position)
     if is_last:
-        stores = [f"    store({_position(tile, p)}, {value});" for p, value in pairs]
+        stores = [f"    store({position(along)}, {value});" for along, value in pairs]
         code.lines += ["if (is_valid_line) {", *stores, "}"]
     else:
-        code.lines += [f"line_memory[line_slot({p}, across)] = {value};" for p, value in pairs]
+        places = [steps[-1][0].between_passes(along) for along, _ in pairs]
+        code.lines += [
+            f"line_memory[line_slot({place}, across)] = {value};"
+            for place, (_, value) in zip(places, pairs, strict=True)
+        ]
     is_one_each = shape.invocations_per_line == tile.threads
     head = ["{", "    let item = thread;"]
     if not is_one_each:
@@ -106,20 +99,16 @@ def _pass(
     return [*head, *(f"    {line}" for line in code.lines), "}", *barrier]
 
 
-def _position(tile: WorkgroupTile, along: str) -> str:
-    return f"vec3u({along}, line, field)" if tile.axis == "x" else f"vec3u(line, {along}, field)"
-
-
 def _pitch(n: int) -> int:
     return n + ceil_div(n, _BANKS)
 
 
-def _prologue(tile: WorkgroupTile, steps: Sequence[Direction]) -> str:
+def _prologue(tile: WorkgroupTile, steps: Sequence[Step]) -> str:
     """The beginning of the shader up to the line of an invocation.
 
     Invocations beyond the last line repeat it without storing, since all have to reach each barrier.
     """
-    size = tile.threads * tile.lines
+    size, directions = tile.threads * tile.lines, " and ".join(step.direction for step in steps)
     if tile.axis == "x":
         split = f"let thread = local % {tile.threads}u;\n    let across = local / {tile.threads}u;"
         slot = f"across * {tile.pitch}u + along + along / {_BANKS}u"
@@ -134,7 +123,7 @@ fn line_slot(along: u32, across: u32) -> u32 {{
     return {slot};
 }}
 
-// {" and ".join(steps)} transforms of {tile.lines} lines along {tile.axis} of {tile.length} points
+// {directions} transforms of {tile.lines} lines along {tile.axis} of {tile.length} points
 @compute @workgroup_size({size})
 fn main(
     @builtin(workgroup_id) workgroup: vec3u,

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from holoview.gpu.device import Device
 from holoview.gpu.fft import FftPlan, RowRange
-from holoview.gpu.fft_radices import MAX_LENGTH, MAX_RADIX, frequency_order, frequency_wgsl, radices
-from holoview.gpu.recorder import CommandRecorder, Dispatch
-from holoview.gpu.shader import GeneratedWgsl, link
-from holoview.numerics.fft_grid import frequency_indices, is_fast_length
+from holoview.gpu.fft_radices import MAX_LENGTH, MAX_RADIX, radices
+from holoview.gpu.recorder import CommandRecorder
+from holoview.numerics.fft_grid import is_fast_length
 from holoview.util.errors import UserError
 
 TOLERANCE = 7e-7
@@ -64,11 +63,6 @@ def test_every_good_length_has_few_and_even_radices() -> None:
         assert len(found) <= 3
     assert radices(1024) == (32, 32)
     assert radices(8192) == (32, 16, 16)
-
-
-@pytest.mark.parametrize("n", [1, 2, 15, 96, 1000, 3125, 8192])
-def test_each_frequency_has_one_position(n: int) -> None:
-    assert np.array_equal(np.sort(frequency_order(n)), np.sort(frequency_indices(n)))
 
 
 @pytest.mark.parametrize(("n", "remedy"), [(7, "next good size is 8"), (1081, "next good size is 1125")])
@@ -179,20 +173,3 @@ def test_wrong_buffers_and_rows_are_refused(device: Device) -> None:
     for rows in ((-1, 2), (0, 0), (3, 2)):
         with pytest.raises(ValueError, match=r"expected \(first, count\) within 4 rows"):
             plan.forward(recorder, device.buffer(plan.buffer_bytes, "fields"), rows)
-
-
-@pytest.mark.gpu
-@pytest.mark.parametrize("n", [15, 96, 1280])
-def test_the_shader_knows_the_frequency_at_each_position(device: Device, n: int) -> None:
-    text = frequency_wgsl("frequency", n) + (
-        "@group(1) @binding(0) var<storage, read_write> found: array<i32>;\n"
-        "@compute @workgroup_size(1)\n"
-        "fn main(@builtin(workgroup_id) id: vec3u) { found[id.x] = frequency(id.x); }\n"
-    )
-    found = device.buffer(4 * n, "found")
-    recorder = CommandRecorder(device)
-    recorder.add(
-        Dispatch.bind(device, device.pipeline(link(GeneratedWgsl("frequency", text))), [[], [found]], (n, 1, 1))
-    )
-    recorder.submit()
-    assert np.array_equal(device.download(found, np.int32, (n,)), frequency_order(n))

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from holoview.gpu.device import Device
-from holoview.gpu.fft_codegen import Direction
 from holoview.gpu.line_fft import Axis, Hooks, LineFft, Strategy, supported_strategies
 from holoview.gpu.line_fft_subgroup import MAX_REGISTERS, generate_subgroup_shader, lanes_per_line, subgroup_workgroups
+from holoview.gpu.line_step import Direction, Step
 from holoview.gpu.recorder import CommandRecorder
 from holoview.gpu.shader import GeneratedWgsl
 
@@ -55,7 +55,8 @@ def _run(device: Device, strategy: Strategy, axis: Axis, steps: tuple[Direction,
     if at_start:
         text = text.replace("given[index_of(p)]", f"given[index_of({natural})]")
     text = text.replace("NY", str(ny)).replace("NX", str(nx))
-    transform = LineFft(device, axis, (ny, nx), steps, Hooks("test", (GeneratedWgsl("hooks", text),)), strategy)
+    whole = [Step(direction) for direction in steps]
+    transform = LineFft(device, axis, (ny, nx), whole, Hooks("test", (GeneratedWgsl("hooks", text),)), strategy)
     buffers = [device.upload(given, "given"), device.buffer(given.nbytes, "found")]
     work = device.buffer(FIELDS * transform.work_bytes, "work") if transform.work_bytes else None
     recorder = CommandRecorder(device)
@@ -109,5 +110,5 @@ def test_a_line_belongs_to_as_many_lanes_as_its_length_allows(n: int, largest: i
 
 def test_the_last_workgroup_stores_no_line_twice() -> None:
     assert subgroup_workgroups(8, 9) == 3
-    text = generate_subgroup_shader("x", 64, 8, ("forward",))
+    text = generate_subgroup_shader("x", 64, 8, (Step("forward"),))
     assert "if (is_valid_line) {" in text and text.count("store(") == 8
