@@ -100,7 +100,7 @@ def _frame(executor: Executor[Any], finish: Finish) -> None:
     executor.clear(0)
     executor.clear_xyz()
     spectrum = spectrum_behind_modulators(executor, wavelength, frame, 0)
-    executor.accumulate(executor.field(executor.transmit(spectrum, 1, wavelength, distance_m)), 0, weight)
+    executor.accumulate(executor.field(executor.transmit(spectrum, 1, wavelength, distance_m), 1), 0, weight)
     executor.composite(wavelength)
     finish()
 
@@ -113,13 +113,14 @@ def _calls(executor: Executor[Any]) -> Iterator[tuple[str, Callable[[Any], Any]]
     yield "illuminate", lambda _: e.illuminate(wavelength, 0)
     yield "modulate", lambda field: e.modulate(field, frame, 0, wavelength)
     if gap_m is not None:
-        yield "spectrum", e.spectrum
+        yield "spectrum", lambda field: e.spectrum(field, 0)
         yield "transmit", lambda field: e.transmit(field, 0, wavelength, gap_m)
-        yield "field", e.field
+        yield "field", lambda field: e.field(field, 0)
         yield "modulate", lambda field: e.modulate(field, frame, 1, wavelength)
-    yield "spectrum", e.spectrum
+    last = len(plan.system.modulators) - 1
+    yield "spectrum", lambda field: e.spectrum(field, last)
     yield "transmit", lambda field: e.transmit(field, 1, wavelength, distance_m)
-    yield "field", e.field
+    yield "field", lambda field: e.field(field, 1)
     yield "accumulate", lambda field: e.accumulate(field, 0, weight)
     yield "composite", lambda _: e.composite(wavelength)
 

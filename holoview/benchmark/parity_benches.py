@@ -26,6 +26,19 @@ CHANGES: dict[str, dict[str, Any]] = {
     "one sample a pixel, periodic": {"upsample": 1, "propagation": "periodic"},
     "nine samples a pixel": {"upsample": 3},
     "250 x 384 samples, periodic": {"shape": [125, 192], "propagation": "periodic"},
+    "first orders": {"relay1.square": "first order", "relay2.square": "first order"},
+    "stops beside the axis": {
+        "relay1": {"square": 0.02, "centre_na": [0.012, -0.02], "dc_block_na": 0.004},
+        "relay2": {"iris_na": 0.02, "centre_na": [0.0, 0.025]},
+        "source": SOURCES,
+        "propagation": "periodic",
+    },
+    "one modulator, a stop, tilted sources": {
+        "modulators": [{"pitch": "8 um", "shape": [25, 32], "stroke": "825 nm"}],
+        "gap": None,
+        "source": SOURCES,
+        "relay2.square": "first order",
+    },
     "compact": {"shape": [27, 45], "upsample": 3, "propagation": "compact", "relay2.iris_na": 0.01},
     "no gap, planes at zero and far": {"gap": 0.0, "planes": [0.0, "50 mm"], "propagation": "periodic"},
 }

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from holoview.engine.torch_executor import TorchExecutor
@@ -76,7 +75,7 @@ class Step:
             return executor.intensity(self.arguments[0])
         if self.stage == "composite":
             return executor.xyz()
-        return out.numpy() if isinstance(out, torch.Tensor) else executor.download_field(out)
+        return executor.download_field(out)
 
 
 def steps_to_planes(plan: Plan, wavelength: int, frame: int, source: int) -> Iterator[Step]:
@@ -85,15 +84,15 @@ def steps_to_planes(plan: Plan, wavelength: int, frame: int, source: int) -> Ite
     yield Step("modulate 1", "modulate", "illuminate", (frame, 0, wavelength))
     last = "modulate 1"
     if plan.system.gap_m is not None:
-        yield Step("spectrum of the gap", "spectrum", last, ())
+        yield Step("spectrum of the gap", "spectrum", last, (0,))
         yield Step("transmit the gap", "transmit", "spectrum of the gap", (0, wavelength, plan.system.gap_m))
-        yield Step("field behind the gap", "field", "transmit the gap", ())
+        yield Step("field behind the gap", "field", "transmit the gap", (0,))
         yield Step("modulate 2", "modulate", "field behind the gap", (frame, 1, wavelength))
         last = "modulate 2"
-    yield Step("last spectrum", "spectrum", last, ())
+    yield Step("last spectrum", "spectrum", last, (len(plan.system.modulators) - 1,))
     for plane, distance_m in enumerate(plan.planes_m.tolist()):
         yield Step(f"transmit to plane {plane}", "transmit", "last spectrum", (1, wavelength, distance_m))
-        yield Step(f"field at plane {plane}", "field", f"transmit to plane {plane}", ())
+        yield Step(f"field at plane {plane}", "field", f"transmit to plane {plane}", (1,))
         weight = float(plan.weights[frame, wavelength])
         yield Step(f"accumulate plane {plane}", "accumulate", f"field at plane {plane}", (plane, weight))
 
@@ -119,7 +118,8 @@ def stage_errors(pair: ExecutorPair) -> dict[str, float]:
             fields: dict[str, Any] = {}
             for step in steps_to_planes(pair.plan, wavelength, frame, source):
                 name = f"wavelength {wavelength}, frame {frame}, source {source}: {step.name}"
-                errors[name] = _isolated_error(pair, step, fields.get(step.after or ""))
+                given = None if step.after is None else pair.reference.download_field(fields[step.after])
+                errors[name] = _isolated_error(pair, step, given)
                 fields[step.name] = step.run(pair.reference, fields)
     return errors | {"composite": composite_error(pair)}
 
@@ -142,8 +142,8 @@ def composite_error(pair: ExecutorPair) -> float:
     for plane in range(len(pair.plan.planes_m)):
         field = pair.shaders.modulate(pair.shaders.illuminate(0, 0), 0, 0, 0)
         pair.shaders.accumulate(field, plane, 0.25 + 2.75 * plane)
-        shown = torch.from_numpy(pair.shaders.intensity(plane).astype(np.complex128))
-        pair.reference.accumulate(shown.sqrt(), plane, 1.0)
+        shown = np.sqrt(pair.shaders.intensity(plane).astype(np.complex128))
+        pair.reference.accumulate(pair.reference.upload_field(shown), plane, 1.0)
     for executor in (pair.reference, pair.shaders):
         executor.clear_xyz()
         for wavelength in range(len(pair.plan.system.wavelengths_m)):
@@ -151,16 +151,16 @@ def composite_error(pair: ExecutorPair) -> float:
     return relative_error(pair.shaders.xyz(), pair.reference.xyz())
 
 
-def _isolated_error(pair: ExecutorPair, step: Step, given: torch.Tensor | None) -> float:
+def _isolated_error(pair: ExecutorPair, step: Step, given: NDArray[np.complexfloating] | None) -> float:
     """Error of one step whose input is `given`, rounded to what both executors can hold."""
     pair.clear()
     exact: dict[str, Any] = {}
     on_device: dict[str, Any] = {}
     if step.after is not None and given is not None:
-        rounded = given.to(torch.complex64)
-        exact[step.after] = rounded.to(torch.complex128)
-        is_spectrum = step.stage in ("transmit", "field")
-        on_device[step.after] = pair.shaders.upload_field(rounded.numpy(), is_spectrum=is_spectrum)
+        rounded = given.astype(np.complex64)
+        relay = step.arguments[0] if step.stage in ("transmit", "field") else None
+        exact[step.after] = pair.reference.upload_field(rounded)
+        on_device[step.after] = pair.shaders.upload_field(rounded, relay=relay)
     expected = step.seen(pair.reference, step.run(pair.reference, exact))
     found = step.seen(pair.shaders, step.run(pair.shaders, on_device))
     return relative_error(found, expected) if found.shape == expected.shape else math.inf

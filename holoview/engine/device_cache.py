@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from holoview.engine.compositor import Compositor, WeightedIntensity
 from holoview.engine.device_tables import Fingerprint
+from holoview.engine.frame_layout import StoredRows
 from holoview.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
 from holoview.gpu.device import Buffer
 from holoview.gpu.rounding import ceil_div
 
 FieldName = Literal["first", "second"]
-"""The field behind the first or behind the last modulator."""
+"""The field behind the first modulator, or what is kept behind the last one."""
+FIELD_NAMES: tuple[FieldName, ...] = ("first", "second")
 FrameWavelength = tuple[int, int]
 """Index of a frame and index of a wavelength."""
 XyzWeight = NDArray[np.float64]
@@ -29,8 +31,7 @@ class FieldCache:
     """
 
     def __init__(self, frame: FusedFrame, budget_bytes: int) -> None:
-        self._frame = frame
-        self._max_buffers = budget_bytes // (frame.field_bytes * frame.max_wavelengths)
+        self._frame, self._budget_bytes = frame, budget_bytes
         self._buffers: dict[Hashable, Buffer] = {}
         self._fingerprints: dict[tuple[FieldName, int, int, int], Fingerprint] = {}
 
@@ -39,14 +40,27 @@ class FieldCache:
         chunk, first = divmod(span.wavelength, self._frame.max_wavelengths)
         key = (name, span.frame, span.source, chunk)
         if key not in self._buffers:
-            if len(self._buffers) >= self._max_buffers:
+            if self.memory_bytes + self._buffer_bytes(name) > self._budget_bytes:
                 return None
-            self._buffers[key] = self._frame.allocate_fields(f"{name} rows, frame {span.frame}").buffer
+            label = f"{name} rows, frame {span.frame}"
+            self._buffers[key] = self._frame.allocate_rows(label, self._rows(name)).buffer
         return BufferRegion(self._buffers[key], first)
 
     def has_room_for(self, fields: int) -> bool:
-        """Whether this many fields would fit an empty cache."""
-        return ceil_div(fields, self._frame.max_wavelengths) <= self._max_buffers
+        """Whether this many first fields and as many second ones would fit an empty cache."""
+        buffers = ceil_div(fields, self._frame.max_wavelengths)
+        return buffers * sum(self._buffer_bytes(name) for name in FIELD_NAMES) <= self._budget_bytes
+
+    def clear(self) -> None:
+        """Release all memory, because fields of another size are going to be stored."""
+        self._buffers.clear()
+        self._fingerprints.clear()
+
+    def _rows(self, name: FieldName) -> StoredRows:
+        return self._frame.layout.first if name == "first" else self._frame.kept
+
+    def _buffer_bytes(self, name: FieldName) -> int:
+        return self._frame.rows_bytes(self._rows(name)) * self._frame.max_wavelengths
 
     def is_current(self, name: FieldName, span: WavelengthSpan, fingerprints: Sequence[Fingerprint]) -> bool:
         """Whether the stored fields have these fingerprints, one for each wavelength of the span."""

@@ -17,6 +17,7 @@ from holoview.engine.shader_structs import MODULATOR, PLANE_WAVE, PROPAGATION
 from holoview.engine.uniforms import (
     dense_transmission,
     modulator_uniform,
+    pixel_spectra,
     plane_wave_uniform,
     propagation_uniform,
     support_table,
@@ -35,6 +36,7 @@ class DeviceTables:
     """The inputs of a plan's kernels in device memory. A key is a name followed by indices:
 
     ("plane waves",)                          PlaneWave of each source and wavelength
+    ("pixel spectra",)                        spectrum of one pixel in each of these waves, along y, then along x
     ("modulators", modulator)                 Modulator of each wavelength
     ("opd", frame, modulator)                 optical path of each pixel, in strokes
     ("dense", frame, modulator, wavelength)   transmission of each sample, if it is given sample by sample
@@ -63,6 +65,8 @@ class DeviceTables:
         wavelengths, sources = range(len(plan.system.wavelengths_m)), range(len(plan.slopes))
         waves = [plane_wave_uniform(plan, wavelength, source) for source in sources for wavelength in wavelengths]
         self._fill(("plane waves",), [PLANE_WAVE.pack(**values) for values in waves])
+        spectra = [pixel_spectra(plan, wavelength, source) for source in sources for wavelength in wavelengths]
+        self._fill(("pixel spectra",), [spectrum.tobytes() for spectrum in spectra])
         for modulator in range(len(plan.system.modulators)):
             strokes = [modulator_uniform(plan, modulator, wavelength) for wavelength in wavelengths]
             self._fill(("modulators", modulator), [MODULATOR.pack(**values) for values in strokes])

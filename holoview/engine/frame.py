@@ -23,7 +23,11 @@ Field = TypeVar("Field")
 
 
 class Executor(Protocol[Field]):
-    """The stages of a frame. A `Field` covers the modulator's area in space, and the padded grid as a spectrum.
+    """The stages of a frame.
+
+    A `Field` covers the modulator's area in space. As a spectrum it has the frequencies of `Plan.band` of the relay
+    that follows: no others pass that relay's stops. An executor may keep the field behind the first modulator as one
+    sample for each pixel, from which the others follow.
 
     Arguments are indices of wavelengths, frames, sources, modulators, relays (0: the gap, 1: to a plane) and planes.
     A stage may reuse the memory of its input, except `transmit`, whose input stays valid for the next plane. `run`
@@ -41,14 +45,14 @@ class Executor(Protocol[Field]):
     def modulate(self, field: Field, frame: int, modulator: int, wavelength: int) -> Field:
         """field × exp(2πi·opd/λ), or × the sampled transmission if effects give one; zero outside the modulator."""
 
-    def spectrum(self, field: Field) -> Field:
-        """Forward FFT of the zero-padded field."""
+    def spectrum(self, field: Field, modulator: int) -> Field:
+        """Forward FFT of the zero-padded field behind a modulator, at the frequencies of the next relay's band."""
 
     def transmit(self, spectrum: Field, relay: int, wavelength: int, distance_m: float) -> Field:
         """spectrum × transfer function of free space over `distance_m` × pupil of the relay."""
 
-    def field(self, spectrum: Field) -> Field:
-        """Inverse FFT, valid on the modulator's area."""
+    def field(self, spectrum: Field, relay: int) -> Field:
+        """Inverse FFT of the spectrum behind a relay, valid on the modulator's area."""
 
     def clear(self, plane: int) -> None:
         """Set the intensity of a plane to zero."""
@@ -69,14 +73,19 @@ class Executor(Protocol[Field]):
         """CIE XYZ (plane, y, x, 3) of the wavelengths composited so far."""
 
 
+def relay_behind(plan: Plan, modulator: int) -> int:
+    """The relay that light enters behind a modulator: 0 for the gap, 1 behind the last modulator."""
+    return 1 if modulator == len(plan.system.modulators) - 1 else 0
+
+
 def spectrum_behind_modulators(executor: Executor[Field], wavelength: int, frame: int, source: int) -> Field:
     """The spectrum behind the last modulator, from which every focal plane is computed."""
     system = executor.plan.system
     field = executor.modulate(executor.illuminate(wavelength, source), frame, 0, wavelength)
     if system.gap_m is not None:
-        spectrum = executor.transmit(executor.spectrum(field), 0, wavelength, system.gap_m)
-        field = executor.modulate(executor.field(spectrum), frame, 1, wavelength)
-    return executor.spectrum(field)
+        spectrum = executor.transmit(executor.spectrum(field, 0), 0, wavelength, system.gap_m)
+        field = executor.modulate(executor.field(spectrum, 0), frame, 1, wavelength)
+    return executor.spectrum(field, len(system.modulators) - 1)
 
 
 def run_stages(executor: Executor[Field], wavelength: int) -> None:
@@ -89,7 +98,7 @@ def run_stages(executor: Executor[Field], wavelength: int) -> None:
         for source in range(len(plan.slopes)):
             spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
             for plane in planes:
-                field = executor.field(executor.transmit(spectrum, 1, wavelength, float(plan.planes_m[plane])))
+                field = executor.field(executor.transmit(spectrum, 1, wavelength, float(plan.planes_m[plane])), 1)
                 executor.accumulate(field, plane, float(plan.weights[frame, wavelength]))
 
 

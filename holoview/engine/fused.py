@@ -1,14 +1,19 @@
-"""Records the fused kernels of a frame: five for two modulators, three for one.
+"""Records the fused kernels of a frame.
 
     light      source × modulator 1 → row FFT              → first rows
-    propagate  column FFT × H of the gap → column IFFT
+    propagate  column FFT × H of the gap → column IFFT     → rows behind the gap
     modulate   row IFFT × modulator 2 → row FFT            → second rows
-    propagate  column FFT × H to the plane → column IFFT
+    propagate  column FFT × H to the plane → column IFFT   → rows at the plane
     observe    row IFFT → |field|² × weight                → intensity
 
-Only the rows that hold the field are stored between kernels, transformed along x; rows of zero padding are neither
-stored nor transformed along x. The first rows are the field behind the first modulator, the second rows the field
-behind the last one; with one modulator they are the same. H is the transfer function.
+With one modulator, `propagate` to the plane follows `light`. If the last relay's stops pass so little that the spectrum
+is smaller than the second rows, `propagate` to the plane is split, so that other planes are computed from the spectrum:
+
+    spectrum   column FFT                                  → spectrum
+    image      × H to the plane → column IFFT              → rows at the plane
+
+Only rows that hold the field are stored between kernels, transformed along x, and of their frequencies only those that
+a relay passes (`frame_layout`). H is the transfer function.
 """
 
 from __future__ import annotations
@@ -19,14 +24,14 @@ from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from holoview.engine.device_tables import DeviceTables
+from holoview.engine.frame_layout import FrameLayout, StoredRows, frame_shape
 from holoview.engine.kernels import (
-    FIELD_TO_FIELD,
-    KERNELS,
     FusedKernels,
     KernelVariant,
     Switches,
-    field_samples,
+    lines_of,
     required_variants,
+    rows_of,
     works_in_place,
 )
 from holoview.engine.shader_inputs import ShaderInputs
@@ -77,20 +82,34 @@ class FusedFrame:
         fused_kernels: FusedKernels | None = None,
     ) -> None:
         self.device, self.grid, self.max_wavelengths = device, plan.grid, max_wavelengths
-        grid = plan.grid
-        self.field_bytes = field_samples(grid) * (_COMPLEX32 if half else _COMPLEX64)
+        self._number_bytes = _COMPLEX32 if half else _COMPLEX64
         self.dispatch_counts: Counter[str] = Counter()
-        self.fused_kernels = FusedKernels(device, grid, half=half) if fused_kernels is None else fused_kernels
-        self.strategy = strategy
+        if fused_kernels is None:
+            fused_kernels = FusedKernels(
+                device, frame_shape(plan, has_plain_pixels=not inputs.is_sampled(0)), half=half
+            )
+        self.fused_kernels = fused_kernels
         self._dispatches: dict[Hashable, list[Dispatch]] = {}
-        size = f"{grid.padded[1]} x {grid.shape[0]}"
-        self._work = self._allocate_work()
-        self._scratch = [self.allocate_fields(f"rows of the field {i}, {size}") for i in (0, 1)]
         self.tables = DeviceTables(device, plan, inputs)
+        self.use_strategy(strategy)
 
-    def allocate_fields(self, label: str, fields: int | None = None) -> BufferRegion:
-        """New memory for the rows of `fields` fields, by default for a span of `max_wavelengths`."""
-        return BufferRegion(self.device.buffer(self.field_bytes * (fields or self.max_wavelengths), label))
+    @property
+    def layout(self) -> FrameLayout:
+        """What is stored between the kernels."""
+        return self.fused_kernels.layout(self.strategy)
+
+    @property
+    def kept(self) -> StoredRows:
+        """What `record_second_modulator` gives: the second rows, or the spectrum."""
+        return self.layout.spectrum if self.layout.keeps_spectrum else self.layout.second
+
+    def allocate_rows(self, label: str, rows: StoredRows) -> BufferRegion:
+        """New memory for rows of a span of `max_wavelengths`."""
+        return BufferRegion(self.device.buffer(self.rows_bytes(rows) * self.max_wavelengths, label))
+
+    def rows_bytes(self, rows: StoredRows) -> int:
+        """Device memory of the rows of one field."""
+        return rows.samples * self._number_bytes
 
     @property
     def memory_bytes(self) -> int:
@@ -102,26 +121,38 @@ class FusedFrame:
         """Bytes that the kernels read and write for one field, from the source to the intensity."""
         modulators = len(self.tables.plan.system.modulators)
         opd = modulators * math.prod(self.grid.shape) * _F32 // self.grid.upsample**2
-        rows = (4 * modulators) * self.field_bytes
-        return rows + opd + math.prod(self.grid.shape) * _F32
+        layout = self.layout
+        kernels = [("propagate", 0), ("modulate", 1)] if modulators > 1 else []
+        kernels += [("spectrum", 1), ("image", 1)] if layout.keeps_spectrum else [("propagate", 1)]
+        numbers = layout.first.samples + layout.plane.samples  # that `light` writes and `observe` reads
+        numbers += sum(rows.samples for kernel in kernels for rows in rows_of(layout, *kernel))
+        return numbers * self._number_bytes + opd + math.prod(self.grid.shape) * _F32
 
     @property
     def works_in_place(self) -> bool:
         """Whether `record_second_modulator` is faster if its target is the region of the first rows."""
-        return works_in_place(self.strategy)
+        return works_in_place(self.layout)
 
     def use_strategy(self, strategy: Strategy) -> None:
         """Use another FFT strategy from now on. Stored fields become invalid: their spectra are in another order."""
         self.strategy = strategy
         self._dispatches.clear()
         self._work = self._allocate_work()
+        layout, (height, width) = self.layout, self.grid.padded
+        largest = max((layout.first, layout.gap, layout.plane, self.kept), key=lambda rows: rows.samples)
+        others = largest
+        if layout.keeps_spectrum and layout.gap == layout.second:  # then the wide rows are all in the other one
+            others = max(layout.first, layout.spectrum, key=lambda rows: rows.samples)
+        self._scratch = [
+            self.allocate_rows(f"rows of the field, {width} x {height}", rows) for rows in (others, largest)
+        ]
 
     def required_variants(self) -> frozenset[KernelVariant]:
         """The kernel variants that the plan needs."""
         wavelengths = range(len(self.tables.plan.system.wavelengths_m))
         has_pupil = [{self.tables.pupil(relay, w)[0] for w in wavelengths} for relay in (0, 1)]
         is_dense = [self.tables.inputs.is_sampled(modulator) for modulator in (0, 1)]
-        return required_variants(self.tables.plan, has_pupil, is_dense)
+        return required_variants(self.layout, self.tables.plan, has_pupil, is_dense)
 
     # --- kernels ----------------------------------------------------------------------------------------------------
 
@@ -135,23 +166,33 @@ class FusedFrame:
         is_dense, dense = tables.dense(frame, 0, span.wavelength)
         buffers = [tables.table("plane waves"), tables.table("modulators", 0), tables.table("opd", frame, 0), dense]
         switches = (("is_tilted", is_tilted), ("is_dense", is_dense))
-        self._record_kernel(recorder, "light", span, None, target, buffers, switches)
+        self._record_kernel(recorder, "light", self.layout.first_relay, span, None, target, buffers, switches)
         return target
 
     def record_second_modulator(
         self, recorder: CommandRecorder, span: WavelengthSpan, first: BufferRegion, target: BufferRegion | None = None
     ) -> BufferRegion:
-        """Record the kernels of the second rows: the field behind modulator 2, transformed along x.
+        """Record the kernels of what is kept for all planes: the second rows, or the spectrum.
 
         With one modulator nothing is recorded, and `first` is returned.
         """
         if self.tables.plan.system.gap_m is None:
             return first
-        target = target or (self._scratch[0] if self.works_in_place else self._scratch[1])
-        self._record_propagation(recorder, span, 0, first, target)
+        layout, wide, other = self.layout, self._scratch[1], self._scratch[0]
+        if layout.keeps_spectrum:
+            gap = wide
+            second, target = (wide, target or other) if layout.gap == layout.second else (other, target or wide)
+        elif layout.gap == layout.second:
+            gap = second = target = target or (other if self.works_in_place else wide)
+        else:
+            gap, second = wide, target or other
+            target = second
+        self._record_propagation(recorder, "propagate", span, 0, first, gap)
         is_dense, dense = self.tables.dense(span.frame, 1, span.wavelength)
         buffers = [self.tables.table("modulators", 1), self.tables.table("opd", span.frame, 1), dense]
-        self._record_kernel(recorder, "modulate", span, target, target, buffers, (("is_dense", is_dense),))
+        self._record_kernel(recorder, "modulate", 1, span, gap, second, buffers, (("is_dense", is_dense),))
+        if layout.keeps_spectrum:
+            self._record_kernel(recorder, "spectrum", 1, span, second, target, [])
         return target
 
     def record_intensity(
@@ -164,23 +205,36 @@ class FusedFrame:
         weight: float = 1.0,
         accumulates: bool = False,
     ) -> None:
-        """Record weight·|field|² at the plane of relay 1, stored to or, with `accumulates`, added to `intensity`."""
+        """Record weight·|field|² at the plane of relay 1, stored to or, with `accumulates`, added to `intensity`.
+
+        second: what `record_second_modulator` gave.
+        """
         at_plane = self._scratch[1] if second != self._scratch[1] else self._scratch[0]
-        self._record_propagation(recorder, span, 1, second, at_plane)
+        last = "image" if self.layout.keeps_spectrum else "propagate"
+        self._record_propagation(recorder, last, span, 1, second, at_plane)
         switches = (("accumulates", accumulates),)
-        self._record_kernel(recorder, "observe", span, at_plane, intensity, [], switches, weight=weight)
+        self._record_kernel(recorder, "observe", 1, span, at_plane, intensity, [], switches, weight=weight)
 
     def _record_propagation(
-        self, recorder: CommandRecorder, span: WavelengthSpan, relay: int, source: BufferRegion, target: BufferRegion
+        self,
+        recorder: CommandRecorder,
+        kernel: str,
+        span: WavelengthSpan,
+        relay: int,
+        source: BufferRegion,
+        target: BufferRegion,
     ) -> None:
         has_pupil, pupil = self.tables.pupil(relay, span.wavelength)
         buffers = [self.tables.table("propagations", relay), self.tables.table("support", relay), pupil]
-        self._record_kernel(recorder, "propagate", span, source, target, buffers, (("has_pupil", has_pupil),))
+        if kernel == "propagate":
+            buffers.append(self.tables.table("pixel spectra"))
+        self._record_kernel(recorder, kernel, relay, span, source, target, buffers, (("has_pupil", has_pupil),))
 
     def _record_kernel(
         self,
         recorder: CommandRecorder,
         kernel: str,
+        relay: int,
         span: WavelengthSpan,
         source: BufferRegion | None,
         target: BufferRegion,
@@ -190,7 +244,7 @@ class FusedFrame:
         weight: float = 0.0,
     ) -> None:
         """Record a kernel; its dispatches are bound once for equal arguments."""
-        key = (kernel, span, source, target, *tables, switches, weight)
+        key = (kernel, relay, span, source, target, *tables, switches, weight)
         if key not in self._dispatches:
             params = DISPATCH_PARAMS.pack(
                 first_wave=span.source * len(self.tables.plan.system.wavelengths_m) + span.wavelength,
@@ -200,12 +254,13 @@ class FusedFrame:
                 work_field=source.first if source and kernel == "observe" else target.first,
                 weight=weight,
             )
-            separate = kernel in FIELD_TO_FIELD and source != target
+            separate = kernel != "observe" and source is not None and source != target
             rows = [source.buffer, target.buffer] if source and separate else [(source or target).buffer, None]
             out = [target.buffer] if kernel == "observe" else []
             buffers = [self.device.uniform(params, f"parameters of {kernel}"), *rows, *tables, *out]
-            transform = self.fused_kernels.transform((kernel, switches, separate), self.strategy)
-            lines = self.grid.shape[0] if transform.axis == "x" else self.grid.padded[1]
+            variant = KernelVariant(self.fused_kernels.shape, kernel, relay, switches, separate)
+            lines = lines_of(self.layout, kernel, relay)
+            transform = self.fused_kernels.transform(variant, self.strategy)
             self._dispatches[key] = transform.bind(buffers, lines, span.count, self._work)
         for dispatch in self._dispatches[key]:
             recorder.add(dispatch)
@@ -213,7 +268,7 @@ class FusedFrame:
 
     def _allocate_work(self) -> Buffer | None:
         """The work buffer of the transforms, if they need one. Raises UserError for an unsupported size."""
-        transforms = (self.fused_kernels.transform((kernel, (), False), self.strategy) for kernel in KERNELS)
+        transforms = (self.fused_kernels.transform(variant, self.strategy) for variant in self.required_variants())
         nbytes = self.max_wavelengths * max(transform.work_bytes for transform in transforms)
         size = f"{self.grid.padded[1]} x {self.grid.padded[0]}"
         return self.device.buffer(nbytes, f"padded field, {size}") if nbytes else None

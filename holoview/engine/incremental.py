@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from holoview.engine.compositor import Compositor
 from holoview.engine.device_tables import Fingerprint
+from holoview.engine.frame_layout import frame_shape
 from holoview.engine.fused import WavelengthSpan
 from holoview.engine.kernels import FusedKernels
 from holoview.engine.pending_work import Submission, Submitter, intensity_submissions, pending_submissions
@@ -163,7 +164,7 @@ class IncrementalRenderer:
             plan = make_plan(new_system, [*new_system.planes_m, plane])
         if drive is not None or _inputs_fingerprint(plan) != _inputs_fingerprint(self._plan):
             inputs = _make_inputs(plan, self._drive if drive is None else drive)
-        if _structure(plan, inputs) == _structure(self._plan, self._inputs):
+        if _structure(plan, inputs) == _structure(self._plan, self._inputs) and self._kernels_fit(plan, inputs):
             self._results.set_plan(plan, inputs, float(plan.planes_m[-1]))
         else:
             self._results = self._open_cache(plan, inputs, self._precompile(plan))
@@ -249,14 +250,22 @@ class IncrementalRenderer:
         return pending_submissions(self._results, self._plan, self.exposure_stops, with_srgb=with_srgb)
 
     def _precompile(self, plan: Plan) -> FusedKernels:
-        """The kernels for the grid of a plan, whose compilation has been started."""
-        kernels = FusedKernels(self.device, plan.grid, half=self._half)
+        """The kernels for the frames of a plan, whose compilation has been started."""
+        kernels = FusedKernels(self.device, frame_shape(plan), half=self._half)
         kernels.precompile(self._selector.initial_strategy(plan.grid.padded), plan)
         return kernels
 
+    def _kernels_fit(self, plan: Plan, inputs: ShaderInputs) -> bool:
+        """Whether the present kernels compute all that the stops of a plan pass, as they do when stops are narrowed."""
+        shape = frame_shape(plan, has_plain_pixels=not inputs.is_sampled(0))
+        return self._results.frame.fused_kernels.shape.contains(shape)
+
     def _open_cache(self, plan: Plan, inputs: ShaderInputs, kernels: FusedKernels) -> ResultCache:
-        """Empty device memory for the results of a plan."""
+        """Empty device memory for the results of a plan; other kernels take the place of those that don't fit."""
         strategy = self._selector.initial_strategy(plan.grid.padded)
+        shape = frame_shape(plan, has_plain_pixels=not inputs.is_sampled(0))
+        if kernels.shape != shape:
+            kernels = FusedKernels(self.device, shape, half=self._half)
         results = ResultCache(plan, inputs, kernels, self._settings, strategy)
         results.frame.tables.set_distance(1, float(plan.planes_m[-1]))
         return results

@@ -1,148 +1,227 @@
 """Generates the fused kernels, which are FFTs along one axis with hooks, and lists the variants that a plan needs.
 
-Numbers that depend on the grid only are constants in the shader. Each optional part makes a variant: a kernel, its
-switches (boolean override constants), and whether it reads one buffer and writes another. `shaders/frame/` holds the
-hooks.
+Numbers that depend on the shape of a frame only are constants in the shader. Each optional part makes a variant: a
+kernel, its switches (boolean override constants), and whether it reads one buffer and writes another.
+`shaders/frame/` holds the hooks.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 from holoview.engine.compositor import padded_pixels
+from holoview.engine.frame_layout import FrameLayout, FrameShape, StoredRows
 from holoview.engine.shader_structs import DISPATCH_PARAMS, GRID, MODULATOR, PLANE_WAVE, PROPAGATION
 from holoview.gpu.device import Device
-from holoview.gpu.fft_codegen import Direction
-from holoview.gpu.line_fft import ROW_PADDING, Axis, Hooks, LineFft, Strategy, TransformShader, storage_shader
+from holoview.gpu.line_fft import Axis, Hooks, LineFft, Step, Strategy, TransformShader, storage_shader
 from holoview.gpu.precompile import precompile
-from holoview.gpu.rounding import round_up
 from holoview.gpu.shader import GeneratedWgsl
+from holoview.gpu.spectrum_order import Range
 from holoview.gpu.wgsl_struct import WgslStruct
 from holoview.model.plan import Grid, Plan
 
 Switches = tuple[tuple[str, bool], ...]
-KernelVariant = tuple[str, Switches, bool]
-"""Name of the kernel, its switches, and whether it reads one buffer and writes another instead of working in place."""
-TILE_X, TILE_Y = 4, 16
-"""Samples of a tile of a stored field: see `shaders/frame/rows.wgsl`."""
 
-KERNELS: dict[str, tuple[Axis, tuple[Direction, ...], tuple[WgslStruct, ...]]] = {
-    "light": ("x", ("forward",), (PLANE_WAVE, MODULATOR)),
-    "propagate": ("y", ("forward", "inverse"), (PROPAGATION,)),
-    "modulate": ("x", ("inverse", "forward"), (MODULATOR,)),
-    "observe": ("x", ("inverse",), ()),
+KERNELS: dict[str, tuple[Axis, tuple[WgslStruct, ...]]] = {
+    "light": ("x", (PLANE_WAVE, MODULATOR)),
+    "propagate": ("y", (PROPAGATION,)),
+    "modulate": ("x", (MODULATOR,)),
+    "spectrum": ("y", ()),
+    "image": ("y", (PROPAGATION,)),
+    "observe": ("x", ()),
 }
-"""Axis and directions of the transform of each kernel, and the structs that its hooks use."""
+"""Axis of the transform of each kernel, and the structs that its hooks use."""
 _SHARED_HOOK: dict[str, Literal["load", "middle"]] = {"light": "load", "modulate": "middle"}
 """The hook that takes the transmission of a modulator pixel, which all its samples share."""
-FIELD_TO_FIELD = ("propagate", "modulate")
-"""Kernels that read and write fields: in place, or from one buffer to another."""
+
+
+@dataclass(frozen=True)
+class KernelVariant:
+    """A kernel with its options.
+
+    shape: of the frame. relay: that the light enters behind the kernel, or in it. separate_buffers: whether it reads
+    one buffer and writes another instead of working in place.
+    """
+
+    shape: FrameShape
+    kernel: str
+    relay: int
+    switches: Switches = ()
+    separate_buffers: bool = False
 
 
 class FusedKernels:
-    """The kernels for one grid, each generated once. half: fields are stored as f16."""
+    """The kernels for frames of one shape, each generated once. half: fields are stored as f16."""
 
-    def __init__(self, device: Device, grid: Grid, *, half: bool = False) -> None:
-        self.device, self.grid, self.half = device, grid, half
+    def __init__(self, device: Device, shape: FrameShape, *, half: bool = False) -> None:
+        self.device, self.shape, self.half = device, shape, half
         self._transforms: dict[tuple[KernelVariant, Strategy], LineFft] = {}
+        self._layouts: dict[Strategy, FrameLayout] = {}
+
+    def layout(self, strategy: Strategy) -> FrameLayout:
+        """What is stored between the kernels with a strategy. Raises UserError for a size that it can't transform."""
+        if strategy not in self._layouts:
+            self._layouts[strategy] = FrameLayout(self.device, self.shape, strategy)
+        return self._layouts[strategy]
 
     def transform(self, variant: KernelVariant, strategy: Strategy) -> LineFft:
         """The transform of a variant by a strategy. Raises UserError for a size that it can't transform."""
         key = (variant, strategy)
         if key not in self._transforms:
-            kernel, switches, separate_buffers = variant
-            self._transforms[key] = make_transform(
-                self.device, self.grid, kernel, switches, strategy, half=self.half, separate_buffers=separate_buffers
-            )
+            self._transforms[key] = make_transform(self.layout(strategy), variant, half=self.half)
         return self._transforms[key]
 
     def shaders(self, strategy: Strategy, variants: Iterable[KernelVariant]) -> list[TransformShader]:
         """All shaders of some variants."""
-        return [shader for variant in sorted(variants) for shader in self.transform(variant, strategy).shaders]
+        ordered = sorted(variants, key=lambda variant: (variant.kernel, repr(variant)))
+        return [shader for variant in ordered for shader in self.transform(variant, strategy).shaders]
 
     def precompile(self, strategy: Strategy, plan: Plan) -> None:
         """Start compiling the kernels that a plan needs if it has neither pupils nor dense transmissions."""
-        variants = required_variants(plan, [{False}, {False}], [False, False])
-        if not works_in_place(strategy):
-            variants -= {("propagate", switches, False) for _, switches, _ in variants}
+        variants = required_variants(self.layout(strategy), plan, [{False}, {False}], [False, False])
         precompile(self.device, self.shaders(strategy, variants))
 
 
-def works_in_place(strategy: Strategy) -> bool:
-    """Whether fields are propagated in place, which is faster, except by passes, which then have more to compile."""
-    return strategy != "passes"
+def works_in_place(layout: FrameLayout) -> bool:
+    """Whether fields are propagated over the gap in place, which is faster, except by passes with more to compile."""
+    is_possible = layout.first == layout.gap == layout.second and not (layout.has_plain_pixels or layout.keeps_spectrum)
+    return is_possible and layout.strategy != "passes"
 
 
 def required_variants(
-    plan: Plan, has_pupil: Sequence[Iterable[bool]], is_dense: Sequence[bool]
+    layout: FrameLayout, plan: Plan, has_pupil: Sequence[Iterable[bool]], is_dense: Sequence[bool]
 ) -> frozenset[KernelVariant]:
     """The kernels that a plan needs.
 
     has_pupil: for each relay, whether it has a pupil, with both values if that depends on the wavelength.
     is_dense: for each modulator, whether its transmission is given sample by sample.
     """
-    variants: set[KernelVariant] = {
-        ("light", (("is_tilted", bool(slope.any())), ("is_dense", is_dense[0])), False)
+    shape, first_relay = layout.shape, layout.first_relay
+    variants = {
+        KernelVariant(shape, "light", first_relay, (("is_tilted", bool(slope.any())), ("is_dense", is_dense[0])))
         for slope in plan.slopes.reshape(-1, 2)
     }
-    variants |= {("propagate", (("has_pupil", has),), True) for has in has_pupil[1]}
-    variants |= {("observe", (("accumulates", source > 0),), False) for source in range(min(len(plan.slopes), 2))}
-    if plan.system.gap_m is not None:
-        variants |= {("propagate", (("has_pupil", has),), two) for has in has_pupil[0] for two in (False, True)}
-        variants.add(("modulate", (("is_dense", is_dense[1]),), False))
+    pupils = [[(("has_pupil", has),) for has in options] for options in has_pupil]
+    if shape.modulators > 1:
+        in_place = {False, True} if works_in_place(layout) else {True}
+        variants |= {KernelVariant(shape, "propagate", 0, pupil, two) for pupil in pupils[0] for two in in_place}
+        dense = (("is_dense", is_dense[1]),)
+        variants.add(KernelVariant(shape, "modulate", 1, dense, layout.gap != layout.second))
+    if layout.keeps_spectrum:
+        variants.add(KernelVariant(shape, "spectrum", 1, (), True))
+    last = "image" if layout.keeps_spectrum else "propagate"
+    variants |= {KernelVariant(shape, last, 1, pupil, True) for pupil in pupils[1]}
+    sums = range(min(len(plan.slopes), 2))
+    variants |= {KernelVariant(shape, "observe", 1, (("accumulates", source > 0),)) for source in sums}
     return frozenset(variants)
 
 
-def make_transform(
-    device: Device,
-    grid: Grid,
-    kernel: str,
-    switches: Switches,
-    strategy: Strategy,
-    *,
-    half: bool = False,
-    separate_buffers: bool = False,
-) -> LineFft:
+def make_transform(layout: FrameLayout, variant: KernelVariant, *, half: bool = False) -> LineFft:
     """A fused kernel: the transform along an axis with the hooks of `shaders/frame/<kernel>.wgsl`.
 
-    half: fields are stored as f16. separate_buffers: they are read from one buffer and written to another. If possible,
-    the intermediate values of a transform with several shaders are stored in the rows that it writes.
+    half: fields are stored as f16. If possible, the intermediate values of a transform with several shaders are stored
+    in the rows that it writes.
     """
-    axis, steps, structs = KERNELS[kernel]
-    holds_whole_lines = axis == "x" or grid.padded[0] == grid.shape[0]
+    kernel, relay = variant.kernel, variant.relay
+    axis, structs = KERNELS[kernel]
+    grid = layout.pixel_grid if kernel == "light" else layout.shape.grid
+    lines, holds_whole_lines = lines_of(layout, kernel, relay), _holds_whole_lines(layout, kernel, relay)
     has_work_hooks = holds_whole_lines and not half  # rounding to f16 after each pass would cost 12 dB of PSNR
-    work = ("frame/work.wgsl",) if has_work_hooks else ()
     parts = (
         GeneratedWgsl("structs", GRID.wgsl + DISPATCH_PARAMS.wgsl + "".join(struct.wgsl for struct in structs)),
-        GeneratedWgsl("grid", _grid_wgsl(grid, strategy)),
-        storage_shader(device, half=half),
-        f"frame/rows_{'two_buffers' if separate_buffers else 'in_place'}.wgsl",
-        *work,
+        GeneratedWgsl("constants", _constants_wgsl(layout, kernel, relay, grid)),
+        storage_shader(layout.device, half=half),
+        f"frame/rows_{'two_buffers' if variant.separate_buffers else 'in_place'}.wgsl",
+        *(("frame/work.wgsl",) if has_work_hooks else ()),
         f"frame/{kernel}.wgsl",
     )
-    hooks = Hooks(kernel, parts, switches, has_work_hooks, _SHARED_HOOK.get(kernel), grid.upsample)
-    return LineFft(device, axis, grid.padded, steps, hooks, strategy)
+    hooks = Hooks(kernel, parts, variant.switches, has_work_hooks, _SHARED_HOOK.get(kernel), grid.upsample)
+    shape = (lines, grid.padded[1]) if axis == "x" else (grid.padded[0], lines)
+    return LineFft(layout.device, axis, shape, _steps(layout, kernel, relay), hooks, layout.strategy)
 
 
-def row_stride(grid: Grid) -> int:
-    """Complex numbers from one row of a stored field to the next (without tiles): whole tiles and padding."""
-    return round_up(grid.padded[1], TILE_X) + ROW_PADDING
+def lines_of(layout: FrameLayout, kernel: str, relay: int) -> int:
+    """How many lines a kernel transforms."""
+    if KERNELS[kernel][0] == "y":
+        return layout.columns(relay).count
+    return (layout.pixel_grid if kernel == "light" else layout.shape.grid).shape[0]
 
 
-def field_samples(grid: Grid) -> int:
-    """Complex numbers of a stored field, that is of its rows transformed along x."""
-    return round_up(grid.shape[0], TILE_Y) * row_stride(grid)
+def rows_of(layout: FrameLayout, kernel: str, relay: int) -> tuple[StoredRows, StoredRows]:
+    """The rows that a kernel reads and those that it writes; twice the same if it does only one of both."""
+    behind = layout.gap if relay == 0 else layout.plane
+    return {
+        "light": (layout.first, layout.first),
+        "propagate": (layout.first if relay == layout.first_relay else layout.second, behind),
+        "modulate": (layout.gap, layout.second),
+        "spectrum": (layout.second, layout.spectrum),
+        "image": (layout.spectrum, layout.plane),
+        "observe": (layout.plane, layout.plane),
+    }[kernel]
 
 
-def _grid_wgsl(grid: Grid, strategy: Strategy) -> str:
+def _steps(layout: FrameLayout, kernel: str, relay: int) -> tuple[Step, ...]:
+    grid, pixels = layout.shape.grid, layout.pixel_grid
+    rows, columns, band = _window(grid, 0), _window(grid, 1), layout.band(relay, 0)
+    inverse = Step("inverse", rows, band)
+    if kernel == "light":
+        return (Step("forward", _window(pixels, 1), layout.band(relay, 1)),)
+    if kernel == "propagate" and _reads_pixels(layout, relay):
+        return Step("forward", _window(pixels, 0), band, grid.upsample), inverse
+    if kernel == "modulate":
+        return Step("inverse", columns, layout.band(0, 1)), Step("forward", columns, layout.band(1, 1))
+    return {
+        "propagate": (Step("forward", rows, band), inverse),
+        "spectrum": (Step("forward", rows, band),),
+        "image": (inverse,),
+        "observe": (Step("inverse", columns, layout.band(1, 1)),),
+    }[kernel]
+
+
+def _reads_pixels(layout: FrameLayout, relay: int) -> bool:
+    """Whether a relay's `propagate` reads one sample for each pixel of the first modulator."""
+    return layout.has_plain_pixels and relay == layout.first_relay
+
+
+def _window(grid: Grid, axis: int) -> Range:
+    """The samples of the field on the padded grid, along y (0) or x (1)."""
+    return grid.offset[axis], grid.offset[axis] + grid.shape[axis] - 1
+
+
+def _holds_whole_lines(layout: FrameLayout, kernel: str, relay: int) -> bool:
+    """Whether the rows that a kernel writes have room for all points of its lines, at the same positions."""
+    source, target = rows_of(layout, kernel, relay)
+    if KERNELS[kernel][0] == "x":
+        n = (layout.pixel_grid if kernel == "light" else layout.shape.grid).padded[1]
+        return source.columns == target.columns == n
+    n = layout.shape.grid.padded[0]
+    is_whole = layout.band(relay, 0)[1] - layout.band(relay, 0)[0] + 1 >= n
+    return kernel == "propagate" and is_whole and target.rows == n
+
+
+def _constants_wgsl(layout: FrameLayout, kernel: str, relay: int, grid: Grid) -> str:
     """WGSL constants of the grid and of the memory layout, so that the compiler evaluates what depends on them."""
     pairs = [f"vec2u({y}u, {x}u)" for y, x in (grid.padded, grid.shape, grid.offset)]
-    return (
-        f"const grid = Grid({', '.join(pairs)}, {row_stride(grid)}u, {grid.upsample}u);\n"
-        f"const is_tiled = {str(strategy == 'subgroup').lower()};\n"
-        f"const is_padded = {str(grid.padded != grid.shape).lower()};\n"
-        f"const inverse_scale = {1 / math.prod(grid.padded):.12g};  // of an inverse transform along both axes\n"
-        f"const intensity_stride = {padded_pixels(grid.shape)}u;  // pixels from one intensity to the next\n"
+    source, target = rows_of(layout, kernel, relay)
+    whole, reads_pixels = layout.shape.grid, kernel == "propagate" and _reads_pixels(layout, relay)
+    wave_step = whole.upsample if layout.has_plain_pixels else 1
+    read = layout.pixel_grid if reads_pixels else whole
+    text = (
+        f"const grid = Grid({', '.join(pairs)}, 0u, {grid.upsample}u);\n"
+        f"const source_layout = RowLayout({source.rows}u, {source.stride}u);\n"
+        f"const target_layout = RowLayout({target.rows}u, {target.stride}u);\n"
+        f"const work_layout = {'source' if kernel == 'observe' else 'target'}_layout;\n"
+        f"const is_tiled = {str(layout.strategy == 'subgroup').lower()};\n"
+        f"const is_padded = {str(whole.padded != whole.shape).lower()};\n"
+        f"const inverse_scale = {1 / math.prod(whole.padded):.12g};  // of an inverse transform along both axes\n"
+        f"const intensity_stride = {padded_pixels(whole.shape)}u;  // pixels from one intensity to the next\n"
+        f"const wave_step = {wave_step}u;  // samples of the field from one computed sample of the light to the next\n"
+        f"const source_offset = {read.offset[0]}u;  // first row of the field on the padded grid\n"
+        f"const repeats_pixels = {str(reads_pixels).lower()};\n"
     )
+    if KERNELS[kernel][0] == "y":
+        text += layout.columns(relay).frequency_wgsl("frequency_x")
+    return text + (layout.first_columns.position_wgsl("first_position") if kernel == "propagate" else "")

@@ -81,8 +81,8 @@ class ResultCache:
 
     def use_strategy(self, strategy: Strategy) -> None:
         """Use another FFT strategy. Fields become stale, since their spectra are in the order of the previous one."""
+        self._fields.clear()
         self.frame.use_strategy(strategy)
-        self._fields.invalidate()
 
     def invalidate(self) -> None:
         """Mark all results as stale."""
@@ -121,7 +121,7 @@ class ResultCache:
         can't work in place, which is slower.
         """
         first, second = self._example_fingerprints()
-        fields = 2 * len(self.plan.slopes) * int(np.count_nonzero(self.plan.weights))
+        fields = len(self.plan.slopes) * int(np.count_nonzero(self.plan.weights))
         return first == before[0] and second != before[1] and self._fields.has_room_for(fields)
 
     # --- recording --------------------------------------------------------------------------------------------------

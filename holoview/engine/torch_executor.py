@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.engine.frame import run_stages
+from holoview.engine.frame import relay_behind, run_stages
 from holoview.model.plan import Plan
+from holoview.numerics.pruned_fft import PrunedAxis, PrunedTransform
 from holoview.numerics.resample import upsample_nearest
 from holoview.optics.frame_inputs import FrameInputs
-from holoview.optics.propagate import relay_transfer_function
-from holoview.optics.slm import phasor
-from holoview.optics.source import plane_wave
+from holoview.optics.propagate import transfer_function_at
+from holoview.optics.slm import phasor, pixel_spectrum
+from holoview.optics.source import pixel_wave, plane_wave
+
+
+@dataclass(frozen=True)
+class TorchField:
+    """A field (y, x), or a spectrum (rows, columns) in the order of `TorchExecutor.frequencies`.
+
+    pixels_of: wavelength and source of light behind the first modulator, if `values` holds only the first sample of
+    each of its pixels. The other samples differ by the phase slope of the illumination.
+    """
+
+    values: torch.Tensor
+    pixels_of: tuple[int, int] | None = None
 
 
 class TorchExecutor:
@@ -29,6 +44,7 @@ class TorchExecutor:
         self._real = torch.float64 if double else torch.float32
         self._transfers: dict[tuple[int, float], torch.Tensor] = {}
         self._cached_wavelength = -1
+        self._transforms = [PrunedTransform(_axes(plan, relay, 1)) for relay in (0, 1)]
         self._intensity = [self._zero_intensity() for _ in plan.planes_m]
         self._xyz = torch.zeros(len(plan.planes_m), *plan.grid.shape, 3, dtype=self._real, device=self._device)
 
@@ -36,40 +52,58 @@ class TorchExecutor:
         """Compute each plane's intensity at one wavelength, averaged over frames and sources."""
         run_stages(self, wavelength)
 
-    def illuminate(self, wavelength: int, source: int) -> torch.Tensor:
-        """The plane wave of unit amplitude that illuminates the first modulator, (y, x)."""
-        return plane_wave(self.plan, wavelength, source, self._dtype, self._device)
+    def illuminate(self, wavelength: int, source: int) -> TorchField:
+        """The plane wave of unit amplitude that illuminates the first modulator."""
+        arguments = (self.plan, wavelength, source, self._dtype, self._device)
+        if self._has_plain_pixels:
+            return TorchField(pixel_wave(*arguments), (wavelength, source))
+        return TorchField(plane_wave(*arguments))
 
-    def modulate(self, field: torch.Tensor, frame: int, modulator: int, wavelength: int) -> torch.Tensor:
-        """field × exp(2πi·opd/λ), or × the sampled transmission if effects give one, (y, x)."""
+    def modulate(self, field: TorchField, frame: int, modulator: int, wavelength: int) -> TorchField:
+        """field × exp(2πi·opd/λ), or × the sampled transmission if effects give one."""
         sampled = self.inputs.transmission(frame, modulator, wavelength)
         if sampled is not None:
-            return field * sampled.to(self._dtype).to(self._device)
+            return TorchField(field.values * sampled.to(self._dtype).to(self._device))
         opd = self.inputs.opd_m[frame, modulator].to(self._device)
         pixels = phasor(opd, float(self.plan.system.wavelengths_m[wavelength]), self._dtype)
-        return field * upsample_nearest(pixels, self.plan.grid.upsample)
+        samples = pixels if field.pixels_of else upsample_nearest(pixels, self.plan.grid.upsample)
+        return TorchField(field.values * samples, field.pixels_of)
 
-    def spectrum(self, field: torch.Tensor) -> torch.Tensor:
-        """Forward FFT of the zero-padded field, (P_y, P_x)."""
-        padded = torch.zeros(self.plan.grid.padded, dtype=self._dtype, device=self._device)
-        padded[self.plan.grid.inside] = field
-        return torch.fft.fft2(padded)
+    def spectrum(self, field: TorchField, modulator: int) -> TorchField:
+        """Forward FFT of the zero-padded field behind a modulator, at the frequencies of the next relay's band."""
+        relay = relay_behind(self.plan, modulator)
+        if field.pixels_of is None:
+            return TorchField(self._transforms[relay].forward(field.values))
+        (ky, kx), axes = self.frequencies(relay), _axes(self.plan, relay, self.plan.grid.upsample)
+        rows, columns = (
+            torch.from_numpy((k - axis.lowest) % axis.padded).to(self._device)
+            for k, axis in zip((ky, kx), axes, strict=True)
+        )
+        repeated = PrunedTransform(axes).forward(field.values)[rows][:, columns]
+        one_pixel_y, one_pixel_x = (
+            pixel_spectrum(padded, self.plan.grid.upsample, float(slope))[k % padded].to(self._dtype).to(self._device)
+            for padded, slope, k in zip(
+                self.plan.grid.padded, self.plan.slopes[field.pixels_of[1], field.pixels_of[0]], (ky, kx), strict=True
+            )
+        )
+        return TorchField(repeated * one_pixel_y[:, None] * one_pixel_x)
 
-    def transmit(self, spectrum: torch.Tensor, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
-        """spectrum × transfer function × pupil, (P_y, P_x)."""
-        return spectrum * self.transfer(relay, wavelength, distance_m)
+    def transmit(self, spectrum: TorchField, relay: int, wavelength: int, distance_m: float) -> TorchField:
+        """spectrum × transfer function × pupil."""
+        return TorchField(spectrum.values * self.transfer(relay, wavelength, distance_m))
 
-    def field(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """Inverse FFT, cropped to the modulator's area, (y, x)."""
-        return torch.fft.ifft2(spectrum)[self.plan.grid.inside]
+    def field(self, spectrum: TorchField, relay: int) -> TorchField:
+        """Inverse FFT of the spectrum behind a relay, cropped to the modulator's area."""
+        return TorchField(self._transforms[relay].inverse(spectrum.values))
 
     def clear(self, plane: int) -> None:
         """Set the intensity of a plane to zero."""
         self._intensity[plane] = self._zero_intensity()
 
-    def accumulate(self, field: torch.Tensor, plane: int, weight: float) -> None:
+    def accumulate(self, field: TorchField, plane: int, weight: float) -> None:
         """Add weight·|field|² to the intensity of a plane."""
-        self._intensity[plane] = self._intensity[plane] + weight * (field.real.square() + field.imag.square())
+        real, imaginary = field.values.real, field.values.imag
+        self._intensity[plane] = self._intensity[plane] + weight * (real.square() + imaginary.square())
 
     def intensity(self, plane: int) -> NDArray[np.floating]:
         """The accumulated intensity of a plane, (y, x)."""
@@ -98,16 +132,56 @@ class TorchExecutor:
         return torch.stack(stacks, dim=1)
 
     def transfer(self, relay: int, wavelength: int, distance_m: float) -> torch.Tensor:
-        """Transfer function × pupil of a relay, (P_y, P_x); cached for the frames and sources of one wavelength."""
+        """Transfer function × pupil at the frequencies of a relay; cached for one wavelength."""
         if wavelength != self._cached_wavelength:
             self._transfers.clear()
             self._cached_wavelength = wavelength
         key = (relay, distance_m)
         if key not in self._transfers:
-            step = self.plan.transfer(relay, wavelength, distance_m)
+            ky, kx = (torch.from_numpy(k).to(self._device) for k in self.frequencies(relay))
             pupil = self.inputs.pupils[relay][wavelength]
-            self._transfers[key] = relay_transfer_function(step, self.plan.grid, pupil, self._dtype, self._device)
+            precise = self._dtype if pupil is None else torch.complex128
+            found = transfer_function_at(self.plan.transfer(relay, wavelength, distance_m), ky, kx, precise)
+            if pupil is not None:
+                rows, columns = (k % n for k, n in zip((ky, kx), self.plan.grid.padded, strict=True))
+                found = (found * pupil.to(self._device)[rows][:, columns]).to(self._dtype)
+            self._transfers[key] = found
         return self._transfers[key]
+
+    def frequencies(self, relay: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Signed frequency indices of the rows and of the columns of a relay's spectra: those of `Plan.band`."""
+        y, x = self._transforms[relay].axes
+        return y.indices, x.indices
+
+    def upload_field(self, values: NDArray[np.complexfloating]) -> TorchField:
+        """A field (y, x), or a spectrum of a relay's band, as the input of a single stage."""
+        return TorchField(torch.from_numpy(values).to(self._dtype).to(self._device))
+
+    def download_field(self, field: TorchField) -> NDArray[np.complexfloating]:
+        """The samples of a field (y, x), or a spectrum, on the host."""
+        if field.pixels_of is None:
+            return field.values.cpu().numpy()
+        wave = [of(self.plan, *field.pixels_of, self._dtype, self._device) for of in (plane_wave, pixel_wave)]
+        samples = upsample_nearest(field.values / wave[1], self.plan.grid.upsample) * wave[0]
+        return samples.cpu().numpy()
+
+    @property
+    def _has_plain_pixels(self) -> bool:
+        """Whether the field behind the first modulator follows from one sample for each pixel."""
+        grid = self.plan.grid
+        return not self.inputs.is_sampled(0) and all(padded % grid.upsample == 0 for padded in grid.padded)
 
     def _zero_intensity(self) -> torch.Tensor:
         return torch.zeros(self.plan.grid.shape, dtype=self._real, device=self._device)
+
+
+def _axes(plan: Plan, relay: int, spacing: int) -> tuple[PrunedAxis, PrunedAxis]:
+    """The axes of a relay's transform of each `spacing`-th sample."""
+    grid, band = plan.grid, plan.band(relay)
+    y, x = (
+        PrunedAxis.for_band(padded // spacing, offset // spacing, count // spacing, lowest, highest)
+        for padded, offset, count, lowest, highest in zip(
+            grid.padded, grid.offset, grid.shape, band.lowest, band.highest, strict=True
+        )
+    )
+    return y, x

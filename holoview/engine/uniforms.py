@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from holoview.engine.shader_inputs import ShaderInputs
 from holoview.model.passband import column_support
 from holoview.model.plan import Grid, Plan, Transfer, turns_to_fixed_point
+from holoview.numerics.pixel_spectrum import pixel_spectrum
 
 UniformValues = dict[str, object]
 """Values of a struct by the names of its fields, for `WgslStruct.pack`."""
@@ -43,6 +44,13 @@ def support_table(step: Transfer, grid: Grid) -> NDArray[np.int32]:
     Smallest |k_y|, lowest k_y and highest k_y that pass in a column, and 0.
     """
     return np.pad(column_support(step.support, grid.padded[1]), ((0, 0), (0, 1)))
+
+
+def pixel_spectra(plan: Plan, wavelength: int, source: int) -> NDArray[np.complex64]:
+    """Spectra of one pixel in a plane wave along y, then along x, (P_y + P_x,) in the order of numpy.fft."""
+    grid, slopes = plan.grid, plan.slopes[source, wavelength]
+    spectra = [pixel_spectrum(n, grid.upsample, float(slope)) for n, slope in zip(grid.padded, slopes, strict=True)]
+    return np.concatenate(spectra).astype(np.complex64)
 
 
 def dense_transmission(inputs: ShaderInputs, frame: int, modulator: int, wavelength: int) -> NDArray[np.complex64]:

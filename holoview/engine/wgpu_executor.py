@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.engine.compositor import Compositor
+from holoview.engine.frame import relay_behind
 from holoview.engine.fused import BufferRegion, FusedFrame, WavelengthSpan
 from holoview.engine.shader_inputs import DeviceArray, ShaderInputs
 from holoview.engine.shader_structs import GRID, MODULATOR, PLANE_WAVE, PROPAGATION, WEIGHT
@@ -40,10 +41,13 @@ _WORKGROUP = 64
 
 @dataclass(frozen=True)
 class GpuField:
-    """One of the executor's two padded fields, in space or as a spectrum in the order of the FFT."""
+    """One of the executor's two padded fields, in space or as a spectrum in the order of the FFT.
+
+    relay: of a spectrum, the relay that it enters or leaves; of its frequencies only those of the relay's band count.
+    """
 
     index: int
-    is_spectrum: bool = False
+    relay: int | None = None
 
 
 class WgpuExecutor:
@@ -104,10 +108,10 @@ class WgpuExecutor:
         self._record_stage(key, "stage/modulate.wgsl", MODULATOR, [uniform], buffers, self.plan.grid.padded, constants)
         return field
 
-    def spectrum(self, field: GpuField) -> GpuField:
+    def spectrum(self, field: GpuField, modulator: int) -> GpuField:
         """Forward FFT; only the modulator's rows are transformed along x, since the others are zero."""
         self._fft.forward(self._recording(), self._fields[field.index], rows=self._rows)
-        return GpuField(field.index, is_spectrum=True)
+        return GpuField(field.index, relay_behind(self.plan, modulator))
 
     def transmit(self, spectrum: GpuField, relay: int, wavelength: int, distance_m: float) -> GpuField:
         """spectrum × transfer function × pupil, written to the other field."""
@@ -125,9 +129,9 @@ class WgpuExecutor:
         constants = {"has_pupil": pupil is not None}
         padded = self.plan.grid.padded
         self._record_stage(key, "stage/transmit.wgsl", PROPAGATION, [propagation], buffers, padded, constants)
-        return GpuField(target, is_spectrum=True)
+        return GpuField(target, relay)
 
-    def field(self, spectrum: GpuField) -> GpuField:
+    def field(self, spectrum: GpuField, relay: int) -> GpuField:
         """Inverse FFT; only the modulator's rows are valid."""
         self._fft.inverse(self._recording(), self._fields[spectrum.index], rows=self._rows)
         return GpuField(spectrum.index)
@@ -173,24 +177,34 @@ class WgpuExecutor:
             self._recorder.submit(wait=wait)
             self._recorder = None
 
-    def upload_field(self, values: NDArray[np.complexfloating], *, is_spectrum: bool = False) -> GpuField:
-        """Upload a field (y, x), or a spectrum (P_y, P_x) in the order of numpy.fft, as the input of a single stage."""
+    def upload_field(self, values: NDArray[np.complexfloating], *, relay: int | None = None) -> GpuField:
+        """Upload a field (y, x), or a spectrum of a relay's band, as the input of a single stage."""
         self.submit()
         padded = np.zeros(self.plan.grid.padded, np.complex64)
-        if is_spectrum:
-            orders = (self._fft.frequency_y, self._fft.frequency_x)
-            fy, fx = (f % p for f, p in zip(orders, self.plan.grid.padded, strict=True))
-            padded[:] = values[fy[:, None], fx]
-        else:
+        if relay is None:
             padded[self.plan.grid.inside] = values
+        else:
+            padded[self._band_positions(relay)] = values
         self.device.write(self._fields[0], self._fft.pack(padded))
-        return GpuField(0, is_spectrum)
+        return GpuField(0, relay)
 
     def download_field(self, field: GpuField) -> NDArray[np.complexfloating]:
-        """A field (y, x), or a spectrum (P_y, P_x) in the order of numpy.fft, on the host."""
+        """A field (y, x), or a spectrum (rows, columns) of a relay's band, on the host.
+
+        Frequencies are in rising order, or in the order of numpy.fft along an axis of which all frequencies pass.
+        """
         self.submit()
         padded = self._fft.download(self._fields[field.index])[0]
-        return self._fft.natural_order(padded) if field.is_spectrum else padded[self.plan.grid.inside]
+        return padded[self.plan.grid.inside if field.relay is None else self._band_positions(field.relay)]
+
+    def _band_positions(self, relay: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Where the padded fields hold the frequencies of a relay's band: rows (A, 1) and columns (1, B)."""
+        band, orders = self.plan.band(relay), (self._fft.frequency_y, self._fft.frequency_x)
+        rows, columns = (
+            np.argsort(order % n)[(np.arange(n) if high - low + 1 >= n else np.arange(low, high + 1)) % n]
+            for order, n, low, high in zip(orders, self.plan.grid.padded, band.lowest, band.highest, strict=True)
+        )
+        return rows[:, None], columns[None, :]
 
     # --- resources of the single stages -----------------------------------------------------------------------------
 

@@ -82,12 +82,13 @@ def eyebox_uniformity_of(hologram: Hologram) -> EyeboxUniformity:
     plan = make_plan(system, system.planes_m[:1])
     executor = TorchExecutor(plan, make_frame_inputs(plan, hologram.drive))
     power = np.zeros(plan.grid.padded)
+    band = np.ix_(*(k % padded for k, padded in zip(executor.frequencies(1), plan.grid.padded, strict=True)))
     for wavelength in range(len(plan.system.wavelengths_m)):
         stop = executor.transfer(1, wavelength, 0.0).abs().square().numpy()  # |H|² at distance 0: the stops alone
         for frame in plan.lit(wavelength):
             weight = plan.weights[frame, wavelength] * plan.colour_weights[wavelength, 1]
             for source in range(len(plan.slopes)):
                 spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
-                power += weight * stop * spectrum.abs().square().numpy()
+                power[band] += weight * stop * spectrum.values.abs().square().numpy()
     order = first_order(plan.grid)
     return eyebox_uniformity(power[np.ix_(*order.bins)], EYEBOX_BLOCKS, np.outer(*order.envelopes))

@@ -2,6 +2,7 @@
 
 fft_grid           FFT lengths 2^a·3^b·5^c, the order of frequency bins, positions counted from a grid's centre
 pruned_fft         FFTs between a window of samples and a band of frequencies
+pixel_spectrum     the discrete spectrum of the equal samples of one pixel
 chirp_z            Fourier sums at any equally spaced frequencies (Bluestein's algorithm)
 phasor             exp(2πi·turns), with the turns reduced to one period first
 resample           Gaussian blur, affine warp and interpolation of two-dimensional maps, differentiable

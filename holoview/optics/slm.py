@@ -10,6 +10,7 @@ import math
 import torch
 
 from holoview.model.bench_parts import Modulator
+from holoview.numerics.pixel_spectrum import pixel_spectrum as spectrum_of_pixel
 
 
 def optical_path(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
@@ -59,8 +60,7 @@ def pixel_spectrum(padded: int, upsample: int, slope: float) -> torch.Tensor:
     The FFT of an upsampled pattern is the FFT of its pixels, repeated `upsample` times, times this spectrum: a quarter
     of the work for upsample = 2.
     """
-    turns = slope - torch.arange(padded, dtype=torch.float64) / padded
-    return torch.exp(2j * math.pi * torch.outer(torch.arange(upsample, dtype=torch.float64), turns)).sum(dim=0)
+    return torch.from_numpy(spectrum_of_pixel(padded, upsample, slope))
 
 
 def sum_pool(samples: torch.Tensor, factor: int) -> torch.Tensor:

@@ -44,14 +44,16 @@ def eyebox_xyz(system: System, drive: Drive, check: Callable[[], None] = lambda:
     executor, order = TorchExecutor(plan, make_frame_inputs(plan, drive)), first_order(plan.grid)
     rows, columns = order.bins
     xyz = np.zeros((len(rows), len(columns), 3))
+    band = np.ix_(*(k % padded for k, padded in zip(executor.frequencies(1), plan.grid.padded, strict=True)))
+    power = np.zeros(plan.grid.padded)
     for wavelength in range(len(system.wavelengths_m)):
         for frame in plan.lit(wavelength):
             for source in range(len(plan.slopes)):
                 check()
                 spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
                 passed = executor.transmit(spectrum, 1, wavelength, float(system.planes_m[0]))
-                power = passed.abs().square().numpy()[np.ix_(rows, columns)]
+                power[band] = passed.values.abs().square().numpy()
                 share = float(plan.weights[frame, wavelength]) / len(plan.slopes)
-                xyz += share * power[..., None] * plan.colour_weights[wavelength]
+                xyz += share * power[np.ix_(rows, columns)][..., None] * plan.colour_weights[wavelength]
     mean = xyz[..., 1].mean()
     return (xyz / (4 * mean) if mean > 0 else xyz).astype(np.float32)

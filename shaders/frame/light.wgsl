@@ -1,5 +1,6 @@
-// Kernel 1 of a frame: source × modulator 1 → row FFT. Hooks of a forward transform along x.
-// Positions are (x on the padded grid, row of the field, field).
+// Source × modulator 1 → row FFT. Hooks of a forward transform along x. Positions are (x on the padded grid, row of the
+// field, field). `grid` is that of the computed samples: all, or the first one of each pixel. `wave_step` tells how many
+// samples of the field lie between two of them.
 //#include "lib/source.wgsl"
 //#include "lib/modulator.wgsl"
 //#include "lib/grid.wgsl"
@@ -36,7 +37,7 @@ fn load_shared(position: vec3u, pixel: vec2f) -> vec2f {
         value = dense[position.y * grid.shape.y + x];
     }
     if (is_tilted) {
-        return cmul(value, plane_wave(illumination, position.y, x));
+        return cmul(value, plane_wave(illumination, position.y * wave_step, x * wave_step));
     }
     return value;
 }

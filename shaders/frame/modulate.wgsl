@@ -1,4 +1,4 @@
-// Kernel 3 of a frame: row IFFT × modulator 2 → row FFT. Hooks of an inverse and a forward transform along x.
+// Row IFFT × modulator 2 → row FFT. Hooks of an inverse and a forward transform along x.
 // Positions are (x on the padded grid, row of the field, field).
 //#include "lib/modulator.wgsl"
 //#include "lib/grid.wgsl"

@@ -1,4 +1,4 @@
-// Kernel 5 of a frame: row IFFT → weight·|field|², stored as the intensity or added to it. Hooks of an inverse
+// Row IFFT → weight·|field|², stored as the intensity or added to it. Hooks of an inverse
 // transform along x. Positions are (x on the padded grid, row of the field, field).
 //#include "lib/grid.wgsl"
 

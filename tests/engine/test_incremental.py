@@ -14,7 +14,7 @@ from holoview.engine.frame import compute_focal_stack
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.gpu.device import Device, DeviceLost, open_device
-from holoview.gpu.line_fft import supported_strategies
+from holoview.gpu.line_fft import Strategy, supported_strategies
 from holoview.model.bench_parts import Modulator
 from holoview.model.plan import make_plan
 from holoview.model.system import System
@@ -33,6 +33,8 @@ SYSTEM = System(
     planes_m=[3e-3, 4e-3],
 )
 LIT, WAVELENGTHS = 5, 3
+AGREEMENT = 2e-6
+"""Relative L2 of two XYZ that are each within 1e-6 of the truth, as `tests/parity` checks."""
 
 NOTHING: dict[str, int] = {}
 SRGB = {"show": 1}
@@ -121,6 +123,47 @@ def test_an_edit_costs_only_the_kernels_that_depend_on_it(device: Device, name: 
     assert _cost(renderer, renderer.update) == NOTHING
 
 
+STOPS = {"relay1.square": "first order", "relay2.square": "first order", "propagation": "periodic", "shape": [24, 32]}
+
+
+def test_a_focal_plane_behind_a_stop_is_computed_from_the_stored_spectrum(device: Device) -> None:
+    renderer = _open(device, SYSTEM.edit(STOPS))
+    assert renderer.dispatch_counts["spectrum"] == renderer.dispatch_counts["propagate"] == LIT
+    renderer.edit(plane_m=3.5e-3)
+    assert _cost(renderer, renderer.update) == XYZ | {"image": LIT, "observe": LIT}
+    renderer.edit(system=renderer.system.edit({"gap": "0.9 mm"}))
+    renderer.update()
+    renderer.edit(system=renderer.system.edit({"gap": "1.1 mm"}))
+    behind_gap = dict.fromkeys(("propagate", "modulate", "spectrum", "image", "observe"), LIT)
+    assert _cost(renderer, renderer.update) == XYZ | behind_gap
+
+
+def test_stops_of_the_first_order_halve_the_memory(device: Device) -> None:
+    """Rows and columns of spectra are halved; intensities have all samples, because their band is twice as wide."""
+    narrow, wide = (
+        _open(device, SYSTEM.edit({**STOPS, "shape": [96, 128], **stops}), strategy="workgroup")
+        for stops in ({}, {"relay1.square": None, "relay2.square": None})
+    )
+    intensities = LIT * 192 * 256 * 4
+    assert narrow.memory_bytes - intensities <= 0.45 * (wide.memory_bytes - intensities)
+    assert narrow.traffic_bytes <= 0.7 * wide.traffic_bytes
+
+
+@pytest.mark.parametrize("strategy", ["passes", "workgroup"])
+def test_a_stop_can_be_narrowed_widened_and_moved(device: Device, strategy: Strategy) -> None:
+    system = SYSTEM.edit(STOPS)
+    renderer = _open(device, system, strategy=strategy)
+    moved = {"relay2.square": 0.02, "relay2.centre_na": [0.0, 0.03]}
+    for change in ({"relay2.square": 0.01}, moved, {"relay1.square": None}, {"relay2": {}}, STOPS):
+        system = system.edit(change)
+        renderer.edit(system=system)
+        renderer.update()
+        plan = make_plan(system, [renderer.plane_m])
+        inputs = make_frame_inputs(plan, random_drive(SYSTEM.edit(STOPS)))
+        expected = compute_focal_stack(TorchExecutor(plan, inputs, double=True))[1][0]
+        assert np.linalg.norm(renderer.xyz() - expected) <= 1e-6 * np.linalg.norm(expected), change
+
+
 @pytest.mark.parametrize("name", EDITS)
 @pytest.mark.parametrize("budget", [2**30, 200_000, 0], ids=["all stored", "some stored", "nothing stored"])
 def test_after_an_edit_a_renderer_shows_what_a_fresh_one_shows(device: Device, name: str, budget: int) -> None:
@@ -131,10 +174,14 @@ def test_after_an_edit_a_renderer_shows_what_a_fresh_one_shows(device: Device, n
     given = {"drive": drive, "system": SYSTEM} | edit
     fresh = IncrementalRenderer(given.pop("system"), given.pop("drive"), device, **given)
     fresh.update()
-    assert np.array_equal(renderer.xyz(), fresh.xyz())
-    assert np.array_equal(renderer.srgb8(), fresh.srgb8())
-    for wavelength in range(WAVELENGTHS):
-        assert np.array_equal(renderer.intensity(wavelength), fresh.intensity(wavelength))
+    both = [(renderer.xyz(), fresh.xyz())]
+    both += [(renderer.intensity(wavelength), fresh.intensity(wavelength)) for wavelength in range(WAVELENGTHS)]
+    for found, expected in both:
+        if "iris" in name:  # the fresh one has kernels that compute less, and round in another order
+            assert np.linalg.norm(found - expected) <= AGREEMENT * np.linalg.norm(expected)
+        else:
+            assert np.array_equal(found, expected)
+    assert np.abs(renderer.srgb8().astype(int) - fresh.srgb8()).max() <= ("iris" in name)
 
 
 # --- results ----------------------------------------------------------------------------------------------------

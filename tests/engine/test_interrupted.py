@@ -35,7 +35,9 @@ EDITS = [
 
 
 def _fresh(device: Device, system: System, drive: np.ndarray, plane_m: float) -> np.ndarray:
-    renderer = IncrementalRenderer(system, drive, device, plane_m=plane_m)
+    """XYZ of a new renderer with the kernels of `SYSTEM`, which stops of an edit don't replace."""
+    renderer = IncrementalRenderer(SYSTEM, drive, device, plane_m=plane_m)
+    renderer.edit(system=system)
     renderer.update(with_srgb=False)
     return renderer.xyz()
 

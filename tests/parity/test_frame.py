@@ -11,6 +11,12 @@ from numpy.typing import NDArray
 
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.frame import compute_focal_stack
+from holoview.engine.incremental import IncrementalRenderer
+from holoview.engine.torch_executor import TorchExecutor
+from holoview.gpu.line_fft import supported_strategies
+from holoview.model.plan import make_plan
+from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.view import random_drive
 
 pytestmark = pytest.mark.gpu
 
@@ -72,6 +78,39 @@ def test_colours_are_those_of_torch_to_one_code_of_255(both: Opened, bench: Open
     codes = [to_srgb8(xyz_to_linear_srgb(xyz)).astype(int) for xyz in (expected, found)]
     assert np.ptp(codes[0]) > 200
     assert np.abs(codes[1] - codes[0]).max() <= 1
+
+
+STOPS: dict[str, dict[str, Any]] = {
+    "first orders": {"relay1.square": "first order", "relay2.square": "first order"},
+    "first orders of one wavelength, padded": {
+        "relay1.square": "first order at 700 nm",
+        "relay2.square": "first order at 700 nm",
+        "propagation": "linear",
+        "shape": [32, 64],
+    },
+    "a stop in the gap only, tilted light": {"relay1.square": "first order", "source": {"directions": [[0.01, -0.02]]}},
+    "beside the axis, with a DC block": {
+        "relay1": {"iris_na": 0.02, "centre_na": [0.03, 0.0], "dc_block_na": 0.011},
+        "relay2": {"square": 0.01, "centre_na": [-0.01, 0.02], "dc_block_na": 0.004},
+    },
+    "three samples a pixel, aberrated": {
+        "upsample": 3,
+        "relay1.square": "first order",
+        "relay2": {"square": "first order", "aberration": {"Z4": "70 nm"}},
+    },
+}
+
+
+@pytest.mark.parametrize("case", STOPS)
+def test_a_frame_behind_stops_is_that_of_torch_by_each_strategy(bench: Opened, device: Any, case: str) -> None:
+    """128 × 256 samples and 192 × 384: sizes at which subgroups, too, repeat the spectrum of a pixel in registers."""
+    system = bench(**{"shape": [64, 128], "propagation": "periodic"} | STOPS[case])
+    plan, drive = make_plan(system, [3e-3]), random_drive(system)
+    expected = compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, drive), double=True))[1][0]
+    for strategy in supported_strategies(device, plan.grid.padded):
+        renderer = IncrementalRenderer(system, drive, device, plane_m=3e-3, strategy=strategy)
+        renderer.update()
+        assert _error(renderer.xyz(), expected) <= XYZ_TOLERANCE, strategy
 
 
 def test_a_frame_computed_twice_is_the_same_bit_for_bit(both: Opened, bench: Opened) -> None:

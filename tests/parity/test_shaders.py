@@ -14,14 +14,15 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.engine import shader_structs
-from holoview.engine.kernels import KERNELS, FusedKernels, make_transform
+from holoview.engine.frame_layout import FrameLayout, FrameShape
+from holoview.engine.kernels import KERNELS, FusedKernels, KernelVariant, make_transform
 from holoview.gpu.device import Buffer, Device
 from holoview.gpu.line_fft import LineFft, Strategy, supported_strategies
-from holoview.gpu.precompile import precompile
 from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.gpu.shader import GeneratedWgsl, ShaderError, link
+from holoview.gpu.spectrum_order import Range
 from holoview.gpu.wgsl_struct import WgslStruct
-from holoview.model.plan import Grid, turns_to_fixed_point
+from holoview.model.plan import Grid, make_plan, turns_to_fixed_point
 from holoview.optics.propagate import transfer_function
 from holoview.util.files import data_dir
 
@@ -77,47 +78,61 @@ def _compile(device: Device, transform: LineFft) -> None:
         device.pipeline(shader.source, shader.constants)
 
 
-_PARTS = ("rows", "rows_in_place", "rows_two_buffers", "work")
+_PARTS = ("columns", "propagation", "rows", "rows_in_place", "rows_two_buffers", "work")
+_WHOLE: Range = (-64, 63)
+_HALF: Range = (-16, 15)
+SHAPES = {
+    "periodic": FrameShape(Grid((64, 128), (64, 128), (0, 0), 4e-6, 2), ((_WHOLE, _WHOLE), (_WHOLE, _WHOLE)), 2),
+    "padded": FrameShape(Grid((32, 64), (64, 128), (16, 32), 4e-6, 2), ((_WHOLE, _WHOLE), (_WHOLE, _WHOLE)), 2, False),
+    "stops": FrameShape(Grid((64, 128), (64, 128), (0, 0), 4e-6, 2), ((_HALF, _WHOLE), (_HALF, _HALF)), 2),
+    "one modulator": FrameShape(Grid((32, 64), (64, 128), (16, 32), 4e-6, 2), ((_WHOLE, _WHOLE), (_HALF, _HALF)), 1),
+}
 
 
 def _switches(kernel: str) -> list[str]:
-    return SWITCH.findall((data_dir("shaders") / f"frame/{kernel}.wgsl").read_text(encoding="utf-8"))
+    names = [kernel, "propagation"] if kernel in ("propagate", "image") else [kernel]
+    texts = [(data_dir("shaders") / f"frame/{name}.wgsl").read_text(encoding="utf-8") for name in names]
+    return [switch for text in texts for switch in SWITCH.findall(text)]
 
 
 @pytest.mark.parametrize("half", [False, True], ids=["f32", "f16"])
-@pytest.mark.parametrize("is_padded", [False, True], ids=["periodic", "padded"])
+@pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("strategy", ["passes", "subgroup"])
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_a_fused_kernel_compiles_in_every_permutation(
-    device: Device, kernel: str, is_padded: bool, half: bool, strategy: Strategy
+    device: Device, kernel: str, shape: str, half: bool, strategy: Strategy
 ) -> None:
     if strategy not in supported_strategies(device, (64, 128)):
         pytest.skip("this adapter's lanes exchange nothing")
-    grid = Grid((32, 64), (64, 128), (16, 32), 4e-6, 2) if is_padded else Grid((64, 128), (64, 128), (0, 0), 4e-6, 2)
+    layout = FrameLayout(device, SHAPES[shape], strategy)
+    relays = [layout.first_relay, 1] if kernel == "propagate" else [layout.first_relay if kernel == "light" else 1]
     switches = _switches(kernel)
-    for two, *chosen in product((False, True), repeat=1 + len(switches)):
+    for relay, two, *chosen in product(set(relays), (False, True), *[(False, True)] * len(switches)):
         constants = tuple(zip(switches, chosen, strict=True))
-        _compile(device, make_transform(device, grid, kernel, constants, strategy, half=half, separate_buffers=two))
+        variant = KernelVariant(SHAPES[shape], kernel, relay, constants, two)
+        _compile(device, make_transform(layout, variant, half=half))
 
 
-@pytest.mark.parametrize("two", [False, True], ids=["in place", "elsewhere"])
-def test_fused_kernels_can_be_compiled_ahead(device: Device, two: bool) -> None:
-    kernels = FusedKernels(device, Grid((64, 128), (64, 128), (0, 0), 4e-6, 2))
-    precompile(device, kernels.shaders("workgroup", [(kernel, (), two) for kernel in KERNELS]))
+@pytest.mark.parametrize("shape", SHAPES)
+def test_fused_kernels_can_be_compiled_ahead(device: Device, bench: Callable[..., Any], shape: str) -> None:
+    kernels = FusedKernels(device, SHAPES[shape])
+    modulators = {"modulators": [bench().modulators[0]], "gap": None} if shape == "one modulator" else {}
+    kernels.precompile("workgroup", make_plan(bench(**modulators)))
     device.wait()
 
 
 def test_there_is_a_shader_for_each_fused_kernel_and_none_besides() -> None:
     hooks = {name for name in _shaders() if name.startswith("frame/")}
     assert hooks == {f"frame/{kernel}.wgsl" for kernel in KERNELS} | {f"frame/{part}.wgsl" for part in _PARTS}
-    switches = [["is_tilted", "is_dense"], ["has_pupil"], ["is_dense"], ["accumulates"]]
+    switches = [["is_tilted", "is_dense"], ["has_pupil"], ["is_dense"], [], ["has_pupil"], ["accumulates"]]
     assert [_switches(kernel) for kernel in KERNELS] == switches
 
 
 def test_an_error_in_a_fused_kernel_names_its_file_and_line(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(KERNELS, "light", ("x", ("forward",), ()))  # no struct PlaneWave
+    monkeypatch.setitem(KERNELS, "light", ("x", ()))  # no struct PlaneWave
+    layout = FrameLayout(device, SHAPES["periodic"], "passes")
     with pytest.raises(ShaderError, match=r"lib/source.wgsl:7: fn plane_wave\(wave: PlaneWave"):
-        _compile(device, make_transform(device, Grid((4, 4), (4, 4), (0, 0), 4e-6, 1), "light", (), "passes"))
+        _compile(device, make_transform(layout, KernelVariant(SHAPES["periodic"], "light", 0)))
 
 
 def test_the_permutations_cover_every_folder_and_the_pupil() -> None:
@@ -217,7 +232,7 @@ def test_the_phase_of_the_transfer_function_is_that_of_double_precision(
     system = bench(shape=[384, 512], propagation="periodic", wavelengths=["450 nm"], amplitudes=[[1.0]], planes=[plane])
     pair = both(system)
     plan, distance_m = pair.plan, float(pair.plan.planes_m[0])
-    ones = pair.shaders.upload_field(np.ones(plan.grid.padded, np.complex64), is_spectrum=True)
+    ones = pair.shaders.upload_field(np.ones(plan.grid.padded, np.complex64), relay=1)
     found = pair.shaders.download_field(pair.shaders.transmit(ones, 1, 0, distance_m)).astype(np.complex128)
     expected = transfer_function(plan.transfer(1, 0, distance_m), plan.grid, torch.complex128, torch.device("cpu"))
     difference = np.angle(found * expected.numpy().conj())

@@ -106,14 +106,14 @@ FAULTS: dict[str, Callable[[Any], None]] = {
     "source 0: modulate 1": lambda e: _replace(e, "modulate", lambda stage, f, t, m, w: stage(f, t, 1 - m, w)),
     "source 0: modulate 2": lambda e: _replace(e, "modulate", lambda stage, f, t, m, w: stage(f, t, 0, w)),
     "source 0: spectrum of the gap": lambda e: _replace(
-        e, "spectrum", lambda stage, f: e.upload_field(e.download_field(stage(f)) * (1 + 2e-6), is_spectrum=True)
+        e, "spectrum", lambda stage, f, m: e.upload_field(e.download_field(stage(f, m)) * (1 + 2e-6), relay=m)
     ),
     "source 0: transmit the gap": lambda e: _replace(
         e, "transmit", lambda stage, f, r, w, z: stage(f, r, w, z + (1 - r) * 1e-8)
     ),
     "transmit to plane 1": lambda e: _replace(e, "transmit", lambda stage, f, r, w, z: stage(f, r, w, min(z, 3e-3))),
     "field behind the gap": lambda e: _replace(
-        e, "field", lambda stage, f: e.upload_field(e.download_field(stage(f)).conj())
+        e, "field", lambda stage, f, relay: e.upload_field(e.download_field(stage(f, relay)).conj())
     ),
     "accumulate plane 0": lambda e: _replace(
         e, "accumulate", lambda stage, f, plane, weight: stage(f, plane, weight * (1 + 1e-5))
