@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -12,19 +13,20 @@ from numpy.typing import NDArray
 
 from holoview.benchmark.fft_benchmark import FFT, TORCH_FFT, fft_jobs
 from holoview.benchmark.frame_jobs import amplitude_edit, full_frame, middle_plane_m, open_renderer, scrub
+from holoview.benchmark.pruned_torch_baseline import WAYS, PrunedTorchBaseline, can_prune
 from holoview.benchmark.timing import JobTimings, TimedJob, time_interleaved
 from holoview.benchmark.torch_baseline import TorchBaseline, torch_threads
 from holoview.engine.torch_executor import TorchExecutor
 from holoview.gpu.device import Device
 from holoview.gpu.line_fft import Strategy
 from holoview.gpu.tune import StrategyOption
-from holoview.model.plan import make_plan
+from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.optics.frame_inputs import make_frame_inputs
 from holoview.view import random_drive
 
 FULL, SINGLE, PADDED, SCRUB, AMPLITUDE = "frame", "frame, 1 λ", "frame, padded", "focal plane", "amplitude"
-TORCH, TORCH_SINGLE = "torch", "torch, 1 λ"
+TORCH, TORCH_SINGLE, TORCH_PRUNED = "torch", "torch, 1 λ", "torch, pruned"
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,8 @@ def benchmark_frame(
     }
     jobs: dict[str, TimedJob] = {name: full_frame(renderer) for name, renderer in renderers.items()}
     jobs |= {SCRUB: scrub(renderers[FULL]), AMPLITUDE: amplitude_edit(renderers[FULL])}
-    jobs |= _torch_jobs(TORCH, base) | _torch_jobs(TORCH_SINGLE, single) | _cuda_jobs(base)
+    jobs |= _torch_jobs(TORCH, base) | _torch_jobs(TORCH_SINGLE, single) | _pruned_jobs(base)
+    jobs |= _cuda_jobs(base)
     jobs |= fft_jobs(device, make_plan(base).grid.padded, renderers[FULL].strategy)
     samples = time_interleaved(jobs, rounds)
     criteria = _criteria(samples, len(base.wavelengths_m), frame_error(single, device, half, strategy))
@@ -130,9 +133,12 @@ def _criteria(samples: dict[str, JobTimings], wavelengths: int, error: float) ->
     best, best_single = (
         min(time_ms for name, time_ms in ms.items() if name.startswith(f"{job}:")) for job in (TORCH, TORCH_SINGLE)
     )
+    pruned = [time_ms for name, time_ms in ms.items() if name.startswith(f"{TORCH_PRUNED}:")]
+    beside_pruned = [Criterion("frame / best pruned torch loop", ms[FULL] / min(pruned), 1.0, 0.9)] if pruned else []
     return [
         Criterion("FFT2 / torch.fft2 on 2 threads", ms[FFT] / ms[TORCH_FFT], 2.0, 1.6),
         Criterion(f"frame / best torch loop, {wavelengths} λ", ms[FULL] / best, 0.80, 0.65),
+        *beside_pruned,
         Criterion("frame / best torch loop, 1 λ", ms[SINGLE] / best_single, 1.0, 0.85),
         Criterion("padded (linear) / periodic frame", ms[PADDED] / ms[FULL], 4.0, 3.0),
         Criterion("focal-plane scrub / full frame", ms[SCRUB] / ms[FULL], 0.45, 0.35),
@@ -154,6 +160,20 @@ def _torch_jobs(name: str, system: System) -> dict[str, TimedJob]:
     }
 
 
+def _pruned_jobs(system: System) -> dict[str, TimedJob]:
+    """The same frame by loops that compute only what the stops pass, if these pass no more than the first order."""
+    plan = _plan_at_middle(system)
+    if not can_prune(plan):
+        return {}
+    inputs = make_frame_inputs(plan, random_drive(system))
+    baselines = {way: PrunedTorchBaseline(plan, inputs, way) for way in WAYS}
+    return {
+        f"{TORCH_PRUNED}: {way}, {threads} threads": partial(_run_baseline, baseline, threads)
+        for way, baseline in baselines.items()
+        for threads in sorted({1, torch.get_num_threads()})
+    }
+
+
 def _cuda_jobs(system: System) -> dict[str, TimedJob]:
     """The same frame in PyTorch on a card, if PyTorch has one."""
     if not torch.cuda.is_available():
@@ -164,13 +184,17 @@ def _cuda_jobs(system: System) -> dict[str, TimedJob]:
 
 def _torch_baselines(system: System, device: str) -> dict[str, TorchBaseline]:
     """The loops over wavelengths one by one and, if there are several, over all at once."""
-    plan = make_plan(system, [middle_plane_m(system)])
+    plan = _plan_at_middle(system)
     inputs = make_frame_inputs(plan, random_drive(system))
     orders = {"in turn": False, "batched": True} if len(system.wavelengths_m) > 1 else {"in turn": False}
     return {order: TorchBaseline(plan, inputs, batched=batched, device=device) for order, batched in orders.items()}
 
 
-def _run_baseline(baseline: TorchBaseline, threads: int) -> None:
+def _plan_at_middle(system: System) -> Plan:
+    return make_plan(system, [middle_plane_m(system)])
+
+
+def _run_baseline(baseline: Callable[[], torch.Tensor], threads: int) -> None:
     with torch_threads(threads), torch.inference_mode():
         baseline()
 

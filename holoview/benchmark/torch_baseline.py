@@ -28,13 +28,7 @@ class TorchBaseline:
     """
 
     def __init__(self, plan: Plan, inputs: FrameInputs, *, batched: bool, device: str = "cpu") -> None:
-        if (
-            plan.grid.padded != plan.grid.shape
-            or plan.slopes.any()
-            or plan.weights.shape[0] > 1
-            or len(plan.slopes) > 1
-        ):
-            raise ValueError("expected a periodic grid, one frame and one source on the axis")
+        check_simple_bench(plan)
         system = plan.system
         wavelengths = range(len(system.wavelengths_m))
         self._batched = batched
@@ -80,6 +74,13 @@ class TorchBaseline:
         assert field is not None
         intensity = field.real.square().add_(field.imag.square())
         return torch.einsum("wyx,wc->cyx", intensity, self._xyz_weights)
+
+
+def check_simple_bench(plan: Plan) -> None:
+    """Raises ValueError for a bench with padding, tilted light, several frames or several sources."""
+    is_padded = plan.grid.padded != plan.grid.shape
+    if is_padded or plan.slopes.any() or plan.weights.shape[0] > 1 or len(plan.slopes) > 1:
+        raise ValueError("expected a periodic grid, one frame and one source on the axis")
 
 
 def _transfer_functions(plan: Plan, inputs: FrameInputs, relay: int, distance_m: float) -> torch.Tensor:

@@ -12,7 +12,9 @@ line_fft            FFTs along one axis, with caller-defined WGSL for load, stor
 line_fft_workgroup  WGSL of such an FFT in workgroup memory
 line_fft_subgroup   WGSL of such an FFT in registers, with subgroup shuffles
 fft                 complex 2-D FFTs, in place in a buffer
-fft_radices         factorises a length and tells the resulting order of frequencies
+line_step           what a transform does: its direction, and the points and frequencies that it needs
+spectrum_order      which frequencies of a line are stored, and in which order
+fft_radices         factorises a length
 fft_codegen         WGSL of one pass of an FFT
 fft_butterfly       WGSL of a small DFT in registers
 precompile          compiles shaders ahead of their first use

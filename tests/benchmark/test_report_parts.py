@@ -26,7 +26,7 @@ from holoview.model.system import System
 from holoview.util.errors import UserError
 
 gpu = pytest.mark.gpu
-KERNELS = ("light", "propagate", "modulate", "observe", "composite")
+KERNELS = ("light", "propagate", "modulate", "spectrum", "image", "observe", "composite")
 
 
 def _base() -> System:
@@ -81,10 +81,10 @@ def test_the_lasers_of_a_case_span_those_of_the_bench() -> None:
 def test_each_job_computes_what_its_name_says_and_nothing_else(device: Device) -> None:
     renderer = open_renderer(case_system(_base(), (64, 48), 3), device, strategy="workgroup")
     expected = {
-        full_frame: (3, 6, 3, 3, 1),
-        scrub: (0, 3, 0, 3, 1),
-        gap_edit: (0, 6, 3, 3, 1),
-        amplitude_edit: (0, 0, 0, 0, 1),
+        full_frame: (3, 3, 3, 3, 3, 3, 1),
+        scrub: (0, 0, 0, 0, 3, 3, 1),
+        gap_edit: (0, 3, 3, 3, 3, 3, 1),
+        amplitude_edit: (0, 0, 0, 0, 0, 0, 1),
     }
     gap_edit(renderer)()  # type: ignore[misc] # its first run stores the first rows
     for make, counts in expected.items():
