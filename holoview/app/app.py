@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
-from imgui_bundle import hello_imgui, imgui
+from imgui_bundle import imgui
 
 from holoview.app import theme
 from holoview.app.context import AppContext
@@ -18,6 +18,7 @@ from holoview.app.panel import GuardedPanel, Panel
 from holoview.app.panels import ALL
 from holoview.app.status import draw_status
 from holoview.app.toasts import Toasts
+from holoview.app.tour import Tour
 from holoview.app.window import Window
 from holoview.app.window_layout import LayoutCallbacks, runner_params
 from holoview.gpu.device import Device
@@ -55,6 +56,7 @@ class App:
         self.context = AppContext(session, device, self.window, store)
         self.toasts = Toasts(session.messages)
         self.panels = [GuardedPanel(panel(), self.context) for panel in panels]
+        self.tour = Tour(self.context)
         add_general_commands(self.context)
         for guarded in self.panels:
             guarded.panel.set_up(self.context)
@@ -82,13 +84,6 @@ class App:
     def panel(self, kind: type[P]) -> P:
         """The panel of a class."""
         return next(guarded.panel for guarded in self.panels if isinstance(guarded.panel, kind))
-
-    def show_panel(self, title: str) -> None:
-        """Opens a panel's window and brings it to the front."""
-        window = hello_imgui.get_runner_params().docking_params.dockable_window_of_name(title)
-        if window is not None:
-            window.is_visible = window.focus_window_at_next_frame = True
-        self.window.wake()
 
     # --- frames -----------------------------------------------------------------------------------------------------
 

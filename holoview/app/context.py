@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
-from imgui_bundle import imgui
+from imgui_bundle import hello_imgui, imgui
 from numpy.typing import NDArray
 
 from holoview.app import theme
@@ -24,6 +24,7 @@ from holoview.gpu.device import Device
 from holoview.session.editing_session import EditingSession
 from holoview.session.file_loader import FileLoader
 from holoview.session.live_measurement import LiveMeasurement
+from holoview.session.live_psnr import LivePsnr
 from holoview.session.session_store import SessionStore
 
 Rect = tuple[float, float, float, float]
@@ -58,6 +59,7 @@ class AppContext:
         self.plane_previews = PlanePreviews(device, session)
         self.derived_images = DerivedImages(device, session)
         self.live_measurement = LiveMeasurement(session, window.wake)
+        self.live_psnr = LivePsnr(session, window.wake)
         remember = store.preferences.add_recent_file if store is not None else lambda path: None
         self.loader = FileLoader(session, remember=remember)
         self.theme = str(store.preferences.get("theme", theme.THEMES[0])) if store else theme.THEMES[0]
@@ -74,6 +76,7 @@ class AppContext:
             or self.derived_images.is_busy
             or self.session.target_builder.is_building
             or self.live_measurement.is_busy
+            or self.live_psnr.is_busy
         )
 
     def attempt(self, edit: Callable[..., Any], *arguments: Any, **keywords: Any) -> None:
@@ -91,6 +94,13 @@ class AppContext:
         """Changes fields of the view settings; successive edits of the same fields are one step of undo."""
         self.attempt(self.session.edit_view, label, merge_key=tuple(sorted(fields)), **fields)
 
+    def show_panel(self, title: str) -> None:
+        """Opens a panel's window and brings it to the front."""
+        window = hello_imgui.get_runner_params().docking_params.dockable_window_of_name(title)
+        if window is not None:
+            window.is_visible = window.focus_window_at_next_frame = True
+        self.window.wake()
+
     def record_item_rect(self, name: str) -> None:
         """Stores the rectangle of the item that ImGui drew last, for scripts and tests."""
         low, high = imgui.get_item_rect_min(), imgui.get_item_rect_max()
@@ -107,6 +117,7 @@ class AppContext:
         """Ends the threads of the renderers, the loader and the measurement."""
         self.loader.close()
         self.live_measurement.close()
+        self.live_psnr.close()
         self.side_renderers.close()
         self.derived_images.close()
 

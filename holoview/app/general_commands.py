@@ -1,13 +1,15 @@
-"""The commands that belong to no panel: undo, redo, random patterns, quit, help."""
+"""The commands that belong to no panel: undo, redo, random patterns, the still life, quit, help."""
 
 from __future__ import annotations
 
 from holoview.app.context import AppContext
+from holoview.session.example import show_example
+from holoview.session.view_settings import SPECKLE_EXPOSURE_STOPS
 from holoview.view import random_drive
 
 
 def add_general_commands(context: AppContext) -> None:
-    """Adds undo, redo, random patterns, quit and help to the commands."""
+    """Adds undo, redo, random patterns, the still life, quit and help to the commands."""
     session, add = context.session, context.commands.add
     add(
         "Undo",
@@ -29,6 +31,12 @@ def add_general_commands(context: AppContext) -> None:
         "Edit",
         help="Others each time: another speckle on every modulator.",
     )
+    add(
+        "Still life",
+        lambda: show_example(session),
+        "File",
+        help="The shipped hologram with its target, as at the first start.",
+    )
     add("Quit", context.window.request_close, "File", "Ctrl+Q", "All is saved as it is, and offered at the next start.")
     add("Keys", lambda: context.help_overlay.toggle("keys"), "Help", "? F1", "Every key and what it does.")
     add(
@@ -42,8 +50,14 @@ def add_general_commands(context: AppContext) -> None:
 
 def _randomise(context: AppContext) -> None:
     session = context.session
-    seed = len(session.history)
-    session.edit("Random patterns", drive=random_drive(session.system, seed), origin="random patterns", path=None)
+    seed, view = len(session.history), session.view_settings
+    session.edit(
+        "Random patterns",
+        drive=random_drive(session.system, seed),
+        view_settings=view.with_(exposure_stops=min(view.exposure_stops, SPECKLE_EXPOSURE_STOPS)),
+        origin="random patterns",
+        path=None,
+    )
 
 
 def _post_undone(context: AppContext, done: str, label: str | None) -> None:

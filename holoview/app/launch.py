@@ -11,10 +11,8 @@ from holoview.app.run import run_in_browser, run_offscreen, run_on_screen
 from holoview.app.serve import Address, require_serving_libraries
 from holoview.gpu.device import Device, open_device
 from holoview.model.system import System
-from holoview.session.document import middle_plane
-from holoview.session.editing_session import EditingSession
+from holoview.session.example import new_session
 from holoview.session.session_store import SessionStore
-from holoview.session.view_settings import SPECKLE_EXPOSURE_STOPS, ViewSettings
 from holoview.util.errors import UserError
 
 
@@ -22,13 +20,15 @@ from holoview.util.errors import UserError
 class LaunchOptions:
     """How `holoview view` opens the viewer.
 
-    names: files and presets to open in it. size: of the window (x, y) in pixels. adapter: part of the name of a WebGPU
-    adapter, None for any. restores: whether the last session is restored instead of opening `system`. serve: HOST:PORT
-    to serve a browser, None for a window. is_offscreen: draws without a screen, runs `script` (its text) and writes
-    `screenshot`; script_name names the script in errors.
+    is_random: whether a new session shows random patterns instead of the example. names: files to open in it. size: of
+    the window (x, y) in pixels. adapter: part of the name of a WebGPU adapter, None for any. restores: whether the last
+    session is restored instead of opening `system`. serve: HOST:PORT to serve a browser, None for a window.
+    is_offscreen: draws without a screen, runs `script` (its text) and writes `screenshot`; script_name names the script
+    in errors.
     """
 
     system: System
+    is_random: bool
     names: Sequence[str]
     size: tuple[int, int]
     adapter: str | None
@@ -49,16 +49,15 @@ def launch(options: LaunchOptions, report: Callable[[str], None]) -> None:
     if address is not None:
         require_serving_libraries()
     device = _open_device(options, has_window=address is None and not options.is_offscreen)
-    view = ViewSettings(plane_m=middle_plane(options.system), exposure_stops=SPECKLE_EXPOSURE_STOPS)
-    session = EditingSession(options.system, view_settings=view)
     if options.is_offscreen:
+        session = new_session(options.system, is_random=options.is_random)
         run_offscreen(
             session, device, options.size, options.script, options.script_name, options.screenshot, options.names
         )
         return
     store = SessionStore()
     last = store.last_session() if options.restores else None
-    session = session if last is None else last.restore()
+    session = new_session(options.system, is_random=options.is_random) if last is None else last.restore()
     if address is not None:
         run_in_browser(session, device, store, address, report, options.size, options.names)
     else:

@@ -66,4 +66,14 @@ def _idle_text(context: AppContext) -> str:
         )
     if context.session.view_settings.page == "phase":
         return "phase at the laser in the middle of the spectrum; a turn of hue is a wave"
-    return f"{columns} × {rows} samples   {context.session.document.origin}"
+    return f"{columns} × {rows} samples   {context.session.document.origin}{_psnr_text(context)}"
+
+
+def _psnr_text(context: AppContext) -> str:
+    """The PSNR of the displayed plane; empty without a target, and until it is measured."""
+    if displayed_side(context.session.view_settings) != NOW:
+        return ""
+    xyz = context.side_renderers.xyz(NOW)
+    target = None if xyz is None else context.session.target_at()
+    psnr_db = None if xyz is None or target is None else context.live_psnr.get(xyz, target)
+    return "" if psnr_db is None else f"   PSNR {psnr_db:.1f} dB"

@@ -16,6 +16,7 @@ from holoview.app.serve import Address, serve
 from holoview.gpu.device import Device
 from holoview.session.autosave import Autosave
 from holoview.session.editing_session import EditingSession
+from holoview.session.example import shows_example
 from holoview.session.session_store import SessionStore
 from holoview.util.errors import UserError
 
@@ -89,15 +90,22 @@ def run_in_browser(
 
 
 def open_app(session: EditingSession, device: Device, canvas: Any, store: SessionStore, names: Sequence[str]) -> App:
-    """The viewer with the user's preferences, opening `names`; at the very first start it posts a hint."""
+    """The viewer with the user's preferences, opening `names`; a user who hasn't seen the tour gets it or a hint.
+
+    The tour is of the example; who begins with something else is told where help is.
+    """
     app = App(session, device, canvas, store=store, tunes=True)
-    if not store.preferences.get("has_begun"):
+    if names:
+        app.context.attempt(app.context.loader.open, list(names))
+    if app.tour.was_seen:
+        return app
+    if shows_example(session) and not names:
+        app.tour.start()
+    elif not store.preferences.get("has_begun"):
         session.messages.post(
             "Drop a picture here to see it as a hologram. ? shows all keys, Ctrl+P finds any command."
         )
         app.context.attempt(store.preferences.set, "has_begun", True)
-    if names:
-        app.context.attempt(app.context.loader.open, list(names))
     return app
 
 

@@ -50,7 +50,7 @@ def _run(driver: InputDriver, line: str) -> None:
         "set": _set,
         "look": _look,
         "command": lambda driver, name: driver.context.commands.run(name),
-        "show": lambda driver, title: driver.app.show_panel(title),
+        "show": lambda driver, title: driver.context.show_panel(title),
         "key": lambda driver, chord: driver.press_chord(chord),
         "type": lambda driver, text: driver.type_text(text),
         "click": _click,

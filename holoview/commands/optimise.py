@@ -24,7 +24,7 @@ from holoview.commands.optimise_options import (
 )
 from holoview.commands.optimise_score import format_scores, render_for_score, score_hologram
 from holoview.commands.output_files import check_output_file
-from holoview.io.hologram import Hologram
+from holoview.io.hologram import Hologram, load_hologram
 from holoview.io.png import write_png
 from holoview.model.system import System
 from holoview.optimise.iteration_state import IterationState
@@ -57,13 +57,14 @@ def run(args: argparse.Namespace) -> int:
         result = optimise_hologram(system, target, settings, options, group)
     if not group.is_main:
         return EXIT_INTERRUPTED if result.interrupted else 0
-    result.hologram.save(output)
+    result.hologram.save(output, as_uint8=args.drive_type == "uint8")
     if result.interrupted:
         print_stderr(f"interrupted after iteration {result.state.iteration}: the best so far is kept in {output}")
         return EXIT_INTERRUPTED
-    images = render_for_score(result.hologram, source)
+    saved = load_hologram(output)
+    images = render_for_score(saved, source)
     try:
-        scores = score_hologram(result.hologram, images, settings.region)
+        scores = score_hologram(saved, images, settings.region)
     except UserError as error:
         print_stderr(f"note: {output} is saved but can't be scored: {error}")
         scores = {}

@@ -129,6 +129,12 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--resume", metavar="FILE", type=Path, help="go on from a checkpoint, and keep writing to it")
     group.add_argument("--preview", metavar="FILE", type=Path, help="PNG of the middle plane, rewritten while it runs")
     group.add_argument("-o", "--output", metavar="FILE", type=Path, help="hologram file to write (.safetensors)")
+    group.add_argument(
+        "--drive-type",
+        choices=("float32", "uint8"),
+        default="float32",
+        help="in the file; uint8: a quarter of the size, patterns rounded to 255ths of the stroke",
+    )
     group.add_argument("--json", action="store_true", help="print the result as JSON")
 
 

@@ -25,12 +25,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "names",
         nargs="*",
         metavar="PRESET|FILE",
-        help=f"a preset, a hologram file, pattern PNGs or a picture to show; {_PRESET} if absent",
+        help=f"a preset, a hologram file, pattern PNGs or a picture to show; a hologram for {_PRESET} if absent",
     )
     add_changes(parser)
     parser.add_argument("--size", default="1280x800", metavar="WxH", help="of the window, in pixels")
     parser.add_argument("--adapter", metavar="NAME", help="part of the name of the WebGPU adapter to use")
     parser.add_argument("--new", action="store_true", help="begin anew instead of with the last session")
+    parser.add_argument("--random", action="store_true", help="random patterns: the speckle of the bench, no picture")
     parser.add_argument("--serve", metavar="HOST:PORT", help="show it in a browser; asks for the token that is printed")
     parser.add_argument("--offscreen", action="store_true", help="draw it without a screen, for --script, --screenshot")
     parser.add_argument("--script", metavar="FILE", type=Path, help="actions to do, a line each; with --offscreen")
@@ -43,6 +44,8 @@ def run(args: argparse.Namespace) -> int:
     _check(args)
     system = _system(args)
     names = [name for name in args.names if not _is_preset(name)]
+    if args.random and names:
+        raise UserError("--random", f"with {names[0]}", expected="a preset or nothing with it")
     script = _read(args.script) if args.script is not None else ""
     try:
         from holoview.app.launch import LaunchOptions, launch  # here: help needs no window library
@@ -50,10 +53,11 @@ def run(args: argparse.Namespace) -> int:
         raise UserError("view", f"its window can't be drawn: {error}", remedy=_REMEDY) from error
     options = LaunchOptions(
         system=system,
+        is_random=args.random or bool(names),
         names=names,
         size=size,
         adapter=args.adapter,
-        restores=not (args.new or args.names or args.changes or args.scheme),
+        restores=not (args.new or args.random or args.names or args.changes or args.scheme),
         serve=args.serve,
         is_offscreen=args.offscreen,
         script=script,

@@ -1,6 +1,6 @@
 """The hologram file: patterns and the system that shows them, in one safetensors file.
 
-drive        float32 (frame, modulator, y, x), 0…1 of the modulator's stroke
+drive        float32 (frame, modulator, y, x), 0…1 of the modulator's stroke; or uint8, 0…255 for the same range
 amplitudes   float64 (frame, wavelength)
 wavelengths  float64 (wavelength,), m
 metadata     format, version, system (TOML with units)
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from holoview.util.errors import UserError
 from holoview.util.safetensors_file import TensorFormat
 
 FORMAT, VERSION = "holoview-hologram", "1"
+_MAX_CODE = np.float32(255.0)  # of a drive in 8 bits
 _FILE = TensorFormat(
     name=FORMAT,
     version=VERSION,
@@ -56,10 +58,11 @@ class Hologram:
         if not (np.isfinite(self.drive).all() and self.drive.min() >= 0 and self.drive.max() <= 1):
             raise UserError("drive", "values outside 0…1", expected="fractions of the modulator's stroke")
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str], *, as_uint8: bool = False) -> None:
         """Writes the hologram to a file, atomically.
 
         path: of the file (safetensors), which is replaced if it exists.
+        as_uint8: stores the drive in 8 bits, a quarter of the size, rounded to the nearest 255th of the stroke.
 
         Raises UserError when the file can't be written.
 
@@ -67,8 +70,8 @@ class Hologram:
         >>> system = hv.load("holochrome-8").with_(shape=[48, 64])
         >>> hv.Hologram(hv.random_drive(system), system).save("speckle.safetensors")
         """
-        tensors: dict[str, NDArray[np.floating]] = {
-            "drive": self.drive.astype(np.float32),
+        tensors: dict[str, NDArray[Any]] = {
+            "drive": np.rint(self.drive * _MAX_CODE).astype(np.uint8) if as_uint8 else self.drive.astype(np.float32),
             "amplitudes": self.system.amplitudes,
             "wavelengths": self.system.wavelengths_m,
         }
@@ -95,9 +98,10 @@ def load_hologram(path: str | os.PathLike[str]) -> Hologram:
         if not np.array_equal(tensors[name], known):
             raise UserError(f"{path}: {name}", "contradict the file's own system", remedy="write the hologram again")
     drive = tensors["drive"]
-    if drive.dtype.kind != "f":
-        raise UserError(f"{path}: drive", f"values of type {drive.dtype}", expected="float32")
+    if drive.dtype.kind != "f" and drive.dtype != np.uint8:
+        raise UserError(f"{path}: drive", f"values of type {drive.dtype}", expected="float32 or uint8")
+    scale = _MAX_CODE if drive.dtype == np.uint8 else np.float32(1.0)
     try:
-        return Hologram(drive.astype(np.float32), system)
+        return Hologram(drive.astype(np.float32) / scale, system)
     except UserError as error:
         raise error.inside(f"{path}: ") from error

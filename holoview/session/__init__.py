@@ -4,6 +4,7 @@ editing_session       the document with undo, jobs, snapshots and messages, owne
 document              system, patterns, target and view settings as immutable data
 view_settings         focal plane, exposure, channel, comparison, measured region
 target_spec           what a hologram should show
+example               the shipped hologram, which a new session shows
 target_builder        builds targets on a worker thread
 scene                 what an image is rendered from
 focal_plane           moves the focal plane
@@ -20,6 +21,7 @@ quick_system          a simplified system for previews
 derived_images        phase of a pattern; eyebox
 measure               speckle contrast, PSNR and colour error of a region; profiles; pixel values
 live_measurement      the same, kept up to date for the displayed image
+live_psnr             PSNR of the displayed image, kept up to date
 tone_mapping          XYZ to 8-bit sRGB
 colour_maps           colour maps for single-channel images
 chromaticity_diagram  spectral locus, display primaries, gamut of the lasers

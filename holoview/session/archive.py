@@ -12,7 +12,7 @@ import hashlib
 import json
 import weakref
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from holoview.model import preset
 from holoview.model.system import System
 from holoview.session.document import Document, as_readonly_drive
 from holoview.session.history import HistoryStep
-from holoview.session.target_spec import TargetSpec
+from holoview.session.target_spec import TargetSpec, example_target
 from holoview.session.view_settings import ComparisonSide, ViewSettings
 from holoview.targets.picture import Picture
 from holoview.targets.target import Placement
@@ -33,6 +33,7 @@ from holoview.util.safetensors_file import TensorFormat
 
 FORMAT, VERSION = "holoview-session", 1
 _FILE = "session.json"
+_TARGET_FIELDS = ("title", "brightness", "saturation", "space", "is_example")
 _ARRAY = TensorFormat("holoview-object", "1", "patterns or a picture of a saved session", ("array",), ())
 
 
@@ -118,7 +119,9 @@ class SessionArchive:
         }
 
     def _target_table(self, target_spec: TargetSpec) -> dict[str, Any]:
-        table = {key: getattr(target_spec, key) for key in ("title", "brightness", "saturation", "space")}
+        table = {key: getattr(target_spec, key) for key in _TARGET_FIELDS}
+        if target_spec.is_example:  # its files are shipped, and lie elsewhere in another installation
+            return table
         placement = asdict(target_spec.placement)
         table["placement"] = placement | {"depth": None if placement["depth"] is None else str(placement["depth"])}
         if isinstance(target_spec.source, Path):
@@ -217,13 +220,16 @@ class _Reader:
     def _target(self, key: str) -> TargetSpec:
         if key not in self._targets:
             table = self._table["targets"][key]
-            plain = {name: table[name] for name in ("title", "brightness", "saturation", "space")}
-            source: Picture | Path
-            source = (
-                Path(table["stack"]) if "stack" in table else Picture(self._array(table["picture"]), table["source"])
+            fields = {name: table[name] for name in _TARGET_FIELDS if name in table}
+            self._targets[key] = (
+                replace(example_target(), **fields)
+                if fields.get("is_example")
+                else TargetSpec(self._target_source(table), placement=Placement(**table["placement"]), **fields)
             )
-            self._targets[key] = TargetSpec(source, placement=Placement(**table["placement"]), **plain)
         return self._targets[key]
+
+    def _target_source(self, table: Mapping[str, Any]) -> Picture | Path:
+        return Path(table["stack"]) if "stack" in table else Picture(self._array(table["picture"]), table["source"])
 
 
 # --- view settings --------------------------------------------------------------------------------------------------

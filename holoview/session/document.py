@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from holoview.model.system import System
 from holoview.session.target_spec import TargetSpec
-from holoview.session.view_settings import Region, ViewSettings
+from holoview.session.view_settings import SPECKLE_EXPOSURE_STOPS, Region, ViewSettings
 from holoview.util.errors import UserError
 
 Drive = NDArray[np.float32]
@@ -78,6 +78,13 @@ class Document:
         if not np.any(amplitudes > 0):
             raise UserError("lasers", "none is left on", remedy="solo or unmute one that has power")
         return self.system.edit({"amplitudes": amplitudes})
+
+    @property
+    def view_settings_for_picture(self) -> ViewSettings:
+        """The view settings, without the low exposure that new random patterns get."""
+        view = self.view_settings
+        is_low = "random patterns" in self.origin and view.exposure_stops == SPECKLE_EXPOSURE_STOPS
+        return view.with_(exposure_stops=0.0) if is_low else view
 
     def with_changes(self, changes: dict[str, Any]) -> Document:
         """A copy with some fields changed; patterns are adapted to a changed system by `fit_drive`.

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from holoview.model.system import System
 from holoview.session.document import middle_plane
 from holoview.session.editing_session import EditingSession
+from holoview.session.example import has_example_target, is_example_bench, random_patterns_hint, show_example
 from holoview.session.file_reader import FileContent, read_content, target_from_image_bytes, target_from_pixels
 from holoview.session.file_watcher import POLL_INTERVAL_S, FileWatcher
 from holoview.session.jobs import BackgroundJob, JobControl
 from holoview.session.optimisation_job import running_optimisation, start_quick_optimisation
 from holoview.session.target_spec import TargetSpec
-from holoview.session.view_settings import SPECKLE_EXPOSURE_STOPS, ViewSettings
+from holoview.session.view_settings import ViewSettings
 from holoview.util.errors import UserError
 
 _RETRY_FOR_S = 10.0
@@ -59,6 +60,8 @@ class FileLoader:
             session.messages.post(f"{content.title}: {note}")
         if content.target_spec is not None:
             self._set_target(content.target_spec)
+        elif content.kind == "preset" and has_example_target(session) and is_example_bench(content.system):
+            show_example(session)
         else:
             self._set_hologram(content)
         if content.path is not None:
@@ -68,34 +71,30 @@ class FileLoader:
         session = self._session
         system = content.system or session.system
         assert content.drive is not None
-        random = ", random patterns" if content.kind == "preset" else ""
+        is_preset = content.kind == "preset"
+        random = ", random patterns" if is_preset else ""
         path = content.path if content.kind == "hologram" else None
+        view_settings = session.view_settings if is_preset else session.document.view_settings_for_picture
+        target_spec = None if has_example_target(session) and not is_preset else session.target_spec
         session.edit(
             f"Open {content.title}",
             system=system,
             drive=content.drive,
-            view_settings=_clamp_plane(self._view_settings_after_open(content), system),
+            target_spec=target_spec,
+            view_settings=_clamp_plane(view_settings, system),
             origin=f"{content.kind} {content.title}{random}",
             path=path,
         )
+        if is_preset and target_spec is not None:
+            session.messages.post(random_patterns_hint(target_spec))
 
     def _set_target(self, target_spec: TargetSpec) -> None:
         """Sets a new target; the patterns change only if a quick optimisation starts."""
         session = self._session
-        session.edit(
-            f"Target {target_spec.title}", target_spec=target_spec, view_settings=self._view_settings_after_open()
-        )
+        view_settings = session.document.view_settings_for_picture
+        session.edit(f"Target {target_spec.title}", target_spec=target_spec, view_settings=view_settings)
         if self.optimises_new_targets and running_optimisation(session) is None:
             start_quick_optimisation(session)
-
-    def _view_settings_after_open(self, content: FileContent | None = None) -> ViewSettings:
-        """The view settings with the low exposure for random patterns reset, unless random patterns are opened."""
-        document = self._session.document
-        was_random = (
-            "random patterns" in document.origin and document.view_settings.exposure_stops == SPECKLE_EXPOSURE_STOPS
-        )
-        stays = content is not None and content.kind == "preset"
-        return document.view_settings.with_(exposure_stops=0.0) if was_random and not stays else document.view_settings
 
     # --- watching ---------------------------------------------------------------------------------------------------
 

@@ -150,7 +150,7 @@ class OptimisationJob(BackgroundJob):
 
 
 def start_optimisation(session: EditingSession, request: OptimisationRequest | None = None) -> OptimisationJob:
-    """Starts an optimisation of the session's patterns for its target.
+    """Starts an optimisation of the session's patterns for its target; the low exposure of random patterns is reset.
 
     Raises UserError without a target, while another optimisation runs, and for an invalid scheme or settings.
     """
@@ -162,6 +162,7 @@ def start_optimisation(session: EditingSession, request: OptimisationRequest | N
     if request.start_patterns in ("random", "smooth"):
         request = replace(request, settings=replace(request.settings, begin=request.start_patterns))
     system = session.system if request.scheme is None else with_scheme(session.system, request.scheme)
+    session.edit("Exposure for a picture", view_settings=session.document.view_settings_for_picture)
     job = OptimisationJob(session, request, session.document, system)
     session.jobs.start("Optimise", job.run, job.commit, on_end=lambda: session.set_preview(None), job=job)
     return job

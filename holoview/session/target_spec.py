@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from holoview.model.system import System
 from holoview.targets.focal_stack import Target
-from holoview.targets.picture import Picture
+from holoview.targets.picture import Picture, read_picture
 from holoview.targets.rendered_stacks import target_from_stack
 from holoview.targets.target import Placement, target_for
+from holoview.util.files import data_dir
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +22,7 @@ class TargetSpec:
 
     source: a picture in linear light, or the path of a rendered focal stack. brightness: a factor on linear light.
     saturation: a factor on the chroma in CIE LCHuv. space: the colour space of a stack in a float format.
+    is_example: whether it is `example_target()`, which nobody chose: a hologram that is opened removes it.
     """
 
     source: Picture | Path
@@ -29,6 +31,7 @@ class TargetSpec:
     brightness: float = 1.0
     saturation: float = 1.0
     space: str = "srgb"
+    is_example: bool = False
 
     @property
     def is_stack(self) -> bool:
@@ -47,3 +50,10 @@ class TargetSpec:
         return target_for(
             system, self.source, self.placement, self.brightness, saturation=self.saturation, planes=planes_m
         )
+
+
+def example_target() -> TargetSpec:
+    """The shipped still life with its depth. Raises UserError when its files can't be read."""
+    folder = data_dir("assets")
+    placement = Placement(depth=folder / "still-life-depth.png")
+    return TargetSpec(read_picture(folder / "still-life.png"), "still life", placement, is_example=True)

@@ -184,7 +184,7 @@ def test_without_a_clipboard_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch)
 def test_the_list_of_edits_goes_anywhere(gui: Gui) -> None:
     gui.session.change("Gap", {"gap": 3e-3})
     gui.session.edit_view("Exposure", exposure_stops=1.0)
-    gui.app.show_panel("History")
+    gui.context.show_panel("History")
     gui.draw_frames(3)
     gui.engine(lambda ctx: ctx.item_click("History/**/Start##0"))
     assert gui.session.history_position == 0 and gui.session.can_redo

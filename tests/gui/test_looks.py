@@ -37,7 +37,7 @@ def _drawn(gui: Gui) -> NDArray[np.uint8]:
         ("start", lambda gui: None),
         ("keys", lambda gui: (gui.session.edit_view("Dark", **DARK), gui.press_chord("?"))),
         ("light", lambda gui: (gui.session.edit_view("Dark", **DARK), gui.context.set_theme("Light"))),
-        ("gamut", lambda gui: (gui.session.edit_view("Look", solo=1), gui.app.show_panel("Gamut"))),
+        ("gamut", lambda gui: (gui.session.edit_view("Look", solo=1), gui.context.show_panel("Gamut"))),
         (
             "wipe",
             lambda gui: gui.session.edit_view(

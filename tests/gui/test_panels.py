@@ -248,7 +248,7 @@ def test_keys_change_the_look(gui: Gui) -> None:
 
 
 def test_exposure_has_a_slider(gui: Gui) -> None:
-    gui.app.show_panel("View")
+    gui.context.show_panel("View")
     gui.draw_frames(3)
     gui.drag(gui.item_position("exposure", 0.5), gui.item_position("exposure", 0.7))
     assert gui.session.view_settings.exposure_stops > 1
@@ -265,7 +265,7 @@ def test_a_snapshot_is_renamed_in_its_field_and_still_compared_with(make_gui: Ca
     gui = make_gui(size=(900, 900))
     first, second = gui.session.pin(), gui.session.pin()
     gui.session.edit_view("Compare", b=ComparisonSide("snapshot", first))
-    gui.app.show_panel("View")
+    gui.context.show_panel("View")
     gui.draw_frames(3)
 
     def enter(name: str, typed: str, last_key: str) -> list[str]:
@@ -288,7 +288,7 @@ def test_a_snapshot_is_forgotten_by_its_button(make_gui: Callable[..., Gui]) -> 
     gui = make_gui(size=(900, 900))
     kept, gone = gui.session.pin(), gui.session.pin()
     gui.session.edit_view("Compare", a=ComparisonSide("snapshot", gone), b=ComparisonSide("snapshot", kept))
-    gui.app.show_panel("View")
+    gui.context.show_panel("View")
     gui.draw_frames(3)
     gui.click(gui.item_position(f"forget {gone}"))
     assert list(gui.session.snapshots) == [kept]
@@ -340,7 +340,7 @@ def test_a_failing_panel_shows_its_error_and_the_rest_goes_on(make_gui: Callable
     gui = make_gui(panels=(*ALL, _Broken))
     broken = next(guarded for guarded in gui.app.panels if isinstance(guarded.panel, _Broken))
     broken.panel.fails = True
-    gui.app.show_panel("Broken")
+    gui.context.show_panel("Broken")
     gui.draw_frames(5)
     assert isinstance(broken.failure, ValueError)
     assert "boom" in gui.last_message()

@@ -77,6 +77,24 @@ def test_a_hologram_survives_its_file_exactly(changes: dict[str, Any], tmp_path:
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_drive_in_8_bits_is_rounded_once(tmp_path: Path) -> None:
+    hologram, path = _hologram(), tmp_path / "h.safetensors"
+    hologram.save(path, as_uint8=True)
+    loaded = load_hologram(path)
+    assert loaded.system == hologram.system and loaded.drive.dtype == np.float32
+    assert np.abs(loaded.drive - hologram.drive).max() <= 0.5 / 255 + 2**-24, "half a step, and rounding of float32"
+    loaded.save(path, as_uint8=True)
+    np.testing.assert_array_equal(load_hologram(path).drive, loaded.drive)
+
+
+def test_the_ends_of_the_stroke_are_exact_in_8_bits(tmp_path: Path) -> None:
+    system, path = _system(), tmp_path / "h.safetensors"
+    drive = np.zeros(system.drive_shape, np.float32)
+    drive[:, 1] = 1.0
+    Hologram(drive, system).save(path, as_uint8=True)
+    np.testing.assert_array_equal(load_hologram(path).drive, drive)
+
+
 def test_a_file_says_by_itself_what_it_is(tmp_path: Path) -> None:
     path = tmp_path / "h.safetensors"
     _hologram().save(path)

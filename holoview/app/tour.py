@@ -1,0 +1,155 @@
+"""A tour of the viewer in steps: a card in a corner of the window, which points at a panel and blocks nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from imgui_bundle import imgui
+
+from holoview.app import theme
+from holoview.app.context import AppContext
+from holoview.app.tour_steps import TourStep, make_tour_steps
+
+_WIDTH, _MARGIN = 290.0, 8.0
+_HEIGHT = 240.0  # before the card was drawn once
+_CORNERS = ((0.0, 1.0), (1.0, 1.0), (1.0, 0.0), (0.0, 0.0))  # of the window, in the order of preference
+_SEEN = "has_seen_tour"
+_Box = tuple[imgui.ImVec2, imgui.ImVec2]
+"""Upper left and lower right corner on the screen."""
+
+
+class Tour:
+    """Shows one step after the other, until the user leaves; that it was seen is stored with the preferences.
+
+    step: index of the step that is shown; None while the tour is closed.
+    """
+
+    title = "Tour"
+
+    def __init__(self, context: AppContext) -> None:
+        self._context = context
+        self.steps: Sequence[TourStep] = make_tour_steps(context)
+        self.step: int | None = None
+        self._size = imgui.ImVec2(_WIDTH, _HEIGHT)
+        self._is_escape_taken = False
+        context.overlays.append(self)
+        context.commands.add("Tour", self.start, "Help", "Shift+F1", "Five things to try, one after the other.")
+
+    @property
+    def was_seen(self) -> bool:
+        """Whether the tour was shown before, to this user."""
+        store = self._context.store
+        return store is not None and bool(store.preferences.get(_SEEN))
+
+    def start(self) -> None:
+        """Opens the tour at its first step."""
+        self._go_to(0)
+
+    def leave(self) -> None:
+        """Closes the tour."""
+        self.step = None
+        self._context.window.wake()
+
+    def draw(self) -> None:
+        """Draws the present step, unless a dialog asks for an answer."""
+        if self.step is None or imgui.internal.get_top_most_popup_modal() is not None:
+            return
+        if not self.was_seen and self._context.store is not None:
+            self._context.attempt(self._context.store.preferences.set, _SEEN, True)
+        step = self.steps[self.step]
+        panel = _panel_box(step.panel)
+        if panel is not None:
+            imgui.get_foreground_draw_list().add_rect(*panel, imgui.get_color_u32(theme.ACCENT), 4.0, thickness=2.0)
+        place = imgui.get_main_viewport()
+        status = imgui.get_frame_height_with_spacing()
+        room = imgui.ImVec2(place.work_size.x - 2 * _MARGIN, place.work_size.y - 2 * _MARGIN - status)
+        origin = imgui.ImVec2(place.work_pos.x + _MARGIN, place.work_pos.y + _MARGIN)
+        corner = _free_corner(panel, origin, room, self._size)
+        position = imgui.ImVec2(origin.x + corner.x * room.x, origin.y + corner.y * room.y)
+        imgui.set_next_window_pos(position, imgui.Cond_.always, corner)
+        width = min(_WIDTH, room.x)
+        imgui.set_next_window_size_constraints(imgui.ImVec2(width, 0), imgui.ImVec2(width, room.y))
+        self._draw_card(self.step, step)
+
+    def _draw_card(self, index: int, step: TourStep) -> None:
+        flags = (
+            imgui.WindowFlags_.no_docking
+            | imgui.WindowFlags_.no_collapse
+            | imgui.WindowFlags_.no_move
+            | imgui.WindowFlags_.no_saved_settings
+            | imgui.WindowFlags_.always_auto_resize
+            | imgui.WindowFlags_.no_focus_on_appearing
+        )
+        title = f"{self.title}, {index + 1} of {len(self.steps)}: {step.title}###tour"
+        imgui.push_style_color(imgui.Col_.border, theme.ACCENT)
+        is_shown, is_open = imgui.begin(title, True, flags)
+        imgui.pop_style_color()
+        if is_shown:
+            imgui.internal.bring_window_to_display_front(imgui.internal.get_current_window())
+            imgui.push_text_wrap_pos(0.0)
+            imgui.text_unformatted(step.text)
+            imgui.pop_text_wrap_pos()
+            self._draw_buttons(index, step)
+        low, self._size = imgui.get_window_pos(), imgui.get_window_size()
+        self._context.item_rects["tour"] = (low.x, low.y, low.x + self._size.x, low.y + self._size.y)
+        imgui.end()
+        if not is_open or (imgui.is_key_pressed(imgui.Key.escape) and not self._is_escape_taken):
+            self.leave()
+        self._is_escape_taken = self._has_other_use_of_escape()
+
+    def _draw_buttons(self, index: int, step: TourStep) -> None:
+        self._button("tour try", step.button, -1.0, lambda: self._context.attempt(step.action))
+        width = (imgui.get_content_region_avail().x - 2 * imgui.get_style().item_spacing.x) / 3
+        self._button("tour leave", "Leave", width, self.leave)
+        imgui.same_line()
+        imgui.begin_disabled(index == 0)
+        self._button("tour back", "Back", width, lambda: self._go_to(index - 1))
+        imgui.end_disabled()
+        imgui.same_line()
+        is_last = index == len(self.steps) - 1
+        self._button("tour next", "Done" if is_last else "Next", width, lambda: self._go_to(index + 1))
+
+    def _button(self, name: str, label: str, width: float, action: Callable[[], None]) -> None:
+        """A button that scripts and tests find by its name."""
+        is_clicked = imgui.button(f"{label}##{name}", imgui.ImVec2(width, 0))
+        self._context.record_item_rect(name)
+        if is_clicked:
+            action()
+
+    def _go_to(self, index: int) -> None:
+        """Shows a step and opens its panel; behind the last step the tour ends."""
+        if index == len(self.steps):
+            self.leave()
+            return
+        self.step = index
+        self._context.show_panel(self.steps[index].panel)
+
+    def _has_other_use_of_escape(self) -> bool:
+        """Whether the key Escape will close or end something else, which comes before the tour."""
+        return (
+            self._context.session.view_settings.compare != "off"
+            or bool(self._context.help_overlay.page)
+            or imgui.get_io().want_text_input
+            or imgui.is_popup_open("", imgui.PopupFlags_.any_popup)
+        )
+
+
+def _panel_box(title: str) -> _Box | None:
+    """Where a panel was drawn; None while it isn't visible."""
+    window = imgui.internal.find_window_by_name(title)
+    if window is None or not window.active or window.hidden:
+        return None
+    return window.pos, imgui.ImVec2(window.pos.x + window.size.x, window.pos.y + window.size.y)
+
+
+def _free_corner(panel: _Box | None, origin: imgui.ImVec2, room: imgui.ImVec2, size: imgui.ImVec2) -> imgui.ImVec2:
+    """The corner of the window, (x, y) of 0 or 1, in which a card of `size` covers the least of a panel."""
+
+    def covered(corner: tuple[float, float]) -> float:
+        assert panel is not None
+        low = origin.x + corner[0] * (room.x - size.x), origin.y + corner[1] * (room.y - size.y)
+        width = min(low[0] + size.x, panel[1].x) - max(low[0], panel[0].x)
+        height = min(low[1] + size.y, panel[1].y) - max(low[1], panel[0].y)
+        return max(width, 0.0) * max(height, 0.0)
+
+    return imgui.ImVec2(*(_CORNERS[0] if panel is None else min(_CORNERS, key=covered)))
