@@ -5,14 +5,13 @@
 # make docs   build the manual as a site, out/site/index.html
 # make tutorials  run the tutorials and write what they print and draw into their pages
 # make gallery  run every study at its quick scale and build docs/gallery.md (a quarter of an hour)
+# make still-life  optimise the hologram with which the viewer opens (assets/still-life.safetensors)
 # make bench  time the frame's stages on this machine
-.PHONY: demo test test-processors wheel bench docs tutorials gallery lint package clean help
+.PHONY: demo test test-processors wheel bench docs tutorials gallery still-life lint package clean help
 .DEFAULT_GOAL := help
 
 BIN := .venv/bin
 OUT ?= out/demo
-ITERATIONS ?= 40
-
 export TORCH_INDEX
 
 help:
@@ -23,7 +22,7 @@ help:
 
 demo: .venv/holoview.stamp
 	@bash .ci/adapter
-	@$(BIN)/holoview demo -o $(OUT) --iterations $(ITERATIONS)
+	@$(BIN)/holoview demo -o $(OUT) $(if $(ITERATIONS),--iterations $(ITERATIONS))
 
 test: lint
 	@bash .ci/adapter
@@ -55,6 +54,10 @@ tutorials: .venv/holoview.stamp
 
 gallery: .venv/holoview.stamp
 	@$(BIN)/python -m benchmarks.gallery
+
+still-life: .venv/holoview.stamp
+	$(BIN)/holoview optimise holochrome-8 assets/still-life.png --depth assets/still-life-depth.png --iterations 120 \
+		--drive-type uint8 -o assets/still-life.safetensors
 
 package: .venv/holoview.stamp
 	$(BIN)/python -m build

@@ -6,6 +6,8 @@ Both displays are optimised with equal settings. All their focal planes are rend
 from __future__ import annotations
 
 import argparse
+import shutil
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,11 +30,10 @@ from holoview.model import preset
 from holoview.model.plan import make_plan
 from holoview.optimise.settings import Settings
 from holoview.report.contact_sheet import CaptionedTile, contact_sheet
+from holoview.session.target_spec import example_target
 from holoview.targets.focal_stack import Target
-from holoview.targets.target import Placement, target_for
 from holoview.util import units
 from holoview.util.errors import UserError
-from holoview.util.files import data_dir
 from holoview.view import View, random_drive, simulate
 
 _DISPLAYS = ("holochrome-8", "simultaneous")
@@ -74,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     changes = {"shape": args.shape} if args.shape else {}
     systems = [preset.load(name).edit(changes) for name in _DISPLAYS]
     _prepare(args, systems[0])
-    target = _still_life(systems[0])
+    target = example_target().build(systems[0])
     results: list[_DisplayResult] = []
     for system in systems:
         optimised = optimise_hologram(system, target, settings)
@@ -88,7 +89,8 @@ def run(args: argparse.Namespace) -> int:
     write_png(
         sheet, _contact_sheet(target, results), {"holoview.preset": ", ".join(_DISPLAYS), "holoview.plane": planes}
     )
-    _print_results(results, [sheet, *written], args.output, time.perf_counter() - started)
+    _print_results(results, written, time.perf_counter() - started)
+    _print_what_to_open(sheet, args.output / f"{_DISPLAYS[0]}.safetensors")
     return 0
 
 
@@ -102,11 +104,6 @@ def _prepare(args: argparse.Namespace, system: holoview.System) -> None:
     open_executor(make_plan(small), random_drive(small), args.backend, args.adapter)
     make_folder(args.output)
     check_output_file(args.output / "contact-sheet.png", ".png")
-
-
-def _still_life(system: holoview.System) -> Target:
-    folder = data_dir("assets")
-    return target_for(system, folder / "still-life.png", Placement(depth=folder / "still-life-depth.png"))
 
 
 def _render_display(name: str, hologram: Hologram, target: Target, args: argparse.Namespace) -> _DisplayResult:
@@ -176,17 +173,33 @@ def _crop(picture: NDArray[np.uint8], region: tuple[float, float, float, float])
     return picture[y : y + h, x : x + w]
 
 
-def _print_results(results: list[_DisplayResult], written: list[Path], folder: Path, seconds: float) -> None:
+def _print_results(results: list[_DisplayResult], written: list[Path], seconds: float) -> None:
     print_stderr(f"rendered by {results[0].view.backend}; {seconds:.0f} s in all")
     print(f"{'':<14} {'PSNR':>9} {'lum. PSNR':>10} {'CIEDE2000':>10} {'speckle':>8} {'eyebox':>7}")
     for result in results:
         score = result.score
         fidelity = f"{score.psnr.mean_db:6.2f} dB {score.psnr_luminance.mean_db:7.2f} dB {score.delta_e:10.2f}"
         print(f"{result.name:<14} {fidelity} {score.mean_speckle_contrast:8.3f} {result.eyebox.uniformity:7.2f}")
-    print("\nwritten:")
+    print("\nall focal planes:")
     for path in written:
         print(f"  {path}")
+
+
+def _print_what_to_open(sheet: Path, hologram: Path) -> None:
+    """Prints what to try next, and at last the picture to open and the command of the viewer."""
+    program = _program()
     print("\ntry next:")
-    print(f"  holoview render --hologram {folder / 'holochrome-8.safetensors'} --plane 9.3mm -o seen.png")
-    print('  holoview render holochrome-8 --random 1 --set gap="4 mm" -o speckle.png')
-    print("  holoview info bench-plm")
+    print(f"  {program} render --hologram {hologram} --plane 9.3mm -o seen.png")
+    print(f'  {program} render holochrome-8 --random 1 --set gap="4 mm" -o speckle.png')
+    print(f"  {program} info bench-plm")
+    print(f"\nthe target beside both displays, open:  {sheet}")
+    print(f"the hologram in the viewer:             {program} view {hologram}")
+
+
+def _program() -> str:
+    """The command that started this program, as a user can type it again."""
+    started_as = Path(sys.argv[0])
+    on_path = shutil.which("holoview")
+    if on_path is not None and started_as.exists() and Path(on_path).samefile(started_as):
+        return "holoview"
+    return str(started_as) if started_as.stem == "holoview" else "python -m holoview"
