@@ -56,8 +56,8 @@ gallery: .venv/holoview.stamp
 	@$(BIN)/python -m benchmarks.gallery
 
 still-life: .venv/holoview.stamp
-	$(BIN)/holoview optimise holochrome-8 assets/still-life.png --depth assets/still-life-depth.png --iterations 120 \
-		--drive-type uint8 -o assets/still-life.safetensors
+	$(BIN)/holoview optimise holochrome-8 assets/still-life.png --depth assets/still-life-depth.png --iterations 60 \
+		--step 0.5 --eyebox 0.01 --drive-type uint8 -o assets/still-life.safetensors
 
 package: .venv/holoview.stamp
 	$(BIN)/python -m build
