@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,7 +39,7 @@ def runner_params(
 ) -> hello_imgui.RunnerParams:
     """The settings of HelloImGui: a full-screen dock space, menus, status bar, a dockable window for each panel.
 
-    folder: where the layout is stored as layout.ini; None stores nothing.
+    folder: where the layout is stored as layout.ini; None, or one that can't be written to, stores nothing.
     """
     params = hello_imgui.RunnerParams()
     params.app_window_params.window_title = "holoview"
@@ -46,16 +48,22 @@ def runner_params(
     window.show_menu_bar = window.show_status_bar = True
     window.show_menu_app = window.show_menu_view = window.show_status_fps = False
     window.remember_status_bar_settings = window.remember_theme = False
-    if folder is None:
+    if folder is None or not _can_be_written_to(folder):
         params.ini_disable = True
     else:
-        folder.mkdir(parents=True, exist_ok=True)
         params.ini_folder_type = hello_imgui.IniFolderType.absolute_path
         params.ini_filename = str(folder / "layout.ini")
     params.docking_params.docking_splits = [hello_imgui.DockingSplit(*split) for split in _SPLITS]
     params.docking_params.dockable_windows = [_dockable_window(guarded) for guarded in panels]
     _set_callbacks(params.callbacks, callbacks)
     return params
+
+
+def _can_be_written_to(folder: Path) -> bool:
+    """Whether a folder, which is made if it is missing, takes files; the home folder may be missing or read-only."""
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    return os.access(folder, os.W_OK)
 
 
 def _set_callbacks(target: hello_imgui.RunnerCallbacks, callbacks: LayoutCallbacks) -> None:

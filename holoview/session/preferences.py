@@ -8,6 +8,7 @@ from typing import Any
 
 import platformdirs
 
+from holoview.util.errors import UserError
 from holoview.util.files import atomic_write
 
 MAX_RECENT_FILES = 20
@@ -35,12 +36,19 @@ class Preferences:
         return self._values.get(key, default)
 
     def set(self, key: str, value: Any) -> None:
-        """Stores a value that JSON can represent, immediately. Raises UserError when the file can't be written."""
+        """Stores a value that JSON can represent, immediately.
+
+        Raises UserError when the file can't be written; the value is kept for this process then.
+        """
         if self._values.get(key) == value and key in self._values:
             return
         text = json.dumps(self._values | {key: value}, indent=1)
         self._values[key] = value
-        self._path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:  # a home folder that is missing or read-only
+            where, found = str(self._path.parent), f"can't be made: {error.strerror}"
+            raise UserError(where, found, remedy="preferences are kept until the viewer is closed") from error
         with atomic_write(self._path) as temporary:
             temporary.write_text(text, encoding="utf-8")
 

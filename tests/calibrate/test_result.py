@@ -65,7 +65,7 @@ def test_the_lasers_law_is_the_hidden_one(trained: Any, scored: PredictionScore)
 
 
 def test_the_preset_names_its_maps_beside_it_and_moves_with_them(saved: Path, tmp_path: Path) -> None:
-    assert 'file = "mine.safetensors"' in saved.read_text()
+    assert 'file = "mine.safetensors"' in saved.read_text(encoding="utf-8")
     for path in saved.parent.iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
     moved = preset.load(tmp_path / "mine.toml")
@@ -90,7 +90,7 @@ def test_frames_are_what_the_predictor_expects(saved: Path, trained: Any, backen
 
 
 def test_maps_that_are_missing_damaged_or_of_another_bench_are_named(saved: Path, trained: Any, tmp_path: Path) -> None:
-    text = saved.read_text()
+    text = saved.read_text(encoding="utf-8")
     (tmp_path / "mine.toml").write_text(text)
     with pytest.raises(UserError, match=r"mine\.safetensors: no such file"):
         hv.make_plan(preset.load(tmp_path / "mine.toml"))

@@ -65,6 +65,20 @@ def test_theme_and_layout_come_back_and_hints_come_once(start: Callable[[], Inpu
     assert list(again.session.messages.all) == []
 
 
+def test_without_a_folder_that_can_be_written_to_it_starts_and_says_so(device: Device, tmp_path: Path) -> None:
+    (tmp_path / "home").touch()  # no folder can be made inside a file, not even by root
+    store = SessionStore(tmp_path / "home" / "state")
+    app = run.open_app(EditingSession(small_bench()), device, OffscreenRenderCanvas(size=SIZE), store, [])
+    try:
+        app.context.set_theme("Light")
+        InputDriver(app).draw_frames(3)
+        warnings = [message.text for message in app.session.messages.all if message.kind != "info"]
+        assert len(warnings) == 2 and all("state: can't be made" in text for text in warnings), warnings
+        assert app.context.theme == "Light" and list(tmp_path.iterdir()) == [tmp_path / "home"]
+    finally:
+        app.close()
+
+
 def test_recent_files_are_in_the_menu(make_gui: Callable[..., Gui], tmp_path: Path) -> None:
     picture = tmp_path / "red.png"
     Image.fromarray(np.full((8, 8, 3), (200, 10, 10), np.uint8)).save(picture)

@@ -198,6 +198,14 @@ def test_preferences_are_kept_and_damaged_ones_begun_anew(tmp_path: Path) -> Non
     assert Preferences(path).get("theme") is None
 
 
+def test_preferences_that_cant_be_kept_hold_for_the_process(tmp_path: Path) -> None:
+    (tmp_path / "home").touch()
+    preferences = Preferences(tmp_path / "home" / "state" / "preferences.json")
+    with pytest.raises(UserError, match="state: can't be made"):
+        preferences.set("theme", "light")
+    assert preferences.get("theme") == "light"
+
+
 def test_recent_files_are_newest_first_and_those_that_are_there(tmp_path: Path) -> None:
     preferences = Preferences(tmp_path / "preferences.json")
     files = [tmp_path / name for name in ("a", "b", "c")]

@@ -54,7 +54,7 @@ class Probe(Study):
 
 
 def _times(log: Path, n: int) -> int:
-    return sum(line.split()[0] == str(n) for line in log.read_text().splitlines())
+    return sum(line.split()[0] == str(n) for line in log.read_text(encoding="utf-8").splitlines())
 
 
 STUDY = Probe()

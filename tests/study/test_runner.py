@@ -35,7 +35,7 @@ def _jobs(log: Path, count: int = 6, **settings: Any) -> list[StudyJob]:
 
 
 def _log(log: Path) -> list[int]:
-    return sorted(int(line.split()[0]) for line in log.read_text().splitlines())
+    return sorted(int(line.split()[0]) for line in log.read_text(encoding="utf-8").splitlines())
 
 
 @pytest.fixture
