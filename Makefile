@@ -1,13 +1,15 @@
 # make demo   set up everything, make a hologram of the shipped picture and render what an eye sees
 # make test   set up everything, check style and types, run the tests
 # make test-processors  repeat the tests that depend most on the processor as if on others
+# make test-pythons  install holoview with Python 3.12 and 3.13, where they are found, and run tests there
+# make package  build the source distribution and the wheel into dist/
 # make wheel  build the wheel, install it alone elsewhere and use it
 # make docs   build the manual as a site, out/site/index.html
 # make tutorials  run the tutorials and write what they print and draw into their pages
 # make gallery  run every study at its quick scale and build docs/gallery.md (a quarter of an hour)
 # make still-life  optimise the hologram with which the viewer opens (assets/still-life.safetensors)
 # make bench  time the frame's stages on this machine
-.PHONY: demo test test-processors wheel bench docs tutorials gallery still-life lint package clean help
+.PHONY: demo test test-processors test-pythons wheel bench docs tutorials gallery still-life lint package clean help
 .DEFAULT_GOAL := help
 
 BIN := .venv/bin
@@ -32,6 +34,9 @@ test: lint
 test-processors: .venv/holoview.stamp
 	@bash .ci/adapter
 	@bash .ci/processors
+
+test-pythons: .venv/holoview.stamp
+	@bash .ci/pythons
 
 lint: .venv/holoview.stamp
 	$(BIN)/ruff check .
@@ -60,10 +65,12 @@ still-life: .venv/holoview.stamp
 		--step 0.5 --eyebox 0.01 --drive-type uint8 -o assets/still-life.safetensors
 
 package: .venv/holoview.stamp
+	rm -rf dist
 	$(BIN)/python -m build
 
 wheel: .venv/holoview.stamp
 	@bash .ci/adapter
+	@bash .ci/window
 	@bash .ci/wheel
 
 clean:

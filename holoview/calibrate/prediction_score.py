@@ -23,6 +23,7 @@ from holoview.calibrate.data_split import DataSplit, Indices
 from holoview.calibrate.laser_response import LaserResponse, fit_laser_response
 from holoview.calibrate.training_data import TrainingData, WeightedImage
 from holoview.captures.dataset import Captures
+from holoview.captures.fit_quality import FitQuality
 from holoview.util.progress import ProgressCallback
 
 Tensor = torch.Tensor
@@ -69,18 +70,10 @@ class RegressionSums:
 
 
 @dataclass(frozen=True)
-class FitQuality:
-    """Means over captures of χ² per pixel and PSNR."""
-
-    chi2: float
-    psnr_db: float
-
-
-@dataclass(frozen=True)
 class ScoreRow:
     """The score of the captures of a group (a key of `DataSplit.groups`) and a wavelength (None: all of the group).
 
-    captures: how many there are. before, after: quality of the nominal and of the calibrated model.
+    captures: how many there are. before, after: means over them, of the nominal and of the calibrated model.
     """
 
     group: str

@@ -137,8 +137,8 @@ def _row_as_json(row: ScoreRow) -> dict[str, Any]:
         "group": row.group,
         "wavelength_nm": None if row.wavelength_m is None else _nm(row.wavelength_m),
         "captures": row.captures,
-        "before": {"chi2_per_pixel": _rounded(row.before.chi2), "psnr_db": _rounded(row.before.psnr_db)},
-        "after": {"chi2_per_pixel": _rounded(row.after.chi2), "psnr_db": _rounded(row.after.psnr_db)},
+        "before": {"chi2_per_pixel": _rounded(row.before.chi2_per_pixel), "psnr_db": _rounded(row.before.psnr_db)},
+        "after": {"chi2_per_pixel": _rounded(row.after.chi2_per_pixel), "psnr_db": _rounded(row.after.psnr_db)},
     }
 
 
@@ -149,7 +149,7 @@ def format_score(score: PredictionScore) -> list[str]:
         name = _GROUPS[row.group] if row.wavelength_m is None else f"  {_nm(row.wavelength_m):g} nm"
         lines.append(
             f"{name:22}{row.captures:>9}{row.before.psnr_db:>11.1f} dB{row.after.psnr_db:>6.1f} dB"
-            f"{row.before.chi2:>15.3g}{row.after.chi2:>9.3g}"
+            f"{row.before.chi2_per_pixel:>15.3g}{row.after.chi2_per_pixel:>9.3g}"
         )
     exponent, sigma = score.response.common_exponent
     if math.isfinite(sigma):

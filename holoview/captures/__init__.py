@@ -11,6 +11,7 @@ virtual_measurement   simulates a measurement session
 prepared_captures     images with black subtracted and unusable pixels masked
 noise_model           variances for weights; an estimate of unequal pixel sensitivity (PRNU)
 predictor             expected camera signals for any effects: the fast forward model
+fit_quality           χ² per pixel and PSNR of a prediction of captures
 effect_check          runs users' own effects once before a search
 incoherent_component  one of the fields whose intensities add up, and its illumination
 near_field_model      camera intensity behind one or two modulators, relays and free space

@@ -13,6 +13,7 @@ from holoview.model.effects.effect_table import EffectTable
 from holoview.model.effects.registry import load_user_effects
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
+from holoview.numerics.image_region import Region
 from holoview.util.errors import UserError
 
 _MAX_SEED = 2**63 - 1
@@ -74,6 +75,15 @@ def check_adapter_applies(args: argparse.Namespace) -> None:
     """Raises UserError for --adapter with a backend that uses none, which would ignore it."""
     if args.adapter is not None and args.backend.startswith("torch"):
         raise UserError("--adapter", f"with --backend {args.backend}", expected="--backend wgpu or auto")
+
+
+def parse_region(text: str) -> Region:
+    """The region that --region gives as X,Y,W,H. Raises UserError unless these are four whole numbers from 0."""
+    parts = [part.strip() for part in text.split(",")]
+    if len(parts) != 4 or not all(part.isdecimal() for part in parts):
+        raise UserError("--region", f'"{text}"', expected="x,y,width,height in whole samples, e.g. 100,80,64,64")
+    x, y, width, height = map(int, parts)
+    return x, y, width, height
 
 
 def parse_seed(text: str) -> int:

@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ
-from holoview.commands.arguments import parse_seed, system_from_args
+from holoview.commands.arguments import parse_region, parse_seed, system_from_args
 from holoview.commands.output_files import check_output_file
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.image_quality import central_region
 from holoview.metrics.speckle import independent_patterns, speckle_contrast
 from holoview.model import preset
-from holoview.numerics.image_region import Region
 from holoview.report.figure import require_matplotlib
 from holoview.study.plots import make_figure
 from holoview.study.speckle_figure import speckle_figure
@@ -68,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         require_matplotlib("--plot")
         check_output_file(args.plot, ".png")
     image = _luminance_image(args)
-    region = central_region(image.luminance.shape) if args.region is None else _parse_region(args.region)
+    region = central_region(image.luminance.shape) if args.region is None else parse_region(args.region)
     speckle = speckle_contrast(image.luminance, region)
     patterns = independent_patterns(speckle.contrast)
     result: dict[str, Any] = {
@@ -137,14 +136,6 @@ def _of_hologram(hologram: Hologram, plane: str | None, name: str) -> LuminanceI
     plane_m = float(system.planes_m[len(system.planes_m) // 2]) if plane is None else units.parse(plane, "--plane")
     view = simulate(system, hologram.drive, [plane_m], backend="torch")
     return LuminanceImage(view.xyz[0, ..., 1], f"luminance of {name} at {units.format_exact(plane_m, 'mm')}")
-
-
-def _parse_region(text: str) -> Region:
-    parts = text.split(",")
-    if len(parts) != 4 or not all(part.strip().isdecimal() for part in parts):
-        raise UserError("--region", f'"{text}"', expected="x,y,width,height in samples, e.g. 100,80,64,64")
-    x, y, width, height = (int(part) for part in parts)
-    return x, y, width, height
 
 
 def _write_plot(path: Path, plot: StudyFigure) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.commands.arguments import add_system, parse_seed
+from holoview.commands.arguments import add_system, parse_region, parse_seed
 from holoview.commands.console import print_stderr
 from holoview.commands.output_files import check_output_file
 from holoview.io.hologram import Hologram, load_hologram
@@ -148,7 +148,7 @@ def settings_from_args(args: argparse.Namespace, system: System) -> Settings:
         seed=args.seed,
         free=tuple(name.strip() for name in args.free.split(",") if name.strip()),
         loss=args.loss,
-        region=_parse_region(args, system),
+        region=_region_or_margin(args, system),
         plane_weights=weights,
         eyebox=args.eyebox,
         begin=args.begin,
@@ -157,17 +157,13 @@ def settings_from_args(args: argparse.Namespace, system: System) -> Settings:
     )
 
 
-def _parse_region(args: argparse.Namespace, system: System) -> Region | None:
+def _region_or_margin(args: argparse.Namespace, system: System) -> Region | None:
     """The region that --region or --margin describes; None for the whole image."""
     rows, columns = make_plan(system).grid.shape
     if args.region is not None:
         if args.margin:
             raise UserError("--margin with --region", "contradict each other", expected="one of them")
-        numbers = _parse_numbers(args.region, "--region")
-        if len(numbers) != 4 or any(number != int(number) for number in numbers):
-            raise UserError("--region", args.region, expected="X,Y,W,H in whole samples")
-        x, y, width, height = (int(number) for number in numbers)
-        return x, y, width, height
+        return parse_region(args.region)
     if not 0 <= 2 * args.margin < min(rows, columns):
         raise UserError("--margin", str(args.margin), expected=f"0 to {(min(rows, columns) - 1) // 2} samples")
     margin = args.margin

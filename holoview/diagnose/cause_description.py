@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from holoview.captures.fit_quality import FitQuality
 from holoview.diagnose.confounders import best_separating_capture, lookalike_correlations
-from holoview.diagnose.diagnosis import Cause, FitQuality
+from holoview.diagnose.diagnosis import Cause
 from holoview.diagnose.field_count import is_very_costly
 from holoview.diagnose.fit_statistics import fit_quality
 from holoview.diagnose.held_out_ranking import SearchResult

@@ -10,20 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.captures.fit_quality import FitQuality
 from holoview.diagnose.excess_breakdown import ExcessBreakdown
 from holoview.diagnose.free_parameters import FittedValues
 from holoview.diagnose.uncertainty import Interval
 from holoview.diagnose.verdict import Verdict
 
 Image = NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class FitQuality:
-    """How well a model predicts captures: χ²/n, and mean PSNR (dB) against the brightest 0.1 % of each."""
-
-    chi2_per_pixel: float
-    psnr_db: float
 
 
 @dataclass(frozen=True)

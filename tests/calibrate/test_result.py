@@ -53,7 +53,7 @@ def saved(trained: Any, scored: PredictionScore, tmp_path_factory: pytest.TempPa
 
 def test_scores_rise_on_what_was_held_out_at_every_wavelength(scored: PredictionScore) -> None:
     overall = next(row for row in scored.rows if row.group == "captures" and row.wavelength_m is None)
-    assert overall.after.chi2 < 2 < 50 < overall.before.chi2
+    assert overall.after.chi2_per_pixel < 2 < 50 < overall.before.chi2_per_pixel
     assert all(row.after.psnr_db - row.before.psnr_db > 6 for row in scored.rows)
     assert {row.wavelength_m for row in scored.rows if row.group == "train"} == {None, 460e-9, 532e-9, 638e-9}
 

@@ -100,9 +100,9 @@ def test_memory_cells_need_as_many_levels_as_the_device_has(holoview: Run, pictu
 REFUSED: list[tuple[list[str], str]] = [
     (["--free", "pattern"], 'free: "pattern"; expected patterns, amplitudes, wavelengths; did you mean patterns?'),
     (["--free", ","], "free: nothing; expected at least one"),
-    (["--region", "1,2,3"], "--region: 1,2,3; expected X,Y,W,H"),
+    (["--region", "1,2,3"], '--region: "1,2,3"; expected x,y,width,height'),
     (["--region", "0,0,65,48"], "expected inside the simulated 64 x 48 samples"),
-    (["--region", "a,b,c,d"], "expected numbers with commas"),
+    (["--region", "a,b,c,d"], "expected x,y,width,height in whole samples"),
     (["--margin", "24"], "--margin: 24; expected 0 to 23 samples"),
     (["--margin", "2", "--region", "0,0,9,9"], "--margin with --region: contradict each other"),
     (["--plane-weights", "1,2"], "plane weights: 2 of them; expected one for each of 5 planes"),

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from holoview.captures.dataset import Captures
-from holoview.diagnose.diagnosis import Cause, Diagnosis, FitQuality
+from holoview.captures.fit_quality import FitQuality
+from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.display_gain import DisplayGain
 from holoview.diagnose.html_report import write_report
 from holoview.diagnose.pipeline import diagnose
