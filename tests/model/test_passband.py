@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -39,6 +39,7 @@ _relays = st.builds(
 _sizes = st.tuples(st.integers(2, 40), st.integers(2, 40))
 
 
+@settings(deadline=None)
 @given(
     relay=_relays, pixels=_sizes, upsample=st.integers(1, 3), limits=st.tuples(st.integers(0, 60), st.integers(0, 60))
 )
@@ -51,6 +52,7 @@ def test_columns_pass_the_frequencies_that_rows_pass(
     np.testing.assert_array_equal(_mask(columns, padded[0]).T, _mask(rows, padded[1]))
 
 
+@settings(deadline=None)
 @given(relay=_relays, pixels=_sizes, upsample=st.integers(1, 3))
 def test_the_band_is_the_smallest_rectangle_around_what_passes(
     relay: Relay, pixels: tuple[int, int], upsample: int
@@ -106,6 +108,7 @@ def test_a_displaced_stop_is_the_centred_one_at_other_frequencies() -> None:
         np.testing.assert_array_equal(moved, np.roll(centred, (3, -7), axis=(0, 1)))
 
 
+@settings(deadline=None)
 @given(relay=_relays, pixels=_sizes, upsample=st.integers(1, 3))
 def test_the_steepest_sine_bounds_what_passes(relay: Relay, pixels: tuple[int, int], upsample: int) -> None:
     padded = (pixels[0] * upsample, pixels[1] * upsample)
