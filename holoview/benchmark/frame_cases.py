@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -64,6 +65,8 @@ def case_system(base: System, size: tuple[int, int], wavelengths: int) -> System
 def time_case(device: Device, base: System, case: FrameCase, rounds: int, limit_s: float) -> dict[str, Any]:
     """Times of a case as JSON values, ms; its device times are absent where the device has no timestamps.
 
+    host_ms: processor time of recording and submitting a frame.
+
     limit_s: no further round begins after this time. Raises UserError if the device's limits or memory don't suffice.
     """
     system = case_system(base, case.size, case.wavelengths)
@@ -78,6 +81,7 @@ def time_case(device: Device, base: System, case: FrameCase, rounds: int, limit_
         "first_frame_ms": 1e3 * first_s,
         "median_ms": {name: timings[name].median_ms / count for name, (_, count) in jobs.items()},
         "minimum_ms": {name: timings[name].minimum_ms / count for name, (_, count) in jobs.items()},
+        "host_ms": 1e3 * _host_s(renderer, len(timings[FRAME].seconds)),
         "rounds": len(timings[FRAME].seconds),
         "frame_bytes": frame_bytes(renderer),
         "memory_bytes": renderer.memory_bytes,
@@ -125,6 +129,18 @@ def _jobs(renderer: IncrementalRenderer, row: int) -> dict[str, tuple[TimedJob, 
         **({} if gap is None else {GAP: (gap, 1)}),
         AMPLITUDES: (amplitude_edit(renderer), 1),
     }
+
+
+def _host_s(renderer: IncrementalRenderer, rounds: int) -> float:
+    """Processor time (s) of this thread for recording and submitting a frame: a card can't be faster than that."""
+    seconds = []
+    for _ in range(rounds):
+        renderer.invalidate()
+        start = time.thread_time()
+        renderer.update(with_srgb=False)
+        seconds.append(time.thread_time() - start)
+        renderer.device.wait()
+    return statistics.median(seconds)
 
 
 def _row_length(renderer: IncrementalRenderer) -> int:

@@ -34,11 +34,12 @@ _LIMITS = (
 _METHOD = """\
 Times are medians of wall times in ms, from recording the commands to the end of their execution. All jobs of a row ran
 in turn. "frame" is everything from the light source to XYZ; "in a row" is a frame of several that are waited for once.
-"device" is the sum of the device's own times of all compute passes (timestamps), without gaps between them. "plane",
-"gap" and "lasers" are edits, from the edit to XYZ. "copy" is the share of the bandwidth of a copy that a frame reaches
-by the device's clock. Counted are the bytes that the kernels must read and write: the fields between kernels, patterns,
-intensities and XYZ, but not what a strategy moves between the passes of one transform. A field that fits into the
-device's cache is not limited by its memory, so the share can exceed 100 %. Grids aren't padded; patterns are random."""
+"host" is the processor time in which a frame is recorded and submitted. "device" is the sum of the device's own times
+of all compute passes (timestamps), without gaps between them. "plane", "gap" and "lasers" are edits, from the edit to
+XYZ. "copy" is the share of the bandwidth of a copy that a frame reaches by the device's clock. Counted are the bytes
+that the kernels must read and write: the fields between kernels, patterns, intensities and XYZ, but not what a strategy
+moves between the passes of one transform. A field that fits into the device's cache is not limited by its memory, so
+the share can exceed 100 %. Grids aren't padded; patterns are random."""
 
 
 def report_markdown(data: Values) -> str:
@@ -173,12 +174,13 @@ def _probe(data: Values) -> list[str]:
 def _frames(data: Values) -> Iterator[str]:
     """A table for each size."""
     bandwidth = _copy_bandwidth(data)
-    header = ["λ", "strategy", "λ in a dispatch", "frame", "in a row", "device", "copy", "plane", "plane, device"]
+    columns = ["λ", "strategy", "λ in a dispatch", "frame", "in a row", "host", "device", "copy"]
+    columns += ["plane", "plane, device", "gap", "lasers", "MB moved", "MiB held"]
     for size in data["sizes"]:
         cases = [case for case in results(data, FRAMES) if case["size"] == size]
         yield from ["", f"### {size[0]} × {size[1]}", ""]
         rows = [_frame_row(case, bandwidth) for case in cases]
-        yield from _table([*header, "gap", "lasers", "MB moved", "MiB held"], rows, 2)
+        yield from _table(columns, rows, 2)
         yield from _parts(cases)
 
 
@@ -197,7 +199,7 @@ def _parts(cases: Sequence[Values]) -> Iterator[str]:
 def _frame_row(case: Values, bandwidth: float | None) -> list[str]:
     wall, device = case["median_ms"], case.get("device_ms", {})
     share = share_of_copy(case, bandwidth)
-    times = [wall[FRAME], wall[IN_A_ROW], device.get(FRAME)]
+    times = [wall[FRAME], wall[IN_A_ROW], case["host_ms"], device.get(FRAME)]
     edits = [wall[SCRUB], device.get(SCRUB), wall.get(GAP), wall[AMPLITUDES]]
     return [
         str(case["wavelengths"]),
@@ -274,9 +276,9 @@ def _viewer(data: Values) -> list[str]:
 
 
 def _power(data: Values) -> list[str]:
-    found = next((result for result in results(data, POWER) if result), None)
-    if found is None:
-        return ["Unknown: nvidia-smi isn't there, or tells no power of this adapter."]
+    found = next(iter(results(data, POWER)), None)
+    if not found:
+        return ["Not measured." if found is None else "Unknown: nvidia-smi isn't there, or tells none of this adapter."]
     rows = [
         ["at rest", f"{_number(found['rest_w'])} W"],
         ["frames in a row", f"{_number(found['load_w'])} W of {_number(found['limit_w'])} W"],
@@ -297,4 +299,6 @@ def _problems(data: Values) -> list[str]:
         lines += [f"- {section}, {entry['title']}: {entry['refused']}" for entry in entries if "refused" in entry]
         for entry in (entry for entry in entries if "failed" in entry):
             lines += [f"- {section}, {entry['title']} failed:", "", "```text", entry["failed"].rstrip(), "```"]
+    if not data["is_complete"]:
+        lines.append("- what comes after the last of these results: interrupted")
     return lines or ["Nothing is missing."]
