@@ -66,10 +66,10 @@ def measure_power(renderer: IncrementalRenderer, duration_s: float, program: str
     time.sleep(_REST_S)
     rest = read_card(adapter, program) or state
     job = frames_in_a_row(renderer, _FRAMES)
-    _repeat(job, _SETTLING_S)
+    _repeat(job, _SETTLING_S, [state])
     with _readings(adapter, program) as states:
         start = time.perf_counter()
-        frames = _FRAMES * _repeat(job, duration_s)
+        frames = _FRAMES * _repeat(job, duration_s, states)
         frames_per_s = frames / (time.perf_counter() - start)
     watts = [state.power_w for state in states if state.power_w is not None]
     if not watts:
@@ -116,10 +116,10 @@ def _is_same_card(name: str, adapter: str) -> bool:
     return name in adapter or adapter in name
 
 
-def _repeat(job: TimedJob, duration_s: float) -> int:
-    """Run a job for a time; how often it ran."""
-    deadline, count = time.perf_counter() + duration_s, 0
-    while count == 0 or time.perf_counter() < deadline:
+def _repeat(job: TimedJob, duration_s: float, states: list[CardState]) -> int:
+    """Run a job for a time, and longer if there is no reading yet; how often it ran."""
+    start, count = time.perf_counter(), 0
+    while count == 0 or time.perf_counter() < start + duration_s + (0.0 if states else _TIMEOUT_S):
         job()
         count += 1
     return count
