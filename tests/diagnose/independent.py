@@ -21,7 +21,6 @@ Complex = NDArray[np.complex128]
 _WINDOW = 3  # of the modulators' size: another padding than the model's
 _FULL_WELL = 16000.0  # electrons
 _READ_NOISE, _BLACK, _BITS = 3.0, 64.0, 12
-_LINE_SAMPLES = 13  # of a spectral line, over ±3 standard deviations
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,6 @@ class Faults:
     shift_px: tuple[float, float] = (0.0, 0.0)  # modulator 2, (y, x); multiples of 1/fine
     crosstalk_px: float = 0.0  # Gaussian σ of the optical paths
     tilt_rad: tuple[float, float] = (0.0, 0.0)
-    line_m: float = 0.0  # standard deviation of a laser's Gaussian line
     stops: tuple[StopFault, StopFault] = (StopFault(), StopFault())
     black: float = 0.0  # counts
     vortex: float = 0.0  # a spiral phase on modulator 1, turns: no effect of the library
@@ -117,23 +115,11 @@ def write_session(path: Path, lab: Laboratory) -> Path:
     scale = {λ: rng.uniform(0.6, 1.4) for λ in lab.wavelengths_m}
     images, exposure = [], []
     for k, λ in enumerate(wavelength):
-        signal = scale[λ] * power[k] * line_intensity(lab, levels[k], float(λ))
+        signal = scale[λ] * power[k] * intensity(lab, levels[k], float(λ))
         exposure.append(float(f"{0.8 / np.quantile(signal, 0.999):.3g}"))
         images.append(_counts(rng, signal * exposure[-1], lab.faults.black))
     _write(path, lab, levels, np.stack(images), wavelength, power, np.array(exposure))
     return path
-
-
-def line_intensity(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float) -> Floats:
-    """Mean light of each camera pixel over a laser's line: intensities of its wavelengths add."""
-    if not lab.faults.line_m:
-        return intensity(lab, levels, wavelength_m)
-    away = np.linspace(-3, 3, _LINE_SAMPLES)
-    weights = np.exp(-(away**2) / 2)
-    parts = [
-        w * intensity(lab, levels, wavelength_m + a * lab.faults.line_m) for w, a in zip(weights, away, strict=True)
-    ]
-    return np.sum(parts, axis=0) / weights.sum()
 
 
 def intensity(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float) -> Floats:

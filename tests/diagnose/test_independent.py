@@ -52,7 +52,6 @@ STOPPED: list[tuple[Stop, Faults, str, dict[str, float]]] = [
     ),
     (REAL, Faults(gap_m=1.5e-4), "gap", {"gap_error": 1.5e-4}),
     (REAL, Faults(tilt_rad=(2e-3, -1e-3)), "tilt", {"tilt_y": 2e-3, "tilt_x": -1e-3}),
-    (REAL, Faults(line_m=4e-9), "bandwidth", {"sigma": 4e-9}),
 ]
 
 
@@ -91,7 +90,7 @@ def test_with_its_samples_the_nominal_bench_predicts_them(tmp_path: Path) -> Non
 
 def _with_stops(path: Path, stop: Stop, faults: Faults, seed: int) -> Diagnosis:
     laboratory = Laboratory(faults=faults, seed=seed, each=4, fine=2, stops=(stop, stop))
-    effects = [listed_effects()[n] for n in (*FEW, "bandwidth", "crosstalk", "iris1", "iris2", "slm_alignment")]
+    effects = [listed_effects()[n] for n in (*FEW, "crosstalk", "iris1", "iris2", "slm_alignment")]
     captures = read_captures(write_session(path / "c.h5", laboratory))
     return diagnose(captures, effects, workers=1, free_maps=False, sampling=SAME)
 
