@@ -47,15 +47,29 @@ class PrunedAxis:
 
     def forward(self, field: Tensor, dim: int) -> Tensor:
         """The spectrum in the band, `frequencies` long in an axis, of a field that is `count` long there."""
-        before, after = self.offset, self.padded - self.offset - self.count
-        spectrum = _transformed(torch.fft.fft, _padded(field, dim, before, after), dim)
+        return self._to_band(torch.fft.fft, field, dim)
+
+    def inverse(self, spectrum: Tensor, dim: int) -> Tensor:
+        """The field in the window, `count` long in an axis, of a spectrum that is `frequencies` long there."""
+        return self._to_window(torch.fft.ifft, spectrum, dim)
+
+    def forward_transposed(self, spectrum: Tensor, dim: int) -> Tensor:
+        """The matrix of `forward`, transposed and not conjugated: Σ_k X_k·exp(−2πi·k·(n + offset)/P) in the window."""
+        return self._to_window(torch.fft.fft, spectrum, dim)
+
+    def inverse_transposed(self, field: Tensor, dim: int) -> Tensor:
+        """The matrix of `inverse`, transposed: 1/P·Σ_n x_n·exp(2πi·k·(n + offset)/P) in the band."""
+        return self._to_band(torch.fft.ifft, field, dim)
+
+    def _to_band(self, function: Callable[..., Tensor], field: Tensor, dim: int) -> Tensor:
+        after = self.padded - self.offset - self.count
+        spectrum = _transformed(function, _padded(field, dim, self.offset, after), dim)
         first = self.lowest % self.padded
         start = spectrum.narrow(dim, first, min(self.frequencies, self.padded - first))
         missing = self.frequencies - start.shape[dim]
         return start if missing == 0 else torch.cat([start, spectrum.narrow(dim, 0, missing)], dim=dim)
 
-    def inverse(self, spectrum: Tensor, dim: int) -> Tensor:
-        """The field in the window, `count` long in an axis, of a spectrum that is `frequencies` long there."""
+    def _to_window(self, function: Callable[..., Tensor], spectrum: Tensor, dim: int) -> Tensor:
         first, rest = self.lowest % self.padded, self.padded - self.frequencies
         missing = max(0, first + self.frequencies - self.padded)
         if missing:
@@ -64,7 +78,7 @@ class PrunedAxis:
             spectrum = torch.cat([_padded(wrapped, dim, 0, rest), start], dim=dim)
         else:
             spectrum = _padded(spectrum, dim, first, rest - first)
-        return _transformed(torch.fft.ifft, spectrum, dim).narrow(dim, self.offset, self.count)
+        return _transformed(function, spectrum, dim).narrow(dim, self.offset, self.count)
 
 
 @dataclass(frozen=True)

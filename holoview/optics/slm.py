@@ -41,8 +41,8 @@ def _levels(drive: torch.Tensor, modulator: Modulator) -> torch.Tensor:
     return torch.as_tensor(modulator.levels.copy(), dtype=drive.dtype, device=drive.device)
 
 
-def phasor(opd_m: torch.Tensor, wavelength_m: float, dtype: torch.dtype) -> torch.Tensor:
-    """exp(2πi·opd/λ) in a complex dtype, of the shape of `opd_m`.
+def phasor(opd_m: torch.Tensor, wavelength_m: float | torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
+    """exp(2πi·opd/λ) in a complex dtype, of the shape of `opd_m`; a tensor of wavelengths is broadcast.
 
     The turns are reduced modulo 1 in the precision of `opd_m`; sine and cosine are computed in that of `dtype`.
     """

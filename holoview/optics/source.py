@@ -14,18 +14,20 @@ def plane_wave(plan: Plan, wavelength: int, source: int, dtype: torch.dtype, dev
 
     The slopes s (turns a sample) are `plan.slopes`; positions count from the grid's centre, (N − 1)/2.
     """
-    return _wave(plan, wavelength, source, 1).to(dtype).to(device)
+    column, row = wave_axes(plan, wavelength, source, 1)
+    return (column[:, None] * row[None, :]).to(dtype).to(device)
 
 
 def pixel_wave(plan: Plan, wavelength: int, source: int, dtype: torch.dtype, device: torch.device) -> torch.Tensor:
     """The plane wave at the first sample of each modulator pixel, (rows, columns) complex."""
-    return _wave(plan, wavelength, source, plan.grid.upsample).to(dtype).to(device)
+    column, row = wave_axes(plan, wavelength, source, plan.grid.upsample)
+    return (column[:, None] * row[None, :]).to(dtype).to(device)
 
 
-def _wave(plan: Plan, wavelength: int, source: int, stride: int) -> torch.Tensor:
-    """The wave at every `stride`-th sample, complex128: the product of a column and a row."""
+def wave_axes(plan: Plan, wavelength: int, source: int, stride: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """The plane wave at every `stride`-th sample, whose product over the axes (y, x) it is: two complex128 vectors."""
     column, row = (
         phasor_of_turns(centred_indices(n, torch.float64, torch.device("cpu"))[::stride] * float(slope))
         for n, slope in zip(plan.grid.shape, plan.slopes[source, wavelength], strict=True)
     )
-    return column[:, None] * row[None, :]
+    return column, row

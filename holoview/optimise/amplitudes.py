@@ -3,11 +3,13 @@
     minimise Σ_{plane, channel, pixel} (Σ_j a_j·M_jc·I_j − T_c)²   over a ≥ 0
 
 with the intensity I_j of laser j at unit amplitude, its colour M_jc and the target T_c. Only the Gram matrix
-G_ij = (I_i·I_j)(M_i·M_j) and the right-hand side b_i = Σ_c M_ic (I_i·T_c) are needed; both are accumulated plane by
-plane. In a process group, each process fills the rows of its own lasers.
+G_ij = (I_i·I_j)(M_i·M_j) and the right-hand side b_i = Σ_c M_ic (I_i·T_c) are needed; both are accumulated part by
+part. In a process group, each process fills the rows of its own lasers.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -24,8 +26,16 @@ Floats = NDArray[np.float64]
 _EIGENVALUE_FLOOR = 1e-6
 
 
+@dataclass(frozen=True)
+class NormalEquations:
+    """The rows of own lasers, for some samples: gram (own laser, laser) and right_hand_side (own laser,)."""
+
+    gram: Floats
+    right_hand_side: Floats
+
+
 class AmplitudeLeastSquares:
-    """Accumulates the normal equations plane by plane.
+    """Accumulates the normal equations part by part.
 
     laser_channels (laser, channel): what each laser of the whole process group adds to the image at unit amplitude and
     intensity.
@@ -37,18 +47,22 @@ class AmplitudeLeastSquares:
         self._own_rows = group.shard(count)
         self._gram, self._right_hand_side = np.zeros((count, count)), np.zeros(count)
 
-    def add_plane(self, intensity: Tensor, target: Tensor, weight: float = 1.0) -> None:
-        """Adds a plane: intensity (own laser, …) at unit amplitude and target (channel, …) of equal trailing shape."""
+    def normal_equations(self, intensity: Tensor, target: Tensor) -> NormalEquations:
+        """What samples add: intensity (own laser, …) at unit amplitude, target (channel, …) of equal trailing shape."""
         own_images, target_channels = intensity.flatten(1), target.flatten(1)
+        gram = np.zeros((len(own_images), len(self._laser_channels)))
         for columns, images in self._group.broadcast_shards(own_images, len(self._laser_channels)):
-            self._gram[self._own_rows, columns] += weight * (own_images @ images.T).cpu().double().numpy()
+            gram[:, columns] = (own_images @ images.T).cpu().double().numpy()
         products = (own_images @ target_channels.T).cpu().double().numpy()
-        self._right_hand_side[self._own_rows] += weight * np.einsum(
-            "lc,lc->l", self._laser_channels[self._own_rows], products
-        )
+        return NormalEquations(gram, np.einsum("lc,lc->l", self._laser_channels[self._own_rows], products))
+
+    def add(self, part: NormalEquations, weight: float = 1.0) -> None:
+        """Adds a part of the samples."""
+        self._gram[self._own_rows] += weight * part.gram
+        self._right_hand_side[self._own_rows] += weight * part.right_hand_side
 
     def all_reduce(self) -> None:
-        """Gives every process all rows; to be called after the last plane."""
+        """Gives every process all rows; to be called after the last part."""
         self._group.all_reduce_sum(torch.from_numpy(self._gram), torch.from_numpy(self._right_hand_side))
 
     @property

@@ -13,6 +13,7 @@ from __future__ import annotations
 import torch
 
 from holoview.model.plan import Plan
+from holoview.numerics.pruned_fft import PrunedTransform
 from holoview.numerics.resample import upsample_nearest
 from holoview.optics.sampled_effects import SampledTransmissions
 from holoview.optics.slm import phasor
@@ -41,34 +42,37 @@ class AutogradModel(ForwardModel):
         """Computes the spectra behind the last modulator for nominal optical paths (frame, modulator, y, x), m."""
         assert not wavelength_gradient
         self.opd_m = opd_m.detach().requires_grad_()
-        self.z_weighted_adjoint, self._graph_spectra = None, []
+        self._graph_spectra = []
         with torch.enable_grad():
-            for i, beam in enumerate(self.beams):
-                spectrum = self._spectrum(beam.frame, beam.wavelength, beam.source)
-                self._graph_spectra.append(spectrum)
-                self.spectra[i] = spectrum.detach()
-        self.adjoint_spectra.zero_()
+            for i, (frame, wavelength) in enumerate(self.lasers):
+                for source in range(self.source_count):
+                    spectrum = self._spectrum(frame, wavelength, source)
+                    self._graph_spectra.append((spectrum, i, source))
+                    self.spectrum(i, source).write(slice(0, spectrum.shape[1]), spectrum.detach())
+        self._clear_adjoints(False)
 
     def accumulate_gradients(
         self, path_gradient: Tensor, wavelength_gradient: Tensor | None = None, level_steps: LevelSteps | None = None
     ) -> None:
         """Adds ∂L/∂opd to `path_gradient` (frame, modulator, y, x)."""
         assert wavelength_gradient is None
-        for spectrum, adjoint in zip(self._graph_spectra, self.adjoint_spectra, strict=True):
+        for spectrum, laser, source in self._graph_spectra:
+            adjoint = self.adjoint_spectrum(laser, source).whole
             (gradient,) = torch.autograd.grad(spectrum, self.opd_m, adjoint.conj())  # torch: ∂L/∂Re + i·∂L/∂Im
             path_gradient += gradient
         self._graph_spectra = []
 
     def _spectrum(self, frame: int, wavelength: int, source: int) -> Tensor:
-        """W of a beam (P_y, P_x)."""
+        """W of a beam (frequency_y, frequency_x)."""
         field = self._modulator_transmission(frame, 0, wavelength)
         if self.plan.slopes[source, wavelength].any():
             field = field * plane_wave(self.plan, wavelength, source, self.complex_dtype, self.device)
-        spectrum = self._padded_fft(field)
+        y, x = self.axes
+        spectrum = PrunedTransform((y.undisplaced_gap, x.undisplaced_gap)).forward(field)
         if not self.has_second_modulator:
             return spectrum
-        field = torch.fft.ifft2(spectrum * self.transfer_functions.across_gap(wavelength))[self.plan.grid.inside]
-        return self._padded_fft(field * self._modulator_transmission(frame, 1, wavelength))
+        field = PrunedTransform((y.gap, x.gap)).inverse(spectrum * self.transfer_functions.across_gap(wavelength))
+        return PrunedTransform((y.last, x.last)).forward(field * self._modulator_transmission(frame, 1, wavelength))
 
     def _modulator_transmission(self, frame: int, modulator: int, wavelength: int) -> Tensor:
         """Complex transmission (y, x) of a modulator on the simulation grid."""
@@ -80,18 +84,14 @@ class AutogradModel(ForwardModel):
         pixels = phasor(self.opd_m[frame, modulator] * scale, λ, self.complex_dtype)
         return upsample_nearest(pixels, self.plan.grid.upsample)
 
-    def _padded_fft(self, field: Tensor) -> Tensor:
-        (top, left), (ny, nx) = self.plan.grid.offset, field.shape
-        py, px = self.plan.grid.padded
-        edges = (left, px - nx - left, top, py - ny - top)
-        return torch.fft.fft2(torch.nn.functional.pad(field, edges))
 
-
-def make_forward_model(plan: Plan, *, device: str, keep_fields: bool, double: bool = False) -> ForwardModel:
+def make_forward_model(
+    plan: Plan, *, device: str, double: bool = False, rows_at_a_time: int | None = None
+) -> ForwardModel:
     """The model of a plan: an `AutogradModel` if effects change the light of its modulators. Arguments as there."""
     strokes_m = [[m.stroke_m for m in system.modulators] for system in (plan.system, plan.nominal)]
     needs_autograd = plan.nominal.effects and (
         strokes_m[0] != strokes_m[1] or SampledTransmissions(plan, torch.empty(0)).is_any_sampled
     )
     model = AutogradModel if needs_autograd else ForwardModel
-    return model(plan, double=double, device=device, keep_fields=keep_fields)
+    return model(plan, double=double, device=device, rows_at_a_time=rows_at_a_time)

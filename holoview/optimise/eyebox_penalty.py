@@ -16,8 +16,6 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.optics.first_order import first_order
-from holoview.optics.frame_inputs import pupil_with_effects
-from holoview.optics.propagate import relay_transfer_function
 from holoview.optimise.forward_model import ForwardModel
 
 Tensor = torch.Tensor
@@ -30,21 +28,28 @@ class EyeboxPenalty:
     def __init__(self, model: ForwardModel) -> None:
         self._model = model
         order = first_order(model.plan.grid)
-        self._rows, self._columns = (torch.from_numpy(bins).to(model.device) for bins in order.bins)
-        self._row_blocks, self._column_blocks = (
-            torch.from_numpy(order.block_matrix(axis)).to(model.real_dtype).to(model.device) for axis in (0, 1)
-        )
-        self._stop_transmittances = {λ: self._stop_transmittance(λ) for λ in {beam.wavelength for beam in model.beams}}
+        chosen, blocks = [], []
+        for axis, band in enumerate(model.axes):
+            bins = order.bins[axis]
+            entries = np.full(model.plan.grid.padded[axis], -1)
+            entries[band.last_frequencies.numpy()] = np.arange(band.last.frequencies)
+            passes = entries[bins] >= 0  # other bins are dark: they count in their blocks and add nothing
+            chosen.append(torch.from_numpy(entries[bins][passes]).to(model.device))
+            matrix = torch.from_numpy(order.block_matrix(axis)[:, passes])
+            blocks.append(matrix.to(model.real_dtype).to(model.device))
+        self._rows, self._columns = chosen
+        self._row_blocks, self._column_blocks = blocks
+        self._stop_transmittances = {λ: self._stop_transmittance(λ) for λ in {λ for _, λ in model.lasers}}
 
     def block_means(self, amplitudes: Floats) -> Tensor:
         """Mean light E (wavelength, blocks, blocks) for laser amplitudes (frame, wavelength)."""
         model = self._model
         sides = (len(self._row_blocks), len(self._column_blocks))
         light = torch.zeros(amplitudes.shape[1], *sides, dtype=model.real_dtype, device=model.device)
-        for i, beam in enumerate(model.beams):
-            power = self._first_order(model.spectra[i]).abs().square() * self._stop_transmittances[beam.wavelength]
-            amplitude = float(amplitudes[beam.frame, beam.wavelength])
-            light[beam.wavelength] += amplitude * (self._row_blocks @ power @ self._column_blocks.T)
+        for laser, (frame, λ) in enumerate(model.lasers):
+            for source in range(model.source_count):
+                power = self._first_order(laser, source).abs().square() * self._stop_transmittances[λ]
+                light[λ] += float(amplitudes[frame, λ]) * (self._row_blocks @ power @ self._column_blocks.T)
         return light
 
     def variation(self, blocks: Tensor) -> float:
@@ -62,24 +67,24 @@ class EyeboxPenalty:
         square = relative.square().mean(dim=(1, 2), keepdim=True)
         scale = weight / max(int(lit.sum()), 1)
         block_gradient = scale * 2 * (relative - square) / (mean * relative[0].numel()) * lit[:, None, None]
-        for i, beam in enumerate(model.beams):
-            amplitude = float(amplitudes[beam.frame, beam.wavelength])
+        for laser, (frame, λ) in enumerate(model.lasers):
+            amplitude = float(amplitudes[frame, λ])
             if amplitude == 0.0:
                 continue
-            power_gradient = self._row_blocks.T @ block_gradient[beam.wavelength] @ self._column_blocks
-            adjoint = self._first_order(model.spectra[i]).conj() * (
-                2 * amplitude * power_gradient * self._stop_transmittances[beam.wavelength]
-            )
-            model.adjoint_spectra[i].index_put_((self._rows[:, None], self._columns[None, :]), adjoint, accumulate=True)
+            power_gradient = self._row_blocks.T @ block_gradient[λ] @ self._column_blocks
+            factor = 2 * amplitude * power_gradient * self._stop_transmittances[λ]
+            for source in range(model.source_count):
+                adjoint = model.adjoint_spectrum(laser, source)
+                part = torch.zeros_like(adjoint.whole)
+                part[self._rows[:, None], self._columns[None, :]] = self._first_order(laser, source).conj() * factor
+                adjoint.add(slice(0, part.shape[1]), part)
         return scale * float((square.flatten()[lit] - 1).sum())
 
-    def _first_order(self, spectrum: Tensor) -> Tensor:
-        return spectrum[self._rows[:, None], self._columns[None, :]]
+    def _first_order(self, laser: int, source: int) -> Tensor:
+        return self._model.spectrum(laser, source).whole[self._rows[:, None], self._columns[None, :]]
 
     def _stop_transmittance(self, wavelength: int) -> Tensor:
         """Power transmission of the last relay's stops and apodisation over the first order: its |H|² at distance 0."""
-        plan, cpu = self._model.plan, torch.device("cpu")
-        pupil = pupil_with_effects(plan, 1, wavelength)
-        transfer = relay_transfer_function(plan.transfer(1, wavelength, 0.0), plan.grid, pupil, torch.complex128, cpu)
-        power = transfer.abs().square()[self._rows.cpu()[:, None], self._columns.cpu()[None, :]]
-        return power.to(self._model.real_dtype).to(self._model.device)
+        transfer = self._model.transfer_functions.relay_transfer(1, wavelength, 0.0)
+        power = transfer.abs().square().to(self._model.real_dtype).to(self._model.device)
+        return power[self._rows[:, None], self._columns[None, :]]

@@ -6,139 +6,133 @@ for what lies on the modulator's area:
 
     V = B·H_gap·F[s·p₁],  w = [F⁻¹V]·p₂,  W = F w,  E_k = [F⁻¹ H_k W],  I_k = |E_k|²          (one modulator: W = V)
 
-The first FFT is one of pixels, not of samples: the spectrum of an upsampled pattern is that of its pixels, repeated.
+Only frequencies that pass the relays' stops are computed (`spectral_axes`). The first FFT is one of pixels, not of
+samples: the spectrum of an upsampled pattern is that of its pixels, repeated.
 
 The adjoint carries conjugate gradients c, defined by dL = Re Σ c·dx, from the planes back to the modulators. They need
 the H themselves where gradients would need their conjugates:
 
-    c_E = ∂L/∂I·conj(E)·2,  c_W = Σ_k H_k·F⁻¹c_E,  c_w = F c_W,  ∂L/∂opd₂ = −(2π/λ)·Im(c_w·w),  c_V = F⁻¹(c_w·p₂), …
+    c_E = ∂L/∂I·conj(E)·2,  c_W = Σ_k H_k·F⁻¹c_E,  and from there on `modulator_light`
 
-with products c·w summed over the samples of each pixel.
-
-An evaluation calls `forward` once, `plane_intensity` and then `backpropagate_plane` for one plane after the other, so
-that the fields of only one plane are in memory, and at last `accumulate_gradients`.
+An evaluation calls `forward` once, `process_planes`, and at last `accumulate_gradients`. Planes come one after the
+other, so that the fields of only one are in memory. The loss at a sample depends on the fields at this sample only, so
+that a plane is processed in blocks of rows: transformed along x, compared with the target and transformed back while
+the block is in the cache.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
 
 import torch
 
 from holoview.model.plan import Plan
-from holoview.numerics.image_region import zero_outside
-from holoview.optics.slm import fold_spectrum, phasor, sum_pool
+from holoview.optimise.beam_blocks import block_bytes, group_beams, slices
+from holoview.optimise.beam_fields import BeamFields, ColumnBlocks, make_beam_fields, make_lines
 from holoview.optimise.lasers import lit_lasers
 from holoview.optimise.level_gradients import LevelSteps, secant_gradient
+from holoview.optimise.modulator_light import ModulatorLight
+from holoview.optimise.plane_propagation import PlanePropagation
+from holoview.optimise.spectral_axes import SpectralAxis, spectral_axes
+from holoview.optimise.threads import ThreadTeam
 from holoview.optimise.transfer_functions import TransferFunctions
 from holoview.optimise.wavelength_gradient import BeamAdjoint, wavelength_derivative
 
 Tensor = torch.Tensor
-
-
-@dataclass(frozen=True)
-class CoherentBeam:
-    """The light of one laser from one source direction. laser: index in `ForwardModel.lasers`; others: in the plan."""
-
-    laser: int
-    frame: int
-    wavelength: int
-    source: int
+Result = TypeVar("Result")
+ProcessRows = Callable[[int, slice, Tensor], Result]
+"""Is given a plane, rows and the fields E (laser, source, row, x) there; replaces these by c_E to carry them back."""
 
 
 class ForwardModel:
-    """Intensities of each laser and frame of a plan, and gradients with respect to the optical-path maps.
+    """Fields of each laser, frame and source of a plan, and gradients with respect to the optical-path maps.
+
+    A beam is the light of one laser from one source; fields are (laser, source, …).
 
     lasers: (frame, wavelength) of every laser that is on. double: compute in complex128 instead of complex64.
-    keep_fields: keep the fields of all beams at the present plane for `backpropagate_plane`. Otherwise they are
-    propagated a second time, which costs a third more FFTs and saves one padded field a beam.
+    rows_at_a_time: process planes in blocks of so many rows, one after the other in the calling thread; by default in
+    blocks that fit the cache, in several threads.
     """
 
+    axes: tuple[SpectralAxis, SpectralAxis]
     transfer_functions: TransferFunctions
+    _fields: list[BeamFields]
+    _light: ModulatorLight
+    _lines: Tensor
 
-    def __init__(self, plan: Plan, *, double: bool = False, device: str = "cpu", keep_fields: bool = True) -> None:
-        self.plan = plan
+    def __init__(
+        self, plan: Plan, *, double: bool = False, device: str = "cpu", rows_at_a_time: int | None = None
+    ) -> None:
         self.device = torch.device(device)
         self.complex_dtype = torch.complex128 if double else torch.complex64
         self.real_dtype = torch.float64 if double else torch.float32
         self.lasers = lit_lasers(plan)
         self.source_count = len(plan.slopes)
-        self.beams = [
-            CoherentBeam(i, *laser, s) for i, laser in enumerate(self.lasers) for s in range(self.source_count)
-        ]
         self.has_second_modulator = plan.system.gap_m is not None
-        self.keeps_fields = keep_fields
-        count = len(self.beams)
-        # An FFT's result is copied into these buffers and released at once: the next FFT then gets the same memory,
-        # which is still in the processor's cache. That saves more than the copy costs.
-        self.spectra = self._zero_fields(count)  # W of each beam
-        self._exit_fields = self._zero_fields(count if self.has_second_modulator else 0)  # w of each beam
-        self._plane_fields = self._zero_fields(count if keep_fields else 1)  # E of each beam at the present plane
-        self.adjoint_spectra = self._zero_fields(count)  # c_W of each beam
-        self._scratch = self._zero_fields(1)[0]
-        self._real_scratch = torch.empty(plan.grid.shape, dtype=self.real_dtype, device=self.device)
-        self.z_weighted_adjoint: Tensor | None = None  # Σ z_k·(part of plane k in c_W) of each beam, for ∂L/∂λ
+        self._rows_at_a_time, self._team = rows_at_a_time, ThreadTeam(self.device)
+        self._z_weighted_adjoints: list[ColumnBlocks] = []  # Σ z_k·(part of plane k in c_W), for ∂L/∂λ
+        self.plan = plan
         self.set_plan(plan)
 
     def set_plan(self, plan: Plan) -> None:
         """Changes to a plan of the same grid, lasers and planes, but other wavelengths."""
         assert plan.grid == self.plan.grid
-        self.plan = plan
+        self.plan, self.axes = plan, spectral_axes(plan)
         with suppress(AttributeError):  # there are none yet in a new model
-            del self.transfer_functions  # frees their memory before the next ones take it
-        self.transfer_functions = TransferFunctions(plan, self.complex_dtype, self.device)
+            del self.transfer_functions, self._light, self._fields, self._lines  # frees memory for the next ones
+        limit, number_bytes, (rows, columns) = block_bytes(self.device), self.complex_dtype.itemsize, plan.grid.padded
+        self.transfer_functions = TransferFunctions(
+            plan, self.axes, max(1, limit // (rows * number_bytes)), self.complex_dtype, self.device
+        )
+        wavelengths = self.transfer_functions.wavelengths
+        groups = group_beams(self.lasers, wavelengths, self.source_count, rows * columns * number_bytes, limit)
+        beams, frequencies = (len(self.lasers), self.source_count), self.axes[1].last.frequencies
+        self._lines = make_lines(beams, plan.grid.shape[0], frequencies, self.complex_dtype, self.device)
+        blocks = self.transfer_functions.columns
+        self._fields = [
+            make_beam_fields(group, self.axes, blocks, self._lines, self.has_second_modulator) for group in groups
+        ]
+        self._light = ModulatorLight(plan, self.lasers, self.transfer_functions)
+        self._propagation = PlanePropagation(self.axes)
+
+    def spectrum(self, laser: int, source: int) -> ColumnBlocks:
+        """W of a beam, (k_y, k_x) at the frequencies of `axes`; what is written to it is used from then on."""
+        return self._of_beam(laser, source, [fields.spectra for fields in self._fields])
+
+    def adjoint_spectrum(self, laser: int, source: int) -> ColumnBlocks:
+        """c_W of a beam, as `spectrum`."""
+        return self._of_beam(laser, source, [fields.adjoint_spectra for fields in self._fields])
 
     def forward(self, opd_m: Tensor, *, wavelength_gradient: bool = False) -> None:
         """Computes the spectra behind the last modulator for optical paths (frame, modulator, y, x), m.
 
         wavelength_gradient: also prepare what `accumulate_gradients` needs for the gradient of the wavelengths.
         """
-        self.opd_m, self._phasors = opd_m, []
-        self.z_weighted_adjoint = self._zero_fields(len(self.beams)) if wavelength_gradient else None
-        for i, beam in enumerate(self.beams):
-            λ = float(self.plan.system.wavelengths_m[beam.wavelength])
-            first, *rest = (phasor(opd, λ, self.complex_dtype) for opd in opd_m[beam.frame])
-            wave = self.transfer_functions.illumination(beam.wavelength, beam.source)
-            self._phasors.append((first if wave is None else first * wave, *rest))
-            self._incident_spectrum(i, self._scratch if self.has_second_modulator else self.spectra[i])
-            if self.has_second_modulator:
-                self._exit_fields[i].copy_(torch.fft.ifft2(self._scratch))
-                self._modulate(self._exit_fields[i], rest[0])
-                self.spectra[i].copy_(torch.fft.fft2(self._exit_fields[i]))
-        self.adjoint_spectra.zero_()
+        self.opd_m = opd_m
+        self._phasors = self._team.map(lambda fields: self._light.compute_spectra(fields, opd_m), self._fields)
+        self._clear_adjoints(wavelength_gradient)
 
-    def plane_intensity(self, plane: int, out: Tensor) -> None:
-        """Writes the intensity of every laser at a focal plane, mean over sources, unit amplitude: (laser, y, x)."""
-        for i, beam in enumerate(self.beams):
-            field = self._field_at(i, plane)
-            total = out[beam.laser]
-            if beam.source == 0:
-                torch.mul(field.real, field.real, out=total)
-            else:
-                total.addcmul_(field.real, field.real)
-            total.addcmul_(field.imag, field.imag)
-            if beam.source == self.source_count - 1 > 0:
-                total.div_(self.source_count)
+    def process_planes(
+        self, planes: Sequence[int], process_rows: ProcessRows[Result], *, carry_back: bool
+    ) -> list[list[Result]]:
+        """Calls a function with the fields at each plane, block by block of rows.
 
-    def backpropagate_plane(self, plane: int, intensity_gradient: Tensor) -> None:
-        """Adds a plane's part to c_W: ∂L/∂intensity (laser, y, x) of the plane whose intensity was computed last."""
-        for i, beam in enumerate(self.beams):
-            field = self._plane_fields[i][self.plan.grid.inside] if self.keeps_fields else self._field_at(i, plane)
-            if beam.source == 0:
-                torch.neg(intensity_gradient[beam.laser], out=self._real_scratch)
-            field.real.mul_(intensity_gradient[beam.laser])  # in place: E becomes ∂L/∂I·conj(E)
-            field.imag.mul_(self._real_scratch)
-            padded_field = self._plane_fields[i if self.keeps_fields else 0]
-            zero_outside(padded_field, *self.plan.grid.inside)
-            factor = 2.0 / self.source_count
-            adjoint, transfer = torch.fft.ifft2(padded_field), self._plane_transfer(i, plane)
-            self.adjoint_spectra[i].addcmul_(adjoint, transfer, value=factor)
-            if self.z_weighted_adjoint is not None:
-                factor *= float(self.plan.planes_m[plane])
-                self.z_weighted_adjoint[i].addcmul_(adjoint, transfer, value=factor)
-            del adjoint  # its memory is for the next FFT
+        Returns its results for each plane, from top to bottom. carry_back: the function leaves c_E in place of the
+        fields, whose part in c_W is then added.
+        """
+        blocks = [(i, block) for i in range(len(self._fields)) for block in range(len(self.transfer_functions.columns))]
+        results, before = [], None
+        for plane in planes:
+            self._team.map(partial(self._process_columns, before, plane), blocks)
+            results.append(self._process_rows(plane, process_rows, carry_back))
+            before = plane if carry_back else None
+        if before is not None:
+            self._team.map(partial(self._process_columns, before, None), blocks)
+        return results
 
     def accumulate_gradients(
         self, path_gradient: Tensor, wavelength_gradient: Tensor | None = None, level_steps: LevelSteps | None = None
@@ -147,93 +141,108 @@ class ForwardModel:
 
         With `level_steps`, the secant to each pixel's neighbouring level takes the place of ∂L/∂opd.
         """
-        for i, beam in enumerate(self.beams):
-            pixel_products, incident_adjoint = self._backpropagate_beam(i)
-            self._add_path_gradient(path_gradient, beam, pixel_products, level_steps)
-            if wavelength_gradient is not None:
-                derivative = self._wavelength_derivative(i, pixel_products, incident_adjoint)
-                wavelength_gradient[beam.wavelength] += derivative
-
-    def _backpropagate_beam(self, i: int) -> tuple[list[Tensor], Tensor]:
-        """Products c·w (y, x) of each modulator, summed over the samples of a pixel; and c_V. Overwrites w."""
-        beam, upsample = self.beams[i], self.plan.grid.upsample
-        incident_adjoint = self.adjoint_spectra[i]
-        later_products: list[Tensor] = []
-        if self.has_second_modulator:
-            adjoint = torch.fft.fft2(self.adjoint_spectra[i])
-            product = self._exit_fields[i].mul_(adjoint)[self.plan.grid.inside]
-            later_products.append(sum_pool(product, upsample))
-            self._modulate(adjoint, self._phasors[i][1])
-            incident_adjoint = torch.fft.ifft2(adjoint)
-        transfer = self.transfer_functions.from_first_modulator(beam.wavelength, beam.source)
-        first_adjoint = torch.mul(incident_adjoint, transfer, out=self._scratch)
-        pixels = torch.fft.fft2(fold_spectrum(first_adjoint, upsample))[self._active_area]
-        return [pixels.mul_(self._phasors[i][0]), *later_products], incident_adjoint
-
-    def _add_path_gradient(
-        self, path_gradient: Tensor, beam: CoherentBeam, pixel_products: list[Tensor], level_steps: LevelSteps | None
-    ) -> None:
-        λ = float(self.plan.system.wavelengths_m[beam.wavelength])
-        for modulator, product in enumerate(pixel_products):
-            if level_steps is None:
-                path_gradient[beam.frame, modulator].sub_(product.imag, alpha=2 * math.pi / λ)
-            else:
-                step_m = level_steps.path_m[beam.frame, modulator]
-                curvature = float(level_steps.curvature[beam.laser, modulator]) / self.source_count
-                path_gradient[beam.frame, modulator] += secant_gradient(product, step_m, λ, curvature)
-
-    def _wavelength_derivative(self, i: int, pixel_products: list[Tensor], incident_adjoint: Tensor) -> float:
-        assert self.z_weighted_adjoint is not None
-        beam = self.beams[i]
-        incident = self._incident_spectrum(i, self._scratch) if self.has_second_modulator else self.spectra[i]
-        fields = BeamAdjoint(
-            wavelength=beam.wavelength,
-            source=beam.source,
-            spectrum=self.spectra[i],
-            spectrum_adjoint=self.adjoint_spectra[i],
-            z_weighted_adjoint=self.z_weighted_adjoint[i],
-            incident_spectrum=incident,
-            incident_adjoint=incident_adjoint,
-            opd_m=self.opd_m[beam.frame],
-            pixel_products=pixel_products,
+        has_wavelengths = wavelength_gradient is not None
+        parts = self._team.map(
+            lambda index: self._group_gradients(index, has_wavelengths, level_steps), range(len(self._fields))
         )
-        return wavelength_derivative(self.plan, self.transfer_functions, fields)
+        for fields, (gradients, derivatives) in zip(self._fields, parts, strict=True):
+            for i, (frame, _) in enumerate(self.lasers[fields.group.lasers]):
+                path_gradient[frame].add_(gradients[i])
+            for wavelength, derivative in derivatives:
+                assert wavelength_gradient is not None
+                wavelength_gradient[wavelength] += derivative
 
-    def _incident_spectrum(self, i: int, out: Tensor) -> Tensor:
-        """Writes V to `out` (P_y, P_x): the spectrum incident on modulator 2, or behind the only one."""
-        beam, upsample = self.beams[i], self.plan.grid.upsample
-        rows, columns = (p // upsample for p in self.plan.grid.padded)
-        pixels = torch.zeros(rows, columns, dtype=self.complex_dtype, device=self.device)
-        pixels[self._active_area] = self._phasors[i][0]
-        spectrum = torch.fft.fft2(pixels)[None, :, None, :]
-        transfer = self.transfer_functions.from_first_modulator(beam.wavelength, beam.source)
-        tiles = (upsample, rows, upsample, columns)
-        torch.mul(transfer.view(tiles), spectrum, out=out.view(tiles))
-        return out
+    # --- planes -----------------------------------------------------------------------------------------------------
 
-    def _field_at(self, i: int, plane: int) -> Tensor:
-        """E of a beam at a plane (y, x): a view of the padded field, which `backpropagate_plane` overwrites."""
-        torch.mul(self.spectra[i], self._plane_transfer(i, plane), out=self._scratch)
-        buffer = self._plane_fields[i if self.keeps_fields else 0]
-        buffer.copy_(torch.fft.ifft2(self._scratch))
-        return buffer[self.plan.grid.inside]
+    def _process_columns(self, before: int | None, plane: int | None, chosen: tuple[int, int]) -> None:
+        """Carries a block of columns back from the plane before and on to the next one, if there are these planes."""
+        index, block = chosen
+        fields, transfers = self._fields[index], self.transfer_functions.planes[block]
+        wavelengths = fields.group.wavelengths
+        if before is not None:
+            adjoint = self._propagation.carry_back(fields, block, transfers[wavelengths, before, None])
+            if self._z_weighted_adjoints:
+                z_m = float(self.plan.planes_m[before])
+                weighted = self._z_weighted_adjoints[index].blocks[block]
+                weighted.addcmul_(adjoint, transfers[wavelengths, before, None], value=z_m)
+        if plane is not None:
+            self._propagation.to_plane(fields, block, transfers[wavelengths, plane, None])
 
-    def _plane_transfer(self, i: int, plane: int) -> Tensor:
-        return self.transfer_functions.to_plane(self.beams[i].wavelength, plane)
+    def _process_rows(self, plane: int, process_rows: ProcessRows[Result], carry_back: bool) -> list[Result]:
+        def process(rows: slice) -> Result:
+            return self._propagation.process_rows(
+                self._lines[:, :, rows], lambda fields: process_rows(plane, rows, fields), carry_back=carry_back
+            )
 
-    def _modulate(self, field: Tensor, pixels: Tensor) -> None:
-        """Multiplies a padded field by a modulator's pixels, each a square of equal samples; zero outside. In place."""
-        upsample, inside = self.plan.grid.upsample, self.plan.grid.inside
-        pixel_rows = pixels.repeat_interleave(upsample, dim=1)[:, None, :]
-        field[inside[0]].view(len(pixels), upsample, -1)[..., inside[1]].mul_(pixel_rows)
-        zero_outside(field, *inside)
+        total = self.plan.grid.shape[0]
+        if self._rows_at_a_time is not None:
+            return [process(rows) for rows in slices(total, self._rows_at_a_time)]
+        row_bytes = len(self.lasers) * self.source_count * self.plan.grid.padded[1] * self.complex_dtype.itemsize
+        return self._team.map(process, slices(total, block_bytes(self.device) // row_bytes))
 
-    @property
-    def _active_area(self) -> tuple[slice, slice]:
-        """The modulator's pixels in a padded grid of pixels."""
-        upsample = self.plan.grid.upsample
-        rows, columns = (slice(s.start // upsample, s.stop // upsample) for s in self.plan.grid.inside)
-        return rows, columns
+    def _clear_adjoints(self, wavelength_gradient: bool) -> None:
+        for fields in self._fields:
+            fields.adjoint_spectra.zero_()
+        self._z_weighted_adjoints = []
+        if wavelength_gradient:
+            self._z_weighted_adjoints = [fields.adjoint_spectra.zeros_like() for fields in self._fields]
 
-    def _zero_fields(self, count: int) -> Tensor:
-        return torch.zeros(count, *self.plan.grid.padded, dtype=self.complex_dtype, device=self.device)
+    def _of_beam(self, laser: int, source: int, groups: list[ColumnBlocks]) -> ColumnBlocks:
+        for fields, blocks in zip(self._fields, groups, strict=True):
+            lasers, sources = fields.group.lasers, fields.group.sources
+            if lasers.start <= laser < lasers.stop and sources.start <= source < sources.stop:
+                return blocks.of_beam(laser - lasers.start, source - sources.start)
+        raise IndexError(f"laser {laser}, source {source}")
+
+    # --- gradients --------------------------------------------------------------------------------------------------
+
+    def _group_gradients(
+        self, index: int, has_wavelengths: bool, level_steps: LevelSteps | None
+    ) -> tuple[Tensor, list[tuple[int, float]]]:
+        """∂L/∂opd (laser, modulator, y, x) through some beams, and ∂L/∂λ of each: its wavelength and the derivative."""
+        fields, phasors = self._fields[index], self._phasors[index]
+        incident_adjoint = None
+        if has_wavelengths:
+            y, x = (axis.gap.frequencies for axis in self.axes)
+            incident_adjoint = self._lines.new_empty(*fields.group.shape, y, x)
+        products = torch.stack(self._light.backpropagate(fields, phasors, incident_adjoint), dim=2)
+        derivatives = []
+        if incident_adjoint is not None:
+            derivatives = self._wavelength_derivatives(index, products, incident_adjoint)
+        return self._path_gradients(fields.group.lasers, products, level_steps), derivatives
+
+    def _path_gradients(self, lasers: slice, products: Tensor, level_steps: LevelSteps | None) -> Tensor:
+        """∂L/∂opd (laser, modulator, y, x) or its secant, from products c·w (laser, source, modulator, y, x)."""
+        share = products.shape[1] / self.source_count
+        products, gradients = products.sum(dim=1), []
+        for laser, product in zip(range(lasers.start, lasers.stop), products, strict=True):
+            frame, wavelength = self.lasers[laser]
+            λ = float(self.plan.system.wavelengths_m[wavelength])
+            if level_steps is None:
+                gradients.append(product.imag * (-2 * math.pi / λ))
+                continue
+            curvatures = (level_steps.curvature[laser] * share).tolist()
+            steps = zip(product, level_steps.path_m[frame], curvatures, strict=True)
+            gradients.append(torch.stack([secant_gradient(p, step_m, λ, κ) for p, step_m, κ in steps]))
+        return torch.stack(gradients)
+
+    def _wavelength_derivatives(
+        self, index: int, products: Tensor, incident_adjoint: Tensor
+    ) -> list[tuple[int, float]]:
+        fields, weighted = self._fields[index], self._z_weighted_adjoints[index]
+        incident, derivatives = self._light.incident_spectra(fields, self._phasors[index][0]), []
+        for i, (frame, wavelength) in enumerate(self.lasers[fields.group.lasers]):
+            for j, source in enumerate(range(self.source_count)[fields.group.sources]):
+                beam = BeamAdjoint(
+                    wavelength=wavelength,
+                    source=source,
+                    spectrum=fields.spectra.of_beam(i, j).whole,
+                    spectrum_adjoint=fields.adjoint_spectra.of_beam(i, j).whole,
+                    z_weighted_adjoint=weighted.of_beam(i, j).whole,
+                    incident_spectrum=incident[i, j],
+                    incident_adjoint=incident_adjoint[i, j],
+                    opd_m=self.opd_m[frame],
+                    pixel_products=list(products[i, j]),
+                )
+                derivatives.append((wavelength, wavelength_derivative(self.plan, self.transfer_functions, beam)))
+        return derivatives

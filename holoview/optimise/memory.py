@@ -15,20 +15,17 @@ from holoview.optimise.lasers import lit_lasers
 from holoview.util.errors import UserError
 
 _COMPLEX64, _FLOAT32 = 8, 4
-_WAVELENGTH_GRADIENT_FIELDS = 12  # maps in double precision and products, for one beam at a time
+_WAVELENGTH_GRADIENT_FIELDS = 6  # maps in double precision and products, for one beam at a time
+_BLOCKS_A_MODULATOR = 2  # blocks at a time, beside one for each modulator: inputs and results of FFTs, and squares
+_IMAGES_A_PLANE, _IMAGES = 6, 16  # targets; the image of a plane, the drive, its moments and gradients
 
-FIELD_BUDGET_BYTES = 4 << 30
-"""The most memory that the fields of all beams at one plane may take to be kept for the gradient."""
+CPU_BLOCK_BYTES = 1 << 20
+"""Size of a block of complex numbers on the CPU: what a core's second-level cache holds."""
 
 
 def with_compact_grid(system: System) -> System:
     """The system with `propagation` "compact" in place of "linear": padded by the walk-off only, half the work."""
     return system.with_(propagation="compact") if system.sampling.propagation == "linear" else system
-
-
-def should_keep_fields(plan: Plan) -> bool:
-    """Whether the fields of all beams at one plane are kept for the gradient; otherwise they are propagated again."""
-    return _beam_count(plan) * _field_bytes(plan) <= FIELD_BUDGET_BYTES
 
 
 def peak_bytes(system: System, *, free_wavelengths: bool = False) -> int:
@@ -56,23 +53,28 @@ def memory_guard(plan: Plan, device: str, *, free_wavelengths: bool = False) -> 
 
 
 def _estimate_bytes(plan: Plan, free_wavelengths: bool) -> int:
-    """Transfer functions, three or four fields a beam, an intensity a laser, the target, and temporaries of FFTs."""
-    wavelengths = int(np.count_nonzero(plan.weights.any(axis=0)))
-    planes, modulators = len(plan.planes_m), len(plan.system.modulators)
-    fields_per_beam = modulators + 1 + should_keep_fields(plan) + free_wavelengths
-    fields = wavelengths * (planes + 1) + _beam_count(plan) * fields_per_beam + 6
-    fields += _WAVELENGTH_GRADIENT_FIELDS * free_wavelengths
-    images = len(lit_lasers(plan)) + 6 * planes + 9
-    return fields * _field_bytes(plan) + images * math.prod(plan.grid.shape) * _FLOAT32
+    """Transfer functions, spectra and lines of all beams, phasors, images, and blocks that are computed at a time."""
+    lasers, modulators = len(lit_lasers(plan)), len(plan.system.modulators)
+    beams, wavelengths = lasers * len(plan.slopes), int(np.count_nonzero(plan.weights.any(axis=0)))
+    last, gap = (_band_shape(plan, relay) for relay in (1, 0 if modulators == 2 else 1))
+    line_length = last[1] + (gap[1] if modulators == 2 else 0)
+    spectra = 2 + free_wavelengths
+    numbers = wavelengths * (len(plan.planes_m) * math.prod(last) + math.prod(gap))
+    numbers += beams * (spectra * math.prod(last) + plan.grid.shape[0] * line_length)
+    numbers += lasers * modulators * math.prod(plan.system.modulators[0].shape)
+    field_bytes = math.prod(plan.grid.padded) * _COMPLEX64
+    at_a_time = (_BLOCKS_A_MODULATOR + modulators) * min(beams * field_bytes, CPU_BLOCK_BYTES)
+    if free_wavelengths:
+        at_a_time += 2 * max(field_bytes, min(beams * field_bytes, CPU_BLOCK_BYTES))
+        at_a_time += _WAVELENGTH_GRADIENT_FIELDS * field_bytes
+    images = _IMAGES_A_PLANE * len(plan.planes_m) + _IMAGES
+    return numbers * _COMPLEX64 + at_a_time + images * math.prod(plan.grid.shape) * _FLOAT32
 
 
-def _beam_count(plan: Plan) -> int:
-    """Coherent beams: a laser that is on makes one for each source direction."""
-    return len(lit_lasers(plan)) * len(plan.slopes)
-
-
-def _field_bytes(plan: Plan) -> int:
-    return math.prod(plan.grid.padded) * _COMPLEX64
+def _band_shape(plan: Plan, relay: int) -> tuple[int, int]:
+    """Frequencies (y, x) of a relay's band that are computed."""
+    rows, columns = map(min, plan.band(relay).shape, plan.grid.padded)
+    return rows, columns
 
 
 def _gib(count: float) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +18,7 @@ from holoview.optimise.srgb_curve import torch_srgb_encode, torch_srgb_encode_de
 from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
+Cut = tuple[slice, slice, slice]
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,14 @@ class PlaneLoss:
 
     loss: float
     psnr_db: float
+
+
+@dataclass(frozen=True)
+class ResidualSums:
+    """Norms over some rows, numbers on the device: of the residuals, and of the errors that the PSNR is made of."""
+
+    residual_norm: Tensor
+    error_norm: Tensor
 
 
 class Objective:
@@ -51,23 +62,48 @@ class Objective:
         self._target_needs_no_clipping = bool(low >= 0 and high <= 1) and is_linear_srgb
         self._to_rgb = None if matrix is None or is_linear_srgb else torch.as_tensor(matrix).to(target)
 
-    def evaluate_plane(self, plane: int, image: Tensor) -> PlaneLoss:
-        """The loss of a plane's image (channel, y, x), which is overwritten with ∂L/∂image."""
-        cropped, target = (t[(..., *self.region_slices)] for t in (image, self.target[plane]))
-        psnr_db = self._psnr_db(cropped, target)
-        sample_weight = float(self.plane_weights[plane]) / (len(self.target) * cropped.numel())
+    def evaluate_rows(self, plane: int, rows: slice, image: Tensor) -> ResidualSums:
+        """Sums over rows of a plane's image (channel, row, x), which is overwritten with ∂L/∂image."""
+        cut = self.cut_region(rows)
+        if cut is None:
+            image.zero_()
+            return ResidualSums(image.new_zeros(()), image.new_zeros(()))
+        inside, inside_target = cut
+        cropped, target = image[inside], self.target[plane][inside_target]
+        error_norm = self._error_norm(cropped, target)
+        derivative = torch_srgb_encode_derivative(cropped) if self.loss.is_encoded else None
         if self.loss.is_encoded:
-            derivative = torch_srgb_encode_derivative(cropped)
             cropped.copy_(torch_srgb_encode(cropped)).sub_(torch_srgb_encode(target))
         else:
-            derivative = None
             cropped.sub_(target)
-        loss = sample_weight * float(torch.linalg.vector_norm(cropped)) ** 2
-        cropped.mul_(2 * sample_weight)
+        residual_norm = torch.linalg.vector_norm(cropped)
+        cropped.mul_(2 * self._sample_weight(plane))
         if derivative is not None:
             cropped.mul_(derivative)
-        zero_outside(image, *self.region_slices)
-        return PlaneLoss(loss, psnr_db)
+        zero_outside(image, *inside[1:])
+        return ResidualSums(residual_norm, error_norm)
+
+    def plane_loss(self, plane: int, parts: Sequence[ResidualSums]) -> PlaneLoss:
+        """The loss of a plane from the sums over all its rows."""
+        norms = torch.stack([torch.stack((part.residual_norm, part.error_norm)) for part in parts]).cpu().double()
+        residual, error = norms.square().sum(dim=0).tolist()
+        rows, columns = self.region_slices
+        samples = (rows.stop - rows.start) * (columns.stop - columns.start)
+        mean_square = error / (samples * (1 if len(self.target[0]) == 1 else 3))
+        return PlaneLoss(self._sample_weight(plane) * residual, -10 * math.log10(max(mean_square, 1e-20)))
+
+    def cut_region(self, rows: slice) -> tuple[Cut, Cut] | None:
+        """Slices (channel, y, x) of the region in a block of rows, and in a whole plane; None if it lies elsewhere."""
+        region_rows, columns = self.region_slices
+        start, stop = max(rows.start, region_rows.start), min(rows.stop, region_rows.stop)
+        if start >= stop:
+            return None
+        channels = slice(None)
+        return (channels, slice(start - rows.start, stop - rows.start), columns), (
+            channels,
+            slice(start, stop),
+            columns,
+        )
 
     def picture(self, image: Tensor) -> NDArray[np.floating]:
         """An image (channel, y, x) as linear sRGB (y, x, 3); grey where there is only one channel."""
@@ -77,12 +113,18 @@ class Objective:
             image = torch.einsum("rc,cyx->ryx", self._to_rgb, image)
         return image.movedim(0, -1).cpu().numpy().copy()
 
-    def _psnr_db(self, image: Tensor, target: Tensor) -> float:
+    def _sample_weight(self, plane: int) -> float:
+        """What a squared residual of one channel of one sample adds to the loss."""
+        rows, columns = self.region_slices
+        samples = (rows.stop - rows.start) * (columns.stop - columns.start)
+        return float(self.plane_weights[plane]) / (len(self.target) * self.target.shape[1] * samples)
+
+    def _error_norm(self, image: Tensor, target: Tensor) -> Tensor:
+        """The norm of the difference of images in linear sRGB, or of the only channel, clipped to 0…1."""
         if self._to_rgb is not None:
             image, target = (torch.einsum("rc,cyx->ryx", self._to_rgb, t) for t in (image, target))
         error = image.clamp(0, 1).sub_(target if self._target_needs_no_clipping else target.clamp(0, 1))
-        mean_square = float(torch.linalg.vector_norm(error)) ** 2 / error.numel()
-        return float(-10 * np.log10(max(mean_square, 1e-20)))
+        return torch.linalg.vector_norm(error)
 
 
 def make_objective(

@@ -18,9 +18,10 @@ from holoview.optimise.autograd_model import make_forward_model
 from holoview.optimise.eyebox_penalty import EyeboxPenalty
 from holoview.optimise.lasers import with_only_lasers
 from holoview.optimise.level_gradients import LevelSteps, gauss_newton_diagonal
-from holoview.optimise.memory import memory_guard, should_keep_fields
-from holoview.optimise.objective import PlaneLoss, channels_of_wavelengths, make_objective
+from holoview.optimise.memory import memory_guard
+from holoview.optimise.objective import channels_of_wavelengths, make_objective
 from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, shard_lasers
+from holoview.optimise.row_evaluation import RowEvaluation
 from holoview.optimise.settings import Settings
 from holoview.optimise.threads import limit_torch_threads
 from holoview.optimise.wavelengths import channel_wavelength_derivatives, check_wavelength_search
@@ -28,6 +29,9 @@ from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
 Floats = NDArray[np.float64]
+
+_ROWS_TO_SEND = 128
+"""Rows of the image that the processes of a group sum at a time: many, since each message takes a while."""
 
 
 @dataclass(frozen=True)
@@ -105,11 +109,9 @@ class Problem:
             check_wavelength_search(system.observer, settings)
         self._padded_samples = math.prod(plan.grid.padded)
         with self._memory_guard(plan, device), limit_torch_threads(self._padded_samples):
-            keep_fields = should_keep_fields(plan)
-            self.model = make_forward_model(plan, device=device, keep_fields=keep_fields, double=double)
-            target = self.objective.target
-            self._intensity_buffer = target.new_empty(len(self.model.lasers), *plan.grid.shape)
-            self._image_buffers = target.new_empty(2, *target.shape[1:])  # the present plane and the middle one
+            rows_at_a_time = None if group.size == 1 else _ROWS_TO_SEND
+            self.model = make_forward_model(plan, device=device, double=double, rows_at_a_time=rows_at_a_time)
+            self._middle_image = torch.empty_like(self.objective.target[0])
             self.eyebox = EyeboxPenalty(self.model)
             self._transmittance_cache: dict[int, tuple[float, float]] = {}
 
@@ -127,57 +129,41 @@ class Problem:
             return self._evaluate(opd_m, amplitudes, request)
 
     def _evaluate(self, opd_m: Tensor, amplitudes: Floats, request: EvaluationRequest) -> LossEvaluation:
-        objective, planes = self.objective, len(self.objective.target)
+        objective = self.objective
         self.model.forward(opd_m, wavelength_gradient=request.wavelength_gradient)
         channels, laser_amplitudes = self._laser_channels(), self._laser_amplitudes(amplitudes)
-        least_squares = AmplitudeLeastSquares(channels, self.group)
-        weights = torch.as_tensor((channels * laser_amplitudes[:, None])[self._own_lasers]).to(self._intensity_buffer)
+        least_squares = AmplitudeLeastSquares(channels, self.group) if request.optimal_amplitudes else None
+        weights = torch.as_tensor((channels * laser_amplitudes[:, None])[self._own_lasers]).to(objective.target)
         image_products = torch.zeros(objective.target.shape[1], len(self.lasers), dtype=torch.float64)
-        plane_losses = [
-            self._evaluate_plane(plane, weights, request, least_squares, image_products) for plane in range(planes)
-        ]
+        evaluate_rows = RowEvaluation(
+            objective=objective,
+            group=self.group,
+            weights=weights,
+            least_squares=least_squares,
+            needs_gradient=request.path_gradient,
+            needs_image_products=request.path_gradient and request.needs_image_products,
+            picture=self._middle_image,
+            pictured_plane=len(objective.target) // 2,
+        )
+        planes = range(len(objective.target))
+        results = self.model.process_planes(planes, evaluate_rows, carry_back=request.path_gradient)
+        plane_losses = [objective.plane_loss(plane, [row.sums for row in results[plane]]) for plane in planes]
+        for rows, plane_weight in zip(results, objective.plane_weights.tolist(), strict=True):
+            for row in rows:
+                if least_squares is not None and row.normal_equations is not None:
+                    least_squares.add(row.normal_equations, plane_weight)
+                if row.image_products is not None:
+                    image_products[:, self._own_lasers] += row.image_products
         evaluation = LossEvaluation(
             loss=sum(plane.loss for plane in plane_losses),
             psnr_db=float(np.mean([plane.psnr_db for plane in plane_losses])),
-            picture=lambda: objective.picture(self._image_buffers[1]),
-            optimal_amplitudes=self._solve_amplitudes(least_squares) if request.optimal_amplitudes else None,
+            picture=lambda: objective.picture(self._middle_image),
+            optimal_amplitudes=None if least_squares is None else self._solve_amplitudes(least_squares),
         )
         evaluation = self._with_eyebox(evaluation, amplitudes, request)
         if not request.path_gradient:
             return evaluation
         return self._with_gradients(evaluation, image_products, laser_amplitudes, opd_m, request)
-
-    def _evaluate_plane(
-        self,
-        plane: int,
-        weights: Tensor,
-        request: EvaluationRequest,
-        least_squares: AmplitudeLeastSquares,
-        image_products: Tensor,
-    ) -> PlaneLoss:
-        """Loss of a plane; carries its gradient back to the model's spectra.
-
-        weights (own laser, channel): what a laser's unit intensity adds to the image. The plane is added to
-        `least_squares`, and Σ ∂L/∂image·intensity of own lasers to `image_products` (channel, laser).
-        """
-        model, objective, intensity = self.model, self.objective, self._intensity_buffer
-        model.plane_intensity(plane, intensity)
-        image = self._image_buffers[0]
-        torch.mm(weights.T, intensity.flatten(1), out=image.flatten(1))
-        self.group.all_reduce_sum(image)
-        if plane == len(objective.target) // 2:
-            self._image_buffers[1].copy_(image)
-        if request.optimal_amplitudes:
-            region = (..., *objective.region_slices)
-            plane_weight = float(objective.plane_weights[plane])
-            least_squares.add_plane(intensity[region], objective.target[plane][region], plane_weight)
-        plane_loss = objective.evaluate_plane(plane, image)  # image is now ∂L/∂image
-        if request.path_gradient:
-            if request.needs_image_products:
-                image_products[:, self._own_lasers] += (image.flatten(1) @ intensity.flatten(1).T).cpu().double()
-            torch.mm(weights, image.flatten(1), out=intensity.flatten(1))
-            model.backpropagate_plane(plane, intensity)
-        return plane_loss
 
     def _with_eyebox(
         self, evaluation: LossEvaluation, amplitudes: Floats, request: EvaluationRequest

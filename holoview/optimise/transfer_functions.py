@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import torch
 
 from holoview.model.plan import Plan
 from holoview.optics.frame_inputs import pupil_with_effects
-from holoview.optics.propagate import phase_wavelength_derivative, relay_transfer_function
+from holoview.optics.propagate import phase_wavelength_derivative, transfer_function_at
 from holoview.optics.pupil import nominal_pupil
 from holoview.optics.slm import pixel_spectrum
-from holoview.optics.source import pixel_wave
+from holoview.optics.source import wave_axes
+from holoview.optimise.beam_blocks import slices
+from holoview.optimise.spectral_axes import SpectralAxis, samples_a_pixel
 
 Tensor = torch.Tensor
 
@@ -19,62 +23,94 @@ _MIN_TRANSMISSION = 1e-100  # of a pupil: below, the derivative of its logarithm
 
 
 class TransferFunctions:
-    """The factors of a plan for each wavelength in use, complex (P_y, P_x) on the padded grid.
+    """The factors of a plan for each wavelength in use, complex, at the frequencies that pass the relays' stops.
 
-    They are computed in float64 on the CPU, since not every device has float64, and then moved to the device. Memory is
-    allocated for all of them before the first is computed, so that temporary tensors don't fragment it.
+    column_width: of the blocks in which factors are stored, as `BeamFields` stores spectra.
+    columns: these blocks behind the last modulator. planes (wavelength, plane, k_y, k_x) in each of them: H × pupil
+    from the last modulator to a focal plane, divided by the length P_y·P_x of the FFT.
+    gap_tiles: blocks of the spectrum of pixels, and the columns of the gap's band that each makes.
+    gap (wavelength, k_y, k_x) for each of these columns: H × pupil between the modulators, 1 for one modulator, times
+    the spectrum of a pixel's shape if there is only one source.
+    pixel_shapes, illumination: (wavelength, source, n) for each axis y, x. The spectra of the pixel's shape, None if
+    `gap` holds them; the plane waves at the pixels, None if all sources lie on the axis.
+
+    They are evaluated in float64, on the CPU where the device has none. Memory is allocated for all of them before the
+    first is computed, so that temporary tensors don't fragment it.
     """
 
-    def __init__(self, plan: Plan, dtype: torch.dtype, device: torch.device) -> None:
-        self.plan, self.dtype, self.device = plan, dtype, device
-        self._active_wavelengths = [λ for λ in range(len(plan.system.wavelengths_m)) if plan.lit(λ)]
-        count, size = len(self._active_wavelengths), plan.grid.padded
-        self._plane_transfers = torch.empty(count, len(plan.planes_m), *size, dtype=dtype, device=device)
-        self._first_transfers = torch.empty(count, *size, dtype=dtype, device=device)
-        self._illuminations: dict[tuple[int, int], Tensor] = {}
-        for i, λ in enumerate(self._active_wavelengths):
-            for k, z in enumerate(plan.planes_m):
-                self._plane_transfers[i, k] = self._relay_transfer(1, λ, float(z))
-            self._first_transfers[i] = 1 if plan.system.gap_m is None else self._relay_transfer(0, λ, plan.system.gap_m)
-            if len(plan.slopes) == 1:
-                self._first_transfers[i].mul_(self._pixel_spectrum(λ, 0))
+    def __init__(
+        self,
+        plan: Plan,
+        axes: tuple[SpectralAxis, SpectralAxis],
+        column_width: int,
+        dtype: torch.dtype,
+        device: torch.device,
+    ) -> None:
+        self.plan, self.axes, self.dtype, self.device = plan, axes, dtype, device
+        self._float64_device = device if device.type == "cuda" else torch.device("cpu")
+        self.wavelengths = [λ for λ in range(len(plan.system.wavelengths_m)) if plan.lit(λ)]
+        self.columns = slices(axes[1].last.frequencies, column_width)
+        self.gap_tiles = axes[1].tiles_of_blocks(column_width)
+        self._gap_columns = [columns for _, tiles in self.gap_tiles for columns, _ in tiles]
+        count = len(self.wavelengths)
+        self.planes = self._empty_blocks(self.columns, count, len(plan.planes_m), axes[0].last.frequencies)
+        self.gap = self._empty_blocks(self._gap_columns, count, axes[0].gap.frequencies)
+        for i, λ in enumerate(self.wavelengths):
+            self._fill(i, λ)
+        self.illumination = self._all_illumination() if plan.slopes.any() else None
+        self.pixel_shapes: tuple[Tensor, Tensor] | None = self._all_pixel_shapes()
+        if len(plan.slopes) == 1:
+            y, x = self.pixel_shapes
+            for block, columns in zip(self.gap, self._gap_columns, strict=True):
+                block.mul_(y.mT).mul_(x[..., columns])
+            self.pixel_shapes = None
 
-    def to_plane(self, wavelength: int, plane: int) -> Tensor:
-        """H × pupil from the last modulator to a focal plane."""
-        return self._plane_transfers[self._active_wavelengths.index(wavelength), plane]
+    def _empty_blocks(self, columns: Sequence[slice], *sizes: int) -> list[Tensor]:
+        return [torch.empty(*sizes, c.stop - c.start, dtype=self.dtype, device=self.device) for c in columns]
 
-    def from_first_modulator(self, wavelength: int, source: int) -> Tensor:
-        """Spectrum of the pixel's shape × H × pupil of the gap; with one modulator the spectrum of the shape alone.
-
-        The shape's spectrum depends on the slope of the source's plane wave.
-        """
-        transfer = self._first_transfers[self._active_wavelengths.index(wavelength)]
-        return transfer if len(self.plan.slopes) == 1 else transfer * self._pixel_spectrum(wavelength, source)
+    def _fill(self, i: int, wavelength: int) -> None:
+        """Evaluates the transfer functions of the wavelength that is number `i` of those in use."""
+        gap_m, padded = self.plan.system.gap_m, math.prod(self.plan.grid.padded)
+        for k, z in enumerate(self.plan.planes_m):
+            transfer = self.relay_transfer(1, wavelength, float(z)) / padded
+            for block, columns in zip(self.planes, self.columns, strict=True):
+                block[i, k] = transfer[:, columns]
+        if gap_m is None:
+            for block in self.gap:
+                block[i] = 1
+            return
+        transfer = self.relay_transfer(0, wavelength, gap_m)
+        for block, columns in zip(self.gap, self._gap_columns, strict=True):
+            block[i] = transfer[:, columns]
 
     def transmittances(self, wavelength: int) -> tuple[float, float]:
         """Fractions of the power of a pixel's light, from modulator 1 and from the last one, that reach the planes."""
-        shape = self._pixel_spectrum(wavelength, 0).abs().square()
-        last = (shape * self.to_plane(wavelength, 0).abs().square()).sum() / shape.sum()
-        gap = self.from_first_modulator(wavelength, 0).abs().square().sum() / shape.sum()
-        return float(gap * last), float(last)
+        last = self._transmitted_share(1, wavelength, float(self.plan.planes_m[0]))
+        gap_m = self.plan.system.gap_m
+        return (1.0 if gap_m is None else self._transmitted_share(0, wavelength, gap_m)) * last, last
+
+    def relay_transfer(self, relay: int, wavelength: int, distance_m: float) -> Tensor:
+        """H × pupil in a relay's band; complex128 with a pupil."""
+        ky, kx = (frequencies.to(self._float64_device) for frequencies in self._frequencies(relay))
+        transfer = self.plan.transfer(relay, wavelength, distance_m)
+        if 0 in (len(ky), len(kx)):
+            return torch.zeros(len(ky), len(kx), dtype=self.dtype, device=self._float64_device)
+        pupil = pupil_with_effects(self.plan, relay, wavelength)
+        if pupil is None:
+            return transfer_function_at(transfer, ky, kx, self.dtype)
+        pupil = pupil.to(self._float64_device)[ky][:, kx]
+        return transfer_function_at(transfer, ky, kx, torch.complex128) * pupil
 
     def across_gap(self, wavelength: int) -> Tensor:
-        """H × pupil between the modulators."""
+        """H × pupil between the modulators, (frequency_y, frequency_x)."""
         assert self.plan.system.gap_m is not None
-        return self._relay_transfer(0, wavelength, self.plan.system.gap_m).to(self.device)
+        return self.relay_transfer(0, wavelength, self.plan.system.gap_m).to(self.dtype).to(self.device)
 
-    def illumination(self, wavelength: int, source: int) -> Tensor | None:
-        """The plane wave at the first sample of each pixel, (rows, columns); None for a source on the axis: it is 1."""
-        key = (wavelength, source)
-        if not self.plan.slopes[source, wavelength].any():
-            return None
-        if key not in self._illuminations:
-            self._illuminations[key] = pixel_wave(self.plan, wavelength, source, self.dtype, self.device)
-        return self._illuminations[key]
-
-    def phase_derivative(self, wavelength: int) -> Tensor:
-        """∂(phase of H)/∂λ per metre of distance, real."""
-        derivative = phase_wavelength_derivative(float(self.plan.system.wavelengths_m[wavelength]), self.plan.grid)
+    def phase_derivative(self, relay: int, wavelength: int) -> Tensor:
+        """∂(phase of H)/∂λ per metre of distance, real, (frequency_y, frequency_x)."""
+        ky, kx = self._frequencies(relay)
+        λ = float(self.plan.system.wavelengths_m[wavelength])
+        derivative = phase_wavelength_derivative(λ, self.plan.grid)[ky][:, kx]
         return derivative.to(torch.float64 if self.dtype == torch.complex128 else torch.float32).to(self.device)
 
     def log_pupil_derivative(self, relay: int, wavelength: int) -> Tensor | None:
@@ -93,15 +129,49 @@ class TransferFunctions:
             side = nominal_pupil(replace(self.plan, system=moved), relay, wavelength, torch.complex128, cpu)
             assert side is not None
             sides.append(side)
-        derivative = (sides[0] - sides[1]) / (2 * step * λ * pupil)
-        return torch.where(pupil.abs() > _MIN_TRANSMISSION, derivative, 0).to(self.dtype).to(self.device)
+        derivative = torch.where(pupil.abs() > _MIN_TRANSMISSION, (sides[0] - sides[1]) / (2 * step * λ * pupil), 0)
+        ky, kx = self._frequencies(relay)
+        return derivative[ky][:, kx].to(self.dtype).to(self.device)
 
-    def _pixel_spectrum(self, wavelength: int, source: int) -> Tensor:
-        axes = zip(self.plan.grid.padded, self.plan.slopes[source, wavelength], strict=True)
-        y, x = (pixel_spectrum(n, self.plan.grid.upsample, float(slope)) for n, slope in axes)
-        return (y[:, None] * x[None, :]).to(self.dtype).to(self.device)
+    def _frequencies(self, relay: int) -> tuple[Tensor, Tensor]:
+        """Signed frequency indices (y, x) of a relay's band."""
+        y, x = (axis.last_frequencies if relay else axis.gap_frequencies for axis in self.axes)
+        return y, x
 
-    def _relay_transfer(self, relay: int, wavelength: int, distance_m: float) -> Tensor:
-        pupil = pupil_with_effects(self.plan, relay, wavelength)
-        transfer = self.plan.transfer(relay, wavelength, distance_m)
-        return relay_transfer_function(transfer, self.plan.grid, pupil, self.dtype, torch.device("cpu"))
+    def _sizes(self, relay: int) -> tuple[int, int]:
+        y, x = (len(frequencies) for frequencies in self._frequencies(relay))
+        return y, x
+
+    def _transmitted_share(self, relay: int, wavelength: int, distance_m: float) -> float:
+        """The fraction of the power of a pixel's light that passes a relay, from the first source."""
+        upsample = self.plan.grid.upsample
+        shapes = [self._pixel_shape(axis, wavelength, 0, upsample).abs().square() for axis in (0, 1)]
+        y, x = (shape[k].to(self._float64_device) for shape, k in zip(shapes, self._frequencies(relay), strict=True))
+        passed = self.relay_transfer(relay, wavelength, distance_m).abs().square().double()
+        return float(y @ passed @ x) / float(shapes[0].sum() * shapes[1].sum())
+
+    def _pixel_shape(self, axis: int, wavelength: int, source: int, samples: int) -> Tensor:
+        """The spectrum of a square of `samples` along an axis at all frequencies, (P,) complex128."""
+        return pixel_spectrum(self.plan.grid.padded[axis], samples, float(self.plan.slopes[source, wavelength, axis]))
+
+    def _all_pixel_shapes(self) -> tuple[Tensor, Tensor]:
+        samples, chosen = samples_a_pixel(self.plan), self._frequencies(0)
+
+        def shape(axis: int, wavelength: int, source: int) -> Tensor:
+            return self._pixel_shape(axis, wavelength, source, samples)[chosen[axis]]
+
+        return self._for_all_beams(0, shape), self._for_all_beams(1, shape)
+
+    def _all_illumination(self) -> tuple[Tensor, Tensor]:
+        stride = samples_a_pixel(self.plan)
+
+        def wave(axis: int, wavelength: int, source: int) -> Tensor:
+            return wave_axes(self.plan, wavelength, source, stride)[axis]
+
+        return self._for_all_beams(0, wave), self._for_all_beams(1, wave)
+
+    def _for_all_beams(self, axis: int, vector: Callable[[int, int, int], Tensor]) -> Tensor:
+        """A vector for an axis, each wavelength in use and each source, (wavelength, source, n)."""
+        sources = range(len(self.plan.slopes))
+        rows = [torch.stack([vector(axis, λ, source) for source in sources]) for λ in self.wavelengths]
+        return torch.stack(rows).to(self.dtype).to(self.device)

@@ -30,7 +30,7 @@ Tensor = torch.Tensor
 
 @dataclass(frozen=True)
 class BeamAdjoint:
-    """The spectra of one beam and their conjugate gradients, complex (P_y, P_x) on the padded grid.
+    """The spectra of one beam and their conjugate gradients, complex (k_y, k_x) in the bands of the relays.
 
     wavelength, source: indices in the plan. spectrum: W. spectrum_adjoint: c_W. z_weighted_adjoint: Σ_k z_k·c_Wk with
     the part c_Wk of plane k at distance z_k. incident_spectrum, incident_adjoint: V and c_V.
@@ -52,13 +52,13 @@ class BeamAdjoint:
 def wavelength_derivative(plan: Plan, transfer_functions: TransferFunctions, beam: BeamAdjoint) -> float:
     """∂L/∂λ (1/m) of the loss through one beam."""
     λ = float(plan.system.wavelengths_m[beam.wavelength])
-    phase_derivative = transfer_functions.phase_derivative(beam.wavelength)
+    phase_derivative = transfer_functions.phase_derivative(1, beam.wavelength)
     total = -_sum(phase_derivative * (beam.z_weighted_adjoint * beam.spectrum).imag)
     total += _pupil_term(transfer_functions, 1, beam.wavelength, beam.spectrum_adjoint * beam.spectrum)
     gap_m = plan.system.gap_m
     if gap_m is not None:
         product = beam.incident_spectrum.mul(beam.incident_adjoint)
-        total -= gap_m * _sum(phase_derivative * product.imag)
+        total -= gap_m * _sum(transfer_functions.phase_derivative(0, beam.wavelength) * product.imag)
         total += _pupil_term(transfer_functions, 0, beam.wavelength, product)
     total += _illumination_term(plan, transfer_functions, beam, λ)
     pairs = zip(beam.pixel_products, beam.opd_m, strict=True)
@@ -79,7 +79,8 @@ def _illumination_term(plan: Plan, transfer_functions: TransferFunctions, beam: 
     adjoint = beam.incident_adjoint
     if plan.system.gap_m is not None:
         adjoint = adjoint * transfer_functions.across_gap(beam.wavelength)
-    field_adjoint = torch.fft.fft2(adjoint)[plan.grid.inside]
+    y, x = (axis.undisplaced_gap for axis in transfer_functions.axes)
+    field_adjoint = x.forward_transposed(y.forward_transposed(adjoint, 0), 1)
     pixels = upsample_nearest(phasor(beam.opd_m[0], λ, dtype), plan.grid.upsample)
     product = field_adjoint * plane_wave(plan, beam.wavelength, beam.source, dtype, device) * pixels
     rows, columns = (torch.arange(n, dtype=torch.float64) - (n - 1) / 2 for n in plan.grid.shape)

@@ -65,6 +65,16 @@ def test_the_inverse_is_the_adjoint_of_the_transform_divided_by_its_length(name:
 
 
 @pytest.mark.parametrize("name", AXES)
+def test_the_transposed_transforms_are_transposed_and_not_conjugated(name: str) -> None:
+    axis = AXES[name]
+    field, spectrum = _random(2, 3, axis.count), _random(3, 3, axis.frequencies)
+    one = (spectrum * axis.forward(field, 1)).sum()
+    torch.testing.assert_close(one, (axis.forward_transposed(spectrum, 1) * field).sum(), rtol=0, atol=1e-12)
+    one = (field * axis.inverse(spectrum, 1)).sum()
+    torch.testing.assert_close(one, (axis.inverse_transposed(field, 1) * spectrum).sum(), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", AXES)
 def test_any_axis_of_a_batch_can_be_transformed(name: str) -> None:
     axis = AXES[name]
     field = _random(4, 2, axis.count, 3)

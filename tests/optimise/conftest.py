@@ -18,6 +18,7 @@ from holoview.model.system import System
 from holoview.numerics.fft_grid import positions
 from holoview.optics.propagate import transfer_function
 from holoview.optics.pupil import nominal_pupil
+from holoview.optimise.forward_model import ForwardModel
 from holoview.optimise.problem import Problem
 from holoview.optimise.settings import Settings
 
@@ -33,7 +34,19 @@ CASES: dict[str, dict[str, Any]] = {
     "glass": {"relay2": {"iris_na": 0.04, "apodisation_na": 0.03, "aberration": {"Z4": "70 nm", "Z8": "40 nm"}}},
     "glass in the gap": {"relay1": {"iris_na": 0.05, "apodisation_na": 0.04, "aberration": {"Z5": "60 nm"}}},
     "periodic": {"propagation": "periodic"},
+    "first orders": {"relay1.square": "first order", "relay2.square": "first order"},
+    "off centre": {"relay1.iris_na": 0.03, "relay2.iris_na": 0.02, "relay2.centre_na": [0.01, -0.02]},
+    "order off centre": {"relay1.square": "first order", "relay1.centre_na": [0, 0.03], "upsample": 3},
+    "half a stop": {"relay2.iris_na": 0.02, "propagation": "periodic"},
+    "a stop in the gap": {"relay1.iris_na": 0.02, "relay1.dc_block_na": 0.004},
+    "a block alone": {"relay2.dc_block_na": 0.01},
+    "stops and sources": {
+        "relay1.iris_na": 0.04,
+        "relay2.square": "first order",
+        "source": {"directions": [[0, 0], [0.01, -0.02], [-0.03, 0.005]]},
+    },
     "upsampled thrice": {"upsample": 3},
+    "upsampled seven times": {"upsample": 7},
     "not upsampled": {"upsample": 1},
 }
 
@@ -108,6 +121,24 @@ class Plain:
         h = transfer_function(self.plan.transfer(relay, laser, z), self.plan.grid, torch.complex128, CPU)
         glass = nominal_pupil(self.plan, relay, laser, torch.complex128, CPU)
         return torch.fft.ifft2(spectrum * (h if glass is None else h * glass))[self.plan.grid.inside]
+
+
+def intensity_at(model: ForwardModel, plane: int) -> torch.Tensor:
+    """The intensity of every laser at a plane, mean over sources, unit amplitude: (laser, y, x)."""
+
+    def squares(plane: int, rows: slice, fields: torch.Tensor) -> torch.Tensor:
+        return fields.abs().square().mean(dim=1)
+
+    return torch.cat(model.process_planes([plane], squares, carry_back=False)[0], dim=1)
+
+
+def carry_back(model: ForwardModel, plane: int, slopes: torch.Tensor) -> None:
+    """Adds a plane's part to c_W, for slopes of the loss with respect to the intensities (laser, y, x)."""
+
+    def conjugate_gradients(plane: int, rows: slice, fields: torch.Tensor) -> None:
+        fields.copy_(fields.conj() * slopes[:, None, rows] * (2 / fields.shape[1]))
+
+    model.process_planes([plane], conjugate_gradients, carry_back=True)
 
 
 def _noise(seed: int, *shape: int) -> torch.Tensor:

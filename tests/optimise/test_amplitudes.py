@@ -21,7 +21,7 @@ def _solve(
     """Amplitudes for intensity (laser, plane, y, x), colours (laser, channel), target (plane, channel, y, x)."""
     problem = AmplitudeLeastSquares(colours.double().numpy())
     for plane, weight in enumerate(weights):
-        problem.add_plane(intensity[:, plane], target[plane], weight)
+        problem.add(problem.normal_equations(intensity[:, plane], target[plane]), weight)
     return problem.solve()
 
 

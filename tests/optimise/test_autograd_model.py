@@ -20,6 +20,7 @@ from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.util.errors import UserError
 from holoview.view import simulate
+from tests.optimise.conftest import carry_back, intensity_at
 
 EFFECTS: dict[str, dict[str, Any]] = {
     "lut": {"gamma1": 1.2, "level2_03": 0.05},
@@ -67,16 +68,15 @@ def test_intensities_and_gradients_are_those_of_the_reference_executor(name: str
     model = (ForwardModel if name in FAST else AutogradModel)(plan, double=True)
     opd_m = drive.detach() * 825e-9
     model.forward(opd_m)
-    seen = torch.empty(len(model.lasers), *plan.grid.shape, dtype=torch.float64)
     found = torch.zeros_like(shown)
     for plane in range(2):
-        model.plane_intensity(plane, seen)
+        seen = intensity_at(model, plane)
         slopes = torch.empty_like(seen)
         for i, (frame, λ) in enumerate(model.lasers):
             found[plane, λ] += 0.5 * float(system.amplitudes[frame, λ]) * seen[i]
         for i, (frame, λ) in enumerate(model.lasers):
             slopes[i] = 2 * (found[plane, λ] - wanted[plane, λ]) * 0.5 * float(system.amplitudes[frame, λ])
-        model.backpropagate_plane(plane, slopes)
+        carry_back(model, plane, slopes)
     gradient = torch.zeros_like(opd_m)
     model.accumulate_gradients(gradient)
     torch.testing.assert_close(found, shown.detach(), rtol=1e-9, atol=1e-12)

@@ -24,6 +24,7 @@ from holoview.optimise.level_gradients import (
 from holoview.optimise.patterns import PatternVariables
 from holoview.optimise.problem import EvaluationRequest, Problem
 from holoview.optimise.settings import Settings
+from tests.optimise.conftest import carry_back, intensity_at
 
 Bench = Callable[..., System]
 Noise = Callable[..., torch.Tensor]
@@ -154,13 +155,13 @@ def test_the_models_slope_is_that_of_the_loss_along_the_change_of_a_pixels_field
 def _model_gradient(plan: Plan, opd_m: torch.Tensor, target: torch.Tensor, step_m: torch.Tensor) -> torch.Tensor:
     """The slopes of Σ (I − target)² to steps that cost nothing by themselves."""
     model = ForwardModel(plan, double=True)
-    seen, laser = torch.empty(len(model.lasers), *plan.grid.shape).double(), model.lasers.index((FRAME, LASER))
+    laser = model.lasers.index((FRAME, LASER))
     model.forward(opd_m)
     for plane, wanted in enumerate(target):
-        model.plane_intensity(plane, seen)
+        seen = intensity_at(model, plane)
         slope = torch.zeros_like(seen)
         slope[laser] = 2 * (seen[laser] - wanted)
-        model.backpropagate_plane(plane, slope)
+        carry_back(model, plane, slope)
     gradient = torch.zeros_like(opd_m)
     model.accumulate_gradients(gradient, level_steps=LevelSteps(step_m, torch.zeros(len(model.lasers), opd_m.shape[1])))
     return gradient
@@ -202,11 +203,10 @@ def test_a_pixels_own_cost_is_the_mean_change_of_a_loss_that_was_zero(
     luminance = float(make_plan(system).colour_weights[0, 1] * system.amplitudes[0, 0])
     shape = make_plan(system).grid.shape
     problem = double_problem(system, np.ones((len(system.planes_m), *shape, 3)), Settings(loss="luminance"))
-    seen, losses = torch.empty(1, *shape, dtype=torch.float64), []
+    losses = []
     problem.model.forward(opd_m)
     for plane, target in enumerate(problem.objective.target):
-        problem.model.plane_intensity(plane, seen)
-        target.copy_(luminance * seen)
+        target.copy_(luminance * intensity_at(problem.model, plane))
     assert problem.evaluate(opd_m, system.amplitudes, EvaluationRequest()).loss < 1e-25
     for y in range(2, 24, 5):
         for x in range(2, 32, 5):

@@ -16,8 +16,7 @@ from torch.utils._pytree import tree_leaves
 
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.optimise import memory
-from holoview.optimise.memory import memory_guard, peak_bytes, should_keep_fields, with_compact_grid
+from holoview.optimise.memory import memory_guard, peak_bytes, with_compact_grid
 from holoview.optimise.problem import Problem
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
@@ -30,6 +29,8 @@ BENCHES: dict[str, dict[str, Any]] = {
     "one modulator": {"modulators": [{"pitch": "8 um", "shape": [40, 50], "stroke": "825 nm"}], "gap": None},
     "frames and planes": {"amplitudes": np.eye(3), "planes": ["0.1 mm", "0.2 mm", "0.3 mm", "0.4 mm"]},
     "sources": {"source": {"directions": [[0, 0], [0.01, 0], [0, 0.01], [0.01, 0.01]]}},
+    "first order": {"relay1.square": "first order", "relay2.square": "first order"},
+    "last order of sources": {"relay2.square": "first order", "source": {"directions": [[0, 0], [0.01, 0]]}},
     "eight lasers": {"wavelengths": [f"{λ} nm" for λ in range(460, 620, 20)], "amplitudes": "white"},
     "some lasers off": {"amplitudes": [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]},
 }
@@ -88,15 +89,9 @@ def test_the_peak_counts_what_lives_at_a_time() -> None:
     assert peak.highest == 16000
 
 
-@pytest.mark.parametrize("keep", [True, False], ids=["fields kept", "fields made again"])
 @pytest.mark.parametrize("name", BENCHES)
-def test_the_estimate_is_within_a_tenth_of_what_an_optimisation_holds_at_its_peak(
-    name: str, keep: bool, bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if not keep:
-        monkeypatch.setattr(memory, "FIELD_BUDGET_BYTES", 0)
+def test_the_estimate_is_within_a_tenth_of_what_an_optimisation_holds_at_its_peak(name: str, bench: Bench) -> None:
     system = with_compact_grid(_system(bench, name))
-    assert should_keep_fields(make_plan(system)) is keep
     assert peak_bytes(system) == pytest.approx(_peak_of(system), rel=0.1)
 
 
@@ -168,9 +163,3 @@ def test_a_machine_that_is_too_small_is_told_before_anything_is_made(
     assert entered == ["cuda"]
     with pytest.raises(UserError, match="lower shape"):
         Problem(system, np.full((2, *plan.grid.shape, 3), 0.5), Settings())
-
-
-def test_fields_are_kept_as_long_as_they_fit(bench: Bench) -> None:
-    assert should_keep_fields(make_plan(_system(bench)))
-    large = bench(shape=[2160, 3840], amplitudes=[[1.0, 1.0, 1.0]] * 3)
-    assert not should_keep_fields(make_plan(large))

@@ -1,0 +1,71 @@
+"""The frequencies that are computed, and that no others would have to be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import torch
+
+from holoview.model.plan import make_plan
+from holoview.model.system import System
+from holoview.numerics.fft_grid import frequency_indices
+from holoview.optimise.forward_model import ForwardModel
+from holoview.optimise.spectral_axes import samples_a_pixel, spectral_axes
+
+Bench = Callable[..., System]
+
+
+def test_every_frequency_that_a_transfer_function_passes_is_computed(case: str, plan_of: Callable[[str], Any]) -> None:
+    plan = plan_of(case)
+    y, x = spectral_axes(plan)
+    gap_m = plan.system.gap_m
+    relays = [(1, float(z), y.last_frequencies, x.last_frequencies) for z in plan.planes_m]
+    if gap_m is not None:
+        relays.append((0, gap_m, y.gap_frequencies, x.gap_frequencies))
+    for relay, distance_m, ky, kx in relays:
+        for λ in range(len(plan.system.wavelengths_m)):
+            support = plan.transfer(relay, λ, distance_m).support
+            lit = support[:, 1] <= support[:, 2]
+            assert set(frequency_indices(len(support))[lit]) <= set(ky.tolist())
+            assert lit.any()
+            assert support[lit, 1].min() >= kx.min()
+            assert support[lit, 2].max() <= kx.max()
+
+
+def test_the_pixels_spectrum_has_no_more_numbers_than_its_period(case: str, plan_of: Callable[[str], Any]) -> None:
+    plan = plan_of(case)
+    for axis, padded in zip(spectral_axes(plan), plan.grid.padded, strict=True):
+        assert axis.pixels.frequencies == min(axis.gap.frequencies, padded // samples_a_pixel(plan))
+        covered = [i for columns, entries in axis.tiles for i in range(columns.start, columns.stop)]
+        assert covered == list(range(axis.gap.frequencies))
+
+
+@pytest.mark.parametrize("width", [1, 3, 100])
+def test_tiles_repeat_the_period_of_the_pixels_spectrum(width: int, case: str, plan_of: Callable[[str], Any]) -> None:
+    for axis in spectral_axes(plan_of(case)):
+        found = torch.full((axis.gap.frequencies,), -1)
+        for part, tiles in axis.tiles_of_blocks(width):
+            for columns, entries in tiles:
+                found[columns] = torch.arange(part.start, part.stop)[entries]
+        period = axis.pixels.padded
+        assert found.tolist() == [i % period for i in range(axis.gap.frequencies)]
+
+
+def test_first_orders_take_a_quarter_of_the_spectrum(bench: Bench) -> None:
+    orders = {"relay1.square": "first order", "relay2.square": "first order", "propagation": "periodic"}
+    model = ForwardModel(make_plan(bench(**orders)))
+    rows, columns = model.plan.grid.padded
+    spectrum = model.spectrum(0, 0).whole
+    assert tuple(spectrum.shape) == (rows // 2 - 1, columns // 2 - 1)
+    assert model.transfer_functions.planes[0].shape[-2:] == spectrum.shape
+
+
+def test_where_nothing_passes_there_is_no_light(bench: Bench, noise: Callable[..., torch.Tensor]) -> None:
+    system = bench(**{"relay2.iris_na": 1e-5, "relay2.dc_block_na": 0.001, "propagation": "periodic"})
+    plan = make_plan(system)
+    model = ForwardModel(plan)
+    model.forward(noise(0, *system.drive_shape) * 825e-9)
+    rows = model.process_planes([0], lambda plane, rows, fields: fields.abs().max(), carry_back=False)
+    assert float(max(rows[0])) == 0.0
