@@ -18,7 +18,7 @@ from typing import Any
 
 import torch
 
-from benchmarks import optimiser_convergence, optimiser_memory, optimiser_peers, optimiser_speed
+from benchmarks import optimiser_convergence, optimiser_memory, optimiser_peers, optimiser_speed, optimiser_stops
 from benchmarks.common import count_of
 from holoview import __version__
 
@@ -26,6 +26,7 @@ Section = tuple[Callable[[argparse.Namespace], Any], Callable[[Any], str]]
 
 SECTIONS: dict[str, Section] = {
     "speed": (lambda args: optimiser_speed.measure(args.size, args.repeats, args.threads), optimiser_speed.report),
+    "stops": (lambda args: optimiser_stops.measure(args.size, args.repeats, args.threads), optimiser_stops.report),
     "memory": (lambda args: optimiser_memory.measure(args.size), optimiser_memory.report),
     "peers": (lambda args: optimiser_peers.measure(args.size, args.repeats, args.threads), optimiser_peers.report),
     "convergence": (

@@ -63,7 +63,7 @@ def test_first_orders_take_a_quarter_of_the_spectrum(bench: Bench) -> None:
 
 
 def test_where_nothing_passes_there_is_no_light(bench: Bench, noise: Callable[..., torch.Tensor]) -> None:
-    system = bench(**{"relay2.iris_na": 1e-5, "relay2.dc_block_na": 0.001, "propagation": "periodic"})
+    system = bench(**{"relay2.iris_na": 1e-5, "relay2.centre_na": [0.0013, 0.0], "propagation": "periodic"})
     plan = make_plan(system)
     model = ForwardModel(plan)
     model.forward(noise(0, *system.drive_shape) * 825e-9)
