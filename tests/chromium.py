@@ -16,6 +16,10 @@ from PIL import Image
 CHROMIUM = shutil.which("chromium")
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 SECONDS = 60
+_PICTURES = """images => images.map(image => {
+    const place = image.getBoundingClientRect()
+    return [place.left, place.right, image.naturalWidth]
+})"""
 _QUIET = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update")
 
 
@@ -87,3 +91,16 @@ def pixels(page: Any, folder: Path) -> np.ndarray:
     file = folder / "page.png"
     page.screenshot(path=file)
     return np.asarray(Image.open(file).convert("RGB")).astype(int)
+
+
+def check_document(file: Path, widths: tuple[int, ...] = (1400, 400)) -> None:
+    """Opens an HTML file: it loads nothing else, all its pictures are visible, nothing is wider than the page."""
+    with started_browser() as browser:
+        for width in widths:
+            page = browser.open(file.as_uri(), width, 900)
+            loaded = page.evaluate("performance.getEntriesByType('resource').map(entry => entry.name)")
+            assert [name[:200] for name in loaded if not name.startswith("data:")] == []
+            for left, right, natural_width in page.eval_on_selector_all("img", _PICTURES):
+                assert natural_width > 0 and 0 <= left < right <= width
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert browser.close_pages() == []

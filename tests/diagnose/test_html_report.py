@@ -17,6 +17,7 @@ from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.uncertainty import Interval
 from holoview.diagnose.verdict import Verdict
 from holoview.model.effects.registry import listed_effects
+from tests.chromium import check_document, needs_chromium
 
 QUALITY = FitQuality(1.25, 40.0)
 CAUSE = Cause(
@@ -88,3 +89,8 @@ def test_the_gain_on_the_display_is_shown_with_its_picture(tmp_path: Path, found
         "reaches 20.0 dB on the bench as it is; with the extended model 23.5 dB , +3.5 dB (40 iterations each" in text
     )
     assert (tmp_path / "display.png").read_bytes() == b"sheet"
+
+
+@needs_chromium
+def test_a_browser_shows_it_without_an_error(tmp_path: Path, found: Diagnosis) -> None:
+    check_document(write_report(tmp_path, "captures.h5", found))

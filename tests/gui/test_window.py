@@ -25,6 +25,20 @@ from tests.gui.conftest import Gui, small_bench
 SIZE = (900, 700)
 NEEDED = ("Xvfb", "xdotool")
 PATIENCE_S = 120.0
+SLOW = """
+import sys, time
+from wgpu.utils.imgui import ImguiWgpuBackend
+from holoview.cli import main
+
+draw = ImguiWgpuBackend.render
+
+def draw_slowly(*arguments):
+    time.sleep(0.5)
+    draw(*arguments)
+
+ImguiWgpuBackend.render = draw_slowly
+sys.exit(main())
+"""  # two frames a second, whatever the machine
 ITERATIONS = 60  # as the panel has it at first
 
 pytestmark = [
@@ -38,15 +52,16 @@ pytestmark = [
 class Screen:
     """A virtual screen with a viewer on it."""
 
-    def __init__(self, display: str, folder: Path, arguments: list[str]) -> None:
+    def __init__(
+        self, display: str, folder: Path, arguments: list[str], program: tuple[str, ...] = ("-m", "holoview.cli")
+    ) -> None:
         self._display = display
         self._log = folder / "log.txt"
         self._environment = os.environ | {"DISPLAY": display, "XDG_STATE_HOME": str(folder), "OMP_NUM_THREADS": "1"}
         self._environment.pop("WAYLAND_DISPLAY", None)
         command = [
             sys.executable,
-            "-m",
-            "holoview.cli",
+            *program,
             "view",
             *arguments,
             "--size",
@@ -200,6 +215,32 @@ def _tiny_bench(**changes: Any) -> System:
 def _labels(store: SessionStore) -> str:
     """What was done in the sessions that are being saved."""
     return " ".join(step.label for saved in store.saved_sessions() for step in saved.restore().history)
+
+
+def test_at_two_frames_a_second_nothing_is_lost(display: str, make_gui: Callable[..., Gui], tmp_path: Path) -> None:
+    bench = tmp_path / "bench.toml"
+    preset.save(_tiny_bench(), bench)
+    twin = make_gui(_tiny_bench(name="bench"), size=SIZE)
+    twin.draw_until_idle()
+    image, tile = (
+        tuple(map(round, twin.item_position(name)))
+        for name in ("image", f"plane {twin.session.system.planes_m[0] * 1e3:g} mm")
+    )
+    screen = Screen(display, tmp_path, [str(bench)], program=("-c", SLOW))
+    try:
+        screen.wait_for(_is_busy_inside(twin.context.item_rects["image"]))
+        screen.xdotool("mousemove", *tile, "click", 1, "mousemove", *image, *["click", 4] * 6, "key", "e", "key", "c")
+        screen.xdotool("key", "ctrl+p", "type", "--delay", 1, "wipe")
+        screen.xdotool("key", "Return", "key", "g")
+        store = SessionStore(tmp_path / "holoview")
+        screen.wait_until(lambda: _labels(store).split()[-1] == "Page")
+        assert _labels(store) == "Start Focal plane Exposure Channel Compare Page"
+        (saved,) = store.saved_sessions()
+        view = saved.restore().view_settings
+        assert view.compare == "wipe" and view.plane_m == twin.session.system.planes_m[0]
+    finally:
+        screen.viewer.kill()
+        screen.viewer.wait(10)
 
 
 def test_without_an_adapter_a_page_tells_what_to_do(display: str) -> None:

@@ -23,6 +23,7 @@ from holoview.study.store import ResultStore
 from holoview.study.studies import model_vs_capture
 from holoview.study.study import Findings
 from holoview.util.files import data_dir
+from tests.chromium import check_document, needs_chromium
 
 TINY = scale.StudyScale("tiny", (16, 16), 2, 1, ("still-life",), 2)
 VERDICTS = {REPRODUCES, LARGER, DIRECTION_ONLY, CONTRADICTS, SHOWN}
@@ -93,6 +94,14 @@ def test_a_study_runs_and_reports(name: str, tmp_path: Path) -> None:
     assert all((claim.verdict == SHOWN) == (claim.published == "") for claim in findings.claims)
     assert len(format_claims(findings.claims)) == len(findings.claims) + 1
     _check_report(write_report(tmp_path, study, TINY, 0, findings), findings)
+
+
+@needs_chromium
+@pytest.mark.usefixtures("tiny")
+def test_a_browser_shows_a_report_without_an_error(tmp_path: Path) -> None:
+    study = studies_by_name()[sorted(PICTURED)[0]]
+    findings = study.analyse(run_jobs(study, study.jobs(TINY, 0), ResultStore(tmp_path / "jobs")))
+    check_document(write_report(tmp_path, study, TINY, 0, findings))
 
 
 def _check_report(path: Path, findings: Findings) -> None:
