@@ -16,6 +16,7 @@ from holoview.app.general_commands import add_general_commands
 from holoview.app.menus import draw_menus
 from holoview.app.panel import GuardedPanel, Panel
 from holoview.app.panels import ALL
+from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.app.status import draw_status
 from holoview.app.toasts import Toasts
 from holoview.app.tour import Tour
@@ -36,7 +37,10 @@ class App:
 
     store: the user's preferences and saved sessions; None where nothing is stored. frame_s: see Window. panels: their
     classes. register_tests: called by ImGui's test engine, which then runs. tunes: whether the fastest strategy of
-    the transforms for this device is searched for in the background.
+    the transforms for this device is searched for in the background. renderer: of the session's document, if it has
+    been started already.
+
+    awaits_frame: whether a new image hasn't been drawn yet. has_shown_image: whether one was ever drawn.
     """
 
     def __init__(
@@ -50,10 +54,11 @@ class App:
         panels: Sequence[type[Panel]] = ALL,
         register_tests: Callable[[], None] | None = None,
         tunes: bool = False,
+        renderer: ProgressiveRenderer | None = None,
     ) -> None:
         self.session, self._tunes = session, tunes
         self.window = Window(canvas, device, frame_s=frame_s)
-        self.context = AppContext(session, device, self.window, store)
+        self.context = AppContext(session, device, self.window, store, renderer)
         self.toasts = Toasts(session.messages)
         self.panels = [GuardedPanel(panel(), self.context) for panel in panels]
         self.tour = Tour(self.context)
@@ -62,6 +67,7 @@ class App:
             guarded.panel.set_up(self.context)
         self._overlays = [DrawGuard(overlay.title, overlay.draw, session.messages) for overlay in self.context.overlays]
         self._is_stale = True
+        self.awaits_frame = self.has_shown_image = False
         self._measured: tuple[object, ...] = ()
         params = runner_params(self.panels, self._callbacks(), None if store is None else store.folder)
         if register_tests is not None:
@@ -105,6 +111,8 @@ class App:
             overlay.draw()
         self.toasts.draw()
         self._measure()
+        self.awaits_frame = False
+        self.has_shown_image |= self.context.side_renderers.picture(NOW) is not None
 
     def compute_slice(self) -> bool:
         """Computes a slice of the images that are out of date; returns whether more can be computed at once."""
@@ -113,6 +121,7 @@ class App:
         with self.session.report_errors():
             changed = renderers.compute_slice() if renderers.is_busy else previews.compute_slice()
             if changed:
+                self.awaits_frame = True
                 self.window.wake()
         if self._tunes and not self.is_busy:
             renderers.now.poll_strategy()

@@ -18,6 +18,7 @@ from holoview.app.command_registry import CommandRegistry
 from holoview.app.derived_images import DerivedImages
 from holoview.app.help_overlay import HelpOverlay
 from holoview.app.plane_previews import PlanePreviews
+from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.app.side_renderers import SideRenderers
 from holoview.app.window import Window
 from holoview.gpu.device import Device
@@ -46,16 +47,24 @@ class AppContext:
     Edits go through `attempt`, `change` and `edit_view`, which report errors to the user. store: the user's preferences
     and saved sessions; None where nothing is stored.
 
+    renderer: that of the displayed document, if it has been started already.
     drag_tool: what a drag on the image draws, "region" or "line"; "" pans. wants_measurement: set by a panel in each
     frame in which it shows measurements of the image. item_rects: where items were drawn in the last frame, by name.
     displayed_pixels: returns what the image panel shows, 8-bit sRGB (y, x, 3), or None before anything is shown.
     """
 
-    def __init__(self, session: EditingSession, device: Device, window: Window, store: SessionStore | None) -> None:
+    def __init__(
+        self,
+        session: EditingSession,
+        device: Device,
+        window: Window,
+        store: SessionStore | None,
+        renderer: ProgressiveRenderer | None = None,
+    ) -> None:
         self.session, self.device, self.window, self.store = session, device, window, store
         self.commands, self.item_rects = CommandRegistry(), dict[str, Rect]()
         self.drag_tool, self.wants_measurement = "", False
-        self.side_renderers = SideRenderers(device, session)
+        self.side_renderers = SideRenderers(device, session, renderer)
         self.plane_previews = PlanePreviews(device, session)
         self.derived_images = DerivedImages(device, session)
         self.live_measurement = LiveMeasurement(session, window.wake)

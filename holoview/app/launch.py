@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from holoview.app.no_adapter import show_no_adapter_page
-from holoview.app.run import run_in_browser, run_offscreen, run_on_screen
+from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.app.serve import Address, require_serving_libraries
-from holoview.gpu.device import Device, open_device
+from holoview.app.startup import Startup
+from holoview.gpu.device import Device
 from holoview.model.system import System
 from holoview.session.example import new_session
 from holoview.session.session_store import SessionStore
+from holoview.session.view_settings import NOW
 from holoview.util.errors import UserError
 
 
@@ -24,7 +26,7 @@ class LaunchOptions:
     the window (x, y) in pixels. adapter: part of the name of a WebGPU adapter, None for any. restores: whether the last
     session is restored instead of opening `system`. serve: HOST:PORT to serve a browser, None for a window.
     is_offscreen: draws without a screen, runs `script` (its text) and writes `screenshot`; script_name names the script
-    in errors.
+    in errors. until_image: whether the viewer ends when its first image is displayed, and prints that.
     """
 
     system: System
@@ -38,37 +40,49 @@ class LaunchOptions:
     script: str
     script_name: str
     screenshot: Path | None
+    until_image: bool = False
 
 
-def launch(options: LaunchOptions, report: Callable[[str], None]) -> None:
+IMAGE_DISPLAYED = "the first image is displayed"
+"""What is printed with `until_image`."""
+
+
+def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], None]) -> None:
     """Runs the viewer until it is closed; `report` prints a line, such as the address that is served.
 
+    startup: opens the device; its thread computes the first picture, while this one imports what the window needs.
     Raises UserError where a library is missing, or the device, the window or a file can't be opened.
     """
     address = None if options.serve is None else Address.parse(options.serve)
     if address is not None:
         require_serving_libraries()
-    device = _open_device(options, has_window=address is None and not options.is_offscreen)
-    if options.is_offscreen:
-        session = new_session(options.system, is_random=options.is_random)
-        run_offscreen(
-            session, device, options.size, options.script, options.script_name, options.screenshot, options.names
-        )
-        return
-    store = SessionStore()
-    last = store.last_session() if options.restores else None
+    device = _device(options, startup, has_window=address is None and not options.is_offscreen)
+    store = None if options.is_offscreen else SessionStore()
+    last = store.last_session() if store is not None and options.restores else None
     session = new_session(options.system, is_random=options.is_random) if last is None else last.restore()
-    if address is not None:
-        run_in_browser(session, device, store, address, report, options.size, options.names)
+    renderer = ProgressiveRenderer(device)
+    renderer.start(session.scene_for(NOW), startup.thread)
+    from holoview.app.run import run_in_browser, run_offscreen, run_on_screen, run_until_image  # slow start: ImGui
+
+    on_image = partial(print, IMAGE_DISPLAYED, flush=True) if options.until_image else None
+    window = (session, device, renderer, options.size)
+    if store is None and on_image is not None:
+        run_until_image(*window, on_image)
+    elif store is None:
+        run_offscreen(*window, options.script, options.script_name, options.screenshot, options.names)
+    elif address is not None:
+        run_in_browser(*window, store, options.names, address, report)
     else:
-        run_on_screen(session, device, store, options.size, options.names)
+        run_on_screen(*window, store, options.names, on_image)
 
 
-def _open_device(options: LaunchOptions, has_window: bool) -> Device:
+def _device(options: LaunchOptions, startup: Startup, has_window: bool) -> Device:
     """The WebGPU device; without any adapter, a window first shows a page that says what to do."""
     try:
-        return open_device(options.adapter)
+        return startup.device()
     except UserError as error:
         if has_window and options.adapter is None:
+            from holoview.app.no_adapter import show_no_adapter_page  # slow start: ImGui
+
             show_no_adapter_page(error)
         raise

@@ -3,12 +3,14 @@
     edit ─▶ quick frame (of the simplified system) ─▶ pause in editing ─▶ full frame
 
 A new edit drops the work on the scene before. Where a full frame is fast enough, quick frame and pause are skipped.
+The first picture can be computed on a thread, while the window is built.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from concurrent.futures import Executor, Future, wait
 from dataclasses import replace
 
 import numpy as np
@@ -31,6 +33,7 @@ IDLE_BEFORE_FULL_S = 0.12
 SLICE_S = 0.012
 """The approximate duration of a slice, during which the device can't draw the window."""
 _MIN_LASERS = 3
+_FIRST_POLL_S = 0.005  # between questions whether the thread has the first picture
 
 
 class TimedRenderer:
@@ -89,6 +92,8 @@ class ProgressiveRenderer:
         self._stage, self._follows_quick_frame = "done", False
         self._steps: Iterator[UpdateProgress] | None = None
         self._requested_at, self._version = 0.0, 0
+        self._first: Future[None] | None = None  # while a thread computes the first picture
+        self._next: Scene | None = None  # what was requested meanwhile
         self.picture: DeviceImage | None = None
         self.progress = 1.0
         self.full_scene: Scene | None = None
@@ -126,21 +131,56 @@ class ProgressiveRenderer:
     @property
     def wait_s(self) -> float:
         """The time until `compute_slice` can do something: after a quick frame, it waits for a pause in editing."""
+        if self._first is not None:
+            return 0.0 if self._first.done() else _FIRST_POLL_S
+        return self._pause_s
+
+    @property
+    def _pause_s(self) -> float:
+        """The rest of the pause after a quick frame."""
         if self._stage != "full" or self._steps is not None or not self._follows_quick_frame:
             return 0.0
         return max(self._requested_at + IDLE_BEFORE_FULL_S - time.perf_counter(), 0.0)
 
     def request(self, scene: Scene) -> None:
         """Requests the image of a scene; unfinished work on another scene is dropped."""
-        if scene.is_same(self._requested):
+        if scene.is_same(self._requested if self._next is None else self._next):
+            return
+        if self._first is not None:
+            self._next = scene
             return
         self._requested, self._requested_at = scene, time.perf_counter()
         self._steps, self.progress = None, 0.0
         self._stage, self._follows_quick_frame = "quick" if self._is_slow(scene) else "full", False
 
+    def start(self, scene: Scene | None, executor: Executor) -> None:
+        """Has the first picture of a scene computed by an executor; `compute_slice` goes on from there."""
+        if scene is None:
+            return
+        self.request(scene)
+        self._first = executor.submit(self._compute_first)
+
     def compute_slice(self) -> bool:
         """Computes a slice and returns whether the picture has changed. Raises UserError for an impossible scene."""
-        if self._stage == "done" or self.wait_s > 0:
+        return self._compute_slice() if self._first is None else self._take_first()
+
+    def _compute_first(self) -> None:
+        while self.picture is None and self._stage != "done":
+            self._compute_slice()
+
+    def _take_first(self) -> bool:
+        """Goes on from what the thread has computed, once it has; raises what it raised."""
+        assert self._first is not None
+        if not self._first.done():
+            return False
+        (first, self._first), (scene, self._next) = (self._first, None), (self._next, None)
+        if scene is not None:
+            self.request(scene)
+        first.result()
+        return True
+
+    def _compute_slice(self) -> bool:
+        if self._stage == "done" or self._pause_s > 0:
             return False
         assert self._requested is not None
         try:
@@ -173,6 +213,8 @@ class ProgressiveRenderer:
 
     def close(self) -> None:
         """Ends the renderers and their search for a faster strategy."""
+        if self._first is not None:
+            wait([self._first])
         for timed in (self._full, self._quick):
             if timed.renderer is not None:
                 timed.renderer.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from rendercanvas.utils.asyncs import sleep
 from holoview.app.app import App
 from holoview.app.desktop import connect_desktop
 from holoview.app.input_driver import InputDriver
+from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.app.script import run_script, screenshot, wait_until_idle
 from holoview.app.serve import Address, serve
 from holoview.gpu.device import Device
@@ -21,13 +23,39 @@ from holoview.session.session_store import SessionStore
 from holoview.util.errors import UserError
 
 _IDLE_S = 0.05  # between checks for work while there is none
+_FRAME_POLL_S, _LONGEST_FRAME_S = 0.002, 0.1  # between checks for a drawn frame; a hidden window draws none
 _TITLE = "holoview"
 SCRIPT_FRAME_S = 1 / 60
+
+
+def run_until_image(
+    session: EditingSession,
+    device: Device,
+    renderer: ProgressiveRenderer,
+    size: tuple[int, int],
+    on_image: Callable[[], None],
+) -> None:
+    """Draws an off-screen window of `size` (x, y) pixels until it shows an image; then calls `on_image`."""
+    from rendercanvas.offscreen import OffscreenRenderCanvas
+
+    app = App(session, device, OffscreenRenderCanvas(size=size), frame_s=SCRIPT_FRAME_S, renderer=renderer)
+    try:
+        driver = InputDriver(app)
+        driver.draw_frames()
+        while not app.has_shown_image:
+            time.sleep(app.context.side_renderers.wait_s)
+            app.compute_slice()
+            if app.awaits_frame:
+                driver.draw_frames()
+        on_image()
+    finally:
+        app.close()
 
 
 def run_offscreen(
     session: EditingSession,
     device: Device,
+    renderer: ProgressiveRenderer,
     size: tuple[int, int],
     script: str = "",
     where: str = "script",
@@ -40,7 +68,7 @@ def run_offscreen(
     """
     from rendercanvas.offscreen import OffscreenRenderCanvas
 
-    app = App(session, device, OffscreenRenderCanvas(size=size), frame_s=SCRIPT_FRAME_S)
+    app = App(session, device, OffscreenRenderCanvas(size=size), frame_s=SCRIPT_FRAME_S, renderer=renderer)
     try:
         driver = InputDriver(app)
         driver.draw_frames(3)
@@ -56,9 +84,18 @@ def run_offscreen(
 
 
 def run_on_screen(
-    session: EditingSession, device: Device, store: SessionStore, size: tuple[int, int], names: Sequence[str] = ()
+    session: EditingSession,
+    device: Device,
+    renderer: ProgressiveRenderer,
+    size: tuple[int, int],
+    store: SessionStore,
+    names: Sequence[str] = (),
+    on_image: Callable[[], None] | None = None,
 ) -> None:
-    """Runs a window until it is closed. Raises UserError without a screen."""
+    """Runs a window until it is closed, or with `on_image` until it shows an image. Raises UserError without a screen.
+
+    on_image: called when the first image is displayed.
+    """
     try:  # here: glfw can't be imported on a machine without its libraries
         import glfw
         from rendercanvas.glfw import RenderCanvas, loop
@@ -67,34 +104,44 @@ def run_on_screen(
     if not glfw.init():
         raise _no_screen(None)
     canvas = RenderCanvas(size=size, title=_TITLE, max_fps=60)
-    app = open_app(session, device, canvas, store, names)
+    app = open_app(session, device, canvas, store, names, renderer)
     connect_desktop(app.context, glfw, canvas._window)
+    if on_image is not None:
+        loop.add_task(_close_after_image, app, on_image, name="until image")
     _run_loop(app, store, loop, loop.run)
 
 
 def run_in_browser(
     session: EditingSession,
     device: Device,
+    renderer: ProgressiveRenderer,
+    size: tuple[int, int],
     store: SessionStore,
+    names: Sequence[str],
     address: Address,
     began: Callable[[str], None],
-    size: tuple[int, int],
-    names: Sequence[str] = (),
 ) -> None:
     """Serves the viewer to a browser until it is interrupted; `began` is called with the address."""
     from holoview.app.served_canvas import ServedCanvas, loop
 
     canvas = ServedCanvas(size=size, title=_TITLE, max_fps=30)
-    app = open_app(session, device, canvas, store, names)
+    app = open_app(session, device, canvas, store, names, renderer)
     _run_loop(app, store, loop, lambda: serve(address, began, canvas.get_closed))
 
 
-def open_app(session: EditingSession, device: Device, canvas: Any, store: SessionStore, names: Sequence[str]) -> App:
+def open_app(
+    session: EditingSession,
+    device: Device,
+    canvas: Any,
+    store: SessionStore,
+    names: Sequence[str],
+    renderer: ProgressiveRenderer | None = None,
+) -> App:
     """The viewer with the user's preferences, opening `names`; a user who hasn't seen the tour gets it or a hint.
 
     The tour is of the example; who begins with something else is told where help is.
     """
-    app = App(session, device, canvas, store=store, tunes=True)
+    app = App(session, device, canvas, store=store, tunes=True, renderer=renderer)
     if names:
         app.context.attempt(app.context.loader.open, list(names))
     if app.tour.was_seen:
@@ -137,7 +184,20 @@ async def compute_loop(app: App) -> None:
     """Computes slices and yields to the window's loop in between; sleeps while there is nothing to compute."""
     while not app.window.canvas.get_closed():
         app.redraw_if_due()
-        await sleep(0 if app.compute_slice() else max(app.context.side_renderers.wait_s, _IDLE_S))
+        is_more_to_do = app.compute_slice()
+        until = time.perf_counter() + _LONGEST_FRAME_S
+        while app.awaits_frame and time.perf_counter() < until:  # an image is shown before the next one is begun
+            await sleep(_FRAME_POLL_S)
+        await sleep(0 if is_more_to_do else app.context.side_renderers.wait_s or _IDLE_S)
+
+
+async def _close_after_image(app: App, on_image: Callable[[], None]) -> None:
+    """Closes the window when it has shown an image."""
+    while not app.has_shown_image:
+        await sleep(_FRAME_POLL_S)
+    app.window.device.wait()
+    on_image()
+    app.window.canvas.close()
 
 
 def _no_screen(error: BaseException | None) -> UserError:

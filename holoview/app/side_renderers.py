@@ -19,11 +19,14 @@ _MAX_OTHERS = 2  # renderers besides that of "now", as each takes memory of the 
 
 
 class SideRenderers:
-    """One renderer for each side: call `request` after each change of the session, `compute_slice` while `is_busy`."""
+    """One renderer for each side: call `request` after each change of the session, `compute_slice` while `is_busy`.
 
-    def __init__(self, device: Device, session: EditingSession) -> None:
+    now: the renderer of "now", if it has been started already.
+    """
+
+    def __init__(self, device: Device, session: EditingSession, now: ProgressiveRenderer | None = None) -> None:
         self._device, self._session = device, session
-        self.now = ProgressiveRenderer(device)
+        self.now = ProgressiveRenderer(device) if now is None else now
         self._others: dict[ComparisonSide, ProgressiveRenderer] = {}
         self._presets: dict[tuple[str, tuple[int, int], int], Scene | None] = {}
         self._target: tuple[NDArray[np.float32], DeviceImage] | None = None

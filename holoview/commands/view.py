@@ -34,6 +34,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--random", action="store_true", help="random patterns: the speckle of the bench, no picture")
     parser.add_argument("--serve", metavar="HOST:PORT", help="show it in a browser; asks for the token that is printed")
     parser.add_argument("--offscreen", action="store_true", help="draw it without a screen, for --script, --screenshot")
+    parser.add_argument(
+        "--until-image",
+        action="store_true",
+        help="end when the first image is displayed, and say so",
+    )
     parser.add_argument("--script", metavar="FILE", type=Path, help="actions to do, a line each; with --offscreen")
     parser.add_argument("--screenshot", metavar="PNG", type=Path, help="a picture of the window; with --offscreen")
 
@@ -48,7 +53,10 @@ def run(args: argparse.Namespace) -> int:
         raise UserError("--random", f"with {names[0]}", expected="a preset or nothing with it")
     script = _read(args.script) if args.script is not None else ""
     try:
-        from holoview.app.launch import LaunchOptions, launch  # here: help needs no window library
+        from holoview.app.startup import Startup  # here: help needs no graphics or window library
+
+        startup = Startup(args.adapter)  # before the imports of all else, which it overlaps with
+        from holoview.app.launch import LaunchOptions, launch
     except ImportError as error:  # a library of the operating system is missing; ImGui itself is a dependency
         raise UserError("view", f"its window can't be drawn: {error}", remedy=_REMEDY) from error
     options = LaunchOptions(
@@ -63,8 +71,9 @@ def run(args: argparse.Namespace) -> int:
         script=script,
         script_name=str(args.script or "script"),
         screenshot=args.screenshot,
+        until_image=args.until_image,
     )
-    launch(options, print_stderr)
+    launch(options, startup, print_stderr)
     return 0
 
 
@@ -74,8 +83,12 @@ def _check(args: argparse.Namespace) -> None:
         raise UserError(flag, "without --offscreen", expected="--offscreen with it")
     if args.offscreen and args.serve is not None:
         raise UserError("--serve", "with --offscreen", expected="one of them")
-    if args.offscreen and args.script is None and args.screenshot is None:
+    if args.offscreen and args.script is None and args.screenshot is None and not args.until_image:
         raise UserError("--offscreen", "alone would show nothing", expected="--script or --screenshot with it")
+    others = {"--serve": args.serve, "--script": args.script, "--screenshot": args.screenshot}
+    for flag, value in others.items():
+        if args.until_image and value is not None:
+            raise UserError("--until-image", f"with {flag}", expected="one of them")
     if args.screenshot is not None:
         check_output_file(args.screenshot, ".png")
 

@@ -64,6 +64,9 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.commands.bench_report", "holoview.app.frame_rate"): OPTIONAL,
     ("holoview.commands.view", "holoview.app.launch"): OPTIONAL,
     ("holoview.app.frame_rate", "rendercanvas.offscreen"): CHOICE,
+    ("holoview.commands.view", "holoview.app.startup"): OPTIONAL,
+    ("holoview.app.launch", "holoview.app.no_adapter"): SLOW,
+    ("holoview.app.launch", "holoview.app.run"): SLOW,
     ("holoview.app.run", "glfw"): CHOICE,
     ("holoview.app.run", "rendercanvas.glfw"): CHOICE,
     ("holoview.app.run", "holoview.app.served_canvas"): CHOICE,
@@ -163,7 +166,8 @@ def test_the_description_of_a_bench_reaches_no_engine_and_no_window(module: str)
 
 
 def test_the_viewer_starts_without_the_libraries_that_take_long_to_import() -> None:
-    reached = {name.partition(".")[0] for name in _reached("holoview.app.launch") | _reached("holoview.commands.view")}
+    roots = [f"holoview.{name}" for name in ("commands.view", "app.startup", "app.launch", "app.run")]
+    reached = {name.partition(".")[0] for root in roots for name in _reached(root)}
     assert {"numpy", "wgpu", "imgui_bundle"} <= reached
     assert not reached & SLOW_LIBRARIES
 

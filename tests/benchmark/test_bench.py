@@ -19,6 +19,7 @@ from holoview.benchmark.strategy_choice import TuningReport
 from holoview.benchmark.timing import JobTimings, time_interleaved
 from holoview.benchmark.torch_baseline import TorchBaseline
 from holoview.cli import main
+from holoview.commands import bench
 from holoview.engine.frame import compute_focal_stack
 from holoview.engine.incremental import IncrementalRenderer
 from holoview.engine.torch_executor import TorchExecutor
@@ -134,15 +135,28 @@ def test_a_timer_counts_the_time_on_the_device_and_no_more(device: Device) -> No
 
 
 @pytest.mark.gpu
-def test_the_first_picture_comes_from_a_process_of_its_own(device: Device) -> None:
-    assert 0.1 < first_image.first_image_s(_system()) < 60
+def test_first_images_come_from_processes_of_their_own(device: Device) -> None:
+    timings = first_image.first_image_timings(_system(), rounds=1)
+    assert len(timings) == 5
+    assert all(len(job.seconds) == 1 and job.seconds[0] > 0 for job in timings.values())
+    criteria = first_image.first_image_criteria(timings)
+    assert [criterion.limit for criterion in criteria] == [3.0, 1.5]
+    assert criteria[0].value == timings[first_image.COLD].seconds[0]
+
+
+@pytest.mark.gpu
+def test_a_first_image_that_fails_says_why(device: Device) -> None:
+    with pytest.raises(RuntimeError, match="no adapter is called 'nonesuch'"):
+        first_image.first_image_criterion(_system(), "nonesuch")
 
 
 @pytest.mark.gpu
 def test_the_command_prints_a_table_and_json(
     device: Device, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(first_image, "first_image_s", lambda system, adapter: 2.5)
+    times = JobTimings((2.5,), (1.0,))
+    names = (first_image.COLD, first_image.WARM, first_image.RENDER_TORCH)
+    monkeypatch.setattr(bench, "first_image_timings", lambda *_: dict.fromkeys(names, times))
     arguments = ["bench", "--size", "64x48", "--rounds", "1", "--strategy", "workgroup"]
     assert main(arguments) == 0
     table = capsys.readouterr().out
@@ -150,7 +164,8 @@ def test_the_command_prints_a_table_and_json(
     assert "amplitude edit / full frame" in table and "2.5" in table
     assert main([*arguments, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert len(result["bars"]) == 8 and result["size"] == [64, 48]
+    assert result["first_image"][first_image.RENDER_TORCH]["cpu_ms"] == 1000.0
+    assert len(result["bars"]) == 9 and result["size"] == [64, 48]
     assert result["adapter"]["name"] == device.info.name
 
 
