@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -68,11 +69,18 @@ def job_system(settings: JobSettings) -> System:
 def job_target(system: System, settings: JobSettings, planes_m: NDArray[np.float64]) -> NDArray[np.float32]:
     """The focal stack (plane, y, x, 3) of a job's target at distances `planes_m`, linear sRGB."""
     name = settings["target"]
-    depth = data_dir("assets") / f"{name}-depth.png"
+    picture = target_picture(name)
+    depth = picture.with_name(f"{name}-depth.png")
     placement = Placement(depth=depth if settings.get("depth", True) and depth.is_file() else None)
     options = {"saturation": settings.get("saturation", 1.0), "planes": planes_m}
     brightness = settings.get("brightness", 1.0)
-    return target_for(system, data_dir("assets") / f"{name}.png", placement, brightness, **options).stack
+    return target_for(system, picture, placement, brightness, **options).stack
+
+
+def target_picture(name: str) -> Path:
+    """The file of a target that is part of holoview."""
+    path = data_dir("assets") / f"{name}.png"
+    return path if path.is_file() else path.with_suffix(".jpg")
 
 
 def optimise_job(

@@ -8,10 +8,9 @@ import pytest
 from PIL import Image
 
 from holoview.cli import main
-from holoview.study.hologram_jobs import job_system, job_target, run_hologram_job
+from holoview.study.hologram_jobs import job_system, job_target, run_hologram_job, target_picture
 from holoview.study.registry import studies_by_name
 from holoview.study.scale import MIDDLE, QUICK, TARGETS
-from holoview.util.files import data_dir
 
 TINY = {"scheme": "simultaneous", "target": "still-life", "seed": 0, "shape": [12, 16], "iterations": 2, "planes": 2}
 
@@ -27,9 +26,10 @@ def test_what_isnt_given_stays() -> None:
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_every_target_is_a_picture_with_or_without_depth(name: str) -> None:
-    with Image.open(data_dir("assets") / f"{name}.png") as picture:
+    path = target_picture(name)
+    with Image.open(path) as picture:
         size = picture.size
-    depth = data_dir("assets") / f"{name}-depth.png"
+    depth = path.with_name(f"{name}-depth.png")
     if depth.is_file():
         with Image.open(depth) as map_:
             assert map_.size == size
