@@ -62,7 +62,7 @@ gallery: .venv/holoview.stamp
 
 still-life: .venv/holoview.stamp
 	$(BIN)/holoview optimise holochrome-8 assets/still-life.png --depth assets/still-life-depth.png --iterations 60 \
-		--step 0.5 --eyebox 0.01 --drive-type uint8 -o assets/still-life.safetensors
+		--eyebox 0.01 --drive-type uint8 -o assets/still-life.safetensors
 
 package: .venv/holoview.stamp
 	rm -rf dist

@@ -39,7 +39,6 @@ from holoview.view import View, random_drive, simulate
 _DISPLAYS = ("holochrome-8", "simultaneous")
 _COLUMN_TITLES = ("target", "HoloChrome, 8 wavelengths", "simultaneous, 3 wavelengths")
 _DEFOCUSED_PLANE_M = 0.014
-_STEP_RAD = 0.5  # with few iterations better than the default: +1.1 dB after 20, for holochrome-8 with 128 × 96 pixels
 _MIN_SIDE = 16  # pixels: the eyebox is measured in 8 × 8 blocks
 # Regions of the still life (x, y, width, height as shares of the picture): the die in front, the vase behind.
 _WHOLE, _FRONT, _BACK = (0, 0, 1, 1), (0.36, 0.68, 0.28, 0.28), (0.70, 0.06, 0.28, 0.28)
@@ -72,7 +71,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Runs the demonstration; prints the scores, the files that were written and what to try next."""
     started = time.perf_counter()
-    settings = Settings(iterations=args.iterations, step_rad=_STEP_RAD)
+    settings = Settings(iterations=args.iterations)
     changes = {"shape": args.shape} if args.shape else {}
     systems = [preset.load(name).edit(changes) for name in _DISPLAYS]
     _prepare(args, systems[0])

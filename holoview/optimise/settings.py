@@ -41,7 +41,7 @@ class Settings:
     """
 
     iterations: int = 60
-    step_rad: float = 0.9
+    step_rad: float = 0.5
     betas: tuple[float, float] = (0.5, 0.5)
     amplitudes_every: int = 10
     seed: int = 0

@@ -32,7 +32,7 @@ _CASES: dict[str, tuple[Change, ...]] = {
     "planes": tuple({"planes": count} for count in (1, 2, 9)),
     "stack": tuple({"range_mm": ends} for ends in ([9.9, 10.1], [9.5, 10.5], [8.0, 12.0], [6.0, 14.0])),
     "gap": tuple({"gap_mm": gap} for gap in (0.5, 1.0, 4.0, 8.0)),
-    "first step": tuple({"options": {"step_rad": step}} for step in (0.3, 0.1, 0.03)),
+    "first step": tuple({"options": {"step_rad": step}} for step in (0.9, 0.25, 0.1, 0.03)),
     "margin": tuple({"margin": share} for share in (0.1, 0.25)),
     "target": ({"depth": False}, {"planes": 1, "depth": False}),
     "eyebox weight": tuple({"eyebox": weight} for weight in (0.0, 0.01, 0.1, 0.3)),
