@@ -20,7 +20,7 @@ from holoview.util.errors import UserError
 def _system(**changes: Any) -> System:
     small = {"shape": [32, 40], "planes": ["3 mm"], "relay1.iris_na": 0.03, "relay2.iris_na": 0.03}
     lasers = {"wavelengths": ["450 nm", "600 nm"], "amplitudes": [[1, 1]], "observer": "mono"}
-    return hv.load("holochrome-8").edit({**small, **lasers, **changes})
+    return hv.load("holochrome-8-open").edit({**small, **lasers, **changes})
 
 
 def _chi2(captures: Captures, effects: dict[str, dict[str, float]], finer: int = 1) -> np.ndarray[Any, Any]:

@@ -76,7 +76,7 @@ def test_an_effect_that_is_switched_off_and_on_has_its_values_again(make: Callab
 
 
 def test_what_the_bench_lacks_cannot_be_switched_on(make: Callable[..., Gui]) -> None:
-    gui = make()
+    gui = make(relay1={}, relay2={})
     gui.engine(lambda ctx: ctx.item_input_value("Effects/##words", "aberration1"))
     gui.click(gui.item_position("effect aberration1", 0.1))
     assert not gui.session.system.effects

@@ -94,6 +94,7 @@ def _check_that_the_slider_moves_the_picture(page: Any, start: Point, end: Point
 
 
 def _restart_and_run_all(page: Any) -> None:
+    page.locator(".jp-Notebook-ExecutionIndicator[data-status=idle]").wait_for()  # earlier clicks would be ignored
     page.locator(".jp-NotebookPanel-toolbar [data-jp-item-name=restart-and-run] *").first.click()
     page.locator(".jp-Dialog .jp-mod-accept").click()
     page.locator(_PRINTED).wait_for(state="hidden")  # of the last kernel
