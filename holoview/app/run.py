@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -158,7 +160,7 @@ def open_app(
 
 def _run_loop(app: App, store: SessionStore, loop: Any, run: Callable[[], None]) -> None:
     autosave = _autosave(app, store)
-    app.session.wake = lambda: loop.call_soon_threadsafe(app.window.wake)
+    app.session.wake = partial(_wake_window, loop, app)
     loop.add_task(compute_loop, app, name="compute")
     try:
         run()
@@ -169,6 +171,12 @@ def _run_loop(app: App, store: SessionStore, loop: Any, run: Callable[[], None])
         app.close()
     if isinstance(failed, UserError):
         raise UserError(failed.where, failed.found, remedy="start again: your work is saved and will be offered")
+
+
+def _wake_window(loop: Any, app: App) -> None:
+    """Has the loop call the window's `wake`; without effect when the loop has ended. May be called on any thread."""
+    with suppress(AttributeError, RuntimeError):  # of an ended loop, for which rendercanvas has no public test
+        loop.call_soon_threadsafe(app.window.wake)
 
 
 def _autosave(app: App, store: SessionStore) -> Autosave | None:

@@ -17,8 +17,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import psutil
-
 from holoview.benchmark.frame_benchmark import Criterion
 from holoview.benchmark.timing import JobTimings
 from holoview.model import preset
@@ -114,5 +112,5 @@ def _run(command: _Command, folder: Path, caches: Path) -> tuple[float, float]:
 
 def _cpu_s_of_children() -> float:
     """Processor time (s) of all processes that this one has started and waited for; 0 where that isn't counted."""
-    times = psutil.Process().cpu_times()
+    times = os.times()
     return float(times.children_user + times.children_system)

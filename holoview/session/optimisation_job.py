@@ -140,13 +140,24 @@ class OptimisationJob(BackgroundJob):
         """Applies the result as an edit. Called on the owner's thread."""
         latest, session = self.latest, self._session
         assert latest is not None
+        system = result.system
         if session.system != self.start_document.system:
-            session.messages.post(
-                "the bench is as it was when the optimisation began; undo brings your changes back", "warning"
-            )
+            system, message = self._with_later_edits(result)
+            session.messages.post(message, "warning")
         label = f"Optimise, {latest.iteration} iterations, {latest.best_psnr_db:.1f} dB"
-        session.edit(label, system=result.system, drive=result.drive, origin=result.origin, path=None)
+        session.edit(label, system=system, drive=result.drive, origin=result.origin, path=None)
         session.messages.post(f"{label}: {latest.loss:.4g} loss")
+
+    def _with_later_edits(self, result: Document) -> tuple[System, str]:
+        """The bench as it was edited during the optimisation, if it can show the result; and what to tell the user."""
+        begun, now = self.start_document.system, self._session.system
+        if self.system != begun or now.drive_shape != result.drive.shape:
+            return result.system, "the bench is as it was when the optimisation began; undo brings your changes back"
+        lasers_are_as_before = all(
+            np.array_equal(getattr(now, name), getattr(begun, name)) for name in ("wavelengths_m", "amplitudes")
+        )
+        system = with_lasers_of(now, result.system) if lasers_are_as_before else now
+        return system, "the bench was changed during the optimisation: the patterns are for the bench as it was before"
 
 
 def start_optimisation(session: EditingSession, request: OptimisationRequest | None = None) -> OptimisationJob:

@@ -75,7 +75,7 @@ def _render_html(
         title=study.title,
         shows=study.summary,
         scale=f"Scale {scale.name}: {study.describe_size(scale)}; seed {seed}.",
-        reduced=study.quick_note if scale is QUICK else "",
+        reduced=study.quick_note if scale.name == QUICK.name else "",
         claims=findings.claims,
         plots=[{"uri": data_uri(figures[plot.name]["png"]), "caption": plot.caption} for plot in findings.plots],
         pictures=[{"uri": data_uri(_png(picture)), "caption": picture.caption} for picture in findings.pictures],

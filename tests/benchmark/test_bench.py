@@ -165,7 +165,7 @@ def test_the_command_prints_a_table_and_json(
     assert main([*arguments, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["first_image"][first_image.RENDER_TORCH]["cpu_ms"] == 1000.0
-    assert len(result["bars"]) == 9 and result["size"] == [64, 48]
+    assert len(result["bars"]) == 10 and result["size"] == [64, 48]
     assert result["adapter"]["name"] == device.info.name
 
 

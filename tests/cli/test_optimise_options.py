@@ -137,7 +137,7 @@ def test_too_little_memory_says_how_much_is_needed_and_what_to_lower(
     def full(*_: Any, **__: Any) -> None:
         raise RuntimeError("[enforce fail at alloc_cpu.cpp] DefaultCPUAllocator: can't allocate memory")
 
-    monkeypatch.setattr(torch.fft, "ifft2", full)
+    monkeypatch.setattr(torch.fft, "ifft", full)
     outcome = holoview("optimise", "simultaneous", picture, *QUICK)
     assert outcome.code == 2
     assert "needs about " in outcome.err and "GiB of memory" in outcome.err

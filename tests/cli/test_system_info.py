@@ -104,10 +104,10 @@ def test_the_optimiser_needs_more_for_more_lasers_and_modulators() -> None:
     }
     assert need["holochrome-8-1slm-open"] < need["holochrome-8-open"]
     assert need["time-sequential-open"] < need["multiplexed-open"], "in each frame but one of three lasers is on"
-    # peaks measured by ru_maxrss above that before the problem was built: 1080, 974 and 566 MiB
-    assert need["holochrome-8-open"] == pytest.approx(1080, rel=0.15)
-    assert need["holochrome-8-1slm-open"] == pytest.approx(974, rel=0.15)
-    assert need["time-sequential-open"] == pytest.approx(566, rel=0.15)
+    # peaks of processes over 12 iterations, above the memory before the problem was built (VmHWM, 2 threads); they hold
+    # 68 to 89 MiB beside tensors: tables and threads of the FFTs, and what the allocator keeps
+    measured = {"holochrome-8-open": 1015, "holochrome-8-1slm-open": 921, "time-sequential-open": 510}
+    assert all(0 < peak - need[name] < 100 for name, peak in measured.items())
 
 
 def test_the_bench_is_told_in_people_s_units() -> None:

@@ -119,6 +119,43 @@ def test_the_view_follows_and_cancelling_leaves_the_old_patterns(
     )
 
 
+def _optimise_while_editing(session: EditingSession, target_spec: TargetSpec, changes: dict[str, object]) -> str:
+    """Optimises patterns and amplitudes, edits the bench meanwhile, and returns the warning at the end."""
+    session.edit("Target", target_spec=target_spec)
+    settings = Settings(iterations=100_000, amplitudes_every=1)
+    job = start_optimisation(session, OptimisationRequest(settings, preview_every=1, device="cpu"))
+    _until(session, lambda: job.latest is not None and job.latest.iteration >= 2)
+    session.change("Edit", changes)
+    job.stop_and_keep()
+    _until(session, lambda: not job.is_active)
+    assert job.status == "done" and "optimised" in session.document.origin
+    return next(message.text for message in session.messages.all if message.kind == "warning")
+
+
+def test_an_edit_of_the_bench_during_an_optimisation_is_kept(session: EditingSession, target_spec: TargetSpec) -> None:
+    before = session.system.amplitudes
+    told = _optimise_while_editing(session, target_spec, {"gap": 2e-3})
+    assert session.system.gap_m == 2e-3 and "the patterns are for the bench as it was before" in told
+    assert (session.system.amplitudes != before).any(), "lasers that weren't edited are those of the result"
+
+
+def test_an_edit_of_the_lasers_during_an_optimisation_is_kept(session: EditingSession, target_spec: TargetSpec) -> None:
+    edited = [470e-9, 540e-9, 630e-9]
+    _optimise_while_editing(session, target_spec, {"wavelengths": edited})
+    assert session.system.wavelengths_m.tolist() == edited
+    assert session.system.amplitudes.tolist() == [[1.0, 1.0, 1.0]]
+
+
+def test_a_result_for_which_the_edited_bench_has_no_pixels_comes_with_its_own(
+    session: EditingSession, target_spec: TargetSpec
+) -> None:
+    old = session.system
+    told = _optimise_while_editing(session, target_spec, {"shape": [12, 16]})
+    assert session.system.modulators == old.modulators and "undo brings your changes back" in told
+    session.undo()
+    assert session.system.modulators[0].shape == (12, 16)
+
+
 def test_keeping_ends_an_optimisation_with_the_best_so_far(session: EditingSession, target_spec: TargetSpec) -> None:
     session.edit("Target", target_spec=target_spec)
     old, job = session.drive, start_optimisation(session, ENDLESS)

@@ -150,7 +150,7 @@ def test_ctrl_c_in_a_terminal_keeps_what_is_done(tmp_path: Path) -> None:
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, cwd=ROOT, start_new_session=True, **pipes) as process:
         until = time.monotonic() + 60
-        while not list(tmp_path.glob("jobs/*.json")) and time.monotonic() < until:
+        while not list(tmp_path.glob("jobs/[!.]*.json")) and time.monotonic() < until:  # not one being written
             time.sleep(0.02)
         os.killpg(process.pid, signal.SIGINT)
         out, err = process.communicate(timeout=60)
