@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import pytest
-
 import holoview as hv
 from holoview.commands.system_info import info_rows
 
