@@ -11,6 +11,7 @@ from imgui_bundle import imgui
 from holoview.app import theme
 from holoview.app.parameter_widgets import tooltip
 from holoview.session.editing_session import EditingSession
+from holoview.util.files import expand_home
 
 MODAL = imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_docking
 _ROWS = 12
@@ -125,7 +126,7 @@ class FileDialog:
         request = self._request
         if request is None or not self.name.strip():
             return
-        path = self.folder / Path(self.name.strip()).expanduser()
+        path = self.folder / expand_home(self.name.strip())
         if path.is_dir() and not (path / self.name).exists():
             self.name = ""
             self.list_folder(path)

@@ -29,6 +29,7 @@ from holoview.targets.image_reader import file_format
 from holoview.targets.picture import Picture, read_picture
 from holoview.targets.rendered_stacks import is_stack
 from holoview.util.errors import UserError
+from holoview.util.files import expand_home
 from holoview.util.safetensors_file import format_of
 from holoview.view import random_drive
 
@@ -57,7 +58,7 @@ def read_content(names: str | Path | Sequence[str | Path], system: System) -> Fi
     names_list = [names] if isinstance(names, str | Path) else list(names)
     if not names_list:
         raise UserError("open", "nothing", expected=_EXPECTED)
-    paths = [Path(name).expanduser() for name in names_list]
+    paths = [expand_home(name) for name in names_list]
     if len(paths) > 1:
         return _patterns(paths, system)
     path = paths[0]

@@ -31,6 +31,14 @@ def cache_dir() -> Path:
     return (Path(base) if Path(base).is_absolute() else Path.home() / ".cache") / "holoview"
 
 
+def expand_home(name: str | os.PathLike[str]) -> Path:
+    """The path with a leading ~ or ~user replaced by that home folder; unchanged where there is no such user."""
+    try:
+        return Path(name).expanduser()
+    except RuntimeError:
+        return Path(name)
+
+
 @contextmanager
 def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Context manager that yields a temporary file in the folder of `path` and renames it to `path` at the end.

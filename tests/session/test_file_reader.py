@@ -87,6 +87,8 @@ def test_what_cannot_be_opened_is_a_users_mistake(tmp_path: Path, content: bytes
         read_content(path, SYSTEM)
     with pytest.raises(UserError):
         read_content(tmp_path / "missing", SYSTEM)
+    with pytest.raises(UserError):
+        read_content("~no-such-user/picture.png", SYSTEM)
 
 
 def test_a_pasted_picture_is_linear_light_over_black() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from holoview.util.errors import UserError
-from holoview.util.files import atomic_write, cache_dir, data_dir
+from holoview.util.files import atomic_write, cache_dir, data_dir, expand_home
 
 
 def _write(path: Path, text: str) -> None:
@@ -102,3 +102,13 @@ def test_the_folder_for_caches_is_where_the_user_has_them(tmp_path: Path, monkey
     assert cache_dir() == tmp_path / "holoview"
     monkeypatch.setenv("XDG_CACHE_HOME", "not/absolute")
     assert cache_dir() == Path.home() / ".cache" / "holoview"
+
+
+def test_a_home_folder_is_found_and_that_of_an_unknown_user_is_a_name_like_others(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for variable in ("HOME", "USERPROFILE"):
+        monkeypatch.setenv(variable, str(tmp_path))
+    assert expand_home("~/a.png") == tmp_path / "a.png"
+    assert expand_home("~no-such-user/a.png") == Path("~no-such-user/a.png")
+    assert expand_home(Path("b/~")) == Path("b/~")
