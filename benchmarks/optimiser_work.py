@@ -24,13 +24,13 @@ ENDLESS = 1_000_000
 
 def colour_work(size: Sequence[int], target: str = "still-life", seed: int = 0) -> Work:
     """8 wavelengths, 5 planes, two modulators, no padding; `size` (y, x) samples, and half as many pixels."""
-    system = hv.load("holochrome-8").with_(shape=tuple(n // 2 for n in size), propagation="periodic")
+    system = hv.load("holochrome-8-open").with_(shape=tuple(n // 2 for n in size), propagation="periodic")
     return _work(system, target, seed)
 
 
 def mono_work(size: Sequence[int], propagation: str = "periodic") -> Work:
     """A case for all libraries: one wavelength, one modulator, 3 planes, mean squared error of intensity."""
-    system = hv.load("holochrome-8-1slm").with_(
+    system = hv.load("holochrome-8-1slm-open").with_(
         shape=tuple(n // 2 for n in size),
         propagation=propagation,
         wavelengths=["550 nm"],

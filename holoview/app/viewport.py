@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +23,7 @@ _MIN_GRID_ZOOM = 10.0  # screen pixels for each sample from which the pixel grid
 _TAPS = ((1 + 1e-4, 1), (2.0, 3), (4.0, 5), (8.0, 9))
 """Samples along an axis that a screen pixel covers at most, and those that it may touch, which the shader reads."""
 _SPARSE_TAPS = 8
+_HALF_TOLERANCE = 1e-3  # screen pixels; positions are rounded by less
 _COMPARISONS = {"off": 0, "hold": 0, "wipe": 1, "side-by-side": 2, "difference": 3}
 BACKGROUND = (0.075, 0.078, 0.086)
 
@@ -69,8 +71,13 @@ def visible_area_of(view: ViewSettings, size: tuple[int, int], shape: tuple[int,
     width, height = max(size[0] // pane_count(view), 1), max(size[1], 1)
     zoom = view.zoom or zoom_to_fit(view, size, shape)
     step = (1 / (zoom * shape[1]), 1 / (zoom * shape[0]))
-    left, top = round(width / 2 - view.centre[0] / step[0]), round(height / 2 - view.centre[1] / step[1])
+    left, top = _whole_pixel(width / 2 - view.centre[0] / step[0]), _whole_pixel(height / 2 - view.centre[1] / step[1])
     return VisibleArea(size, (-left * step[0], -top * step[1]), step)
+
+
+def _whole_pixel(position: float) -> int:
+    """The nearest whole number; halves go down, rounded or not, so that a drag by n pixels moves by n from anywhere."""
+    return math.ceil(position - 0.5 - _HALF_TOLERANCE)
 
 
 def zoom_to_fit(view: ViewSettings, size: tuple[int, int], shape: tuple[int, int]) -> float:
