@@ -141,11 +141,14 @@ def _write_report(args: argparse.Namespace, bench: System, fourier: bool, known:
 def _print_diagnosis(found: Diagnosis, args: argparse.Namespace) -> None:
     """The diagnosis in a few lines."""
     before, after = found.before, found.after
-    print(f"{args.captures}: {found.verdict}")
+    of_how_many = f" ({found.captures - len(found.bad_captures)} of {found.captures} captures)"
+    print(f"{args.captures}: {found.verdict}{of_how_many if found.bad_captures else ''}")
     print(
         f"  held-out captures: χ²/n {before.chi2_per_pixel:.4g} → {after.chi2_per_pixel:.4g} (noise: 1), "
         f"{before.psnr_db:.1f} → {after.psnr_db:.1f} dB"
     )
+    for bad in found.bad_captures:
+        print(f"  left out: capture {bad.index}, {bad.why}. {bad.sentence}")
     for cause in found.causes:
         print(f"  {cause.effect}: {cause.sentence}")
         for name, interval in cause.intervals.items():

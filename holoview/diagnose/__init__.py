@@ -7,6 +7,12 @@ diagnosis           the result and its JSON
 
 search_context      what all stages share: captures, bench, effects, predictors, workers, settings
 worker_pool         jobs in several processes
+bad_captures        captures that were left out; those that are dark, saturated or given twice
+capture_outliers    which captures stand out from the others
+capture_judgement   every capture judged by a model
+capture_reasons     why a capture isn't what its record says
+judged_search       a search among the captures that are good
+one_picture         blocks of a single picture held out
 capture_split       which captures are searched, fitted and held out
 comparison          residuals of a prediction, gains and movements of the camera fitted
 free_parameters     parameters of effects as one vector
@@ -25,6 +31,7 @@ forward_selection   one cause after another
 nuisances           sensitivity of pixels, movements of the camera, drift of lasers
 laser_drift         wavelengths that drift between captures
 significance        whether a mean differs from zero
+simplest_name       the effect of fewest numbers among those that are the same physics
 sampling_check      whether other samples explain what a cause explains
 power_law           what the gains tell of the lasers' power
 verdict             what the figures allow one to say

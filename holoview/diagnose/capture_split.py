@@ -7,6 +7,7 @@ candidates are ranked on captures that no fit has used.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,15 +32,23 @@ class CaptureSplit:
     rough: Indices
     held_out: Indices
 
+    @property
+    def used(self) -> frozenset[int]:
+        """All captures that a search looks at."""
+        return frozenset(int(k) for part in (self.coarse, self.fine, self.rough, self.held_out) for k in part)
 
-def split_captures(captures: Captures, roughness: NDArray[np.float64], config: SplitConfig) -> CaptureSplit:
+
+def split_captures(
+    captures: Captures, roughness: NDArray[np.float64], config: SplitConfig, left_out: Collection[int] = ()
+) -> CaptureSplit:
     """The captures to search, fit and rank on, of different planes as far as possible.
 
-    roughness: of each capture's patterns. Of each wavelength at least one capture is fitted; with fewer than two
-    captures a wavelength, whole wavelengths are held out.
+    roughness: of each capture's patterns. left_out: captures that no set contains; two at least remain. Of each
+    wavelength at least one capture is fitted; with fewer than two captures a wavelength, whole wavelengths are held
+    out.
     """
-    groups = _by_wavelength(captures, roughness)
-    if len(captures) < 2 * len(groups):
+    groups = _by_wavelength(captures, roughness, left_out)
+    if sum(len(group) for group in groups) < 2 * len(groups):
         return _split_scarce(groups, config)
     coarse = [group[0] for group in groups]
     rest = [group[1:] for group in groups]
@@ -56,12 +65,13 @@ def split_captures(captures: Captures, roughness: NDArray[np.float64], config: S
     )
 
 
-def _by_wavelength(captures: Captures, roughness: NDArray[np.float64]) -> list[list[int]]:
+def _by_wavelength(captures: Captures, roughness: NDArray[np.float64], left_out: Collection[int]) -> list[list[int]]:
     """Indices of each wavelength's captures, smoothest first; groups start at different planes in turn."""
     groups = []
     planes = np.unique(captures.distance_m)
-    for turn, wavelength in enumerate(captures.wavelengths_m):
-        group = [int(k) for k in np.argsort(roughness, kind="stable") if captures.wavelength_m[k] == wavelength]
+    ordered = [int(k) for k in np.argsort(roughness, kind="stable") if k not in left_out]
+    for turn, wavelength in enumerate(np.unique(captures.wavelength_m[ordered])):
+        group = [k for k in ordered if captures.wavelength_m[k] == wavelength]
         first = next((k for k in group if captures.distance_m[k] == planes[turn % len(planes)]), group[0])
         groups.append([first, *(k for k in group if k != first)])
     return groups

@@ -156,16 +156,16 @@ class Comparison:
         nearer = shift_images(signal, shift)
         shift = np.clip(shift + self._estimate_shifts(light, self.weight * nearer, nearer), -limit, limit)
         fits = [_fit_gain(light, self.weight, shift_images(signal, shift - self._common_shift(shift)))]
-        moved = self._predict_moved_camera(values, shift)
+        moved = self.predict_moved_camera(values, shift)
         if moved is not None:
             exact = np.clip(shift + self._estimate_shifts(light, self.weight * moved, moved), -limit, limit)
-            own_moved = self._predict_moved_camera(values, exact - self._common_shift(exact))
+            own_moved = self.predict_moved_camera(values, exact - self._common_shift(exact))
             if own_moved is not None:
                 fits.append(replace(_fit_gain(light, self.weight, own_moved), shift=exact))
         best = min(fits, key=lambda fit: float(fit.squares.sum()))
         return best if best.shift is not None else replace(best, shift=shift)
 
-    def _predict_moved_camera(self, values: Values, shift: Floats) -> Images | None:
+    def predict_moved_camera(self, values: Values, shift: Floats) -> Images | None:
         """Predictions with the camera moved by `shift` (capture, 2) pixels; None where no bench can have it so.
 
         A shifted image isn't exact where light holds detail finer than the camera's pixels.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.fit_quality import FitQuality
+from holoview.diagnose.bad_captures import BadCapture
 from holoview.diagnose.excess_breakdown import ExcessBreakdown
 from holoview.diagnose.free_parameters import FittedValues
 from holoview.diagnose.uncertainty import Interval
@@ -83,6 +84,8 @@ class Diagnosis:
     groups: quality by wavelength and plane. candidates: all that were ranked, best first. samples: a few held-out
     captures. signal_explained: share of the captures' variance, before and after. fixed_pattern: standard deviation of
     the pixels' relative sensitivity. gain_spread: of the logarithm of the gains about those of their wavelength.
+    captures: how many there are. bad_captures: those of them that aren't what their records say; no fit used them, and
+    all else speaks of the others.
     """
 
     verdict: Verdict
@@ -101,6 +104,8 @@ class Diagnosis:
     signal_explained: tuple[float, float]
     fixed_pattern: float
     gain_spread: float
+    captures: int
+    bad_captures: tuple[BadCapture, ...]
     notes: tuple[str, ...]
     seconds: float
 
@@ -116,6 +121,8 @@ class Diagnosis:
                 {"causes": list(c.causes), "chi2_per_pixel": _json_number(c.chi2_per_pixel)} for c in self.candidates
             ],
             "rivals": [list(causes) for causes in self.rivals],
+            "captures": self.captures,
+            "bad_captures": [dataclasses.asdict(bad) for bad in self.bad_captures],
             "unexplained": {
                 "share": _json_number(self.unexplained),
                 "lives_in": list(self.lives_in),

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import prepare_captures
+from holoview.diagnose.bad_captures import BadCapture, find_useless_captures
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.cause_description import describe_causes, describe_power_law
 from holoview.diagnose.comparison import Values
@@ -25,13 +26,11 @@ from holoview.diagnose.diagnosis import CandidateResult, Cause, Diagnosis
 from holoview.diagnose.excess_breakdown import break_down_excess
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.fit_statistics import explained_variance, fit_quality, held_out_groups, sample_captures
-from holoview.diagnose.forward_selection import select_causes
 from holoview.diagnose.free_maps import fit_free_maps, likely_locations
-from holoview.diagnose.held_out_ranking import SearchResult, rank_on_held_out
-from holoview.diagnose.nuisances import detect_nuisances, excuse_laser_drift
+from holoview.diagnose.held_out_ranking import SearchResult
+from holoview.diagnose.judged_search import SearchOutcome, search_good_captures
+from holoview.diagnose.one_picture import ONE_PICTURE_NOTE, with_one_picture
 from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
-from holoview.diagnose.refine import refine_fit
-from holoview.diagnose.sampling_check import drop_sampling_artefacts
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
 from holoview.diagnose.search_context import (
     NeighbourVariances,
@@ -39,7 +38,8 @@ from holoview.diagnose.search_context import (
     SearchContext,
     equivalent_effects,
 )
-from holoview.diagnose.verdict import Decision, Verdict, decide
+from holoview.diagnose.simplest_name import wider_names
+from holoview.diagnose.verdict import Decision, Verdict
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import is_user_effect, listed_effects, load_user_effects
@@ -72,32 +72,35 @@ def diagnose(
     sampling: how predictions sample light.
     config: settings of all stages.
 
-    Raises UserError when there are too few captures to hold any out.
+    Every capture is judged: `Diagnosis.bad_captures` lists those that aren't what their records say. Of a single
+    picture, blocks of pixels are held out. Raises UserError when no capture is left that shows anything.
     """
     began = time.monotonic()
     config = config or SearchConfig()
-    _check_capture_count(captures, config)
     library = list(listed_effects().values() if effects is None else effects)
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
         with WorkerPool(workers, config.budget.worker_start_s) as pool:
-            context, notes = _prepare(captures, library, known or {}, pool, sampling, config)
+            useless = find_useless_captures(captures, config.judgement)
+            context, notes = _prepare(captures, useless, library, known or {}, pool, sampling, config)
             if not thorough:
-                context = dataclasses.replace(context, field_budget=config.budget.max_fields)
+                context = dataclasses.replace(context, field_budget=_field_budget(context))
             pool.share(context.shared_objects(), partial(_prepare_worker, _user_effect_files(library)))
-            findings = _search(context, notes, progress or _no_progress)
+            outcome = search_good_captures(context, useless, len(captures), progress or _no_progress)
+            findings = _evaluate(outcome, notes, progress or _no_progress)
             diagnosis = _assemble_diagnosis(findings, free_maps, progress or _no_progress)
     finally:
         torch.set_num_threads(threads)
-    return dataclasses.replace(diagnosis, seconds=time.monotonic() - began)
+    return dataclasses.replace(diagnosis, captures=len(captures), seconds=time.monotonic() - began)
 
 
 @dataclass(frozen=True)
 class _Findings:
     """What a search found, and what follows from it.
 
-    gain: of every capture under the best model. power_law: what the gains show. causes: as they are reported.
+    gain: of every capture that is kept, under the best model. power_law: what the gains show. causes: as they are
+    reported. bad_captures: those that no fit used.
     """
 
     context: SearchContext
@@ -106,7 +109,13 @@ class _Findings:
     gain: NDArray[np.float64]
     power_law: PowerLawFit | None
     causes: list[Cause]
+    bad_captures: tuple[BadCapture, ...]
     notes: list[str]
+
+
+def _field_budget(context: SearchContext) -> float:
+    rows, columns = context.system.modulators[0].shape
+    return context.config.budget.fields_for(rows * columns * context.system.sampling.upsample**2)
 
 
 def _no_progress(done: int, total: int, note: str) -> None:
@@ -124,18 +133,9 @@ def _user_effect_files(effects: Sequence[Effect]) -> list[str]:
     return sorted({inspect.getfile(type(effect)) for effect in effects if is_user_effect(effect)})
 
 
-def _check_capture_count(captures: Captures, config: SearchConfig) -> None:
-    if len(captures) < config.split.min_captures:
-        raise UserError(
-            "captures",
-            "one only",
-            expected="at least two: some to fit, some to judge by",
-            remedy="from one capture nothing can be held out, so no cause could be told from chance",
-        )
-
-
 def _prepare(
     captures: Captures,
+    useless: Sequence[BadCapture],
     effects: Sequence[Effect],
     known: Values,
     pool: WorkerPool,
@@ -143,7 +143,11 @@ def _prepare(
     config: SearchConfig,
 ) -> tuple[SearchContext, list[str]]:
     """What a search works with, and notes on what these captures can't show."""
-    properties = captures.data_properties()
+    left_out = tuple(bad.index for bad in useless)
+    kept = [k for k in range(len(captures)) if k not in left_out]
+    if not kept:
+        raise UserError("captures", "every one is dark or saturated", remedy="check shutter and exposures")
+    properties = (captures.subset(kept) if left_out else captures).data_properties()
     unmet = {e.id: e.needs.unmet_by(properties) for e in effects}
     visible = {e.id: e for e in effects if not unmet[e.id]}
     notes = [f"{name} can't be seen in these captures: {why}." for name, why in unmet.items() if why]
@@ -151,72 +155,39 @@ def _prepare(
         notes.append("With one wavelength, errors of the wavelength and of distances can't be told apart.")
     if properties.planes == 1 and not properties.is_fourier:
         notes.append("With one plane, a wrong wavelength looks much like a wrong distance.")
+    options = {"captures": captures, "known_values": known, **dataclasses.asdict(sampling)}
     data = prepare_captures(captures)
-    options = dataclasses.asdict(sampling)
     context = SearchContext(
         data=data,
         system=captures.nominal_system(),
         effects=visible,
-        split=split_captures(captures, pattern_roughness(captures), config.split),
-        predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, captures, known, **options)),
+        split=split_captures(captures, pattern_roughness(captures), config.split, left_out),
+        predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, **options)),
         workers=pool,
         variances=NeighbourVariances(data),
         config=config,
         sampling=sampling,
         equivalents=equivalent_effects(visible, properties),
+        left_out=left_out,
     )
+    if len(kept) == 1:
+        return with_one_picture(context, kept[0]), [*notes, ONE_PICTURE_NOTE]
     return context, notes
 
 
-def _search(context: SearchContext, notes: list[str], progress: ProgressCallback) -> _Findings:
-    context = detect_nuisances(context, {})
-    context, result = _search_causes(context, progress)
-    decision, drift_notes = excuse_laser_drift(context, result, _decide(context, result))
-    decision, sampling_notes = drop_sampling_artefacts(context, result, decision)
-    notes = [*notes, *drift_notes, *sampling_notes, *_budget_notes(context, decision)]
-    values = decision.best.fit.values if decision.best else {}
-    every = context.data_weighted_comparison(np.arange(len(context.data.captures)), 0.0)
-    gain = every.fit_gains(values).gain
+def _evaluate(outcome: SearchOutcome, notes: list[str], progress: ProgressCallback) -> _Findings:
+    """What follows from a search. notes: on what the captures can't show."""
+    context, result, decision = outcome.context, outcome.result, outcome.decision
+    gain = context.data_weighted_comparison(context.kept, 0.0).fit_gains(decision.values).gain
     law = _power_law(context, gain)
     progress(1, 1, "intervals, look-alikes")
     causes = describe_causes(context, result, decision)
-    return _Findings(context, result, decision, gain, law, causes, notes)
-
-
-def _decide(context: SearchContext, result: SearchResult) -> Decision:
-    return decide(result, context.equivalents, context.config.verdict)
-
-
-def _search_causes(context: SearchContext, progress: ProgressCallback) -> tuple[SearchContext, SearchResult]:
-    """The context with the nuisances found, and the candidates ranked with them.
-
-    No search is begun where movements of the camera alone explain the captures.
-    """
-    nothing = rank_on_held_out(context, [])
-    if context.has_camera_jitter:
-        decision, _ = excuse_laser_drift(context, nothing, _decide(context, nothing))
-        if decision.verdict is Verdict.CONSISTENT:
-            return context, nothing
-    result = select_causes(context, [e for e in context.effects.values() if not changes_only_power(e)], progress)
-    settled = detect_nuisances(context, result.best.fit.values)
-    if settled is context:
-        return context, result
-    config = context.config.selection
-    max_excess = config.reranked_excess_factor * result.best.excess + config.reranked_excess
-    near = [c.fit for c in result.candidates[: config.reranked] if c.excess < max_excess]
-    return settled, rank_on_held_out(settled, settled.run_parallel(partial(refine_fit, settled, f) for f in near))
-
-
-def _budget_notes(context: SearchContext, decision: Decision) -> list[str]:
-    """A note where a search that found no full explanation ended at its budget."""
-    if not context.budget_exhausted or decision.verdict not in (Verdict.UNEXPLAINED, Verdict.PARTLY):
-        return []
-    return ["The search was ended with causes left to try; a thorough one (--thorough) takes minutes more."]
+    return _Findings(context, result, decision, gain, law, causes, outcome.bad_captures, [*notes, *outcome.notes])
 
 
 def _power_law(context: SearchContext, gain: NDArray[np.float64]) -> PowerLawFit | None:
     """The law of the lasers' power that leaves the smallest spread of the gains, if one is significant."""
-    captures, laws = context.data.captures, [e for e in context.effects.values() if changes_only_power(e)]
+    captures, laws = context.kept_captures, [e for e in context.effects.values() if changes_only_power(e)]
     fits = [fit_power_law(effect, captures, gain, context.config) for effect in laws]
     return min((fit for fit in fits if fit is not None), key=lambda fit: fit.spread_after, default=None)
 
@@ -225,7 +196,7 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
     """The diagnosis, without the seconds that it took."""
     context, result, decision, law = findings.context, findings.result, findings.decision, findings.power_law
     captures, comparison, config = context.data.captures, result.comparison, context.config
-    values = decision.best.fit.values if decision.best else {}
+    values = decision.values
     nominal, best = comparison.fit_gains({}), comparison.fit_gains(values)
     after = fit_quality(comparison, best, config.report)
     left = max(after.chi2_per_pixel - 1.0, 0.0) / max(result.nominal.excess, 1e-9)
@@ -236,7 +207,7 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
         after=after,
         causes=tuple(findings.causes if law is None else [*findings.causes, describe_power_law(context, law)]),
         values=values if law is None else values | law.values,
-        rivals=tuple(r.causes for r in decision.rivals),
+        rivals=(*(r.causes for r in decision.rivals), *wider_names(context, decision)),
         unexplained=0.0 if decision.verdict is Verdict.CONSISTENT else float(min(left, 1.0)),
         lives_in=_locations(findings, values, after.chi2_per_pixel, progress) if free_maps else {},
         groups=held_out_groups(captures, comparison, nominal, best, config.report),
@@ -246,7 +217,9 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
         excess_after=break_down_excess(captures, comparison, best, roughness, config.breakdown),
         signal_explained=(explained_variance(comparison, nominal), explained_variance(comparison, best)),
         fixed_pattern=context.prnu,
-        gain_spread=gain_spread(captures, findings.gain),
+        gain_spread=gain_spread(context.kept_captures, findings.gain),
+        captures=len(captures),
+        bad_captures=findings.bad_captures,
         notes=tuple(findings.notes),
         seconds=math.nan,
     )

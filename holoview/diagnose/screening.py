@@ -55,6 +55,15 @@ def screen_effects(
     yield screening.in_batches(partial(screening.fitter.scan_and_fit, starts), ordered, ", over its range")
 
 
+def fit_over_range(
+    context: SearchContext, base: FittedValues, effect: Effect, further_starts: Sequence[dict[str, float]]
+) -> CandidateFit:
+    """One effect on top of `base`, scanned over its range. further_starts: points beyond those that images suggest."""
+    screening = _Screening(context, base, context.relative_model_error(base), _no_progress, "")
+    images = screening.image_starts()
+    return screening.fitter.scan_and_fit(lambda one: [*further_starts, *images(one)], effect)
+
+
 def search_cost(context: SearchContext, effect: Effect) -> float:
     """How much a search costs: points of its scan × fields of a prediction × how early it acts on the light."""
     config = context.config.screening
@@ -139,6 +148,8 @@ class _Screening:
         """Fits of all effects, batch after batch."""
         size = self._context.config.budget.effects_per_batch
         for first in range(0, len(effects), size):
+            if first and self._context.screening_exhausted:
+                return
             yield self._improving(fit, effects[first : first + size], note)
 
     def nearby_fits(self, effects: Sequence[Effect]) -> FitBatches:
@@ -165,6 +176,10 @@ class _Screening:
         """Fits of some effects that cost less than the base, the best first."""
         fits = self._context.map_effects(fit, effects, self._progress, self._note + note)
         return sorted((f for f in fits if f.cost < self._base_cost), key=lambda f: f.cost)
+
+
+def _no_progress(done: int, total: int, note: str) -> None:
+    pass
 
 
 def _all_starts(providers: Sequence[StartProvider], effect: Effect) -> list[dict[str, float]]:

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.captures.dataset import Captures
 from holoview.captures.noise_model import add_model_error, neighbour_variance
 from holoview.captures.predictor import Prediction
 from holoview.captures.prepared_captures import Images, PreparedCaptures
@@ -85,7 +86,7 @@ class SearchContext:
     noise, from the captures. config: settings of all stages. field_budget: after so many fields a search begins nothing
     new that takes long. prnu: standard deviation of the pixels' relative sensitivity. has_camera_jitter: whether the
     camera moves from capture to capture, so that comparisons fit its movements. equivalents: for each effect the others
-    that are the same physics on this bench.
+    that are the same physics on this bench. left_out: captures that no fit uses, by index.
     """
 
     data: PreparedCaptures
@@ -101,11 +102,27 @@ class SearchContext:
     prnu: float = 0.0
     has_camera_jitter: bool = False
     equivalents: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    left_out: tuple[int, ...] = ()
+
+    @property
+    def kept(self) -> NDArray[np.intp]:
+        """Indices of the captures that aren't left out."""
+        return np.setdiff1d(np.arange(len(self.data.captures)), np.array(self.left_out, dtype=np.intp))
 
     @property
     def budget_exhausted(self) -> bool:
         """Whether the budget of fields is spent. Asked only while no job runs, so that workers change no result."""
         return self.predictor.fields_requested > self.field_budget
+
+    @property
+    def kept_captures(self) -> Captures:
+        """The captures that aren't left out."""
+        return self.data.captures.subset(self.kept) if self.left_out else self.data.captures
+
+    @property
+    def screening_exhausted(self) -> bool:
+        """Whether so much is spent that no further effect is tried alone. Asked as `budget_exhausted`."""
+        return self.predictor.fields_requested > self.config.budget.screening_factor * self.field_budget
 
     def shared_objects(self) -> dict[str, Any]:
         """The large objects that jobs refer to, of which each worker process needs one copy."""

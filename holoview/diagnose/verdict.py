@@ -7,10 +7,11 @@ the true cause from others is how close it comes to the noise floor on captures 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from holoview.diagnose.config import VerdictConfig
+from holoview.diagnose.free_parameters import FittedValues
 from holoview.diagnose.held_out_ranking import HeldOutScore, SearchResult
 
 Equivalents = Mapping[str, frozenset[str]]
@@ -34,6 +35,11 @@ class Decision:
     best: HeldOutScore | None
     rivals: tuple[HeldOutScore, ...] = ()
 
+    @property
+    def values(self) -> FittedValues:
+        """The effects of the candidate; none where no cause is named."""
+        return self.best.fit.values if self.best else {}
+
 
 def decide(result: SearchResult, equivalents: Equivalents, config: VerdictConfig) -> Decision:
     """The verdict on a search. equivalents: for each effect those that are the same physics."""
@@ -49,6 +55,18 @@ def decide(result: SearchResult, equivalents: Equivalents, config: VerdictConfig
         return Decision(Verdict.PARTLY, best)
     rivals = _rivals_of(best, result, equivalents, config)
     return Decision(Verdict.AMBIGUOUS if rivals else Verdict.EXPLAINED, best, rivals)
+
+
+def limited_by_bad_captures(decision: Decision, bad_share: float, max_share: float) -> Decision:
+    """The decision where a share of the captures is bad: beyond `max_share`, no bench is cleared or explained."""
+    if bad_share <= max_share:
+        return decision
+    lower = {
+        Verdict.CONSISTENT: Verdict.UNEXPLAINED,
+        Verdict.EXPLAINED: Verdict.PARTLY,
+        Verdict.AMBIGUOUS: Verdict.PARTLY,
+    }
+    return replace(decision, verdict=lower.get(decision.verdict, decision.verdict))
 
 
 def chance_excess(pixels: float, config: VerdictConfig) -> float:

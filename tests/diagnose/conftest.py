@@ -82,7 +82,7 @@ def _context(captures: Captures) -> SearchContext:
         system=captures.nominal_system(),
         effects=effects,
         split=split_captures(captures, pattern_roughness(captures), SearchConfig().split),
-        predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, captures, {})),
+        predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, captures=captures, known_values={})),
         workers=WorkerPool(1),
         variances=NeighbourVariances(data),
         equivalents=equivalent_effects(effects, properties),

@@ -7,7 +7,8 @@ h5py, attribute by attribute, as a laboratory would from the format's descriptio
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import h5py
@@ -86,6 +87,27 @@ class Faults:
 
 
 @dataclass(frozen=True)
+class Mishaps:
+    """What went wrong with single captures, by index, while all others are as recorded.
+
+    exchanged: pairs whose pictures were stored under each other's name. other_pattern: the modulators showed patterns
+    that were never recorded. dark: a closed shutter. overexposed: so many times too long. moved: the camera by (y, x)
+    modulator pixels, multiples of 1/fine. defocused: the camera by so many metres. noisy: more read noise, counts.
+    repeated: the picture of another capture once more, {capture: of which}; with `whole`, its record too.
+    """
+
+    exchanged: tuple[tuple[int, int], ...] = ()
+    other_pattern: tuple[int, ...] = ()
+    dark: tuple[int, ...] = ()
+    overexposed: Mapping[int, float] = field(default_factory=dict)
+    moved: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    defocused: Mapping[int, float] = field(default_factory=dict)
+    noisy: Mapping[int, float] = field(default_factory=dict)
+    repeated: Mapping[int, int] = field(default_factory=dict)
+    whole: bool = False
+
+
+@dataclass(frozen=True)
 class Laboratory:
     """The bench as the file describes it. camera: pixels of the camera a modulator pixel and axis."""
 
@@ -103,6 +125,7 @@ class Laboratory:
     camera: int = 2
     seed: int = 0
     faults: Faults = field(default_factory=Faults)
+    mishaps: Mishaps = field(default_factory=Mishaps)
 
 
 def write_session(path: Path, lab: Laboratory) -> Path:
@@ -115,15 +138,34 @@ def write_session(path: Path, lab: Laboratory) -> Path:
     scale = {λ: rng.uniform(0.6, 1.4) for λ in lab.wavelengths_m}
     images, exposure = [], []
     for k, λ in enumerate(wavelength):
-        signal = scale[λ] * power[k] * intensity(lab, levels[k], float(λ))
+        signal = scale[λ] * power[k] * _light_of_capture(lab, levels[k], float(λ), k)
         exposure.append(float(f"{0.8 / np.quantile(signal, 0.999):.3g}"))
-        images.append(_counts(rng, signal * exposure[-1], lab.faults.black))
+        light = signal * exposure[-1] * (k not in lab.mishaps.dark) * lab.mishaps.overexposed.get(k, 1.0)
+        images.append(_counts(rng, light, lab.faults.black, lab.mishaps.noisy.get(k, 0.0)))
+    for a, b in lab.mishaps.exchanged:
+        images[a], images[b] = images[b], images[a]
+    for k, of in lab.mishaps.repeated.items():
+        images[k] = images[of]
+        if lab.mishaps.whole:
+            levels[k], wavelength[k], power[k], exposure[k] = levels[of], wavelength[of], power[of], exposure[of]
     _write(path, lab, levels, np.stack(images), wavelength, power, np.array(exposure))
     return path
 
 
-def intensity(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float) -> Floats:
-    """Mean light of each camera pixel for levels (modulator, y, x)."""
+def _light_of_capture(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, k: int) -> Floats:
+    """The light of a capture whose camera and modulators did what happened to them in it."""
+    if k in lab.mishaps.other_pattern:
+        rng = np.random.default_rng((lab.seed, k))
+        levels = np.stack([_pattern(rng, lab, k) for _ in range(2)]).astype(np.uint8)
+    moved = replace(lab.faults, distance_m=lab.faults.distance_m + lab.mishaps.defocused.get(k, 0.0))
+    return intensity(replace(lab, faults=moved), levels, wavelength_m, lab.mishaps.moved.get(k, (0.0, 0.0)))
+
+
+def intensity(
+    lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, camera_px: tuple[float, float] = (0.0, 0.0)
+) -> Floats:
+    """Mean light of each camera pixel for levels (modulator, y, x); the picture is moved by `camera_px` modulator
+    pixels (y, x)."""
     rows, columns = (n * lab.fine for n in lab.shape)
     y, x = ((np.arange(n) - (n - 1) / 2) * lab.pitch_m / lab.fine for n in (rows, columns))
     sine_y, sine_x = (np.sin(a) for a in lab.faults.tilt_rad)
@@ -135,6 +177,7 @@ def intensity(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float) -
     by = tuple(round(s * lab.fine) for s in lab.faults.shift_px)
     field = field * np.roll(second, by, (0, 1))
     field = _travelled(field, lab, 1, wavelength_m, lab.distance_m + lab.faults.distance_m)
+    field = np.roll(field, tuple(round(s * lab.fine) for s in camera_px), (0, 1))
     seen = np.abs(field[rows : 2 * rows, columns : 2 * columns]) ** 2
     side = lab.fine // lab.camera
     return seen.reshape(rows // side, side, columns // side, side).mean(axis=(1, 3))
@@ -172,10 +215,12 @@ def _pattern(rng: np.random.Generator, lab: Laboratory, k: int) -> Floats:
     return rank * lab.levels // rank.size
 
 
-def _counts(rng: np.random.Generator, signal: Floats, black: float) -> NDArray[np.uint16]:
-    """signal: 1 fills the well."""
+def _counts(rng: np.random.Generator, signal: Floats, black: float, more_noise: float = 0.0) -> NDArray[np.uint16]:
+    """signal: 1 fills the well. more_noise: counts r.m.s. beyond the camera's own."""
     a_count = _FULL_WELL / (2**_BITS - 1 - _BLACK)
     electrons = rng.poisson(_FULL_WELL * signal) + _READ_NOISE * rng.standard_normal(signal.shape)
+    if more_noise:
+        electrons = electrons + a_count * more_noise * rng.standard_normal(signal.shape)
     return np.clip(np.rint(electrons / a_count + _BLACK + black), 0, 2**_BITS - 1).astype(np.uint16)
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from holoview.captures.dataset import Captures
 from holoview.captures.fit_quality import FitQuality
+from holoview.diagnose.bad_captures import BadCapture
 from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.display_gain import DisplayGain
 from holoview.diagnose.html_report import write_report
@@ -45,6 +46,7 @@ def found(nominal: Captures) -> Diagnosis:
         rivals=(("stroke", "tilt"),),
         unexplained=0.3,
         lives_in={"relay 1": 0.96},
+        bad_captures=(BadCapture(3, "exchanged with 9", "Its picture shows <that> of 9."),),
         fixed_pattern=0.01,
         notes=("1 < 2",),
     )
@@ -71,6 +73,8 @@ def test_it_says_all_that_was_found(tmp_path: Path, found: Diagnosis) -> None:
         "To separate them: a capture in another plane.",
         "Can't be excluded stroke and tilt",
         "relay 1: 96% of what is left",
+        "This speaks of 11 of 12 captures.",
+        "3 exchanged with 9 Its picture shows <that> of 9.",
         "Pixels differ in sensitivity by 1.00%.",
         "1 < 2",
     ):
@@ -78,8 +82,15 @@ def test_it_says_all_that_was_found(tmp_path: Path, found: Diagnosis) -> None:
 
 
 def test_what_a_diagnosis_lacks_has_no_heading(tmp_path: Path, found: Diagnosis) -> None:
-    text = _text(tmp_path, dataclasses.replace(found, rivals=(), lives_in={}, fixed_pattern=0.0))
-    for words in ("Can't be excluded", "What is left lives in", "sensitivity", "on the display"):
+    text = _text(tmp_path, dataclasses.replace(found, rivals=(), lives_in={}, fixed_pattern=0.0, bad_captures=()))
+    for words in (
+        "left out",
+        "This speaks of",
+        "Can't be excluded",
+        "What is left lives in",
+        "sensitivity",
+        "on the display",
+    ):
         assert words not in text
 
 

@@ -1,5 +1,6 @@
 """All settings of a diagnosis: one frozen tree of dataclasses, `SearchConfig`, with a group for each stage.
 
+judgement     captures that aren't what their records say; one picture alone
 preparation   split of the captures, budget, residuals, nuisances, drift of the lasers
 fitting       screening of single effects, starting values, least-squares fits
 selection     ranking on held-out captures, forward selection of causes
@@ -34,6 +35,7 @@ from holoview.diagnose.config.decision import (
     VerdictConfig,
 )
 from holoview.diagnose.config.fitting import FitConfig, ScreeningConfig, StartConfig, StepConfig
+from holoview.diagnose.config.judgement import JudgementConfig, OnePictureConfig
 from holoview.diagnose.config.preparation import (
     BudgetConfig,
     ComparisonConfig,
@@ -52,8 +54,10 @@ __all__ = [
     "FitConfig",
     "FreeMapConfig",
     "IntervalConfig",
+    "JudgementConfig",
     "LaserDriftConfig",
     "NuisanceConfig",
+    "OnePictureConfig",
     "PowerLawConfig",
     "RankingConfig",
     "ReportConfig",
@@ -73,6 +77,8 @@ class SearchConfig:
     """The settings of a diagnosis, by stage; `dataclasses.replace` makes another one."""
 
     split: SplitConfig = field(default_factory=SplitConfig)
+    judgement: JudgementConfig = field(default_factory=JudgementConfig)
+    one_picture: OnePictureConfig = field(default_factory=OnePictureConfig)
     budget: BudgetConfig = field(default_factory=BudgetConfig)
     comparison: ComparisonConfig = field(default_factory=ComparisonConfig)
     nuisances: NuisanceConfig = field(default_factory=NuisanceConfig)

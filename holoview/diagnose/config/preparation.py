@@ -9,9 +9,6 @@ from dataclasses import dataclass
 class SplitConfig:
     """Which captures are searched, fitted and held out."""
 
-    min_captures: int = 2
-    """[captures] A session needs so many. Evidence: derivation: of one capture nothing can be held out."""
-
     max_coarse: int = 6
     """[captures] Most that a screening uses. Evidence: the cost must not grow with the session; the search study
     used one of each wavelength; the number itself: none recorded."""
@@ -43,6 +40,18 @@ class BudgetConfig:
     """[fields] After so many a search begins nothing new unless it is thorough. Evidence: measured: about a minute
     for 128 × 96 modulator pixels."""
 
+    usual_samples: int = 256 * 192
+    """[samples] Of a field up to which `max_fields` holds; larger fields are fewer in proportion. Evidence: measured:
+    so many samples have 128 × 96 modulator pixels with two samples along each side."""
+
+    min_fields: int = 400
+    """[fields] … but not fewer than this. Evidence: a single cause is found within so many; the value: none
+    recorded."""
+
+    screening_factor: float = 4.0
+    """[1] After so many times these fields no further effect is tried alone either. Evidence: single faults of 128 × 96
+    modulator pixels take less than half of it, and a session whose fields take a second each has to end."""
+
     costly_fields: int = 5
     """[fields] A capture whose prediction adds so many or more is costly. Evidence: the search study summed a
     bandwidth at 5 Gauss–Hermite points; the limit itself: none recorded."""
@@ -65,6 +74,10 @@ class BudgetConfig:
 
     effects_per_batch: int = 8
     """[effects] Screened between two decisions whether to stop. Evidence: none recorded."""
+
+    def fields_for(self, samples: int) -> float:
+        """The budget of a search whose fields have so many samples."""
+        return max(self.max_fields * min(1.0, self.usual_samples / samples), min(self.min_fields, self.max_fields))
 
 
 @dataclass(frozen=True)

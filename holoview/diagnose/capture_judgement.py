@@ -1,0 +1,76 @@
+"""Every capture judged by a model: which ones stand out from the others, and what to leave out of fits.
+
+Before the search, robustly: only what stands out far is left out for the time being, since an effect that isn't yet
+explained leaves more in some captures than in others. After it, strictly, all captures again; what was left out before
+and fits the model is good.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.captures.patterns import pattern_roughness
+from holoview.diagnose.bad_captures import equal_pictures, has_same_record
+from holoview.diagnose.capture_outliers import (
+    excess_stands_out,
+    record_correlations,
+    record_stands_out,
+)
+from holoview.diagnose.capture_reasons import Suspects
+from holoview.diagnose.capture_split import split_captures
+from holoview.diagnose.comparison import Values
+from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.verdict import jitter_excess
+
+
+def find_suspects(context: SearchContext, values: Values, useless: Iterable[int], *, is_final: bool) -> Suspects:
+    """The captures, beside the useless ones, that stand out under the model with these values.
+
+    is_final: whether it is the model that a search ended with. Only such a model that explains most captures judges
+    strictly; another one leaves an excess that differs between good captures.
+    """
+    config, captures = context.config.judgement, context.data.captures
+    judged = np.setdiff1d(np.arange(len(captures)), np.fromiter(useless, dtype=np.intp))
+    comparison = context.model_weighted_comparison(judged, values)
+    fitted = comparison.fit_gains(values)
+    excess = fitted.squares / np.maximum(comparison.pixels_per_capture, 1.0) - 1.0
+    ordinary = np.array([jitter_excess(n, context.config.verdict) for n in comparison.pixels_per_capture])
+    is_strict = is_final and float(np.median(excess)) <= context.config.verdict.explained_excess
+    min_ratio = config.min_ratio if is_strict else config.tolerant_ratio
+    roughness = pattern_roughness(captures)[judged]
+    predicted = np.abs(fitted.expected)
+    correlations = record_correlations(comparison.light, comparison.weight > 0, predicted)
+    strangers = record_stands_out(correlations, roughness, config)
+    bad = strangers | excess_stands_out(excess, ordinary, roughness, captures.wavelength_m[judged], min_ratio, config)
+    bad |= _is_copy_of_better(context, judged, correlations)
+    worst_first = np.flatnonzero(bad)[np.argsort(-excess[bad], kind="stable")]
+    every = np.zeros((len(captures), *captures.shape), dtype=np.float32)
+    every[judged] = predicted
+    return Suspects(tuple(int(k) for k in judged[worst_first]), frozenset(int(k) for k in judged[strangers]), every)
+
+
+def leave_out(context: SearchContext, indices: Iterable[int]) -> SearchContext:
+    """The context with a split that has none of these captures; unchanged where fewer than two would be left."""
+    captures, left_out = context.data.captures, tuple(sorted(set(indices)))
+    if len(captures) - len(left_out) < 2:
+        return context
+    split = split_captures(captures, pattern_roughness(captures), context.config.split, left_out)
+    return replace(context, split=split, left_out=left_out)
+
+
+def _is_copy_of_better(
+    context: SearchContext, judged: NDArray[np.intp], correlations: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Whether a capture's picture is also that of another one whose record it fits better, (judged capture,)."""
+    position = {int(k): n for n, k in enumerate(judged)}
+    bad = np.zeros(len(judged), dtype=bool)
+    for group in equal_pictures(context.data.captures):
+        members = [position[k] for k in group if k in position]
+        best = max(members, key=lambda n: float(correlations[n, n]), default=None)
+        for n in members:
+            bad[n] = n != best and not has_same_record(context.data.captures, int(judged[n]), int(judged[best]))
+    return bad

@@ -1,0 +1,115 @@
+"""A search among the good captures: what stands out is left out, and every capture is judged by the final model.
+
+A capture that isn't what its record says must neither be fitted nor judge others, and none may pass unseen. So captures
+that stand out far are left out of the search; its result judges all of them; and where it finds that bad ones were
+used, the search is repeated without them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+from holoview.diagnose.bad_captures import BadCapture, bad_share
+from holoview.diagnose.capture_judgement import find_suspects, leave_out
+from holoview.diagnose.capture_reasons import explain_suspects
+from holoview.diagnose.forward_selection import select_causes
+from holoview.diagnose.held_out_ranking import SearchResult, rank_on_held_out
+from holoview.diagnose.nuisances import detect_nuisances, excuse_laser_drift
+from holoview.diagnose.power_law import changes_only_power
+from holoview.diagnose.refine import refine_fit
+from holoview.diagnose.sampling_check import drop_sampling_artefacts
+from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.simplest_name import prefer_fewer_numbers
+from holoview.diagnose.verdict import Decision, Verdict, decide, limited_by_bad_captures
+from holoview.util.progress import ProgressCallback
+
+
+@dataclass(frozen=True)
+class SearchOutcome:
+    """What a search found, the decision on it, notes, and the captures that are bad. context: as it ended."""
+
+    context: SearchContext
+    result: SearchResult
+    decision: Decision
+    notes: list[str]
+    bad_captures: tuple[BadCapture, ...] = ()
+
+
+def search_good_captures(
+    context: SearchContext, useless: Sequence[BadCapture], count: int, progress: ProgressCallback
+) -> SearchOutcome:
+    """The causes among the captures that are good, and those that are bad.
+
+    context: without the useless captures, those that are bad whatever the model. count: of all captures.
+    """
+    config, always = context.config.judgement, context.left_out
+    progress(0, 1, "every capture")
+    suspects = find_suspects(context, {}, always, is_final=False)
+    for _ in range(config.rounds):
+        budget = context.predictor.fields_requested + context.field_budget
+        good = leave_out(replace(context, field_budget=budget), {*always, *suspects.indices})
+        outcome = _search_once(good, progress)
+        progress(0, 1, "every capture")
+        suspects = find_suspects(outcome.context, outcome.decision.values, always, is_final=True)
+        if good.split.used.isdisjoint(suspects.indices):
+            break
+    found = explain_suspects(outcome.context, outcome.decision.values, suspects)
+    left_out = tuple(sorted({*outcome.context.left_out, *suspects.indices}))
+    outcome = replace(outcome, context=replace(outcome.context, left_out=left_out))
+    return _with_bad_captures(outcome, tuple(sorted([*useless, *found], key=lambda bad: bad.index)), count)
+
+
+def _with_bad_captures(outcome: SearchOutcome, bad: tuple[BadCapture, ...], count: int) -> SearchOutcome:
+    """The outcome with the bad ones of `count` captures, and with the verdict and the notes that they allow."""
+    share, max_share = bad_share(bad, count), outcome.context.config.judgement.bad_share
+    notes = list(outcome.notes)
+    if bad:
+        notes.append(f"The verdict speaks of {count - len(bad)} of {count} captures; the others are bad.")
+    if share > max_share:
+        notes.append(f"{share:.0%} of the captures are bad: the others can neither clear nor explain the bench.")
+    decision = limited_by_bad_captures(outcome.decision, share, max_share)
+    return replace(outcome, decision=decision, notes=notes, bad_captures=bad)
+
+
+def _search_once(context: SearchContext, progress: ProgressCallback) -> SearchOutcome:
+    """One search, and the decision on it."""
+    context = detect_nuisances(context, {})
+    context, result = _search_causes(context, progress)
+    decision, drift_notes = excuse_laser_drift(context, result, _decide(context, result))
+    decision, sampling_notes = drop_sampling_artefacts(context, result, decision)
+    notes = [*drift_notes, *sampling_notes, *_budget_notes(context, decision)]
+    return SearchOutcome(context, result, decision, notes)
+
+
+def _decide(context: SearchContext, result: SearchResult) -> Decision:
+    return decide(result, context.equivalents, context.config.verdict)
+
+
+def _search_causes(context: SearchContext, progress: ProgressCallback) -> tuple[SearchContext, SearchResult]:
+    """The context with the nuisances found, and the candidates ranked with them.
+
+    No search is begun where movements of the camera alone explain the captures.
+    """
+    nothing = rank_on_held_out(context, [])
+    if context.has_camera_jitter:
+        decision, _ = excuse_laser_drift(context, nothing, _decide(context, nothing))
+        if decision.verdict is Verdict.CONSISTENT:
+            return context, nothing
+    result = select_causes(context, [e for e in context.effects.values() if not changes_only_power(e)], progress)
+    result = prefer_fewer_numbers(context, result)
+    settled = detect_nuisances(context, result.best.fit.values)
+    if settled is context:
+        return context, result
+    config = context.config.selection
+    max_excess = config.reranked_excess_factor * result.best.excess + config.reranked_excess
+    near = [c.fit for c in result.candidates[: config.reranked] if c.excess < max_excess]
+    return settled, rank_on_held_out(settled, settled.run_parallel(partial(refine_fit, settled, f) for f in near))
+
+
+def _budget_notes(context: SearchContext, decision: Decision) -> list[str]:
+    """A note where a search that found no full explanation ended at its budget."""
+    if not context.budget_exhausted or decision.verdict not in (Verdict.UNEXPLAINED, Verdict.PARTLY):
+        return []
+    return ["The search was ended with causes left to try; a thorough one (--thorough) takes minutes more."]

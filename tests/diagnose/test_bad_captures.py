@@ -1,0 +1,142 @@
+"""Captures that aren't what their records say are found, named and left out; good ones aren't blamed.
+
+The sessions are those of an independent program, and of holoview's own virtual bench.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from holoview.captures import Captures, read_captures
+from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.diagnose.bad_captures import BadCapture, bad_share, find_useless_captures
+from holoview.diagnose.capture_judgement import find_suspects
+from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.sampling_config import SamplingConfig
+from holoview.diagnose.verdict import Decision, Verdict, limited_by_bad_captures
+from holoview.model.effects.registry import listed_effects
+from holoview.util.errors import UserError
+from tests.diagnose.conftest import MakeContext, small_system
+from tests.diagnose.effect_sampling import sample_effect
+from tests.diagnose.independent import Faults, Laboratory, Mishaps, write_session
+
+FEW = ("camera_blur", "distance", "gap", "stroke", "tilt")
+GAP = 1.5e-4
+SAME = SamplingConfig(padding=3)
+"""The samples of the independent program with two of them along a side of a pixel."""
+
+MISHAPS: list[tuple[Mishaps, dict[int, str]]] = [
+    (Mishaps(exchanged=((3, 9),)), {3: "exchanged with 9", 9: "exchanged with 3"}),  # of two wavelengths
+    (Mishaps(exchanged=((7, 8),)), {7: "exchanged with 8", 8: "exchanged with 7"}),
+    (Mishaps(other_pattern=(5,)), {5: "another pattern"}),
+    (Mishaps(dark=(4,)), {4: "dark"}),
+    (Mishaps(overexposed={2: 6.0}), {2: "saturated"}),
+    (Mishaps(moved={6: (1.5, -0.5)}), {6: "moved"}),
+    (Mishaps(moved={6: (-4.0, 3.0)}), {6: "moved"}),
+    (Mishaps(defocused={10: 3e-4}), {10: "out of focus"}),
+    (Mishaps(defocused={0: -1e-3}), {0: "out of focus"}),
+    (Mishaps(noisy={1: 60.0}), {1: "noisy"}),
+    (Mishaps(repeated={8: 2}), {8: "duplicate"}),
+    (Mishaps(repeated={8: 2}, whole=True), {8: "duplicate"}),
+    (Mishaps(dark=(4,), other_pattern=(11,)), {4: "dark", 11: "another pattern"}),
+]
+
+
+def _session(folder: Path, mishaps: Mishaps, faults: Faults, seed: int = 0) -> Captures:
+    laboratory = Laboratory(faults=faults, mishaps=mishaps, seed=seed, fine=2)
+    return read_captures(write_session(folder / "c.h5", laboratory))
+
+
+def _diagnosed(captures: Captures, sampling: SamplingConfig = SAME) -> Diagnosis:
+    return diagnose(captures, [listed_effects()[n] for n in FEW], workers=1, free_maps=False, sampling=sampling)
+
+
+def _reasons(found: Diagnosis) -> dict[int, str]:
+    return {bad.index: bad.why for bad in found.bad_captures}
+
+
+@pytest.mark.parametrize(("mishaps", "reasons"), MISHAPS, ids=[", ".join(r.values()) for _, r in MISHAPS])
+def test_a_bad_capture_is_named_and_the_others_are_consistent(
+    tmp_path: Path, mishaps: Mishaps, reasons: dict[int, str]
+) -> None:
+    found = _diagnosed(_session(tmp_path, mishaps, Faults()))
+    assert _reasons(found) == reasons
+    assert found.verdict is Verdict.CONSISTENT and found.captures == 12
+    assert f"The verdict speaks of {12 - len(reasons)} of 12 captures; the others are bad." in found.notes
+
+
+@pytest.mark.parametrize(("mishaps", "reasons"), MISHAPS, ids=[", ".join(r.values()) for _, r in MISHAPS])
+def test_beside_a_fault_of_the_bench_both_are_named(tmp_path: Path, mishaps: Mishaps, reasons: dict[int, str]) -> None:
+    found = _diagnosed(_session(tmp_path, mishaps, Faults(gap_m=GAP)))
+    assert _reasons(found) == reasons
+    assert found.verdict is Verdict.EXPLAINED and [cause.effect for cause in found.causes] == ["gap"]
+    interval = found.causes[0].intervals["gap_error"]
+    assert abs(interval.value - GAP) <= 3 * interval.half_width
+
+
+@pytest.mark.parametrize("faults", [Faults(), Faults(stroke=0.1), Faults(tilt_rad=(2e-3, -1e-3)), Faults(vortex=1.0)])
+def test_in_a_session_without_one_no_capture_is_blamed(tmp_path: Path, faults: Faults) -> None:
+    """Nor where the model is wrong for all: a spiral phase is no effect of the library."""
+    found = _diagnosed(_session(tmp_path, Mishaps(), faults))
+    assert not found.bad_captures and not any("the others are bad" in note for note in found.notes)
+
+
+def test_other_samples_than_the_models_blame_no_capture(tmp_path: Path) -> None:
+    """χ²/n is 5 to 30, more in rough patterns than in smooth ones."""
+    laboratory = Laboratory(mishaps=Mishaps(exchanged=((3, 9),)), fine=4)
+    captures = read_captures(write_session(tmp_path / "c.h5", laboratory))
+    found = _diagnosed(captures, SamplingConfig())
+    assert _reasons(found) == {3: "exchanged with 9", 9: "exchanged with 3"}
+
+
+def test_with_too_many_bad_captures_nothing_is_cleared(tmp_path: Path) -> None:
+    """Three of twelve."""
+    found = _diagnosed(_session(tmp_path, Mishaps(dark=(0, 5, 7)), Faults()))
+    assert set(_reasons(found)) == {0, 5, 7} and found.verdict is Verdict.UNEXPLAINED
+    assert "25% of the captures are bad: the others can neither clear nor explain the bench." in found.notes
+    gap = _diagnosed(_session(tmp_path, Mishaps(dark=(0, 5, 7)), Faults(gap_m=GAP)))
+    assert gap.verdict is Verdict.PARTLY and [cause.effect for cause in gap.causes] == ["gap"]
+
+
+def test_copies_count_once() -> None:
+    bad = [BadCapture(1, "duplicate", ""), BadCapture(3, "dark", "")]
+    assert bad_share(bad, 5) == 1 / 4
+
+
+@pytest.mark.parametrize(
+    ("verdict", "limited"),
+    [
+        (Verdict.CONSISTENT, Verdict.UNEXPLAINED),
+        (Verdict.EXPLAINED, Verdict.PARTLY),
+        (Verdict.AMBIGUOUS, Verdict.PARTLY),
+        (Verdict.UNEXPLAINED, Verdict.UNEXPLAINED),
+    ],
+)
+def test_a_fifth_may_be_bad_and_no_more(verdict: Verdict, limited: Verdict) -> None:
+    decision = Decision(verdict, None)
+    assert limited_by_bad_captures(decision, 0.2, 0.2) is decision
+    assert limited_by_bad_captures(decision, 0.21, 0.2).verdict is limited
+
+
+def test_a_session_without_any_light_is_refused() -> None:
+    captures = make_captures(small_system(), {}, AcquisitionSettings(captures_per_condition=1, seed=5))
+    dark = dataclasses.replace(captures, images=np.full_like(captures.images, 64))
+    assert len(find_useless_captures(dark, SearchConfig().judgement)) == 2
+    with pytest.raises(UserError, match="every one is dark"):
+        diagnose(dark, [listed_effects()["gap"]])
+
+
+@pytest.mark.parametrize("name", ["gap", "tilt", "lut", "iris2", "crosstalk", "camera_gamma", "camera_alignment"])
+@pytest.mark.parametrize("size", [0.15, 0.45])
+def test_an_effect_alone_makes_no_capture_suspect(make_context: MakeContext, name: str, size: float) -> None:
+    """Neither before it is known nor after."""
+    faults = {name: sample_effect(listed_effects()[name], small_system(), size, np.random.default_rng(3))}
+    context = make_context(faults)
+    assert not find_suspects(context, {}, (), is_final=False).indices
+    assert not find_suspects(context, faults, (), is_final=True).indices

@@ -1,0 +1,104 @@
+"""A session of one picture: blocks of its pixels judge; copies of it end as one picture."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from holoview.captures import Captures, read_captures
+from holoview.captures.prepared_captures import prepare_captures
+from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.diagnose.config import OnePictureConfig, SearchConfig
+from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.one_picture import config_for_one_picture, held_out_blocks, speckle_width_px
+from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.sampling_config import SamplingConfig
+from holoview.diagnose.verdict import Verdict
+from holoview.model.effects.registry import listed_effects
+from tests.diagnose.conftest import small_system
+from tests.diagnose.independent import Faults, Laboratory, write_session
+
+FEW = ("camera_blur", "distance", "gap", "stroke", "tilt")
+
+
+def _picture(faults: Mapping[str, Mapping[str, float]] | None = None, seed: int = 2) -> Captures:
+    """One capture of rough patterns."""
+    settings = AcquisitionSettings(captures_per_condition=1, blur_sigmas_px=(0.0,), seed=seed)
+    one_wavelength = dataclasses.replace(small_system(), wavelengths_m=np.array([600e-9]), amplitudes=np.ones((1, 1)))
+    return make_captures(one_wavelength, faults or {}, settings)
+
+
+def _diagnosed(captures: Captures, sampling: SamplingConfig | None = None) -> Diagnosis:
+    effects = [listed_effects()[name] for name in FEW]
+    return diagnose(captures, effects, free_maps=False, sampling=sampling or SamplingConfig())
+
+
+def test_held_out_blocks_are_apart_from_what_is_fitted() -> None:
+    """Blocks of 6 × 3 pixels, margins of 2 × 3."""
+    held_out, fitted = held_out_blocks((100, 120), 3.0, OnePictureConfig())
+    assert not (held_out & fitted).any()
+    y, x = np.nonzero(held_out)
+    assert (y.min(), x.min()) == (18, 18) and held_out[18:36, 18:36].all() and not held_out[36:54].any()
+    margin = ~held_out & ~fitted
+    assert margin[12:18, 12:42].all() and fitted[11, :].all()
+    assert 0.15 < held_out.mean() < 0.3 and 0.3 < fitted.mean() < 0.7
+
+
+def test_a_small_picture_still_has_a_block_in_the_middle() -> None:
+    held_out, fitted = held_out_blocks((30, 30), 50.0, OnePictureConfig())
+    assert held_out.sum() == 100 and fitted.any()
+
+
+@pytest.mark.parametrize("width", [2.0, 5.0])
+def test_the_width_of_a_speckle_is_that_of_the_autocorrelation(width: float) -> None:
+    """Gaussian speckle of a field that is blurred by σ: the intensity's autocorrelation is exp(−r²/2σ²)."""
+    rng, shape = np.random.default_rng(0), (256, 256)
+    sigma = width / (2 * (2 * np.log(2)) ** 0.5)
+    fy, fx = (np.fft.fftfreq(n) for n in shape)
+    low_pass = np.exp(-2 * (np.pi * sigma) ** 2 * (fy[:, None] ** 2 + fx[None, :] ** 2))
+    noise = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+    light = np.abs(np.fft.ifft2(np.fft.fft2(noise) * low_pass)) ** 2
+    picture = _picture()
+    images = (64 + 500 * light / light.mean()).clip(0, 4000).astype(np.uint16)[None]
+    data = prepare_captures(Captures(**{**vars(picture), "images": images}))
+    assert speckle_width_px(data) == pytest.approx(width, rel=0.2)
+
+
+def test_an_explanation_needs_more() -> None:
+    plain = SearchConfig()
+    one = config_for_one_picture(plain, 3.0).verdict
+    assert one.min_delta_chi2 == 9 * plain.verdict.min_delta_chi2 and one.explained_excess == 0.02
+    assert config_for_one_picture(plain, 0.5).verdict.min_delta_chi2 == plain.verdict.min_delta_chi2
+
+
+def test_one_good_picture_is_consistent_and_says_on_what_that_rests() -> None:
+    found = _diagnosed(_picture())
+    assert found.verdict is Verdict.CONSISTENT and not found.causes and not found.bad_captures
+    assert any("rests on one picture" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(("name", "parameter", "value"), [("gap", "gap_error", 1e-4), ("stroke", "stroke_error", 0.1)])
+def test_one_picture_names_a_fault(name: str, parameter: str, value: float) -> None:
+    found = _diagnosed(_picture({name: {parameter: value}}))
+    assert found.verdict is Verdict.EXPLAINED and [cause.effect for cause in found.causes] == [name]
+    interval = found.causes[0].intervals[parameter]
+    assert abs(interval.value - value) <= 3 * interval.half_width
+    assert any("rests on one picture" in note for note in found.notes)
+
+
+def test_a_fault_that_the_library_lacks_is_not_explained(tmp_path: Path) -> None:
+    laboratory = Laboratory(wavelengths_m=(600e-9,), each=1, smoothness_px=(0.8,), faults=Faults(vortex=1.0), fine=2)
+    found = _diagnosed(read_captures(write_session(tmp_path / "c.h5", laboratory)), SamplingConfig(padding=3))
+    assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
+
+
+def test_the_same_picture_three_times_is_one_picture() -> None:
+    found = _diagnosed(_picture().subset([0, 0, 0]))
+    assert found.verdict is Verdict.CONSISTENT and found.captures == 3
+    assert [(bad.index, bad.why) for bad in found.bad_captures] == [(1, "duplicate"), (2, "duplicate")]
+    assert any("rests on one picture" in note for note in found.notes)
+    assert "The verdict speaks of 1 of 3 captures; the others are bad." in found.notes
