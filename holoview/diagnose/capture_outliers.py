@@ -35,7 +35,9 @@ def excess_stands_out(
     if len(excess) < config.min_captures:
         return np.zeros(len(excess), dtype=bool)
     logarithm = np.log(np.maximum(excess, 0.0) + ordinary)
-    beyond = logarithm - _trend(np.log(np.maximum(roughness, 1e-12)), logarithm)
+    beyond = logarithm.copy()
+    if len(excess) >= config.trend_captures:
+        beyond -= _trend(np.log(np.maximum(roughness, 1e-12)), logarithm)
     for one in np.unique(group):
         same = group == one
         if same.sum() >= config.min_captures:

@@ -30,6 +30,10 @@ class JudgementConfig:
     """[captures] Captures are judged against each other from so many on. Evidence: derivation: the median of fewer
     isn't free of a bad one."""
 
+    trend_captures: int = 8
+    """[captures] From so many on, excesses are compared with a trend over roughness. Evidence: derivation: of
+    eight, the line bears two bad ones (29 %)."""
+
     roughness_share: float = 0.8
     """[1] The peers of a capture are the others whose roughness is at least this share of its own. Evidence: an error
     of the model decorrelates rough patterns first, so that a good capture resembles its prediction at least as much as
