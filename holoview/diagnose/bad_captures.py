@@ -69,10 +69,15 @@ def bad_share(bad: Sequence[BadCapture], count: int) -> float:
 
 
 def _is_dark(captures: Captures, light: Floats, config: JudgementConfig) -> NDArray[np.bool_]:
+    """Whether each capture is without light, or dimmer than others and without structure: noise at a black level."""
+    variance = captures.images.var(axis=(1, 2), dtype=np.float64)
+    is_flat = variance < config.flat_variance * captures.camera.noise_variance(light)
     noise = captures.camera.dark_noise / np.sqrt(captures.images[0].size)
     dark = light < config.dark_sigmas * noise
     response = light / (captures.power * captures.exposure_s)
     for wavelength in captures.wavelengths_m:
         same = captures.wavelength_m == wavelength
-        dark |= same & (response < config.dark_share * float(np.median(response[same])))
+        usual = float(np.median(response[same]))
+        dark |= same & (response < config.dark_share * usual)
+        dark |= same & is_flat & (response < config.dim_share * usual)
     return np.asarray(dark, dtype=bool)

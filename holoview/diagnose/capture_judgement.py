@@ -23,6 +23,8 @@ from holoview.diagnose.capture_outliers import (
 from holoview.diagnose.capture_reasons import Suspects
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.comparison import Values
+from holoview.diagnose.field_count import is_very_costly
+from holoview.diagnose.held_out_ranking import SearchResult
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.verdict import jitter_excess
 
@@ -39,7 +41,8 @@ def find_suspects(context: SearchContext, values: Values, useless: Iterable[int]
     fitted = comparison.fit_gains(values)
     excess = fitted.squares / np.maximum(comparison.pixels_per_capture, 1.0) - 1.0
     ordinary = np.array([jitter_excess(n, context.config.verdict) for n in comparison.pixels_per_capture])
-    is_strict = is_final and float(np.median(excess)) <= context.config.verdict.explained_excess
+    median = float(np.median(excess))
+    is_strict = is_final and median <= context.config.verdict.explained_excess
     min_ratio = config.min_ratio if is_strict else config.tolerant_ratio
     roughness = pattern_roughness(captures)[judged]
     predicted = np.abs(fitted.expected)
@@ -50,7 +53,23 @@ def find_suspects(context: SearchContext, values: Values, useless: Iterable[int]
     worst_first = np.flatnonzero(bad)[np.argsort(-excess[bad], kind="stable")]
     every = np.zeros((len(captures), *captures.shape), dtype=np.float32)
     every[judged] = predicted
-    return Suspects(tuple(int(k) for k in judged[worst_first]), frozenset(int(k) for k in judged[strangers]), every)
+    indices, not_of_record = (tuple(int(k) for k in judged[found]) for found in (worst_first, strangers))
+    return Suspects(indices, values, median, frozenset(not_of_record), every)
+
+
+def judge_by_search(context: SearchContext, values: Values, result: SearchResult, useless: Iterable[int]) -> Suspects:
+    """The captures that stand out under the model that a search ended with, or under one that suits more of them.
+
+    values: the effects that were named. While these leave an excess in half of the captures, the best candidates are
+    tried as well: a bad capture among those held out hides which of them is right, but not from the others' median.
+    """
+    suspects = find_suspects(context, values, useless, is_final=True)
+    if suspects.median_excess <= context.config.verdict.explained_excess:
+        return suspects
+    tried = [c.fit for c in result.candidates[: context.config.judgement.candidates] if c.fit.values != values]
+    others = [f for f in tried if not is_very_costly(context, f)]
+    judged = [find_suspects(context, f.values, useless, is_final=True) for f in others]
+    return min([suspects, *judged], key=lambda s: s.median_excess)
 
 
 def leave_out(context: SearchContext, indices: Iterable[int]) -> SearchContext:

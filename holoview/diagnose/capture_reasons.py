@@ -35,11 +35,14 @@ ANOTHER_PATTERN, MOVED, OUT_OF_FOCUS, NOISY, DISTURBED = (
 class Suspects:
     """Captures that stand out, the worst first.
 
-    not_of_their_record: those whose pictures resemble unrelated predictions. predicted: signals of all captures under
-    the model, (capture, y, x), by which pictures are compared with other records.
+    values: the effects of the model that judged them, under which half of the captures have an excess of at most
+    `median_excess`. not_of_their_record: those whose pictures resemble unrelated predictions. predicted: signals of all
+    captures under the model, (capture, y, x), by which pictures are compared with other records.
     """
 
     indices: tuple[int, ...]
+    values: Values
+    median_excess: float
     not_of_their_record: frozenset[int]
     predicted: Images
 
@@ -53,10 +56,10 @@ class _Reason:
     record: int | None = None
 
 
-def explain_suspects(context: SearchContext, values: Values, suspects: Suspects) -> tuple[BadCapture, ...]:
-    """The suspects with the reasons why they are bad, by index. values: the effects of the model."""
+def explain_suspects(context: SearchContext, suspects: Suspects) -> tuple[BadCapture, ...]:
+    """The suspects with the reasons why they are bad, by index."""
     examined = suspects.indices[: context.config.judgement.examined]
-    reasons = {k: _Examination(context, values, k, suspects).reason(k in examined) for k in suspects.indices}
+    reasons = {k: _Examination(context, k, suspects).reason(k in examined) for k in suspects.indices}
     copies = equal_pictures(context.data.captures)
     found = []
     for k, reason in sorted(reasons.items()):
@@ -74,12 +77,12 @@ def explain_suspects(context: SearchContext, values: Values, suspects: Suspects)
 class _Examination:
     """One suspect: its picture with weights of the noise, and the excess that its own record leaves."""
 
-    def __init__(self, context: SearchContext, values: Values, k: int, suspects: Suspects) -> None:
-        self._context, self._values, self._k, self._suspects = context, values, k, suspects
+    def __init__(self, context: SearchContext, k: int, suspects: Suspects) -> None:
+        self._context, self._values, self._k, self._suspects = context, suspects.values, k, suspects
         self._config, self._captures = context.config.judgement, context.data.captures
         self._comparison = context.data_weighted_comparison(np.array([k]), 0.0)
         self._own = suspects.predicted[k]
-        prediction = self._comparison.predictor(np.array([k]), values)
+        prediction = self._comparison.predictor(np.array([k]), self._values)
         self._offset = np.float32(prediction.black_level - self._captures.camera.black_level)
         self._limit = self._config.reason_max_share * self._excess(self._own[None])[0]
 

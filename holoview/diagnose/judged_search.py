@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from holoview.diagnose.bad_captures import BadCapture, bad_share
-from holoview.diagnose.capture_judgement import find_suspects, leave_out
+from holoview.diagnose.capture_judgement import find_suspects, judge_by_search, leave_out
 from holoview.diagnose.capture_reasons import explain_suspects
 from holoview.diagnose.forward_selection import select_causes
 from holoview.diagnose.held_out_ranking import SearchResult, rank_on_held_out
@@ -52,10 +52,10 @@ def search_good_captures(
         good = leave_out(replace(context, field_budget=budget), {*always, *suspects.indices})
         outcome = _search_once(good, progress)
         progress(0, 1, "every capture")
-        suspects = find_suspects(outcome.context, outcome.decision.values, always, is_final=True)
+        suspects = judge_by_search(outcome.context, outcome.decision.values, outcome.result, always)
         if good.split.used.isdisjoint(suspects.indices):
             break
-    found = explain_suspects(outcome.context, outcome.decision.values, suspects)
+    found = explain_suspects(outcome.context, suspects)
     left_out = tuple(sorted({*outcome.context.left_out, *suspects.indices}))
     outcome = replace(outcome, context=replace(outcome.context, left_out=left_out))
     return _with_bad_captures(outcome, tuple(sorted([*useless, *found], key=lambda bad: bad.index)), count)

@@ -104,6 +104,11 @@ def test_with_too_many_bad_captures_nothing_is_cleared(tmp_path: Path) -> None:
     assert gap.verdict is Verdict.PARTLY and [cause.effect for cause in gap.causes] == ["gap"]
 
 
+def test_a_wrong_black_level_is_no_light(tmp_path: Path) -> None:
+    captures = _session(tmp_path, Mishaps(dark=(4,)), Faults(black=30.0))
+    assert [(b.index, b.why) for b in find_useless_captures(captures, SearchConfig().judgement)] == [(4, "dark")]
+
+
 def test_copies_count_once() -> None:
     bad = [BadCapture(1, "duplicate", ""), BadCapture(3, "dark", "")]
     assert bad_share(bad, 5) == 1 / 4

@@ -17,6 +17,14 @@ class JudgementConfig:
     """[1] … or, over power × exposure, below this share of the median of its wavelength. Evidence: rough patterns
     scatter some of the light outside the stops, and power laws change it by less than a factor of ten."""
 
+    flat_variance: float = 2.0
+    """[1] A picture whose variance is below so many times that of the noise shows no pattern … Evidence: derivation:
+    speckle varies by its mean, hundreds of times as much."""
+
+    dim_share: float = 0.5
+    """[1] … and is dark if it also has less than this share of the usual light of its wavelength: a black level that is
+    higher than recorded isn't light. Evidence: flat patterns, which show no speckle either, are brighter."""
+
     saturated_share: float = 0.1
     """[1] A capture is saturated if more of its pixels are … Evidence: derivation: speckle has an exponential
     distribution; exposed as advised, a thousandth of the pixels is near saturation, and a tenth at three times that
@@ -70,6 +78,10 @@ class JudgementConfig:
     bad_share: float = 0.2
     """[1] With more than this share of bad captures, a session is neither consistent nor explained. Evidence:
     derivation: medians and trends of the others bear up to 29 % (Theil–Sen)."""
+
+    candidates: int = 4
+    """[candidates] Tried as the model that suits most captures, where what is named doesn't. Evidence: none
+    recorded."""
 
     rounds: int = 3
     """[1] Searches at most, each without the captures that the one before found bad. Evidence: none recorded."""
