@@ -92,6 +92,10 @@ def diagnose(
             diagnosis = _assemble_diagnosis(findings, free_maps, progress or _no_progress)
     finally:
         torch.set_num_threads(threads)
+    only = {*range(len(captures))} - {bad.index for bad in useless}
+    if len(only) == 1:  # its picture was split into two
+        samples = tuple(dataclasses.replace(sample, capture=min(only)) for sample in diagnosis.samples)
+        diagnosis = dataclasses.replace(diagnosis, samples=samples)
     return dataclasses.replace(diagnosis, captures=len(captures), seconds=time.monotonic() - began)
 
 

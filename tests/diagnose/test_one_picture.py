@@ -98,6 +98,7 @@ def test_a_fault_that_the_library_lacks_is_not_explained(tmp_path: Path) -> None
 
 def test_the_same_picture_three_times_is_one_picture() -> None:
     found = _diagnosed(_picture().subset([0, 0, 0]))
+    assert [sample.capture for sample in found.samples] == [0]
     assert found.verdict is Verdict.CONSISTENT and found.captures == 3
     assert [(bad.index, bad.why) for bad in found.bad_captures] == [(1, "duplicate"), (2, "duplicate")]
     assert any("rests on one picture" in note for note in found.notes)
