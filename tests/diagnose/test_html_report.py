@@ -84,7 +84,7 @@ def test_it_says_all_that_was_found(tmp_path: Path, found: Diagnosis) -> None:
 def test_what_a_diagnosis_lacks_has_no_heading(tmp_path: Path, found: Diagnosis) -> None:
     text = _text(tmp_path, dataclasses.replace(found, rivals=(), lives_in={}, fixed_pattern=0.0, bad_captures=()))
     for words in (
-        "left out",
+        "Captures that were left out",
         "This speaks of",
         "Can't be excluded",
         "What is left lives in",
