@@ -66,9 +66,8 @@ def _fault(rng: np.random.Generator) -> tuple[Faults, dict[str, object]]:
         {"distance_m": sign * size * 6e-4},
         {"stroke": sign * size * 0.3},
         {"tilt_rad": (sign * size * 4e-3, -size * 2e-3)},
-        {"crosstalk_px": 0.2 + size * 0.6},
         {"black": sign * size * 30},
-    ][int(rng.integers(6))]
+    ][int(rng.integers(5))]
     return Faults(**told), told  # type: ignore[arg-type]
 
 

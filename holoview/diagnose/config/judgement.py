@@ -25,10 +25,10 @@ class JudgementConfig:
     """[1] … and is dark if it also has less than this share of the usual light of its wavelength: a black level that is
     higher than recorded isn't light. Evidence: flat patterns, which show no speckle either, are brighter."""
 
-    saturated_share: float = 0.1
+    saturated_share: float = 0.05
     """[1] A capture is saturated if more of its pixels are … Evidence: derivation: speckle has an exponential
-    distribution; exposed as advised, a thousandth of the pixels is near saturation, and a tenth at three times that
-    exposure."""
+    distribution; exposed as advised, a thousandth of the pixels is near saturation, and a twentieth at three times
+    that exposure."""
 
     saturated_factor: float = 5.0
     """[1] … and so many times the median share of all captures. Evidence: where the zero order or the whole session
