@@ -47,13 +47,14 @@ def find_suspects(context: SearchContext, values: Values, useless: Iterable[int]
     roughness = pattern_roughness(captures)[judged]
     predicted = np.abs(fitted.expected)
     correlations = record_correlations(comparison.light, comparison.weight > 0, predicted)
-    strangers = record_stands_out(correlations, roughness, config)
-    bad = strangers | excess_stands_out(excess, ordinary, roughness, captures.wavelength_m[judged], min_ratio, config)
+    unlike = record_stands_out(correlations, roughness, config)
+    bad = record_stands_out(correlations, roughness, config, max_sigmas=config.unrelated_sigmas)
+    bad |= excess_stands_out(excess, ordinary, roughness, captures.wavelength_m[judged], min_ratio, config)
     bad |= _is_copy_of_better(context, judged, correlations)
     worst_first = np.flatnonzero(bad)[np.argsort(-excess[bad], kind="stable")]
     every = np.zeros((len(captures), *captures.shape), dtype=np.float32)
     every[judged] = predicted
-    indices, not_of_record = (tuple(int(k) for k in judged[found]) for found in (worst_first, strangers))
+    indices, not_of_record = (tuple(int(k) for k in judged[found]) for found in (worst_first, unlike))
     return Suspects(indices, values, median, frozenset(not_of_record), every)
 
 

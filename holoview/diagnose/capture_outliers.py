@@ -82,8 +82,14 @@ def reach_of_records(correlations: Floats) -> tuple[Floats, float]:
     return np.diag(correlations) - unrelated, scatter
 
 
-def record_stands_out(correlations: Floats, roughness: Floats, config: JudgementConfig) -> Flags:
-    """Whether each picture isn't of its own record, (capture,). correlations: (picture, record)."""
+def record_stands_out(
+    correlations: Floats, roughness: Floats, config: JudgementConfig, *, max_sigmas: float = np.inf
+) -> Flags:
+    """Whether each picture isn't of its own record, (capture,).
+
+    correlations: (picture, record). max_sigmas: largest correlation with its own record beyond that with others, in
+    standard deviations of the latter.
+    """
     count = len(correlations)
     if count < config.min_captures:
         return np.zeros(count, dtype=bool)
@@ -95,7 +101,7 @@ def record_stands_out(correlations: Floats, roughness: Floats, config: Judgement
         if len(peers) < config.min_peers:
             continue
         usual = float(np.median(reach[peers]))
-        limit = min(config.min_reach * usual, config.unrelated_sigmas * scatter)
+        limit = min(config.min_reach * usual, max_sigmas * scatter)
         flags[k] = usual > config.reach_sigmas * scatter and reach[k] < limit
     return flags
 

@@ -36,8 +36,9 @@ class Suspects:
     """Captures that stand out, the worst first.
 
     values: the effects of the model that judged them, under which half of the captures have an excess of at most
-    `median_excess`. not_of_their_record: those whose pictures resemble unrelated predictions. predicted: signals of all
-    captures under the model, (capture, y, x), by which pictures are compared with other records.
+    `median_excess`. not_of_their_record: captures whose pictures are nearer to unrelated predictions than to what
+    others reach with theirs. predicted: signals of all captures under the model, (capture, y, x), by which pictures are
+    compared with other records.
     """
 
     indices: tuple[int, ...]

@@ -155,7 +155,7 @@ def write_session(path: Path, lab: Laboratory) -> Path:
 def _light_of_capture(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, k: int) -> Floats:
     """The light of a capture whose camera and modulators did what happened to them in it."""
     if k in lab.mishaps.other_pattern:
-        rng = np.random.default_rng((lab.seed, k))
+        rng = np.random.default_rng((lab.seed, k, 1))
         levels = np.stack([_pattern(rng, lab, k) for _ in range(2)]).astype(np.uint8)
     moved = replace(lab.faults, distance_m=lab.faults.distance_m + lab.mishaps.defocused.get(k, 0.0))
     return intensity(replace(lab, faults=moved), levels, wavelength_m, lab.mishaps.moved.get(k, (0.0, 0.0)))
