@@ -39,6 +39,7 @@ class _Defocus(Study):
         "defocus of incoherent light: whether it blurs as the eye expects, and where speckle comes back."
     )
     quick_note = "Quick: 128 x 96 samples, 3 planes to optimise and 40 iterations."
+    revision = 2
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         return scheme_jobs(self, _SCHEMES, scale, seed, sweep=_SWEEP)
