@@ -7,12 +7,14 @@ import json
 import multiprocessing
 
 import numpy as np
+import pytest
 
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.config import BudgetConfig, SearchConfig
 from holoview.diagnose.effect_fit import CandidateFit
 from holoview.diagnose.field_count import incoherent_field_count, is_costly, max_field_count, without_costly_fits
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.screening import screen_effects
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.verdict import Verdict
 from holoview.diagnose.worker_pool import WorkerPool
@@ -46,6 +48,27 @@ def test_the_budget_is_spent_beyond_its_fields(make_context: MakeContext) -> Non
     assert not context.budget_exhausted
     context.predictor(np.array([0]), {})
     assert context.budget_exhausted
+
+
+def test_large_fields_are_fewer() -> None:
+    budget, usual = BudgetConfig(), 256 * 192
+    assert budget.fields_for(usual // 4) == budget.fields_for(usual) == budget.max_fields
+    assert budget.fields_for(4 * usual) == budget.max_fields / 4
+    assert budget.fields_for(1000 * usual) == budget.min_fields
+    assert BudgetConfig(max_fields=200).fields_for(1000 * usual) == 200
+
+
+@pytest.mark.parametrize(("budget", "batches"), [(1.0, 1), (1e9, 2)])
+def test_no_further_effect_is_tried_alone_far_beyond_the_budget(
+    make_context: MakeContext, budget: float, batches: int
+) -> None:
+    """Two effects, each a batch of its own."""
+    config = SearchConfig(budget=BudgetConfig(effects_per_batch=1))
+    faulty = make_context({"stroke": {"stroke_error": 0.3}})
+    context = dataclasses.replace(faulty, field_budget=budget, config=config)
+    effects = [listed_effects()[name] for name in ("camera_black", "camera_gamma")]
+    stages = [len(list(stage)) for stage in screen_effects(context, {}, effects, lambda *_: None, "")]
+    assert stages == [batches] * len(stages) and stages
 
 
 def test_many_fields_pay_only_where_nothing_simpler_does_as_well(make_context: MakeContext) -> None:
