@@ -8,6 +8,7 @@ validation            refuses impossible sessions and hints at wrong units
 summary               a session as numbers and as a contact sheet
 patterns              random test patterns from smooth to rough
 virtual_measurement   simulates a measurement session
+records               whether patterns, pictures and settings are recorded rightly
 prepared_captures     images with black subtracted and unusable pixels masked
 noise_model           variances for weights; an estimate of unequal pixel sensitivity (PRNU)
 predictor             expected camera signals for any effects: the fast forward model

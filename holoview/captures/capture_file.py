@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -28,17 +28,19 @@ _PER_CAPTURE = ("wavelength", "distance", "power", "exposure")
 _GEOMETRY = "geometry attribute "  # before its name, in errors
 
 
-def read_captures(path: str | os.PathLike[str]) -> Captures:
+def read_captures(path: str | os.PathLike[str], check: Callable[[Captures], object] = check_captures) -> Captures:
     """Reads the measurement session of a capture file.
 
+    check: raises UserError for sessions that aren't wanted; `records.plausible_units` lets those through whose units it
+    can correct.
     Raises UserError that names the file and the dataset when the file is missing, cut short, not HDF5 or of another
-    format, when a dataset is missing or of a wrong type, and when the session is impossible (`check_captures`).
+    format, when a dataset is missing or of a wrong type, and when `check` refuses the session.
     """
     file = Path(path)
     with _open_capture_file(file) as h5:
         try:
             captures = _read(h5)
-            check_captures(captures)
+            check(captures)
         except UserError as error:
             raise error.inside(f"{file}: ") from error
         except (OSError, RuntimeError) as error:
@@ -47,10 +49,15 @@ def read_captures(path: str | os.PathLike[str]) -> Captures:
 
 
 def write_captures(path: str | os.PathLike[str], captures: Captures) -> None:
-    """Writes a capture file completely or not at all. Raises UserError for an impossible session (`check_captures`)."""
+    """Writes a capture file completely or not at all; what was corrected is noted in it.
+
+    Raises UserError for an impossible session (`check_captures`).
+    """
     check_captures(captures)
     with atomic_write(path) as temporary, h5py.File(temporary, "w") as h5:
         h5.attrs["format"], h5.attrs["version"] = FORMAT_NAME, FORMAT_VERSION
+        if captures.corrections:
+            h5.attrs["corrections"] = list(captures.corrections)
         for number, slm in enumerate(captures.slms):
             group = h5.create_group(f"slm{number + 1}")
             group.create_dataset("levels", data=captures.levels[:, number], compression="gzip", compression_opts=4)
@@ -122,6 +129,7 @@ def _read(h5: h5py.File) -> Captures:
         relay1=stops_from_attributes(geometry, 1, _GEOMETRY),
         relay2=stops_from_attributes(geometry, 2, _GEOMETRY),
         focal_length_m=_optional(geometry, "focal_length"),
+        corrections=tuple(_decode_attribute(text) for text in np.atleast_1d(h5.attrs.get("corrections", []))),
     )
 
 

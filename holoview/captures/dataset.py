@@ -85,6 +85,7 @@ class Captures:
     relay1: the nominal stops between the modulators; clear with one modulator.
     relay2: those between the last modulator and the camera, on a Fourier bench in front of the camera.
     focal_length_m: of the lens of a Fourier bench, which has the camera in its back focal plane; None for near field.
+    corrections: in words, what was wrong with the records and has been put right in these.
     """
 
     levels: NDArray[np.unsignedinteger]
@@ -99,6 +100,7 @@ class Captures:
     relay1: Relay = _CLEAR
     relay2: Relay = _CLEAR
     focal_length_m: float | None = None
+    corrections: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.levels)

@@ -37,12 +37,17 @@ _MAX_SATURATED = 0.5  # fraction of the pixels of the least saturated image
 def check_captures(captures: Captures) -> None:
     """Raises UserError unless the session is consistent and plausible as measured data in SI units."""
     _check_columns(captures)
-    _check_lengths(captures)
+    check_lengths(captures)
     _check_geometry(captures)
-    _check_spread(captures)
     _check_levels(captures)
     _check_camera(captures)
     _check_images(captures)
+
+
+def check_lengths(captures: Captures) -> None:
+    """Raises UserError unless every length is one that a bench can have; the usual reason is a wrong unit."""
+    _check_length_limits(captures)
+    _check_spread(captures)
 
 
 def _check_levels(captures: Captures) -> None:
@@ -76,7 +81,7 @@ def _check_columns(captures: Captures) -> None:
             raise UserError(name, f"{columns[name].min():g}", expected="positive numbers")
 
 
-def _check_lengths(captures: Captures) -> None:
+def _check_length_limits(captures: Captures) -> None:
     values: dict[str, NDArray[np.float64]] = {
         "wavelength": captures.wavelength_m,
         "camera attribute pitch": np.array([captures.camera.pitch_m]),
@@ -105,8 +110,9 @@ def _check_lengths(captures: Captures) -> None:
 def _check_spread(captures: Captures) -> None:
     """No distance is so long that diffraction would spread the light over many modulator widths.
 
-    Such a distance, for example 0.5 for half a millimetre, is within the limits of `_check_lengths`, but its unit is
-    wrong. The light spreads by distance × the smaller of the stops' sine and λ/(2·pitch), the edge of the first order.
+    Such a distance, for example 0.5 for half a millimetre, is within the limits of `_check_length_limits`, but its unit
+    is wrong. The light spreads by distance × the smaller of the stops' sine and λ/(2·pitch), the edge of the first
+    order.
     """
     if captures.is_fourier:
         return

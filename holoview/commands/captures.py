@@ -8,6 +8,7 @@ from pathlib import Path
 
 from holoview.captures import read_captures, write_captures
 from holoview.captures.folder_import import BENCH_FILE, TABLE_FILE, import_folder
+from holoview.captures.records import find_record_errors
 from holoview.captures.summary import capture_sheet, summarise
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
 from holoview.commands import captures_plan
@@ -24,6 +25,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     _configure_make(commands.add_parser("make", help="measure a virtual bench", description=_make.__doc__))
     check = commands.add_parser("check", help="validate a capture file", description=_check.__doc__)
     check.add_argument("captures", help="a capture file")
+    check.add_argument(
+        "--quick", action="store_true", help="don't check whether patterns, pictures and settings belong together"
+    )
     check.add_argument("--json", action="store_true", help="machine-readable output")
     check.set_defaults(run=_check)
     show = commands.add_parser("show", help="a contact sheet of a capture file", description=_show.__doc__)
@@ -99,8 +103,15 @@ def _length(args: argparse.Namespace, name: str) -> float:
 
 
 def _check(args: argparse.Namespace) -> int:
-    """Validates a capture file and lists what it contains and what it can't show."""
-    summary = summarise(read_captures(args.captures))
+    """Validates a capture file and its records, and lists what it contains and what it can't show."""
+    captures = read_captures(args.captures)
+    summary = summarise(captures)
+    found = None
+    if not args.quick:
+        with progress_bar("checking") as report:
+            report(0, 1, "records")
+            found = find_record_errors(captures)
+        summary["records"] = found.as_json()
     if args.json:
         print(json.dumps(summary, indent=2, ensure_ascii=False))
         return 0
@@ -119,6 +130,8 @@ def _check(args: argparse.Namespace) -> int:
         print(f"  dark         captures {', '.join(map(str, summary['dark']))}")
     for name, why in summary["cant_tell"].items():
         print(f"  can't tell   {name}: {why}")
+    for line in [] if found is None else found.lines:
+        print(f"  records      {line}")
     return 0
 
 

@@ -6,8 +6,10 @@ import argparse
 import json
 from pathlib import Path
 
-from holoview.captures import read_captures
+from holoview.captures import read_captures, write_captures
 from holoview.captures.effect_check import check_user_effects
+from holoview.captures.records import plausible_units
+from holoview.captures.records.correction import apply_corrections
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import check_folder, check_output_file, make_folder
 from holoview.diagnose.comparison import Values
@@ -51,6 +53,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--save-preset", metavar="P2.toml", type=Path, help="write the bench with the causes that were named"
     )
     parser.add_argument(
+        "--save-corrected",
+        metavar="FILE.h5",
+        type=Path,
+        help="write the captures as they should have been recorded, with a note of what was wrong",
+    )
+    parser.add_argument(
         "--no-display",
         action="store_true",
         help="leave out of the report what the extended model buys on the display, which takes half a minute",
@@ -77,10 +85,11 @@ def run(args: argparse.Namespace) -> int:
     """Diagnoses, then writes the files that were asked for, each whole or not at all."""
     _check_arguments(args)
     user_effects = [effect for file in args.effects for effect in _load_effects(file)]
-    captures = read_captures(args.captures)
-    check_user_effects(captures, user_effects)
+    captures = recorded = read_captures(args.captures, plausible_units)
+    plausible = apply_corrections(recorded, plausible_units(recorded))
+    check_user_effects(plausible, user_effects)
     known: dict[str, dict[str, float]] = {}
-    bench = captures.nominal_system()
+    bench = plausible.nominal_system()
     if args.preset is not None:
         captures, known, bench = with_preset_geometry(captures, preset.load(args.preset), args.preset)
     sampling = SamplingConfig(args.finer, args.padding, args.points)
@@ -95,6 +104,8 @@ def run(args: argparse.Namespace) -> int:
             temporary.write_text(json.dumps(found.as_json(), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     if args.save_preset is not None:
         preset.save(extended_system(bench, found.values), args.save_preset)
+    if args.save_corrected is not None:
+        write_captures(args.save_corrected, found.records.corrected(recorded))
     _print_diagnosis(found, args)
     return 0
 
@@ -107,7 +118,7 @@ def _check_arguments(args: argparse.Namespace) -> None:
         given = getattr(args, name)
         if given is not None and not least <= given <= most:
             raise UserError(f"--{name}", f"{given}", expected=f"{least} to {most}")
-    for path, suffix in ((args.json, ".json"), (args.save_preset, ".toml")):
+    for path, suffix in ((args.json, ".json"), (args.save_preset, ".toml"), (args.save_corrected, ".h5")):
         if path is not None:
             check_output_file(path, suffix)
     if args.report is not None:
@@ -150,7 +161,7 @@ def _print_diagnosis(found: Diagnosis, args: argparse.Namespace) -> None:
     for bad in found.bad_captures:
         print(f"  left out: capture {bad.index}, {bad.why}. {bad.sentence}")
     for cause in found.causes:
-        print(f"  {cause.effect}: {cause.sentence}")
+        print(f"  {cause.effect}{f' ({cause.choice})' * bool(cause.choice)}: {cause.sentence}")
         for name, interval in cause.intervals.items():
             print(f"      {name} = {format_value(cause.effect, name, interval)}")
         if cause.confounded_with:
@@ -164,6 +175,6 @@ def _print_diagnosis(found: Diagnosis, args: argparse.Namespace) -> None:
         print(f"  what is left lives in: {where}")
     for note in found.notes:
         print(f"  note: {note}")
-    for path in (args.report and args.report / "report.html", args.json, args.save_preset):
+    for path in (args.report and args.report / "report.html", args.json, args.save_preset, args.save_corrected):
         if path:
             print(f"  written: {path}")

@@ -7,6 +7,7 @@ diagnosis           the result and its JSON
 
 search_context      what all stages share: captures, bench, effects, predictors, workers, settings
 worker_pool         jobs in several processes
+record_errors       wrong records as causes, put right before the search
 bad_captures        captures that were left out; those that are dark, saturated or given twice
 capture_outliers    which captures stand out from the others
 capture_judgement   every capture judged by a model

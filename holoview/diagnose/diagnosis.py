@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.fit_quality import FitQuality
+from holoview.captures.records import RecordFindings
 from holoview.diagnose.bad_captures import BadCapture
 from holoview.diagnose.excess_breakdown import ExcessBreakdown
 from holoview.diagnose.free_parameters import FittedValues
@@ -27,7 +28,8 @@ class Cause:
     effect: its id. sentence: the finding in words. intervals, units: of each parameter, SI. excess_explained: share of
     the excess of the model that lacks only this cause. gain_db: PSNR that it gains on held-out captures. before, after:
     quality without and with it. confounded_with: effects that change captures alike, with the correlation (1: the same
-    physics). separate_by: the capture, in words, that would separate the causes from their first rival.
+    physics). separate_by: the capture, in words, that would separate the causes from their first rival. choice: of a
+    wrong record, what happened to it; None for effects.
     """
 
     effect: str
@@ -40,6 +42,7 @@ class Cause:
     after: FitQuality
     confounded_with: dict[str, float] = field(default_factory=dict)
     separate_by: str | None = None
+    choice: str | None = None
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,7 @@ class Diagnosis:
     the pixels' relative sensitivity. gain_spread: of the logarithm of the gains about those of their wavelength.
     captures: how many there are. bad_captures: those of them that aren't what their records say; no fit used them, and
     all else speaks of the others.
+    records: what was wrong with the records. Everything else is about the captures with these put right.
     """
 
     verdict: Verdict
@@ -108,6 +112,7 @@ class Diagnosis:
     bad_captures: tuple[BadCapture, ...]
     notes: tuple[str, ...]
     seconds: float
+    records: RecordFindings = field(default_factory=RecordFindings)
 
     def as_json(self) -> dict[str, Any]:
         """The diagnosis as JSON values; lengths in metres, angles in radians (docs/diagnosis.md lists the keys)."""
@@ -147,6 +152,7 @@ class Diagnosis:
             },
             "fixed_pattern": _json_number(self.fixed_pattern),
             "gain_spread": _json_number(self.gain_spread),
+            "records": self.records.as_json(),
             "notes": list(self.notes),
             "seconds": _json_number(self.seconds),
         }
@@ -155,6 +161,7 @@ class Diagnosis:
 def _cause(cause: Cause) -> dict[str, Any]:
     return {
         "effect": cause.effect,
+        "choice": cause.choice,
         "parameters": {
             name: {
                 "value": interval.value,

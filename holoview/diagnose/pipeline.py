@@ -31,6 +31,7 @@ from holoview.diagnose.held_out_ranking import SearchResult
 from holoview.diagnose.judged_search import SearchOutcome, search_good_captures
 from holoview.diagnose.one_picture import ONE_PICTURE_NOTE, with_one_picture
 from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
+from holoview.diagnose.record_errors import check_records
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
 from holoview.diagnose.search_context import (
     NeighbourVariances,
@@ -39,7 +40,7 @@ from holoview.diagnose.search_context import (
     equivalent_effects,
 )
 from holoview.diagnose.simplest_name import wider_names
-from holoview.diagnose.verdict import Decision, Verdict
+from holoview.diagnose.verdict import Decision, Verdict, with_further_cause
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import is_user_effect, listed_effects, load_user_effects
@@ -82,6 +83,8 @@ def diagnose(
     torch.set_num_threads(1)
     try:
         with WorkerPool(workers, config.budget.worker_start_s) as pool:
+            records = check_records(captures, known or {}, config)
+            captures = records.captures
             useless = find_useless_captures(captures, config.judgement)
             context, notes = _prepare(captures, useless, library, known or {}, pool, sampling, config)
             if not thorough:
@@ -96,7 +99,7 @@ def diagnose(
     if len(only) == 1:  # its picture was split into two
         samples = tuple(dataclasses.replace(sample, capture=min(only)) for sample in diagnosis.samples)
         diagnosis = dataclasses.replace(diagnosis, samples=samples)
-    return dataclasses.replace(diagnosis, captures=len(captures), seconds=time.monotonic() - began)
+    return dataclasses.replace(records.added_to(diagnosis), captures=len(captures), seconds=time.monotonic() - began)
 
 
 @dataclass(frozen=True)
@@ -206,7 +209,7 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
     left = max(after.chi2_per_pixel - 1.0, 0.0) / max(result.nominal.excess, 1e-9)
     roughness = pattern_roughness(captures)
     return Diagnosis(
-        verdict=decision.verdict if law is None else _verdict_with_power_law(decision.verdict),
+        verdict=decision.verdict if law is None else with_further_cause(decision.verdict),
         before=fit_quality(comparison, nominal, config.report),
         after=after,
         causes=tuple(findings.causes if law is None else [*findings.causes, describe_power_law(context, law)]),
@@ -238,8 +241,3 @@ def _locations(findings: _Findings, values: Values, chi2: float, progress: Progr
     progress(0, 1, "free maps at every place")
     base = {name: dict(own) for name, own in values.items()}
     return likely_locations(fit_free_maps(context, base, findings.result.comparison), context.config.free_maps)
-
-
-def _verdict_with_power_law(verdict: Verdict) -> Verdict:
-    """The verdict once a law of the lasers' power is named as well."""
-    return {Verdict.CONSISTENT: Verdict.EXPLAINED, Verdict.UNEXPLAINED: Verdict.PARTLY}.get(verdict, verdict)

@@ -69,6 +69,11 @@ def limited_by_bad_captures(decision: Decision, bad_share: float, max_share: flo
     return replace(decision, verdict=lower.get(decision.verdict, decision.verdict))
 
 
+def with_further_cause(verdict: Verdict) -> Verdict:
+    """The verdict once a cause is named as well that the search for effects doesn't know."""
+    return {Verdict.CONSISTENT: Verdict.EXPLAINED, Verdict.UNEXPLAINED: Verdict.PARTLY}.get(verdict, verdict)
+
+
 def chance_excess(pixels: float, config: VerdictConfig) -> float:
     """The excess χ²/n − 1 that so many pixels reach by chance; its standard deviation is √(2/n)."""
     return float(config.chance_sigmas * (2.0 / pixels) ** 0.5)

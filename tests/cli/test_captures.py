@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from holoview.captures import Captures, read_captures
+from holoview.captures import Captures, read_captures, write_captures
 from holoview.captures.folder_import import BENCH_FILE, TABLE_FILE
 
 Run = Callable[..., Any]
@@ -69,6 +70,17 @@ def test_a_check_tells_what_is_there_and_what_it_cant_tell(holoview: Run) -> Non
     assert holoview(*single).code == 0
     said = holoview("captures", "check", "f.h5").out
     assert "Fourier bench" in said and "can't tell   gap" in said
+
+
+def test_a_check_says_what_is_recorded_wrongly_unless_it_is_to_be_quick(holoview: Run, tmp_path: Path) -> None:
+    captures = _make(holoview, "a.h5")
+    assert "nothing found that is recorded wrongly" in holoview("captures", "check", "a.h5").out
+    write_captures("wrong.h5", dataclasses.replace(captures, levels=captures.levels[:, ::-1]))
+    told = "records      slm_exchange: The patterns of the two modulators are exchanged in the records."
+    assert told in holoview("captures", "check", "wrong.h5").out
+    assert "records" not in holoview("captures", "check", "wrong.h5", "--quick").out
+    found = json.loads(holoview("captures", "check", "wrong.h5", "--json").out)
+    assert [wrong["effect"] for wrong in found["records"]["wrong"]] == ["slm_exchange"]
 
 
 def test_a_sheet_shows_patterns_and_pictures(holoview: Run, tmp_path: Path) -> None:

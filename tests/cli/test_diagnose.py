@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from holoview.captures import Captures, write_captures
+from holoview.captures import Captures, read_captures, write_captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.cli import main
 from holoview.model import preset
@@ -96,6 +96,31 @@ def test_it_says_what_is_wrong_in_words_and_numbers(diagnosed: Diagnosed) -> Non
     assert "diagnosing: " in diagnosed.err
 
 
+def test_wrong_records_are_named_and_written_as_they_should_have_been(holoview: Run, tmp_path: Path) -> None:
+    """The patterns of modulator 1 are mirrored, the wavelengths in nanometres."""
+    plain = make_captures(_system(), {}, AcquisitionSettings(captures_per_condition=6, seed=3))
+    with h5py.File(_written(tmp_path / "c.h5", plain), "r+") as h5:
+        h5["slm1/levels"][...] = h5["slm1/levels"][()][:, :, ::-1]
+        h5["wavelength"][...] = h5["wavelength"][()] * 1e9
+    outcome = holoview("diagnose", "c.h5", "--workers", 1, "--json", "d.json", "--save-corrected", "right.h5")
+    assert outcome.code == 0, outcome.err
+    assert "slm1_orientation (flip_x): The patterns of modulator 1 are recorded mirrored left to right." in outcome.out
+    told = json.loads((tmp_path / "d.json").read_text(encoding="utf-8"))
+    assert told["verdict"] == "explained"
+    assert {(cause["effect"], cause["choice"]) for cause in told["causes"]} == {
+        ("slm1_orientation", "flip_x"),
+        ("wavelength_order", "unit:nm taken as m"),
+    }
+    right = read_captures(tmp_path / "right.h5")
+    assert np.array_equal(right.levels, plain.levels) and right.wavelength_m == pytest.approx(plain.wavelength_m)
+    assert [text.split(":")[0] for text in right.corrections] == ["slm1_orientation flip_x", "wavelength_order unit"]
+
+
+def _written(path: Path, captures: Captures) -> Path:
+    write_captures(path, captures)
+    return path
+
+
 def _keys(node: Any, known: dict[str, Any], at: str = "") -> None:
     """Every key of `known` is in `node`, with a value of that type."""
     for key, kind in known.items():
@@ -110,6 +135,7 @@ def test_its_json_is_what_programs_expect(diagnosed: Diagnosed) -> None:
     told, quality = diagnosed.told, {"chi2_per_pixel": float, "psnr_db": float}
     cause = {
         "effect": str,
+        "choice": type(None),
         "parameters": {"gap_error": {"value": float, "unit": str, "sigma": float, "interval": list}},
         "excess_explained": float,
         "gain_db": float,
@@ -118,7 +144,10 @@ def test_its_json_is_what_programs_expect(diagnosed: Diagnosed) -> None:
         "sentence": str,
     }
     top = {"verdict": str, "noise_floor": float, "before": quality, "after": quality, "causes": list}
-    _keys(told, top | {"unexplained": {"share": float, "lives_in": list}, "notes": list, "held_out": list})
+    _keys(
+        told,
+        top | {"unexplained": {"share": float, "lives_in": list}, "notes": list, "held_out": list, "records": dict},
+    )
     assert told["verdict"] == "explained" and len(told["causes"]) == 1
     _keys(told["causes"][0], cause)
     for key in ("wavelength", "plane", "smoothness", "radius", "frequency", "brightness"):

@@ -117,6 +117,7 @@ class Laboratory:
     opd_m: float = 825e-9
     gap_m: float = 1e-3
     distance_m: float = 4e-3
+    planes_m: tuple[float, ...] = ()  # distances that captures take in turn, instead
     stops: tuple[Stop, Stop] = (Stop(iris=0.03), Stop(iris=0.03))
     wavelengths_m: tuple[float, ...] = (450e-9, 600e-9)
     each: int = 6
@@ -136,9 +137,10 @@ def write_session(path: Path, lab: Laboratory) -> Path:
     levels = np.stack([[_pattern(rng, lab, k) for _ in range(2)] for k in range(count)]).astype(np.uint8)
     power = rng.choice([0.5, 0.7, 1.0], count)
     scale = {λ: rng.uniform(0.6, 1.4) for λ in lab.wavelengths_m}
+    distance = np.resize(lab.planes_m or (lab.distance_m,), count)
     images, exposure = [], []
     for k, λ in enumerate(wavelength):
-        signal = scale[λ] * power[k] * _light_of_capture(lab, levels[k], float(λ), k)
+        signal = scale[λ] * power[k] * _light_of_capture(replace(lab, distance_m=distance[k]), levels[k], float(λ), k)
         exposure.append(float(f"{0.8 / np.quantile(signal, 0.999):.3g}"))
         light = signal * exposure[-1] * (k not in lab.mishaps.dark) * lab.mishaps.overexposed.get(k, 1.0)
         images.append(_counts(rng, light, lab.faults.black, lab.mishaps.noisy.get(k, 0.0)))
@@ -148,7 +150,8 @@ def write_session(path: Path, lab: Laboratory) -> Path:
         images[k] = images[of]
         if lab.mishaps.whole:
             levels[k], wavelength[k], power[k], exposure[k] = levels[of], wavelength[of], power[of], exposure[of]
-    _write(path, lab, levels, np.stack(images), wavelength, power, np.array(exposure))
+            distance[k] = distance[of]
+    _write(path, lab, levels, np.stack(images), wavelength, distance, power, np.array(exposure))
     return path
 
 
@@ -230,6 +233,7 @@ def _write(
     levels: NDArray[np.uint8],
     images: NDArray[np.uint16],
     wavelength: Floats,
+    distance: Floats,
     power: Floats,
     exposure: Floats,
 ) -> None:
@@ -247,7 +251,7 @@ def _write(
             read_noise=_READ_NOISE,
             black_level=_BLACK,
         )
-        h5["wavelength"], h5["distance"] = wavelength, np.full(len(wavelength), lab.distance_m)
+        h5["wavelength"], h5["distance"] = wavelength, distance
         h5["power"], h5["exposure"] = power, exposure
         h5.create_group("geometry").attrs.update(gap=lab.gap_m)
         for number, stop in enumerate(lab.stops, start=1):

@@ -1,0 +1,52 @@
+"""The middle of a near-field session, so that large modulators cost no more to compare than small ones.
+
+Light walks off sideways by distance × the sine of the steepest ray that the stops pass. With as much margin around the
+compared pixels, a crop is predicted like the whole. It is centred on the axis, so that mirrored or turned records stay
+mirrored or turned.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from holoview.captures.dataset import Captures
+
+
+def central_region(captures: Captures, side_px: int) -> Captures:
+    """The session cut to about `side_px` modulator pixels across, with the margin beside; whole on a Fourier bench."""
+    if captures.is_fourier:
+        return captures
+    pitch_m = captures.slms[0].pitch_m
+    margin = math.ceil(_walk_off_m(captures) / pitch_m)
+    rows, columns = (_kept(n, side_px + 2 * margin) for n in captures.levels.shape[2:])
+    if (rows, columns) == captures.levels.shape[2:]:
+        return captures
+    scale = pitch_m / captures.camera.pitch_m
+    seen = [
+        _kept(n, math.floor((kept - 2 * margin) * scale) if kept < whole else n)
+        for n, kept, whole in zip(captures.shape, (rows, columns), captures.levels.shape[2:], strict=True)
+    ]
+    return dataclasses.replace(
+        captures,
+        levels=captures.levels[(..., *_middle(captures.levels.shape[2:], (rows, columns)))],
+        images=captures.images[(..., *_middle(captures.shape, (seen[0], seen[1])))],
+    )
+
+
+def _walk_off_m(captures: Captures) -> float:
+    """Largest sideways walk of a ray from the first modulator to the camera."""
+    pitch_m, longest = captures.slms[0].pitch_m, float(captures.wavelength_m.max())
+    paths = ((captures.gap_m or 0.0, captures.relay1), (float(captures.distance_m.max()), captures.relay2))
+    edge_sine = longest / (2 * pitch_m)  # of the first order
+    return sum(length * min(relay.steepest_sine(longest, pitch_m), edge_sine) for length, relay in paths if length)
+
+
+def _kept(n: int, wanted: int) -> int:
+    """At most `wanted` of n pixels, as many left out on either side."""
+    return n if wanted >= n else wanted + (n - wanted) % 2
+
+
+def _middle(whole: tuple[int, ...], kept: tuple[int, int]) -> tuple[slice, slice]:
+    first = [(n - k) // 2 for n, k in zip(whole, kept, strict=True)]
+    return slice(first[0], first[0] + kept[0]), slice(first[1], first[1] + kept[1])

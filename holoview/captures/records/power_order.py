@@ -1,0 +1,128 @@
+"""Laser powers that are recorded for the wrong captures: the gains of the captures tell, not the pictures' speckle.
+
+The gain of a capture is the light seen over the light predicted for its recorded power and exposure. All gains of one
+wavelength are equal if the records are right. Another order of the powers is named if it makes them equal: the ratio of
+the two spreads is compared with that of random numbers (F distribution), for as many orders as are tried.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import f as f_distribution
+
+from holoview.captures.dataset import Captures, Floats
+from holoview.captures.predictor import Predictor
+from holoview.captures.prepared_captures import prepare_captures
+from holoview.captures.records.correction import Correction, Hypothesis, apply_corrections
+from holoview.captures.records.settings import RecordSettings
+from holoview.captures.records.trial import Values
+
+_ROUNDS = 20  # of sorting, after which the order doesn't change any more
+_CACHE_MB = 64
+
+
+@dataclass(frozen=True)
+class PowerOrder(Correction):
+    """The powers are recorded for the wrong captures.
+
+    source: for each capture, the index of the capture whose record holds its power. way: how that came about.
+    spreads: r.m.s. of the logarithm of the gains about those of their wavelength, as recorded and as corrected.
+    """
+
+    source: tuple[int, ...]
+    way: str
+    spreads: tuple[float, float] = (0.0, 0.0)
+
+    effect = "power_order"
+
+    @property
+    def choice(self) -> str:
+        return self.way
+
+    @property
+    def sentence(self) -> str:
+        how = {"reversed": "from the last capture to the first"}.get(self.way, f"for the wrong captures ({self.way})")
+        return f"The laser powers are recorded {how}."
+
+    def apply(self, captures: Captures) -> Captures:
+        return dataclasses.replace(captures, power=captures.power[np.array(self.source)])
+
+
+def find_power_order(
+    captures: Captures, corrections: Hypothesis, effects: Values, settings: RecordSettings
+) -> list[Correction]:
+    """The order of the powers that makes the gains equal, if there is one beyond chance; at most one correction."""
+    corrected = apply_corrections(captures, corrections)
+    if len(np.unique(corrected.power)) < 2:
+        return []
+    groups = np.unique(corrected.wavelength_m, return_inverse=True)[1]
+    log_gain, log_power = _log_gains(corrected, effects), np.log(corrected.power)
+    spread = _spread(log_gain, groups)
+    freedom = len(corrected) - len(np.unique(groups))
+    if not (math.isfinite(spread) and spread > settings.power_spread and freedom > 1):
+        return []
+    implied = log_gain + log_power  # of the true powers, beside one number for each wavelength
+    tried = [*_simple_orders(len(corrected)), _sorted_order(implied, log_power, groups)]
+    passed: list[tuple[float, Correction]] = []
+    for order, trials_log in tried:
+        left = _spread(implied - log_power[np.array(order.source)], groups)
+        chance_log = float(f_distribution.logsf((spread / max(left, 1e-12)) ** 2, freedom, freedom)) + trials_log
+        if left < settings.power_left * spread and chance_log < math.log(settings.false_alarms):
+            passed.append((left, dataclasses.replace(order, spreads=(spread, left))))
+    # an order of many free numbers always leaves least; a simple one that leaves about as little explains it
+    least = min((left for left, _ in passed), default=math.inf)
+    return [order for left, order in passed if left <= 2 * least + settings.power_spread / 10][:1]
+
+
+def _log_gains(captures: Captures, effects: Values) -> Floats:
+    """Logarithm of the light seen over the light predicted of each capture; NaN where there is none."""
+    data = prepare_captures(captures)
+    seen = np.where(data.usable, data.light, 0.0).sum(axis=(1, 2), dtype=np.float64)
+    predictor, expected = Predictor(captures, cache_mb=_CACHE_MB), np.empty(len(captures))
+    for k in range(len(captures)):
+        expected[k] = float(predictor([k], effects).signal[0].numpy()[data.usable[k]].sum(dtype=np.float64))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.log(seen / expected), dtype=np.float64)
+
+
+def _spread(values: Floats, groups: NDArray[np.intp]) -> float:
+    """R.m.s. deviation from the mean of each group."""
+    return float(np.sqrt(np.square(values - _group_means(values, groups)).mean()))
+
+
+def _group_means(values: Floats, groups: NDArray[np.intp]) -> Floats:
+    means = np.bincount(groups, values) / np.bincount(groups)
+    return np.asarray(means[groups], dtype=np.float64)
+
+
+def _simple_orders(count: int) -> list[tuple[PowerOrder, float]]:
+    """The reversed and the shifted orders, with the logarithm of their number."""
+    index = np.arange(count)
+    found = [PowerOrder(tuple(index[::-1].tolist()), "reversed")]
+    for n in range(1, count // 2 + 1):
+        found += [PowerOrder(tuple(np.roll(index, -s).tolist()), f"offset:{s:+d}") for s in (n, -n)]
+    return [(order, math.log(count)) for order in found]
+
+
+def _sorted_order(implied: Floats, log_power: Floats, groups: NDArray[np.intp]) -> tuple[PowerOrder, float]:
+    """The order of least spread, and the logarithm of the number of different orders.
+
+    Sorting pairs implied and recorded powers best for given numbers of the wavelengths; both are found in turns.
+    """
+    by_power = np.argsort(log_power, kind="stable")
+    scale = _group_means(implied - log_power, groups)
+    source = np.arange(len(implied))
+    for _ in range(_ROUNDS):
+        source = np.empty(len(implied), dtype=np.intp)
+        source[np.argsort(implied - scale, kind="stable")] = by_power
+        scale = _group_means(implied - log_power[source], groups)
+    repeats = Counter(log_power.tolist()).values()
+    orders_log = math.lgamma(len(implied) + 1) - sum(math.lgamma(n + 1) for n in repeats)
+    way = "permutation:" + ",".join(map(str, source.tolist()))
+    return PowerOrder(tuple(source.tolist()), way), orders_log

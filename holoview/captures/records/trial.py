@@ -1,0 +1,197 @@
+"""Trials: how well captures are predicted with their records corrected in one way or another."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.captures.dataset import Captures
+from holoview.captures.predictor import Predictor
+from holoview.captures.prepared_captures import stuck_pixel_mask
+from holoview.captures.records.correction import Hypothesis, apply_corrections
+from holoview.captures.records.orientation import CameraOrientation
+from holoview.captures.records.settings import RecordSettings
+from holoview.captures.records.speckle import Contrast, Floats, Match, SpeckleComparison
+from holoview.util.errors import UserError
+
+Values = Mapping[str, Mapping[str, float]]
+_CACHE_MB = 64
+_Key = tuple[bytes, float, float, tuple[int, int]]
+
+
+@dataclass(frozen=True, eq=False)
+class TrialScore:
+    """How well some captures are predicted under a hypothesis.
+
+    z: atanh of the correlation of each capture at the common shift that fits all of them best, (capture, blur).
+    grains: independent speckle grains, (capture, blur).
+    """
+
+    hypothesis: Hypothesis
+    z: Floats
+    grains: Floats
+
+    @property
+    def significance(self) -> Floats:
+        """Mean z in standard deviations of unrelated pictures, for each blur."""
+        total = self.grains.sum(axis=0)
+        return (self.z * self.grains).sum(axis=0) / np.sqrt(total)
+
+    @property
+    def best_blur(self) -> int:
+        """The blur at which the prediction is most significant."""
+        return int(self.significance.argmax())
+
+    @property
+    def correlation(self) -> float:
+        """Mean correlation at the best blur."""
+        return float(np.tanh(self.z[:, self.best_blur].mean()))
+
+    def gain_over(self, other: TrialScore) -> tuple[float, float]:
+        """(mean gain in z, the same in standard deviations) over another hypothesis on the same captures.
+
+        At this hypothesis's best blur. Unrelated predictions scatter with 1/G each.
+        """
+        blur = self.best_blur
+        weight = 1.0 / (1.0 / self.grains[:, blur] + 1.0 / other.grains[:, blur])
+        gain = float(((self.z[:, blur] - other.z[:, blur]) * weight).sum() / weight.sum())
+        return gain, gain * float(np.sqrt(weight.sum()))
+
+
+class Trials:
+    """Predictions of captures for all hypotheses, each computed once.
+
+    captures: as recorded. effects: those that the nominal bench has.
+    """
+
+    def __init__(self, captures: Captures, effects: Values, settings: RecordSettings) -> None:
+        self.captures, self._effects, self._settings = captures, effects, settings
+        light = captures.images.astype(np.float32) - np.float32(captures.camera.black_level)
+        self._light = _without_stuck_pixels(light, stuck_pixel_mask(captures.images))
+        without_pictures = np.broadcast_to(np.uint16(0), captures.images.shape)
+        self._records = dataclasses.replace(captures, images=without_pictures)
+        self._comparisons: dict[tuple[int, int], SpeckleComparison] = {}
+        self._predicted: dict[_Key, Contrast | None] = {}
+        self._seen: dict[tuple[int, str], Contrast] = {}
+        self.fields = 0
+
+    def score(self, hypotheses: Sequence[Hypothesis], indices: Sequence[int]) -> list[TrialScore]:
+        """The score of each hypothesis on these pictures, in the order given.
+
+        Hypotheses that no bench can have are left out.
+        """
+        rows = [self._rows(hypothesis, indices) for hypothesis in hypotheses]
+        self._predict([row for of_one in rows for row in of_one])
+        scores = []
+        for hypothesis, of_one in zip(hypotheses, rows, strict=True):
+            matches = [self._match(hypothesis, row, k) for row, k in zip(of_one, indices, strict=True)]
+            known = [match for match in matches if match is not None]
+            if len(known) == len(matches):
+                scores.append(_at_common_shift(hypothesis, known))
+        return scores
+
+    @property
+    def shift_count(self) -> int:
+        """How many shifts a comparison tries."""
+        return self._comparison(self.captures.shape).shift_count
+
+    def coarseness(self, k: int) -> float:
+        """Mean squared spatial frequency of a picture's contrast; small for smooth pictures."""
+        power = self._contrast_seen((), k).powers[0]
+        fy, fx = (np.fft.fftfreq(n) for n in power.shape)
+        return float(((fy[:, None] ** 2 + fx[None] ** 2) * power).sum() / max(float(power.sum()), 1e-30))
+
+    def differing(self, first: Hypothesis, second: Hypothesis) -> list[int]:
+        """The captures whose prediction or picture differs between two hypotheses."""
+        every = range(len(self.captures))
+        rows = [self._rows(one, every) for one in (first, second)]
+        turned = _camera_turns(first) != _camera_turns(second)
+        return [k for k, a, b in zip(every, *rows, strict=True) if turned or _key(a) != _key(b)]
+
+    def _rows(self, hypothesis: Hypothesis, indices: Sequence[int]) -> list[Captures]:
+        corrected = apply_corrections(self._records, hypothesis)
+        return [corrected.subset([k]) for k in indices]
+
+    def _comparison(self, shape: tuple[int, int]) -> SpeckleComparison:
+        if shape not in self._comparisons:
+            self._comparisons[shape] = SpeckleComparison(shape, self._settings)
+        return self._comparisons[shape]
+
+    def _match(self, hypothesis: Hypothesis, row: Captures, k: int) -> Match | None:
+        predicted = self._predicted[_key(row)]
+        if predicted is None:
+            return None
+        return self._comparison(row.shape).match(self._contrast_seen(hypothesis, k), predicted)
+
+    def _contrast_seen(self, hypothesis: Hypothesis, k: int) -> Contrast:
+        turns = _camera_turns(hypothesis)
+        key = (k, " ".join(c.choice for c in turns))
+        if key not in self._seen:
+            light = self._light[k]
+            for camera in turns:
+                light = camera.undone(light)
+            self._seen[key] = self._comparison((light.shape[0], light.shape[1])).contrast(light)
+        return self._seen[key]
+
+    def _predict(self, rows: Sequence[Captures]) -> None:
+        """Computes the contrasts of rows that aren't known yet, those of one camera shape together."""
+        new: dict[tuple[int, int], dict[_Key, Captures]] = {}
+        for row in rows:
+            key = _key(row)
+            if key not in self._predicted:
+                new.setdefault(row.shape, {})[key] = row
+        for shape, unknown in new.items():
+            predictor = Predictor(_stack(list(unknown.values())), cache_mb=_CACHE_MB)
+            for number, key in enumerate(unknown):
+                self._predicted[key] = self._contrast_predicted(predictor, number, shape)
+
+    def _contrast_predicted(self, predictor: Predictor, number: int, shape: tuple[int, int]) -> Contrast | None:
+        """None for a wavelength or distance that no bench can have."""
+        self.fields += 1
+        try:
+            signal = predictor([number], self._effects).signal[0].numpy()
+        except UserError:
+            return None
+        return self._comparison(shape).contrast(signal)
+
+
+def _camera_turns(hypothesis: Hypothesis) -> list[CameraOrientation]:
+    return [c for c in hypothesis if isinstance(c, CameraOrientation)]
+
+
+def _key(row: Captures) -> _Key:
+    return row.levels.tobytes(), float(row.wavelength_m[0]), float(row.distance_m[0]), row.shape
+
+
+def _stack(rows: Sequence[Captures]) -> Captures:
+    """Captures of several rows of one capture each, with unit power and exposure."""
+    first, ones = rows[0], np.ones(len(rows))
+    return dataclasses.replace(
+        first,
+        levels=np.concatenate([row.levels for row in rows]),
+        images=np.broadcast_to(first.images, (len(rows), *first.shape)),
+        wavelength_m=np.concatenate([row.wavelength_m for row in rows]),
+        distance_m=np.concatenate([row.distance_m for row in rows]),
+        power=ones,
+        exposure_s=ones,
+    )
+
+
+def _at_common_shift(hypothesis: Hypothesis, matches: Sequence[Match]) -> TrialScore:
+    z, grains = np.stack([m.z for m in matches]), np.stack([m.grains for m in matches])
+    total = np.einsum("kbyx,kb->byx", z, grains)
+    best = total.reshape(total.shape[0], -1).argmax(axis=1)
+    at_best = np.take_along_axis(z.reshape(*z.shape[:2], -1), best[None, :, None], axis=2)[..., 0]
+    return TrialScore(hypothesis, at_best, grains)
+
+
+def _without_stuck_pixels(light: NDArray[np.float32], stuck: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Dead and hot pixels get the mean of the picture's others: their contrast would be in every picture."""
+    if stuck.any() and not stuck.all():
+        light = light.copy()
+        light[:, stuck] = light[:, ~stuck].mean(axis=1, keepdims=True)
+    return light

@@ -1,0 +1,103 @@
+"""Wrong records as causes of a diagnosis: found and put right before any effect is searched for."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from holoview.captures.dataset import Captures
+from holoview.captures.fit_quality import FitQuality
+from holoview.captures.noise_model import neighbour_variance
+from holoview.captures.patterns import pattern_roughness
+from holoview.captures.prepared_captures import prepare_captures
+from holoview.captures.records import Correction, RecordFindings, find_record_errors
+from holoview.captures.records.correction import Hypothesis, apply_corrections
+from holoview.captures.records.power_order import PowerOrder
+from holoview.captures.validation import check_lengths
+from holoview.diagnose.capture_split import split_captures
+from holoview.diagnose.comparison import Comparison, Values
+from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.diagnosis import Cause, Diagnosis
+from holoview.diagnose.extended_model import PredictorWithKnownEffects
+from holoview.diagnose.fit_statistics import fit_quality
+from holoview.diagnose.verdict import with_further_cause
+from holoview.util.errors import UserError
+
+_NO_IMAGE = FitQuality(math.nan, math.nan)
+
+
+@dataclass(frozen=True)
+class CheckedRecords:
+    """Records put right.
+
+    captures: as they should have been recorded. kept: the number of each in the file. findings: what was wrong.
+    causes: the same, as they are reported.
+    """
+
+    captures: Captures
+    kept: tuple[int, ...]
+    findings: RecordFindings
+    causes: tuple[Cause, ...]
+
+    def added_to(self, diagnosis: Diagnosis) -> Diagnosis:
+        """The diagnosis of the corrected captures with the wrong records as its first causes."""
+        found = dataclasses.replace(diagnosis, records=self.findings, notes=(*self.findings.notes, *diagnosis.notes))
+        if not self.causes:
+            return found
+        bad = tuple(dataclasses.replace(one, index=self.kept[one.index]) for one in found.bad_captures)
+        samples = tuple(dataclasses.replace(one, capture=self.kept[one.capture]) for one in found.samples)
+        found = dataclasses.replace(found, bad_captures=bad, samples=samples)
+        return dataclasses.replace(
+            found, verdict=with_further_cause(found.verdict), causes=(*self.causes, *found.causes)
+        )
+
+
+def check_records(captures: Captures, known: Values, config: SearchConfig) -> CheckedRecords:
+    """Finds wrong records and puts them right. known: effects that the nominal model has."""
+    findings = find_record_errors(captures, known)
+    causes = [_describe(captures, one, findings.corrections, known, config) for one in findings.corrections]
+    corrected = findings.corrected(captures) if causes else captures
+    numbers = dataclasses.replace(captures, images=np.arange(len(captures), dtype=np.uint16)[:, None, None])
+    kept = apply_corrections(numbers, findings.corrections).images[:, 0, 0].tolist()
+    return CheckedRecords(corrected, tuple(kept), findings, tuple(causes))
+
+
+def _describe(
+    captures: Captures, correction: Correction, corrections: Hypothesis, known: Values, config: SearchConfig
+) -> Cause:
+    """A wrong record as a cause. Its gain is relative to the records with all others put right."""
+    without = tuple(c for c in corrections if c is not correction)
+    before, after = (_quality(captures, chosen, known, config) for chosen in (without, corrections))
+    share = (before.chi2_per_pixel - after.chi2_per_pixel) / max(before.chi2_per_pixel - 1.0, 1e-9)
+    gain_db = after.psnr_db - before.psnr_db
+    if isinstance(correction, PowerOrder):  # the gain of each capture is fitted, so that no picture shows it
+        before, after, (recorded, corrected) = _NO_IMAGE, _NO_IMAGE, correction.spreads
+        share, gain_db = 1.0 - (corrected / recorded) ** 2, 20 * math.log10(recorded / max(corrected, 1e-9))
+    return Cause(
+        effect=correction.effect,
+        choice=correction.choice,
+        sentence=correction.sentence,
+        intervals={},
+        units={},
+        excess_explained=float(np.clip(share, 0.0, 1.0)),
+        gain_db=gain_db,
+        before=before,
+        after=after,
+    )
+
+
+def _quality(captures: Captures, corrections: Hypothesis, known: Values, config: SearchConfig) -> FitQuality:
+    """How well the nominal bench predicts held-out captures with these corrections; NaN for impossible lengths."""
+    corrected = apply_corrections(captures, corrections)
+    try:
+        check_lengths(corrected)
+    except UserError:
+        return _NO_IMAGE
+    data = prepare_captures(corrected)
+    held_out = split_captures(corrected, pattern_roughness(corrected), config.split).held_out
+    predictor, variance = PredictorWithKnownEffects(corrected, known), neighbour_variance(data, held_out)
+    comparison = Comparison(predictor, data, held_out, variance, config.comparison)
+    return fit_quality(comparison, comparison.fit_gains({}), config.report)

@@ -1,0 +1,60 @@
+"""Correlations of speckle: as the number of grains says for unrelated pictures, blind to brightness and position."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from holoview.captures.records.settings import DEFAULT
+from holoview.captures.records.speckle import SpeckleComparison
+
+SHAPE = (64, 80)
+PAIRS = 150
+UNRELATED_TOLERANCE = 5 * (2 / PAIRS) ** 0.5
+"""5 σ of the sample variance of so many numbers of variance 1."""
+
+
+def _speckle(rng: np.random.Generator, grain_px: float) -> NDArray[np.float64]:
+    """Light of a random field whose grains are about so large."""
+    field = gaussian_filter(rng.standard_normal((2, *SHAPE)), (0, grain_px, grain_px), mode="wrap")
+    return np.square(field).sum(axis=0)
+
+
+@pytest.mark.parametrize("grain_px", [1.0, 2.0, 4.0])
+def test_unrelated_pictures_scatter_as_the_grains_say(grain_px: float) -> None:
+    comparison, rng = SpeckleComparison(SHAPE, DEFAULT), np.random.default_rng(0)
+    squares = []
+    for _ in range(PAIRS):
+        match = comparison.match(*(comparison.contrast(_speckle(rng, grain_px)) for _ in range(2)))
+        middle = match.z.shape[1] // 2
+        squares.append(match.z[:, middle, middle] ** 2 * match.grains)
+    assert np.mean(squares, axis=0) == pytest.approx(1.0, abs=UNRELATED_TOLERANCE)
+
+
+def test_large_grains_are_fewer() -> None:
+    comparison, rng = SpeckleComparison(SHAPE, DEFAULT), np.random.default_rng(0)
+    grains = [
+        comparison.match(*(comparison.contrast(_speckle(rng, size)) for _ in range(2))).grains for size in (1.0, 4.0)
+    ]
+    assert (grains[0] > grains[1]).all()
+
+
+def test_neither_a_beam_nor_a_power_nor_a_small_shift_lowers_the_correlation() -> None:
+    comparison, rng = SpeckleComparison(SHAPE, DEFAULT), np.random.default_rng(1)
+    light = _speckle(rng, 2.0)
+    y, x = np.meshgrid(*(np.linspace(-1, 1, n) for n in SHAPE), indexing="ij")
+    seen = np.roll(40 * light * np.exp(-(y**2 + x**2) / 2), (3, -2), (0, 1))
+    match = comparison.match(comparison.contrast(seen), comparison.contrast(light))
+    reach = match.z.shape[1] // 2
+    assert np.tanh(match.z[0].max()) > 0.9
+    peak = np.unravel_index(match.z[0].argmax(), match.z[0].shape)
+    assert tuple(int(p) - reach for p in peak) == (3, -2)
+
+
+def test_a_dark_picture_correlates_with_nothing() -> None:
+    comparison = SpeckleComparison(SHAPE, DEFAULT)
+    dark, lit = comparison.contrast(np.zeros(SHAPE)), comparison.contrast(_speckle(np.random.default_rng(0), 2.0))
+    match = comparison.match(dark, lit)
+    assert np.abs(match.z).max() < 1e-6 and np.isfinite(match.grains).all()
