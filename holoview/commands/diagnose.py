@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     plausible = apply_corrections(recorded, plausible_units(recorded))
     check_user_effects(plausible, user_effects)
     known: dict[str, dict[str, float]] = {}
-    bench = plausible.nominal_system()
+    bench = None
     if args.preset is not None:
         captures, known, bench = with_preset_geometry(captures, preset.load(args.preset), args.preset)
     sampling = SamplingConfig(args.finer, args.padding, args.points)
@@ -97,6 +97,8 @@ def run(args: argparse.Namespace) -> int:
         found = diagnose(
             captures, known=known, workers=args.workers, progress=progress, thorough=args.thorough, sampling=sampling
         )
+    corrected = found.records.corrected(recorded)
+    bench = bench or corrected.nominal_system()
     if args.report is not None:
         _write_report(args, bench, captures.is_fourier, known, found)
     if args.json is not None:
@@ -105,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
     if args.save_preset is not None:
         preset.save(extended_system(bench, found.values), args.save_preset)
     if args.save_corrected is not None:
-        write_captures(args.save_corrected, found.records.corrected(recorded))
+        write_captures(args.save_corrected, corrected)
     _print_diagnosis(found, args)
     return 0
 

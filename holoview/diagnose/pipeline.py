@@ -60,7 +60,7 @@ def diagnose(
     sampling: SamplingConfig = PLAIN,
     config: SearchConfig | None = None,
 ) -> Diagnosis:
-    """Names what the nominal model of these captures gets wrong.
+    """Names what the nominal model of these captures gets wrong. Wrong records are put right first, and named too.
 
     effects: the candidates; all of the registry when None.
     known: effects that the nominal model has, {id: {parameter: value}}; what is found adds to them.

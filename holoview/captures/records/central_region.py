@@ -1,4 +1,4 @@
-"""The middle of a near-field session, so that large modulators cost no more to compare than small ones.
+"""The middle of a session, so that large modulators and long sessions cost no more to compare than small ones.
 
 Light walks off sideways by distance × the sine of the steepest ray that the stops pass. With as much margin around the
 compared pixels, a crop is predicted like the whole. It is centred on the axis, so that mirrored or turned records stay
@@ -32,6 +32,16 @@ def central_region(captures: Captures, side_px: int) -> Captures:
         levels=captures.levels[(..., *_middle(captures.levels.shape[2:], (rows, columns)))],
         images=captures.images[(..., *_middle(captures.shape, (seen[0], seen[1])))],
     )
+
+
+def central_captures(captures: Captures, most: int) -> Captures:
+    """The session without captures at either end, if it has more than about `most`.
+
+    Neighbours stay neighbours, and a column from the last to the first stays one.
+    """
+    count = _kept(len(captures), most)
+    first = (len(captures) - count) // 2
+    return captures if count == len(captures) else captures.subset(range(first, first + count))
 
 
 def _walk_off_m(captures: Captures) -> float:

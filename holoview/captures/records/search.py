@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -21,7 +20,7 @@ from holoview.captures.dataset import Captures
 from holoview.captures.records.candidates import COLUMNS, pairs, preference, single_corrections
 from holoview.captures.records.capture_choice import choose_captures
 from holoview.captures.records.capture_order import PatternOffset
-from holoview.captures.records.central_region import central_region
+from holoview.captures.records.central_region import central_captures, central_region
 from holoview.captures.records.correction import Correction, Hypothesis, apply_corrections, hypothesis
 from holoview.captures.records.findings import RecordFindings
 from holoview.captures.records.power_order import find_power_order
@@ -47,24 +46,24 @@ def find_record_errors(
     """
     began, units = time.monotonic(), plausible_units(captures)
     captures = apply_corrections(captures, units)
-    search = _Search(central_region(captures, settings.region_px), effects or {}, settings)
-    found = search.run()
-    power = find_power_order(search.trials.captures, found.corrections, effects or {}, settings)
-    corrections = hypothesis([*units, *found.corrections, *power])
+    region = central_region(captures, settings.region_px)
+    found = _Search(central_captures(region, settings.most_captures), effects or {}, settings).run()
+    changes = [_without_ends(c) if len(captures) > settings.most_captures else c for c in found.corrections]
+    power = find_power_order(region, hypothesis(changes), effects or {}, settings)
+    corrections = hypothesis([*units, *changes, *power])
     return RecordFindings(
         corrections, found.rivals, found.correlation, found.undecided, found.captures, time.monotonic() - began
     )
 
 
-@dataclass(frozen=True)
-class _Round:
-    """Hypotheses compared on the tested captures. base: the score of what they add to."""
-
-    base: TrialScore
-    scores: list[TrialScore]
+def _without_ends(correction: Correction) -> Correction:
+    """The ends of a long session aren't looked at, so that it isn't known whether they have a pattern."""
+    return correction.without_ends() if isinstance(correction, PatternOffset) else correction
 
 
 class _Search:
+    """The search on one session, whose units are plausible."""
+
     def __init__(self, captures: Captures, effects: Values, settings: RecordSettings) -> None:
         self.trials, self._settings = Trials(captures, effects, settings), settings
         self._chosen = choose_captures(captures, self.trials.coarseness, settings)
@@ -99,9 +98,9 @@ class _Search:
     def _best_of(self, base: TrialScore, hypotheses: Sequence[Hypothesis]) -> list[TrialScore]:
         """The best hypothesis and those that predict the same, if it beats the base beyond chance; else nothing."""
         self._tried += len(hypotheses)
-        screened = self.trials.score(hypotheses, self._chosen.screened)
-        screened.sort(key=lambda s: -s.significance.max())
-        kept = self._sorted_out([s.hypothesis for s in screened[: self._settings.kept]])
+        screened = self._chosen.screened
+        promising = self._most_significant(hypotheses, screened[:1], self._settings.promising)
+        kept = self._sorted_out(self._most_significant(promising, screened, self._settings.kept))
         scores = [s for s in self.trials.score(kept, self._chosen.tested) if self._is_better(s, base)]
         if not scores:
             return []
@@ -129,6 +128,13 @@ class _Search:
     def _are_alike(self, a: TrialScore, b: TrialScore) -> bool:
         gain, sigmas = b.gain_over(a)
         return abs(gain) < self._settings.equal_gain or abs(sigmas) < self._settings.equal_sigmas
+
+    def _most_significant(
+        self, hypotheses: Sequence[Hypothesis], indices: Sequence[int], count: int
+    ) -> list[Hypothesis]:
+        """The `count` hypotheses that predict these captures best."""
+        scores = self.trials.score(hypotheses, indices)
+        return [s.hypothesis for s in sorted(scores, key=lambda s: -s.significance.max())[:count]]
 
     def _sorted_out(self, hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
         """Every mixed-up column gets the order that predicts the tested captures best."""

@@ -20,6 +20,10 @@ class RecordSettings:
     confirmed: int = 6
     """[captures] Others on which a correction must be better too. Evidence: the cost."""
 
+    promising: int = 96
+    """[corrections] Best on the first of the screened captures, which the others screen further. Evidence: the cost; as
+    many as there are single corrections."""
+
     kept: int = 16
     """[corrections] Best of the screening, which are compared on all tested captures. Evidence: more than the number of
     corrections that are the same physics, such as a mirrored modulator and the other two parts mirrored."""
@@ -82,6 +86,9 @@ class RecordSettings:
     region_px: int = 128
     """[px] Modulator pixels across the centre of a near-field bench that are compared, beside the walk-off. Evidence:
     the cost: sessions of 128 × 96 pixels are compared whole."""
+
+    most_captures: int = 64
+    """[captures] Of the middle of a long session that are considered. Evidence: the cost."""
 
     power_spread: float = 0.02
     """[1] Spread of the gains from which the order of the powers is checked. Evidence: jitter of ordinary laboratories

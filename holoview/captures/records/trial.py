@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +18,12 @@ from holoview.captures.records.correction import Hypothesis, apply_corrections
 from holoview.captures.records.orientation import CameraOrientation
 from holoview.captures.records.settings import RecordSettings
 from holoview.captures.records.speckle import Contrast, Floats, Match, SpeckleComparison
+from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 
 Values = Mapping[str, Mapping[str, float]]
-_CACHE_MB = 64
+_CACHE_MB = 64  # of each thread's predictor
+_MAX_THREADS = 4
 _Key = tuple[bytes, float, float, tuple[int, int]]
 
 
@@ -77,7 +81,7 @@ class Trials:
         self._comparisons: dict[tuple[int, int], SpeckleComparison] = {}
         self._predicted: dict[_Key, Contrast | None] = {}
         self._seen: dict[tuple[int, str], Contrast] = {}
-        self.fields = 0
+        self._threads = min(process_cpu_count(), _MAX_THREADS)
 
     def score(self, hypotheses: Sequence[Hypothesis], indices: Sequence[int]) -> list[TrialScore]:
         """The score of each hypothesis on these pictures, in the order given.
@@ -145,18 +149,28 @@ class Trials:
             if key not in self._predicted:
                 new.setdefault(row.shape, {})[key] = row
         for shape, unknown in new.items():
-            predictor = Predictor(_stack(list(unknown.values())), cache_mb=_CACHE_MB)
-            for number, key in enumerate(unknown):
-                self._predicted[key] = self._contrast_predicted(predictor, number, shape)
+            comparison, rows_of_shape = self._comparison(shape), list(unknown.values())
+            parts = [rows_of_shape[n :: self._threads] for n in range(min(self._threads, len(rows_of_shape)))]
+            with ThreadPoolExecutor(len(parts)) as pool:
+                contrasts = list(pool.map(partial(_predict_contrasts, self._effects, comparison), parts))
+            for part, found in zip(parts, contrasts, strict=True):
+                self._predicted.update(zip(map(_key, part), found, strict=True))
 
-    def _contrast_predicted(self, predictor: Predictor, number: int, shape: tuple[int, int]) -> Contrast | None:
-        """None for a wavelength or distance that no bench can have."""
-        self.fields += 1
+
+def _predict_contrasts(
+    effects: Values, comparison: SpeckleComparison, rows: Sequence[Captures]
+) -> list[Contrast | None]:
+    """What each row should look like; None for a wavelength or distance that no bench can have."""
+    predictor = Predictor(_stack(rows), cache_mb=_CACHE_MB)
+    contrasts: list[Contrast | None] = []
+    for number in range(len(rows)):
         try:
-            signal = predictor([number], self._effects).signal[0].numpy()
+            signal = predictor([number], effects).signal[0].numpy()
         except UserError:
-            return None
-        return self._comparison(shape).contrast(signal)
+            contrasts.append(None)
+            continue
+        contrasts.append(comparison.contrast(signal))
+    return contrasts
 
 
 def _camera_turns(hypothesis: Hypothesis) -> list[CameraOrientation]:

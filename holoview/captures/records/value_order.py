@@ -38,8 +38,7 @@ def _replaced(captures: Captures, column: Column, values: Floats) -> Captures:
 class ValueOrder(Correction):
     """The values of a column are mixed up: where the i-th smallest is recorded, the true one is the p[i]-th smallest.
 
-    permutation: p, counted from 0.
-    values: the distinct values (m), ascending.
+    permutation: p, counted from 0. values: the distinct values (m), ascending; others stay.
     """
 
     column: Column
@@ -69,7 +68,8 @@ class ValueOrder(Correction):
     def apply(self, captures: Captures) -> Captures:
         values, recorded = np.array(self.values), getattr(captures, _FIELDS[self.column])
         index = np.abs(recorded[:, None] - values[None]).argmin(axis=1)
-        return _replaced(captures, self.column, values[np.array(self.permutation)[index]])
+        moved = values[np.array(self.permutation)[index]]
+        return _replaced(captures, self.column, np.where(recorded == values[index], moved, recorded))
 
 
 @dataclass(frozen=True)
