@@ -178,3 +178,13 @@ def test_corrected_captures_are_the_right_ones(right: Captures) -> None:
     wrong = spoiled(right, turn("slm1", "flip_x"))
     corrected = find_record_errors(wrong).corrected(wrong)
     assert np.array_equal(corrected.levels, right.levels) and len(corrected.corrections) == 1
+
+
+def test_on_a_fourier_bench_what_cant_be_told_apart_is_said() -> None:
+    """There an inverted pattern turns the picture by 180°, as a turned pattern and a turned camera do."""
+    settings = AcquisitionSettings(captures_per_condition=3, seed=4, focal_length_m=0.2, camera_pitch_m=20e-6)
+    captures = make_captures(bench(modulators=1), {}, dataclasses.replace(settings, camera_shape=(96, 120)))
+    assert find_record_errors(captures).corrections == ()
+    found = find_record_errors(spoiled(captures, turn("images", "rotate_180")))
+    alike = {"slm1_orientation rotate_180", "camera_orientation rotate_180", "slm1_inverted"}
+    assert {c.label for way in (found.corrections, *found.rivals) for c in way} == alike
