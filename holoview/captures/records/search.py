@@ -31,7 +31,7 @@ from holoview.captures.records.value_order import (
     ValueOrder,
     column_values,
     cyclic_orders,
-    plausible_units,
+    units_of_lengths,
     value_indices,
 )
 
@@ -41,10 +41,10 @@ def find_record_errors(
 ) -> RecordFindings:
     """Which records of a session are wrong.
 
-    effects: those that the nominal bench has, {id: {parameter: value}}. Raises UserError for an impossible session
-    whose lengths no change of unit makes plausible.
+    effects: those that the nominal bench has, {id: {parameter: value}}. Raises UserError for lengths that no change of
+    unit makes plausible.
     """
-    began, units = time.monotonic(), plausible_units(captures)
+    began, units = time.monotonic(), units_of_lengths(captures)
     captures = apply_corrections(captures, units)
     region = central_region(captures, settings.region_px)
     found = _Search(central_captures(region, settings.most_captures), effects or {}, settings).run()

@@ -131,6 +131,13 @@ def plausible_units(captures: Captures) -> tuple[WrongUnit, ...]:
 
     Raises UserError for a session that is impossible for another reason (`check_captures`).
     """
+    units = units_of_lengths(captures)
+    check_captures(apply_corrections(captures, units))
+    return units
+
+
+def units_of_lengths(captures: Captures) -> tuple[WrongUnit, ...]:
+    """The same, where lengths alone are checked. Raises UserError for lengths that no unit makes plausible."""
     units: tuple[WrongUnit, ...] = ()
     if not _has_plausible_lengths(captures):
         of_columns = [[None, *(WrongUnit(column, *each) for each in _UNITS[column])] for column in _UNITS]
@@ -139,7 +146,7 @@ def plausible_units(captures: Captures) -> tuple[WrongUnit, ...]:
             if _has_plausible_lengths(apply_corrections(captures, chosen)):
                 units = chosen
                 break
-    check_captures(apply_corrections(captures, units))
+    check_lengths(apply_corrections(captures, units))
     return units
 
 
