@@ -25,6 +25,7 @@ from holoview.captures.records.trial import Values
 
 _ROUNDS = 20  # of sorting, after which the order doesn't change any more
 _CACHE_MB = 64
+_DARK = 0.01  # of the light of most captures: less tells nothing of the laser
 
 
 @dataclass(frozen=True)
@@ -63,15 +64,18 @@ def find_power_order(
         return []
     groups = np.unique(corrected.wavelength_m, return_inverse=True)[1]
     log_gain, log_power = _log_gains(corrected, effects), np.log(corrected.power)
-    spread = _spread(log_gain, groups)
-    freedom = len(corrected) - len(np.unique(groups))
-    if not (math.isfinite(spread) and spread > settings.power_spread and freedom > 1):
+    lit = np.isfinite(log_gain)
+    freedom = int(lit.sum()) - len(np.unique(groups[lit]))
+    if freedom < 2:
+        return []
+    spread = _spread(log_gain[lit], groups[lit])
+    if not (math.isfinite(spread) and spread > settings.power_spread):
         return []
     implied = log_gain + log_power  # of the true powers, beside one number for each wavelength
-    tried = [*_simple_orders(len(corrected)), _sorted_order(implied, log_power, groups)]
+    tried = [*_simple_orders(len(corrected)), *([_sorted_order(implied, log_power, groups)] if lit.all() else [])]
     passed: list[tuple[float, Correction]] = []
     for order, trials_log in tried:
-        left = _spread(implied - log_power[np.array(order.source)], groups)
+        left = _spread((implied - log_power[np.array(order.source)])[lit], groups[lit])
         chance_log = float(f_distribution.logsf((spread / max(left, 1e-12)) ** 2, freedom, freedom)) + trials_log
         if left < settings.power_left * spread and chance_log < math.log(settings.false_alarms):
             passed.append((left, dataclasses.replace(order, spreads=(spread, left))))
@@ -81,14 +85,14 @@ def find_power_order(
 
 
 def _log_gains(captures: Captures, effects: Values) -> Floats:
-    """Logarithm of the light seen over the light predicted of each capture; NaN where there is none."""
+    """Logarithm of the light seen over the light predicted of each capture; NaN of dark ones."""
     data = prepare_captures(captures)
     seen = np.where(data.usable, data.light, 0.0).sum(axis=(1, 2), dtype=np.float64)
     predictor, expected = Predictor(captures, cache_mb=_CACHE_MB), np.empty(len(captures))
     for k in range(len(captures)):
         expected[k] = float(predictor([k], effects).signal[0].numpy()[data.usable[k]].sum(dtype=np.float64))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(np.log(seen / expected), dtype=np.float64)
+    lit = (seen > _DARK * np.median(seen)) & (seen > 0) & (expected > 0)
+    return np.log(np.divide(seen, expected, where=lit, out=np.full(len(captures), np.nan)))
 
 
 def _spread(values: Floats, groups: NDArray[np.intp]) -> float:
@@ -97,7 +101,7 @@ def _spread(values: Floats, groups: NDArray[np.intp]) -> float:
 
 
 def _group_means(values: Floats, groups: NDArray[np.intp]) -> Floats:
-    means = np.bincount(groups, values) / np.bincount(groups)
+    means = np.bincount(groups, values) / np.maximum(np.bincount(groups), 1)
     return np.asarray(means[groups], dtype=np.float64)
 
 

@@ -104,8 +104,10 @@ class Trials:
         return self._comparison(self.captures.shape).shift_count
 
     def coarseness(self, k: int) -> float:
-        """Mean squared spatial frequency of a picture's contrast; small for smooth pictures."""
+        """Mean squared spatial frequency of a picture's contrast: small for smooth ones, infinite without contrast."""
         power = self._contrast_seen((), k).powers[0]
+        if not power.any():
+            return np.inf
         fy, fx = (np.fft.fftfreq(n) for n in power.shape)
         return float(((fy[:, None] ** 2 + fx[None] ** 2) * power).sum() / max(float(power.sum()), 1e-30))
 

@@ -178,6 +178,14 @@ def test_powers_in_any_order_are_found_and_put_right(right: Captures) -> None:
     assert found.corrected(wrong).power == pytest.approx(right.power, abs=0.02)  # captures of nearly equal power
 
 
+def test_a_dark_and_a_saturated_picture_hide_no_mistake(right: Captures) -> None:
+    images = right.images.copy()
+    images[0], images[5] = 64, right.camera.saturation
+    for name in (("slm2_orientation", "flip_y"), ("power_order", "reversed")):
+        wrong = spoiled(dataclasses.replace(right, images=images), MISTAKES[name])
+        assert _names(find_record_errors(wrong)) == [name]
+
+
 def test_a_law_of_the_laser_is_no_wrong_order() -> None:
     assert find_record_errors(measured({"laser_power": {"exponent": 0.3}})).corrections == ()
 
