@@ -1,10 +1,12 @@
 """Measures how many bad captures a diagnosis finds, how many good ones it blames, and its wrong all-clears.
 
     python -m benchmarks.bad_captures --sessions 60 -o out/bad-captures.jsonl
+    python -m benchmarks.bad_captures --sessions 200 --known
 
 Each session is measured by the tests' independent program (`tests/diagnose/independent.py`), on a bench that is as
 recorded or has one fault, drawn from its seed. Sessions with a mishap have one or two bad captures of one kind; every
-fourth has none. A wrong all-clear is `consistent` without all bad captures named, or with a fault of the bench.
+fourth has none. With --known the fault counts as known, so that nothing is searched for and only captures are judged. A
+wrong all-clear is `consistent` without all bad captures named, or with a fault of the bench.
 """
 
 from __future__ import annotations
@@ -25,6 +27,13 @@ from holoview.diagnose.sampling_config import SamplingConfig
 from tests.diagnose.independent import Faults, Laboratory, Mishaps, write_session
 
 KINDS = ("exchanged", "other pattern", "dark", "saturated", "moved", "out of focus", "noisy", "duplicate")
+EFFECTS = {
+    "gap_m": ("gap", ("gap_error",)),
+    "distance_m": ("distance", ("distance_error",)),
+    "stroke": ("stroke", ("stroke_error",)),
+    "tilt_rad": ("tilt", ("tilt_y", "tilt_x")),
+    "black": ("camera_black", ("black",)),
+}
 WHY = {"exchanged": "exchanged with", "other pattern": "another pattern"}
 
 
@@ -93,14 +102,26 @@ def _mishaps(rng: np.random.Generator, kind: str, bad: list[int], count: int) ->
     return Mishaps()
 
 
-def solve(seed: int, folder: Path) -> Session:
-    """One session, diagnosed with the whole library."""
+def solve(seed: int, folder: Path, is_known: bool) -> Session:
+    """One session, diagnosed with the whole library, or with the fault known and without candidates."""
     session, laboratory = draw(seed)
     captures = read_captures(write_session(folder / "c.h5", laboratory))
+    known = {
+        EFFECTS[k][0]: dict(zip(EFFECTS[k][1], np.atleast_1d(v).tolist(), strict=True))
+        for k, v in session.fault.items()
+    }
     began = time.monotonic()
-    found = diagnose(captures, workers=1, free_maps=False, sampling=SamplingConfig(padding=3))
+    found = diagnose(
+        captures,
+        [] if is_known else None,
+        known=known if is_known else None,
+        workers=1,
+        free_maps=False,
+        sampling=SamplingConfig(padding=3),
+    )
     session.seconds = time.monotonic() - began
     session.named = {b.index: b.why for b in found.bad_captures}
+    session.fault = {} if is_known else session.fault
     session.verdict, session.causes = str(found.verdict), [c.effect for c in found.causes]
     return session
 
@@ -139,6 +160,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sessions", type=int, default=60)
     parser.add_argument("--seed", type=int, default=0, help="of the first one")
+    parser.add_argument("--known", action="store_true", help="the fault counts as known: nothing is searched for")
     parser.add_argument("-o", "--output", type=Path)
     parser.add_argument("--summary", type=Path, nargs="+")
     args = parser.parse_args()
@@ -149,7 +171,7 @@ def main() -> None:
     done = []
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(args.seed, args.seed + args.sessions):
-            done.append(solve(seed, Path(folder)))
+            done.append(solve(seed, Path(folder), args.known))
             line = json.dumps(asdict(done[-1]))
             print(line, flush=True)
             if args.output:
