@@ -2,7 +2,7 @@
 
 screen   every correction alone, on two smooth captures
 compare  the best ones on several captures, mixed-up columns with their best order
-decide   named only if it beats the records as they are beyond chance, on other captures too
+decide   named only if it beats the records as they are beyond chance, and other captures don't contradict
 pairs    where one correction leaves the captures badly predicted
 repeat   on the corrected records, until nothing more is found
 """
@@ -193,12 +193,14 @@ class _Search:
         return all(gain[recorded == i].mean() > 0 for i in moved)
 
     def _is_confirmed(self, found: Hypothesis, base: Hypothesis) -> bool:
-        """Whether captures that took no part in the choice are predicted better as well."""
+        """Whether none of the captures that took no part in the choice contradicts it.
+
+        Rough ones among them needn't be predicted better: another error of the bench decorrelates their speckle.
+        """
         if not self._chosen.confirmed:
             return True
         after, before = self.trials.score([found, base], self._chosen.confirmed)
-        gain, sigmas = after.gain_over(before)
-        return gain > 0 and sigmas > self._settings.equal_sigmas
+        return float(after.gains_over(before).min()) > -self._settings.certain
 
     def _with_ends(self, best: TrialScore) -> Hypothesis:
         """Patterns out of step: without the captures at the end, if these aren't predicted like the others."""

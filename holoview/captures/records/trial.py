@@ -65,6 +65,10 @@ class TrialScore:
         gain = float(((self.z[:, blur] - other.z[:, blur]) * weight).sum() / weight.sum())
         return gain, gain * float(np.sqrt(weight.sum()))
 
+    def gains_over(self, other: TrialScore) -> Floats:
+        """The gain of each capture and blur in standard deviations, (capture, blur)."""
+        return (self.z - other.z) / np.sqrt(1.0 / self.grains + 1.0 / other.grains)
+
 
 class Trials:
     """Predictions of captures for all hypotheses, each computed once.
