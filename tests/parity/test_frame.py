@@ -103,14 +103,19 @@ STOPS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("case", STOPS)
 def test_a_frame_behind_stops_is_that_of_torch_by_each_strategy(bench: Opened, device: Any, case: str) -> None:
-    """128 × 256 samples and 192 × 384: sizes at which subgroups, too, repeat the spectrum of a pixel in registers."""
+    """128 × 256 samples and 192 × 384: sizes at which subgroups, too, repeat the spectrum of a pixel in registers.
+
+    The tolerance is that of one wavelength's intensity. A sum of intensities, none of them negative, can't have a larger
+    relative error but for a factor of √2 (speckle); over whole fields it has a smaller one, as rounding averages over
+    many samples, which narrow stops leave few of: up to 8.7e-7 was seen, and 1.01e-6 with a share of 0.4 % of the light.
+    """
     system = bench(**{"shape": [64, 128], "propagation": "periodic"} | STOPS[case])
     plan, drive = make_plan(system, [3e-3]), random_drive(system)
     expected = compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, drive), double=True))[1][0]
     for strategy in supported_strategies(device, plan.grid.padded):
         renderer = IncrementalRenderer(system, drive, device, plane_m=3e-3, strategy=strategy)
         renderer.update()
-        assert _error(renderer.xyz(), expected) <= XYZ_TOLERANCE, strategy
+        assert _error(renderer.xyz(), expected) <= TOLERANCE, strategy
 
 
 def test_a_frame_computed_twice_is_the_same_bit_for_bit(both: Opened, bench: Opened) -> None:
