@@ -105,9 +105,10 @@ STOPS: dict[str, dict[str, Any]] = {
 def test_a_frame_behind_stops_is_that_of_torch_by_each_strategy(bench: Opened, device: Any, case: str) -> None:
     """128 × 256 samples and 192 × 384: sizes at which subgroups, too, repeat the spectrum of a pixel in registers.
 
-    The tolerance is that of one wavelength's intensity. A sum of intensities, none of them negative, can't have a larger
-    relative error but for a factor of √2 (speckle); over whole fields it has a smaller one, as rounding averages over
-    many samples, which narrow stops leave few of: up to 8.7e-7 was seen, and 1.01e-6 with a share of 0.4 % of the light.
+    The tolerance is that of one wavelength's intensity. A sum of intensities, none of them negative, can't have a
+    larger relative error but for a factor of √2 (speckle). Over whole fields it has a smaller one, as rounding averages
+    over many independent samples, of which narrow stops leave few: up to 8.7e-7 was seen here, and 1.01e-6 where 0.4 %
+    of the light passes.
     """
     system = bench(**{"shape": [64, 128], "propagation": "periodic"} | STOPS[case])
     plan, drive = make_plan(system, [3e-3]), random_drive(system)
