@@ -51,7 +51,7 @@ class Browser:
         page.set_default_timeout(SECONDS * 1000)
         page.on("pageerror", lambda error: self.problems.append(str(error)))
         page.on("console", lambda line: self.problems.append(line.text) if line.type == "error" else None)
-        page.on("requestfailed", lambda request: self.problems.append(f"{request.url}: {request.failure}"))
+        page.on("requestfailed", self._on_failed_request)
         page.goto(url)
         return page
 
@@ -62,6 +62,11 @@ class Browser:
         problems = list(self.problems)
         self.problems.clear()
         return problems
+
+    def _on_failed_request(self, request: Any) -> None:
+        """Frames of the viewer are blobs in the page; one that is still read when the next one comes is given up."""
+        if not (request.url.startswith("blob:") and "ERR_ABORTED" in str(request.failure)):
+            self.problems.append(f"{request.url}: {request.failure}")
 
     def close(self) -> None:
         """Ends it."""
