@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from _pytest.faulthandler import fault_handler_stderr_fd_key
 from numpy.typing import NDArray
 from PIL import Image
 from rendercanvas.offscreen import OffscreenRenderCanvas
@@ -70,7 +71,7 @@ class Gui(InputDriver):
 
 
 @pytest.fixture
-def make_gui(device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callable[..., Gui]]:
+def make_gui(device: Device, pytestconfig: pytest.Config) -> Iterator[Callable[..., Gui]]:
     """Opens viewers: make_gui(system, size=…, panels=…, engine=True); all are closed after the test."""
     opened: list[App] = []
 
@@ -90,16 +91,21 @@ def make_gui(device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     for app in opened:
         failures = [guarded.failure for guarded in app.panels if guarded.failure is not None]
         app.close()
-        _take_signals_back()
+        _take_signals_back(pytestconfig)
         assert not failures, failures
 
 
-def _take_signals_back() -> None:
-    """The test engine handles signals for good, and crashes where Python would go on: at a pipe that is broken."""
+def _take_signals_back(config: pytest.Config) -> None:
+    """The test engine handles signals for good, and crashes where Python would go on: at a pipe that is broken.
+
+    faulthandler takes its handlers back only if it is disabled first, and writes to the copy of stderr that pytest
+    keeps: a crash would leave no trace otherwise.
+    """
     if hasattr(signal, "SIGPIPE"):
         signal.signal(signal.SIGPIPE, signal.SIG_IGN)
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    faulthandler.enable()
+    faulthandler.disable()
+    faulthandler.enable(config.stash[fault_handler_stderr_fd_key])
 
 
 def _register(box: dict[str, Any]) -> None:
