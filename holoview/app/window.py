@@ -87,6 +87,8 @@ class Window:
 
     def needs_redraw(self) -> bool:
         """Whether a frame is due without an event: for a tooltip after a rest of the pointer, for a blinking cursor."""
+        if self.closed:
+            return False
         now = time.perf_counter()
         rested = sum(self._event_at + moment <= now for moment in _TOOLTIP_MOMENTS_S)
         if rested > self._rested:
@@ -103,7 +105,10 @@ class Window:
 
         An exception is stored as `error` and raised, since the canvas would only log it.
         When the device was lost, nothing can be drawn any more: the exception is stored and the window closes.
+        A canvas may ask for one more frame after it was closed: nothing is drawn then, since ImGui has ended.
         """
+        if self.closed:
+            return
         begun = time.perf_counter()
         self._unseen_until = begun + _UNSEEN_S
         try:
