@@ -13,7 +13,6 @@ from holoview.app.parameter_widgets import tooltip
 from holoview.session.editing_session import EditingSession
 from holoview.util.files import expand_home
 
-MODAL = imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_docking
 _ROWS = 12
 
 
@@ -80,7 +79,7 @@ class FileDialog:
             imgui.open_popup(self._request.title)
             self._is_new = False
         centre_next_window(min(620.0, imgui.get_main_viewport().work_size.x - 20))
-        is_shown, is_open = imgui.begin_popup_modal(self._request.title, True, MODAL)
+        is_shown, is_open = imgui.begin_popup_modal(self._request.title, True, theme.DIALOG)
         if is_shown:
             self._draw_inside(self._request)
             imgui.end_popup()

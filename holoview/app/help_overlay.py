@@ -7,6 +7,7 @@ from itertools import groupby
 
 from imgui_bundle import imgui
 
+from holoview.app import theme
 from holoview.app.command_registry import Command, CommandRegistry
 
 _PALETTE_ROWS = 12
@@ -48,14 +49,7 @@ class HelpOverlay:
         imgui.set_next_window_size_constraints(imgui.ImVec2(width, 0), imgui.ImVec2(width, place.work_size.y - 100))
         if self._is_new:
             imgui.set_next_window_focus()
-        flags = (
-            imgui.WindowFlags_.no_docking
-            | imgui.WindowFlags_.no_collapse
-            | imgui.WindowFlags_.no_move
-            | imgui.WindowFlags_.no_saved_settings
-            | imgui.WindowFlags_.always_auto_resize
-        )
-        is_shown, is_open = imgui.begin("Keys" if is_sheet else "Commands", True, flags)
+        is_shown, is_open = imgui.begin("Keys" if is_sheet else "Commands", True, theme.CARD)
         if is_shown:
             self._draw_sheet() if is_sheet else self._draw_palette()
         imgui.end()

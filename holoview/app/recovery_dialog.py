@@ -6,7 +6,8 @@ import time
 
 from imgui_bundle import imgui
 
-from holoview.app.file_dialog import MODAL, centre_next_window
+from holoview.app import theme
+from holoview.app.file_dialog import centre_next_window
 from holoview.session.editing_session import EditingSession
 from holoview.session.session_store import SavedSession, SessionStore
 
@@ -39,7 +40,7 @@ class RecoveryDialog:
             imgui.open_popup(_RECOVER)
             self._is_new = False
         centre_next_window(min(560.0, imgui.get_main_viewport().work_size.x - 20))
-        is_shown, is_open = imgui.begin_popup_modal(_RECOVER, True, MODAL)
+        is_shown, is_open = imgui.begin_popup_modal(_RECOVER, True, theme.DIALOG)
         if is_shown:
             imgui.text_wrapped("The viewer ended without closing. Your work up to then was saved:")
             for saved in list(self.saved):

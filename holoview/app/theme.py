@@ -1,4 +1,4 @@
-"""Fonts and colours of the window; texts have a contrast of at least 4.5 : 1 to their background (WCAG 2.2, 1.4.3)."""
+"""Fonts, colours, kinds of windows; texts have a contrast of at least 4.5 : 1 to their background (WCAG 2.2, 1.4.3)."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ _BASES = {
 ACCENT = imgui.ImVec4(0.30, 0.62, 0.95, 1.0)
 WARNING = imgui.ImVec4(0.95, 0.70, 0.25, 1.0)
 ERROR = imgui.ImVec4(1.0, 0.45, 0.40, 1.0)
+DIALOG = imgui.WindowFlags_.always_auto_resize | imgui.WindowFlags_.no_saved_settings | imgui.WindowFlags_.no_docking
+CARD = DIALOG | imgui.WindowFlags_.no_collapse | imgui.WindowFlags_.no_move
+"""Flags of a dialog, which takes the size of its content, and of a card, which also stays in its place."""
 
 
 def load_fonts() -> None:

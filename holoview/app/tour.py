@@ -72,14 +72,7 @@ class Tour:
         self._draw_card(self.step, step)
 
     def _draw_card(self, index: int, step: TourStep) -> None:
-        flags = (
-            imgui.WindowFlags_.no_docking
-            | imgui.WindowFlags_.no_collapse
-            | imgui.WindowFlags_.no_move
-            | imgui.WindowFlags_.no_saved_settings
-            | imgui.WindowFlags_.always_auto_resize
-            | imgui.WindowFlags_.no_focus_on_appearing
-        )
+        flags = theme.CARD | imgui.WindowFlags_.no_focus_on_appearing
         title = f"{self.title}, {index + 1} of {len(self.steps)}: {step.title}###tour"
         imgui.push_style_color(imgui.Col_.border, theme.ACCENT)
         is_shown, is_open = imgui.begin(title, True, flags)
