@@ -117,12 +117,12 @@ def _check_spread(captures: Captures) -> None:
     if captures.is_fourier:
         return
     pitch_m, shortest = captures.slms[0].pitch_m, float(captures.wavelength_m.min())
-    width, edge_sine = max(captures.levels.shape[2:]) * pitch_m, shortest / (2 * pitch_m)
+    width = max(captures.levels.shape[2:]) * pitch_m
     paths = {"distance": (float(captures.distance_m.max()), captures.relay2)}
     if captures.gap_m is not None:
         paths["geometry attribute gap"] = (captures.gap_m, captures.relay1)
     for name, (length, relay) in paths.items():
-        if length * min(relay.steepest_sine(shortest, pitch_m), edge_sine) > _MAX_SPREAD_WIDTHS * width:
+        if length * relay.first_order_sine(shortest, pitch_m) > _MAX_SPREAD_WIDTHS * width:
             found = (
                 f"{length:g}: light would spread over {_MAX_SPREAD_WIDTHS:g} times the modulator's {width * 1e3:.3g} mm"
             )

@@ -68,7 +68,7 @@ def _diffraction(system: System) -> list[InfoRow]:
     turns = [2 * modulator.stroke_m / λ for λ in (shortest, longest)]
     sines = [min(1.0, λ / (2 * modulator.pitch_m)) for λ in (shortest, longest)]
     angles = [math.degrees(math.asin(sine)) for sine in sines]
-    cone = min(sines[1], 0.999, system.relay2.steepest_sine(longest, modulator.pitch_m))
+    cone = min(0.999, system.relay2.first_order_sine(longest, modulator.pitch_m))
     blur = float(np.ptp(system.planes_m)) * math.tan(math.asin(cone)) / modulator.pitch_m
     return [
         InfoRow(

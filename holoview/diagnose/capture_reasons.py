@@ -130,8 +130,7 @@ class _Examination:
 
     def _defocused(self) -> list[tuple[float, _Reason]]:
         wavelength_m, distance_m = (c[self._k] for c in (self._captures.wavelength_m, self._captures.distance_m))
-        pitch_m = self._captures.slms[0].pitch_m
-        sine = min(self._captures.relay2.steepest_sine(wavelength_m, pitch_m), wavelength_m / (2 * pitch_m))
+        sine = self._captures.relay2.first_order_sine(wavelength_m, self._captures.slms[0].pitch_m)
         depths = np.array(self._config.defocus_depths)
         offsets = np.concatenate([depths, -depths]) * wavelength_m / sine**2
         if not self._captures.is_fourier:

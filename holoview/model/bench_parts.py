@@ -187,6 +187,17 @@ class Relay(Description):
         """
         return self._farthest_sine(None if self.square is None else self.square.half_side_sine(wavelength_m, pitch_m))
 
+    def first_order_sine(self, wavelength_m: float, pitch_m: float) -> float:
+        """The same of the first order's light alone: at most λ/(2·pitch), the edge of the first order.
+
+        wavelength_m: of the light. pitch_m: of the modulators' pixels.
+
+        >>> import holoview as hv
+        >>> hv.Relay().first_order_sine(532e-9, pitch_m=8e-6), hv.Relay(iris_na=0.02).first_order_sine(532e-9, 8e-6)
+        (0.03325, 0.02)
+        """
+        return min(self.steepest_sine(wavelength_m, pitch_m), wavelength_m / (2 * pitch_m))
+
     def axis_sine(self, wavelength_m: float, pitch_m: float) -> float:
         """The largest direction sine along y or x alone that the iris and the square stop pass; 1 without either.
 

@@ -48,8 +48,7 @@ def _walk_off_m(captures: Captures) -> float:
     """Largest sideways walk of a ray from the first modulator to the camera."""
     pitch_m, longest = captures.slms[0].pitch_m, float(captures.wavelength_m.max())
     paths = ((captures.gap_m or 0.0, captures.relay1), (float(captures.distance_m.max()), captures.relay2))
-    edge_sine = longest / (2 * pitch_m)  # of the first order
-    return sum(length * min(relay.steepest_sine(longest, pitch_m), edge_sine) for length, relay in paths if length)
+    return sum(length * relay.first_order_sine(longest, pitch_m) for length, relay in paths if length)
 
 
 def _kept(n: int, wanted: int) -> int:
