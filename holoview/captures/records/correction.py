@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,12 +32,7 @@ ORDER = (
 
 @dataclasses.dataclass(frozen=True)
 class Correction(ABC):
-    """A wrong record that can be put right. Instances are small and comparable.
-
-    what_is_wrong: the ids that fill `effect` are those of `ORDER`.
-    """
-
-    recorded_as: ClassVar[str] = ""
+    """A wrong record that can be put right. Instances are small and comparable."""
 
     @property
     @abstractmethod
@@ -58,10 +52,6 @@ class Correction(ABC):
     @abstractmethod
     def apply(self, captures: Captures) -> Captures:
         """The captures with this record as it should have been."""
-
-    def fits(self, captures: Captures) -> bool:
-        """Whether these captures can have this mistake."""
-        return True
 
     @property
     def label(self) -> str:

@@ -35,19 +35,25 @@ def _replaced(captures: Captures, column: Column, values: Floats) -> Captures:
 
 
 @dataclass(frozen=True)
-class ValueOrder(Correction):
+class ColumnCorrection(Correction):
+    """A correction of one column of the records."""
+
+    column: Column
+
+    @property
+    def effect(self) -> str:
+        return f"{self.column}_order"
+
+
+@dataclass(frozen=True)
+class ValueOrder(ColumnCorrection):
     """The values of a column are mixed up: where the i-th smallest is recorded, the true one is the p[i]-th smallest.
 
     permutation: p, counted from 0. values: the distinct values (m), ascending; others stay.
     """
 
-    column: Column
     permutation: tuple[int, ...]
     values: tuple[float, ...]
-
-    @property
-    def effect(self) -> str:
-        return f"{self.column}_order"
 
     @property
     def choice(self) -> str:
@@ -73,16 +79,10 @@ class ValueOrder(Correction):
 
 
 @dataclass(frozen=True)
-class ColumnReversal(Correction):
+class ColumnReversal(ColumnCorrection):
     """The column stands in the file from the last capture to the first."""
 
-    column: Column
-
     choice = "reversed"
-
-    @property
-    def effect(self) -> str:
-        return f"{self.column}_order"
 
     @property
     def sentence(self) -> str:
@@ -93,20 +93,15 @@ class ColumnReversal(Correction):
 
 
 @dataclass(frozen=True)
-class WrongUnit(Correction):
+class WrongUnit(ColumnCorrection):
     """The numbers of a column were meant in one unit and taken in another.
 
     factor: recorded value over true value.
     """
 
-    column: Column
     factor: float
     meant: str
     taken: str
-
-    @property
-    def effect(self) -> str:
-        return f"{self.column}_order"
 
     @property
     def choice(self) -> str:
@@ -168,7 +163,7 @@ def cyclic_orders(captures: Captures, column: Column) -> list[ValueOrder]:
 def exchanges(captures: Captures, column: Column, indices: Sequence[int]) -> list[Correction]:
     """The exchanges of the values that these captures have with each other value."""
     values = column_values(captures, column)
-    own = {int(np.searchsorted(values, getattr(captures, _FIELDS[column])[k])) for k in indices}
+    own = set(value_indices(captures, column, indices))
     pairs = {(min(i, j), max(i, j)) for i in own for j in range(len(values)) if i != j}
     found: list[Correction] = []
     for i, j in sorted(pairs):
