@@ -58,24 +58,36 @@ class CheckedRecords:
 def check_records(captures: Captures, known: Values, config: SearchConfig) -> CheckedRecords:
     """Finds wrong records and puts them right. known: effects that the nominal model has."""
     findings = find_record_errors(captures, known)
-    causes = [_describe(captures, one, findings.corrections, known, config) for one in findings.corrections]
+    causes = _describe_all(captures, findings.corrections, known, config)
     corrected = findings.corrected(captures) if causes else captures
     numbers = dataclasses.replace(captures, images=np.arange(len(captures), dtype=np.uint16)[:, None, None])
     kept = apply_corrections(numbers, findings.corrections).images[:, 0, 0].tolist()
     return CheckedRecords(corrected, tuple(kept), findings, tuple(causes))
 
 
-def _describe(
-    captures: Captures, correction: Correction, corrections: Hypothesis, known: Values, config: SearchConfig
-) -> Cause:
-    """A wrong record as a cause. Its gain is relative to the records with all others put right."""
-    without = tuple(c for c in corrections if c is not correction)
-    before, after = (_quality(captures, chosen, known, config) for chosen in (without, corrections))
-    share = (before.chi2_per_pixel - after.chi2_per_pixel) / max(before.chi2_per_pixel - 1.0, 1e-9)
-    gain_db = after.psnr_db - before.psnr_db
-    if isinstance(correction, PowerOrder):  # the gain of each capture is fitted, so that no picture shows it
-        before, after, (recorded, corrected) = _NO_IMAGE, _NO_IMAGE, correction.spreads
-        share, gain_db = 1.0 - (corrected / recorded) ** 2, 20 * math.log10(recorded / max(corrected, 1e-9))
+def _describe_all(captures: Captures, corrections: Hypothesis, known: Values, config: SearchConfig) -> list[Cause]:
+    """Wrong records as causes. The gain of each one is relative to the records with all others put right."""
+    shown = [correction for correction in corrections if not isinstance(correction, PowerOrder)]
+    after = _quality(captures, corrections, known, config) if shown else _NO_IMAGE
+    causes = []
+    for correction in corrections:
+        if isinstance(correction, PowerOrder):
+            causes.append(_describe_powers(correction))
+            continue
+        before = _quality(captures, tuple(c for c in corrections if c is not correction), known, config)
+        share = (before.chi2_per_pixel - after.chi2_per_pixel) / max(before.chi2_per_pixel - 1.0, 1e-9)
+        causes.append(_cause(correction, share, after.psnr_db - before.psnr_db, before, after))
+    return causes
+
+
+def _describe_powers(correction: PowerOrder) -> Cause:
+    """Powers of the wrong captures as a cause: the gain of each capture is fitted, so that no picture shows it."""
+    recorded, corrected = correction.spreads
+    gain_db = 20 * math.log10(recorded / max(corrected, 1e-9))
+    return _cause(correction, 1.0 - (corrected / recorded) ** 2, gain_db, _NO_IMAGE, _NO_IMAGE)
+
+
+def _cause(correction: Correction, share: float, gain_db: float, before: FitQuality, after: FitQuality) -> Cause:
     return Cause(
         effect=correction.effect,
         choice=correction.choice,
