@@ -11,7 +11,7 @@ from holoview.captures.records import RecordFindings, find_record_errors, plausi
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.verdict import Verdict
 from holoview.model.effects.registry import listed_effects
-from tests.captures.records.mistakes import Name, all_mistakes, spoil_file, spoiled
+from tests.captures.records.mistakes import Name, all_mistakes, names, spoil_file, spoiled
 from tests.diagnose.independent import Faults, Laboratory, write_session
 from tests.diagnose.sealed import taken
 
@@ -40,29 +40,25 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return write_session(tmp_path_factory.mktemp("lab") / "c.h5", LABORATORY).read_bytes()
 
 
-def _names(found: RecordFindings) -> list[Name]:
-    return sorted((c.effect, c.choice) for c in found.corrections)
-
-
-def _found(path: Path, written: bytes, *names: Name) -> RecordFindings:
+def _found(path: Path, written: bytes, *mistakes: Name) -> RecordFindings:
     path.write_bytes(written)
-    return find_record_errors(read_captures(spoil_file(path, *(MISTAKES[n] for n in names)), plausible_units))
+    return find_record_errors(read_captures(spoil_file(path, *(MISTAKES[n] for n in mistakes)), plausible_units))
 
 
 @pytest.mark.parametrize("name", taken(list(MISTAKES), 8), ids=" ".join)
 def test_a_mistake_in_a_file_is_named_and_nothing_else(tmp_path: Path, written: bytes, name: Name) -> None:
-    assert _names(_found(tmp_path / "c.h5", written, name)) == [name]
+    assert names(_found(tmp_path / "c.h5", written, name)) == [name]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MISTAKES, ids=" ".join)
 def test_every_mistake_in_a_file_is_named_and_nothing_else(tmp_path: Path, written: bytes, name: Name) -> None:
-    assert _names(_found(tmp_path / "c.h5", written, name)) == [name]
+    assert names(_found(tmp_path / "c.h5", written, name)) == [name]
 
 
 @pytest.mark.parametrize("pair", taken(PAIRS, 1), ids=str)
 def test_two_mistakes_in_a_file_are_named(tmp_path: Path, written: bytes, pair: tuple[Name, Name]) -> None:
-    assert _names(_found(tmp_path / "c.h5", written, *pair)) == sorted(pair)
+    assert names(_found(tmp_path / "c.h5", written, *pair)) == sorted(pair)
 
 
 @pytest.mark.parametrize("case", taken(range(len(FAULTS)), 2))
@@ -71,12 +67,12 @@ def test_a_fault_of_the_bench_is_no_mistake_and_hides_none(tmp_path: Path, case:
     captures = read_captures(file)
     assert find_record_errors(captures).corrections == ()
     name = ("slm1_orientation", "flip_y")
-    assert _names(find_record_errors(spoiled(captures, MISTAKES[name]))) == [name]
+    assert names(find_record_errors(spoiled(captures, MISTAKES[name]))) == [name]
 
 
-def _captures(path: Path, faults: Faults, *names: Name) -> Captures:
+def _captures(path: Path, faults: Faults, *mistakes: Name) -> Captures:
     file = write_session(path / "c.h5", Laboratory(faults=faults, each=4, fine=2, seed=0))
-    return read_captures(spoil_file(file, *(MISTAKES[n] for n in names)))
+    return read_captures(spoil_file(file, *(MISTAKES[n] for n in mistakes)))
 
 
 def test_a_wrong_record_and_a_fault_are_both_named(tmp_path: Path) -> None:

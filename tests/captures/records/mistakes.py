@@ -32,6 +32,11 @@ TURNS: dict[str, Callable[[NDArray[Any]], NDArray[Any]]] = {
 PLAIN_TURNS = ("flip_x", "flip_y", "rotate_180")
 
 
+def names(found: Any) -> list[Name]:
+    """The names of the corrections that were found."""
+    return sorted((correction.effect, correction.choice) for correction in found.corrections)
+
+
 def turn(array: str, how: str) -> Callable[[Arrays], None]:
     """Patterns or pictures (capture, y, x) turned one by one."""
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from holoview.captures import Captures
 from holoview.captures.predictor import Predictor
-from holoview.captures.records import RecordFindings, find_record_errors
+from holoview.captures.records import find_record_errors
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.model.bench_parts import Modulator, Relay
 from holoview.model.system import System
-from tests.captures.records.mistakes import Arrays, Name, all_mistakes, shuffle, spoiled, turn
+from tests.captures.records.mistakes import Arrays, Name, all_mistakes, names, shuffle, spoiled, turn
 from tests.diagnose.sealed import taken
 
 WAVELENGTHS, PLANES = 3, 3
@@ -67,27 +67,23 @@ def right() -> Captures:
     return measured()
 
 
-def _names(found: RecordFindings) -> list[Name]:
-    return sorted((c.effect, c.choice) for c in found.corrections)
-
-
 @pytest.mark.parametrize("name", taken(list(MISTAKES), 12), ids=" ".join)
 def test_a_mistake_is_named_and_nothing_else(right: Captures, name: Name) -> None:
     found = find_record_errors(spoiled(right, MISTAKES[name]))
-    assert _names(found) == [name]
+    assert names(found) == [name]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MISTAKES, ids=" ".join)
 def test_every_mistake_is_named_and_nothing_else(right: Captures, name: Name) -> None:
     found = find_record_errors(spoiled(right, MISTAKES[name]))
-    assert _names(found) == [name]
+    assert names(found) == [name]
 
 
 @pytest.mark.parametrize("pair", taken(PAIRS, 2), ids=str)
 def test_two_mistakes_are_named(right: Captures, pair: tuple[Name, Name]) -> None:
     found = find_record_errors(spoiled(right, *(MISTAKES[name] for name in pair)))
-    assert _names(found) == sorted(pair)
+    assert names(found) == sorted(pair)
 
 
 @pytest.mark.parametrize("effect", taken(list(EFFECTS), 2))
@@ -95,7 +91,7 @@ def test_an_effect_is_no_mistake_and_hides_none(effect: str) -> None:
     captures = measured({effect: EFFECTS[effect]})
     assert find_record_errors(captures).corrections == ()
     name = ("slm2_orientation", "flip_x")
-    assert _names(find_record_errors(spoiled(captures, MISTAKES[name]))) == [name]
+    assert names(find_record_errors(spoiled(captures, MISTAKES[name]))) == [name]
 
 
 @pytest.mark.parametrize("seed", taken(range(20), 2))
@@ -115,7 +111,7 @@ def test_patterns_without_their_pictures_at_the_end_are_left_out(right: Captures
     lost = wrong.levels.copy()
     lost[0] = np.random.default_rng(0).integers(0, 16, lost[0].shape)  # what was shown before the session
     found = find_record_errors(dataclasses.replace(wrong, levels=lost))
-    assert _names(found) == [("capture_order", "offset:+1")]
+    assert names(found) == [("capture_order", "offset:+1")]
     corrected = found.corrected(wrong)
     assert len(corrected) == len(right) - 1
     assert np.array_equal(corrected.levels, right.levels[:-1])
@@ -125,13 +121,13 @@ def test_patterns_without_their_pictures_at_the_end_are_left_out(right: Captures
 def test_square_modulators_can_be_turned(how: str) -> None:
     captures = make_captures(bench(shape=(36, 36)), {}, AcquisitionSettings(captures_per_condition=2, seed=4))
     for part, array in (("slm1", "slm1"), ("camera", "images")):
-        assert _names(find_record_errors(spoiled(captures, turn(array, how)))) == [(f"{part}_orientation", how)]
+        assert names(find_record_errors(spoiled(captures, turn(array, how)))) == [(f"{part}_orientation", how)]
 
 
 def test_with_one_modulator_mirrored_patterns_are_mirrored_pictures() -> None:
     captures = make_captures(bench(modulators=1), {}, AcquisitionSettings(captures_per_condition=3, seed=4))
     found = find_record_errors(spoiled(captures, turn("images", "flip_x")))
-    assert _names(found) == [("slm1_orientation", "flip_x")]
+    assert names(found) == [("slm1_orientation", "flip_x")]
     assert [[c.label for c in rival] for rival in found.rivals] == [["camera_orientation flip_x"]]
     assert any("can't tell which" in note for note in found.notes)
 
@@ -168,7 +164,7 @@ def test_with_the_same_pattern_in_all_captures_their_order_cant_be_seen(right: C
 def test_one_capture_is_enough_to_name_an_orientation(right: Captures) -> None:
     one = right.subset([0])
     assert find_record_errors(one).corrections == ()
-    assert _names(find_record_errors(spoiled(one, turn("images", "flip_y")))) == [("camera_orientation", "flip_y")]
+    assert names(find_record_errors(spoiled(one, turn("images", "flip_y")))) == [("camera_orientation", "flip_y")]
 
 
 def test_powers_in_any_order_are_found_and_put_right(right: Captures) -> None:
@@ -183,7 +179,7 @@ def test_a_dark_and_a_saturated_picture_hide_no_mistake(right: Captures) -> None
     images[0], images[5] = 64, right.camera.saturation
     for name in (("slm2_orientation", "flip_y"), ("power_order", "reversed")):
         wrong = spoiled(dataclasses.replace(right, images=images), MISTAKES[name])
-        assert _names(find_record_errors(wrong)) == [name]
+        assert names(find_record_errors(wrong)) == [name]
 
 
 def test_a_law_of_the_laser_is_no_wrong_order() -> None:
