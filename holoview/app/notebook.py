@@ -8,6 +8,7 @@ viewer.session.drive                     # the patterns, e.g. after an optimisat
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from holoview.app.app import App
 from holoview.app.run import compute_loop
-from holoview.gpu.device import open_device
+from holoview.gpu.device import DeviceLost, open_device
 from holoview.io.hologram import Hologram
 from holoview.model import preset
 from holoview.model.system import System
@@ -38,11 +39,16 @@ class Viewer:
         self.app, self._task = app, task
 
     def close(self) -> None:
-        """Ends the viewer; the cell keeps its last image."""
+        """Ends the viewer; the cell keeps its last image.
+
+        The device finishes what it was given: a frame that arrived later would find the event loop or the device gone.
+        """
         if self in open_viewers:
             open_viewers.remove(self)
             self._task.cancel()
             self.app.close()
+            with suppress(DeviceLost):
+                self.app.window.device.wait()
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         """Called by IPython to display the value of a cell."""
