@@ -86,6 +86,7 @@ class Captures:
     relay2: those between the last modulator and the camera, on a Fourier bench in front of the camera.
     focal_length_m: of the lens of a Fourier bench, which has the camera in its back focal plane; None for near field.
     corrections: in words, what was wrong with the records and has been put right in these.
+    lasers_m: wavelengths of the session that these were taken from, ascending; empty for a whole session.
     """
 
     levels: NDArray[np.unsignedinteger]
@@ -101,6 +102,7 @@ class Captures:
     relay2: Relay = _CLEAR
     focal_length_m: float | None = None
     corrections: tuple[str, ...] = ()
+    lasers_m: tuple[float, ...] = ()
 
     def __len__(self) -> int:
         return len(self.levels)
@@ -121,6 +123,12 @@ class Captures:
         return np.unique(self.wavelength_m)
 
     @property
+    def laser_number(self) -> NDArray[np.intp]:
+        """(N,): which laser of the session is on, 0 for the shortest wavelength; the nearest for one that has none."""
+        lasers = np.array(self.lasers_m or self.wavelengths_m)
+        return np.asarray(np.abs(self.wavelength_m[:, None] - lasers[None, :]).argmin(axis=1))
+
+    @property
     def upsample(self) -> int:
         """Simulation samples per modulator pixel and axis: camera pixels per modulator pixel, limited to 2 … 16."""
         return max(2, min(16, round(self.slms[0].pitch_m / self.camera.pitch_m)))
@@ -137,7 +145,8 @@ class Captures:
         """The captures of these indices, in that order, on the same bench."""
         chosen = np.asarray(indices)
         names = ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s")
-        return dataclasses.replace(self, **{name: getattr(self, name)[chosen] for name in names})
+        lasers = self.lasers_m or tuple(self.wavelengths_m.tolist())
+        return dataclasses.replace(self, **{name: getattr(self, name)[chosen] for name in names}, lasers_m=lasers)
 
     def drive(self, capture: int) -> Floats:
         """The patterns of one capture as fractions of the stroke, 0 … 1, (modulator, y, x)."""

@@ -12,10 +12,13 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from holoview.captures.prepared_captures import Images, PreparedCaptures
+from holoview.numerics.taper import taper
 
 _PRNU_SIGNIFICANCE = 5.0  # standard deviations of the covariance of two unrelated maps
 _MIN_PRNU_PIXELS = 100
 _MIN_RELATIVE_LIGHT = 0.1  # of the median Σ expected² of a pixel; darker pixels don't determine a gain
+_PEAK = 15.0  # times the mean power of noise, which one of a million frequencies reaches by chance
+_TAPERED = 0.125  # of the picture on each side, over which the window of a spectrum falls to zero
 _WINDOW = 3  # pixels, side of the mean that is subtracted as the smooth part of a gain map
 
 
@@ -48,18 +51,40 @@ def estimate_prnu(residuals: list[Images], expected: list[Images], usable: list[
     In each set the residuals of every pixel are regressed on its expected signal, and the smooth part of the slopes is
     removed. The covariance of the two maps is the variance of the fixed pattern: errors of the model differ from
     capture to capture and don't correlate. The result is 0 unless the covariance exceeds 5 σ of unrelated maps.
+    Frequencies that stand out are left out: sensitivities that differ from pixel to pixel have no preferred one, but
+    interference fringes do, which are no noise.
     """
     maps = [_high_pass_gain(*parts) for parts in zip(residuals, expected, usable, strict=True)]
     known = np.isfinite(maps[0]) & np.isfinite(maps[1])
     if known.sum() < _MIN_PRNU_PIXELS:
         return 0.0
-    first, second = (m[known] - m[known].mean() for m in maps)
-    covariance = float(np.mean(first * second))
-    threshold = _PRNU_SIGNIFICANCE * float(np.std(first) * np.std(second)) / np.sqrt(known.sum())
+    window = known * np.outer(*(taper(n, _TAPERED) for n in known.shape))
+    first, second = (_spectrum(m, window) for m in maps)
+    common = (first * second.conj()).real
+    ordinary = _without_peaks(common)
+    covariance = float(common[ordinary].mean())
+    variances = [float(np.square(np.abs(s[ordinary])).mean()) for s in (first, second)]
+    count = np.square(np.square(window).sum()) / np.square(np.square(window)).sum()  # of independent pixels
+    threshold = _PRNU_SIGNIFICANCE * float(np.sqrt(variances[0] * variances[1] / count))
     if covariance <= threshold:
         return 0.0
     passed = 1 - 1 / _WINDOW**2  # of the variance of independent pixels, by subtracting the mean of a window
     return float(np.sqrt(covariance / passed))
+
+
+def _spectrum(values: NDArray[np.float64], window: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """The spectrum of a map seen through a window; its mean square is the map's variance."""
+    known = window > 0
+    centred = np.where(known, values - values[known].mean(), 0.0)
+    return np.asarray(np.fft.fft2(window * centred) / np.sqrt(np.square(window).sum()))
+
+
+def _without_peaks(power: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which values of a spectrum of noise don't stand out: peaks would be beyond `_PEAK` means of the others."""
+    ordinary = np.ones(power.shape, dtype=bool)
+    while (peaks := ordinary & (np.abs(power) > _PEAK * np.abs(power[ordinary]).mean())).any():
+        ordinary &= ~peaks
+    return ordinary
 
 
 def _high_pass_gain(residual: Images, expected: Images, usable: NDArray[np.bool_]) -> NDArray[np.float64]:

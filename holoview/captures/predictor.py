@@ -74,7 +74,7 @@ class Predictor:
         self.dtype = torch.complex128 if double_precision else torch.complex64
         self.real_dtype = torch.float64 if double_precision else torch.float32
         self.pixel_grid = PixelGrid(captures.camera.pitch_m, captures.shape, points)
-        self.camera_context = CameraContext(captures.camera.pitch_m, captures.shape)
+        self._laser_number = captures.laser_number
         self.fields_requested = 0
         self._cache, self._image_cache = TensorCache(cache_mb * _MB), TensorCache(min(cache_mb, _IMAGE_CACHE_MB) * _MB)
         self._plans: dict[object, Plan] = {}
@@ -103,7 +103,11 @@ class Predictor:
             lambda: self._unit_intensity(k, plan, active, exposure_samples, cache),
         )
         energy = float(active.laser_power(self.captures.power[k]) * self.captures.exposure_s[k])
-        return active.image(intensity * energy, self.camera_context)
+        return active.image(intensity * energy, self._camera_context(k))
+
+    def _camera_context(self, k: int) -> CameraContext:
+        c = self.captures
+        return CameraContext(c.camera.pitch_m, c.shape, float(c.wavelength_m[k]), int(self._laser_number[k]))
 
     def _unit_intensity(
         self,

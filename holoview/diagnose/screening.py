@@ -22,6 +22,7 @@ from holoview.diagnose.effect_fit import CandidateFit, cost_or_inf, effect_jacob
 from holoview.diagnose.effect_scan import cost_at_identity, find_hard_edges, fit_from_scan, scan_effect
 from holoview.diagnose.field_count import is_costly_effect, max_field_count
 from holoview.diagnose.free_parameters import FittedValues, identity_values
+from holoview.diagnose.fringe_starts import FringeStarts
 from holoview.diagnose.ghost_starts import GhostStarts
 from holoview.diagnose.search_context import SearchContext
 from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
@@ -153,17 +154,23 @@ class _Screening:
             yield self._improving(fit, effects[first : first + size], note)
 
     def nearby_fits(self, effects: Sequence[Effect]) -> FitBatches:
-        """Fits of ghosts from peaks of the correlation, then of the effects whose derivatives promise most."""
-        ghosts = GhostStarts(self._base, self.fitter.comparison, self._context.config.starts)
-        yield self._improving(partial(self.fitter.scan_and_fit, ghosts), [e for e in effects if ghosts(e)], "")
-        best = self._best_by_tangent([e for e in effects if not ghosts(e)])
+        """Fits of ghosts and fringes that the residuals show, then of the effects whose derivatives promise most."""
+        seen = self._residual_starts()
+        with_starts = [e for e in effects if seen(e)]
+        yield self._improving(partial(self.fitter.scan_and_fit, seen), with_starts, "")
+        best = self._best_by_tangent([e for e in effects if e not in with_starts])
         yield self._improving(self.fitter.local_fit, best, "")
 
     def image_starts(self) -> StartProvider:
         """Starting values that the images themselves suggest."""
+        displaced = DisplacementStarts(self._base, self.fitter.comparison, self._context.config.starts)
+        return partial(_all_starts, (displaced, self._residual_starts()))
+
+    def _residual_starts(self) -> StartProvider:
+        """Starting values of what has no derivative at its identity: ghosts and fringes that the residuals show."""
         config, comparison = self._context.config.starts, self.fitter.comparison
-        displaced = DisplacementStarts(self._base, comparison, config)
-        return partial(_all_starts, (displaced, GhostStarts(self._base, comparison, config)))
+        providers = [starts(self._base, comparison, config) for starts in (GhostStarts, FringeStarts)]
+        return partial(_all_starts, providers)
 
     def _best_by_tangent(self, effects: Sequence[Effect]) -> list[Effect]:
         """The effects whose derivatives explain most of the residual, the best first."""

@@ -35,6 +35,7 @@ camera_blur       a blur of the picture
 camera_alignment  position of the picture
 vignetting        fall-off towards the edges
 ghost             a weak shifted copy
+camera_fringes    interference fringes of the cover glass
 
 learned by a calibration
 calibrated        the effect that applies learned maps; calibration: the maps and their file

@@ -8,6 +8,7 @@ phasor             exp(2πi·turns), with the turns reduced to one period first
 resample           Gaussian blur, affine warp and interpolation of two-dimensional maps, differentiable
 subpixel_shift     images shifted by fractions of a pixel, and their gradients, by a windowed sinc
 image_region       rectangles of an image as slices, and setting everything outside to zero
+taper              a window that falls to zero at both ends
 knots              linear interpolation in tables with equidistant knots
 thin_plate_spline  thin-plate splines through values at equidistant nodes
 zernike            Zernike polynomials in Noll's order

@@ -48,10 +48,14 @@ def test_a_model_that_is_off_is_forgiven_its_share_of_the_mean_light() -> None:
     assert found[0] == pytest.approx(np.full((4, 4), 1 + 10.0**2)) and found[1, 0, 0] == pytest.approx(1 + 30.0**2)
 
 
-def _fixed(pattern: float, error: float, seed: int = 0) -> float:
-    """The pattern found in 2 × 8 noisy captures of speckle with pixels that differ and a model that errs at random."""
+def _fixed(pattern: float, error: float, seed: int = 0, fringes: float = 0.0) -> float:
+    """The pattern found in 2 × 8 noisy captures of speckle with pixels that differ and a model that errs at random.
+
+    fringes: depth of a plane wave, 6.3 pixels from crest to crest, that multiplies all captures.
+    """
     rng = np.random.default_rng(seed)
-    sensitivity = 1 + pattern * rng.standard_normal((80, 100))
+    y, x = np.indices((80, 100))
+    sensitivity = 1 + pattern * rng.standard_normal((80, 100)) + fringes * np.cos(0.6 * y + 0.8 * x)
     sets = []
     for _ in range(2):
         expected = 500 * rng.exponential(size=(8, 80, 100)) + 50
@@ -70,3 +74,9 @@ def test_pixels_that_differ_are_measured() -> None:
 def test_noise_and_errors_that_change_with_the_pattern_are_no_fixed_pattern(error: float) -> None:
     """What counts is beyond 5 σ of chance, so none of three seeds passes; a chance of 1e-6."""
     assert [_fixed(0.0, error, seed) for seed in range(3)] == [0.0] * 3
+
+
+def test_fringes_are_no_noise_of_the_pixels() -> None:
+    """Their variance, fringes²/2, is 50 times that of the pixels in the second case."""
+    assert _fixed(0.0, 0.0, fringes=0.1) == 0.0
+    assert _fixed(0.01, 0.0, fringes=0.1) == pytest.approx(0.01, rel=0.1)

@@ -286,3 +286,12 @@ def test_beyond_what_is_computed_there_is_no_light() -> None:
     signal = Predictor(captures, double_precision=True)([0]).signal[0]
     assert not bool(signal[:20].any()) and not bool(signal[:, -15:].any())  # of 80 × 120 padded samples
     assert bool(signal[40:80, 50:100].all())
+
+
+def test_a_part_of_a_session_is_predicted_like_the_whole_by_what_differs_from_laser_to_laser() -> None:
+    captures, fringes = _session(), {"camera_fringes": {"path_x": 5e-6, "cos1": 0.1, "cos2": 0.2, "cos3": 0.3}}
+    whole = Predictor(captures)(range(len(captures)), fringes).signal
+    last = int(captures.wavelength_m.argmax())
+    assert captures.laser_number[last] > 0
+    part = captures.subset([last, 0]).subset([0])
+    assert torch.equal(Predictor(part)([0], fringes).signal[0], whole[last])

@@ -10,6 +10,7 @@ from holoview.model.system import System
 
 _REACH = 1.5  # of the prior, where a parameter is never scanned
 _MOST_TERMS = 2
+_WHOLE = ("camera_fringes",)  # effects whose many parameters show together only
 
 
 def sample_effect(effect: Effect, system: System, size: float, rng: np.random.Generator) -> dict[str, float]:
@@ -18,7 +19,7 @@ def sample_effect(effect: Effect, system: System, size: float, rng: np.random.Ge
     An effect with many independent terms gets one or two of them.
     """
     open_ones = [p for p in effect.parameters if not p.fine]
-    if len(open_ones) > 3:
+    if len(open_ones) > 3 and effect.id not in _WHOLE:
         chosen = rng.choice(len(open_ones), size=int(rng.integers(1, _MOST_TERMS + 1)), replace=False)
         open_ones = [open_ones[k] for k in sorted(chosen)]
     reaches = _scan_extents(effect, system)

@@ -72,6 +72,31 @@ class StopFault:
 
 
 @dataclass(frozen=True)
+class Fringes:
+    """Plane interference fringes of a wedged plate before the camera, period and direction at a wavelength.
+
+    period_px: camera pixels from one maximum to the next at `at_m`, in proportion to the wavelength at others.
+    towards_rad: direction across the fringes, from +x (columns) towards +y (rows). depth: of the shortest wavelength
+    and of the longest, others between. thickness_m: of the plate where the picture's centre is, optical, which gives
+    the phase.
+    """
+
+    period_px: float
+    towards_rad: float
+    depth: tuple[float, float]
+    at_m: float = 550e-9
+    thickness_m: float = 0.73e-3
+
+    def seen(self, light: Floats, wavelength_m: float, ends_m: tuple[float, float]) -> Floats:
+        """The light (y, x) with the fringes on it. ends_m: the shortest and the longest wavelength."""
+        rows, columns = np.indices(light.shape)
+        y, x = rows - (light.shape[0] - 1) / 2, columns - (light.shape[1] - 1) / 2
+        across = x * np.cos(self.towards_rad) + y * np.sin(self.towards_rad)
+        turns = 2 * self.thickness_m / wavelength_m + across / (self.period_px * wavelength_m / self.at_m)
+        return light * (1 + np.interp(wavelength_m, ends_m, self.depth) * np.cos(2 * np.pi * turns))
+
+
+@dataclass(frozen=True)
 class Faults:
     """What is wrong with the bench; SI units, modulator pixels for shifts. Everything zero: as the file says."""
 
@@ -83,6 +108,7 @@ class Faults:
     tilt_rad: tuple[float, float] = (0.0, 0.0)
     stops: tuple[StopFault, StopFault] = (StopFault(), StopFault())
     black: float = 0.0  # counts
+    fringes: Fringes | None = None  # over the camera's picture
     vortex: float = 0.0  # a spiral phase on modulator 1, turns: no effect of the library
 
 
@@ -161,7 +187,10 @@ def _light_of_capture(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: 
         rng = np.random.default_rng((lab.seed, k, 1))
         levels = np.stack([_pattern(rng, lab, k) for _ in range(2)]).astype(np.uint8)
     moved = replace(lab.faults, distance_m=lab.faults.distance_m + lab.mishaps.defocused.get(k, 0.0))
-    return intensity(replace(lab, faults=moved), levels, wavelength_m, lab.mishaps.moved.get(k, (0.0, 0.0)))
+    light = intensity(replace(lab, faults=moved), levels, wavelength_m, lab.mishaps.moved.get(k, (0.0, 0.0)))
+    if (fringes := lab.faults.fringes) is not None:
+        light = fringes.seen(light, wavelength_m, (min(lab.wavelengths_m), max(lab.wavelengths_m)))
+    return light
 
 
 def intensity(

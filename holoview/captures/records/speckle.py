@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from holoview.captures.records.settings import RecordSettings
+from holoview.numerics.taper import taper
 
 Floats = NDArray[np.float64]
 _MAX_CORRELATION = 0.9999  # atanh of 1 is infinite
@@ -54,7 +55,7 @@ class SpeckleComparison:
         self._settings = settings
         self._bin = max(1, min(shape) // settings.side_px)
         self.shape = (shape[0] // self._bin, shape[1] // self._bin)
-        self._window = np.outer(*(_taper(n, settings.taper) for n in self.shape)).astype(np.float32)
+        self._window = np.outer(*(taper(n, settings.taper) for n in self.shape)).astype(np.float32)
         fy, fx = (scipy.fft.fftfreq(n) for n in self.shape)
         squared = fy[:, None] ** 2 + fx[None, :] ** 2
         blurs = np.array(settings.blurs_px)[:, None, None]
@@ -91,12 +92,3 @@ class SpeckleComparison:
     def shift_count(self) -> int:
         """How many shifts are tried."""
         return len(self._to_rows) ** 2
-
-
-def _taper(n: int, share: float) -> Floats:
-    """1 in the middle, falling to 0 over this share of the side at each end as a squared sine."""
-    edge = max(2, round(share * n))
-    rise = np.sin(np.pi / 2 * (np.arange(edge) + 0.5) / edge) ** 2
-    window = np.ones(n)
-    window[:edge], window[n - edge :] = rise, rise[::-1]
-    return window

@@ -81,6 +81,17 @@ class StartConfig:
     ghost_separation_px: float = 3.0
     """[px] Peaks nearer to a higher one are part of it. Evidence: none recorded."""
 
+    fringe_peaks: int = 3
+    """[1] Peaks of the spectrum tried as fringes. Evidence: none recorded."""
+
+    fringe_min_count: float = 1.5
+    """[fringes] Fewer over the picture aren't told from shading, and peaks nearer to a higher one are part of it.
+    Evidence: the main lobe of a full picture's spectrum ends at 1."""
+
+    fringe_samples: int = 2
+    """[1] Samples of the spectrum for each fringe more over the picture. Evidence: the worst error, a quarter of a
+    fringe, is an eighth at the picture's edges, where a fit converges."""
+
 
 @dataclass(frozen=True)
 class StepConfig:

@@ -145,14 +145,18 @@ class RelayContext:
 
 @dataclass(frozen=True)
 class CameraContext:
-    """The camera.
+    """The camera in one capture.
 
     pitch_m: of its pixels, referred to the plane of the modulator.
     shape: (rows, columns).
+    wavelength_m: of the laser that is on.
+    laser: its number among the lasers of the session, 0 for the shortest wavelength.
     """
 
     pitch_m: float
     shape: tuple[int, int]
+    wavelength_m: float = 550e-9
+    laser: int = 0
 
     def positions(self, image: Tensor) -> tuple[Tensor, Tensor]:
         """Positions y (rows, 1) and x (1, columns) of the pixels from the centre, ±1 at the image's edges."""

@@ -1,0 +1,30 @@
+"""The residuals show where fringes are, how deep, and with which phase at each wavelength."""
+
+from __future__ import annotations
+
+import pytest
+
+from holoview.diagnose.fringe_starts import FringeStarts
+from holoview.model.effects.registry import listed_effects
+from tests.diagnose.conftest import MakeContext
+
+TRUE = {"path_y": 3.7e-6, "path_x": -6.1e-6, "cos1": 0.02, "sin1": -0.01, "cos2": 0.0, "sin2": 0.03}
+
+
+def test_the_strongest_start_is_the_fringes_that_lie_over_the_picture(make_context: MakeContext) -> None:
+    """Paths to half a step, a quarter of the shortest wavelength; amplitudes with what so far off a peak costs."""
+    context = make_context({"camera_fringes": TRUE})
+    comparison = context.data_weighted_comparison(context.split.coarse, 0.0)
+    starts = FringeStarts({}, comparison, context.config.starts)
+    found = starts(listed_effects()["camera_fringes"])[0]
+    for axis in ("path_y", "path_x"):
+        assert found[axis] == pytest.approx(TRUE[axis], abs=0.25 * 450e-9 * 1.01)
+    for name in ("cos1", "sin1", "cos2", "sin2"):
+        assert found[name] == pytest.approx(TRUE[name], abs=0.01)
+
+
+def test_other_effects_get_no_starts_of_fringes(make_context: MakeContext) -> None:
+    context = make_context()
+    comparison = context.data_weighted_comparison(context.split.coarse, 0.0)
+    starts = FringeStarts({}, comparison, context.config.starts)
+    assert [name for name, effect in listed_effects().items() if starts(effect)] == ["camera_fringes"]
