@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import tomllib
 from typing import Any
 
@@ -17,6 +18,7 @@ from holoview.numerics.image_region import Region
 from holoview.util.errors import UserError
 
 _MAX_SEED = 2**63 - 1
+_SECONDS = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
 
 
 def add_system(parser: argparse.ArgumentParser, *, optional: bool = False, effects: bool = True) -> None:
@@ -84,6 +86,14 @@ def parse_region(text: str) -> Region:
         raise UserError("--region", f'"{text}"', expected="x,y,width,height in whole samples, e.g. 100,80,64,64")
     x, y, width, height = map(int, parts)
     return x, y, width, height
+
+
+def parse_duration(text: str) -> float:
+    """Seconds from text such as "90", "90s", "10min" or "1.5h", as an argparse type."""
+    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)\s*(s|min|h|)", text.strip())
+    if match is None or float(match[1]) == 0:
+        raise argparse.ArgumentTypeError(f"{text}; expected a time such as 90s, 10min or 1.5h")
+    return float(match[1]) * _SECONDS[match[2]]
 
 
 def parse_seed(text: str) -> int:

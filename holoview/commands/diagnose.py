@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
+import time
 from pathlib import Path
 
 from holoview.captures import read_captures, write_captures
 from holoview.captures.effect_check import check_user_effects
 from holoview.captures.records import plausible_units
 from holoview.captures.records.correction import apply_corrections
-from holoview.commands.console import print_stderr, progress_bar
+from holoview.commands.arguments import parse_duration
+from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
+from holoview.commands.exit_codes import EXIT_INTERRUPTED
 from holoview.commands.output_files import check_folder, check_output_file, make_folder
 from holoview.diagnose.comparison import Values
 from holoview.diagnose.config import SearchConfig
@@ -27,7 +31,9 @@ from holoview.report.figure import require_matplotlib
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 from holoview.util.files import atomic_write
+from holoview.util.progress import ProgressCallback
 
+_SHORT_S = 10.0  # of a search that says nothing before its end
 _MAX_DEFAULT_WORKERS = 8  # each worker keeps a cache of a quarter of a gigabyte
 
 
@@ -63,9 +69,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="leave out of the report what the extended model buys on the display, which takes half a minute",
     )
-    parser.add_argument(
-        "--thorough", action="store_true", help="go on searching after the first minute or so, to the end"
+    duration = parser.add_mutually_exclusive_group()
+    duration.add_argument(
+        "--time",
+        metavar="TIME",
+        type=parse_duration,
+        help="search for at most so long, e.g. 10min, then tell the best that was found (default: a minute, up to five "
+        "minutes for large modulators)",
     )
+    duration.add_argument("--thorough", action="store_true", help="search to the end, however long that takes")
     parser.add_argument(
         "--finer", metavar="N", type=int, default=1, help="samples each way for each of the model's own (default 1)"
     )
@@ -93,10 +105,20 @@ def run(args: argparse.Namespace) -> int:
     if args.preset is not None:
         captures, known, bench = with_preset_geometry(captures, preset.load(args.preset), args.preset)
     sampling = SamplingConfig(args.finer, args.padding, args.points)
-    with progress_bar("diagnosing") as progress:
+    with progress_bar("diagnosing") as progress, deferred_interrupt("prediction") as is_interrupted:
+        so_far = _SoFar(progress)
         found = diagnose(
-            captures, known=known, workers=args.workers, progress=progress, thorough=args.thorough, sampling=sampling
+            captures,
+            known=known,
+            workers=args.workers,
+            progress=so_far.progress,
+            thorough=args.thorough or args.time is not None,
+            time_s=math.inf if args.thorough else args.time,
+            is_asked_to_end=is_interrupted,
+            so_far=so_far.note,
+            sampling=sampling,
         )
+        was_interrupted = is_interrupted()
     corrected = found.records.corrected(recorded)
     bench = bench or corrected.nominal_system()
     if args.report is not None:
@@ -109,7 +131,29 @@ def run(args: argparse.Namespace) -> int:
     if args.save_corrected is not None:
         write_captures(args.save_corrected, corrected)
     _print_diagnosis(found, args)
-    return 0
+    return EXIT_INTERRUPTED if was_interrupted else 0
+
+
+class _SoFar:
+    """Prints what the search has found so far, while it takes longer than a short one."""
+
+    def __init__(self, progress: ProgressCallback) -> None:
+        self._progress, self._from, self._text = progress, time.monotonic() + _SHORT_S, ""
+
+    def note(self, text: str) -> None:
+        """Takes what was found."""
+        self._text = text
+        self._print()
+
+    def progress(self, done: int, total: int, note: str) -> None:
+        """Passes progress on."""
+        self._progress(done, total, note)
+        self._print()
+
+    def _print(self) -> None:
+        if self._text and time.monotonic() > self._from:
+            print_stderr(f"so far: {self._text}")
+            self._text = ""
 
 
 def _check_arguments(args: argparse.Namespace) -> None:

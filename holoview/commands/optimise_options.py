@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.commands.arguments import add_system, parse_region, parse_seed
+from holoview.commands.arguments import add_system, parse_duration, parse_region, parse_seed
 from holoview.commands.console import print_stderr
 from holoview.commands.output_files import check_output_file
 from holoview.io.hologram import Hologram, load_hologram
@@ -123,9 +123,11 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
         "optimise … --sharded; each takes a GPU of its own where there are",
     )
     group.add_argument("--until-psnr", metavar="DB", type=float, default=math.inf, help="stop when it is this good")
-    group.add_argument("--time", metavar="SECONDS", type=float, default=math.inf, help="stop after this long")
+    group.add_argument(
+        "--time", metavar="TIME", type=parse_duration, default=math.inf, help="stop after this long, e.g. 90s, 10min"
+    )
     group.add_argument("--checkpoint", metavar="FILE", type=Path, help="write all that goes on from here, now and then")
-    group.add_argument("--checkpoint-every", metavar="SECONDS", type=float, default=30.0)
+    group.add_argument("--checkpoint-every", metavar="TIME", type=parse_duration, default=30.0, help="default 30s")
     group.add_argument("--resume", metavar="FILE", type=Path, help="go on from a checkpoint, and keep writing to it")
     group.add_argument("--preview", metavar="FILE", type=Path, help="PNG of the middle plane, rewritten while it runs")
     group.add_argument("-o", "--output", metavar="FILE", type=Path, help="hologram file to write (.safetensors)")
@@ -231,9 +233,8 @@ class TargetSource:
 
 def run_options_from_args(args: argparse.Namespace) -> RunOptions:
     """How to run. Raises UserError for limits that aren't positive and files that can't be read or written."""
-    for flag in ("checkpoint_every", "time", "until_psnr"):
-        if not getattr(args, flag) > 0:
-            raise UserError(f"--{flag.replace('_', '-')}", f"{getattr(args, flag):g}", expected="a positive number")
+    if not args.until_psnr > 0:
+        raise UserError("--until-psnr", f"{args.until_psnr:g}", expected="a positive number")
     if args.resume and args.start:
         raise UserError("--resume with --start", "contradict each other", expected="one of them")
     checkpoint = args.checkpoint or args.resume

@@ -81,7 +81,9 @@ def rank_on_held_out(context: SearchContext, fits: Sequence[CandidateFit]) -> Se
     else:
         ordered = sorted(scores, key=lambda s: s.tolerant_chi2)
     nominal = score_on_held_out(NOMINAL_FIT, comparison, tolerant)
-    return SearchResult(nominal, tuple(first_per_cause_set(ordered)), comparison, tolerant)
+    result = SearchResult(nominal, tuple(first_per_cause_set(ordered)), comparison, tolerant)
+    context.best_so_far.note(result)
+    return result
 
 
 def score_on_held_out(fit: CandidateFit, comparison: Comparison, tolerant_comparison: Comparison) -> HeldOutScore:

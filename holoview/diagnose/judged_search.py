@@ -21,20 +21,26 @@ from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.refine import refine_fit
 from holoview.diagnose.sampling_check import drop_sampling_artefacts
 from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.search_end import NEVER, SearchEnd, SearchEnded
 from holoview.diagnose.simplest_name import prefer_fewer_numbers
 from holoview.diagnose.verdict import Decision, Verdict, decide, limited_by_bad_captures
+from holoview.diagnose.worker_pool import WorkerPool
 from holoview.util.progress import ProgressCallback
 
 
 @dataclass(frozen=True)
 class SearchOutcome:
-    """What a search found, the decision on it, notes, and the captures that are bad. context: as it ended."""
+    """What a search found, the decision on it, notes, and the captures that are bad.
+
+    context: as it ended. was_ended: whether it was ended before it was done, by its time or by somebody.
+    """
 
     context: SearchContext
     result: SearchResult
     decision: Decision
     notes: list[str]
     bad_captures: tuple[BadCapture, ...] = ()
+    was_ended: bool = False
 
 
 def search_good_captures(
@@ -48,12 +54,13 @@ def search_good_captures(
     progress(0, 1, "every capture")
     suspects = find_suspects(context, {}, always, is_final=False)
     for _ in range(config.rounds):
+        context.best_so_far.clear()
         budget = context.predictor.fields_requested + context.field_budget
         good = leave_out(replace(context, field_budget=budget), {*always, *suspects.indices})
         outcome = _search_once(good, progress)
         progress(0, 1, "every capture")
         suspects = judge_by_search(outcome.context, outcome.decision.values, outcome.result, always)
-        if good.split.used.isdisjoint(suspects.indices):
+        if outcome.was_ended or good.split.used.isdisjoint(suspects.indices):
             break
     found = explain_suspects(outcome.context, suspects)
     left_out = tuple(sorted({*outcome.context.left_out, *suspects.indices}))
@@ -74,13 +81,23 @@ def _with_bad_captures(outcome: SearchOutcome, bad: tuple[BadCapture, ...], coun
 
 
 def _search_once(context: SearchContext, progress: ProgressCallback) -> SearchOutcome:
-    """One search, and the decision on it."""
-    context = detect_nuisances(context, {})
-    context, result = _search_causes(context, progress)
+    """One search, and the decision on it. The end of its time ends nothing but the search itself."""
+    end, context.predictor.end = context.end, context.end
+    was_ended = False
+    result: SearchResult | None
+    try:
+        context, result = _search_causes(detect_nuisances(context, {}), progress)
+    except SearchEnded:
+        context.workers.close(kill=True)
+        context, result, was_ended = replace(context, workers=WorkerPool(1)), context.best_so_far.result, True
+    is_out_of_budget = context.budget_exhausted
+    context = replace(context, end=NEVER)
+    context.predictor.end = NEVER
+    result = result or rank_on_held_out(context, [])
     decision, drift_notes = excuse_laser_drift(context, result, _decide(context, result))
     decision, sampling_notes = drop_sampling_artefacts(context, result, decision)
-    notes = [*drift_notes, *sampling_notes, *_budget_notes(context, decision)]
-    return SearchOutcome(context, result, decision, notes)
+    notes = [*drift_notes, *sampling_notes, *_end_notes(end, decision, was_ended, is_out_of_budget)]
+    return SearchOutcome(context, result, decision, notes, was_ended=was_ended)
 
 
 def _decide(context: SearchContext, result: SearchResult) -> Decision:
@@ -108,8 +125,15 @@ def _search_causes(context: SearchContext, progress: ProgressCallback) -> tuple[
     return settled, rank_on_held_out(settled, settled.run_parallel(partial(refine_fit, settled, f) for f in near))
 
 
-def _budget_notes(context: SearchContext, decision: Decision) -> list[str]:
-    """A note where a search that found no full explanation ended at its budget."""
-    if not context.budget_exhausted or decision.verdict not in (Verdict.UNEXPLAINED, Verdict.PARTLY):
+def _end_notes(end: SearchEnd, decision: Decision, was_ended: bool, is_out_of_budget: bool) -> list[str]:
+    """A note where a search that found no full explanation was ended."""
+    if was_ended and end.was_asked:
+        return ["The search was interrupted; this is the best that it had found."]
+    if not (was_ended or is_out_of_budget) or decision.verdict not in (Verdict.UNEXPLAINED, Verdict.PARTLY):
         return []
+    if was_ended:
+        return [
+            f"The search was ended after {end.time_s:.0f} s with causes left to try; give it more time (--time 10min), "
+            "or all that it needs (--thorough)."
+        ]
     return ["The search was ended with causes left to try; a thorough one (--thorough) takes minutes more."]

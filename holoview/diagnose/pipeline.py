@@ -6,7 +6,7 @@ import dataclasses
 import inspect
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -39,11 +39,13 @@ from holoview.diagnose.search_context import (
     SearchContext,
     equivalent_effects,
 )
+from holoview.diagnose.search_end import BestSoFar, SearchEnd, describe_so_far
 from holoview.diagnose.simplest_name import wider_names
 from holoview.diagnose.verdict import Decision, Verdict, with_further_cause
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import is_user_effect, listed_effects, load_user_effects
+from holoview.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
 
@@ -57,6 +59,9 @@ def diagnose(
     progress: ProgressCallback | None = None,
     free_maps: bool = True,
     thorough: bool = False,
+    time_s: float | None = math.inf,
+    is_asked_to_end: Callable[[], bool] | None = None,
+    so_far: Callable[[str], None] | None = None,
     sampling: SamplingConfig = PLAIN,
     config: SearchConfig | None = None,
 ) -> Diagnosis:
@@ -70,14 +75,17 @@ def diagnose(
     free_maps: look for the place of an error that no effect explains.
     thorough: search to the end; without it a search begins nothing new once `config.budget.max_fields` are computed,
     about a minute for 128 × 96 modulator pixels.
+    time_s: the search ends after so long, with the best that it has found; records, intervals and notes take a little
+    longer. None: what `config.budget` allows such captures.
+    is_asked_to_end: asked now and then; the search ends in the same way once it returns True.
+    so_far: called with a sentence when the search has found something better.
     sampling: how predictions sample light.
     config: settings of all stages.
 
     Every capture is judged: `Diagnosis.bad_captures` lists those that aren't what their records say. Of a single
     picture, blocks of pixels are held out. Raises UserError when no capture is left that shows anything.
     """
-    began = time.monotonic()
-    config = config or SearchConfig()
+    began, config = time.monotonic(), config or SearchConfig()
     library = list(listed_effects().values() if effects is None else effects)
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -87,12 +95,14 @@ def diagnose(
             captures = records.captures
             useless = find_useless_captures(captures, config.judgement)
             context, notes = _prepare(captures, useless, library, known or {}, pool, sampling, config)
-            if not thorough:
-                context = dataclasses.replace(context, field_budget=_field_budget(context))
+            if time_s is None:
+                time_s = config.budget.time_for(_field_samples(context.system))
+            end = SearchEnd(time_s, is_asked_to_end, config.budget.last_begin)
+            context = _limited(context, thorough, end, so_far)
             pool.share(context.shared_objects(), partial(_prepare_worker, _user_effect_files(library)))
             outcome = search_good_captures(context, useless, len(captures), progress or _no_progress)
             findings = _evaluate(outcome, notes, progress or _no_progress)
-            diagnosis = _assemble_diagnosis(findings, free_maps, progress or _no_progress)
+            diagnosis = _assemble_diagnosis(findings, free_maps and not end.was_asked, progress or _no_progress)
     finally:
         torch.set_num_threads(threads)
     only = {*range(len(captures))} - {bad.index for bad in useless}
@@ -120,9 +130,20 @@ class _Findings:
     notes: list[str]
 
 
-def _field_budget(context: SearchContext) -> float:
-    rows, columns = context.system.modulators[0].shape
-    return context.config.budget.fields_for(rows * columns * context.system.sampling.upsample**2)
+def _limited(
+    context: SearchContext, thorough: bool, end: SearchEnd, so_far: Callable[[str], None] | None
+) -> SearchContext:
+    """The context with what ends its search, and with what tells of it."""
+    budget = math.inf if thorough else context.config.budget.fields_for(_field_samples(context.system))
+    best: BestSoFar[SearchResult] = BestSoFar(
+        None if so_far is None else lambda result: so_far(describe_so_far(result))
+    )
+    return dataclasses.replace(context, field_budget=budget, end=end, best_so_far=best)
+
+
+def _field_samples(system: System) -> int:
+    rows, columns = system.modulators[0].shape
+    return rows * columns * system.sampling.upsample**2
 
 
 def _no_progress(done: int, total: int, note: str) -> None:

@@ -20,6 +20,7 @@ from holoview.diagnose.capture_split import CaptureSplit
 from holoview.diagnose.comparison import Comparison, PredictorProtocol, Values
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
+from holoview.diagnose.search_end import NEVER, BestSoFar, SearchEnd
 from holoview.diagnose.worker_pool import FinishedCallback, WorkerPool
 from holoview.model.effects.effect import DataProperties, Effect
 from holoview.model.system import System
@@ -32,12 +33,14 @@ class PerThreadPredictor:
     """A predictor for each thread that asks for one, since a predictor's cache can't be shared.
 
     create: makes a new one; it accepts the keywords of `Predictor`, such as `extra_effects` and `cache_mb`.
+    end: of the search that asks for predictions; afterwards a prediction raises SearchEnded.
     """
 
     def __init__(self, create: Callable[..., PredictorProtocol]) -> None:
         self.create, self._local = create, threading.local()
         self._predictors: list[PredictorProtocol] = []
         self.fields_in_workers = 0
+        self.end = NEVER
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PerThreadPredictor, (self.create,)
@@ -53,6 +56,7 @@ class PerThreadPredictor:
         return self._local.predictor.fields_requested if hasattr(self._local, "predictor") else 0
 
     def __call__(self, indices: NDArray[np.intp], values: Values, *, grad: bool = False) -> Prediction:
+        self.end.check()
         if not hasattr(self._local, "predictor"):
             self._local.predictor = self.create()
             self._predictors.append(self._local.predictor)
@@ -86,7 +90,8 @@ class SearchContext:
     noise, from the captures. config: settings of all stages. field_budget: after so many fields a search begins nothing
     new that takes long. prnu: standard deviation of the pixels' relative sensitivity. has_camera_jitter: whether the
     camera moves from capture to capture, so that comparisons fit its movements. equivalents: for each effect the others
-    that are the same physics on this bench. left_out: captures that no fit uses, by index.
+    that are the same physics on this bench. left_out: captures that no fit uses, by index. end: when the search has to
+    end. best_so_far: what it has found until then.
     """
 
     data: PreparedCaptures
@@ -103,6 +108,8 @@ class SearchContext:
     has_camera_jitter: bool = False
     equivalents: Mapping[str, frozenset[str]] = field(default_factory=dict)
     left_out: tuple[int, ...] = ()
+    end: SearchEnd = NEVER
+    best_so_far: BestSoFar[Any] = field(default_factory=BestSoFar)
 
     @property
     def kept(self) -> NDArray[np.intp]:
@@ -111,8 +118,11 @@ class SearchContext:
 
     @property
     def budget_exhausted(self) -> bool:
-        """Whether the budget of fields is spent. Asked only while no job runs, so that workers change no result."""
-        return self.predictor.fields_requested > self.field_budget
+        """Whether the budget of fields, or the time, is nearly spent, so that nothing new is begun.
+
+        Asked only while no job runs, so that workers change no result unless the time is limited.
+        """
+        return self.predictor.fields_requested > self.field_budget or self.end.is_near
 
     @property
     def kept_captures(self) -> Captures:
@@ -122,7 +132,9 @@ class SearchContext:
     @property
     def screening_exhausted(self) -> bool:
         """Whether so much is spent that no further effect is tried alone. Asked as `budget_exhausted`."""
-        return self.predictor.fields_requested > self.config.budget.screening_factor * self.field_budget
+        return self.end.is_near or self.predictor.fields_requested > (
+            self.config.budget.screening_factor * self.field_budget
+        )
 
     def shared_objects(self) -> dict[str, Any]:
         """The large objects that jobs refer to, of which each worker process needs one copy."""
@@ -173,9 +185,9 @@ class SearchContext:
 
     def run_parallel(self, jobs: Iterable[Callable[[], T]], on_finished: FinishedCallback | None = None) -> list[T]:
         """Results of jobs in their order; fields that other processes computed count too."""
-        counted = [partial(_run_counting_fields, self.predictor, job) for job in jobs]
+        counted = [partial(_run_counting_fields, self.predictor, self.end, job) for job in jobs]
         before = self.predictor.fields_requested
-        finished = self.workers.run(counted, on_finished)
+        finished = self.workers.run(counted, on_finished, self.end.check)
         here = self.predictor.fields_requested - before
         self.predictor.fields_in_workers += sum(fields for _, fields in finished) - here
         return [result for result, _ in finished]
@@ -189,8 +201,8 @@ def equivalent_effects(effects: Mapping[str, Effect], data_properties: DataPrope
     }
 
 
-def _run_counting_fields(predictor: PerThreadPredictor, job: Callable[[], T]) -> tuple[T, int]:
-    """The result of a job, and how many fields it asked for."""
-    before = predictor.thread_fields
+def _run_counting_fields(predictor: PerThreadPredictor, end: SearchEnd, job: Callable[[], T]) -> tuple[T, int]:
+    """The result of a job, and how many fields it asked for. Raises SearchEnded at the end of its search."""
+    predictor.end, before = end, predictor.thread_fields
     result = job()
     return result, predictor.thread_fields - before

@@ -67,17 +67,23 @@ class WorkerPool:
         """Names large objects that jobs refer to: each process gets them once. prepare: what a process does first."""
         self._shared, self._prepare = dict(objects), prepare
 
-    def run(self, jobs: Sequence[Callable[[], T]], on_finished: FinishedCallback | None = None) -> list[T]:
+    def run(
+        self,
+        jobs: Sequence[Callable[[], T]],
+        on_finished: FinishedCallback | None = None,
+        check: Callable[[], None] | None = None,
+    ) -> list[T]:
         """Results of jobs in their order; raises what the first of them that fails raises.
 
-        on_finished: called with the number of jobs that are done. Raises UserError when a process died.
+        on_finished: called with the number of jobs that are done. check: called now and then while other processes
+        work; what it raises ends the run. Raises UserError when a process died.
         """
         results: list[T] = []
         while len(results) < len(jobs) and not (len(jobs) - len(results) > 1 and self._has_processes()):
             results.append(jobs[len(results)]())
             _report(on_finished, len(results))
         if len(results) < len(jobs):
-            results += self._run_in_processes(jobs[len(results) :], len(results), on_finished)
+            results += self._run_in_processes(jobs[len(results) :], len(results), on_finished, check)
         return results
 
     def start(self) -> None:
@@ -135,7 +141,11 @@ class WorkerPool:
             ready.set_exception(error)
 
     def _run_in_processes(
-        self, jobs: Sequence[Callable[[], T]], finished: int, on_finished: FinishedCallback | None
+        self,
+        jobs: Sequence[Callable[[], T]],
+        finished: int,
+        on_finished: FinishedCallback | None,
+        check: Callable[[], None] | None,
     ) -> list[T]:
         assert self._executor is not None and self._ready is not None
         names = {id(shared): name for name, shared in self._shared.items()}
@@ -145,6 +155,8 @@ class WorkerPool:
             pending = set(futures)
             while pending:
                 done, pending = wait(pending, timeout=_POLL_S, return_when=FIRST_COMPLETED)
+                if check is not None:
+                    check()
                 for _ in done:
                     finished += 1
                     _report(on_finished, finished)

@@ -381,9 +381,21 @@ def test_two_exchanged_captures_are_no_all_clear(holoview: Run, tmp_path: Path) 
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
-def test_an_interrupt_leaves_nothing_behind(interrupted: Run, file: Path, tmp_path: Path) -> None:
-    outputs = ("--json", "d.json", "--save-preset", "p.toml", "--report", "report")
-    done = interrupted("diagnosing: ", "diagnose", file, "--workers", 1, *outputs)
-    assert (done.code, done.out) == (130, "") and done.err.splitlines()[-1] == "holoview: interrupted"
-    assert "Traceback" not in done.err
-    assert [path.name for path in tmp_path.iterdir()] == ["c.h5"]
+def test_an_interrupt_gives_the_best_so_far(interrupted: Run, tmp_path: Path) -> None:
+    faults = {"bandwidth": {"sigma": 4e-9}, "gap": {"gap_error": 2e-4}}
+    captures = make_captures(_system(), faults, AcquisitionSettings(captures_per_condition=6, seed=4))
+    write_captures(tmp_path / "c.h5", captures)
+    outputs = ("--json", "d.json", "--save-preset", "p.toml")
+    done = interrupted("diagnosing: ", "diagnose", "c.h5", "--workers", 1, "--thorough", *outputs)
+    assert done.code == 130 and "Traceback" not in done.err
+    assert "stopping after this prediction" in done.err
+    note = "The search was interrupted; this is the best that it had found."
+    assert "c.h5: " in done.out and note in done.out
+    assert json.loads((tmp_path / "d.json").read_text(encoding="utf-8"))["notes"][-1] == note
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["c.h5", "d.json", "p.toml"]
+
+
+@pytest.mark.parametrize("given", ["0", "-3s", "10 parsecs", ""])
+def test_a_time_must_be_one(holoview: Run, given: str) -> None:
+    outcome = holoview("diagnose", "c.h5", f"--time={given}")
+    assert outcome.code == 2 and "expected a time such as 90s, 10min or 1.5h" in outcome.err

@@ -36,6 +36,17 @@ class SplitConfig:
 class BudgetConfig:
     """How much is computed. A field is one coherent light field, propagated through the bench."""
 
+    time_s: float = 60.0
+    """[s] The command ends a search after so long, unless another time is given or it is thorough. Evidence: what a
+    person waits for."""
+
+    max_time_s: float = 300.0
+    """[s] … which grows with the samples of a field, up to this. Evidence: the same."""
+
+    last_begin: float = 0.7
+    """[1] After this share of the time nothing new is begun, so that what is underway ends in time. Evidence: the
+    longest step of a pair, its causes fitted without each other, took 20 of 80 s."""
+
     max_fields: int = 16_000
     """[fields] After so many a search begins nothing new unless it is thorough. Evidence: measured: about a minute
     for 128 × 96 modulator pixels."""
@@ -74,6 +85,10 @@ class BudgetConfig:
 
     effects_per_batch: int = 8
     """[effects] Screened between two decisions whether to stop. Evidence: none recorded."""
+
+    def time_for(self, samples: int) -> float:
+        """The time (s) of a search whose fields have so many samples."""
+        return min(max(self.time_s, self.time_s * samples / self.usual_samples), self.max_time_s)
 
     def fields_for(self, samples: int) -> float:
         """The budget of a search whose fields have so many samples."""

@@ -1,0 +1,133 @@
+"""A search ends when its time is over or somebody asks, keeps what it had found, and tells what it has found so far."""
+
+from __future__ import annotations
+
+import pickle
+import time
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.diagnose.config import BudgetConfig, SearchConfig
+from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.search_end import NEVER, BestSoFar, SearchEnd, SearchEnded, describe_so_far
+from holoview.diagnose.verdict import Verdict
+from holoview.diagnose.worker_pool import WorkerPool
+from holoview.model.effects.registry import listed_effects
+from tests.diagnose.conftest import MakeContext, small_system
+
+FAULTS = {"gap": {"gap_error": 2e-4}, "stroke": {"stroke_error": 0.2}}
+SESSION = AcquisitionSettings(captures_per_condition=6, seed=1)
+EFFECTS = [listed_effects()[name] for name in ("gap", "stroke", "tilt")]
+
+
+@dataclass
+class _Score:
+    causes: tuple[str, ...]
+    chi2_per_pixel: float
+
+    @property
+    def excess(self) -> float:
+        return self.chi2_per_pixel - 1
+
+
+@dataclass
+class _Result:
+    nominal: _Score
+    candidates: tuple[_Score, ...]
+
+    @property
+    def best(self) -> _Score:
+        return self.candidates[0] if self.candidates else self.nominal
+
+
+def _result(*causes: str, chi2: float = 5.0) -> _Result:
+    return _Result(_Score((), 9.0), (_Score(causes, chi2),) if causes else ())
+
+
+def test_time_over_raises_and_never_does_not() -> None:
+    NEVER.check()
+    assert not NEVER.is_near
+    with pytest.raises(SearchEnded):
+        SearchEnd(-1.0).check()
+    near = SearchEnd(3600.0, last_begin=0.0)
+    near.check()
+    assert near.is_near and not SearchEnd(3600.0, last_begin=1.0).is_near
+
+
+def test_somebody_asks_in_this_process_only() -> None:
+    asked = SearchEnd(is_asked=lambda: True)
+    with pytest.raises(SearchEnded):
+        asked.check()
+    pickle.loads(pickle.dumps(asked)).check()
+
+
+def test_what_is_better_is_told_once() -> None:
+    told: list[str] = []
+    best: BestSoFar[_Result] = BestSoFar(lambda result: told.append(describe_so_far(result)))
+    for result in (_result(), _result("gap"), _result("gap", chi2=4.9), _result("gap", chi2=2.0), _result()):
+        best.note(result)
+    assert best.result == _result("gap", chi2=2.0), "nothing found later isn't better"
+    assert [text.split(" (")[0] for text in told] == ["no cause yet", "gap", "gap"]
+    assert told[1] == "gap (held-out captures: χ²/n 9 → 5, noise: 1)"
+    assert pickle.loads(pickle.dumps(best)).result is None
+
+
+def test_predictions_of_jobs_end_with_the_search(make_context: MakeContext) -> None:
+    context = make_context()
+    ended = replace(context, end=SearchEnd(-1.0))
+    job = partial(context.predictor, np.array([0]), {})
+    with pytest.raises(SearchEnded):
+        ended.run_parallel([job])
+    assert len(context.run_parallel([job])) == 1
+
+
+def test_processes_are_not_waited_for() -> None:
+    with WorkerPool(2) as pool:
+        pool.start()
+        began = time.monotonic()
+        with pytest.raises(SearchEnded):
+            pool.run([partial(time.sleep, 60.0)] * 2, check=SearchEnd(-1.0).check)
+        pool.close(kill=True)
+    assert time.monotonic() - began < 60
+
+
+def test_a_search_without_time_says_so_and_judges_all_the_same() -> None:
+    captures = make_captures(small_system(), FAULTS, SESSION)
+    found = diagnose(captures, EFFECTS, free_maps=False, time_s=1e-3, thorough=True)
+    assert found.verdict is Verdict.UNEXPLAINED and found.before.chi2_per_pixel > 2
+    assert any("--time 10min" in note for note in found.notes)
+
+
+def test_the_best_so_far_is_the_result() -> None:
+    """Asked for once a cause was told."""
+    captures, told = make_captures(small_system(), FAULTS, SESSION), list[str]()
+    found = diagnose(
+        captures, EFFECTS, thorough=True, so_far=told.append, is_asked_to_end=lambda: any("gap" in t for t in told)
+    )
+    assert {cause.effect for cause in found.causes} <= {"gap", "stroke"} and found.lives_in == {}
+    assert found.notes[-1] == "The search was interrupted; this is the best that it had found."
+    names = found.causes[0].effect if found.causes else "no cause yet"
+    assert names in told[-1]
+
+
+def test_a_finished_search_is_no_interrupted_one() -> None:
+    captures = make_captures(small_system(), {}, SESSION)
+    found = diagnose(captures, EFFECTS, time_s=3600.0)
+    assert found.verdict is Verdict.CONSISTENT and not any("ended" in note for note in found.notes)
+
+
+def test_larger_modulators_get_more_time() -> None:
+    budget = BudgetConfig()
+    assert budget.time_for(budget.usual_samples // 9) == budget.time_for(budget.usual_samples) == 60
+    assert budget.time_for(2 * budget.usual_samples) == 120
+    assert budget.time_for(1000 * budget.usual_samples) == 300
+
+
+def test_the_time_of_the_settings_is_the_default_of_the_command() -> None:
+    captures = make_captures(small_system(), FAULTS, SESSION)
+    hasty = SearchConfig(budget=BudgetConfig(time_s=1e-3, max_time_s=1e-3))
+    assert any("--time" in note for note in diagnose(captures, EFFECTS, time_s=None, config=hasty).notes)
