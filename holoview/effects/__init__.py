@@ -10,15 +10,19 @@ tilt              the angle of the illumination
 source_profile    the brightness of the illumination over the first modulator
 source_extent     the angular size of the source
 bandwidth         the width of the spectral lines
+second_line       a second spectral line of each laser
 wavelength_offset the wavelengths of the lasers
 laser_power       the power that a laser emits for the one that was set
 
 modulators
 stroke            the optical path of full drive
 lut               the optical path of each level
+lut_dispersion    the shape of the table at each wavelength
 dispersion        the optical path at each wavelength
+stroke_map        the optical path of full drive over the area
 crosstalk         fringing fields between pixels
 undiffracted      light that isn't modulated
+polarisation      light that isn't modulated and adds in intensity
 flicker           ripple of the phase within an exposure
 slm_flatness      static wavefront of a modulator
 slm_alignment     position of the second modulator; alignment_base: its base class

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from typing import ClassVar
 
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
@@ -12,7 +13,10 @@ from holoview.util.units import format_rounded
 
 
 class Stroke(Effect):
-    """stroke → stroke·(1 + stroke_error ± difference), + for the first modulator and − for the second."""
+    """stroke → stroke·(1 + stroke_error ± difference), + for the first modulator and − for the second.
+
+    The same everywhere on a modulator: the mean of a `stroke_map`.
+    """
 
     id = "stroke"
     cause = "The modulators' stroke (the optical path of full drive) isn't its nominal value."
@@ -26,6 +30,7 @@ class Stroke(Effect):
         ),
     )
     acts_on = ("modulator 1", "modulator 2")
+    degenerate_with: ClassVar = ("stroke_map",)
 
     def bench(self, system: System, v: Values) -> System:
         modulators = tuple(

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from holoview.model.effects.active_effects import ActiveEffects, EffectValues
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.optimise.amplitudes import AmplitudeLeastSquares
@@ -288,19 +289,23 @@ def _check_effects(plan: Plan, settings: Settings) -> None:
     """Raises UserError for effects that split a laser into several, or change its frames or power."""
     if not plan.nominal.effects:
         return
-    system, nominal = plan.system, plan.nominal
-    same_count = (len(system.wavelengths_m), system.frames) == (len(nominal.wavelengths_m), nominal.frames)
-    if not same_count or np.any(system.amplitudes != nominal.amplitudes):
-        hooks = ("bandwidth", "flicker", "laser_power")
-        names = " and ".join(name for name in nominal.effect_values if name in hooks) or "an effect"
+    table = plan.nominal.effect_values
+    if names := [name for name, values in table.items() if _changes_lasers(plan.nominal, {name: values})]:
         raise UserError(
-            f"effects.{names}",
+            f"effects.{' and '.join(names)}",
             "changes the lasers themselves, which patterns can't be optimised for",
             expected="effects that change the light of each laser",
             remedy="switch it off for the optimisation; rendering shows what it does",
         )
     if "wavelengths" in settings.free:
         raise UserError("free", "wavelengths on a bench with effects", remedy="free patterns and amplitudes only")
+
+
+def _changes_lasers(nominal: System, effects: EffectValues) -> bool:
+    """Whether effects split a laser of a system into several, or change its frames or powers."""
+    shown = ActiveEffects(effects).as_built(nominal)
+    same_count = (len(shown.wavelengths_m), shown.frames) == (len(nominal.wavelengths_m), nominal.frames)
+    return not same_count or bool(np.any(shown.amplitudes != nominal.amplitudes))
 
 
 def _no_light_error() -> UserError:

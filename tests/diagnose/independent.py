@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from tests.diagnose.independent_modulators import LightFaults, ModulatorFaults
+
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
@@ -109,6 +111,8 @@ class Faults:
     stops: tuple[StopFault, StopFault] = (StopFault(), StopFault())
     black: float = 0.0  # counts
     fringes: Fringes | None = None  # over the camera's picture
+    modulators: ModulatorFaults = field(default_factory=ModulatorFaults)
+    light: LightFaults = field(default_factory=LightFaults)
     vortex: float = 0.0  # a spiral phase on modulator 1, turns: no effect of the library
 
 
@@ -198,25 +202,33 @@ def intensity(
 ) -> Floats:
     """Mean light of each camera pixel for levels (modulator, y, x); the picture is moved by `camera_px` modulator
     pixels (y, x)."""
+    seen = 0.0
+    for power, line_m, is_modulated in lab.faults.light.components(wavelength_m):
+        seen = seen + power * np.abs(_field(lab, levels * is_modulated, line_m, camera_px)) ** 2
+    rows, columns, side = *lab.shape, lab.fine // lab.camera
+    return seen.reshape(rows * lab.camera, side, columns * lab.camera, side).mean(axis=(1, 3))
+
+
+def _field(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, camera_px: tuple[float, float]) -> Complex:
+    """The field on the camera, with samples as fine as the modulators'."""
     rows, columns = (n * lab.fine for n in lab.shape)
     y, x = ((np.arange(n) - (n - 1) / 2) * lab.pitch_m / lab.fine for n in (rows, columns))
     sine_y, sine_x = (np.sin(a) for a in lab.faults.tilt_rad)
     wave = np.exp(2j * np.pi / wavelength_m * (sine_y * y[:, None] + sine_x * x[None, :]))
     spiral = np.exp(1j * lab.faults.vortex * np.arctan2(y[:, None], x[None, :]))
-    first = _framed(wave * spiral * _modulated(lab, levels[0], wavelength_m))
+    first = _framed(wave * spiral * _modulated(lab, levels[0], wavelength_m, 0))
     field = _travelled(first, lab, 0, wavelength_m, lab.gap_m + lab.faults.gap_m)
-    second = _framed(_modulated(lab, levels[1], wavelength_m))
+    second = _framed(_modulated(lab, levels[1], wavelength_m, 1))
     by = tuple(round(s * lab.fine) for s in lab.faults.shift_px)
     field = field * np.roll(second, by, (0, 1))
     field = _travelled(field, lab, 1, wavelength_m, lab.distance_m + lab.faults.distance_m)
     field = np.roll(field, tuple(round(s * lab.fine) for s in camera_px), (0, 1))
-    seen = np.abs(field[rows : 2 * rows, columns : 2 * columns]) ** 2
-    side = lab.fine // lab.camera
-    return seen.reshape(rows // side, side, columns // side, side).mean(axis=(1, 3))
+    return field[rows : 2 * rows, columns : 2 * columns]
 
 
-def _modulated(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float) -> Complex:
-    path = levels / (lab.levels - 1) * lab.opd_m * (1 + lab.faults.stroke)
+def _modulated(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, number: int) -> Complex:
+    full = lab.opd_m * (1 + lab.faults.stroke)
+    path = lab.faults.modulators.path(number, levels / (lab.levels - 1), full, wavelength_m)
     if lab.faults.crosstalk_px:
         path = gaussian_filter(path, lab.faults.crosstalk_px, mode="nearest", truncate=6.0)
     return np.kron(np.exp(2j * np.pi * path / wavelength_m), np.ones((lab.fine, lab.fine)))

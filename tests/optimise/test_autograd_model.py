@@ -24,6 +24,8 @@ from tests.optimise.conftest import carry_back, intensity_at
 
 EFFECTS: dict[str, dict[str, Any]] = {
     "lut": {"gamma1": 1.2, "level2_03": 0.05},
+    "lut_dispersion": {"slope1": 0.3, "slope2": -0.2},
+    "stroke_map": {"z2_1": 0.1, "z4_2": 0.05},
     "dispersion": {"slope": 0.2},
     "source_profile": {"fall": 0.5},
     "crosstalk": {"sigma": 0.5},
@@ -109,11 +111,20 @@ def test_a_hologram_made_for_the_effect_is_better_on_a_bench_that_has_it(name: s
     assert psnr[0] > psnr[1] + 0.3
 
 
-@pytest.mark.parametrize("name", ["bandwidth", "flicker", "laser_power"])
+OF_LASERS: dict[str, dict[str, float]] = {
+    "bandwidth": {"sigma": 1e-9},
+    "second_line": {"share": 0.2},
+    "flicker": {"depth": 0.1},
+    "polarisation": {"share": 0.1},
+    "laser_power": {"exponent": 0.2},
+}
+
+
+@pytest.mark.parametrize("name", OF_LASERS)
 def test_effects_on_the_lasers_themselves_are_refused(name: str) -> None:
-    values = {"bandwidth": {"sigma": 1e-9}, "flicker": {"depth": 0.1}, "laser_power": {"exponent": 0.2}}[name]
-    with pytest.raises(UserError, match=rf"effects\.{name}.*switch it off"):
-        Problem(_system({name: values}), np.full((2, 12, 14, 3), 0.2), Settings())
+    effects = {"gap": {"gap_error": 1e-4}, name: OF_LASERS[name]}
+    with pytest.raises(UserError, match=rf"effects\.{name}:.*switch it off"):
+        Problem(_system(effects), np.full((2, 12, 14, 3), 0.2), Settings())
 
 
 def test_free_wavelengths_and_effects_are_refused() -> None:

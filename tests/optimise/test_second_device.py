@@ -35,7 +35,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "region and margin": {"region": (4, 4, 20, 20), "plane_weights": (1.0, 2.0)},
 }
 EFFECTS = sorted(listed_effects())
-OF_LASERS = {"bandwidth", "flicker", "laser_power"}
+OF_LASERS = {"bandwidth", "second_line", "flicker", "polarisation", "laser_power"}
 """Effects that change the lasers themselves, which the optimiser refuses."""
 
 

@@ -27,9 +27,14 @@ EFFECTS: dict[str, dict[str, dict[str, float]]] = {
     "modulator 2": {"slm_alignment": {"shift_y": 3e-6, "rotation": 0.01, "magnification": 0.02}},
     "source": {"source_profile": {"fall": 0.5, "slope_x": 0.2}, "tilt": {"tilt_y": 2e-3}},
     "look-up table": {"lut": {"gamma1": 1.3, "level2_05": 0.1}, "stroke": {"stroke_error": -0.1}},
+    "stroke over area and wavelength": {"stroke_map": {"z2_1": 0.1, "z4_2": 0.1}, "lut_dispersion": {"slope1": 0.4}},
     "distances": {"gap": {"gap_error": 1e-4}, "distance": {"distance_error": -2e-4}},
     "relays": {"aberration1": {"z5": 1e-7}, "aberration2": {"z7": 1e-7}, "iris1": {"decentre_y": 0.2}},
     "incoherent": {"bandwidth": {"sigma": 1e-9}, "flicker": {"depth": 0.1}, "crosstalk": {"sigma": 0.3}},
+    "two lines, two polarisations": {
+        "second_line": {"share": 0.4, "offset": 3e-9},
+        "polarisation": {"share": 0.2},
+    },
     "several frames": {"flicker": {"depth": 0.1}, "lut": {"gamma1": 1.2}},
 }
 
