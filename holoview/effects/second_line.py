@@ -12,6 +12,7 @@ from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 
 _SEARCHED_SHARE = 0.3
+_PRIOR_M = 5e-9  # steps of derivatives, a share of it, have to pass over the jumps of irises on a grid
 _SEARCHED_OFFSETS_M = (-10e-9, -8e-9, -6e-9, -4e-9, -2e-9, -1e-9, 1e-9, 2e-9, 4e-9, 6e-9, 8e-9, 10e-9)
 
 
@@ -34,7 +35,7 @@ class SecondLine(Effect):
             "nm",
             low=-30e-9,
             high=30e-9,
-            prior=1e-9,
+            prior=_PRIOR_M,
             identity=2e-9,
         ),
     )

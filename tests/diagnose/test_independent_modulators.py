@@ -1,0 +1,78 @@
+"""Faults of modulators and lasers in captures that another program computed: each is named, beside its look-alikes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from holoview.captures import read_captures
+from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.sampling_config import SamplingConfig
+from holoview.diagnose.verdict import Verdict
+from holoview.model.effects.registry import listed_effects
+from tests.diagnose.independent import Faults, Laboratory, write_session
+from tests.diagnose.independent_modulators import LightFaults, ModulatorFaults
+
+SAME = SamplingConfig(padding=3)
+"""The samples of the program where its pixels have two along a side and the camera one pixel for each."""
+FAIL_AT = 3.0
+"""Half-widths of the 95 % interval by which a value may miss the truth; as for hidden faults."""
+ALIKE = {
+    "second_line": ("bandwidth", "wavelength_offset", "distance", "camera_blur"),
+    "lut_dispersion": ("lut", "dispersion", "stroke", "stroke_map", "undiffracted"),
+    "stroke_map": ("stroke", "slm_flatness", "lut", "source_profile", "tilt"),
+    "polarisation": ("undiffracted", "camera_black", "camera_gamma", "source_profile", "stroke"),
+}
+"""Effects that change pictures in nearly the same way, by the effect that is to be named."""
+
+CORNER_PX, COLUMNS = 20.0**2 + 16.0**2, 40.0
+MODERATE: dict[str, tuple[Faults, dict[str, float]]] = {
+    "second_line": (
+        Faults(light=LightFaults(second_mode=(0.25, 4e-9))),
+        {"share": 0.2, "offset": 4e-9},
+    ),
+    "lut_dispersion": (
+        Faults(modulators=ModulatorFaults(exponents=((1.1, 0.9), (1.0, 1.0)))),
+        {"slope1": 0.1, "slope2": 0.0},
+    ),
+    "stroke_map": (
+        Faults(modulators=ModulatorFaults(wedge=(0.06, 0.0), bow=(0.0, 0.04))),
+        {"z2_1": 0.06 * CORNER_PX**0.5 / (2 * COLUMNS), "z1_2": 0.04 / 2, "z4_2": 0.04 / (2 * 3**0.5)},
+    ),
+    "polarisation": (Faults(light=LightFaults(turned_deg=12.0)), {"share": 0.0432273}),
+}
+OTHER: list[tuple[str, Faults]] = [
+    ("second_line", Faults(light=LightFaults(second_mode=(0.8, -8e-9)))),
+    ("lut_dispersion", Faults(modulators=ModulatorFaults(exponents=((1.01, 0.99), (1.01, 0.99))))),
+    ("lut_dispersion", Faults(modulators=ModulatorFaults(exponents=((1.45, 0.65), (1.0, 1.0))))),
+    ("stroke_map", Faults(modulators=ModulatorFaults(wedge=(0.01, 0.0)))),
+    ("stroke_map", Faults(modulators=ModulatorFaults(wedge=(0.3, 0.0)))),
+    ("polarisation", Faults(light=LightFaults(turned_deg=3.0))),
+    ("polarisation", Faults(light=LightFaults(turned_deg=35.0))),
+]
+
+
+def _diagnosed(path: Path, faults: Faults, among: tuple[str, ...] | None = None) -> Diagnosis:
+    file = write_session(path / "c.h5", Laboratory(faults=faults, seed=1, each=4, fine=2))
+    effects = None if among is None else [listed_effects()[name] for name in among]
+    return diagnose(read_captures(file), effects, workers=1, free_maps=False, sampling=SAME)
+
+
+@pytest.mark.parametrize("name", MODERATE)
+def test_a_moderate_fault_is_named_and_measured_beside_its_look_alikes(tmp_path: Path, name: str) -> None:
+    faults, values = MODERATE[name]
+    found = _diagnosed(tmp_path, faults, (name, *ALIKE[name]))
+    assert found.verdict is Verdict.EXPLAINED and [cause.effect for cause in found.causes] == [name]
+    for key, true in values.items():
+        interval = found.causes[0].intervals[key]
+        assert abs(interval.value - true) <= FAIL_AT * interval.half_width, (key, true, interval)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "faults"), [*((n, f) for n, (f, _) in MODERATE.items()), *OTHER])
+def test_of_the_whole_library_it_is_named(tmp_path: Path, name: str, faults: Faults) -> None:
+    """From barely visible to gross faults."""
+    found = _diagnosed(tmp_path, faults)
+    assert found.verdict is Verdict.EXPLAINED and [cause.effect for cause in found.causes] == [name]
