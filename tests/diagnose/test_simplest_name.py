@@ -57,7 +57,8 @@ def test_what_one_number_does_not_explain_keeps_its_name(make_context: MakeConte
 
 def test_the_name_of_more_numbers_is_a_rival(context: SearchContext) -> None:
     assert wider_names(context, _decision("gap")) == [("aberration1",)]
-    assert wider_names(context, _decision("stroke", "distance")) == [("stroke", "aberration2")]
+    assert wider_names(context, _decision("crosstalk", "distance")) == [("crosstalk", "aberration2")]
+    assert wider_names(context, _decision("stroke")) == [("stroke_map",)]
     assert wider_names(context, _decision("aberration1")) == []
     assert wider_names(context, Decision(Verdict.CONSISTENT, None)) == []
 
