@@ -120,7 +120,8 @@ def _read(h5: h5py.File) -> Captures:
     return Captures(
         levels=np.stack([array.astype(common_type) for array in levels], axis=1),
         images=_images(h5),
-        **{f"{name}_m": _dataset(h5, name, "fiu", 1).astype(np.float64) for name in ("wavelength", "distance")},
+        wavelength_m=_dataset(h5, "wavelength", "fiu", 1).astype(np.float64),
+        distance_m=_dataset(h5, "distance", "fiu", 1).astype(np.float64),
         power=_dataset(h5, "power", "fiu", 1).astype(np.float64),
         exposure_s=_dataset(h5, "exposure", "fiu", 1).astype(np.float64),
         slms=tuple(slm_from_attributes(_numbers(h5[slm], SLM_ATTRIBUTES)) for slm in slms),
