@@ -22,6 +22,7 @@ field_count         how many fields a prediction adds, which is what it costs
 screening           first look at every effect
 displacement_starts starting values where the image has moved
 ghost_starts        starting values where a copy lies over the image
+smear_starts        starting values where the image is smeared along a line
 fringe_starts       starting values where plane fringes lie over the image
 effect_scan         scans of one effect's range
 effect_fit          local least-squares fits

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.diagnose.comparison import Comparison
+from holoview.diagnose.comparison import Comparison, GainFit
 from holoview.diagnose.config import StartConfig
 from holoview.diagnose.displacement_starts import StartingValues
-from holoview.diagnose.free_parameters import FittedValues
 from holoview.model.effects.effect import Effect
 
 _PARAMETERS = {"path_y", "path_x", "cos1", "sin1"}
@@ -39,8 +38,8 @@ class _Modulation:
 class FringeStarts:
     """For an effect of plane fringes, the wedges and depths that the captures suggest; none for others."""
 
-    def __init__(self, base: FittedValues, comparison: Comparison, config: StartConfig) -> None:
-        modulations = _modulations(base, comparison)
+    def __init__(self, fitted: GainFit, comparison: Comparison, config: StartConfig) -> None:
+        modulations = _modulations(fitted, comparison)
         self._starts = [_fringes(modulations, path) for path in _strongest_paths(modulations, config)]
 
     def __call__(self, effect: Effect) -> StartingValues:
@@ -62,9 +61,8 @@ def _fringes(modulations: list[_Modulation], path: tuple[float, float]) -> dict[
     return values
 
 
-def _modulations(base: FittedValues, comparison: Comparison) -> list[_Modulation]:
+def _modulations(fitted: GainFit, comparison: Comparison) -> list[_Modulation]:
     """For each wavelength the least-squares modulation m of residual = m·expected over its captures."""
-    fitted = comparison.fit_gains(base)
     model = comparison.weight * fitted.expected
     captures, numbers = comparison.data.captures, comparison.data.captures.laser_number[comparison.indices]
     found = []

@@ -8,10 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.diagnose.comparison import Comparison
+from holoview.diagnose.comparison import Comparison, GainFit
 from holoview.diagnose.config import StartConfig
 from holoview.diagnose.displacement_starts import StartingValues
-from holoview.diagnose.free_parameters import FittedValues
 from holoview.model.effects.effect import Effect
 
 _PARAMETERS = {"strength", "shift_y", "shift_x"}
@@ -20,8 +19,7 @@ _PARAMETERS = {"strength", "shift_y", "shift_x"}
 class GhostStarts:
     """For an effect that copies images, the shifts and strengths that the captures suggest; none for others."""
 
-    def __init__(self, base: FittedValues, comparison: Comparison, config: StartConfig) -> None:
-        fitted = comparison.fit_gains(base)
+    def __init__(self, fitted: GainFit, comparison: Comparison, config: StartConfig) -> None:
         model = np.where(comparison.weight > 0, fitted.expected, 0.0)
         self._peaks = _correlation_peaks(comparison.residual_counts(fitted), model, config)
 

@@ -25,6 +25,7 @@ from holoview.diagnose.free_parameters import FittedValues, identity_values
 from holoview.diagnose.fringe_starts import FringeStarts
 from holoview.diagnose.ghost_starts import GhostStarts
 from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.smear_starts import SmearStarts
 from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
 from holoview.util.progress import ProgressCallback
 
@@ -51,7 +52,7 @@ def screen_effects(
         if cost_or_inf(unbiased, base) < config.no_scan_chi2 * unbiased.pixel_count:
             return
     elif error < config.local_max_error:
-        yield screening.in_batches(screening.fitter.local_fit, ordered, "")
+        yield screening.local_fits(ordered)
     starts = screening.image_starts()
     yield screening.in_batches(partial(screening.fitter.scan_and_fit, starts), ordered, ", over its range")
 
@@ -154,22 +155,38 @@ class _Screening:
             yield self._improving(fit, effects[first : first + size], note)
 
     def nearby_fits(self, effects: Sequence[Effect]) -> FitBatches:
-        """Fits of ghosts and fringes that the residuals show, then of the effects whose derivatives promise most."""
-        seen = self._residual_starts()
-        with_starts = [e for e in effects if seen(e)]
-        yield self._improving(partial(self.fitter.scan_and_fit, seen), with_starts, "")
-        best = self._best_by_tangent([e for e in effects if e not in with_starts])
-        yield self._improving(self.fitter.local_fit, best, "")
+        """Fits of what the residuals show without derivatives, then of the effects whose derivatives promise most."""
+        seen, others = self._fits_of_seen(effects)
+        yield seen
+        yield self._improving(self.fitter.local_fit, self._best_by_tangent(others), "")
+
+    def local_fits(self, effects: Sequence[Effect]) -> FitBatches:
+        """Fits of what the residuals show without derivatives, then of all other effects from their identity."""
+        seen, others = self._fits_of_seen(effects)
+        yield seen
+        yield from self.in_batches(self.fitter.local_fit, others, "")
 
     def image_starts(self) -> StartProvider:
         """Starting values that the images themselves suggest."""
         displaced = DisplacementStarts(self._base, self.fitter.comparison, self._context.config.starts)
         return partial(_all_starts, (displaced, self._residual_starts()))
 
+    def _fits_of_seen(self, effects: Sequence[Effect]) -> tuple[list[CandidateFit], list[Effect]]:
+        """Fits of the effects that the residuals show without derivatives, and the other effects."""
+        starts = self._residual_starts()
+        seen = [e for e in effects if starts(e)]
+        fits = self._improving(partial(self.fitter.scan_and_fit, starts), seen, "")
+        return fits, [e for e in effects if e not in seen]
+
     def _residual_starts(self) -> StartProvider:
-        """Starting values of what has no derivative at its identity: ghosts and fringes that the residuals show."""
+        """Starting values of what has no derivative at its identity: ghosts, fringes and smears that residuals show."""
         config, comparison = self._context.config.starts, self.fitter.comparison
-        providers = [starts(self._base, comparison, config) for starts in (GhostStarts, FringeStarts)]
+        fitted = comparison.fit_gains(self._base)
+        providers = (
+            GhostStarts(fitted, comparison, config),
+            FringeStarts(fitted, comparison, config),
+            SmearStarts(fitted, comparison),
+        )
         return partial(_all_starts, providers)
 
     def _best_by_tangent(self, effects: Sequence[Effect]) -> list[Effect]:

@@ -36,6 +36,7 @@ camera
 camera_black      the black level
 camera_gamma      the response to light
 camera_blur       a blur of the picture
+motion_blur       a camera that moves during the exposure
 camera_alignment  position of the picture
 vignetting        fall-off towards the edges
 ghost             a weak shifted copy

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import torch
 from torch.nn.functional import grid_sample, pad
@@ -30,16 +31,36 @@ def gaussian_blur(values: Tensor, sigma: float | Tensor) -> Tensor:
     Multiplies the spectrum by exp(−2π²σ²f²), so that the result depends smoothly on σ² down to zero, where the map is
     unchanged up to rounding. A tensor `sigma` may require gradients.
     """
+
+    def gain(fy: Tensor, fx: Tensor) -> Tensor:
+        along_y, along_x = (torch.exp(-2 * (math.pi * sigma) ** 2 * f.square()) for f in (fy, fx))
+        return along_y * along_x
+
+    return _filtered(values, math.ceil(4 * float(torch.as_tensor(sigma).detach())) + 2, gain)
+
+
+def line_blur(values: Tensor, length: tuple[float | Tensor, float | Tensor]) -> Tensor:
+    """A real map (y, x) convolved with a uniform line from −length/2 to length/2, (y, x) samples.
+
+    Multiplies the spectrum by sin(πf·length)/(πf·length). Tensors `length` may require gradients.
+    """
+    reach = max(abs(float(torch.as_tensor(part).detach())) for part in length)
+    return _filtered(values, math.ceil(reach / 2) + 2, lambda fy, fx: torch.sinc(fy * length[0] + fx * length[1]))
+
+
+def _filtered(values: Tensor, margin: int, gain: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
+    """A real map, continued by `margin` samples, whose spectrum is multiplied by a real even gain.
+
+    gain: of the frequencies (rows, 1) and (1, columns), cycles per sample.
+    """
     rows, columns = values.shape
-    margin = math.ceil(4 * float(torch.as_tensor(sigma).detach())) + 2
     padded = [next_fast_length(n + 2 * margin) for n in (rows, columns)]
     edges = (margin, padded[1] - columns - margin, margin, padded[0] - rows - margin)
     spectrum = torch.fft.rfft2(pad(values[None, None], edges, mode="replicate")[0, 0])
     fy = torch.fft.fftfreq(padded[0], dtype=values.dtype, device=values.device)
     fx = torch.fft.rfftfreq(padded[1], dtype=values.dtype, device=values.device)
-    gain_y, gain_x = (torch.exp(-2 * (math.pi * sigma) ** 2 * f.square()) for f in (fy, fx))
-    blurred = torch.fft.irfft2(spectrum * (gain_y[:, None] * gain_x[None, :]), s=padded)
-    return blurred[margin : margin + rows, margin : margin + columns]
+    filtered = torch.fft.irfft2(spectrum * gain(fy[:, None], fx[None, :]), s=padded)
+    return filtered[margin : margin + rows, margin : margin + columns]
 
 
 def affine_warp(

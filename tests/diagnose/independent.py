@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from tests.diagnose.independent_camera import CameraFaults
 from tests.diagnose.independent_modulators import LightFaults, ModulatorFaults
 
 Floats = NDArray[np.float64]
@@ -74,31 +75,6 @@ class StopFault:
 
 
 @dataclass(frozen=True)
-class Fringes:
-    """Plane interference fringes of a wedged plate before the camera, period and direction at a wavelength.
-
-    period_px: camera pixels from one maximum to the next at `at_m`, in proportion to the wavelength at others.
-    towards_rad: direction across the fringes, from +x (columns) towards +y (rows). depth: of the shortest wavelength
-    and of the longest, others between. thickness_m: of the plate where the picture's centre is, optical, which gives
-    the phase.
-    """
-
-    period_px: float
-    towards_rad: float
-    depth: tuple[float, float]
-    at_m: float = 550e-9
-    thickness_m: float = 0.73e-3
-
-    def seen(self, light: Floats, wavelength_m: float, ends_m: tuple[float, float]) -> Floats:
-        """The light (y, x) with the fringes on it. ends_m: the shortest and the longest wavelength."""
-        rows, columns = np.indices(light.shape)
-        y, x = rows - (light.shape[0] - 1) / 2, columns - (light.shape[1] - 1) / 2
-        across = x * np.cos(self.towards_rad) + y * np.sin(self.towards_rad)
-        turns = 2 * self.thickness_m / wavelength_m + across / (self.period_px * wavelength_m / self.at_m)
-        return light * (1 + np.interp(wavelength_m, ends_m, self.depth) * np.cos(2 * np.pi * turns))
-
-
-@dataclass(frozen=True)
 class Faults:
     """What is wrong with the bench; SI units, modulator pixels for shifts. Everything zero: as the file says."""
 
@@ -110,9 +86,9 @@ class Faults:
     tilt_rad: tuple[float, float] = (0.0, 0.0)
     stops: tuple[StopFault, StopFault] = (StopFault(), StopFault())
     black: float = 0.0  # counts
-    fringes: Fringes | None = None  # over the camera's picture
     modulators: ModulatorFaults = field(default_factory=ModulatorFaults)
     light: LightFaults = field(default_factory=LightFaults)
+    camera: CameraFaults = field(default_factory=CameraFaults)
     vortex: float = 0.0  # a spiral phase on modulator 1, turns: no effect of the library
 
 
@@ -192,9 +168,7 @@ def _light_of_capture(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: 
         levels = np.stack([_pattern(rng, lab, k) for _ in range(2)]).astype(np.uint8)
     moved = replace(lab.faults, distance_m=lab.faults.distance_m + lab.mishaps.defocused.get(k, 0.0))
     light = intensity(replace(lab, faults=moved), levels, wavelength_m, lab.mishaps.moved.get(k, (0.0, 0.0)))
-    if (fringes := lab.faults.fringes) is not None:
-        light = fringes.seen(light, wavelength_m, (min(lab.wavelengths_m), max(lab.wavelengths_m)))
-    return light
+    return lab.faults.camera.picture(light, wavelength_m, (min(lab.wavelengths_m), max(lab.wavelengths_m)))
 
 
 def intensity(
@@ -202,15 +176,17 @@ def intensity(
 ) -> Floats:
     """Mean light of each camera pixel for levels (modulator, y, x); the picture is moved by `camera_px` modulator
     pixels (y, x)."""
+    rows, columns, side = *lab.shape, lab.fine // lab.camera
+    y, x = (np.arange(n * lab.fine) + n * lab.fine for n in lab.shape)
     seen = 0.0
     for power, line_m, is_modulated in lab.faults.light.components(wavelength_m):
-        seen = seen + power * np.abs(_field(lab, levels * is_modulated, line_m, camera_px)) ** 2
-    rows, columns, side = *lab.shape, lab.fine // lab.camera
+        field = _field(lab, levels * is_modulated, line_m, camera_px)
+        seen = seen + power * lab.faults.camera.light(field, y, x)
     return seen.reshape(rows * lab.camera, side, columns * lab.camera, side).mean(axis=(1, 3))
 
 
 def _field(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, camera_px: tuple[float, float]) -> Complex:
-    """The field on the camera, with samples as fine as the modulators'."""
+    """The field on the camera, in the whole window, with samples as fine as the modulators'."""
     rows, columns = (n * lab.fine for n in lab.shape)
     y, x = ((np.arange(n) - (n - 1) / 2) * lab.pitch_m / lab.fine for n in (rows, columns))
     sine_y, sine_x = (np.sin(a) for a in lab.faults.tilt_rad)
@@ -223,7 +199,7 @@ def _field(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, came
     field = field * np.roll(second, by, (0, 1))
     field = _travelled(field, lab, 1, wavelength_m, lab.distance_m + lab.faults.distance_m)
     field = np.roll(field, tuple(round(s * lab.fine) for s in camera_px), (0, 1))
-    return field[rows : 2 * rows, columns : 2 * columns]
+    return field
 
 
 def _modulated(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, number: int) -> Complex:

@@ -15,7 +15,7 @@ def test_the_strongest_start_is_the_fringes_that_lie_over_the_picture(make_conte
     """Paths to half a step, a quarter of the shortest wavelength; amplitudes with what so far off a peak costs."""
     context = make_context({"camera_fringes": TRUE})
     comparison = context.data_weighted_comparison(context.split.coarse, 0.0)
-    starts = FringeStarts({}, comparison, context.config.starts)
+    starts = FringeStarts(comparison.fit_gains({}), comparison, context.config.starts)
     found = starts(listed_effects()["camera_fringes"])[0]
     for axis in ("path_y", "path_x"):
         assert found[axis] == pytest.approx(TRUE[axis], abs=0.25 * 450e-9 * 1.01)
@@ -26,5 +26,5 @@ def test_the_strongest_start_is_the_fringes_that_lie_over_the_picture(make_conte
 def test_other_effects_get_no_starts_of_fringes(make_context: MakeContext) -> None:
     context = make_context()
     comparison = context.data_weighted_comparison(context.split.coarse, 0.0)
-    starts = FringeStarts({}, comparison, context.config.starts)
+    starts = FringeStarts(comparison.fit_gains({}), comparison, context.config.starts)
     assert [name for name, effect in listed_effects().items() if starts(effect)] == ["camera_fringes"]

@@ -47,6 +47,7 @@ IDS = [
     "vignetting",
     "ghost",
     "camera_fringes",
+    "motion_blur",
 ]
 PLACES = {"source", "modulator 1", "relay 1", "modulator 2", "relay 2", "camera"}
 RICH = DataProperties(wavelengths=4, planes=2, powers=5, modulators=2, irises=(True, True), is_fourier=False)

@@ -1,0 +1,88 @@
+"""What is wrong with the camera of the independent program, and with what lies before it; plain numpy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_STOPS = 12  # of a moving camera: points of Gauss and Legendre's rule, exact for lines of some ten pixels
+
+
+@dataclass(frozen=True)
+class Fringes:
+    """Plane interference fringes of a wedged plate before the camera, period and direction at a wavelength.
+
+    period_px: camera pixels from one maximum to the next at `at_m`, in proportion to the wavelength at others.
+    towards_rad: direction across the fringes, from +x (columns) towards +y (rows). depth: of the shortest wavelength
+    and of the longest, others between. thickness_m: of the plate where the picture's centre is, optical, which gives
+    the phase.
+    """
+
+    period_px: float
+    towards_rad: float
+    depth: tuple[float, float]
+    at_m: float = 550e-9
+    thickness_m: float = 0.73e-3
+
+    def seen(self, light: Floats, wavelength_m: float, ends_m: tuple[float, float]) -> Floats:
+        """The light (y, x) with the fringes on it. ends_m: the shortest and the longest wavelength."""
+        rows, columns = np.indices(light.shape)
+        y, x = rows - (light.shape[0] - 1) / 2, columns - (light.shape[1] - 1) / 2
+        across = x * np.cos(self.towards_rad) + y * np.sin(self.towards_rad)
+        turns = 2 * self.thickness_m / wavelength_m + across / (self.period_px * wavelength_m / self.at_m)
+        return light * (1 + np.interp(wavelength_m, ends_m, self.depth) * np.cos(2 * np.pi * turns))
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The camera moves evenly during each exposure: so many samples of the field, from +x (columns) towards +y."""
+
+    length: float
+    towards_rad: float
+
+    def light(self, field: Complex, y: Floats, x: Floats) -> Floats:
+        """As of `CameraFaults`, where y and x are those of the camera in the middle of the exposure."""
+        node, weight = np.polynomial.legendre.leggauss(_STOPS)
+        total = np.zeros((len(y), len(x)))
+        for along, share in zip(node * self.length / 2, weight / 2, strict=True):
+            at = along * np.sin(self.towards_rad), along * np.cos(self.towards_rad)
+            total += share * np.abs(field_at(field, y - at[0], x - at[1])) ** 2
+        return total
+
+
+@dataclass(frozen=True)
+class CameraFaults:
+    """What is wrong with the camera. blur_px: Gaussian σ of its picture, camera pixels."""
+
+    blur_px: float = 0.0
+    fringes: Fringes | None = None
+    motion: Motion | None = None
+
+    def light(self, field: Complex, y: NDArray[np.int_], x: NDArray[np.int_]) -> Floats:
+        """The light of a field at positions (y) and (x), in samples from its first."""
+        if self.motion is None:
+            return np.abs(field[np.ix_(y, x)]) ** 2
+        return self.motion.light(field, y, x)
+
+    def picture(self, light: Floats, wavelength_m: float, ends_m: tuple[float, float]) -> Floats:
+        """The light on the camera's pixels (y, x) as they record it. ends_m: the shortest and longest wavelength."""
+        if self.blur_px:
+            light = gaussian_filter(light, self.blur_px, mode="nearest", truncate=6.0)
+        return light if self.fringes is None else self.fringes.seen(light, wavelength_m, ends_m)
+
+
+def field_at(field: Complex, y: Floats, x: Floats) -> Complex:
+    """A periodic field between its samples, at all positions (y) and (x) in samples: the sum of its waves."""
+    waves = np.fft.fft2(field) / field.size
+    bright = np.abs(waves) > 1e-12 * np.abs(waves).max()
+    rows, columns = bright.any(axis=1), bright.any(axis=0)
+    fy, fx = (np.fft.fftfreq(n) for n in field.shape)
+    to_y = np.exp(2j * np.pi * y[:, None] * fy[rows][None, :])
+    to_x = np.exp(2j * np.pi * fx[columns][:, None] * x[None, :])
+    return to_y @ waves[np.ix_(rows, columns)] @ to_x
