@@ -198,8 +198,7 @@ def _field(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, came
     by = tuple(round(s * lab.fine) for s in lab.faults.shift_px)
     field = field * np.roll(second, by, (0, 1))
     field = _travelled(field, lab, 1, wavelength_m, lab.distance_m + lab.faults.distance_m)
-    field = np.roll(field, tuple(round(s * lab.fine) for s in camera_px), (0, 1))
-    return field
+    return np.roll(field, tuple(round(s * lab.fine) for s in camera_px), (0, 1))
 
 
 def _modulated(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, number: int) -> Complex:
