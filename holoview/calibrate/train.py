@@ -97,7 +97,7 @@ class _Training:
         resume: CalibrationCheckpoint | None,
     ) -> None:
         self.captures, self.known, self.layout, self.settings = captures, known, layout, settings
-        self.data, self.model = TrainingData(captures), CalibrationModel(captures, layout, known)
+        self.data, self.model = TrainingData(captures, known), CalibrationModel(captures, layout, known)
         roughness = pattern_roughness(captures)
         self.train_indices = split.train[np.argsort(roughness[split.train], kind="stable")]
         self.validation_indices = split.validation if len(split.validation) else split.train

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from holoview.captures.dataset import Camera, Captures
 from holoview.captures.noise_model import add_model_error, neighbour_variance
+from holoview.captures.predictor import Predictor
 from holoview.captures.prepared_captures import PreparedCaptures, prepare_captures
+from holoview.model.effects.active_effects import EffectValues
 from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
@@ -22,7 +24,7 @@ _MIN_USABLE_SHARE = 1e-3
 class WeightedImage:
     """The image of one capture.
 
-    light: (y, x), counts above the black level.
+    light: (y, x), counts of the lasers' light.
     weight: (y, x), 1/variance in counts⁻²; 0 for a pixel that isn't used (saturated, stuck, or at the border).
     """
 
@@ -60,10 +62,13 @@ class TrainingData:
 
     Weights follow from the images alone (see `neighbour_variance`), so that a model can't lower its χ² by predicting
     light that widens the error bars. Raises UserError for a capture that has hardly a usable pixel.
+
+    known: effects of the bench, {effect id: {parameter: value}}: black level and ambient light are subtracted.
     """
 
-    def __init__(self, captures: Captures) -> None:
+    def __init__(self, captures: Captures, known: EffectValues | None = None) -> None:
         self.captures = captures
+        self._dark_counts = Predictor(captures).counts_without_lasers(range(len(captures)), known or {})
         self._prepared: PreparedCaptures = prepare_captures(captures)
         usable_share = self._prepared.usable.mean(axis=(1, 2))
         if float(usable_share.min()) < _MIN_USABLE_SHARE:
@@ -86,4 +91,5 @@ class TrainingData:
         light = self._prepared.light[indices]
         variance = add_model_error(neighbour_variance(self._prepared, indices), light, model_error)
         weight = np.where(self._prepared.usable[indices], 1 / variance, 0.0).astype(np.float32)
-        return WeightedImage(torch.from_numpy(light[0]), torch.from_numpy(weight[0]))
+        lasers = light[0] - np.broadcast_to(self._dark_counts, self._prepared.light.shape)[capture]
+        return WeightedImage(torch.from_numpy(lasers), torch.from_numpy(weight[0]))

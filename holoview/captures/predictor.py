@@ -37,14 +37,22 @@ _LIGHT_HOOKS = ("bench", *MODULATOR_HOOKS, "pupil", "exposure_samples", "camera_
 class Prediction:
     """Expected camera signals before the radiometric scale.
 
-    The expected counts of capture k are black_level + a·signal[k], with one unknown factor a > 0 per wavelength.
+    The expected counts of capture k are black_level + ambient[k] + a·signal[k], with one unknown factor a > 0 per
+    wavelength.
 
     signal: (capture, y, x), light that the camera collects times power and exposure time, in arbitrary units.
     black_level: counts.
+    ambient: (capture, y, x), counts of light beside the lasers'; None if there is none.
     """
 
     signal: Tensor
     black_level: float
+    ambient: Tensor | None = None
+
+    def counts_without_lasers(self, nominal_black_level: float) -> NDArray[np.float32]:
+        """Counts beyond the nominal black level that don't depend on the lasers, (capture, y, x) or a single one."""
+        offset = np.float32(self.black_level - nominal_black_level)
+        return np.asarray(offset) if self.ambient is None else offset + self.ambient.numpy().astype(np.float32)
 
 
 class Predictor:
@@ -89,11 +97,21 @@ class Predictor:
         effects aren't cached then. Raises UserError for an unknown effect or parameter and for an impossible bench.
         """
         active = TorchEffects(effects or {}, self.extra_effects)
-        black_level = self.captures.camera.black_level + active.black_level_offset()
         with torch.set_grad_enabled(grad):
             caches = [InvariantCache(cache) if grad else cache for cache in (self._cache, self._image_cache)]
             signals = [self._signal(int(k), active, *caches) for k in indices]
-            return Prediction(torch.stack(signals), black_level)
+            return Prediction(torch.stack(signals), self._black_level(active), self._ambient(indices, active))
+
+    def counts_without_lasers(
+        self, indices: Sequence[int] | NDArray[np.integer], effects: EffectValues
+    ) -> NDArray[np.float32]:
+        """As of `Prediction`, beyond the captures' black level; computes no light."""
+        active = TorchEffects(effects, self.extra_effects)
+        dark = Prediction(torch.zeros(0), self._black_level(active), self._ambient(indices, active))
+        return dark.counts_without_lasers(self.captures.camera.black_level)
+
+    def _black_level(self, active: TorchEffects) -> float:
+        return float(self.captures.camera.black_level + active.black_level_offset())
 
     def _signal(self, k: int, active: TorchEffects, cache: TensorCache, image_cache: TensorCache) -> Tensor:
         plan, exposure_samples = self._plan(k, active), active.exposure_samples()
@@ -104,6 +122,13 @@ class Predictor:
         )
         energy = float(active.laser_power(self.captures.power[k]) * self.captures.exposure_s[k])
         return active.image(intensity * energy, self._camera_context(k))
+
+    def _ambient(self, indices: Sequence[int] | NDArray[np.integer], active: TorchEffects) -> Tensor | None:
+        """Counts of light beside the lasers' (capture, y, x); None if there is none."""
+        rates = [active.ambient_light(self._camera_context(int(k)), self.real_dtype) for k in indices]
+        exposures = [float(self.captures.exposure_s[int(k)]) for k in indices]
+        counts = [rate * s for rate, s in zip(rates, exposures, strict=True) if rate is not None]
+        return torch.stack(counts) if counts else None
 
     def _camera_context(self, k: int) -> CameraContext:
         c = self.captures

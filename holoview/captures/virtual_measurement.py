@@ -104,7 +104,9 @@ def make_captures(
     images, exposures = captures.images.copy(), captures.exposure_s.copy()
     for k in range(len(captures)):
         prediction = predictor([k], _jittered_effects(table, settings.nuisances, rng))
-        images[k], exposures[k] = camera.expose(k, prediction.signal[0].double().numpy(), prediction.black_level)
+        ambient = 0.0 if prediction.ambient is None else prediction.ambient[0].double().numpy()
+        signal = prediction.signal[0].double().numpy()
+        images[k], exposures[k] = camera.expose(k, signal, ambient, prediction.black_level)
         if progress is not None:
             progress(k + 1, len(captures))
     measured = dataclasses.replace(captures, images=images, exposure_s=exposures)
@@ -154,8 +156,13 @@ class _CameraSimulator:
         self._sensitivity = 1 + settings.nuisances.prnu * rng.standard_normal(captures.shape)
         self._scale: dict[float, float] = {}  # counts per unit of signal and second; a fit has to find it
 
-    def expose(self, k: int, signal: NDArray[np.float64], black_level: float) -> tuple[NDArray[np.uint16], float]:
-        """Image (y, x) in counts of a signal (y, x) per second, and the exposure time (s) that was set for it."""
+    def expose(
+        self, k: int, signal: NDArray[np.float64], ambient: NDArray[np.float64] | float, black_level: float
+    ) -> tuple[NDArray[np.uint16], float]:
+        """Image (y, x) in counts, and the exposure time (s) that was set for it.
+
+        signal: of the lasers, (y, x), per second. ambient: counts per second of other light, (y, x) or a single one.
+        """
         camera = self._captures.camera
         target = _TARGET_EXPOSURE * (camera.saturation - black_level)
         bright = float(np.quantile(signal, _BRIGHT_QUANTILE))
@@ -163,9 +170,11 @@ class _CameraSimulator:
             raise UserError("captures", f"no light reaches the camera in capture {k}", remedy="widen irises and stops")
         λ = float(self._captures.wavelength_m[k])
         scale = self._scale.setdefault(λ, _FRAME_RATE_HZ * target / bright * float(self._rng.uniform(0.7, 1.3)))
-        exposure_s = float(np.clip(float(f"{target / (scale * bright):.2g}"), _MIN_EXPOSURE_S, _MAX_EXPOSURE_S))
+        brightest = scale * bright + float(np.max(ambient))
+        exposure_s = float(np.clip(float(f"{target / brightest:.2g}"), _MIN_EXPOSURE_S, _MAX_EXPOSURE_S))
         actual_s = exposure_s * (1 + self._nuisances.exposure_jitter * float(self._rng.standard_normal()))
-        electrons = np.maximum(scale * actual_s * signal * self._sensitivity, 0) * camera.electrons_per_count
+        light = (scale * signal + ambient) * actual_s * self._sensitivity
+        electrons = np.maximum(light, 0) * camera.electrons_per_count
         electrons = self._rng.poisson(electrons) + camera.read_noise * self._rng.standard_normal(signal.shape)
         counts = np.rint(electrons / camera.electrons_per_count + black_level)
         return np.clip(counts, 0, camera.saturation).astype(np.uint16), exposure_s

@@ -150,7 +150,7 @@ def _time_left(state: TrainingState, start_time: float, first_epoch: int) -> str
 
 def _evaluate(args: argparse.Namespace, task: _CalibrationTask, state: TrainingState) -> CalibrationResult:
     """Scores the best maps and, with --pictures, plots them."""
-    data = TrainingData(task.captures)
+    data = TrainingData(task.captures, task.bench.effect_values)
     model = CalibrationModel(task.captures, task.layout, task.bench.effect_values)
     model.set_maps(state.best_maps.tensors)
     with progress_bar("scoring") as progress:

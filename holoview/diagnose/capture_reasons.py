@@ -84,7 +84,7 @@ class _Examination:
         self._comparison = context.data_weighted_comparison(np.array([k]), 0.0)
         self._own = suspects.predicted[k]
         prediction = self._comparison.predictor(np.array([k]), self._values)
-        self._offset = np.float32(prediction.black_level - self._captures.camera.black_level)
+        self._dark = prediction.counts_without_lasers(self._captures.camera.black_level)
         self._limit = self._config.reason_max_share * self._excess(self._own[None])[0]
 
     def reason(self, is_examined: bool) -> _Reason:
@@ -171,7 +171,7 @@ class _Examination:
 
     def _weighted_light(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         weight = self._comparison.weight[0]
-        return weight, np.asarray(weight * (self._comparison.light[0] - self._offset), dtype=np.float64)
+        return weight, np.asarray(weight * (self._comparison.light - self._dark)[0], dtype=np.float64)
 
 
 def _shows(record: int) -> _Reason:

@@ -1,6 +1,7 @@
 """Residuals of a prediction in units of the noise, with the free numbers of each capture fitted in closed form.
 
-For capture k with counts y, black level b, prediction m and frozen weights w = 1/σ,
+For capture k with counts y, counts b without the lasers (black level, ambient light), prediction m and frozen weights
+w = 1/σ,
 
     r = w·(y − b − a·m),   a = Σ w²(y − b)m / Σ w²m²
 
@@ -46,7 +47,7 @@ class GainFit:
     """A prediction scaled to the captures.
 
     residual (capture, y, x): whitened residuals, in σ. gain (capture,): fitted scale. expected (capture, y, x): counts
-    above black. shift (capture, 2): movement of the camera, (y, x) pixels; None where it wasn't fitted.
+    above black, of all light. shift (capture, 2): movement of the camera, (y, x) pixels; None where it wasn't fitted.
     """
 
     residual: Images
@@ -118,11 +119,15 @@ class Comparison:
         """
         prediction = self.predictor(self.indices, values)
         signal = np.asarray(prediction.signal, dtype=np.float32)
-        black_offset = np.float32(prediction.black_level - self.data.camera.black_level)
-        light = self._weighted_light - black_offset * self.weight if black_offset else self._weighted_light
-        if not self.fit_shifts:
-            return _fit_gain(light, self.weight, signal)
-        return self._fit_with_shifts(light, self.weight * signal, signal, values)
+        dark = prediction.counts_without_lasers(self.data.camera.black_level)
+        light = self._weighted_light - dark * self.weight if dark.any() else self._weighted_light
+        if self.fit_shifts:
+            fitted = self._fit_with_shifts(light, self.weight * signal, signal, values)
+        else:
+            fitted = _fit_gain(light, self.weight, signal)
+        if prediction.ambient is None:
+            return fitted
+        return replace(fitted, expected=fitted.expected + prediction.ambient.numpy().astype(np.float32))
 
     @property
     def infeasible_residual(self) -> NDArray[np.float32]:

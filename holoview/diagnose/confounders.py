@@ -106,7 +106,8 @@ def _delta_chi2(captures: Captures, first: FittedValues, second: FittedValues, m
     m, n = (np.asarray(p.signal, dtype=np.float64) for p in (a, b))
     camera = captures.camera
     scale = mean_light * camera.saturation / max(float(m.mean()), 1e-30)
-    m, n = m * scale, n * scale + (b.black_level - a.black_level)
+    dark, other_dark = (p.counts_without_lasers(camera.black_level) for p in (a, b))
+    m, n = m * scale, n * scale + (other_dark - dark)
     weight = 1.0 / camera.noise_variance(m)
     gain = float((weight * m * n).sum() / (weight * n * n).sum())
     return float((weight * (m - gain * n) ** 2).sum())

@@ -211,7 +211,8 @@ def _loss_and_gradient(
     leaves = effect.set_from_vector(vector, grad=True)
     prediction = comparison.predictor(comparison.indices, values, grad=True)
     model = weight * prediction.signal
-    data = weight * light - weight * (prediction.black_level - comparison.data.camera.black_level)
+    dark = torch.from_numpy(prediction.counts_without_lasers(comparison.data.camera.black_level))
+    data = weight * (light - dark)
     gain = (data * model).sum((1, 2), keepdim=True) / (model * model).sum((1, 2), keepdim=True).clamp_min(1e-30)
     total = (data - gain.detach() * model).square().sum(dtype=torch.float64) / comparison.pixel_count
     gradients = torch.autograd.grad(total, leaves, allow_unused=True)

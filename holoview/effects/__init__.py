@@ -34,6 +34,7 @@ aberration1, aberration2  wavefronts of the relays; aberration_base: their base 
 
 camera
 camera_black      the black level
+ambient           light of the room
 camera_gamma      the response to light
 camera_blur       a blur of the picture
 motion_blur       a camera that moves during the exposure

@@ -55,6 +55,13 @@ class TorchEffects(ActiveEffects):
         pose: Pose = self.applied("camera_pose", Pose())
         return pose
 
+    def ambient_light(self, context: CameraContext, dtype: torch.dtype) -> Tensor | None:
+        """Counts per second (y, x) that light beside the lasers' adds; None if there is none."""
+        if not self.with_hooks("ambient_light"):
+            return None
+        counts_per_s: Tensor = self.applied("ambient_light", torch.zeros(context.shape, dtype=dtype), context)
+        return counts_per_s
+
     def image(self, image: Tensor, context: CameraContext) -> Tensor:
         """What the camera collects of an intensity (y, x)."""
         collected: Tensor = self.applied("image", image, context)

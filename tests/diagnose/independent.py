@@ -149,6 +149,7 @@ def write_session(path: Path, lab: Laboratory) -> Path:
         signal = scale[λ] * power[k] * _light_of_capture(replace(lab, distance_m=distance[k]), levels[k], float(λ), k)
         exposure.append(float(f"{0.8 / np.quantile(signal, 0.999):.3g}"))
         light = signal * exposure[-1] * (k not in lab.mishaps.dark) * lab.mishaps.overexposed.get(k, 1.0)
+        light = light + exposure[-1] * lab.faults.camera.room.light(light.shape)
         images.append(_counts(rng, light, lab.faults.black, lab.mishaps.noisy.get(k, 0.0)))
     for a, b in lab.mishaps.exchanged:
         images[a], images[b] = images[b], images[a]

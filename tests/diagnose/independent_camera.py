@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,19 +40,38 @@ class Fringes:
 
 
 @dataclass(frozen=True)
+class Room:
+    """Light of a lamp beside the picture, which grows evenly across it.
+
+    least, most: at the corners, shares of the full well in a second. towards_rad: where the lamp is, from +x (columns)
+    towards +y (rows).
+    """
+
+    least: float = 0.0
+    most: float = 0.0
+    towards_rad: float = 0.0
+
+    def light(self, shape: tuple[int, ...]) -> Floats:
+        """Light of each camera pixel (y, x) in a second."""
+        rows, columns = np.indices(shape)
+        across = rows * np.sin(self.towards_rad) + columns * np.cos(self.towards_rad)
+        return self.least + (self.most - self.least) * (across - across.min()) / (across.max() - across.min())
+
+
+@dataclass(frozen=True)
 class Motion:
     """The camera moves evenly during each exposure: so many samples of the field, from +x (columns) towards +y."""
 
     length: float
     towards_rad: float
 
-    def light(self, field: Complex, y: Floats, x: Floats) -> Floats:
+    def light(self, seen: Complex, y: Floats, x: Floats) -> Floats:
         """As of `CameraFaults`, where y and x are those of the camera in the middle of the exposure."""
         node, weight = np.polynomial.legendre.leggauss(_STOPS)
         total = np.zeros((len(y), len(x)))
         for along, share in zip(node * self.length / 2, weight / 2, strict=True):
             at = along * np.sin(self.towards_rad), along * np.cos(self.towards_rad)
-            total += share * np.abs(field_at(field, y - at[0], x - at[1])) ** 2
+            total += share * np.abs(field_at(seen, y - at[0], x - at[1])) ** 2
         return total
 
 
@@ -63,12 +82,13 @@ class CameraFaults:
     blur_px: float = 0.0
     fringes: Fringes | None = None
     motion: Motion | None = None
+    room: Room = field(default_factory=Room)
 
-    def light(self, field: Complex, y: NDArray[np.int_], x: NDArray[np.int_]) -> Floats:
-        """The light of a field at positions (y) and (x), in samples from its first."""
+    def light(self, seen: Complex, y: NDArray[np.int_], x: NDArray[np.int_]) -> Floats:
+        """The light of a field `seen` at positions (y) and (x), in samples from its first."""
         if self.motion is None:
-            return np.abs(field[np.ix_(y, x)]) ** 2
-        return self.motion.light(field, y, x)
+            return np.abs(seen[np.ix_(y, x)]) ** 2
+        return self.motion.light(seen, y, x)
 
     def picture(self, light: Floats, wavelength_m: float, ends_m: tuple[float, float]) -> Floats:
         """The light on the camera's pixels (y, x) as they record it. ends_m: the shortest and longest wavelength."""

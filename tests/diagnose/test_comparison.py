@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from holoview.captures.dataset import Captures
+from holoview.captures.predictor import Prediction
 from holoview.captures.prepared_captures import PreparedCaptures, prepare_captures
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.config import ComparisonConfig
@@ -22,12 +23,6 @@ COUNT = 8
 SIZE = (2 * SHAPE[0], 2 * SHAPE[1])
 
 
-@dataclass(frozen=True)
-class Seen:
-    signal: NDArray[np.float32]
-    black_level: float = 64.0
-
-
 class Fake:
     """Predicts smooth speckle; the effect `camera_alignment` moves it, `black` adds counts."""
 
@@ -35,13 +30,13 @@ class Fake:
         rng = np.random.default_rng(3)
         self.speckle = gaussian_filter(rng.exponential(size=(COUNT, *SIZE)), (0, 1.3, 1.3)).astype(np.float32)
 
-    def __call__(self, indices: NDArray[np.intp], values: Mapping[str, Any], *, grad: bool = False) -> Seen:
+    def __call__(self, indices: NDArray[np.intp], values: Mapping[str, Any], *, grad: bool = False) -> Prediction:
         aim = values.get("camera_alignment", {})
         shift = np.array([aim.get("shift_y", 0.0), aim.get("shift_x", 0.0)]) / 4e-6
         signal = self.speckle[indices]
         if shift.any():
             signal = shift_images(signal, np.tile(shift, (len(indices), 1)))
-        return Seen(signal, 64.0 + values.get("black", {}).get("counts", 0.0))
+        return Prediction(torch.from_numpy(signal), 64.0 + values.get("black", {}).get("counts", 0.0))
 
 
 def _session(gain: NDArray[np.float64], shift: NDArray[np.float64], black: float = 0.0) -> tuple[Captures, Fake]:

@@ -14,6 +14,7 @@ order in which light meets them:
     pupil               complex pupil of a relay at a wavelength
     camera_pose         position of the camera
     image               what the camera collects (≥ 0, linear in light or not), before its black level
+    ambient_light       counts per second that light beside the lasers' adds
     black_level_offset  counts beyond the camera's nominal black level
 
 Hooks on light take and return torch tensors, by tensor methods and the tools of their context (`hook_contexts`).
@@ -39,7 +40,7 @@ ExposureSample = tuple[float, float]
 
 BENCH_HOOKS = ("bench", "laser_power", "exposure_samples")
 MODULATOR_HOOKS = ("stroke_response", "optical_path", "transmission", "slm2_pose")
-CAMERA_HOOKS = ("camera_pose", "image", "black_level_offset")
+CAMERA_HOOKS = ("camera_pose", "image", "ambient_light", "black_level_offset")
 
 
 @dataclass(frozen=True)
@@ -157,6 +158,10 @@ class Effect:
     def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:
         """The image (y, x) that the camera collects, before its black level."""
         return image
+
+    def ambient_light(self, counts_per_s: Tensor, context: CameraContext, v: Values) -> Tensor:
+        """Counts per second of exposure (y, x) that light beside the lasers' adds to a picture."""
+        return counts_per_s
 
     def black_level_offset(self, v: Values) -> float:
         """Counts that are added to the camera's nominal black level."""
