@@ -18,11 +18,13 @@ class IncoherentComponent:
     """A field that is coherent in itself: one wavelength and source direction of a plan, at one moment of an exposure.
 
     path_factor: what multiplies all optical paths at that moment (flicker of a modulator).
+    laser: number of the laser among those of the session, 0 for the shortest wavelength.
     """
 
     wavelength_index: int
     source_index: int
     path_factor: float
+    laser: int = 0
 
     def wavelength_m(self, plan: Plan) -> float:
         """The wavelength."""
@@ -43,6 +45,7 @@ class IncoherentComponent:
             pitch_m=modulator.pitch_m,
             shape=modulator.shape,
             upsample=plan.grid.upsample,
+            laser=self.laser,
         )
 
     def illuminate(self, plan: Plan, transmission: Tensor, dtype: torch.dtype) -> Tensor:

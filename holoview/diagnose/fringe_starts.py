@@ -2,7 +2,8 @@
 
 Fringes are found by the length of path that grows over the picture, whose phase in wavelengths is the same for all
 lasers, so that the spectra of all wavelengths add up at one peak. They are known by their parameters, not by their
-name: an effect with a path (y, x) and with a cosine and a sine for each laser.
+name: an effect with a path (y, x) and with a cosine and a sine for each laser. Fringes on a modulator are seen in the
+picture, blurred by what the light spreads on its way, with the same phase in the centre.
 """
 
 from __future__ import annotations
@@ -41,15 +42,40 @@ class FringeStarts:
     def __init__(self, fitted: GainFit, comparison: Comparison, config: StartConfig) -> None:
         modulations = _modulations(fitted, comparison)
         self._starts = [_fringes(modulations, path) for path in _strongest_paths(modulations, config)]
+        self._modulator_over_picture = _modulator_over_picture(comparison)
 
     def __call__(self, effect: Effect) -> StartingValues:
         bounds = {p.name: (p.low, p.high) for p in effect.parameters}
         if not set(bounds) >= _PARAMETERS:
             return []
+        starts = self._starts
+        if "camera" not in effect.acts_on:  # there, opposite wedges have the same light and opposite wavefronts
+            scaled = [_on_modulator(start, self._modulator_over_picture) for start in starts]
+            starts = [both for start in scaled for both in (start, _opposite(start))]
         return [
             {name: float(np.clip(value, *bounds[name])) for name, value in start.items() if name in bounds}
-            for start in self._starts
+            for start in starts
         ]
+
+
+def _modulator_over_picture(comparison: Comparison) -> tuple[float, float]:
+    """The size of a modulator over that of the picture, (y, x)."""
+    captures = comparison.data.captures
+    panel = captures.nominal_system().modulators[0]
+    sizes = [
+        n * panel.pitch_m / (m * captures.camera.pitch_m) for n, m in zip(panel.shape, captures.shape, strict=True)
+    ]
+    return sizes[0], sizes[1]
+
+
+def _on_modulator(start: dict[str, float], scale: tuple[float, float]) -> dict[str, float]:
+    return {**start, "path_y": start["path_y"] * scale[0], "path_x": start["path_x"] * scale[1]}
+
+
+def _opposite(start: dict[str, float]) -> dict[str, float]:
+    """The other wedge with the same fringes."""
+    turned = {name: -value for name, value in start.items() if name.startswith(("path", "sin"))}
+    return {**start, **turned}
 
 
 def _fringes(modulations: list[_Modulation], path: tuple[float, float]) -> dict[str, float]:

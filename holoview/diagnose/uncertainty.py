@@ -65,7 +65,10 @@ def local_jacobian(
 def confidence_intervals(
     fit: CandidateFit, at: LocalJacobian, comparison: Comparison, config: SearchConfig
 ) -> dict[tuple[str, str], Interval]:
-    """The interval of each (effect, parameter); infinite where the captures hold no information about it."""
+    """The interval of each (effect, parameter); infinite where the captures hold no information about it.
+
+    Without parameters at their identity that these captures can't show, such as those of a laser that wasn't on.
+    """
     normal = (at.slopes @ at.slopes.T).astype(np.float64)
     variance = _variances(at, normal)
     factor = float(student.ppf(0.5 + config.intervals.level / 2, max(at.capture_count - 1, 1)))
@@ -74,6 +77,8 @@ def confidence_intervals(
     edges, result = _edge_half_widths(fit, at, comparison, config), {}
     for i, (effect, parameter) in enumerate(at.parameters.entries):
         value = fit.values[effect][parameter.name]
+        if unknown[i] and value == parameter.identity:
+            continue
         sigma = float("inf") if unknown[i] else float(np.sqrt(variance[i]) * abs(scale[i]))
         sigma = float(np.hypot(sigma, config.intervals.model_accuracy * abs(value - parameter.identity)))
         if parameter.sharp:

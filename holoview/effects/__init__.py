@@ -25,6 +25,7 @@ undiffracted      light that isn't modulated
 polarisation      light that isn't modulated and adds in intensity
 flicker           ripple of the phase within an exposure
 slm_flatness      static wavefront of a modulator
+slm1_fringes, slm2_fringes  fringes of a modulator's cover glass; slm_fringes_base: their base class
 slm_alignment     position of the second modulator; alignment_base: its base class
 
 relays
@@ -47,6 +48,7 @@ learned by a calibration
 calibrated        the effect that applies learned maps; calibration: the maps and their file
 
 starting_grids    starting points that several effects share
+fringe_depths     depth and phase of fringes at each wavelength
 effect, parameter, places: deprecated names of modules of `holoview.model.effects`
 """
 

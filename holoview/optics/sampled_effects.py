@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 
 from holoview.model.effects.effect import MODULATOR_HOOKS
@@ -57,7 +58,14 @@ class SampledTransmissions:
         system = self.plan.system
         slm = system.modulators[modulator]
         λ = float(system.wavelengths_m[wavelength])
-        return ModulatorContext(modulator, λ, slm.stroke_m, slm.pitch_m, slm.shape, self.plan.grid.upsample)
+        upsample, laser = self.plan.grid.upsample, self._laser_number(wavelength)
+        return ModulatorContext(modulator, λ, slm.stroke_m, slm.pitch_m, slm.shape, upsample, laser)
+
+    def _laser_number(self, wavelength: int) -> int:
+        """The number, from the shortest wavelength, of the nominal laser that emits a wavelength of the plan."""
+        nominal_m = self.plan.nominal.wavelengths_m
+        lines = len(self.plan.system.wavelengths_m) // len(nominal_m)
+        return int(np.count_nonzero(nominal_m < nominal_m[wavelength // lines]))
 
 
 def effects_pupil(plan: Plan, relay: int, wavelength: int) -> Tensor | None:

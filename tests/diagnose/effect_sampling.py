@@ -10,7 +10,7 @@ from holoview.model.system import System
 
 _REACH = 1.5  # of the prior, where a parameter is never scanned
 _MOST_TERMS = 2
-_WHOLE = ("camera_fringes",)  # effects whose many parameters show together only
+_WHOLE = ("camera_fringes", "slm1_fringes", "slm2_fringes")  # effects whose many parameters show together only
 
 
 def sample_effect(effect: Effect, system: System, size: float, rng: np.random.Generator) -> dict[str, float]:

@@ -207,7 +207,9 @@ def _modulated(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, 
     path = lab.faults.modulators.path(number, levels / (lab.levels - 1), full, wavelength_m)
     if lab.faults.crosstalk_px:
         path = gaussian_filter(path, lab.faults.crosstalk_px, mode="nearest", truncate=6.0)
-    return np.kron(np.exp(2j * np.pi * path / wavelength_m), np.ones((lab.fine, lab.fine)))
+    glass = lab.faults.modulators.glass[number]
+    passed = 1.0 if glass is None else glass.transmission(lab.shape, wavelength_m)
+    return np.kron(passed * np.exp(2j * np.pi * path / wavelength_m), np.ones((lab.fine, lab.fine)))
 
 
 def _framed(inner: Complex) -> Complex:

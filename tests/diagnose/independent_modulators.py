@@ -8,8 +8,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 _SHORT_M, _LONG_M = 450e-9, 650e-9  # where exponents of a table are stated
+
+
+@dataclass(frozen=True)
+class CoverGlass:
+    """The plate before a modulator, a wedge whose surfaces reflect.
+
+    reflectance: of its surfaces, at the shortest wavelength of visible light (400 nm) and at the longest (700 nm), in
+    proportion between. thickness_m: in the modulator's centre. period_px: modulator pixels from one fringe to the next
+    at 550 nm. towards_deg: direction across the fringes in which the glass grows thicker, from +x (columns) towards +y
+    (rows).
+    """
+
+    reflectance: tuple[float, float]
+    period_px: float
+    towards_deg: float
+    thickness_m: float = 0.7e-3
+
+    def transmission(self, shape: tuple[int, int], wavelength_m: float) -> Complex:
+        """(y, x) of the pixels: the beam that passes, and the one that is reflected twice before it does."""
+        rows, columns = shape
+        y, x = np.mgrid[:rows, :columns] - np.array([rows - 1, columns - 1]).reshape(2, 1, 1) / 2
+        angle = np.radians(self.towards_deg)
+        index = 1.5046 + 4200e-18 / wavelength_m**2  # Cauchy's formula, crown glass
+        round_trip = 2 * index * self.thickness_m + (x * np.cos(angle) + y * np.sin(angle)) / self.period_px * 550e-9
+        weak = np.interp(wavelength_m, (400e-9, 700e-9), self.reflectance)
+        return np.asarray(1 + weak * np.exp(2j * np.pi * round_trip / wavelength_m))
 
 
 @dataclass(frozen=True)
@@ -18,12 +45,13 @@ class ModulatorFaults:
 
     exponents: the table's exponent at 450 nm and at 650 nm of each modulator, in proportion to the wavelength between.
     wedge: by how much the stroke of each grows from its left to its right edge, as a share. bow: by how much it is
-    larger in the corners than in the centre, as a share.
+    larger in the corners than in the centre, as a share. glass: before each, None where nothing is reflected.
     """
 
     exponents: tuple[tuple[float, float], tuple[float, float]] = ((1.0, 1.0), (1.0, 1.0))
     wedge: tuple[float, float] = (0.0, 0.0)
     bow: tuple[float, float] = (0.0, 0.0)
+    glass: tuple[CoverGlass | None, CoverGlass | None] = (None, None)
 
     def path(self, number: int, share: Floats, opd_m: float, wavelength_m: float) -> Floats:
         """The optical path of pixels (y, x) of modulator 0 or 1 that are sent `share` of the full drive."""

@@ -23,8 +23,23 @@ def test_the_strongest_start_is_the_fringes_that_lie_over_the_picture(make_conte
         assert found[name] == pytest.approx(TRUE[name], abs=0.01)
 
 
+@pytest.mark.parametrize("name", ["slm1_fringes", "slm2_fringes"])
+def test_fringes_of_a_modulator_start_at_both_wedges_that_have_them(make_context: MakeContext, name: str) -> None:
+    """Those of the picture, here as large as the modulator, and their opposite, whose path and sine change sign."""
+    context = make_context({"camera_fringes": TRUE})
+    comparison = context.data_weighted_comparison(context.split.coarse, 0.0)
+    starts = FringeStarts(comparison.fit_gains({}), comparison, context.config.starts)
+    (seen, *_), (first, opposite, *_) = starts(listed_effects()["camera_fringes"]), starts(listed_effects()[name])
+    assert first == pytest.approx(seen)
+    assert opposite == pytest.approx({k: v if k.startswith("cos") else -v for k, v in seen.items()})
+
+
 def test_other_effects_get_no_starts_of_fringes(make_context: MakeContext) -> None:
     context = make_context()
     comparison = context.data_weighted_comparison(context.split.coarse, 0.0)
     starts = FringeStarts(comparison.fit_gains({}), comparison, context.config.starts)
-    assert [name for name, effect in listed_effects().items() if starts(effect)] == ["camera_fringes"]
+    assert [name for name, effect in listed_effects().items() if starts(effect)] == [
+        "camera_fringes",
+        "slm1_fringes",
+        "slm2_fringes",
+    ]

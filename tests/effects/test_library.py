@@ -31,6 +31,8 @@ IDS = [
     "laser_power",
     "slm_alignment",
     "slm_flatness",
+    "slm1_fringes",
+    "slm2_fringes",
     "crosstalk",
     "undiffracted",
     "polarisation",

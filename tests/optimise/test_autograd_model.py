@@ -31,6 +31,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "crosstalk": {"sigma": 0.5},
     "slm_alignment": {"shift_y": 3e-6, "rotation": 0.02},
     "slm_flatness": {"z5_1": 1e-7},
+    "slm1_fringes": {"path_y": 2e-6, "cos1": 0.1, "sin2": 0.05},
     "undiffracted": {"share": 0.2},
     "stroke": {"stroke_error": 0.1},
     "gap": {"gap_error": 1e-4},

@@ -31,6 +31,7 @@ EFFECTS: dict[str, dict[str, dict[str, float]]] = {
     "distances": {"gap": {"gap_error": 1e-4}, "distance": {"distance_error": -2e-4}},
     "relays": {"aberration1": {"z5": 1e-7}, "aberration2": {"z7": 1e-7}, "iris1": {"decentre_y": 0.2}},
     "incoherent": {"bandwidth": {"sigma": 1e-9}, "flicker": {"depth": 0.1}, "crosstalk": {"sigma": 0.3}},
+    "cover glasses": {"slm1_fringes": {"path_y": 2e-6, "cos1": 0.1}, "slm2_fringes": {"path_x": -3e-6, "sin1": 0.2}},
     "two lines, two polarisations": {
         "second_line": {"share": 0.4, "offset": 3e-9},
         "polarisation": {"share": 0.2},

@@ -61,6 +61,7 @@ class ModulatorContext:
     wavelength_m, stroke_m, pitch_m: with the effects on the system.
     shape: (rows, columns) of pixels.
     upsample: samples along each side of a pixel.
+    laser: number of the laser that is on, 0 for the shortest wavelength of the bench or session.
     """
 
     number: int
@@ -69,6 +70,7 @@ class ModulatorContext:
     pitch_m: float
     shape: tuple[int, int]
     upsample: int
+    laser: int = 0
 
     def sampled(self, values: Tensor) -> Tensor:
         """A map of pixels as a map of samples, each pixel a square of equal ones; a map of samples unchanged."""

@@ -1,0 +1,70 @@
+"""Base class of the fringes that a modulator's cover glass makes, a weak etalon that light passes twice or more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, ClassVar
+
+from holoview.effects.fringe_depths import LASERS, depth_parameters, format_depths, fringe_depths
+from holoview.effects.starting_grids import half_circle
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
+
+if TYPE_CHECKING:  # torch takes seconds to import
+    from torch import Tensor
+
+    from holoview.model.effects.hook_contexts import ModulatorContext
+
+
+class SlmFringes(Effect):
+    """Fringes of one modulator's cover glass.
+
+    modulator: 0 for the first.
+    """
+
+    modulator: ClassVar[int]
+    finding = (
+        "Fringes of depth {depth} lie over {modulator}; {fringes_y} (y) and {fringes_x} (x) of them fit onto it at "
+        "550 nm: the cover glass is a wedge."
+    )
+    parameters = (
+        Parameter(
+            "path_y",
+            "By how much the round trip in the glass is longer at the modulator's lower edge than at its upper edge.",
+            "um",
+            low=-2e-3,
+            high=2e-3,
+            prior=5e-6,
+        ),
+        Parameter(
+            "path_x",
+            "By how much the round trip in the glass is longer at the modulator's right edge than at its left edge.",
+            "um",
+            low=-2e-3,
+            high=2e-3,
+            prior=5e-6,
+        ),
+        *depth_parameters("the modulator's centre"),
+    )
+
+    def starting_points(self, system: System) -> Iterable[dict[str, float]]:
+        """A few wedges; a diagnosis adds those of the fringes that it sees in the residuals."""
+        depths = {f"cos{number}": 0.02 for number in range(1, LASERS + 1)}
+        return [{**wedge, **depths} for wedge in half_circle("path_y", "path_x", 5e-6, 8)]
+
+    def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        cos, sin = fringe_depths(self.id, context.laser, v)
+        if not cos and not sin:
+            return transmission
+        y, x = context.positions(transmission)
+        half_y, half_x = (n * context.pitch_m / 2 for n in context.shape)
+        phase = (math.pi / context.wavelength_m) * (v["path_y"] / half_y * y + v["path_x"] / half_x * x)
+        real = (cos * phase.cos() - sin * phase.sin()) / 2
+        imaginary = (cos * phase.sin() + sin * phase.cos()) / 2
+        return transmission * (1 + real + 1j * imaginary)
+
+    def finding_fields(self, system: System, v: Values) -> dict[str, str]:
+        fringes = {f"fringes_{axis}": f"{abs(v[f'path_{axis}']) / 550e-9:.3g}" for axis in ("y", "x")}
+        return {"depth": format_depths(v), "modulator": f"modulator {self.modulator + 1}", **fringes}
