@@ -33,6 +33,7 @@ from tests.diagnose.effect_sampling import sample_effect
 
 UNSEEN = 1.02  # χ²/n below which a hidden effect can't be told from nothing
 SIZES = {"small": 0.15, "medium": 0.45, "large": 0.9}
+PLANES = (4e-3, 6e-3)  # where a hidden effect needs more than one
 FAMILIES = ("singles", "pairs", "nothing", "nuisances", "deleted", "sampling")
 
 
@@ -111,11 +112,18 @@ def _hidden(family: str, name: Any, names: list[str], rng: np.random.Generator) 
 def measure(case: Case, each: int, shape: list[int]) -> Captures:
     """The captures of a case."""
     jitter = Nuisances(0.003, 0.01, 0.5e-6, 0.05e-9) if case.family == "nuisances" else Nuisances()
+    planes = PLANES if any(listed_effects()[name].needs.planes > 1 for name in case.truth) else None
     finer = 2 if case.family == "sampling" else 1
     return make_captures(
         bench(*shape),
         case.truth,
-        AcquisitionSettings(captures_per_condition=each, seed=case.seed, nuisances=jitter, finer=finer),
+        AcquisitionSettings(
+            captures_per_condition=each // len(planes or (1,)),
+            seed=case.seed,
+            nuisances=jitter,
+            finer=finer,
+            planes_m=planes,
+        ),
     )
 
 

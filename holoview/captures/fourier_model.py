@@ -68,12 +68,13 @@ class FourierBenchModel:
             component.slopes(self.plan),
             system.modulators[0].stroke_m,
             system.relay2,
-            self.effects.cache_key("stroke_response", "optical_path", "transmission", "camera_pose"),
+            self.effects.cache_key("stroke_response", "optical_path", "transmission", "camera_pose", "camera_pose_at"),
         )
         return self.cache.get(key, lambda: self._camera_intensity(drive[0], component))
 
     def _camera_intensity(self, drive: Tensor, component: IncoherentComponent) -> Tensor:
-        field, λ, pose = self._field(drive, component), component.wavelength_m(self.plan), self.effects.camera_pose()
+        field, λ = self._field(drive, component), component.wavelength_m(self.plan)
+        pose = self.effects.camera_pose(float(self.plan.planes_m[0]) - self.focal_length_m)
         if pose.rotation_rad == 0:
             return self._intensity_at_pixels(field, λ, self.pixel_grid, pose)
         finer = self._finer_grid(field, λ, pose)

@@ -56,11 +56,12 @@ class NearFieldModel:
         drive: patterns of the capture as fractions of the stroke, (modulator, y, x). capture: its index, for the cache.
         """
         spectrum, band, key = self._last_spectrum(drive, component, capture)
-        key = (*key, "intensity", self._relay_key(1, component), self.effects.cache_key("camera_pose"))
+        pose_key = self.effects.cache_key("camera_pose", "camera_pose_at")
+        key = (*key, "intensity", self._relay_key(1, component), pose_key)
         transfer = self._relay_transfer(1, component, band)
 
         def compute() -> Tensor:
-            pose = self.effects.camera_pose()
+            pose = self.effects.camera_pose(float(self.plan.planes_m[0]))
             return sample_intensity(spectrum * transfer, band, self.plan.grid, self.pixel_grid, pose)
 
         return self.cache.get(key, compute)

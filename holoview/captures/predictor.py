@@ -30,7 +30,15 @@ Tensor = torch.Tensor
 _MB = 1 << 20
 _MAX_PLANS = 256  # a few for each wavelength and plane
 _IMAGE_CACHE_MB = 16  # of finished intensities, which many intermediate fields would push out of a shared cache
-_LIGHT_HOOKS = ("bench", *MODULATOR_HOOKS, "pupil", "exposure_samples", "camera_pose")
+_LIGHT_HOOKS = (
+    "bench",
+    *MODULATOR_HOOKS,
+    "pupil",
+    "exposure_samples",
+    "camera_distance",
+    "camera_pose",
+    "camera_pose_at",
+)
 
 
 @dataclass(frozen=True)
@@ -156,7 +164,7 @@ class Predictor:
         return total
 
     def _plan(self, k: int, active: TorchEffects) -> Plan:
-        wavelength, distance = float(self.captures.wavelength_m[k]), float(self.captures.distance_m[k])
+        wavelength, distance = float(self.captures.wavelength_m[k]), self._distance(k, active)
         key = (wavelength, distance, active.cache_key("bench"))
         if key not in self._plans:
             nominal = self.captures.nominal_system([wavelength], [distance + (self.captures.focal_length_m or 0.0)])
@@ -166,6 +174,11 @@ class Predictor:
                 self._plans.pop(next(iter(self._plans)))
             self._plans[key] = make_plan(active.bench(nominal))
         return self._plans[key]
+
+    def _distance(self, k: int, active: TorchEffects) -> float:
+        """Of the camera, m; never behind the last modulator."""
+        distance = active.camera_distance(float(self.captures.distance_m[k]))
+        return distance if self.captures.is_fourier else max(distance, 0.0)
 
     def _forward_model(
         self, plan: Plan, active: TorchEffects, cache: TensorCache

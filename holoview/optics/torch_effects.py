@@ -50,9 +50,9 @@ class TorchEffects(ActiveEffects):
         pupil: Tensor = self.applied("pupil", uniform, context, pairs=pairs)
         return pupil
 
-    def camera_pose(self) -> Pose:
-        """The position of the camera relative to its nominal one."""
-        pose: Pose = self.applied("camera_pose", Pose())
+    def camera_pose(self, distance_m: float) -> Pose:
+        """The position of the camera at a distance (m) relative to its nominal one."""
+        pose: Pose = self.applied("camera_pose_at", self.applied("camera_pose", Pose()), distance_m)
         return pose
 
     def ambient_light(self, context: CameraContext, dtype: torch.dtype) -> Tensor | None:

@@ -178,15 +178,22 @@ def intensity(
     """Mean light of each camera pixel for levels (modulator, y, x); the picture is moved by `camera_px` modulator
     pixels (y, x)."""
     rows, columns, side = *lab.shape, lab.fine // lab.camera
+    distance_m = lab.distance_m * lab.faults.camera.rail.travel + lab.faults.distance_m
     y, x = (np.arange(n * lab.fine) + n * lab.fine for n in lab.shape)
     seen = 0.0
     for power, line_m, is_modulated in lab.faults.light.components(wavelength_m):
-        field = _field(lab, levels * is_modulated, line_m, camera_px)
-        seen = seen + power * lab.faults.camera.light(field, y, x)
+        field = _field(lab, levels * is_modulated, line_m, distance_m, camera_px)
+        seen = seen + power * lab.faults.camera.light(field, y, x, distance_m)
     return seen.reshape(rows * lab.camera, side, columns * lab.camera, side).mean(axis=(1, 3))
 
 
-def _field(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, camera_px: tuple[float, float]) -> Complex:
+def _field(
+    lab: Laboratory,
+    levels: NDArray[np.uint8],
+    wavelength_m: float,
+    distance_m: float,
+    camera_px: tuple[float, float],
+) -> Complex:
     """The field on the camera, in the whole window, with samples as fine as the modulators'."""
     rows, columns = (n * lab.fine for n in lab.shape)
     y, x = ((np.arange(n) - (n - 1) / 2) * lab.pitch_m / lab.fine for n in (rows, columns))
@@ -198,7 +205,7 @@ def _field(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, came
     second = _framed(_modulated(lab, levels[1], wavelength_m, 1))
     by = tuple(round(s * lab.fine) for s in lab.faults.shift_px)
     field = field * np.roll(second, by, (0, 1))
-    field = _travelled(field, lab, 1, wavelength_m, lab.distance_m + lab.faults.distance_m)
+    field = _travelled(field, lab, 1, wavelength_m, distance_m)
     return np.roll(field, tuple(round(s * lab.fine) for s in camera_px), (0, 1))
 
 

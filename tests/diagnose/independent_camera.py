@@ -67,12 +67,35 @@ class Motion:
 
     def light(self, seen: Complex, y: Floats, x: Floats) -> Floats:
         """As of `CameraFaults`, where y and x are those of the camera in the middle of the exposure."""
-        node, weight = np.polynomial.legendre.leggauss(_STOPS)
+        node, weight = np.polynomial.legendre.leggauss(_STOPS if self.length else 1)
         total = np.zeros((len(y), len(x)))
         for along, share in zip(node * self.length / 2, weight / 2, strict=True):
             at = along * np.sin(self.towards_rad), along * np.cos(self.towards_rad)
             total += share * np.abs(field_at(seen, y - at[0], x - at[1])) ** 2
         return total
+
+
+@dataclass(frozen=True)
+class Rail:
+    """The stage on which the camera travels from the last modulator to its planes.
+
+    travel: how far it goes for each metre that is asked of it. off_axis_px: camera samples by which it has walked
+    sideways, (y, x), for each millimetre it went. larger: by how much pictures are larger for each millimetre.
+    """
+
+    travel: float = 1.0
+    off_axis_px: tuple[float, float] = (0.0, 0.0)
+    larger: float = 0.0
+
+    def positions(self, y: Floats, x: Floats, distance_m: float) -> tuple[Floats, Floats]:
+        """Where the light comes from, in samples, that is seen at (y) and (x) this far from the modulator."""
+        millimetres = distance_m * 1e3
+        size = 1 + self.larger * millimetres
+        found = []
+        for at, walked in zip((y, x), self.off_axis_px, strict=True):
+            middle = at.mean()
+            found.append(middle + (at - middle - walked * millimetres) / size)
+        return found[0], found[1]
 
 
 @dataclass(frozen=True)
@@ -83,12 +106,13 @@ class CameraFaults:
     fringes: Fringes | None = None
     motion: Motion | None = None
     room: Room = field(default_factory=Room)
+    rail: Rail = field(default_factory=Rail)
 
-    def light(self, seen: Complex, y: NDArray[np.int_], x: NDArray[np.int_]) -> Floats:
-        """The light of a field `seen` at positions (y) and (x), in samples from its first."""
-        if self.motion is None:
+    def light(self, seen: Complex, y: NDArray[np.int_], x: NDArray[np.int_], distance_m: float) -> Floats:
+        """The light of a field `seen` at positions (y) and (x), in samples from its first, that has gone so far."""
+        if self.motion is None and self.rail == Rail():
             return np.abs(seen[np.ix_(y, x)]) ** 2
-        return self.motion.light(seen, y, x)
+        return (self.motion or Motion(0.0, 0.0)).light(seen, *self.rail.positions(y, x, distance_m))
 
     def picture(self, light: Floats, wavelength_m: float, ends_m: tuple[float, float]) -> Floats:
         """The light on the camera's pixels (y, x) as they record it. ends_m: the shortest and longest wavelength."""

@@ -51,6 +51,7 @@ IDS = [
     "camera_fringes",
     "motion_blur",
     "ambient",
+    "stage",
 ]
 PLACES = {"source", "modulator 1", "relay 1", "modulator 2", "relay 2", "camera"}
 RICH = DataProperties(wavelengths=4, planes=2, powers=5, modulators=2, irises=(True, True), is_fourier=False)

@@ -87,6 +87,10 @@ class ActiveEffects:
         changed: System = self.applied("bench", system)
         return changed
 
+    def camera_distance(self, distance_m: float) -> float:
+        """How far the camera really is from the last modulator, or from the focal plane, m."""
+        return float(self.applied("camera_distance", distance_m))
+
     def laser_power(self, power: Any) -> Any:
         """The relative power that is emitted when `power` was set, a number or an array."""
         return self.applied("laser_power", power)

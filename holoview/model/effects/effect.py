@@ -12,7 +12,9 @@ order in which light meets them:
     transmission        complex transmission of a modulator at a wavelength; also the light onto the first one
     slm2_pose           position of the second modulator: shift, rotation, magnification
     pupil               complex pupil of a relay at a wavelength
+    camera_distance     distance of the camera from the last modulator
     camera_pose         position of the camera
+    camera_pose_at      position of the camera at a distance
     image               what the camera collects (≥ 0, linear in light or not), before its black level
     ambient_light       counts per second that light beside the lasers' adds
     black_level_offset  counts beyond the camera's nominal black level
@@ -40,7 +42,7 @@ ExposureSample = tuple[float, float]
 
 BENCH_HOOKS = ("bench", "laser_power", "exposure_samples")
 MODULATOR_HOOKS = ("stroke_response", "optical_path", "transmission", "slm2_pose")
-CAMERA_HOOKS = ("camera_pose", "image", "ambient_light", "black_level_offset")
+CAMERA_HOOKS = ("camera_distance", "camera_pose", "camera_pose_at", "image", "ambient_light", "black_level_offset")
 
 
 @dataclass(frozen=True)
@@ -151,8 +153,16 @@ class Effect:
         """The complex pupil at the frequencies of the context (rows, columns)."""
         return pupil
 
+    def camera_distance(self, distance_m: float, v: Values) -> float:
+        """How far the camera is from the last modulator, m; on a Fourier bench from the focal plane."""
+        return distance_m
+
     def camera_pose(self, pose: Pose, v: Values) -> Pose:
         """The position of the camera relative to its nominal one."""
+        return pose
+
+    def camera_pose_at(self, pose: Pose, distance_m: float, v: Values) -> Pose:
+        """The same, where it depends on the distance of `camera_distance`."""
         return pose
 
     def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:

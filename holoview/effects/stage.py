@@ -1,0 +1,68 @@
+"""The stage that moves the camera between planes has a wrong scale, or its rail isn't parallel to the axis."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from holoview.model.effects.effect import Effect, Needs
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
+
+if TYPE_CHECKING:  # torch takes seconds to import
+    from holoview.model.effects.hook_contexts import Pose
+
+_REACH_M, _STEP_M = 0.6e-3, 0.1e-3  # errors of the farthest plane at which a search begins
+_GROWTHS = (-0.04, -0.02, -0.01, 0.01, 0.02, 0.04)  # at the farthest plane
+
+
+class Stage(Effect):
+    """Plane z → z·(1 + scale); what should be at r in its picture is at (1 + growth·z)·r + walk·z, with the true z.
+
+    The scale is that of a screw whose pitch is wrong. `walk` is the angle between rail and axis, for small angles, and
+    `growth` is what light makes that isn't collimated as the relay should leave it. All three are zero at z = 0, on a
+    Fourier bench in the focal plane; an error that all planes share is that of `distance` or `camera_alignment`.
+    """
+
+    id = "stage"
+    cause = "The stage that moves the camera between planes errs: its scale, or the angle of its rail."
+    finding = (
+        "The stage moves the camera by {factor} of the distance that was set, at an angle of {walk_y} (y) and {walk_x} "
+        "(x) to the axis; the picture grows by {percent} a millimetre."
+    )
+    parameters = (
+        Parameter("scale", "Relative error of all distances.", low=-0.9, high=2.0, prior=0.03),
+        Parameter(
+            "walk_y", "Angle between rail and axis: shift in y per distance.", "mrad", low=-0.5, high=0.5, prior=1e-3
+        ),
+        Parameter(
+            "walk_x", "Angle between rail and axis: shift in x per distance.", "mrad", low=-0.5, high=0.5, prior=1e-3
+        ),
+        Parameter("growth", "Relative enlargement per distance.", "1/m", low=-50.0, high=50.0, prior=1.0),
+    )
+    acts_on = ("camera",)
+    needs = Needs(planes=2)
+    order = -1
+
+    def starting_points(self, system: System) -> Iterable[dict[str, float]]:
+        """Errors of the scale, then of the growth; a diagnosis adds the walk that it measures."""
+        farthest = max(float(system.planes_m.max()), 1e-9)
+        count = round(_REACH_M / _STEP_M)
+        scales = [k * _STEP_M / farthest for k in range(-count, count + 1) if k]
+        growths = [growth / farthest for growth in _GROWTHS]
+        yield from ({"scale": scale} for scale in scales if -0.9 <= scale <= 2.0)
+        yield from ({"growth": growth} for growth in growths if abs(growth) <= 50.0)
+
+    def camera_distance(self, distance_m: float, v: Values) -> float:
+        return distance_m * (1 + v["scale"])
+
+    def camera_pose_at(self, pose: Pose, distance_m: float, v: Values) -> Pose:
+        return dataclasses.replace(
+            pose,
+            shift_m=(pose.shift_m[0] + v["walk_y"] * distance_m, pose.shift_m[1] + v["walk_x"] * distance_m),
+            magnification=pose.magnification * (1 + v["growth"] * distance_m),
+        )
+
+    def finding_fields(self, system: System, v: Values) -> dict[str, str]:
+        return {"factor": f"{1 + v['scale']:.4g}", "percent": f"{0.1 * v['growth']:.3g} %"}
