@@ -32,7 +32,7 @@ def _switch(name: str) -> Callable[[Any], None]:
 
 
 def test_every_effect_of_the_library_has_a_switch(make_gui: Callable[..., Gui]) -> None:
-    gui = make_gui(small_bench(**IRISES), (640, 1000), panels=(EffectsPanel,))
+    gui = make_gui(small_bench(**IRISES), (640, 1600), panels=(EffectsPanel,))
     lines = [name for name in gui.context.item_rects if name.startswith("effect ")]
     for line in lines[::-1]:  # from below, so that sliders that open don't move what is next
         gui.click(gui.item_position(line, 0.1))
