@@ -87,6 +87,7 @@ class Captures:
     focal_length_m: of the lens of a Fourier bench, which has the camera in its back focal plane; None for near field.
     corrections: in words, what was wrong with the records and has been put right in these.
     lasers_m: wavelengths of the session that these were taken from, ascending; empty for a whole session.
+    frame: (rows, columns) of the pictures that these are the middle of; None for whole pictures.
     """
 
     levels: NDArray[np.unsignedinteger]
@@ -103,6 +104,7 @@ class Captures:
     focal_length_m: float | None = None
     corrections: tuple[str, ...] = ()
     lasers_m: tuple[float, ...] = ()
+    frame: tuple[int, int] | None = None
 
     def __len__(self) -> int:
         return len(self.levels)

@@ -140,7 +140,7 @@ class Predictor:
 
     def _camera_context(self, k: int) -> CameraContext:
         c = self.captures
-        return CameraContext(c.camera.pitch_m, c.shape, float(c.wavelength_m[k]), int(self._laser_number[k]))
+        return CameraContext(c.camera.pitch_m, c.shape, float(c.wavelength_m[k]), int(self._laser_number[k]), c.frame)
 
     def _unit_intensity(
         self,

@@ -31,9 +31,10 @@ def describe_causes(context: SearchContext, result: SearchResult, decision: Deci
     fine = context.model_weighted_comparison(context.split.fine, fit.values)
     intervals = confidence_intervals(fit, local_jacobian(fit, effects, fine, steps), fine, context.config)
     one_or_two = [0] if is_very_costly(context, fit) else [0, -1]
-    few = context.model_weighted_comparison(context.split.coarse[one_or_two], fit.values)
-    lookalikes = lookalike_correlations(context, fit, local_jacobian(fit, effects, few, steps), few)
-    separate = best_separating_capture(context, decision.best, decision.rivals[0]) if decision.rivals else None
+    near = context.region or context
+    few = near.model_weighted_comparison(near.split.coarse[one_or_two], fit.values)
+    lookalikes = lookalike_correlations(near, fit, local_jacobian(fit, effects, few, steps), few)
+    separate = best_separating_capture(near, decision.best, decision.rivals[0]) if decision.rivals else None
     rivals = {name: 1.0 for rival in decision.rivals for name in rival.causes if name not in fit.causes}
     causes = []
     for effect in effects:

@@ -23,15 +23,23 @@ from holoview.diagnose.held_out_ranking import (
 )
 from holoview.diagnose.refine import RefinementQueue, refine_along_axes, refine_fit
 from holoview.diagnose.screening import screen_effects
-from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.search_context import Leads, SearchContext
+from holoview.diagnose.verdict import jitter_excess
 from holoview.model.effects.effect import Effect
 from holoview.util.progress import ProgressCallback
 
 
 def select_causes(context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback) -> SearchResult:
-    """Searches causes until the held-out captures are explained, nothing helps, or there are as many as allowed."""
-    result = _free_fine_parameters(context, _search_single_causes(context, effects, progress))
-    for number in range(2, context.config.selection.max_causes + 1):
+    """Searches causes until the held-out captures are explained, nothing helps, or there are as many as allowed.
+
+    With leads from the middle of the pictures, only what varies over the field is searched beside them.
+    """
+    if context.leads is None:
+        result = _free_fine_parameters(context, _search_single_causes(context, effects, progress))
+    else:
+        effects = [e for e in effects if e.varies_over_field and context.leads.explains]
+        result = _follow_leads(context, context.leads, effects, progress)
+    for number in range(max(len(result.best.causes), 1) + 1, context.config.selection.max_causes + 1):
         if _is_done(context, result):
             break
         wider = _drop_superfluous_causes(context, _search_further_causes(context, result, number, effects, progress))
@@ -39,6 +47,19 @@ def select_causes(context: SearchContext, effects: Sequence[Effect], progress: P
             break
         result = _free_fine_parameters(context, wider)
     return result
+
+
+def _follow_leads(
+    context: SearchContext, leads: Leads, effects: Sequence[Effect], progress: ProgressCallback
+) -> SearchResult:
+    """The leads, fitted to whole pictures; where there are none, single causes among the effects."""
+    progress(0, 1, "whole pictures")
+    result = rank_on_held_out(context, leads.fits)
+    if leads.fits:
+        refined = context.run_parallel([partial(refine_fit, context, fit) for fit in leads.fits])
+        return rank_on_held_out(context, [*refined, *leads.fits])
+    is_open = result.nominal.excess > jitter_excess(result.pixel_count, context.config.verdict)
+    return _search_single_causes(context, effects, progress) if effects and is_open else result
 
 
 def _search_single_causes(

@@ -7,7 +7,7 @@ used, the search is repeated without them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -52,14 +52,21 @@ def search_good_captures(
     """
     config, always = context.config.judgement, context.left_out
     progress(0, 1, "every capture")
-    suspects = find_suspects(context, {}, always, is_final=False)
+    left_out: Collection[int]
+    if context.leads is None:
+        left_out = find_suspects(context, {}, always, is_final=False).indices
+    else:
+        left_out = context.leads.doubted
     for _ in range(config.rounds):
         context.best_so_far.clear()
         budget = context.predictor.fields_requested + context.field_budget
-        good = leave_out(replace(context, field_budget=budget), {*always, *suspects.indices})
+        good = leave_out(replace(context, field_budget=budget), {*always, *left_out})
         outcome = _search_once(good, progress)
+        if context.cut_error is not None:  # whole pictures judge
+            return outcome
         progress(0, 1, "every capture")
         suspects = judge_by_search(outcome.context, outcome.decision.values, outcome.result, always)
+        left_out = suspects.indices
         if outcome.was_ended or good.split.used.isdisjoint(suspects.indices):
             break
     found = explain_suspects(outcome.context, suspects)
@@ -93,9 +100,11 @@ def _search_once(context: SearchContext, progress: ProgressCallback) -> SearchOu
     is_out_of_budget = context.budget_exhausted
     context = replace(context, end=NEVER)
     context.predictor.end = NEVER
-    result = result or rank_on_held_out(context, [])
+    result = result or rank_on_held_out(context, context.leads.fits if context.leads else ())
     decision, drift_notes = excuse_laser_drift(context, result, _decide(context, result))
-    decision, sampling_notes = drop_sampling_artefacts(context, result, decision)
+    sampling_notes: list[str] = []
+    if context.region is None:
+        decision, sampling_notes = drop_sampling_artefacts(context, result, decision)
     notes = [*drift_notes, *sampling_notes, *_end_notes(end, decision, was_ended, is_out_of_budget)]
     return SearchOutcome(context, result, decision, notes, was_ended=was_ended)
 

@@ -28,16 +28,18 @@ from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.fit_statistics import explained_variance, fit_quality, held_out_groups, sample_captures
 from holoview.diagnose.free_maps import fit_free_maps, likely_locations
 from holoview.diagnose.held_out_ranking import SearchResult
-from holoview.diagnose.judged_search import SearchOutcome, search_good_captures
+from holoview.diagnose.judged_search import SearchOutcome
 from holoview.diagnose.one_picture import ONE_PICTURE_NOTE, with_one_picture
 from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
 from holoview.diagnose.record_errors import check_records
+from holoview.diagnose.region_search import search_region_first, with_region
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
 from holoview.diagnose.search_context import (
     NeighbourVariances,
     PerThreadPredictor,
     SearchContext,
     equivalent_effects,
+    field_samples,
 )
 from holoview.diagnose.search_end import BestSoFar, SearchEnd, describe_so_far
 from holoview.diagnose.simplest_name import wider_names
@@ -45,7 +47,6 @@ from holoview.diagnose.verdict import Decision, Verdict, with_further_cause
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import is_user_effect, listed_effects, load_user_effects
-from holoview.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
 
@@ -96,11 +97,11 @@ def diagnose(
             useless = find_useless_captures(captures, config.judgement)
             context, notes = _prepare(captures, useless, library, known or {}, pool, sampling, config)
             if time_s is None:
-                time_s = config.budget.time_for(_field_samples(context.system))
+                time_s = config.budget.time_for(field_samples(context.system))
             end = SearchEnd(time_s, is_asked_to_end, config.budget.last_begin)
             context = _limited(context, thorough, end, so_far)
             pool.share(context.shared_objects(), partial(_prepare_worker, _user_effect_files(library)))
-            outcome = search_good_captures(context, useless, len(captures), progress or _no_progress)
+            outcome = search_region_first(context, useless, len(captures), progress or _no_progress)
             findings = _evaluate(outcome, notes, progress or _no_progress)
             diagnosis = _assemble_diagnosis(findings, free_maps and not end.was_asked, progress or _no_progress)
     finally:
@@ -134,16 +135,11 @@ def _limited(
     context: SearchContext, thorough: bool, end: SearchEnd, so_far: Callable[[str], None] | None
 ) -> SearchContext:
     """The context with what ends its search, and with what tells of it."""
-    budget = math.inf if thorough else context.config.budget.fields_for(_field_samples(context.system))
+    budget = math.inf if thorough else context.config.budget.fields_for(field_samples(context.system))
     best: BestSoFar[SearchResult] = BestSoFar(
         None if so_far is None else lambda result: so_far(describe_so_far(result))
     )
-    return dataclasses.replace(context, field_budget=budget, end=end, best_so_far=best)
-
-
-def _field_samples(system: System) -> int:
-    rows, columns = system.modulators[0].shape
-    return rows * columns * system.sampling.upsample**2
+    return with_region(dataclasses.replace(context, field_budget=budget, end=end, best_so_far=best))
 
 
 def _no_progress(done: int, total: int, note: str) -> None:
@@ -206,7 +202,8 @@ def _prepare(
 def _evaluate(outcome: SearchOutcome, notes: list[str], progress: ProgressCallback) -> _Findings:
     """What follows from a search. notes: on what the captures can't show."""
     context, result, decision = outcome.context, outcome.result, outcome.decision
-    gain = context.data_weighted_comparison(context.kept, 0.0).fit_gains(decision.values).gain
+    near = context.region or context
+    gain = near.data_weighted_comparison(context.kept, 0.0).fit_gains(decision.values).gain
     law = _power_law(context, gain)
     progress(1, 1, "intervals, look-alikes")
     causes = describe_causes(context, result, decision)
@@ -260,5 +257,8 @@ def _locations(findings: _Findings, values: Values, chi2: float, progress: Progr
     if not is_open or chi2 <= context.config.verdict.explained_chi2:
         return {}
     progress(0, 1, "free maps at every place")
-    base = {name: dict(own) for name, own in values.items()}
-    return likely_locations(fit_free_maps(context, base, findings.result.comparison), context.config.free_maps)
+    base, held_out = {name: dict(own) for name, own in values.items()}, findings.result.comparison
+    if context.region is not None:
+        context = context.region
+        held_out = context.model_weighted_comparison(context.split.held_out, values)
+    return likely_locations(fit_free_maps(context, base, held_out), context.config.free_maps)

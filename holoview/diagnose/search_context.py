@@ -19,6 +19,7 @@ from holoview.captures.prepared_captures import Images, PreparedCaptures
 from holoview.diagnose.capture_split import CaptureSplit
 from holoview.diagnose.comparison import Comparison, PredictorProtocol, Values
 from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.effect_fit import CandidateFit
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
 from holoview.diagnose.search_end import NEVER, BestSoFar, SearchEnd
 from holoview.diagnose.worker_pool import FinishedCallback, WorkerPool
@@ -82,6 +83,19 @@ class NeighbourVariances:
 
 
 @dataclass(frozen=True)
+class Leads:
+    """What the middle of the pictures suggests for whole ones.
+
+    fits: the best first, then its rivals. explains: whether the middle needs no further cause. doubted: captures that
+    stood out there, or weren't looked at.
+    """
+
+    fits: tuple[CandidateFit, ...]
+    explains: bool
+    doubted: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class SearchContext:
     """What the stages of a search work with.
 
@@ -91,7 +105,9 @@ class SearchContext:
     new that takes long. prnu: standard deviation of the pixels' relative sensitivity. has_camera_jitter: whether the
     camera moves from capture to capture, so that comparisons fit its movements. equivalents: for each effect the others
     that are the same physics on this bench. left_out: captures that no fit uses, by index. end: when the search has to
-    end. best_so_far: what it has found until then.
+    end. best_so_far: what it has found until then. region: the same session cut to its middle, which was searched
+    before, for what needs no full size. leads: what was found there. cut_error: (capture,), r.m.s. error over mean
+    light of a region's predictions, which lack the light from beyond it; None for whole pictures.
     """
 
     data: PreparedCaptures
@@ -110,6 +126,9 @@ class SearchContext:
     left_out: tuple[int, ...] = ()
     end: SearchEnd = NEVER
     best_so_far: BestSoFar[Any] = field(default_factory=BestSoFar)
+    region: SearchContext | None = None
+    leads: Leads | None = None
+    cut_error: NDArray[np.float64] | None = None
 
     @property
     def kept(self) -> NDArray[np.intp]:
@@ -138,12 +157,17 @@ class SearchContext:
 
     def shared_objects(self) -> dict[str, Any]:
         """The large objects that jobs refer to, of which each worker process needs one copy."""
+        region = {} if self.region is None else self.region.shared_objects()
+        of_region = {f"{name} of the region": shared for name, shared in region.items()}
         effects = {f"effect {name}": effect for name, effect in self.effects.items()}
-        return {"data": self.data, "predictor": self.predictor, "variances": self.variances, **effects}
+        return of_region | {"data": self.data, "predictor": self.predictor, "variances": self.variances, **effects}
 
     def data_weighted_comparison(self, indices: NDArray[np.intp], relative_model_error: float) -> Comparison:
         """Weights from the images, for a model that is off by `relative_model_error` of the mean light."""
-        variance = add_model_error(self.variances(indices), self.data.light[indices], relative_model_error)
+        light = self.data.light[indices]
+        variance = add_model_error(self.variances(indices), light, relative_model_error) + self._cut_variance(
+            indices, light
+        )
         return Comparison(self.predictor, self.data, indices, variance, self.config.comparison)
 
     def tolerant_comparison(self, indices: NDArray[np.intp], error: float) -> Comparison:
@@ -163,7 +187,16 @@ class SearchContext:
         variance = self.data.camera.noise_variance(expected)
         if self.prnu:
             variance = variance + np.square(np.float32(self.prnu) * expected)
+        variance = variance + self._cut_variance(indices, expected)
         return Comparison(self.predictor, self.data, indices, variance, self.config.comparison, fit_shifts=shifts)
+
+    def _cut_variance(self, indices: NDArray[np.intp], light: Images) -> Images | np.float32:
+        """Variance (counts²) of what light from beyond a region adds: a weak field interferes with that of a pixel."""
+        if self.cut_error is None:
+            return np.float32(0.0)
+        positive = np.maximum(light, 0.0)
+        share = np.square(self.cut_error[indices]).astype(np.float32)[:, None, None]
+        return np.asarray(share * positive * positive.mean((1, 2), keepdims=True), dtype=np.float32)
 
     def relative_model_error(self, values: Values, indices: NDArray[np.intp] | None = None) -> float:
         """R.m.s. residual beyond the noise over the mean light; of the coarse captures when None."""
@@ -191,6 +224,12 @@ class SearchContext:
         here = self.predictor.fields_requested - before
         self.predictor.fields_in_workers += sum(fields for _, fields in finished) - here
         return [result for result, _ in finished]
+
+
+def field_samples(system: System) -> int:
+    """Samples of a field on a modulator."""
+    rows, columns = system.modulators[0].shape
+    return rows * columns * system.sampling.upsample**2
 
 
 def equivalent_effects(effects: Mapping[str, Effect], data_properties: DataProperties) -> dict[str, frozenset[str]]:

@@ -33,6 +33,7 @@ class SourceProfile(Effect):
         Parameter("slope_x", "Slope of the amplitude's logarithm in x.", low=-8.0, high=8.0, prior=0.2),
     )
     acts_on = ("source",)
+    varies_over_field = True
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         return [{"fall": fall} for fall in (0.2, 0.5, 1.0, 2.0, 4.0)] + square_grid("slope_y", "slope_x", 0.5, 0.5)

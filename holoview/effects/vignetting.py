@@ -26,6 +26,7 @@ class Vignetting(Effect):
         Parameter("fall_x", "Share lost at the left and right edge.", low=-1.0, high=0.95, prior=0.1),
     )
     acts_on = ("camera",)
+    varies_over_field = True
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         return [{"fall_y": fall, "fall_x": fall} for fall in (-0.15, -0.05, 0.05, 0.15, 0.25, 0.35)]

@@ -13,12 +13,15 @@ import math
 from holoview.captures.dataset import Captures
 
 
-def central_region(captures: Captures, side_px: int) -> Captures:
-    """The session cut to about `side_px` modulator pixels across, with the margin beside; whole on a Fourier bench."""
+def central_region(captures: Captures, side_px: int, further_px: int = 0) -> Captures:
+    """The session cut to about `side_px` modulator pixels across, with the margin beside; whole on a Fourier bench.
+
+    further_px: more margin, for light that hard edges of a stop spread beyond its steepest ray.
+    """
     if captures.is_fourier:
         return captures
     pitch_m = captures.slms[0].pitch_m
-    margin = math.ceil(_walk_off_m(captures) / pitch_m)
+    margin = math.ceil(_walk_off_m(captures) / pitch_m) + further_px
     rows, columns = (_kept(n, side_px + 2 * margin) for n in captures.levels.shape[2:])
     if (rows, columns) == captures.levels.shape[2:]:
         return captures
@@ -29,8 +32,9 @@ def central_region(captures: Captures, side_px: int) -> Captures:
     ]
     return dataclasses.replace(
         captures,
-        levels=captures.levels[(..., *_middle(captures.levels.shape[2:], (rows, columns)))],
-        images=captures.images[(..., *_middle(captures.shape, (seen[0], seen[1])))],
+        levels=captures.levels[(..., *central_slices(captures.levels.shape[2:], (rows, columns)))],
+        images=captures.images[(..., *central_slices(captures.shape, (seen[0], seen[1])))],
+        frame=captures.frame or captures.shape,
     )
 
 
@@ -56,6 +60,7 @@ def _kept(n: int, wanted: int) -> int:
     return n if wanted >= n else wanted + (n - wanted) % 2
 
 
-def _middle(whole: tuple[int, ...], kept: tuple[int, int]) -> tuple[slice, slice]:
+def central_slices(whole: tuple[int, ...], kept: tuple[int, int]) -> tuple[slice, slice]:
+    """Rows and columns of the middle `kept` of `whole` pixels."""
     first = [(n - k) // 2 for n, k in zip(whole, kept, strict=True)]
     return slice(first[0], first[0] + kept[0]), slice(first[1], first[1] + kept[1])

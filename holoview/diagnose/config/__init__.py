@@ -41,6 +41,7 @@ from holoview.diagnose.config.preparation import (
     ComparisonConfig,
     LaserDriftConfig,
     NuisanceConfig,
+    RegionConfig,
     SplitConfig,
 )
 from holoview.diagnose.config.reporting import BreakdownConfig, FreeMapConfig, ReportConfig
@@ -60,6 +61,7 @@ __all__ = [
     "OnePictureConfig",
     "PowerLawConfig",
     "RankingConfig",
+    "RegionConfig",
     "ReportConfig",
     "SamplingCheckConfig",
     "ScreeningConfig",
@@ -80,6 +82,7 @@ class SearchConfig:
     judgement: JudgementConfig = field(default_factory=JudgementConfig)
     one_picture: OnePictureConfig = field(default_factory=OnePictureConfig)
     budget: BudgetConfig = field(default_factory=BudgetConfig)
+    region: RegionConfig = field(default_factory=RegionConfig)
     comparison: ComparisonConfig = field(default_factory=ComparisonConfig)
     nuisances: NuisanceConfig = field(default_factory=NuisanceConfig)
     laser_drift: LaserDriftConfig = field(default_factory=LaserDriftConfig)

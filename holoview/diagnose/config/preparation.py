@@ -96,6 +96,24 @@ class BudgetConfig:
 
 
 @dataclass(frozen=True)
+class RegionConfig:
+    """Middle of large pictures, which is searched in place of whole ones."""
+
+    side_px: int = 128
+    """[px] Modulator pixels across the middle, beside the margin for light that walks off sideways. Evidence: the
+    search study's modulators had 128 × 96."""
+
+    further_px: int = 16
+    """[px] Margin beside the walk-off of the steepest ray. Evidence: with stops at the first order and 10 mm to the
+    camera, 0, 16 and 64 leave an error of 0.4, 0.26 and 0.15 % for smooth patterns, of 6.8, 5.9 and 4.5 % for white
+    noise."""
+
+    min_saving: float = 3.0
+    """[1] Whole pictures are searched if they have less than so many times the pixels of the middle with its margin.
+    Evidence: whole pictures are computed as well in the end, which takes about as long as searching the middle."""
+
+
+@dataclass(frozen=True)
 class ComparisonConfig:
     """Residuals of a prediction, with the camera's movements taken out to first order."""
 

@@ -101,6 +101,7 @@ class Effect:
     degenerate_with: ids of effects that no data can tell from this one.
     needs: what captures must contain for it to be seen.
     order: effects with smaller numbers are applied first where several have the same hook.
+    varies_over_field: whether it shows more towards the edges of the pictures than in their middle.
     listed: whether it is offered as a cause and in the viewer; otherwise it is known by its id only.
 
     Hooks get the values of the parameters, in SI units, as `v`.
@@ -114,6 +115,7 @@ class Effect:
     degenerate_with: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[Needs] = Needs()
     order: ClassVar[int] = 0
+    varies_over_field: ClassVar[bool] = False
     listed: ClassVar[bool] = True
 
     def __init_subclass__(cls) -> None:

@@ -160,16 +160,19 @@ class CameraContext:
     shape: (rows, columns).
     wavelength_m: of the laser that is on.
     laser: its number among the lasers of the session, 0 for the shortest wavelength.
+    frame: (rows, columns) of the picture that this image is the middle of; its own where None.
     """
 
     pitch_m: float
     shape: tuple[int, int]
     wavelength_m: float = 550e-9
     laser: int = 0
+    frame: tuple[int, int] | None = None
 
     def positions(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """Positions y (rows, 1) and x (1, columns) of the pixels from the centre, ±1 at the image's edges."""
-        y, x = (centred_indices(n, image.dtype, image.device) / (n / 2) for n in self.shape)
+        """Positions y (rows, 1) and x (1, columns) of the pixels from the centre, ±1 at the edges of the frame."""
+        sizes = zip(self.shape, self.frame or self.shape, strict=True)
+        y, x = (centred_indices(n, image.dtype, image.device) / (whole / 2) for n, whole in sizes)
         return y[:, None], x[None, :]
 
     places = old_method("places", "positions", positions)

@@ -1,0 +1,89 @@
+"""Large modulators are searched in their middle; whole pictures fit and judge what was found there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+
+from holoview.captures import Captures
+from holoview.captures.predictor import Predictor
+from holoview.captures.records.central_region import central_region, central_slices
+from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.diagnose.config import RegionConfig, SearchConfig
+from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.region_search import with_region
+from holoview.diagnose.verdict import Verdict
+from holoview.model.effects.hook_contexts import CameraContext
+from holoview.model.effects.registry import listed_effects
+from holoview.model.system import System
+from tests.diagnose.conftest import MakeContext, small_system
+
+CONFIG = SearchConfig(region=RegionConfig(side_px=32, further_px=8))
+EFFECTS = [listed_effects()[name] for name in ("gap", "stroke", "vignetting")]
+NOTE = "Causes were searched in the middle of the pictures"
+
+
+def _large() -> System:
+    return small_system().edit({"shape": [160, 200]})
+
+
+@cache
+def _session(effect: str, parameter: str, value: float) -> Captures:
+    return make_captures(_large(), {effect: {parameter: value}}, AcquisitionSettings(captures_per_condition=4, seed=2))
+
+
+def _diagnose(captures: Captures) -> Diagnosis:
+    return diagnose(captures, EFFECTS, free_maps=False, config=CONFIG)
+
+
+def test_a_cause_of_the_middle_is_fitted_to_whole_pictures() -> None:
+    captures = _session("gap", "gap_error", 1e-4)
+    found = _diagnose(captures)
+    assert found.verdict is Verdict.EXPLAINED and [cause.effect for cause in found.causes] == ["gap"]
+    interval = found.causes[0].intervals["gap_error"]
+    assert abs(interval.value - 1e-4) < interval.half_width
+    assert any(NOTE in note for note in found.notes)
+
+
+def test_what_shows_only_at_the_edges_is_found_in_whole_pictures() -> None:
+    """A twentieth of the light at the edges; in the middle, a few thousandths."""
+    found = _diagnose(_session("vignetting", "fall_y", 0.05))
+    assert [cause.effect for cause in found.causes] == ["vignetting"] and found.verdict is Verdict.EXPLAINED
+    assert found.values["vignetting"]["fall_y"] == pytest.approx(0.05, rel=0.2)
+
+
+def test_a_capture_that_is_bad_beyond_the_middle_is_found() -> None:
+    captures = _session("gap", "gap_error", 0.0)
+    images = captures.images.copy()
+    images[3, : captures.shape[0] // 4] = images[3, : captures.shape[0] // 4, ::-1]
+    found = _diagnose(replace(captures, images=images))
+    assert [bad.index for bad in found.bad_captures] == [3]
+
+
+def test_small_sessions_have_no_region(make_context: MakeContext) -> None:
+    context = make_context()
+    assert with_region(context) is context
+
+
+def test_the_middle_is_predicted_like_the_whole() -> None:
+    """Up to the light that hard edges of the stops spread further, which more margin keeps."""
+    captures, values = _session("gap", "gap_error", 0.0), {"vignetting": {"fall_y": 0.3, "fall_x": 0.1}}
+    whole = Predictor(captures)([0], values).signal.numpy()[0]
+    errors = []
+    for further_px in (0, 32):
+        cut = central_region(captures, 32, further_px)
+        seen = whole[central_slices(whole.shape, cut.shape)]
+        middle = Predictor(cut)([0], values).signal.numpy()[0]
+        errors.append(np.sqrt(np.square(middle - seen).mean()) / seen.mean())
+    assert errors[1] < 0.7 * errors[0] < 0.05
+
+
+def test_positions_in_the_middle_are_those_of_the_frame() -> None:
+    whole = CameraContext(4e-6, (8, 12)).positions(torch.zeros(8, 12))
+    middle = CameraContext(4e-6, (4, 6), frame=(8, 12)).positions(torch.zeros(4, 6))
+    assert torch.equal(middle[0], whole[0][2:6]) and torch.equal(middle[1], whole[1][:, 3:9])
