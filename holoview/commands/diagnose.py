@@ -219,6 +219,8 @@ def _print_diagnosis(found: Diagnosis, args: argparse.Namespace) -> None:
     if found.lives_in:
         where = ", ".join(f"{place} ({share:.0%})" for place, share in found.lives_in.items())
         print(f"  what is left lives in: {where}")
+    for place, suggestion in found.suggestions.items():
+        print(f"  {place}: {suggestion}")
     for note in found.notes:
         print(f"  note: {note}")
     for path in (args.report and args.report / "report.html", args.json, args.save_preset, args.save_corrected):

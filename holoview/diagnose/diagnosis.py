@@ -14,7 +14,9 @@ from holoview.captures.fit_quality import FitQuality
 from holoview.captures.records import RecordFindings
 from holoview.diagnose.bad_captures import BadCapture
 from holoview.diagnose.excess_breakdown import ExcessBreakdown
+from holoview.diagnose.free_maps import FreeMapFit
 from holoview.diagnose.free_parameters import FittedValues
+from holoview.diagnose.suggestions import suggest_for
 from holoview.diagnose.uncertainty import Interval
 from holoview.diagnose.verdict import Verdict
 
@@ -83,7 +85,7 @@ class Diagnosis:
     """The result of a diagnosis. Before means the nominal model, after the extended one.
 
     values: the effects of the extended model; empty for the nominal one. rivals: sets of causes that can't be excluded.
-    unexplained: share of the excess that no cause explains. lives_in: share of it that free maps at a place explain.
+    unexplained: share of the excess that no cause explains. free_maps: the places where free maps explain much of it.
     groups: quality by wavelength and plane. candidates: all that were ranked, best first. samples: a few held-out
     captures. signal_explained: share of the captures' variance, before and after. fixed_pattern: standard deviation of
     the pixels' relative sensitivity. gain_spread: of the logarithm of the gains about those of their wavelength.
@@ -99,7 +101,7 @@ class Diagnosis:
     values: FittedValues
     rivals: tuple[tuple[str, ...], ...]
     unexplained: float
-    lives_in: dict[str, float]
+    free_maps: tuple[FreeMapFit, ...]
     groups: tuple[HeldOutGroup, ...]
     candidates: tuple[CandidateResult, ...]
     samples: tuple[SampleCapture, ...]
@@ -113,6 +115,16 @@ class Diagnosis:
     notes: tuple[str, ...]
     seconds: float
     records: RecordFindings = field(default_factory=RecordFindings)
+
+    @property
+    def lives_in(self) -> dict[str, float]:
+        """Share of the excess that no cause explains that free maps at a place explain, by place."""
+        return {fit.location: fit.share for fit in self.free_maps}
+
+    @property
+    def suggestions(self) -> dict[str, str]:
+        """What to do about an error at each of these places."""
+        return {fit.location: suggest_for(fit.location) for fit in self.free_maps}
 
     def as_json(self) -> dict[str, Any]:
         """The diagnosis as JSON values; lengths in metres, angles in radians (docs/diagnosis.md lists the keys)."""
@@ -132,6 +144,8 @@ class Diagnosis:
                 "share": _json_number(self.unexplained),
                 "lives_in": list(self.lives_in),
                 "shares": {k: _json_number(v) for k, v in self.lives_in.items()},
+                "maps": {fit.location: _maps(fit) for fit in self.free_maps},
+                "suggestions": self.suggestions,
             },
             "held_out": [
                 {
@@ -156,6 +170,10 @@ class Diagnosis:
             "notes": list(self.notes),
             "seconds": _json_number(self.seconds),
         }
+
+
+def _maps(fit: FreeMapFit) -> dict[str, Any]:
+    return {shown.name: {"unit": shown.unit, "values": shown.values.tolist()} for shown in fit.maps}
 
 
 def _cause(cause: Cause) -> dict[str, Any]:

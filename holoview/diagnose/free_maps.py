@@ -29,6 +29,18 @@ from holoview.model.effects.parameter import Parameter, Values
 Tensor = torch.Tensor
 
 
+@dataclass(frozen=True, eq=False)
+class ShownMap:
+    """A fitted map: (y, x) over a surface or a pupil, or a few numbers (response curve, neighbours, single values).
+
+    values: optical paths in m where `unit` is "m", relative changes where it is "1".
+    """
+
+    name: str
+    values: NDArray[np.float64]
+    unit: str
+
+
 class FreeMaps(Effect):
     """Maps at one place, as an effect that holds tensors. Maps of zeros change nothing."""
 
@@ -56,6 +68,17 @@ class FreeMaps(Effect):
             leaves.append(part)
             at += old.numel()
         return leaves
+
+    def shown_maps(self) -> tuple[ShownMap, ...]:
+        """The maps with their units. Of a path the mean is subtracted: no picture shows it."""
+        shown = []
+        for name, tensor in self.maps.items():
+            values = tensor.detach().numpy().copy()
+            if name == "path":
+                shown.append(ShownMap(name, self.config.path_scale_m * (values - values.mean()), "m"))
+            else:
+                shown.append(ShownMap(name, self.config.relative_scale * values, "1"))
+        return tuple(shown)
 
 
 class FreeSource(FreeMaps):
@@ -152,10 +175,11 @@ class FreeCamera(FreeMaps):
 
 @dataclass(frozen=True)
 class FreeMapFit:
-    """A place, and the share of the excess on held-out captures that maps there explain, 0 … 1."""
+    """A place, the share of the excess on held-out captures that maps there explain, 0 … 1, and the maps."""
 
     location: str
     share: float
+    maps: tuple[ShownMap, ...] = ()
 
 
 def fit_free_maps(context: SearchContext, base: FittedValues, comparison: Comparison) -> list[FreeMapFit]:
@@ -165,10 +189,10 @@ def fit_free_maps(context: SearchContext, base: FittedValues, comparison: Compar
     return sorted(context.workers.run(jobs), key=lambda fit: -fit.share)
 
 
-def likely_locations(fits: list[FreeMapFit], config: FreeMapConfig) -> dict[str, float]:
-    """The places that explain a good part, and nearly as much as the best, with their shares. fits: best first."""
+def likely_fits(fits: list[FreeMapFit], config: FreeMapConfig) -> tuple[FreeMapFit, ...]:
+    """The fits of places that explain a good part, and nearly as much as the best. fits: best first."""
     best = fits[0].share if fits else 0.0
-    return {f.location: f.share for f in fits if f.share >= max(config.min_share, config.near_best_share * best)}
+    return tuple(f for f in fits if f.share >= max(config.min_share, config.near_best_share * best))
 
 
 def _free_map_effects(context: SearchContext) -> Iterator[FreeMaps]:
@@ -200,7 +224,7 @@ def _fit_free_map(
     effect.set_from_vector(solution.x)
     chi2 = held_out.with_predictor(predictor).chi2_per_pixel(values)
     share = (base_chi2 - chi2) / max(base_chi2 - 1.0, 1e-9)
-    return FreeMapFit(effect.acts_on[0], float(np.clip(share, 0.0, 1.0)))
+    return FreeMapFit(effect.acts_on[0], float(np.clip(share, 0.0, 1.0)), effect.shown_maps())
 
 
 def _loss_and_gradient(

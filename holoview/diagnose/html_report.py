@@ -43,6 +43,8 @@ def write_report(
         "held-out": plots.held_out_psnr_bars(diagnosis),
         "candidates": plots.candidate_excess_bars(diagnosis),
     }
+    if diagnosis.free_maps:
+        figures["free-maps"] = plots.free_maps(diagnosis.free_maps)
     pictures = {}
     for number, (name, figure) in enumerate(figures.items(), 1):
         pictures[name] = figure_bytes(figure)

@@ -26,7 +26,7 @@ from holoview.diagnose.diagnosis import CandidateResult, Cause, Diagnosis
 from holoview.diagnose.excess_breakdown import break_down_excess
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.fit_statistics import explained_variance, fit_quality, held_out_groups, sample_captures
-from holoview.diagnose.free_maps import fit_free_maps, likely_locations
+from holoview.diagnose.free_maps import FreeMapFit, fit_free_maps, likely_fits
 from holoview.diagnose.held_out_ranking import SearchResult
 from holoview.diagnose.judged_search import SearchOutcome
 from holoview.diagnose.one_picture import ONE_PICTURE_NOTE, with_one_picture
@@ -234,7 +234,7 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
         values=values if law is None else values | law.values,
         rivals=(*(r.causes for r in decision.rivals), *wider_names(context, decision)),
         unexplained=0.0 if decision.verdict is Verdict.CONSISTENT else float(min(left, 1.0)),
-        lives_in=_locations(findings, values, after.chi2_per_pixel, progress) if free_maps else {},
+        free_maps=_free_maps(findings, values, after.chi2_per_pixel, progress) if free_maps else (),
         groups=held_out_groups(captures, comparison, nominal, best, config.report),
         candidates=tuple(CandidateResult(c.causes, c.chi2_per_pixel) for c in result.candidates),
         samples=sample_captures(captures, comparison, nominal, best, config.report.samples),
@@ -250,15 +250,15 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
     )
 
 
-def _locations(findings: _Findings, values: Values, chi2: float, progress: ProgressCallback) -> dict[str, float]:
-    """The places of an error that no effect explains, with the shares that free maps there explain."""
+def _free_maps(findings: _Findings, values: Values, chi2: float, progress: ProgressCallback) -> tuple[FreeMapFit, ...]:
+    """The places of an error that no effect explains, with maps that are free there."""
     context, verdict = findings.context, findings.decision.verdict
     is_open = verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
     if not is_open or chi2 <= context.config.verdict.explained_chi2:
-        return {}
+        return ()
     progress(0, 1, "free maps at every place")
     base, held_out = {name: dict(own) for name, own in values.items()}, findings.result.comparison
     if context.region is not None:
         context = context.region
         held_out = context.model_weighted_comparison(context.split.held_out, values)
-    return likely_locations(fit_free_maps(context, base, held_out), context.config.free_maps)
+    return likely_fits(fit_free_maps(context, base, held_out), context.config.free_maps)

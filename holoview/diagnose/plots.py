@@ -10,6 +10,7 @@ import numpy as np
 
 from holoview.diagnose.diagnosis import Diagnosis, SampleCapture
 from holoview.diagnose.excess_breakdown import ExcessBin
+from holoview.diagnose.free_maps import FreeMapFit
 from holoview.report.figure import new_figure
 from holoview.util.units import format_rounded
 
@@ -90,6 +91,26 @@ def candidate_excess_bars(diagnosis: Diagnosis, max_candidates: int = 12) -> Fig
     axis.set_yticks(np.arange(len(names)), names, fontsize=8)
     axis.invert_yaxis()
     axis.set_xlabel("χ²/n − 1 on held-out captures")
+    return figure
+
+
+def free_maps(fits: Sequence[FreeMapFit]) -> Figure:
+    """A row for each place with its fitted maps: surfaces as pictures, a few numbers as bars."""
+    columns = max(len(fit.maps) for fit in fits)
+    figure = new_figure((3.4 * columns, 2.5 * len(fits)), dpi=_DPI)
+    for fit, line in zip(fits, figure.subplots(len(fits), columns, squeeze=False), strict=True):
+        for axis in line[len(fit.maps) :]:
+            axis.set_axis_off()
+        for axis, shown in zip(line, fit.maps, strict=False):
+            scale, unit = (1e9, "nm") if shown.unit == "m" else (100.0, "%")
+            axis.set_title(f"{fit.location}: {shown.name} ({unit})", fontsize=9)
+            axis.tick_params(labelsize=7)
+            if shown.values.ndim == 1:
+                axis.bar(np.arange(len(shown.values)), scale * shown.values, color=_AFTER)
+                continue
+            most = max(scale * float(np.abs(shown.values).max()), 1e-9)
+            drawn = axis.imshow(scale * shown.values, cmap="RdBu_r", vmin=-most, vmax=most, interpolation="bicubic")
+            figure.colorbar(drawn, ax=axis, fraction=0.035, pad=0.02).ax.tick_params(labelsize=7)
     return figure
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import torch
@@ -16,8 +18,9 @@ from holoview.diagnose.free_maps import (
     FreeModulator,
     FreeRelay,
     FreeSource,
-    likely_locations,
+    likely_fits,
 )
+from holoview.diagnose.suggestions import suggest_for
 from holoview.model.effects.hook_contexts import RelayContext
 
 CONFIG = FreeMapConfig()
@@ -77,5 +80,19 @@ def test_every_number_of_a_map_has_its_slope(nominal: Captures, maps: FreeMaps) 
 
 def test_only_places_that_explain_much_are_named() -> None:
     fits = [FreeMapFit("camera", 0.9), FreeMapFit("source", 0.7), FreeMapFit("relay 1", 0.2)]
-    assert likely_locations(fits, CONFIG) == {"camera": 0.9, "source": 0.7}
-    assert likely_locations([FreeMapFit("camera", 0.05)], CONFIG) == {} and likely_locations([], CONFIG) == {}
+    assert [fit.location for fit in likely_fits(fits, CONFIG)] == ["camera", "source"]
+    assert likely_fits([FreeMapFit("camera", 0.05)], CONFIG) == likely_fits([], CONFIG) == ()
+
+
+@pytest.mark.parametrize("maps", MAPS, ids=lambda m: m.id)
+def test_maps_are_shown_in_units_and_their_place_has_a_suggestion(maps: FreeMaps) -> None:
+    maps.set_from_vector(np.arange(1.0, maps.parameter_count + 1))
+    for name, shown in ((shown.name, shown) for shown in maps.shown_maps()):
+        raw = maps.maps[name].numpy()
+        if shown.unit == "m":
+            np.testing.assert_allclose(shown.values, 50e-9 * (raw - raw.mean()))
+        else:
+            np.testing.assert_allclose(shown.values, 0.1 * raw)
+    hook = re.search(r"overrides `(\w+)`", suggest_for(maps.acts_on[0]))
+    assert hook and maps.overrides(hook[1]), "the hook that the maps themselves use"
+    maps.set_from_vector(np.zeros(maps.parameter_count))

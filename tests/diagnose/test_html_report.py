@@ -6,6 +6,7 @@ import dataclasses
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from holoview.captures.dataset import Captures
@@ -13,6 +14,7 @@ from holoview.captures.fit_quality import FitQuality
 from holoview.diagnose.bad_captures import BadCapture
 from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.display_gain import DisplayGain
+from holoview.diagnose.free_maps import FreeMapFit, ShownMap
 from holoview.diagnose.html_report import write_report
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.uncertainty import Interval
@@ -34,6 +36,12 @@ CAUSE = Cause(
     separate_by="a capture in another plane",
 )
 
+MAPS = (
+    ShownMap("amplitude", np.linspace(-0.1, 0.1, 64).reshape(8, 8), "1"),
+    ShownMap("path", np.zeros((8, 8)), "m"),
+    ShownMap("curve", np.linspace(0, 0.02, 9), "1"),
+)
+
 
 @pytest.fixture(scope="module")
 def found(nominal: Captures) -> Diagnosis:
@@ -45,7 +53,7 @@ def found(nominal: Captures) -> Diagnosis:
         causes=(CAUSE,),
         rivals=(("stroke", "tilt"),),
         unexplained=0.3,
-        lives_in={"relay 1": 0.96},
+        free_maps=(FreeMapFit("relay 1", 0.96, MAPS),),
         bad_captures=(BadCapture(3, "exchanged with 9", "Its picture shows <that> of 9."),),
         fixed_pattern=0.01,
         notes=("1 < 2",),
@@ -72,7 +80,7 @@ def test_it_says_all_that_was_found(tmp_path: Path, found: Diagnosis) -> None:
         "Looks much like: aberration1 (1.00), distance (0.50) (correlation of what they change).",
         "To separate them: a capture in another plane.",
         "Can't be excluded stroke and tilt",
-        "relay 1: 96% of what is left",
+        "relay 1: 96% of what is left. Write an effect that overrides `pupil` for relay 1",
         "This speaks of 11 of 12 captures.",
         "3 exchanged with 9 Its picture shows <that> of 9.",
         "Pixels differ in sensitivity by 1.00%.",
@@ -82,7 +90,7 @@ def test_it_says_all_that_was_found(tmp_path: Path, found: Diagnosis) -> None:
 
 
 def test_what_a_diagnosis_lacks_has_no_heading(tmp_path: Path, found: Diagnosis) -> None:
-    text = _text(tmp_path, dataclasses.replace(found, rivals=(), lives_in={}, fixed_pattern=0.0, bad_captures=()))
+    text = _text(tmp_path, dataclasses.replace(found, rivals=(), free_maps=(), fixed_pattern=0.0, bad_captures=()))
     for words in (
         "Captures that were left out",
         "This speaks of",
