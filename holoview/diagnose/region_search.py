@@ -16,6 +16,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from holoview.captures.patterns import pattern_roughness
@@ -85,6 +86,7 @@ def search_region_first(
     decision = inner.decision
     fits = tuple(score.fit for score in (decision.best, *decision.rivals) if score is not None)
     leads = Leads(fits, decision.verdict in _EXPLAINED, inner.context.left_out)
+    torch.set_num_threads(context.workers.workers)  # most of what follows runs here, a few large fields at a time
     whole = replace(context, region=inner.context, leads=leads, workers=inner.context.workers)
     outcome = search_good_captures(whole, useless, count, progress)
     rows, columns = inner.context.data.captures.levels.shape[2:]
