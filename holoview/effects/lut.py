@@ -9,6 +9,7 @@ from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 from holoview.numerics.knots import knot_interval
+from holoview.numerics.power_law import power_law
 
 if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
@@ -60,7 +61,7 @@ class Lut(Effect):
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         number = context.number + 1
         gamma = v[f"gamma{number}"]
-        curved = share if gamma == 1.0 else share**gamma
+        curved = power_law(share, gamma)
         added = [0.0, *(v[f"level{number}_{k:02d}"] for k in range(1, _STEPS + 1))]
         if not any(added):
             return curved

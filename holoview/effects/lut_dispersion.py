@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from holoview.model.effects.effect import Effect, Needs
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
+from holoview.numerics.power_law import power_law
 
 if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
@@ -63,8 +64,7 @@ class LutDispersion(Effect):
         return alike + alone if len(system.modulators) == 2 else alone
 
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        exponent = self.exponent(context.number, context.wavelength_m, v)
-        return share if exponent == 1.0 else share**exponent
+        return power_law(share, self.exponent(context.number, context.wavelength_m, v))
 
     def exponent(self, modulator: int, wavelength_m: float, v: Values) -> float:
         """γ of modulator 0 or 1 at a wavelength."""

@@ -10,6 +10,7 @@ subpixel_shift     images shifted by fractions of a pixel, and their gradients, 
 image_region       rectangles of an image as slices, and setting everything outside to zero
 taper              a window that falls to zero at both ends
 knots              linear interpolation in tables with equidistant knots
+power_law          powers of numbers from 0 on, with finite gradients
 thin_plate_spline  thin-plate splines through values at equidistant nodes
 zernike            Zernike polynomials in Noll's order
 least_squares      Levenberg–Marquardt inside bounds, minimisation along one axis, profile likelihood intervals

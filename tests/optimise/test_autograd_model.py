@@ -112,6 +112,13 @@ def test_a_hologram_made_for_the_effect_is_better_on_a_bench_that_has_it(name: s
     assert psnr[0] > psnr[1] + 0.3
 
 
+@pytest.mark.parametrize("effect", [{"lut": {"gamma1": 0.7}}, {"lut_dispersion": {"slope1": 0.5}}], ids=str)
+def test_a_response_that_is_vertical_at_zero_drive_leaves_gradients_finite(effect: dict[str, Any]) -> None:
+    """Steps end at no drive for some pixels, where the slope of drive^0.7 is infinite."""
+    *_, last = iterate(_system(effect), np.full((2, 12, 14, 3), 0.2), Settings(iterations=8))
+    assert np.isfinite(last.loss)
+
+
 OF_LASERS: dict[str, dict[str, float]] = {
     "bandwidth": {"sigma": 1e-9},
     "second_line": {"share": 0.2},
