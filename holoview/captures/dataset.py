@@ -88,6 +88,8 @@ class Captures:
     corrections: in words, what was wrong with the records and has been put right in these.
     lasers_m: wavelengths of the session that these were taken from, ascending; empty for a whole session.
     frame: (rows, columns) of the pictures that these are the middle of; None for whole pictures.
+    levels_before: as `levels`, those of the capture that was taken before, for the first its own; None if they follow
+    from the order of these.
     """
 
     levels: NDArray[np.unsignedinteger]
@@ -105,6 +107,7 @@ class Captures:
     corrections: tuple[str, ...] = ()
     lasers_m: tuple[float, ...] = ()
     frame: tuple[int, int] | None = None
+    levels_before: NDArray[np.unsignedinteger] | None = None
 
     def __len__(self) -> int:
         return len(self.levels)
@@ -148,12 +151,26 @@ class Captures:
         chosen = np.asarray(indices)
         names = ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s")
         lasers = self.lasers_m or tuple(self.wavelengths_m.tolist())
-        return dataclasses.replace(self, **{name: getattr(self, name)[chosen] for name in names}, lasers_m=lasers)
+        before = np.stack([self._levels_before(int(k)) for k in chosen]) if len(chosen) else self.levels[:0]
+        parts = {name: getattr(self, name)[chosen] for name in names}
+        return dataclasses.replace(self, **parts, lasers_m=lasers, levels_before=before)
 
     def drive(self, capture: int) -> Floats:
         """The patterns of one capture as fractions of the stroke, 0 … 1, (modulator, y, x)."""
-        highest = np.array([slm.num_levels - 1 for slm in self.slms], dtype=np.float64)
-        return self.levels[capture] / highest[:, None, None]
+        return self.levels[capture] / self._highest_levels
+
+    def drive_before(self, capture: int) -> Floats:
+        """As `drive`, of the capture that was taken before, in the order of the file; of the first its own."""
+        return self._levels_before(capture) / self._highest_levels
+
+    @property
+    def _highest_levels(self) -> Floats:
+        return np.array([slm.num_levels - 1 for slm in self.slms], dtype=np.float64)[:, None, None]
+
+    def _levels_before(self, capture: int) -> NDArray[np.unsignedinteger]:
+        if self.levels_before is not None:
+            return self.levels_before[capture]
+        return self.levels[max(capture % len(self) - 1, 0)]
 
     def nominal_system(
         self, wavelengths_m: Sequence[float] | None = None, planes_m: Sequence[float] | None = None

@@ -18,6 +18,7 @@ from holoview.captures.camera_sampling import PixelGrid, squared_magnitude
 from holoview.captures.incoherent_component import IncoherentComponent
 from holoview.captures.tensor_cache import TensorCache
 from holoview.model.bench_parts import Relay
+from holoview.model.effects.effect import MODULATOR_HOOKS
 from holoview.model.effects.hook_contexts import Pose
 from holoview.model.plan import Plan
 from holoview.numerics.chirp_z import chirp_z_transform
@@ -47,9 +48,10 @@ class FourierBenchModel:
         pixel_grid: PixelGrid,
         dtype: torch.dtype,
         cache: TensorCache,
+        before: Tensor | None = None,
     ) -> None:
         self.plan, self.effects, self.focal_length_m, self.relay = plan, effects, focal_length_m, relay
-        self.pixel_grid, self.dtype, self.cache = pixel_grid, dtype, cache
+        self.pixel_grid, self.dtype, self.cache, self.before = pixel_grid, dtype, cache, before
         self.real_dtype = torch.float64 if dtype == torch.complex128 else torch.float32
 
     def intensity(self, drive: Tensor, component: IncoherentComponent, capture: int) -> Tensor:
@@ -68,7 +70,7 @@ class FourierBenchModel:
             component.slopes(self.plan),
             system.modulators[0].stroke_m,
             system.relay2,
-            self.effects.cache_key("stroke_response", "optical_path", "transmission", "camera_pose", "camera_pose_at"),
+            self.effects.cache_key(*MODULATOR_HOOKS, "camera_pose", "camera_pose_at"),
         )
         return self.cache.get(key, lambda: self._camera_intensity(drive[0], component))
 
@@ -87,8 +89,9 @@ class FourierBenchModel:
     def _field(self, drive: Tensor, component: IncoherentComponent) -> Tensor:
         """The field behind the modulator, of pixels or samples, with the phase of the defocus."""
         context = component.modulator_context(self.plan, 0)
+        before = None if self.before is None else self.before[0].to(self.real_dtype)
         transmission = self.effects.modulator_transmission(
-            drive.to(self.real_dtype), context, self.dtype, component.path_factor
+            drive.to(self.real_dtype), context, self.dtype, component.path_factor, before
         )
         field = component.illuminate(self.plan, transmission, self.dtype)
         defocus_m = float(self.plan.planes_m[0]) - self.focal_length_m

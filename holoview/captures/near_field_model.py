@@ -18,6 +18,7 @@ from holoview.captures.frequency_band import FrequencyBand
 from holoview.captures.incoherent_component import IncoherentComponent
 from holoview.captures.tensor_cache import TensorCache
 from holoview.model.bench_parts import Relay
+from holoview.model.effects.effect import MODULATOR_HOOKS
 from holoview.model.effects.hook_contexts import RelayContext
 from holoview.model.plan import Plan, Transfer
 from holoview.optics.propagate import transfer_function_at
@@ -35,6 +36,7 @@ class NearFieldModel:
     plan: of the bench with its effects on distances, angles, wavelengths and apertures. effects: their other hooks.
     relays: the nominal relays 1 and 2, whose stops normalise pupil coordinates.
     cache: keeps intermediate fields; a key names all values that its field depends on.
+    before: what was sent before each pattern, as its drive; None if that isn't known.
     """
 
     def __init__(
@@ -45,9 +47,10 @@ class NearFieldModel:
         pixel_grid: PixelGrid,
         dtype: torch.dtype,
         cache: TensorCache,
+        before: Tensor | None = None,
     ) -> None:
         self.plan, self.effects, self.relays, self.pixel_grid = plan, effects, relays, pixel_grid
-        self.dtype, self.cache = dtype, cache
+        self.dtype, self.cache, self.before = dtype, cache, before
         self.real_dtype = torch.float64 if dtype == torch.complex128 else torch.float32
 
     def intensity(self, drive: Tensor, component: IncoherentComponent, capture: int) -> Tensor:
@@ -131,8 +134,9 @@ class NearFieldModel:
 
         def compute() -> Tensor:
             context = component.modulator_context(self.plan, number)
+            before = None if self.before is None else self.before[number].to(self.real_dtype)
             transmission = self.effects.modulator_transmission(
-                drive.to(self.real_dtype), context, self.dtype, component.path_factor
+                drive.to(self.real_dtype), context, self.dtype, component.path_factor, before
             )
             return context.sampled(transmission) if number else transmission
 
@@ -178,9 +182,7 @@ class NearFieldModel:
         return capture, component.path_factor, self._modulator_key(0, component), component.slopes(self.plan)
 
     def _modulator_key(self, number: int, component: IncoherentComponent) -> Hashable:
-        hooks = self.effects.cache_key(
-            "stroke_response", "optical_path", "transmission", "slm2_pose", acts_on=f"modulator {number + 1}"
-        )
+        hooks = self.effects.cache_key(*MODULATOR_HOOKS, acts_on=f"modulator {number + 1}")
         source = self.effects.cache_key("transmission", acts_on="source") if number == 0 else ()
         stroke_m = self.plan.system.modulators[number].stroke_m
         return number, component.wavelength_m(self.plan), stroke_m, hooks, source

@@ -151,7 +151,8 @@ class Predictor:
         cache: TensorCache,
     ) -> Tensor:
         """Intensity (y, x) on the camera for unit power: the weighted sum over all incoherent components."""
-        model = self._forward_model(plan, active, cache)
+        before = self._drive_before(k) if active.with_hooks("settled_share") else None
+        model = self._forward_model(plan, active, cache, before)
         total: Tensor | None = None
         for wavelength in range(len(plan.system.wavelengths_m)):
             for source in range(len(plan.slopes)):
@@ -181,14 +182,19 @@ class Predictor:
         return distance if self.captures.is_fourier else max(distance, 0.0)
 
     def _forward_model(
-        self, plan: Plan, active: TorchEffects, cache: TensorCache
+        self, plan: Plan, active: TorchEffects, cache: TensorCache, before: Tensor | None
     ) -> NearFieldModel | FourierBenchModel:
         c = self.captures
         if c.focal_length_m is not None:
-            return FourierBenchModel(plan, active, c.focal_length_m, c.relay2, self.pixel_grid, self.dtype, cache)
-        return NearFieldModel(plan, active, (c.relay1, c.relay2), self.pixel_grid, self.dtype, cache)
+            return FourierBenchModel(
+                plan, active, c.focal_length_m, c.relay2, self.pixel_grid, self.dtype, cache, before
+            )
+        return NearFieldModel(plan, active, (c.relay1, c.relay2), self.pixel_grid, self.dtype, cache, before)
 
     def _drive(self, k: int) -> Tensor:
         if k not in self._drives:
             self._drives[k] = torch.from_numpy(self.captures.drive(k)).to(self.real_dtype)
         return self._drives[k]
+
+    def _drive_before(self, k: int) -> Tensor:
+        return torch.from_numpy(self.captures.drive_before(k)).to(self.real_dtype)

@@ -20,6 +20,7 @@ lut               the optical path of each level
 lut_dispersion    the shape of the table at each wavelength
 dispersion        the optical path at each wavelength
 stroke_map        the optical path of full drive over the area
+settling          a part of the pattern before remains
 crosstalk         fringing fields between pixels
 undiffracted      light that isn't modulated
 polarisation      light that isn't modulated and adds in intensity

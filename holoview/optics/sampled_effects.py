@@ -43,15 +43,28 @@ class SampledTransmissions:
         if not self.is_sampled(modulator):
             return None
         drive_frame, moment = divmod(frame, len(self.plan.moments))
-        share = nearest_level(self.drive[drive_frame, modulator], self.plan.nominal.modulators[modulator])
-        return self.transmission_for(share, modulator, wavelength, torch.complex128, self.plan.moments[moment])
+        share, before = (
+            nearest_level(self.drive[f, modulator], self.plan.nominal.modulators[modulator])
+            for f in (drive_frame, drive_frame - 1)  # frames repeat, so that before the first one comes the last
+        )
+        moment_factor = self.plan.moments[moment]
+        return self.transmission_for(share, before, modulator, wavelength, torch.complex128, moment_factor)
 
     def transmission_for(
-        self, share: Tensor, modulator: int, wavelength: int, dtype: torch.dtype, path_factor: float = 1.0
+        self,
+        share: Tensor,
+        before: Tensor,
+        modulator: int,
+        wavelength: int,
+        dtype: torch.dtype,
+        path_factor: float = 1.0,
     ) -> Tensor:
-        """The transmission (y, x) of the samples of a modulator to which `share` (rows, columns) was sent."""
+        """The transmission (y, x) of the samples of a modulator to which `share` (rows, columns) was sent.
+
+        before: as `share`, what was sent in the frame before.
+        """
         context = self.context(modulator, wavelength)
-        return context.sampled(self.effects.modulator_transmission(share, context, dtype, path_factor))
+        return context.sampled(self.effects.modulator_transmission(share, context, dtype, path_factor, before))
 
     def context(self, modulator: int, wavelength: int) -> ModulatorContext:
         """What hooks are told about a modulator at the wavelength of an index."""

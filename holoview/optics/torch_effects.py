@@ -15,20 +15,30 @@ class TorchEffects(ActiveEffects):
     """The active effects of a table, with their hooks on light."""
 
     def modulator_transmission(
-        self, share: Tensor, context: ModulatorContext, dtype: torch.dtype, path_factor: float = 1.0
+        self,
+        share: Tensor,
+        context: ModulatorContext,
+        dtype: torch.dtype,
+        path_factor: float = 1.0,
+        before: Tensor | None = None,
     ) -> Tensor:
         """The complex transmission of a modulator, of pixels, or of samples where an effect needs them.
 
         share: (rows, columns) fraction of the stroke that was sent to each pixel.
         dtype: of the result.
         path_factor: factor of the optical paths, of one sample of an exposure.
+        before: as `share`, what was sent before; None if that isn't known.
         """
 
         def applied(hook: str, values: Tensor) -> Tensor:
             changed: Tensor = self.applied(hook, values, context, pairs=self.on_modulator(context.number, hook))
             return changed
 
-        path_m = applied("optical_path", applied("stroke_response", share) * context.stroke_m)
+        shown = applied("stroke_response", share)
+        if before is not None and (settling := self.on_modulator(context.number, "settled_share")):
+            shown_before = applied("stroke_response", before)
+            shown = self.applied("settled_share", shown, shown_before, context, pairs=settling)
+        path_m = applied("optical_path", shown * context.stroke_m)
         if path_factor != 1.0:
             path_m = path_m * path_factor
         transmission = applied("transmission", phasor(path_m, context.wavelength_m, dtype))

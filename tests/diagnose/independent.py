@@ -89,6 +89,7 @@ class Faults:
     modulators: ModulatorFaults = field(default_factory=ModulatorFaults)
     light: LightFaults = field(default_factory=LightFaults)
     camera: CameraFaults = field(default_factory=CameraFaults)
+    frames_to_settle: float = 0.0  # time constant of the liquid crystals, in times from capture to capture
     vortex: float = 0.0  # a spiral phase on modulator 1, turns: no effect of the library
 
 
@@ -146,7 +147,8 @@ def write_session(path: Path, lab: Laboratory) -> Path:
     distance = np.resize(lab.planes_m or (lab.distance_m,), count)
     images, exposure = [], []
     for k, λ in enumerate(wavelength):
-        signal = scale[λ] * power[k] * _light_of_capture(replace(lab, distance_m=distance[k]), levels[k], float(λ), k)
+        shown = _settled(levels[k], levels[max(k - 1, 0)], lab.faults.frames_to_settle)
+        signal = scale[λ] * power[k] * _light_of_capture(replace(lab, distance_m=distance[k]), shown, float(λ), k)
         exposure.append(float(f"{0.8 / np.quantile(signal, 0.999):.3g}"))
         light = signal * exposure[-1] * (k not in lab.mishaps.dark) * lab.mishaps.overexposed.get(k, 1.0)
         light = light + exposure[-1] * lab.faults.camera.room.light(light.shape)
@@ -162,18 +164,24 @@ def write_session(path: Path, lab: Laboratory) -> Path:
     return path
 
 
-def _light_of_capture(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, k: int) -> Floats:
+def _settled(levels: NDArray[np.uint8], before: NDArray[np.uint8], time_constant: float) -> Floats:
+    """What modulators show one frame after they were told to go from `before` to `levels`, in levels."""
+    left = np.exp(-1 / time_constant) if time_constant else 0.0
+    return levels + left * (before.astype(float) - levels)
+
+
+def _light_of_capture(lab: Laboratory, levels: Floats, wavelength_m: float, k: int) -> Floats:
     """The light of a capture whose camera and modulators did what happened to them in it."""
     if k in lab.mishaps.other_pattern:
         rng = np.random.default_rng((lab.seed, k, 1))
-        levels = np.stack([_pattern(rng, lab, k) for _ in range(2)]).astype(np.uint8)
+        levels = np.stack([_pattern(rng, lab, k) for _ in range(2)]).astype(float)
     moved = replace(lab.faults, distance_m=lab.faults.distance_m + lab.mishaps.defocused.get(k, 0.0))
     light = intensity(replace(lab, faults=moved), levels, wavelength_m, lab.mishaps.moved.get(k, (0.0, 0.0)))
     return lab.faults.camera.picture(light, wavelength_m, (min(lab.wavelengths_m), max(lab.wavelengths_m)))
 
 
 def intensity(
-    lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, camera_px: tuple[float, float] = (0.0, 0.0)
+    lab: Laboratory, levels: Floats, wavelength_m: float, camera_px: tuple[float, float] = (0.0, 0.0)
 ) -> Floats:
     """Mean light of each camera pixel for levels (modulator, y, x); the picture is moved by `camera_px` modulator
     pixels (y, x)."""
@@ -189,7 +197,7 @@ def intensity(
 
 def _field(
     lab: Laboratory,
-    levels: NDArray[np.uint8],
+    levels: Floats,
     wavelength_m: float,
     distance_m: float,
     camera_px: tuple[float, float],
@@ -209,7 +217,7 @@ def _field(
     return np.roll(field, tuple(round(s * lab.fine) for s in camera_px), (0, 1))
 
 
-def _modulated(lab: Laboratory, levels: NDArray[np.uint8], wavelength_m: float, number: int) -> Complex:
+def _modulated(lab: Laboratory, levels: Floats, wavelength_m: float, number: int) -> Complex:
     full = lab.opd_m * (1 + lab.faults.stroke)
     path = lab.faults.modulators.path(number, levels / (lab.levels - 1), full, wavelength_m)
     if lab.faults.crosstalk_px:

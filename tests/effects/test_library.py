@@ -52,6 +52,7 @@ IDS = [
     "motion_blur",
     "ambient",
     "stage",
+    "settling",
 ]
 PLACES = {"source", "modulator 1", "relay 1", "modulator 2", "relay 2", "camera"}
 RICH = DataProperties(wavelengths=4, planes=2, powers=5, modulators=2, irises=(True, True), is_fourier=False)
@@ -95,13 +96,13 @@ def test_an_effect_at_its_identity_changes_no_bit_far_away(name: str, make_fouri
 
 @pytest.mark.parametrize("name", IDS)
 def test_every_start_of_a_search_is_a_bench_that_can_be_and_differs(name: str, make_session: Make) -> None:
-    captures = make_session(1, power=torch.tensor([0.5]).double().numpy())
+    captures = make_session(2, power=torch.tensor([0.5, 0.5]).double().numpy())
     predict, effect = Predictor(captures), listed_effects()[name]
     starts = list(effect.starting_points(captures.nominal_system()))
-    plain = predict([0])
+    plain = predict([1])
     for values in (starts or [{p.name: p.prior for p in effect.parameters}])[:: max(1, len(starts) // 4)]:
         assert all(p.low <= values.get(p.name, p.identity) <= p.high for p in effect.parameters)
-        changed = predict([0], {name: values})
+        changed = predict([1], {name: values})
         same = torch.equal(changed.signal, plain.signal) and changed.black_level == plain.black_level
         same = same and changed.ambient is None
         assert not same or name == "dispersion", values  # which is nothing at its reference alone

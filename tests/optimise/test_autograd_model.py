@@ -33,6 +33,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "slm_flatness": {"z5_1": 1e-7},
     "slm1_fringes": {"path_y": 2e-6, "cos1": 0.1, "sin2": 0.05},
     "undiffracted": {"share": 0.2},
+    "settling": {"share1": 0.3, "share2": 0.1},
     "stroke": {"stroke_error": 0.1},
     "gap": {"gap_error": 1e-4},
     "aberration2": {"z5": 1e-7},

@@ -36,13 +36,14 @@ EFFECTS: dict[str, dict[str, dict[str, float]]] = {
         "second_line": {"share": 0.4, "offset": 3e-9},
         "polarisation": {"share": 0.2},
     },
+    "several frames that don't settle": {"settling": {"share1": 0.3, "share2": 0.1}, "lut": {"gamma2": 1.2}},
     "several frames": {"flicker": {"depth": 0.1}, "lut": {"gamma1": 1.2}},
 }
 
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_a_frame_with_effects_is_that_of_torch(name: str, both: Opened, bench: Opened) -> None:
-    frames = {"frames": 2} if name == "several frames" else {}
+    frames = {"frames": 2} if name.startswith("several frames") else {}
     system = bench(**{"relay1.iris_na": 0.03, "relay2.iris_na": 0.03}, effects=EFFECTS[name], **frames)
     pair = both(system)
     (expected, expected_xyz), (found, xyz) = compute_focal_stack(pair.reference), compute_focal_stack(pair.shaders)

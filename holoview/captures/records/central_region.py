@@ -30,9 +30,11 @@ def central_region(captures: Captures, side_px: int, further_px: int = 0) -> Cap
         _kept(n, math.floor((kept - 2 * margin) * scale) if kept < whole else n)
         for n, kept, whole in zip(captures.shape, (rows, columns), captures.levels.shape[2:], strict=True)
     ]
+    middle, before = (..., *central_slices(captures.levels.shape[2:], (rows, columns))), captures.levels_before
     return dataclasses.replace(
         captures,
-        levels=captures.levels[(..., *central_slices(captures.levels.shape[2:], (rows, columns)))],
+        levels=captures.levels[middle],
+        levels_before=None if before is None else before[middle],
         images=captures.images[(..., *central_slices(captures.shape, (seen[0], seen[1])))],
         frame=captures.frame or captures.shape,
     )

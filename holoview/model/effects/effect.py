@@ -8,6 +8,7 @@ order in which light meets them:
     laser_power         relative laser power that was set → that is emitted
     exposure_samples    what an exposure averages over: (weight, factor of the optical paths)
     stroke_response     fraction of the stroke (0…1) that was sent → that a modulator shows
+    settled_share       the same, where it depends on what was shown before
     optical_path        optical path (m) of a modulator at a wavelength
     transmission        complex transmission of a modulator at a wavelength; also the light onto the first one
     slm2_pose           position of the second modulator: shift, rotation, magnification
@@ -41,7 +42,7 @@ ExposureSample = tuple[float, float]
 """(weight, factor of the optical paths) of a sample of an exposure."""
 
 BENCH_HOOKS = ("bench", "laser_power", "exposure_samples")
-MODULATOR_HOOKS = ("stroke_response", "optical_path", "transmission", "slm2_pose")
+MODULATOR_HOOKS = ("stroke_response", "settled_share", "optical_path", "transmission", "slm2_pose")
 CAMERA_HOOKS = ("camera_distance", "camera_pose", "camera_pose_at", "image", "ambient_light", "black_level_offset")
 
 
@@ -137,6 +138,14 @@ class Effect:
 
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         """The fraction of the stroke that pixels (rows, columns) show when `share` was sent."""
+        return share
+
+    def settled_share(self, share: Tensor, before: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        """The fraction of the stroke that pixels (rows, columns) show if they would settle at `share`, from `before`.
+
+        Called only where it is known what was shown before: the frame before, of several that repeat, or the patterns
+        of the capture before.
+        """
         return share
 
     def optical_path(self, path_m: Tensor, context: ModulatorContext, v: Values) -> Tensor:

@@ -1,0 +1,50 @@
+"""A modulator is seen before its liquid crystal has settled: a part of the pattern before remains."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
+
+if TYPE_CHECKING:  # torch takes seconds to import
+    from torch import Tensor
+
+    from holoview.model.effects.hook_contexts import ModulatorContext
+
+_SHARES = (-0.1, 0.05, 0.1, 0.2, 0.3, 0.5)
+
+
+class Settling(Effect):
+    """Fraction of the stroke = (1 − share)·now + share·before: exponential relaxation, share = exp(−time/constant).
+
+    Before is the frame before, of several that repeat, or the capture before in the order of the file, whose first
+    capture has none. To first order in the step, a nematic cell relaxes like this, with the time constant of its
+    viscosity (Yang & Wu, Fundamentals of Liquid Crystal Devices, 2nd ed., 5.4). A negative share is that of overdrive,
+    which goes beyond the target.
+    """
+
+    id = "settling"
+    cause = "The modulators are seen before they have settled: a part of the pattern before remains."
+    finding = "Of the pattern before, {remaining} remains on the modulators."
+    parameters = (
+        Parameter("share1", "Share of the pattern before on modulator 1.", low=-0.5, high=0.95, prior=0.05),
+        Parameter("share2", "Share of the pattern before on modulator 2.", low=-0.5, high=0.95, prior=0.05),
+    )
+    acts_on = ("modulator 1", "modulator 2")
+
+    def starting_points(self, system: System) -> Iterable[dict[str, float]]:
+        """Both modulators alike, and each alone."""
+        alike = [{"share1": share, "share2": share} for share in _SHARES]
+        alone = [{name: share} for name in ("share1", "share2") for share in _SHARES]
+        return alike + alone if len(system.modulators) == 2 else alone[: len(_SHARES)]
+
+    def settled_share(self, share: Tensor, before: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        remaining = v[f"share{context.number + 1}"]
+        return share + remaining * (before - share) if remaining else share
+
+    def finding_fields(self, system: System, v: Values) -> dict[str, str]:
+        shares = [f"{v[f'share{number}']:.3g}" for number in range(1, len(system.modulators) + 1)]
+        return {"remaining": " and ".join(dict.fromkeys(shares))}
