@@ -43,14 +43,19 @@ class FringeStarts:
         modulations = _modulations(fitted, comparison)
         self._starts = [_fringes(modulations, path) for path in _strongest_paths(modulations, config)]
         self._modulator_over_picture = _modulator_over_picture(comparison)
+        captures = comparison.data.captures
+        sizes = zip(captures.frame or captures.shape, captures.shape, strict=True)
+        self._frame_over_picture = tuple(whole / seen for whole, seen in sizes)
 
     def __call__(self, effect: Effect) -> StartingValues:
         bounds = {p.name: (p.low, p.high) for p in effect.parameters}
         if not set(bounds) >= _PARAMETERS:
             return []
         starts = self._starts
-        if "camera" not in effect.acts_on:  # there, opposite wedges have the same light and opposite wavefronts
-            scaled = [_on_modulator(start, self._modulator_over_picture) for start in starts]
+        if "camera" in effect.acts_on:
+            starts = [_over(start, self._frame_over_picture) for start in starts]
+        else:  # there, opposite wedges have the same light and opposite wavefronts
+            scaled = [_over(start, self._modulator_over_picture) for start in starts]
             starts = [both for start in scaled for both in (start, _opposite(start))]
         return [
             {name: float(np.clip(value, *bounds[name])) for name, value in start.items() if name in bounds}
@@ -68,7 +73,8 @@ def _modulator_over_picture(comparison: Comparison) -> tuple[float, float]:
     return sizes[0], sizes[1]
 
 
-def _on_modulator(start: dict[str, float], scale: tuple[float, float]) -> dict[str, float]:
+def _over(start: dict[str, float], scale: tuple[float, ...]) -> dict[str, float]:
+    """The same wedge, with its paths over something so many times as large as the picture, (y, x)."""
     return {**start, "path_y": start["path_y"] * scale[0], "path_x": start["path_x"] * scale[1]}
 
 

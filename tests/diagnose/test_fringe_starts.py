@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from holoview.diagnose.fringe_starts import FringeStarts
@@ -21,6 +23,18 @@ def test_the_strongest_start_is_the_fringes_that_lie_over_the_picture(make_conte
         assert found[axis] == pytest.approx(TRUE[axis], abs=0.25 * 450e-9 * 1.01)
     for name in ("cos1", "sin1", "cos2", "sin2"):
         assert found[name] == pytest.approx(TRUE[name], abs=0.01)
+
+
+def test_the_path_is_over_the_whole_picture_where_only_its_middle_is_searched(make_context: MakeContext) -> None:
+    context, effect = make_context({"camera_fringes": TRUE}), listed_effects()["camera_fringes"]
+    captures = context.data.captures
+    middle = replace(captures, frame=(3 * captures.shape[0], 2 * captures.shape[1]))
+    found = []
+    for data in (context.data, replace(context.data, captures=middle)):
+        comparison = replace(context, data=data).data_weighted_comparison(context.split.coarse, 0.0)
+        found.append(FringeStarts(comparison.fit_gains({}), comparison, context.config.starts)(effect)[0])
+    whole, cut = found
+    assert cut == pytest.approx({**whole, "path_y": 3 * whole["path_y"], "path_x": 2 * whole["path_x"]})
 
 
 @pytest.mark.parametrize("name", ["slm1_fringes", "slm2_fringes"])
