@@ -40,6 +40,7 @@ class Ambient(Effect):
         ),
     )
     acts_on = ("camera",)
+    varies_over_field = True
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         return [{"level": level} for level in _LEVELS]

@@ -32,6 +32,7 @@ class CameraAlignment(Alignment):
         ),
     )
     acts_on = ("camera",)
+    varies_over_field = True
 
     def camera_pose(self, pose: Pose, v: Values) -> Pose:
         return dataclasses.replace(self.moved(pose, v), softness=v["softness"])

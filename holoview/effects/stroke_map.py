@@ -45,6 +45,7 @@ class StrokeMap(Effect):
     finding = "The stroke varies over the modulators: {rms} r.m.s. of itself."
     parameters = (*_terms(1), *_terms(2))
     acts_on = ("modulator 1", "modulator 2")
+    varies_over_field = True
     degenerate_with: ClassVar = ("stroke",)
 
     def optical_path(self, path_m: Tensor, context: ModulatorContext, v: Values) -> Tensor:
