@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import fourier_gaussian
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -117,7 +117,9 @@ class CameraFaults:
     def picture(self, light: Floats, wavelength_m: float, ends_m: tuple[float, float]) -> Floats:
         """The light on the camera's pixels (y, x) as they record it. ends_m: the shortest and longest wavelength."""
         if self.blur_px:
-            light = gaussian_filter(light, self.blur_px, mode="nearest", truncate=6.0)
+            margin = int(np.ceil(8 * self.blur_px))
+            spectrum = fourier_gaussian(np.fft.fft2(np.pad(light, margin, mode="edge")), self.blur_px)
+            light = np.fft.ifft2(spectrum).real[margin:-margin, margin:-margin]
         return light if self.fringes is None else self.fringes.seen(light, wavelength_m, ends_m)
 
 

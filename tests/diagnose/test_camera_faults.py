@@ -70,6 +70,7 @@ CASES = [
         {"length_y": 2 * math.sin(0.7), "length_x": 2 * math.cos(0.7)},
     ),
     Case(Faults(camera=CameraFaults(room=ROOM)), "ambient", _room(ROOM)),
+    Case(Faults(camera=CameraFaults(blur_px=0.6)), "camera_blur", {"sigma": 0.6}),
     Case(Faults(black=20.0), "camera_black", {"black": 20.0}),
     Case(
         Faults(camera=CameraFaults(rail=Rail(1.02, (0.4, -0.25), 0.002))),
