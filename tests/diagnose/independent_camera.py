@@ -119,7 +119,7 @@ class CameraFaults:
         if self.blur_px:
             margin = int(np.ceil(8 * self.blur_px))
             spectrum = fourier_gaussian(np.fft.fft2(np.pad(light, margin, mode="edge")), self.blur_px)
-            light = np.fft.ifft2(spectrum).real[margin:-margin, margin:-margin]
+            light = np.maximum(np.fft.ifft2(spectrum).real, 0)[margin:-margin, margin:-margin]
         return light if self.fringes is None else self.fringes.seen(light, wavelength_m, ends_m)
 
 
