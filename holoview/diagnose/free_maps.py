@@ -186,7 +186,7 @@ def fit_free_maps(context: SearchContext, base: FittedValues, comparison: Compar
     """Every place with its maps fitted on top of `base`, the largest share first. comparison: held-out captures."""
     chi2 = comparison.chi2_per_pixel(base)
     jobs = [partial(_fit_free_map, context, base, comparison, effect, chi2) for effect in _free_map_effects(context)]
-    return sorted(context.workers.run(jobs), key=lambda fit: -fit.share)
+    return sorted(context.run_parallel(jobs), key=lambda fit: -fit.share)
 
 
 def likely_fits(fits: list[FreeMapFit], config: FreeMapConfig) -> tuple[FreeMapFit, ...]:

@@ -242,6 +242,8 @@ def equivalent_effects(effects: Mapping[str, Effect], data_properties: DataPrope
 
 def _run_counting_fields(predictor: PerThreadPredictor, end: SearchEnd, job: Callable[[], T]) -> tuple[T, int]:
     """The result of a job, and how many fields it asked for. Raises SearchEnded at the end of its search."""
-    predictor.end, before = end, predictor.thread_fields
-    result = job()
-    return result, predictor.thread_fields - before
+    outer, predictor.end, before = predictor.end, end, predictor.thread_fields
+    try:
+        return job(), predictor.thread_fields - before
+    finally:
+        predictor.end = outer  # a process outlives the search

@@ -82,7 +82,20 @@ def test_predictions_of_jobs_end_with_the_search(make_context: MakeContext) -> N
     job = partial(context.predictor, np.array([0]), {})
     with pytest.raises(SearchEnded):
         ended.run_parallel([job])
-    assert len(context.run_parallel([job])) == 1
+    assert len(context.run_parallel([job])) == 1 and len(context.workers.run([job])) == 1
+
+
+def test_processes_go_on_after_a_search_that_ended(make_context: MakeContext) -> None:
+    """Free maps are fitted by the processes that searched, after its time."""
+    with WorkerPool(2) as pool:
+        context = replace(make_context(), workers=pool)
+        pool.share(context.shared_objects())
+        pool.start()
+        job = partial(context.predictor, np.array([0]), {})
+        soon = replace(context, end=SearchEnd(1.0))
+        assert len(soon.run_parallel([job] * 4)) == 4
+        time.sleep(1.1)
+        assert len(context.run_parallel([job] * 4)) == 4
 
 
 def test_processes_are_not_waited_for() -> None:
