@@ -66,7 +66,7 @@ def test_hooks_are_called_under_their_new_names(old: Effect) -> None:
     assert active.exposure_samples() == [(0.5, 1.0), (0.5, 2.0)]
     assert old.acts_on == ("modulator 2", "camera")
     effects = TorchEffects({"old": {"share": 0.2}}, [old])
-    assert effects.camera_pose() == Pose(shift_m=(1e-6, 2e-6))
+    assert effects.camera_pose(3e-3) == Pose(shift_m=(1e-6, 2e-6))
     with pytest.warns(FutureWarning, match="`places` is called `positions` now"):
         found = effects.image(torch.zeros(3, 2), CameraContext(4e-6, (3, 2)))
     assert torch.equal(found[:, 0], CameraContext(4e-6, (3, 2)).positions(torch.zeros(3, 2))[0][:, 0])
