@@ -50,6 +50,7 @@ def test_a_cause_of_the_middle_is_fitted_to_whole_pictures() -> None:
     assert any(NOTE in note for note in found.notes)
 
 
+@pytest.mark.slow
 def test_what_shows_only_at_the_edges_is_found_in_whole_pictures() -> None:
     """A twentieth of the light at the edges; in the middle, a few thousandths."""
     found = _diagnose(_session("vignetting", "fall_y", 0.05))
@@ -57,6 +58,7 @@ def test_what_shows_only_at_the_edges_is_found_in_whole_pictures() -> None:
     assert found.values["vignetting"]["fall_y"] == pytest.approx(0.05, rel=0.2)
 
 
+@pytest.mark.slow
 def test_a_capture_that_is_bad_beyond_the_middle_is_found() -> None:
     captures = _session("gap", "gap_error", 0.0)
     images = captures.images.copy()
