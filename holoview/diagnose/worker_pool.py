@@ -28,7 +28,7 @@ from types import TracebackType
 from typing import Any, TypeVar
 
 from holoview.util.errors import UserError
-from holoview.util.signals import sigint_blocked
+from holoview.util.signals import end_with_parent, sigint_blocked
 
 T = TypeVar("T")
 FinishedCallback = Callable[[int], None]
@@ -203,6 +203,7 @@ def _dump_job(job: Callable[[], Any], names: Mapping[int, str]) -> bytes:
 
 def _prepare_process(shared: bytes, prepare: Callable[[], object] | None) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
     if prepare is not None:
         prepare()
     _shared_objects.update(pickle.loads(shared))

@@ -21,7 +21,7 @@ from typing import Any, Protocol
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 from holoview.util.optional_library import import_optional
-from holoview.util.signals import sigint_blocked
+from holoview.util.signals import end_with_parent, sigint_blocked
 from holoview.util.version import __version__
 
 CONNECT_TIMEOUT_S = 10.0
@@ -202,4 +202,9 @@ def _assign_resources(client: Any) -> dict[str, WorkerResources]:
 
 def _single_process_pool() -> ProcessPoolExecutor:
     """A pool of one process, which starts with the first job and ignores Ctrl-C: this process handles it."""
-    return ProcessPoolExecutor(1, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    return ProcessPoolExecutor(1, get_context("spawn"), _prepare_process)
+
+
+def _prepare_process() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -12,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from holoview.diagnose.worker_pool import WorkerPool
@@ -66,6 +69,10 @@ def _same_table(first: dict[str, int], second: dict[str, int]) -> tuple[bool, in
     return first is second, first["answer"]
 
 
+def _thread_names() -> list[str]:
+    return sorted(thread.name for thread in threading.enumerate())
+
+
 def test_results_come_in_order_and_are_counted(pool: WorkerPool) -> None:
     told: list[int] = []
     results = pool.run([partial(_late, k) for k in range(5)], told.append)
@@ -87,8 +94,8 @@ def test_jobs_run_here_until_the_processes_are_ready(processes: WorkerPool) -> N
 
 
 def test_processes_do_not_depend_on_the_threads_of_this_one(processes: WorkerPool) -> None:
-    """They are not copies of it."""
-    assert processes.run([threading.active_count] * 2) == [1, 1]
+    """They are not copies of it. Each has one thread beside its own, which waits for the end of its parent."""
+    assert processes.run([_thread_names] * 2) == [["MainThread", "holoview: parent"]] * 2
 
 
 def test_what_is_shared_is_one_object_in_each_process(processes: WorkerPool) -> None:
@@ -151,3 +158,27 @@ def test_an_interrupt_ends_the_workers() -> None:
 def test_workers_dont_hear_ctrl_c(processes: WorkerPool) -> None:
     """The parent does, and ends them."""
     assert processes.run([partial(signal.getsignal, signal.SIGINT)] * 2) == [signal.SIG_IGN] * 2
+
+
+KILLED = """
+import os, time
+from holoview.diagnose.worker_pool import WorkerPool
+
+if __name__ == "__main__":
+    with WorkerPool(2) as pool:
+        pool.start()
+        print(*{process.pid for process in pool._executor._processes.values()}, flush=True)
+        time.sleep(600)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
+def test_workers_end_when_their_program_is_killed(tmp_path: Path) -> None:
+    (tmp_path / "killed.py").write_text(KILLED, encoding="utf-8")
+    with subprocess.Popen([sys.executable, tmp_path / "killed.py"], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        workers = [psutil.Process(int(word)) for word in process.stdout.readline().split()]
+        assert len(workers) == 2
+        process.kill()
+    _, alive = psutil.wait_procs(workers, timeout=60)
+    assert not alive
