@@ -70,7 +70,7 @@ class FourierBenchModel:
             component.slopes(self.plan),
             system.modulators[0].stroke_m,
             system.relay2,
-            self.effects.cache_key(*MODULATOR_HOOKS, "camera_pose", "camera_pose_at"),
+            self.effects.cache_key(*MODULATOR_HOOKS, "camera_pose", "camera_pose_at", laser=component.laser),
         )
         return self.cache.get(key, lambda: self._camera_intensity(drive[0], component))
 

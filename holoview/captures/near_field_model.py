@@ -182,7 +182,7 @@ class NearFieldModel:
         return capture, component.path_factor, self._modulator_key(0, component), component.slopes(self.plan)
 
     def _modulator_key(self, number: int, component: IncoherentComponent) -> Hashable:
-        hooks = self.effects.cache_key(*MODULATOR_HOOKS, acts_on=f"modulator {number + 1}")
+        hooks = self.effects.cache_key(*MODULATOR_HOOKS, acts_on=f"modulator {number + 1}", laser=component.laser)
         source = self.effects.cache_key("transmission", acts_on="source") if number == 0 else ()
         stroke_m = self.plan.system.modulators[number].stroke_m
         return number, component.wavelength_m(self.plan), stroke_m, hooks, source

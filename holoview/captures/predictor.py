@@ -125,7 +125,7 @@ class Predictor:
         plan, exposure_samples = self._plan(k, active), active.exposure_samples()
         self.fields_requested += len(plan.system.wavelengths_m) * len(plan.slopes) * len(exposure_samples)
         intensity = image_cache.get(
-            (k, active.cache_key(*_LIGHT_HOOKS)),
+            (k, active.cache_key(*_LIGHT_HOOKS, laser=int(self._laser_number[k]))),
             lambda: self._unit_intensity(k, plan, active, exposure_samples, cache),
         )
         energy = float(active.laser_power(self.captures.power[k]) * self.captures.exposure_s[k])

@@ -97,6 +97,26 @@ class _EffectFitter:
         fit = local_fit([effect], start, self.comparison, config.fits, iterations=config.screening.local_iterations)
         return CandidateFit((*self.base, effect.id), fit.values, fit.cost)
 
+    def nearby_fit(self, effect: Effect) -> CandidateFit:
+        """A local fit from the identity; over its range where some parameters show together with others only."""
+        return self.scan_and_fit(_no_starts, effect) if self._has_dormant_parameters(effect) else self.local_fit(effect)
+
+    def _has_dormant_parameters(self, effect: Effect) -> bool:
+        """Whether parameters have slopes where a scan begins, but none at the identity: a fit from there misses them.
+
+        Such as the wavelength of a second line, which is nothing while no light is in it.
+        """
+        first = next(iter(effect.starting_points(self.context.system)), None)
+        asleep = ~self._moves_prediction(effect, identity_values(effect))
+        return first is not None and bool(asleep.any()) and bool((asleep & self._moves_prediction(effect, first)).any())
+
+    def _moves_prediction(self, effect: Effect, values: dict[str, float]) -> NDArray[np.bool_]:
+        """For each parameter of the effect that isn't fine, whether residuals depend on it at these values."""
+        at = {**self.base, effect.id: values}
+        residual = self.scan_comparison.residual(at)
+        slopes = effect_jacobian(effect, at, self.scan_comparison, residual, self.context.config.fits)
+        return np.asarray(slopes.any(axis=1))
+
     def scan_and_fit(self, starts: StartProvider, effect: Effect) -> CandidateFit:
         """A scan on a few captures, then local fits on all coarse ones. starts: points beyond those of the scan."""
         if is_costly_effect(self.context, effect):
@@ -158,7 +178,7 @@ class _Screening:
         """Fits of what the residuals show without derivatives, then of the effects whose derivatives promise most."""
         seen, others = self._fits_of_seen(effects)
         yield seen
-        yield self._improving(self.fitter.local_fit, self._best_by_tangent(others), "")
+        yield self._improving(self.fitter.nearby_fit, self._best_by_tangent(others), "")
 
     def local_fits(self, effects: Sequence[Effect]) -> FitBatches:
         """Fits of what the residuals show without derivatives, then of all other effects from their identity."""
@@ -204,6 +224,10 @@ class _Screening:
 
 def _no_progress(done: int, total: int, note: str) -> None:
     pass
+
+
+def _no_starts(effect: Effect) -> list[dict[str, float]]:
+    return []
 
 
 def _all_starts(providers: Sequence[StartProvider], effect: Effect) -> list[dict[str, float]]:

@@ -12,7 +12,7 @@ from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 
 _SEARCHED_SHARE = 0.3
-_PRIOR_M = 5e-9  # steps of derivatives, a share of it, have to pass over the jumps of irises on a grid
+_PRIOR_M = 20e-9  # large: steps of derivatives, 2 % of it, have to pass over the jumps of irises on a grid
 _SEARCHED_OFFSETS_M = (-10e-9, -8e-9, -6e-9, -4e-9, -2e-9, -1e-9, 1e-9, 2e-9, 4e-9, 6e-9, 8e-9, 10e-9)
 
 

@@ -65,6 +65,11 @@ class SlmFringes(Effect):
         imaginary = (cos * phase.sin() + sin * phase.cos()) / 2
         return transmission * (1 + real + 1j * imaginary)
 
+    def cache_values(self, v: Values, laser: int) -> tuple[float, ...]:
+        """The wedge, and the depth at this laser alone."""
+        depths = fringe_depths(self.id, laser, v)
+        return (v["path_y"], v["path_x"], *depths) if any(depths) else ()
+
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:
         fringes = {f"fringes_{axis}": f"{abs(v[f'path_{axis}']) / 550e-9:.3g}" for axis in ("y", "x")}
         return {"depth": format_depths(v), "modulator": f"modulator {self.modulator + 1}", **fringes}

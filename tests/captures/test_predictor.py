@@ -161,6 +161,20 @@ def test_what_is_kept_never_stands_for_something_else() -> None:
         assert torch.equal(shared([k], tables[number]).signal, Predictor(captures)([k], tables[number]).signal), number
 
 
+def test_what_is_said_of_another_laser_changes_nothing_and_computes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    computed: list[int] = []
+    intensity = NearFieldModel.intensity
+    monkeypatch.setattr(NearFieldModel, "intensity", lambda *given: computed.append(1) or intensity(*given))
+    predictor = Predictor(_session())
+    fringes = {"path_y": 2e-6, "cos1": 0.1, "cos2": 0.1}
+    plain, first = (predictor([0, 1, 2], effects).signal for effects in ({}, {"slm1_fringes": fringes}))
+    many = len(computed)
+    assert torch.equal(plain[2], first[2]) and not torch.equal(plain[0], first[0])
+    again = predictor([0, 1, 2], {"slm1_fringes": {**fringes, "cos2": 0.2, "cos7": 0.3}}).signal
+    assert len(computed) == many + 1  # the capture of the second laser
+    assert torch.equal(again[[0, 2]], first[[0, 2]]) and not torch.equal(again[1], first[1])
+
+
 def test_a_picture_of_many_fields_is_kept_though_they_push_each_other_out(monkeypatch: pytest.MonkeyPatch) -> None:
     computed: list[int] = []
     intensity = NearFieldModel.intensity

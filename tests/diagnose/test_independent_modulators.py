@@ -51,6 +51,7 @@ MODERATE: dict[str, tuple[Faults, dict[str, float]]] = {
     "slm2_fringes": (Faults(modulators=ModulatorFaults(glass=(None, GLASS))), WEDGE),
 }
 OTHER: list[tuple[str, Faults]] = [
+    ("second_line", Faults(light=LightFaults(second_mode=(0.2, -5e-9)))),
     ("second_line", Faults(light=LightFaults(second_mode=(0.8, -8e-9)))),
     ("lut_dispersion", Faults(modulators=ModulatorFaults(exponents=((1.01, 0.99), (1.01, 0.99))))),
     ("lut_dispersion", Faults(modulators=ModulatorFaults(exponents=((1.45, 0.65), (1.0, 1.0))))),

@@ -65,16 +65,15 @@ class ActiveEffects:
         parts = {f"modulator {number + 1}", "source" if number == 0 else ""}
         return [pair for pair in self.with_hooks(*hooks) if parts & set(pair[0].acts_on)]
 
-    def cache_key(self, *hooks: str, acts_on: str = "") -> tuple[Any, ...]:
+    def cache_key(self, *hooks: str, acts_on: str = "", laser: int | None = None) -> tuple[Any, ...]:
         """A hashable key of all that the hooks' results depend on: equal for equal effects and values.
 
-        acts_on: restricts it to effects of one part, such as "modulator 1".
+        acts_on: restricts it to effects of one part, such as "modulator 1". laser: restricts it to what matters while
+        this laser is on, 0 for the shortest wavelength.
         """
-        return tuple(
-            (effect.id, v.cache_key)
-            for effect, v in self.with_hooks(*hooks)
-            if not acts_on or acts_on in effect.acts_on
-        )
+        pairs = [pair for pair in self.with_hooks(*hooks) if not acts_on or acts_on in pair[0].acts_on]
+        keys = [(effect.id, v.cache_key if laser is None else effect.cache_values(v, laser)) for effect, v in pairs]
+        return tuple(key for key in keys if key[1])
 
     def applied(self, hook: str, value: Any, *context: Any, pairs: Iterable[ActivePair] | None = None) -> Any:
         """`value` passed through one hook of every pair that has it, or of the given pairs, one after another."""

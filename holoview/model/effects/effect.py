@@ -212,6 +212,11 @@ class Effect:
         """All values, identities where none is given. Raises UserError for an unknown parameter."""
         return Values(self.parameters, given)
 
+    def cache_values(self, v: Values, laser: int) -> tuple[Any, ...]:
+        """A hashable key of the values that its hooks on light depend on while a laser is on, 0 for the shortest
+        wavelength; empty if they do nothing then. By default that is all of them."""
+        return v.cache_key
+
     def overrides(self, hook: str) -> bool:
         """Whether this effect overrides a hook."""
         return getattr(type(self), hook) is not getattr(Effect, hook)
