@@ -88,6 +88,7 @@ class Captures:
     corrections: in words, what was wrong with the records and has been put right in these.
     lasers_m: wavelengths of the session that these were taken from, ascending; empty for a whole session.
     frame: (rows, columns) of the pictures that these are the middle of; None for whole pictures.
+    slm_frame: the same of the modulators.
     levels_before: as `levels`, those of the capture that was taken before, for the first its own; None if they follow
     from the order of these.
     """
@@ -107,6 +108,7 @@ class Captures:
     corrections: tuple[str, ...] = ()
     lasers_m: tuple[float, ...] = ()
     frame: tuple[int, int] | None = None
+    slm_frame: tuple[int, int] | None = None
     levels_before: NDArray[np.unsignedinteger] | None = None
 
     def __len__(self) -> int:

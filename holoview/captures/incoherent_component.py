@@ -19,12 +19,14 @@ class IncoherentComponent:
 
     path_factor: what multiplies all optical paths at that moment (flicker of a modulator).
     laser: number of the laser among those of the session, 0 for the shortest wavelength.
+    slm_frame: (rows, columns) of the modulators that the plan's are the middle of; their own where None.
     """
 
     wavelength_index: int
     source_index: int
     path_factor: float
     laser: int = 0
+    slm_frame: tuple[int, int] | None = None
 
     def wavelength_m(self, plan: Plan) -> float:
         """The wavelength."""
@@ -46,6 +48,7 @@ class IncoherentComponent:
             shape=modulator.shape,
             upsample=plan.grid.upsample,
             laser=self.laser,
+            frame=self.slm_frame,
         )
 
     def illuminate(self, plan: Plan, transmission: Tensor, dtype: torch.dtype) -> Tensor:

@@ -157,7 +157,9 @@ class Predictor:
         for wavelength in range(len(plan.system.wavelengths_m)):
             for source in range(len(plan.slopes)):
                 for time_fraction, path_factor in exposure_samples:
-                    component = IncoherentComponent(wavelength, source, path_factor, int(self._laser_number[k]))
+                    component = IncoherentComponent(
+                        wavelength, source, path_factor, int(self._laser_number[k]), self.captures.slm_frame
+                    )
                     weight = time_fraction * float(plan.weights[0, wavelength])
                     part = model.intensity(self._drive(k), component, k)
                     total = weight * part if total is None else total.add_(part, alpha=weight)

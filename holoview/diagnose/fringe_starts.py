@@ -66,10 +66,8 @@ class FringeStarts:
 def _modulator_over_picture(comparison: Comparison) -> tuple[float, float]:
     """The size of a modulator over that of the picture, (y, x)."""
     captures = comparison.data.captures
-    panel = captures.nominal_system().modulators[0]
-    sizes = [
-        n * panel.pitch_m / (m * captures.camera.pitch_m) for n, m in zip(panel.shape, captures.shape, strict=True)
-    ]
+    panel, whole = captures.slms[0], captures.slm_frame or captures.levels.shape[2:]
+    sizes = [n * panel.pitch_m / (m * captures.camera.pitch_m) for n, m in zip(whole, captures.shape, strict=True)]
     return sizes[0], sizes[1]
 
 

@@ -59,7 +59,7 @@ class SlmFringes(Effect):
         if not cos and not sin:
             return transmission
         y, x = context.positions(transmission)
-        half_y, half_x = (n * context.pitch_m / 2 for n in context.shape)
+        half_y, half_x = (n * context.pitch_m / 2 for n in context.whole_shape)
         phase = (math.pi / context.wavelength_m) * (v["path_y"] / half_y * y + v["path_x"] / half_x * x)
         real = (cos * phase.cos() - sin * phase.sin()) / 2
         imaginary = (cos * phase.sin() + sin * phase.cos()) / 2

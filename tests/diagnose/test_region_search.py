@@ -89,3 +89,25 @@ def test_positions_in_the_middle_are_those_of_the_frame() -> None:
     whole = CameraContext(4e-6, (8, 12)).positions(torch.zeros(8, 12))
     middle = CameraContext(4e-6, (4, 6), frame=(8, 12)).positions(torch.zeros(4, 6))
     assert torch.equal(middle[0], whole[0][2:6]) and torch.equal(middle[1], whole[1][:, 3:9])
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("slm_flatness", {"z4_1": 8e-8, "z5_2": 5e-8}),
+        ("source_profile", {"fall": 0.4}),
+        ("stroke_map", {"z2_1": 0.05}),
+        ("slm1_fringes", {"path_y": 2e-6, "path_x": 3e-6, "cos1": 0.05, "cos2": 0.05}),
+    ],
+)
+def test_effects_of_a_place_act_in_the_middle_as_there_in_the_whole(effect: str, values: dict[str, float]) -> None:
+    """The cut changes light by less than it does without the effect, twice: with it, and by the rest of the light."""
+    captures = _session("gap", "gap_error", 0.0)
+    cut = central_region(captures, 32, 32)
+    errors = []
+    for on in ({}, {effect: values}):
+        whole = Predictor(captures)([0], on).signal.numpy()[0]
+        seen = whole[central_slices(whole.shape, cut.shape)]
+        middle = Predictor(cut)([0], on).signal.numpy()[0]
+        errors.append(np.sqrt(np.square(middle - seen).mean()) / seen.mean())
+    assert errors[1] < 2 * errors[0]

@@ -37,6 +37,7 @@ def central_region(captures: Captures, side_px: int, further_px: int = 0) -> Cap
         levels_before=None if before is None else before[middle],
         images=captures.images[(..., *central_slices(captures.shape, (seen[0], seen[1])))],
         frame=captures.frame or captures.shape,
+        slm_frame=captures.slm_frame or (captures.levels.shape[2], captures.levels.shape[3]),
     )
 
 

@@ -62,6 +62,7 @@ class ModulatorContext:
     shape: (rows, columns) of pixels.
     upsample: samples along each side of a pixel.
     laser: number of the laser that is on, 0 for the shortest wavelength of the bench or session.
+    frame: (rows, columns) of the modulator that these pixels are the middle of; their own where None.
     """
 
     number: int
@@ -71,6 +72,12 @@ class ModulatorContext:
     shape: tuple[int, int]
     upsample: int
     laser: int = 0
+    frame: tuple[int, int] | None = None
+
+    @property
+    def whole_shape(self) -> tuple[int, int]:
+        """Rows and columns of the whole modulator."""
+        return self.frame or self.shape
 
     def sampled(self, values: Tensor) -> Tensor:
         """A map of pixels as a map of samples, each pixel a square of equal ones; a map of samples unchanged."""
@@ -91,12 +98,12 @@ class ModulatorContext:
     def zernike(self, values: Tensor, terms: Mapping[int, float]) -> Tensor:
         """Σ c_j·Z_j over the circle around the modulator, at a map's entries; terms: {Noll index j: c_j}."""
         y, x = self.positions(values)
-        radius = math.hypot(*self.shape) * self.pitch_m / 2
+        radius = math.hypot(*self.whole_shape) * self.pitch_m / 2
         return zernike_sum(terms.items(), torch.hypot(y, x) / radius, torch.atan2(y, x))
 
     def half_width(self) -> float:
         """Half the longer side of the modulator, m."""
-        return max(self.shape) * self.pitch_m / 2
+        return max(self.whole_shape) * self.pitch_m / 2
 
     def blurred(self, values: Tensor, sigma_px: float | Tensor) -> Tensor:
         """The map, as samples, convolved with a Gaussian of `sigma_px` modulator pixels; edges are continued."""
