@@ -96,7 +96,7 @@ def test_positions_in_the_middle_are_those_of_the_frame() -> None:
     [
         ("slm_flatness", {"z4_1": 8e-8, "z5_2": 5e-8}),
         ("source_profile", {"fall": 0.4}),
-        ("stroke_map", {"z2_1": 0.05}),
+        ("stroke_map", {"z4_1": 0.3}),
         ("slm1_fringes", {"path_y": 2e-6, "path_x": 3e-6, "cos1": 0.05, "cos2": 0.05}),
     ],
 )
