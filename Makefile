@@ -1,5 +1,5 @@
 # make demo   set up everything, make a hologram of the shipped picture and render what an eye sees
-# make test   set up everything, check style and types, run the tests, two files at a time (TESTS_AT_ONCE=2)
+# make test   set up everything, check style and types, run the tests (two files at a time: TESTS_AT_ONCE=2)
 # make test-processors  repeat the tests that depend most on the processor as if on others
 # make test-pythons  install holoview with Python 3.12 and 3.13, where they are found, and run tests there
 # make package  build the source distribution and the wheel into dist/
@@ -14,7 +14,7 @@
 
 BIN := .venv/bin
 OUT ?= out/demo
-TESTS_AT_ONCE ?= 2
+TESTS_AT_ONCE ?= 0
 export TORCH_INDEX
 
 help:

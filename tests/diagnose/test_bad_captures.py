@@ -80,7 +80,15 @@ def test_beside_a_fault_of_the_bench_both_are_named(tmp_path: Path, mishaps: Mis
     assert abs(interval.value - GAP) <= 3 * interval.half_width
 
 
-@pytest.mark.parametrize("faults", [Faults(), Faults(stroke=0.1), Faults(tilt_rad=(2e-3, -1e-3)), Faults(vortex=1.0)])
+@pytest.mark.parametrize(
+    "faults",
+    [
+        Faults(),
+        Faults(stroke=0.1),
+        Faults(tilt_rad=(2e-3, -1e-3)),
+        pytest.param(Faults(vortex=1.0), marks=pytest.mark.slow),
+    ],
+)
 def test_in_a_session_without_one_no_capture_is_blamed(tmp_path: Path, faults: Faults) -> None:
     """Nor where the model is wrong for all: a spiral phase is no effect of the library."""
     found = _diagnosed(_session(tmp_path, Mishaps(), faults))

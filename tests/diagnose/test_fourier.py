@@ -34,7 +34,7 @@ def _measured(effects: dict[str, dict[str, float]], seed: int) -> Captures:
     ("effects", "seed"),
     [
         ({"stroke": {"stroke_error": 0.12}}, 1),
-        ({"camera_alignment": {"magnification": 0.02, "rotation": 0.01}}, 2),
+        pytest.param({"camera_alignment": {"magnification": 0.02, "rotation": 0.01}}, 2, marks=pytest.mark.slow),
     ],
     ids=["stroke", "a camera that is turned and too large"],
 )

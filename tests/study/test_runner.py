@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from holoview import cli
+from holoview.commands import study as study_command
 from holoview.study import registry
 from holoview.study.executors import ProcessExecutor, WorkerResources
 from holoview.study.runner import ExecutionTarget, run_in_worker, run_jobs
@@ -129,7 +130,8 @@ def test_a_refusal_is_passed_on_and_not_tried_again(workers: int, store: ResultS
 def test_a_run_says_how_large_it_was_and_a_quick_one_what_that_changes(
     size: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(registry, "studies_by_name", lambda: {"probe": STUDY})
+    for module in (registry, study_command):  # which binds the name when it is imported
+        monkeypatch.setattr(module, "studies_by_name", lambda: {"probe": STUDY})
     monkeypatch.setattr(time, "sleep", lambda seconds: None)
     assert cli.main(["study", "probe", size, "-o", str(tmp_path)]) == 0
     out = capsys.readouterr().out
