@@ -6,8 +6,7 @@ import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from holoview.effects.fringe_depths import LASERS, depth_parameters, format_depths, fringe_depths
-from holoview.effects.starting_grids import half_circle
+from holoview.effects.fringe_depths import depth_parameters, describe_fringes, fringe_depths, wedge_starts
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
@@ -58,8 +57,7 @@ class CameraFringes(Effect):
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         """A few wedges; a diagnosis adds those of the fringes that it sees in the residuals."""
-        depths = {f"cos{number}": 0.02 for number in range(1, LASERS + 1)}
-        return [{**wedge, **depths} for wedge in half_circle("path_y", "path_x", 5e-6, 8)]
+        return wedge_starts()
 
     def image(self, image: Tensor, context: CameraContext, v: Values) -> Tensor:
         y, x = context.positions(image)
@@ -68,5 +66,4 @@ class CameraFringes(Effect):
         return image * (1 + cos * phase.cos() - sin * phase.sin())
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:
-        fringes = {f"fringes_{axis}": f"{abs(v[f'path_{axis}']) / 550e-9:.3g}" for axis in ("y", "x")}
-        return {"depth": format_depths(v), **fringes}
+        return describe_fringes(v)

@@ -1,4 +1,4 @@
-"""Depth and phase of interference fringes at each wavelength, which several effects share.
+"""Depth and phase of interference fringes at each wavelength, and their wedge, which several effects share.
 
 To tell the phase of the fringes at one wavelength from that at another, one would have to know the glass: its thickness
 to a hundredth of a wave, and its dispersion. Coatings and the width of the laser's line decide the depth. So both are
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+from holoview.effects.starting_grids import half_circle
 from holoview.model.effects.parameter import Parameter, Values
 from holoview.util.errors import UserError
 
@@ -41,7 +42,19 @@ def fringe_depths(effect: str, laser: int, v: Values) -> tuple[float, float]:
     return v[f"cos{laser + 1}"], v[f"sin{laser + 1}"]
 
 
-def format_depths(v: Values) -> str:
+def wedge_starts() -> list[dict[str, float]]:
+    """Points {parameter: value} of a few wedges, path_y and path_x, with weak fringes at every wavelength."""
+    depths = {f"cos{number}": 0.02 for number in range(1, LASERS + 1)}
+    return [{**wedge, **depths} for wedge in half_circle("path_y", "path_x", 5e-6, 8)]
+
+
+def describe_fringes(v: Values) -> dict[str, str]:
+    """The fields depth, fringes_y and fringes_x of a finding; the numbers of fringes are those at 550 nm."""
+    fringes = {f"fringes_{axis}": f"{abs(v[f'path_{axis}']) / 550e-9:.3g}" for axis in ("y", "x")}
+    return {"depth": _format_depths(v), **fringes}
+
+
+def _format_depths(v: Values) -> str:
     """The smallest and the largest depth as text, of the wavelengths that have fringes."""
     depths = [math.hypot(v[f"cos{n}"], v[f"sin{n}"]) for n in range(1, LASERS + 1)]
     present = [depth for depth in depths if depth] or [0.0]
