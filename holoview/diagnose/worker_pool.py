@@ -17,7 +17,6 @@ import io
 import multiprocessing
 import os
 import pickle
-import signal
 import sys
 import threading
 import time
@@ -28,7 +27,7 @@ from types import TracebackType
 from typing import Any, TypeVar
 
 from holoview.util.errors import UserError
-from holoview.util.signals import end_with_parent, sigint_blocked
+from holoview.util.signals import leave_signals_to_parent, sigint_blocked
 
 T = TypeVar("T")
 FinishedCallback = Callable[[int], None]
@@ -202,8 +201,7 @@ def _dump_job(job: Callable[[], Any], names: Mapping[int, str]) -> bytes:
 
 
 def _prepare_process(shared: bytes, prepare: Callable[[], object] | None) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with_parent()
+    leave_signals_to_parent()
     if prepare is not None:
         prepare()
     _shared_objects.update(pickle.loads(shared))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import platform
-import signal
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -21,7 +20,7 @@ from typing import Any, Protocol
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 from holoview.util.optional_library import import_optional
-from holoview.util.signals import end_with_parent, sigint_blocked
+from holoview.util.signals import leave_signals_to_parent, sigint_blocked
 from holoview.util.version import __version__
 
 CONNECT_TIMEOUT_S = 10.0
@@ -202,9 +201,4 @@ def _assign_resources(client: Any) -> dict[str, WorkerResources]:
 
 def _single_process_pool() -> ProcessPoolExecutor:
     """A pool of one process, which starts with the first job and ignores Ctrl-C: this process handles it."""
-    return ProcessPoolExecutor(1, get_context("spawn"), _prepare_process)
-
-
-def _prepare_process() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with_parent()
+    return ProcessPoolExecutor(1, get_context("spawn"), leave_signals_to_parent)
