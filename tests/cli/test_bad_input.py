@@ -311,3 +311,9 @@ def test_a_grid_beyond_the_limits_of_the_gpu_is_refused(
 def test_an_unknown_adapter_is_refused_with_the_known_ones(holoview: Run, folder: Path, device: Device) -> None:
     arguments = [*RENDER, "--backend", "wgpu", "--adapter", "no such card"]
     _assert_refused(holoview, folder, arguments, ["'no such card'", device.info.name])
+
+
+@pytest.mark.parametrize("given", ["0", "-3s", "10 parsecs", ""])
+def test_a_time_must_be_one(holoview: Run, given: str) -> None:
+    outcome = holoview("diagnose", "c.h5", f"--time={given}")
+    assert outcome.code == 2 and "expected a time such as 90s, 10min or 1.5h" in outcome.err

@@ -393,9 +393,3 @@ def test_an_interrupt_gives_the_best_so_far(interrupted: Run, tmp_path: Path) ->
     assert "c.h5: " in done.out and note in done.out
     assert json.loads((tmp_path / "d.json").read_text(encoding="utf-8"))["notes"][-1] == note
     assert sorted(path.name for path in tmp_path.iterdir()) == ["c.h5", "d.json", "p.toml"]
-
-
-@pytest.mark.parametrize("given", ["0", "-3s", "10 parsecs", ""])
-def test_a_time_must_be_one(holoview: Run, given: str) -> None:
-    outcome = holoview("diagnose", "c.h5", f"--time={given}")
-    assert outcome.code == 2 and "expected a time such as 90s, 10min or 1.5h" in outcome.err
