@@ -34,7 +34,7 @@ def pinhole(scene: Scene, camera: Camera, samples: int = 5) -> tuple[Array, Arra
 
 
 def focal_stack(scene: Scene, camera: Camera) -> Array:
-    """The thin lens' pictures (plane, y, x, 3), nearest focus first."""
+    """The thin lens' pictures (plane, y, x, 3), farthest focus first: a display's planes by rising distance z."""
     gather = _Gather(camera)
     cells = np.arange(VIEWS) - VIEWS // 2
     random = np.random.default_rng(3)
@@ -43,7 +43,7 @@ def focal_stack(scene: Scene, camera: Camera) -> Array:
     for v in cells:
         for u in cells:
             gather.add(_view(scene, camera, (float(u), float(v)), offsets[next(order)], _MARGIN), int(u), int(v))
-    return gather.result()
+    return gather.result()[::-1]
 
 
 class _Gather:

@@ -35,7 +35,7 @@ class PlanePreviews:
 
     @property
     def planes_m(self) -> list[float]:
-        """The planes of the system, nearest first; at most 24 of them, evenly chosen."""
+        """The planes of the system, by rising distance; at most 24 of them, evenly chosen."""
         planes = np.unique(self._session.system.planes_m)
         chosen = np.unique(np.linspace(0, len(planes) - 1, min(len(planes), _MAX_PLANES)).round().astype(int))
         return [float(planes[i]) for i in chosen]

@@ -29,7 +29,7 @@ def make_tour_steps(context: AppContext) -> tuple[TourStep, ...]:
         TourStep(
             "Focus",
             "The image is what an eye sees of a hologram. It has depth: drag the slider, or turn the wheel over the "
-            "image with Ctrl held. At 9 mm the front of the still life is sharp, at 11 mm its back.",
+            "image with Ctrl held. At 9 mm the back of the still life is sharp, at 11 mm its front.",
             "Focal plane",
             "Play through all planes / stop",
             partial(run, "Play"),

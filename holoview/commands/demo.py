@@ -149,9 +149,9 @@ def _contact_sheet(target: Target, results: list[_DisplayResult]) -> NDArray[np.
     rows = []
     for plane, region, name in (
         (last // 2, _WHOLE, "all"),
-        (0, _FRONT, "front"),
-        (last, _BACK, "back"),
+        (last, _FRONT, "front"),
         (0, _BACK, "back"),
+        (last, _BACK, "back"),
     ):
         focus = f"{name}, focus at {units.format_rounded(target.planes_m[plane], 'mm')}"
         row = [CaptionedTile(_crop(target_rgb8[plane], region), focus)]

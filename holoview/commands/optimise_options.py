@@ -68,12 +68,14 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "target", metavar="TARGET", help="a picture (PNG, JPEG, TIFF, EXR), or a focal stack: a folder, TIFF pages, EXR"
     )
-    group.add_argument("--depth", metavar="FILE", help="depth map of the picture's size (PNG, NPY, EXR; 0 is nearest)")
+    group.add_argument("--depth", metavar="FILE", help="depth map of the picture's size (PNG, NPY, EXR): 0 is nearest")
     group.add_argument(
         "--at", metavar="DISTANCE", help="where a picture without depth stands; the middle plane if absent"
     )
-    group.add_argument("--near", metavar="DISTANCE", help="where the depth map's 0 is; the first plane if absent")
-    group.add_argument("--far", metavar="DISTANCE", help="where the depth map's 1 is; the last plane if absent")
+    group.add_argument("--near", metavar="DISTANCE", help="where the depth map's 0 is; the largest plane if absent")
+    group.add_argument(
+        "--far", metavar="DISTANCE", help="where the depth map's 1 is, less than --near; the smallest if absent"
+    )
     group.add_argument("--brightness", type=float, default=1.0, help="factor on the target's linear light (1)")
     group.add_argument("--saturation", type=float, default=1.0, help="factor on its chroma in CIE LCHuv (1)")
     group.add_argument("--space", choices=COLOUR_SPACES, default="srgb", help="of a float file; xyz: Y = 1 is white")

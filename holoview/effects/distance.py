@@ -17,8 +17,10 @@ class Distance(Effect):
     """plane → plane + distance_error. Equivalent to defocus of relay 2, on a Fourier bench to a curved modulator."""
 
     id = "distance"
-    cause = "The camera's plane is nearer or further than its nominal distance (or relay 2 is defocused)."
-    finding = "The camera's plane is {amount} {side} than its nominal distance."
+    cause = (
+        "The camera's plane is closer to the last modulator or further from it than stated, or relay 2 is defocused."
+    )
+    finding = "The camera's plane is {amount} {side} the last modulator than its nominal distance."
     parameters = (
         Parameter(
             "distance_error",
@@ -41,4 +43,4 @@ class Distance(Effect):
 
     def finding_fields(self, system: System, v: Values) -> Mapping[str, str]:
         error = v["distance_error"]
-        return {"amount": format_rounded(abs(error), "mm"), "side": "further" if error >= 0 else "nearer"}
+        return {"amount": format_rounded(abs(error), "mm"), "side": "further from" if error >= 0 else "closer to"}

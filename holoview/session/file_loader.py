@@ -152,8 +152,8 @@ def _read_with_retries(control: JobControl, path: Path, system: System) -> FileC
 
 def _clamp_plane(view: ViewSettings, system: System) -> ViewSettings:
     """The view settings for another system: its median plane if the present one is outside its range of planes."""
-    near, far = float(system.planes_m.min()), float(system.planes_m.max())
-    return view if near <= view.plane_m <= far else view.with_(plane_m=middle_plane(system))
+    low, high = float(system.planes_m.min()), float(system.planes_m.max())
+    return view if low <= view.plane_m <= high else view.with_(plane_m=middle_plane(system))
 
 
 def _title(names: str | Path | Sequence[str | Path]) -> str:

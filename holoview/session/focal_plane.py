@@ -27,13 +27,13 @@ def focus_at(session: EditingSession, plane_m: float) -> None:
 
 
 def step_focus(session: EditingSession, steps: float) -> None:
-    """Moves the focal plane by steps of 2 % of the range; positive is farther."""
+    """Moves the focal plane by steps of 2 % of the range; positive is nearer to the viewer, at larger z."""
     low, high = focus_range_m(session.system)
     focus_at(session, session.view_settings.plane_m + steps * _STEP_FRACTION * (high - low))
 
 
 def focus_at_next_plane(session: EditingSession, direction: int) -> None:
-    """Moves to the next of the system's planes: farther for a positive direction, else nearer."""
+    """Moves to the next of the system's planes: nearer to the viewer for a positive direction, else farther."""
     planes, here = np.sort(session.system.planes_m), session.view_settings.plane_m
     ahead = planes[planes > here + SAME_PLANE_M] if direction > 0 else planes[planes < here - SAME_PLANE_M][::-1]
     if len(ahead):

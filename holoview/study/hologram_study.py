@@ -29,7 +29,7 @@ class HologramStudy(Study):
 
     quick_note = f"{QUICK_SIZE}."
     kind = "hologram"
-    revision = 3
+    revision = 4
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         return run_hologram_job(settings, status)

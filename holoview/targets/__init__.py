@@ -2,7 +2,8 @@
 
 target           from a bench and a picture to the focal stack that is optimised for
 focal_stack      `Target`; a focal stack rendered with incoherent defocus from a picture and a depth map
-defocus          defocus blur kernels (square or disc), and FFT convolution without wrap-around
+viewing_pupil    a target as an eye sees it: a round pupil off the axis, a focus for each wavelength
+defocus          light cones, their blur kernels (square or disc), and FFT convolution without wrap-around
 rendered_stacks  focal stacks rendered elsewhere: a folder, TIFF pages, OpenEXR parts or layers
 picture          a picture or a depth map as linear light, and resizing to the simulation grid
 image_reader     decodes PNG, JPEG, TIFF and OpenEXR files, recognised by their first bytes

@@ -1,5 +1,8 @@
 """Renders a focal stack with incoherent defocus from a picture and a depth map (layers, occlusion, inpainting).
 
+The viewer looks against the light, so that what has the larger distance z behind the last modulator is nearer to the
+viewer, and occludes what has a smaller one.
+
 The picture is cut into layers of nearly equal depth. On each plane they are composited from far to near; each layer's
 light and mask m are convolved with the blur kernel K of its distance, and its blurred mask occludes what lies behind:
 
@@ -21,11 +24,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.targets.defocus import Aperture, FftConvolver, blur_kernel, blur_radius_px, kernel_share_in_frame
+from holoview.targets.defocus import FftConvolver, LightCone, kernel_share_in_frame
 from holoview.util.errors import UserError
 
 MAX_LAYERS = 24
-_LAYER_STEP_PX = 1.0  # change of blur radius from layer to layer: finer layers only add errors at their seams
+_LEAST_SHARE = np.float32(1e-3)  # less occurs only in the margin of a cone off the axis, which is cut off
+_LAYER_STEP_PX = (
+    1.0  # change of blur radius, or of shift, from layer to layer: finer layers only add errors at their seams
+)
 
 
 @dataclass(frozen=True)
@@ -79,41 +85,53 @@ def render_focal_stack(
     depth_m: float | NDArray[np.floating],
     planes_m: Sequence[float] | NDArray[np.floating],
     pitch_m: float,
-    half_angle_rad: float,
-    aperture: Aperture = "square",
+    cone: LightCone,
     layers: int | None = None,
 ) -> NDArray[np.float32]:
     """The focal stack of a picture in incoherent light, (plane, y, x, 3) float32.
 
-    rgb_linear: (y, x, 3) linear light. depth_m: distance of the picture or of each pixel (y, x); smaller is nearer.
-    planes_m: distances (n,) of the planes. pitch_m: of the picture's pixels. half_angle_rad: of the light cone.
-    layers: greatest number of layers. By default as many as keep the blur radius of each depth within half a pixel of
-    its layer's, but at most 24.
+    rgb_linear: (y, x, 3) linear light. depth_m: distance z of the picture or of each pixel (y, x) behind the last
+    modulator; larger is nearer to the viewer. planes_m: distances z (n,) of the planes. pitch_m: of the picture's
+    pixels. cone: of the light that reaches an image point.
+    layers: greatest number of layers. By default as many as keep blur radius and shift of each depth within half a
+    pixel of its layer's, but at most 24.
 
     Near the borders the result is divided by the fraction of the kernel inside the picture, so that an even picture
-    stays even and the borders don't darken.
+    stays even and the borders don't darken. For a cone off the axis, the picture is continued by its outermost pixels.
 
-    Raises ValueError for wrong shapes, an unknown aperture, or numbers that aren't finite (positive where due).
+    Raises ValueError for wrong shapes, or numbers that aren't finite (positive where due).
     """
-    depth = _checked_depth(rgb_linear, depth_m, planes_m, pitch_m, half_angle_rad, aperture)
-    planes = np.asarray(planes_m, dtype=np.float64)
-    labels, distances = _split_layers(depth, layers or _layer_count(depth, half_angle_rad, pitch_m))
-    shape = labels.shape
-    radii = np.array([[blur_radius_px(z - d, half_angle_rad, pitch_m) for z in planes] for d in distances])
-    reach = max(math.ceil(float(radii.max()) - 0.5), 0)
-    total = np.zeros((len(planes), 4, *shape), dtype=np.float32)
-    for layer in reversed(range(len(distances))):
+    depth = _checked_depth(rgb_linear, depth_m, planes_m, pitch_m)
+    labels, distances = _split_layers(depth, layers or _layer_count(depth, cone, pitch_m))
+    kernels = [[cone.kernel(float(z - d), pitch_m) for z in np.asarray(planes_m, dtype=np.float64)] for d in distances]
+    defocus = max(abs(float(z - d)) for z in planes_m for d in distances)
+    margin = max(math.ceil(abs(shift)) for shift in cone.shift_px(defocus, pitch_m))
+    if margin:
+        rgb_linear = np.pad(rgb_linear, ((margin, margin), (margin, margin), (0, 0)), mode="edge")
+        labels = np.pad(labels, margin, mode="edge")
+    light = _composite_layers(rgb_linear, labels, kernels)
+    inside = slice(margin, -margin or None)
+    return np.ascontiguousarray(np.moveaxis(light[:, :, inside, inside], 1, -1))
+
+
+def _composite_layers(
+    rgb: NDArray[np.float32], labels: NDArray[np.int64], kernels: Sequence[Sequence[NDArray[np.float64]]]
+) -> NDArray[np.float32]:
+    """The light (plane, channel, y, x) of layers that occlude each other. kernels: of each layer, on each plane."""
+    shape = (labels.shape[0], labels.shape[1])
+    reach = max(len(kernel) // 2 for layer in kernels for kernel in layer)
+    total = np.zeros((len(kernels[0]), rgb.shape[-1] + 1, *shape), dtype=np.float32)
+    for layer in reversed(range(len(kernels))):
         window = _bounding_window(labels == layer, 2 * reach + 2)
-        content = _inpaint_occluded(rgb_linear[window], labels[window], layer, 2 * reach + 1)
+        content = _inpaint_occluded(rgb[window], labels[window], layer, 2 * reach + 1)
         picture = FftConvolver(content, reach)
-        for plane, radius in enumerate(radii[layer]):
-            blur = blur_kernel(float(radius), aperture)
-            over = picture.convolve(blur) / kernel_share_in_frame(blur, (shape[0], shape[1]), window)
+        for plane, blur in enumerate(kernels[layer]):
+            share = kernel_share_in_frame(blur, shape, window)
+            over = picture.convolve(blur) / np.maximum(share, _LEAST_SHARE)
             part = total[(plane, slice(None), *window)]
-            part *= 1 - np.clip(over[3], 0, 1)
+            part *= 1 - np.clip(over[-1], 0, 1)
             part += over
-    light = total[:, :3] / np.maximum(total[:, 3:], np.float32(1e-6))
-    return np.ascontiguousarray(np.moveaxis(light, 1, -1))
+    return np.asarray(total[:, :-1] / np.maximum(total[:, -1:], np.float32(1e-6)))
 
 
 def _checked_depth(
@@ -121,8 +139,6 @@ def _checked_depth(
     depth_m: float | NDArray[np.floating],
     planes_m: Sequence[float] | NDArray[np.floating],
     pitch_m: float,
-    half_angle_rad: float,
-    aperture: Aperture,
 ) -> NDArray[np.float64]:
     """The depth of each pixel (y, x). Raises ValueError for arguments that `render_focal_stack` refuses."""
     if rgb.ndim != 3 or rgb.shape[-1] != 3 or rgb.size == 0:
@@ -133,24 +149,23 @@ def _checked_depth(
     planes = np.asarray(planes_m, dtype=np.float64)
     if planes.ndim != 1 or planes.size == 0 or not (np.isfinite(planes).all() and np.isfinite(depth).all()):
         raise ValueError("planes and depths: expected finite distances in metres, at least one plane")
-    if not (pitch_m > 0 and 0 <= half_angle_rad < math.pi / 2):
-        raise ValueError(f"pitch {pitch_m} m, half angle {half_angle_rad} rad: expected > 0 and 0 … π/2")
-    if aperture not in ("square", "disc"):
-        raise ValueError(f"aperture {aperture!r}: expected 'square' or 'disc'")
+    if not pitch_m > 0:
+        raise ValueError(f"pitch {pitch_m} m: expected > 0")
     return np.broadcast_to(depth, rgb.shape[:2])
 
 
-def _layer_count(depth: NDArray[np.float64], half_angle_rad: float, pitch_m: float) -> int:
-    range_px = blur_radius_px(float(np.ptp(depth)), half_angle_rad, pitch_m)
+def _layer_count(depth: NDArray[np.float64], cone: LightCone, pitch_m: float) -> int:
+    range_m = float(np.ptp(depth))
+    range_px = max(cone.radius_px(range_m, pitch_m), *map(abs, cone.shift_px(range_m, pitch_m)))
     return min(max(math.ceil(range_px / _LAYER_STEP_PX), 1), MAX_LAYERS)
 
 
 def _split_layers(depth: NDArray[np.float64], count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The layer of each pixel (y, x), 0 nearest, and the mean depth of each layer; empty layers are left out."""
-    nearest, depth_range = float(depth.min()), float(np.ptp(depth))
+    """The layer of each pixel (y, x), 0 nearest (largest z), and each layer's mean depth; empty ones are left out."""
+    nearest, depth_range = float(depth.max()), float(np.ptp(depth))
     if depth_range == 0:
         return np.zeros(depth.shape, dtype=np.int64), np.array([nearest])
-    bins = np.minimum(((depth - nearest) * (count / depth_range)).astype(np.int64), count - 1)
+    bins = np.minimum(((nearest - depth) * (count / depth_range)).astype(np.int64), count - 1)
     used, labels = np.unique(bins, return_inverse=True)
     labels = labels.reshape(depth.shape)
     sums = np.bincount(labels.ravel(), weights=depth.ravel(), minlength=len(used))

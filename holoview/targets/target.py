@@ -10,24 +10,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.colour import xyz_to_linear_srgb
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.targets.defocus import Aperture, diffraction_half_angle
+from holoview.targets.defocus import LightCone, diffraction_half_angle
 from holoview.targets.focal_stack import Target, check_brightness, render_focal_stack
 from holoview.targets.picture import Picture, read_depth, read_picture, resize_to_cover
 from holoview.targets.saturation import check_saturation, scale_saturation
+from holoview.targets.viewing_pupil import ViewingPupil, render_through_pupil
 from holoview.util import units
 from holoview.util.errors import UserError
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a picture stands in front of the observer: at one distance, or in depth.
+    """Where a picture stands in front of the viewer: at one distance, or in depth.
 
-    at_m: one distance from the last modulator, m; the middle plane of the system when None.
-    depth: a depth map, an image file of the picture's size; 0 is the nearest distance and 1 the farthest. Not with
-    `at_m`.
-    nearest_m, farthest_m: distances of 0 and 1 in the map, m; the first and the last plane of the system when None.
+    Distances are those of planes, z behind the last modulator. The viewer looks against the light: larger is nearer.
+
+    at_m: one distance, m; the middle plane of the system when None.
+    depth: a depth map, an image file of the picture's size; 0 (black) is nearest to the viewer and 1 (white) farthest.
+    Not with `at_m`.
+    nearest_m, farthest_m: distances z of 0 and 1 in the map, m, `nearest_m` the larger; the largest and the smallest of
+    the system's planes when None.
 
     `target_for` checks the distances against the planes of the system.
 
@@ -51,12 +56,13 @@ def target_for(
     saturation: float = 1.0,
     space: str = "srgb",
     planes: Sequence[float] | NDArray[np.floating] | None = None,
+    pupil: ViewingPupil | None = None,
 ) -> Target:
     """The focal stack of a picture on a display: what an observer should see at each plane, with natural defocus.
 
     Away from its distance the picture is blurred by the cone of light that reaches an image point. The cone's half
     angle is that of the first diffraction order of the modulator at the middle wavelength, or of the stops of relay 2
-    where they are smaller.
+    where they are smaller. With a `pupil` it is the cone of that pupil alone.
 
     system: the display, whose planes and simulation grid the stack has.
     picture: an image file (PNG, JPEG, TIFF, EXR), or a `holoview.targets.picture.Picture`. It is scaled to cover the
@@ -67,6 +73,7 @@ def target_for(
     space: what a float file holds, "srgb" or "xyz"; a `Picture` has been converted already.
     planes: distances (m) at which the stack is wanted, those of the system when None. Depth range and layers stay those
     of the system's planes, so that planes between them show the same scene.
+    pupil: of the eye that sees the target, a `holoview.targets.viewing_pupil.ViewingPupil`.
 
     Returns a `Target`: `stack` is (plane, y, x, 3) linear sRGB for `iterate`. Raises UserError for files that can't be
     used, a distance outside the system's planes, a depth map of another size, and factors out of range; ValueError for
@@ -86,12 +93,16 @@ def target_for(
     if isinstance(picture, Picture) and space != "srgb":
         raise ValueError(f"space {space!r} with a Picture, which is linear sRGB: give it to read_picture")
     source = picture if isinstance(picture, Picture) else read_picture(picture, space)
-    grid = make_plan(system).grid
+    plan = make_plan(system)
+    grid = plan.grid
     depth_m = _scene_depth(system, placement, source, grid.shape)
     rgb = scale_saturation(resize_to_cover(source.rgb, grid.shape), saturation)
     planes_m = np.asarray(system.planes_m if planes is None else planes, dtype=np.float64)
-    half_angle, aperture = _blur_cone(system)
-    stack = render_focal_stack(rgb, depth_m, planes_m, grid.pitch_m, half_angle, aperture)
+    if pupil is None:
+        stack = render_focal_stack(rgb, depth_m, planes_m, grid.pitch_m, _blur_cone(system))
+    else:
+        laser_rgb = xyz_to_linear_srgb(plan.colour_weights)
+        stack = render_through_pupil(rgb, depth_m, planes_m, grid.pitch_m, pupil, laser_rgb)
     return Target.from_stack(stack, planes_m, source.source, brightness, source.notes)
 
 
@@ -110,15 +121,16 @@ def _scene_depth(
     if depth.shape != source.rgb.shape[:2]:
         sizes = [f"{columns} x {rows}" for rows, columns in (depth.shape, source.rgb.shape[:2])]
         raise UserError(str(placement.depth), f"{sizes[0]} pixels", expected=f"the picture's size, {sizes[1]}")
-    nearest = first if placement.nearest_m is None else placement.nearest_m
-    farthest = last if placement.farthest_m is None else placement.farthest_m
+    nearest = last if placement.nearest_m is None else placement.nearest_m
+    farthest = first if placement.farthest_m is None else placement.farthest_m
     _check_inside(nearest, first, last, "the nearest depth")
     _check_inside(farthest, first, last, "the farthest depth")
-    if nearest > farthest:
+    if nearest < farthest:
         raise UserError(
             "depth range",
-            f"{units.format_rounded(nearest, 'mm')} to {units.format_rounded(farthest, 'mm')}",
-            expected="near to far",
+            f"near at {units.format_rounded(nearest, 'mm')}, far at {units.format_rounded(farthest, 'mm')}",
+            expected="near at the larger distance: the viewer looks against the light",
+            remedy="exchange the two",
         )
     return nearest + resize_to_cover(depth, shape).astype(np.float64) * (farthest - nearest)
 
@@ -133,12 +145,12 @@ def _check_inside(at_m: float, first: float, last: float, what: str) -> None:
         )
 
 
-def _blur_cone(system: System) -> tuple[float, Aperture]:
-    """Half-angle (rad) and shape of an image point's light cone: the modulator's first order, or a smaller stop."""
+def _blur_cone(system: System) -> LightCone:
+    """An image point's light cone: the modulator's first order, or a smaller stop."""
     middle_m, pitch_m = float(np.median(system.wavelengths_m)), system.modulators[0].pitch_m
     angle, relay = diffraction_half_angle(middle_m, pitch_m), system.relay2
     if relay.square is not None:
         angle = min(angle, math.asin(relay.square.half_side_sine(middle_m, pitch_m)))
     if relay.iris_na is not None and relay.iris_na < math.sin(angle):
-        return math.asin(relay.iris_na), "disc"
-    return angle, "square"
+        return LightCone(math.tan(math.asin(relay.iris_na)), "disc")
+    return LightCone(math.tan(angle))

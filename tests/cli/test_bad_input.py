@@ -144,7 +144,10 @@ PICTURES: list[tuple[list[str], list[str]]] = [
     (["colour.png", "--depth", "colour.png"], ["colour.png", "is in colour", "expected depths"]),
     (["colour.png", "--depth", "deep.npy"], ["deep.npy", "depths from 2 to 2", "0 (nearest) … 1 (farthest)"]),
     (["colour.png", "--depth", "grey.png", "--at", "9mm"], ["grey.png", "a depth map and one distance"]),
-    (["colour.png", "--depth", "grey.png", "--near", "11mm", "--far", "9mm"], ["depth range", "11 mm to 9 mm"]),
+    (
+        ["colour.png", "--depth", "grey.png", "--near", "9mm", "--far", "11mm"],
+        ["depth range", "near at 9 mm, far at 11 mm", "exchange the two"],
+    ),
     (["colour.png", "--near", "9mm"], ["--near/--far", "without --depth", "--at"]),
     (["colour.png", "--at", "30mm"], ["30 mm", "inside the planes, 9 mm to 11 mm"]),
     (["colour.png", "--at", "-3mm"], ["-3 mm", "inside the planes"]),

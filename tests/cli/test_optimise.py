@@ -73,8 +73,8 @@ def test_a_depth_map_spreads_the_picture_over_the_planes(holoview: Run, tmp_path
         width, height = opened.size
     depth = np.broadcast_to(np.linspace(0, 65535, width), (height, width)).astype(np.uint16)
     Image.fromarray(depth).save(tmp_path / "depth.png")
-    arguments = ("optimise", "simultaneous", picture, *QUICK, "--depth", "depth.png", "--near", "9.5mm")
-    assert holoview(*arguments, "--far", "10.5mm", "-o", "h.safetensors").code == 0
+    arguments = ("optimise", "simultaneous", picture, *QUICK, "--depth", "depth.png", "--near", "10.5mm")
+    assert holoview(*arguments, "--far", "9.5mm", "-o", "h.safetensors").code == 0
 
 
 def test_notes_on_the_picture_go_to_stderr(holoview: Run, tmp_path: Path) -> None:

@@ -59,7 +59,7 @@ def test_a_new_session_shows_a_picture_and_can_be_optimised(session: EditingSess
     assert session.document.path is None, "the shipped file isn't watched, nor written to"
     target = session.target_spec
     assert target is not None and target.is_example
-    near, far = target.build(session.system.edit({"shape": [48, 64]})).stack[[0, -1]]
+    far, near = target.build(session.system.edit({"shape": [48, 64]})).stack[[0, -1]]
     assert np.abs(near - far).mean() > 0.005, "it has depth"
 
 

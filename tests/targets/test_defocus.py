@@ -10,8 +10,8 @@ import pytest
 from holoview.targets.defocus import (
     Aperture,
     FftConvolver,
+    LightCone,
     blur_kernel,
-    blur_radius_px,
     diffraction_half_angle,
     kernel_share_in_frame,
 )
@@ -32,9 +32,9 @@ def test_half_angle_refuses_what_diffracts_nowhere(wavelength: float, pitch: flo
 
 
 def test_blur_grows_with_distance_on_both_sides_of_focus() -> None:
-    angle = math.atan(0.05)
-    assert blur_radius_px(2e-3, angle, 4e-6) == pytest.approx(25)
-    assert blur_radius_px(-2e-3, angle, 4e-6) == pytest.approx(25)
+    cone = LightCone(0.05)
+    assert cone.radius_px(2e-3, 4e-6) == pytest.approx(25)
+    assert cone.radius_px(-2e-3, 4e-6) == pytest.approx(25)
 
 
 @pytest.mark.parametrize("aperture", APERTURES)
@@ -45,6 +45,54 @@ def test_a_kernel_sums_to_one_and_is_symmetric(aperture: Aperture, radius: float
     assert blur.min() >= 0
     for turned in (blur[::-1], blur[:, ::-1], blur.T):
         assert blur == pytest.approx(turned, abs=1e-15)
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (3.0, -5.0), (-2.3, 6.8), (0.4, 0.0)])
+@pytest.mark.parametrize("radius", [0.2, 2.5, 7.9, 20.5])
+def test_a_pupils_blur_has_its_diameter_and_is_moved_by_its_decentre(radius: float, shift: tuple[float, float]) -> None:
+    """Of NA and decentre c at Δz: a disc of diameter 2·NA·Δz whose middle lies at Δz·c, with opposite sign at −Δz."""
+    pitch, distance = 4e-6, 0.5e-3
+    cone = LightCone(radius * pitch / distance, "disc", (shift[0] * pitch / distance, shift[1] * pitch / distance))
+    width = max(radius, 0.5)
+    for sign in (1, -1):
+        blur = cone.kernel(sign * distance, pitch)
+        y, x = np.indices(blur.shape) - len(blur) // 2
+        # Each end of a chord lies in a pixel whose light counts at its middle: at most 1/8 pixel off, of 2·width.
+        for axis, k in enumerate((y, x)):
+            assert (blur * k).sum() == pytest.approx(sign * shift[axis], abs=1 / (8 * width))
+        distances = np.hypot(y - sign * shift[0], x - sign * shift[1])
+        assert (blur[distances > width + 0.71] == 0).all()
+        assert blur[distances < width - 0.71] == pytest.approx(1 / (math.pi * width**2), rel=2e-4)
+        assert blur.sum() == pytest.approx(1, abs=1e-12) and blur.min() >= 0
+
+
+def test_a_shift_by_whole_pixels_moves_the_kernel() -> None:
+    for aperture in APERTURES:
+        centred, moved = blur_kernel(4.3, aperture), blur_kernel(4.3, aperture, (2.0, -3.0))
+        middle = len(moved) // 2
+        found = moved[middle + 2 - 4 : middle + 2 + 5, middle - 3 - 4 : middle - 3 + 5]
+        assert found == pytest.approx(centred, abs=1e-12)
+
+
+@pytest.mark.parametrize("aperture", APERTURES)
+def test_light_that_comes_from_outside_is_missing_in_the_share(aperture: Aperture) -> None:
+    blur = blur_kernel(3.2, aperture, (1.5, -2.0))
+    even = FftConvolver(np.ones((1, 20, 31), dtype=np.float32), len(blur) // 2).convolve(blur)[0]
+    assert kernel_share_in_frame(blur, (20, 31)) == pytest.approx(even, abs=FLOAT32_FFT)
+
+
+@pytest.mark.parametrize(
+    ("cone", "words"),
+    [
+        ({"half_width": math.nan}, "finite slopes"),
+        ({"half_width": -0.1}, "finite slopes"),
+        ({"half_width": 0.1, "centre": (0.0, math.inf)}, "finite slopes"),
+        ({"half_width": 0.1, "aperture": "hexagon"}, "'square' or 'disc'"),
+    ],
+)
+def test_light_cones_that_make_no_sense_are_refused(cone: dict[str, object], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        LightCone(**cone)  # type: ignore[arg-type]
 
 
 def test_below_half_a_pixel_nothing_is_blurred() -> None:

@@ -1,4 +1,7 @@
-"""A picture with depth is sharp where it belongs, blurred elsewhere, and near things hide far ones."""
+"""A picture with depth is sharp where it belongs, blurred elsewhere, and near things hide far ones.
+
+The viewer looks against the light: near is at the larger distance z behind the last modulator.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.targets.defocus import Aperture, blur_kernel
+from holoview.targets.defocus import Aperture, LightCone, blur_kernel
 from holoview.targets.focal_stack import Target, render_focal_stack
 from holoview.util.errors import UserError
 
 PITCH = 4e-6
-ANGLE = math.atan(0.02)
-PER_PIXEL = PITCH / 0.02  # metres of defocus that widen a blur's half-width by a pixel
+SLOPE = 0.02
+PER_PIXEL = PITCH / SLOPE  # metres of defocus that widen a blur's half-width by a pixel
 FLOAT32_FFT = 3e-6
 
 
@@ -24,9 +27,10 @@ def stack(
     planes: list[float],
     aperture: Aperture = "square",
 ) -> NDArray[np.float32]:
-    """`picture_stack` with distances in pixels of blur, from 10 mm."""
-    at = [10e-3 + p * PER_PIXEL for p in planes]
-    return render_focal_stack(picture, 10e-3 + np.asarray(depth) * PER_PIXEL, at, PITCH, ANGLE, aperture)
+    """`render_focal_stack` with distances from the viewer in pixels of blur: larger ones are farther, at smaller z."""
+    at = [10e-3 - p * PER_PIXEL for p in planes]
+    cone = LightCone(SLOPE, aperture)
+    return render_focal_stack(picture, 10e-3 - np.asarray(depth) * PER_PIXEL, at, PITCH, cone)
 
 
 def colour(red: float, green: float, blue: float) -> NDArray[np.float32]:
@@ -108,6 +112,55 @@ def test_the_nearer_layer_hides_the_farther_one() -> None:
     assert worst(hides[22:38, 32:48], picture[22:38, 32:48]) < 1e-5, "no white from behind leaks in"
 
 
+def test_a_near_disc_at_the_larger_distance_hides_a_bright_wall_and_never_the_other_way() -> None:
+    """An opaque black disc at z = 11 mm before a white wall at 10 mm, 5 pixels of blur apart, in metres throughout."""
+    wall_m, disc_m, slope, radius = 10e-3, 11e-3, 0.02, 15
+    y, x = np.indices((81, 81)) - 40
+    disc = np.hypot(y, x) < radius
+    picture = np.repeat(np.where(disc, 0, 1)[..., None], 3, axis=2).astype(np.float32)
+    cone = LightCone(slope, "disc")
+    at_wall, at_disc = render_focal_stack(picture, np.where(disc, disc_m, wall_m), [wall_m, disc_m], PITCH, cone)
+    assert worst(at_disc, picture) < 1e-5, "the edge is sharp, and the wall, even, ends sharply behind it"
+    edge = at_wall[40, 40:, 1]
+    blur = (disc_m - wall_m) * slope / PITCH
+    assert edge[: int(radius - blur)].max() < 1e-5 and edge[int(radius + blur) + 2 :].min() > 1 - 1e-5
+    assert 0.05 < edge[radius + 2] < 0.95 and 0.05 < edge[radius - 2] < 0.95, "the disc's blur veils the sharp wall"
+    wrong = render_focal_stack(picture, np.where(disc, wall_m, disc_m), [disc_m], PITCH, cone)[0]
+    assert worst(wrong[40, 40:, 1], picture[40, 40:, 1]) < 1e-5, (
+        "farther than the wall it is a hole: the wall stays sharp"
+    )
+
+
+def test_the_blurred_wall_lies_behind_the_sharp_near_disc_and_not_over_it() -> None:
+    y, x = np.indices((81, 81)) - 40
+    disc = np.hypot(y, x) < 15
+    stripes = np.repeat((x // 2 % 2)[..., None], 3, axis=2)
+    picture = np.where(disc[..., None], colour(0.9, 0.1, 0.1), stripes).astype(np.float32)
+    at_disc = stack(picture, np.where(disc, 0.0, 9.0), [0.0])[0]
+    assert worst(at_disc[disc], picture[disc]) < 1e-5, "no stripe reaches over the disc"
+    outside = np.hypot(y, x)[40] > 26
+    assert worst(at_disc[40, outside, 1][9:-9], 0.5) < 0.06, "stripes of 4 pixels, blurred over 18, are grey"
+
+
+def test_near_things_move_against_the_eye() -> None:
+    """From a pupil that moves to +x, with focus between both, a near thing goes to −x by Δz·c and a far one to +x."""
+    slope, far_m, near_m, focus_m = 0.02, 10e-3, 11e-3, 10.4e-3
+    picture = np.zeros((41, 121, 3), dtype=np.float32)
+    picture[20, 30], picture[20, 90] = 1, 1
+    depth_m = np.broadcast_to(np.where(np.arange(121) < 60, near_m, far_m), (41, 121))
+    cone = LightCone(0.0, "disc", centre=(0.0, slope))
+    seen = render_focal_stack(picture, depth_m, [focus_m], PITCH, cone)[0, 20, :, 1]
+    assert int(seen[:60].argmax()) == 30 + round((focus_m - near_m) * slope / PITCH) == 27
+    assert int(seen[60:].argmax()) + 60 == 90 + round((focus_m - far_m) * slope / PITCH) == 92
+
+
+def test_an_even_picture_stays_even_for_a_pupil_off_the_axis() -> None:
+    even = np.full((30, 40, 3), (0.2, 0.7, 1.5), dtype=np.float32)
+    depth_m = 10e-3 + np.broadcast_to(np.linspace(0, 2e-3, 40), (30, 40))
+    result = render_focal_stack(even, depth_m, [10e-3, 12e-3], PITCH, LightCone(0.01, "disc", (-0.02, 0.03)))
+    assert result.shape == (2, 30, 40, 3) and worst(result / even, 1) < 1e-5
+
+
 def test_a_hole_shows_the_far_side_blurred_and_undarkened() -> None:
     hole = np.zeros((60, 80), dtype=bool)
     hole[24:36, 34:46] = True
@@ -134,7 +187,7 @@ def test_a_slanted_surface_is_sharp_only_where_it_crosses_the_plane() -> None:
 def test_more_layers_than_depths_change_nothing() -> None:
     picture = scene(4)
     depth = np.where(np.indices((60, 80))[1] < 33, 0.0, 7.0) * PER_PIXEL
-    few, many = (render_focal_stack(picture, depth, [0.0], PITCH, ANGLE, layers=n) for n in (2, 24))
+    few, many = (render_focal_stack(picture, depth, [0.0], PITCH, LightCone(SLOPE), layers=n) for n in (2, 24))
     assert (few == many).all()
 
 
@@ -151,14 +204,12 @@ def test_brighter_than_white_stays_so() -> None:
         ({"planes_m": []}, "at least one plane"),
         ({"planes_m": [math.inf]}, "finite distances"),
         ({"pitch_m": 0.0}, "pitch"),
-        ({"half_angle_rad": 1.6}, "half angle"),
-        ({"aperture": "hexagon"}, "'square' or 'disc'"),
     ],
 )
 def test_arguments_that_make_no_sense_are_refused(change: dict[str, object], words: str) -> None:
     good = {"rgb_linear": np.zeros((4, 4, 3), np.float32), "depth_m": 0.0, "planes_m": [0.0]}
     with pytest.raises(ValueError, match=words):
-        render_focal_stack(**{**good, "pitch_m": PITCH, "half_angle_rad": ANGLE, **change})  # type: ignore[arg-type]
+        render_focal_stack(**{**good, "pitch_m": PITCH, "cone": LightCone(SLOPE), **change})  # type: ignore[arg-type]
 
 
 def test_a_target_holds_the_stack_at_its_brightness() -> None:

@@ -106,7 +106,10 @@ def test_a_depth_map_of_another_size_is_refused(bench: Bench, scene: Any, tmp_pa
     [
         ({"nearest_m": 8e-3}, "the nearest depth: 8 mm; expected inside the planes, 9 mm to 10 mm; move it, or"),
         ({"farthest_m": 11e-3}, "the farthest depth: 11 mm; expected inside the planes, 9 mm to 10 mm"),
-        ({"nearest_m": 10e-3, "farthest_m": 9e-3}, "depth range: 10 mm to 9 mm; expected near to far"),
+        (
+            {"nearest_m": 9e-3, "farthest_m": 10e-3},
+            "depth range: near at 9 mm, far at 10 mm; expected near at the larger distance: the viewer looks against",
+        ),
         ({"at_m": 9.5e-3}, "a depth map and one distance; expected one of them"),
     ],
 )

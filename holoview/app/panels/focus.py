@@ -28,8 +28,8 @@ class FocusPanel(Panel):
     def set_up(self, context: AppContext) -> None:
         add = context.commands.add
         session = context.session
-        add("Nearer", lambda: step_focus(session, -1), "Focal plane", ", Left", "A small step nearer.", repeats=True)
-        add("Farther", lambda: step_focus(session, 1), "Focal plane", ". Right", "A small step farther.", repeats=True)
+        add("Farther", lambda: step_focus(session, -1), "Focal plane", ", Left", "A small step farther.", repeats=True)
+        add("Nearer", lambda: step_focus(session, 1), "Focal plane", ". Right", "A small step nearer.", repeats=True)
         add("Plane before", lambda: focus_at_next_plane(session, -1), "Focal plane", "PageUp")
         add("Plane after", lambda: focus_at_next_plane(session, 1), "Focal plane", "PageDown")
         add(
@@ -65,7 +65,10 @@ class FocusPanel(Panel):
         )
         context.record_item_rect("plane")
         if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip("Distance of the focal plane behind the last modulator. Ctrl+click: exact entry.")
+            imgui.set_tooltip(
+                "Distance of the focal plane behind the last modulator: larger is nearer to the viewer. "
+                "Ctrl+click: exact entry."
+            )
         if changed:
             self.is_playing = False
             context.attempt(focus_at, context.session, shown * 1e-3)

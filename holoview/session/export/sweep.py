@@ -1,4 +1,4 @@
-"""Writes an animated focal sweep, from the nearest plane to the farthest and back, as GIF or MP4."""
+"""Writes an animated focal sweep, from the farthest plane to the nearest and back, as GIF or MP4."""
 
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ def save_sweep(session: EditingSession, path: Path, *, frames: int = 24, seconds
 
 
 def _frames(document: Document, count: int, control: JobControl) -> Iterator[NDArray[np.uint8]]:
-    near, far = float(document.system.planes_m.min()), float(document.system.planes_m.max())
-    if near == far:
+    far, near = float(document.system.planes_m.min()), float(document.system.planes_m.max())
+    if far == near:
         raise UserError("focal sweep", "the bench has one focal plane", expected="two or more", remedy="add planes")
-    planes_m = [float(z) for z in np.linspace(near, far, count)]
+    planes_m = [float(z) for z in np.linspace(far, near, count)]
     for written, xyz in enumerate(render_planes(document.system, document.drive, planes_m, control.check), start=1):
         yield _crop_to_even(tone_map(xyz, document.view_settings))
         control.report(written, count, f"plane {written} of {count}")

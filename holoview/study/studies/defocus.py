@@ -39,7 +39,7 @@ class _Defocus(Study):
         "defocus of incoherent light: whether it blurs as the eye expects, and where speckle comes back."
     )
     quick_note = "Quick: 128 x 96 samples, 3 planes to optimise and 40 iterations."
-    revision = 2
+    revision = 3
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         return scheme_jobs(self, _SCHEMES, scale, seed, sweep=_SWEEP)
@@ -58,7 +58,7 @@ class _Defocus(Study):
             "psnr_db": [plane.psnr.mean_db for plane in quality],
             "speckle_contrast": [plane.mean_speckle_contrast for plane in quality],
         }
-        return JobResult(numbers, {"near": view.srgb8[0], "far": view.srgb8[-1]})
+        return JobResult(numbers, {"far": view.srgb8[0], "near": view.srgb8[-1]})
 
     def analyse(self, results: Results) -> Findings:
         curves = {scheme: {key: mean_curve(results, key, scheme=scheme) for key in _KEYS} for scheme in _SCHEMES}

@@ -31,7 +31,7 @@ class _Multiplexing(Study):
         "two lasers in xyY, shown in two frames by one laser each or by both in both; PSNR of XYZ, unclipped."
     )
     quick_note = f"{QUICK_SIZE}."
-    revision = 2
+    revision = 3
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         return [
