@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from holoview.app.notebook import show
     from holoview.io.hologram import Hologram, load_hologram
     from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
+    from holoview.model.eye import Eye, Prescription, chromatic_refraction, natural_pupil_diameter
     from holoview.model.plan import Plan, make_plan
     from holoview.model.preset import load
     from holoview.model.stops import SquareStop
@@ -56,10 +57,12 @@ if TYPE_CHECKING:
     from holoview.view import View, random_drive, simulate
 
 _MODULES = {
+    "Eye": "holoview.model.eye",
     "Hologram": "holoview.io.hologram",
     "Modulator": "holoview.model.bench_parts",
     "Placement": "holoview.targets.target",
     "Plan": "holoview.model.plan",
+    "Prescription": "holoview.model.eye",
     "Relay": "holoview.model.bench_parts",
     "Sampling": "holoview.model.bench_parts",
     "Settings": "holoview.optimise.settings",
@@ -69,10 +72,12 @@ _MODULES = {
     "UserError": "holoview.util.errors",
     "View": "holoview.view",
     "__version__": "holoview.util.version",
+    "chromatic_refraction": "holoview.model.eye",
     "iterate": "holoview.optimise.solve",
     "load": "holoview.model.preset",
     "load_hologram": "holoview.io.hologram",
     "make_plan": "holoview.model.plan",
+    "natural_pupil_diameter": "holoview.model.eye",
     "random_drive": "holoview.view",
     "show": "holoview.app.notebook",
     "simulate": "holoview.view",
@@ -80,10 +85,12 @@ _MODULES = {
 }
 
 __all__ = [
+    "Eye",
     "Hologram",
     "Modulator",
     "Placement",
     "Plan",
+    "Prescription",
     "Relay",
     "Sampling",
     "Settings",
@@ -93,10 +100,12 @@ __all__ = [
     "UserError",
     "View",
     "__version__",
+    "chromatic_refraction",
     "iterate",
     "load",
     "load_hologram",
     "make_plan",
+    "natural_pupil_diameter",
     "random_drive",
     "show",
     "simulate",

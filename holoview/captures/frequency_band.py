@@ -13,7 +13,8 @@ from functools import lru_cache
 import torch
 
 from holoview.model.passband import band_of_rows
-from holoview.model.plan import Grid, Transfer
+from holoview.model.plan import Grid
+from holoview.model.transfer import Transfer
 from holoview.numerics.fft_grid import frequency_indices
 
 Tensor = torch.Tensor

@@ -20,7 +20,8 @@ from holoview.captures.tensor_cache import TensorCache
 from holoview.model.bench_parts import Relay
 from holoview.model.effects.effect import MODULATOR_HOOKS
 from holoview.model.effects.hook_contexts import RelayContext
-from holoview.model.plan import Plan, Transfer
+from holoview.model.plan import Plan
+from holoview.model.transfer import Transfer
 from holoview.optics.propagate import transfer_function_at
 from holoview.optics.pupil import nominal_pupil
 from holoview.optics.slm import pixel_spectrum

@@ -304,4 +304,6 @@ def _inputs_fingerprint(plan: Plan) -> Fingerprint:
         plan.grid,
         system.frames,
     )
-    return elements, plan.nominal.effects, plan.nominal.relay1, plan.nominal.relay2
+    eye = plan.nominal.eye
+    seen = eye if eye is not None and eye.has_pupil_function else None
+    return elements, plan.nominal.effects, plan.nominal.relay1, plan.nominal.relay2, seen

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from holoview.engine.shader_inputs import ShaderInputs
 from holoview.model.passband import column_support
-from holoview.model.plan import Grid, Plan, Transfer, turns_to_fixed_point
+from holoview.model.plan import Grid, Plan
+from holoview.model.transfer import Transfer, turns_to_fixed_point
 from holoview.numerics.pixel_spectrum import pixel_spectrum
 
 UniformValues = dict[str, object]

@@ -35,11 +35,17 @@ class Description:
 
 @dataclasses.dataclass(frozen=True)
 class Nested:
-    """Field type of a nested description, given as an instance or as a table of its keys."""
+    """Field type of a nested description, given as an instance or as a table of its keys.
+
+    optional: whether there may be none, None or the text "none", with which a preset takes away that of its base.
+    """
 
     description: type[Any]
+    optional: bool = False
 
     def parse(self, value: Any, where: str) -> Any:
+        if self.optional and (value is None or (isinstance(value, str) and value == "none")):
+            return None
         if isinstance(value, self.description):
             return value
         if not isinstance(value, Mapping):
@@ -51,8 +57,8 @@ class Nested:
         except UserError as error:
             raise error.inside(f"{where}.") from error
 
-    def to_toml(self, value: Any) -> dict[str, Any]:
-        return to_mapping(value)
+    def to_toml(self, value: Any) -> dict[str, Any] | None:
+        return None if value is None else to_mapping(value)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +83,7 @@ def described_field(field_type: FieldType, doc: str, **kwargs: Any) -> Any:
 
 def key_without_unit(name: str) -> str:
     """A field's key in tables: its name without the unit."""
-    return name.removesuffix("_m").removesuffix("_rad")
+    return name.removesuffix("_m").removesuffix("_rad").removesuffix("_dpt").removesuffix("_deg")
 
 
 def fields_by_key(description: type[Any]) -> dict[str, dataclasses.Field[Any]]:
@@ -150,7 +156,7 @@ def _change_nested(field_type: FieldType, value: Any, changes: Mapping[str, Any]
     if not isinstance(field_type, Nested):
         raise UserError(f"{where}.{next(iter(changes))}", "unknown key", remedy=f"{where} has no parts")
     try:
-        return with_changes(value, changes)
+        return with_changes(field_type.description() if value is None else value, changes)
     except UserError as error:
         raise error.inside(f"{where}.") from error
 

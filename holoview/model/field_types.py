@@ -38,9 +38,9 @@ class TableType(FieldType, Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Number:
-    """A real number, or a length or an angle.
+    """A real number, or a length, an angle or a vergence.
 
-    unit: in which text is written, such as "mm" or "mrad"; "" for a plain number.
+    unit: in which text is written, such as "mm", "mrad" or "D"; "" for a plain number.
     low, high: inclusive bounds, in SI units.
     optional: whether None is allowed.
     """
@@ -54,7 +54,7 @@ class Number:
         if value is None and self.optional:
             return None
         if self.unit:
-            number = units.parse(value, where, "angle" if self.unit.endswith("rad") else "length")
+            number = units.parse(value, where, units.quantity_of(self.unit))
         elif isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
             raise UserError(where, f"{value!r} is not a number", expected=self.format_range())
         else:
@@ -144,6 +144,19 @@ class Integer:
         return int(value)
 
     def to_toml(self, value: int) -> int:
+        return value
+
+
+@dataclasses.dataclass(frozen=True)
+class Truth:
+    """True or false."""
+
+    def parse(self, value: Any, where: str) -> bool:
+        if not isinstance(value, bool | np.bool_):
+            raise UserError(where, f"{value!r}", expected="true or false")
+        return bool(value)
+
+    def to_toml(self, value: bool) -> bool:
         return value
 
 

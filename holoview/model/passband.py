@@ -84,6 +84,20 @@ def limited_rows(rows: Integers, limits: RowsColumns) -> Integers:
     return rows_with_bounds(smallest, low, np.minimum(high, limits[1]))
 
 
+def rows_in_disc(
+    rows: Integers, columns: int, radius: float, centre: tuple[float, float], sine_step: tuple[float, float]
+) -> Integers:
+    """The rows of `stop_rows` without the frequencies outside a disc.
+
+    columns: P_x. radius, centre: of the disc in direction sines, (y, x). sine_step: direction sines (y, x) between
+    neighbouring frequencies.
+    """
+    smallest, low, high = rows.astype(np.int64).T
+    kx = np.arange(-(columns // 2), (columns + 1) // 2)
+    disc = _disc_rows(radius, centre, sine_step[0] * frequency_indices(len(rows)), sine_step[1] * kx)
+    return rows_with_bounds(smallest, np.maximum(low, disc[0] + kx[0]), np.minimum(high, disc[1] + kx[0]))
+
+
 def rows_with_bounds(smallest: NDArray[np.int64], low: NDArray[np.int64], high: NDArray[np.int64]) -> Integers:
     """Rows (smallest |k_x|, lowest k_x, highest k_x), int32; the bounds are (1, 0) where the highest is too low."""
     is_empty = low > high

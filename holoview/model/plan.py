@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 from holoview.colour import observer_weights
 from holoview.model.bench_parts import Relay, Sampling
 from holoview.model.effects.active_effects import ActiveEffects
-from holoview.model.passband import Band, band_limit, band_of_rows, limited_rows, stop_rows
+from holoview.model.focus import focus_shift, focused_planes
+from holoview.model.passband import Band, band_limit, band_of_rows, limited_rows, rows_in_disc, stop_rows
 from holoview.model.system import PLANE_DISTANCES, System
+from holoview.model.transfer import Transfer
 from holoview.numerics.fft_grid import is_fast_length, next_fast_length
 from holoview.util.errors import UserError
 
@@ -60,57 +62,18 @@ class Grid:
 
 
 @dataclass(frozen=True)
-class Transfer:
-    """Propagation of one wavelength over one distance, and the frequencies that pass the relay's stops.
-
-    H = exp(−2πi·(z/λ)·A/(1 + √(1 − A))) where the support passes, 0 elsewhere; the carrier exp(2πi·z/λ) is left out.
-    Goodman, Introduction to Fourier Optics, 3rd ed., eq. 3-74, in a form without cancellation at small A.
-
-    distance_m: z.
-    wavelength_m: λ.
-    step: distance between spatial frequencies (y, x), 1/m.
-    support: (P_y, 3) int32, for each row of frequencies in `fftfreq` order the smallest |k_x|, the lowest k_x and the
-    highest k_x that pass; the lowest lies above the highest where nothing passes.
-    """
-
-    distance_m: float
-    wavelength_m: float
-    step: tuple[float, float]
-    support: NDArray[np.int32]
-
-    @property
-    def waves(self) -> float:
-        """Distance in wavelengths, z/λ."""
-        return self.distance_m / self.wavelength_m
-
-    @property
-    def sine_step(self) -> tuple[float, float]:
-        """Direction sine between neighbouring frequencies (y, x): λ·df."""
-        return self.wavelength_m * self.step[0], self.wavelength_m * self.step[1]
-
-    def paraxial_words(self) -> NDArray[np.uint32]:
-        """The paraxial phase at k = 1, frac(z·λ/2·df²) turns, in fixed point: (2, 2) uint32 [axis y/x][high, low].
-
-        The high word holds 32 bits of a turn, the low one 16 guard bits. Multiplied by k² in wrapping 32-bit
-        arithmetic it is the paraxial phase modulo one turn exactly, which float32 can't hold: z·λ/2·df²·k² reaches
-        hundreds of turns.
-        """
-        return np.stack(
-            [turns_to_fixed_point(0.5 * self.distance_m * self.wavelength_m * step * step) for step in self.step]
-        )
-
-
-@dataclass(frozen=True)
 class Plan:
     """The numbers that both executors use, derived from a system for a choice of focal planes. Made by `make_plan`.
 
     system: the system with the effects that change distances, angles, wavelengths, apertures and powers applied.
-    planes_m: (plane,) distances of the focal planes, with effects.
+    planes_m: (plane,) distances of the focal planes, with effects. With an eye, those on which it is focused at its
+    reference wavelength.
     grid: `Grid` of the field and of its padded transform.
     weights: (frame, wavelength) factors of |field|²: amplitude / (frames · sources).
     slopes: (source, wavelength, 2) phase slope (y, x) of the illumination, turns a sample.
     colour_weights: (wavelength, 3) XYZ of unit intensity.
     nominal: the system as it was given.
+    focus_shift_m: (wavelength,) how much larger z is on which an eye is focused at each wavelength; 0 without an eye.
     moments: M factors of the optical paths that each exposure averages over, (1.0,) without such effects. Frame
     f·M + m of `system` shows frame f of the drive with factor m.
 
@@ -127,9 +90,22 @@ class Plan:
     slopes: NDArray[np.float64]
     colour_weights: NDArray[np.float64]
     nominal: System
+    focus_shift_m: NDArray[np.float64]
     moments: tuple[float, ...] = (1.0,)
     _transfers: dict[tuple[float, int, int], Transfer] = field(default_factory=dict, repr=False, compare=False)
     _stops: dict[tuple[int, int], NDArray[np.int32]] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def distances_m(self) -> NDArray[np.float64]:
+        """Distances from the last modulator that are computed, (plane, wavelength): without an eye equal along a row.
+
+        >>> import holoview as hv
+        >>> plan = hv.make_plan(hv.load("holochrome-8").with_(eye={"chromatic": False}), ["5 mm"])
+        >>> plan.distances_m.shape, float(plan.distances_m.max())
+        ((1, 8), 0.005)
+        """
+        distances: NDArray[np.float64] = self.planes_m[:, None] + self.focus_shift_m[None, :]
+        return distances
 
     @property
     def relays(self) -> tuple[Relay, Relay]:
@@ -147,7 +123,8 @@ class Plan:
 
         relay: 0 for the gap between the modulators, 1 for the way from the last modulator to a plane.
         wavelength: index of the wavelength in `system`.
-        distance_m: distance in metres, at least 0.
+        distance_m: distance in metres, at least 0. With an eye, that of the plane on which it is focused at its
+        reference wavelength: at others it is focused elsewhere, and the `Transfer` leads there.
 
         Returns a `Transfer`. `holoview.optics.propagate.transfer_function` evaluates it.
 
@@ -161,6 +138,9 @@ class Plan:
         if key not in self._transfers:
             λ, grid = float(self.system.wavelengths_m[wavelength]), self.grid
             support = self._stop_rows(relay, wavelength)
+            if relay == 1:
+                distance_m = distance_m + float(self.focus_shift_m[wavelength])
+                support = self._seen_rows(support, λ)
             if self.system.sampling.propagation != "periodic":
                 limits = [
                     band_limit(p, grid.pitch_m, λ, distance_m) / step
@@ -175,7 +155,8 @@ class Plan:
 
         relay: 0 for the gap between the modulators, 1 for the way from the last modulator to the planes.
 
-        It doesn't depend on the distance. Without stops it holds the whole grid, or all waves that propagate.
+        It doesn't depend on the distance, nor on the pupil of an eye. Without stops it holds the whole grid, or all
+        waves that propagate.
 
         >>> import holoview as hv
         >>> system = hv.load("holochrome-8").edit({"shape": [48, 64], "relay2.square": "first order"})
@@ -183,6 +164,14 @@ class Plan:
         Band(lowest=(-47, -63), highest=(47, 63))
         """
         return band_of_rows([self._stop_rows(relay, i) for i in range(len(self.system.wavelengths_m))])
+
+    def _seen_rows(self, support: NDArray[np.int32], λ: float) -> NDArray[np.int32]:
+        """The frequencies of a support that the pupil of the eye passes; all without an eye."""
+        eye = self.nominal.eye
+        if eye is None:
+            return support
+        (rows, columns), na = self.grid.frequency_step, eye.pupil_na(self.nominal.field_m)
+        return rows_in_disc(support, self.grid.padded[1], na, eye.pupil_centre_na, (λ * rows, λ * columns))
 
     def _stop_rows(self, relay: int, wavelength: int) -> NDArray[np.int32]:
         key = (relay, wavelength)
@@ -208,10 +197,10 @@ def make_plan(system: System, planes: Sequence[float | str] | NDArray[np.float64
 
     system: the display.
     planes: distances of the focal planes from the last modulator, metres or text such as "10 mm"; those of the system
-    when None.
+    when None, or with an eye those on which it is focused.
 
-    Returns a `Plan`. Raises UserError for an empty list of planes, for a negative distance or one above 1 m, and for
-    effects that such a system can't have.
+    Returns a `Plan`. Raises UserError for an empty list of planes, for a negative distance or one above 1 m, for an eye
+    that is focused at such a distance at any wavelength, and for effects that such a system can't have.
 
     >>> import holoview as hv
     >>> hv.make_plan(hv.load("holochrome-8"), ["5 mm", 0.01]).planes_m.tolist()
@@ -219,19 +208,21 @@ def make_plan(system: System, planes: Sequence[float | str] | NDArray[np.float64
     """
     nominal: System = system
     moments: tuple[float, ...] = (1.0,)
-    planes_m = system.planes_m if planes is None else parse_planes(planes)
+    planes_m = focused_planes(system) if planes is None else parse_planes(planes)
     if system.effects:
         system, moments = _as_built(system.edit({"planes": planes_m}))
         planes_m = system.planes_m
     sources = len(system.source.directions_rad)
+    shift_m = focus_shift(nominal, planes_m, system.wavelengths_m)
     return Plan(
         system=system,
         planes_m=planes_m,
-        grid=_grid(system, float(planes_m.max())),
+        grid=_grid(system, float(planes_m.max() + max(shift_m.max(), 0.0))),
         weights=system.amplitudes / (system.frames * sources),
         slopes=_slopes(system),
         colour_weights=observer_weights(system.observer, system.wavelengths_m),
         nominal=nominal,
+        focus_shift_m=shift_m,
         moments=moments,
     )
 
@@ -240,12 +231,6 @@ def _as_built(system: System) -> tuple[System, tuple[float, ...]]:
     """The system with its effects, and the factors of the optical paths that an exposure averages over."""
     active = ActiveEffects(system.effect_values)
     return active.as_built(system), tuple(factor for _, factor in active.exposure_samples())
-
-
-def turns_to_fixed_point(turns: float) -> NDArray[np.uint32]:
-    """A phase in turns, modulo one turn, in fixed point: uint32 [high 32 bits, 16 guard bits]."""
-    scaled = round(math.fmod(turns, 1.0) * 2.0**48) % (1 << 48)
-    return np.array([scaled >> 16, scaled & 0xFFFF], dtype=np.uint32)
 
 
 def walk_off(system: System, relay: Relay, distance_m: float) -> float:

@@ -21,7 +21,7 @@ from holoview.model.system import System
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.files import atomic_write, data_dir
 
-_TABLES = ("source", "relay1", "relay2", "sampling", "effects")
+_TABLES = ("source", "relay1", "relay2", "eye", "sampling", "effects")
 
 
 def names() -> list[str]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
 from holoview.model.dataclass_fields import Description, Nested, NestedList, described_field, validate, with_changes
 from holoview.model.effects.effect_table import EffectPairs, EffectTable
+from holoview.model.eye import Eye
 from holoview.model.field_types import Array, Choice, Number
 from holoview.model.shorthand import expand_edit
 from holoview.util import units
@@ -45,6 +46,8 @@ class System(Description):
     source: illumination of the first modulator, a `Source`.
     relay1, relay2: `Relay` between the modulators, and behind the last one.
     observer: "eye" (2° cone fundamentals), "cie1931" or "mono" (a camera with flat response). It determines XYZ.
+    eye: an `Eye` behind an eyepiece, whose pupil and focus decide what reaches the retina; None: the light in the focal
+    planes themselves, as a camera without a lens would record it.
     sampling: the grid of the simulation, a `Sampling`.
     effects: imperfections that are active and their values, {"gap": {"gap_error": "0.1 mm"}}; ids are those of
     `holoview.effects`.
@@ -83,6 +86,9 @@ class System(Description):
     observer: str = described_field(
         Choice(("eye", "cie1931", "mono")), "What looks: the eye's cones, CIE 1931, mono camera.", default="eye"
     )
+    eye: Eye | None = described_field(
+        Nested(Eye, optional=True), "An eye behind an eyepiece; none when absent.", default=None
+    )
     sampling: Sampling = described_field(Nested(Sampling), "Grid of the simulation.", default_factory=Sampling)
     effects: EffectPairs = described_field(
         EffectTable(), "What the bench does beyond the plain model: effects by their id.", default=()
@@ -99,7 +105,7 @@ class System(Description):
         self._check_modulators()
         self._check_source()
         self._check_stops()
-        if self.observer != "mono":
+        if self.observer != "mono" or self.eye is not None:
             self._check_visible()
 
     def _check_amplitudes(self) -> None:
@@ -169,7 +175,7 @@ class System(Description):
                     f"wavelengths[{i}]",
                     units.format_rounded(wavelength, "nm"),
                     expected="390 to 830 nm, where the observer's response is known",
-                    remedy='choose another wavelength or observer = "mono"',
+                    remedy='choose another wavelength, or observer = "mono" without an eye',
                 )
 
     @property
@@ -191,6 +197,17 @@ class System(Description):
         (1, 2, 48, 64)
         """
         return (self.frames, len(self.modulators), *self.modulators[0].shape)
+
+    @property
+    def field_m(self) -> tuple[float, float]:
+        """Size (y, x) of the modulators, m.
+
+        >>> import holoview as hv
+        >>> hv.load("holochrome-8").with_(shape=[48, 64]).field_m
+        (0.000384, 0.000512)
+        """
+        modulator = self.modulators[0]
+        return modulator.shape[0] * modulator.pitch_m, modulator.shape[1] * modulator.pitch_m
 
     @property
     def effect_values(self) -> dict[str, dict[str, Any]]:

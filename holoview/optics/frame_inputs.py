@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from holoview.model.plan import Plan
 from holoview.optics.plain_inputs import check_drive_dtype, check_drive_range
+from holoview.optics.eye_pupil import eye_pupil
 from holoview.optics.pupil import nominal_pupil
 from holoview.optics.sampled_effects import SampledTransmissions, effects_pupil
 from holoview.optics.slm import optical_path
@@ -62,14 +63,20 @@ def make_frame_inputs(plan: Plan, drive: torch.Tensor | NDArray[np.floating]) ->
 
 
 def pupil_with_effects(plan: Plan, relay: int, wavelength: int) -> torch.Tensor | None:
-    """The pupil (P_y, P_x) complex128 of a relay with its effects; None without aberration and apodisation."""
-    nominal = nominal_pupil(plan, relay, wavelength, torch.complex128, torch.device("cpu"))
-    if not plan.nominal.effects:
-        return nominal
-    added = effects_pupil(plan, relay, wavelength)
-    if nominal is None or added is None:
-        return added if nominal is None else nominal
-    return nominal * added
+    """The pupil (P_y, P_x) complex128 of a relay with its effects, behind relay 2 also that of the eye.
+
+    None where light is only stopped.
+    """
+    factors = [nominal_pupil(plan, relay, wavelength, torch.complex128, torch.device("cpu"))]
+    if plan.nominal.effects:
+        factors.append(effects_pupil(plan, relay, wavelength))
+    if relay == 1:
+        factors.append(eye_pupil(plan, wavelength))
+    pupil = None
+    for factor in factors:
+        if factor is not None:
+            pupil = factor if pupil is None else pupil * factor
+    return pupil
 
 
 def exposure_optical_paths(plan: Plan, drive: torch.Tensor) -> torch.Tensor:

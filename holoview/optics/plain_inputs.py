@@ -48,6 +48,7 @@ def plain_frame_inputs(plan: Plan, drive: NDArray[np.floating]) -> PlainFrameInp
     relays = (plan.nominal.relay1, plan.nominal.relay2)
     has_levels = any(modulator.levels is not None for modulator in plan.system.modulators)
     has_pupils = any(relay.aberration_m or relay.apodisation_na is not None for relay in relays)
+    has_pupils |= plan.nominal.eye is not None and plan.nominal.eye.has_pupil_function
     if has_levels or has_pupils or plan.nominal.effects or plan.moments != (1.0,):
         return None
     check_drive_dtype(drive)

@@ -12,7 +12,8 @@ import math
 
 import torch
 
-from holoview.model.plan import Grid, Transfer
+from holoview.model.plan import Grid
+from holoview.model.transfer import Transfer
 from holoview.numerics.fft_grid import frequency_indices
 from holoview.numerics.phasor import phasor_of_turns
 

@@ -14,22 +14,27 @@ import numpy as np
 
 from holoview.util.errors import UserError, suggest_matches
 
-Quantity = Literal["length", "angle"]
+Quantity = Literal["length", "angle", "vergence"]
 
 _EXPONENT: dict[Quantity, dict[str, int]] = {
     "length": {"pm": -12, "nm": -9, "um": -6, "µm": -6, "μm": -6, "mm": -3, "cm": -2, "m": 0},
     "angle": {"urad": -6, "µrad": -6, "μrad": -6, "mrad": -3, "rad": 0},
+    "vergence": {"D": 0},
 }
-_EXAMPLE: dict[Quantity, str] = {"length": '"8 um", "550 nm" or "2 mm"', "angle": '"5 mrad" or "0.3 rad"'}
+_EXAMPLE: dict[Quantity, str] = {
+    "length": '"8 um", "550 nm" or "2 mm"',
+    "angle": '"5 mrad" or "0.3 rad"',
+    "vergence": '"0.5 D"',
+}
 _TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\s\d.+-]\S*)?\s*")
 
 
 def parse(value: str | float, where: str, quantity: Quantity = "length") -> float:
-    """The SI value (m or rad) of a text such as "8 um"; a number is taken as an SI value.
+    """The SI value (m, rad or dioptres, 1/m) of a text such as "8 um"; a number is taken as an SI value.
 
     Raises UserError, with the place `where`, when the text isn't a number with a known unit of this quantity.
     """
-    a = "an angle" if quantity == "angle" else "a length"
+    a = {"length": "a length", "angle": "an angle", "vergence": "a number of dioptres"}[quantity]
     if isinstance(value, bool) or not isinstance(value, str | int | float | np.integer | np.floating):
         raise UserError(where, f"{value!r} is not {a}", expected=f"text such as {_EXAMPLE[quantity]}")
     if not isinstance(value, str):
@@ -47,6 +52,15 @@ def parse(value: str | float, where: str, quantity: Quantity = "length") -> floa
         return float(Decimal(number).scaleb(exponents[unit]))
     except (InvalidOperation, Overflow) as error:
         raise UserError(where, f'"{value}" is out of range', expected=f"text such as {_EXAMPLE[quantity]}") from error
+
+
+def quantity_of(unit: str) -> Quantity:
+    """What a unit measures.
+
+    >>> quantity_of("mrad"), quantity_of("D")
+    ('angle', 'vergence')
+    """
+    return next(quantity for quantity, table in _EXPONENT.items() if unit in table)
 
 
 def format_exact(value: float, unit: str) -> str:

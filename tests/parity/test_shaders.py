@@ -22,7 +22,8 @@ from holoview.gpu.recorder import CommandRecorder, Dispatch
 from holoview.gpu.shader import GeneratedWgsl, ShaderError, link
 from holoview.gpu.spectrum_order import Range
 from holoview.gpu.wgsl_struct import WgslStruct
-from holoview.model.plan import Grid, make_plan, turns_to_fixed_point
+from holoview.model.plan import Grid, make_plan
+from holoview.model.transfer import turns_to_fixed_point
 from holoview.optics.propagate import transfer_function
 from holoview.util.files import data_dir
 
