@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.backend import open_executor
 from holoview.engine.frame import compute_focal_stack
+from holoview.model.focus import focused_planes
 from holoview.model.plan import make_plan, parse_planes
 from holoview.model.system import System
 from holoview.util.progress import StepCallback
@@ -20,13 +22,19 @@ from holoview.util.progress import StepCallback
 
 @dataclass(frozen=True)
 class View:
-    """Images of a hologram at focal planes, over the area of the modulators. Made by `simulate`.
+    """Images of a hologram at focal planes, over the area of the modulators, or on the retina. Made by `simulate`.
+
+    With an eye, a "plane" is an accommodation: the image of each wavelength is that of the plane on which the eye is
+    focused at this wavelength, seen through its pupil.
 
     intensity: (plane, wavelength, y, x) sum over frames and sources of |field|² · amplitude / (frames · sources). A
     modulator under a uniform wave at amplitude 1 has intensity 1.
     xyz: (plane, y, x, 3) colours, Y = 1 for the white of the display.
     wavelengths_m: (wavelength,) of the intensities; an effect may split a laser's line into several.
-    planes_m: (plane,) nominal distances from the last modulator, m.
+    planes_m: (plane,) nominal distances from the last modulator, m; (accommodation, wavelength) with an eye.
+    focus_m: (plane,) the same at the eye's reference wavelength; equal to `planes_m` without an eye.
+    accommodation_dpt: (accommodation,) vergences of `focus_m` in dioptres; None without an eye.
+    degrees_per_sample: visual angle from one sample to the next, degrees; None without an eye.
     pitch_m: distance between samples, the modulator's pitch divided by `upsample`, m.
     backend: what computed the view, in words.
 
@@ -43,6 +51,9 @@ class View:
     planes_m: NDArray[np.float64]
     pitch_m: float
     backend: str
+    focus_m: NDArray[np.float64]
+    accommodation_dpt: NDArray[np.float64] | None = None
+    degrees_per_sample: float | None = None
 
     @cached_property
     def rgb(self) -> NDArray[np.floating]:
@@ -78,7 +89,15 @@ class View:
         [0.01]
         """
         chosen = list(planes)
-        return replace(self, intensity=self.intensity[chosen], xyz=self.xyz[chosen], planes_m=self.planes_m[chosen])
+        dioptres = None if self.accommodation_dpt is None else self.accommodation_dpt[chosen]
+        return replace(
+            self,
+            intensity=self.intensity[chosen],
+            xyz=self.xyz[chosen],
+            planes_m=self.planes_m[chosen],
+            focus_m=self.focus_m[chosen],
+            accommodation_dpt=dioptres,
+        )
 
     def cropped(self, region: tuple[int, int, int, int]) -> View:
         """The view in a rectangle of samples.
@@ -137,7 +156,7 @@ def simulate(
     system: the display.
     drive: (frame, modulator, y, x) patterns in 0…1 of the stroke, an array or a tensor of `system.drive_shape`.
     planes: distances of the focal planes from the last modulator, metres or text such as "10 mm"; those of the system
-    when None.
+    when None. With an eye, the planes on which it is focused at its reference wavelength; its accommodations when None.
     backend: "wgpu" (WGSL shaders), "torch" (complex64), "torch64" (complex128), or "auto": wgpu where an adapter is
     found, else torch. `View.backend` says which it was.
     adapter: part of the name of the WebGPU adapter to use.
@@ -159,11 +178,15 @@ def simulate(
     plan = make_plan(system, planes)
     executor, label = open_executor(plan, drive, backend, adapter)
     intensity, xyz = compute_focal_stack(executor, progress)
+    focus_m, eye = focused_planes(system) if planes is None else parse_planes(planes), system.eye
     return View(
         intensity=intensity,
         xyz=xyz,
         wavelengths_m=plan.system.wavelengths_m,
-        planes_m=system.planes_m if planes is None else parse_planes(planes),
+        planes_m=focus_m if eye is None else focus_m[:, None] + plan.focus_shift_m,
         pitch_m=plan.grid.pitch_m,
         backend=label,
+        focus_m=focus_m,
+        accommodation_dpt=None if eye is None else eye.dioptres(focus_m, system.planes_m),
+        degrees_per_sample=None if eye is None else math.degrees(math.atan(plan.grid.pitch_m / eye.eyepiece_m)),
     )

@@ -40,6 +40,20 @@ CHANGES: dict[str, dict[str, Any]] = {
         "relay2.square": "first order",
     },
     "compact": {"shape": [27, 45], "upsample": 3, "propagation": "compact", "relay2.iris_na": 0.01},
+    "an eye": {
+        "eye": {"pupil": "1.5 mm", "pupil_y": "0.4 mm", "pupil_x": "-0.3 mm", "accommodation": ["0.3 D", "2 D"]}
+    },
+    "an eye that moves as a whole, with a prescription": {
+        "eye": {
+            "eyepiece": "25 mm",
+            "pupil": "auto",
+            "pupil_x": "0.2 mm",
+            "chromatic_axis": "pupil",
+            "stiles_crawford": True,
+            "prescription": {"sphere": "-0.5 D", "cylinder": "0.75 D", "axis": 30.0, "aberration": {"Z8": "60 nm"}},
+        },
+        "relay2.square": "first order",
+    },
     "no gap, planes at zero and far": {"gap": 0.0, "planes": [0.0, "50 mm"], "propagation": "periodic"},
 }
 """The changes of `parity_bench` that make each bench, by its name."""

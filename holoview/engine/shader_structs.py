@@ -29,6 +29,7 @@ PROPAGATION = WgslStruct(
         ("paraxial_y", "vec2<u32>"),  # frac(z·λ/2·df²) in turns: 32 bits and 16 guard bits
         ("paraxial_x", "vec2<u32>"),
         ("sine_step2", "vec2<f32>"),  # (λ·df)², (y, x): squared direction sine of the first frequency bin
+        ("shift", "vec2<u32>"),  # phase of a displaced picture between frequencies (y, x), in 2⁻³² turns
         ("distance_waves", "f32"),  # z/λ
     ],
 )

@@ -35,8 +35,13 @@ def modulator_uniform(plan: Plan, modulator: int, wavelength: int) -> UniformVal
 def propagation_uniform(step: Transfer) -> UniformValues:
     """Values of `Propagation`: free space over the distance of a relay."""
     words = step.paraxial_words()
-    sine_step2 = [sine * sine for sine in step.sine_step]
-    return {"paraxial_y": words[0], "paraxial_x": words[1], "sine_step2": sine_step2, "distance_waves": step.waves}
+    return {
+        "paraxial_y": words[0],
+        "paraxial_x": words[1],
+        "sine_step2": [sine * sine for sine in step.sine_step],
+        "shift": [turns_to_fixed_point(turns)[0] for turns in step.shift_turns],
+        "distance_waves": step.waves,
+    }
 
 
 def support_table(step: Transfer, grid: Grid) -> NDArray[np.int32]:

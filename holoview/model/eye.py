@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.model.dataclass_fields import Description, Nested, described_field, validate
-from holoview.model.field_types import Array, Coefficients, Number, Truth
+from holoview.model.field_types import Array, Choice, Coefficients, Number, Truth
 from holoview.util.errors import UserError
 
 Floats = NDArray[np.float64]
@@ -67,12 +67,16 @@ class Prescription(Description):
     -1.75
     """
 
-    sphere_dpt: float = described_field(Number("D", low=-20.0, high=20.0), "Sphere of the glasses it needs.", default=0.0)
+    sphere_dpt: float = described_field(
+        Number("D", low=-20.0, high=20.0), "Sphere of the glasses it needs.", default=0.0
+    )
     cylinder_dpt: float = described_field(
         Number("D", low=-10.0, high=10.0), "Cylinder of the glasses it needs.", default=0.0
     )
     axis_deg: float = described_field(
-        Number(low=0.0, high=180.0), "Axis of the cylinder in degrees, clockwise from the right of the picture.", default=0.0
+        Number(low=0.0, high=180.0),
+        "Axis of the cylinder in degrees, clockwise from the right of the picture.",
+        default=0.0,
     )
     aberration_m: tuple[tuple[int, float], ...] = described_field(
         Coefficients("Z", Number("nm", low=-1e-4, high=1e-4), highest=37),
@@ -106,6 +110,10 @@ class Eye(Description):
     accommodation_dpt: (accommodation,) dioptres at which the eye is focused at the wavelength `reference`; None: at each
     of the bench's focal planes.
     chromatic: whether the eye has longitudinal chromatic aberration.
+    chromatic_axis: what the chromatic aberration is centred on. "eyepiece": the eye stays on the axis of the eyepiece, and
+    `pupil_y` and `pupil_x` are the place of its pupil alone (an artificial pupil, or one that is decentred in the eye);
+    colours then separate at the retina by the pupil's displacement times the difference of focus in dioptres (Thibos,
+    Bradley, Still, Zhang & Howarth, Vision Res. 30, 33 (1990)). "pupil": the eye moves as a whole, and colours don't.
     reference_m: wavelength at which accommodation is stated.
     stiles_crawford: whether light near the pupil's edge counts less (Stiles–Crawford effect of the first kind).
     prescription: a `Prescription`.
@@ -133,9 +141,16 @@ class Eye(Description):
     pupil_y_m: float = described_field(_PLACE, "Place of the pupil in the eyebox, downwards.", default=0.0)
     pupil_x_m: float = described_field(_PLACE, "Place of the pupil in the eyebox, to the right.", default=0.0)
     accommodation_dpt: Floats | None = described_field(
-        Array(VERGENCE, optional=True), "Dioptres at which the eye is focused; at each focal plane when absent.", default=None
+        Array(VERGENCE, optional=True),
+        "Dioptres at which the eye is focused; at each focal plane when absent.",
+        default=None,
     )
     chromatic: bool = described_field(Truth(), "Whether the eye has chromatic aberration.", default=True)
+    chromatic_axis: str = described_field(
+        Choice(("eyepiece", "pupil")),
+        "eyepiece: only the pupil moves in the eyebox; pupil: the eye moves as a whole.",
+        default="eyepiece",
+    )
     reference_m: float = described_field(
         Number("nm", low=390e-9, high=830e-9), "Wavelength at which accommodation is stated.", default=550e-9
     )
@@ -166,7 +181,7 @@ class Eye(Description):
 
         >>> import holoview as hv
         >>> hv.Eye().far_plane_m(hv.load("holochrome-8").planes_m), hv.Eye(infinity_m="8 mm").far_plane_m([0.01])
-        (0.01, 0.008)
+        (0.009, 0.008)
         """
         return float(np.min(planes_m)) if self.infinity_m is None else self.infinity_m
 
@@ -200,13 +215,31 @@ class Eye(Description):
         >>> import holoview as hv
         >>> shift_m = hv.Eye(reference_m="589 nm").focus_shift_m([400e-9, 589e-9])
         >>> (shift_m / 0.04**2).round(2).tolist()  # an eye focused at infinity in yellow sees violet at 1.72 dioptres
-        [1.72, 0.0]
+        [1.72, -0.0]
         """
         wavelengths = np.asarray(wavelengths_m, dtype=np.float64)
         error_dpt = np.full(wavelengths.shape, self.prescription.mean_sphere_dpt)
         if self.chromatic:
             error_dpt = error_dpt + chromatic_refraction(wavelengths) - chromatic_refraction(self.reference_m)
         return np.asarray(-(self.eyepiece_m**2) * error_dpt)
+
+    def image_shift_m(self, focus_shift_m: float) -> tuple[float, float]:
+        """How far (y, x) the image of a wavelength moves on the retina beyond what its focus alone does, in the plane, m.
+
+        focus_shift_m: that of the wavelength, of `focus_shift_m`.
+
+        A plane at a distance Δz from the reference shows light through the pupil, of direction sine s₀, displaced by
+        s₀·Δz. An eye that has moved as a whole, its axis with its pupil, doesn't see this.
+
+        >>> import holoview as hv
+        >>> moved = hv.Eye(pupil_x_m="1 mm", chromatic_axis="pupil")
+        >>> moved.image_shift_m(1e-3), hv.Eye(pupil_x_m="1 mm").image_shift_m(1e-3)
+        ((-0.0, -2.5e-05), (0.0, 0.0))
+        """
+        if self.chromatic_axis == "eyepiece":
+            return 0.0, 0.0
+        y, x = self.pupil_centre_na
+        return -y * focus_shift_m, -x * focus_shift_m
 
     def focus_slope(self, wavelength_m: float) -> float:
         """Derivative of `focus_shift_m` with respect to the wavelength, metres a metre.
@@ -288,7 +321,7 @@ def natural_pupil_diameter(luminance: float, area_deg2: float, age: float = 30.0
 
     >>> import holoview as hv
     >>> [round(hv.natural_pupil_diameter(L, 3600.0, 28.58) * 1e3, 2) for L in (0.01, 1.0, 100.0)]
-    [7.23, 5.14, 2.75]
+    [7.06, 5.02, 2.82]
     """
     flux = (luminance * area_deg2 / 846) ** 0.41
     young_mm = 7.75 - 5.75 * flux / (flux + 2)

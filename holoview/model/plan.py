@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from holoview.colour import observer_weights
 from holoview.model.bench_parts import Relay, Sampling
 from holoview.model.effects.active_effects import ActiveEffects
+from holoview.model.eye import Eye
 from holoview.model.focus import focus_shift, focused_planes
 from holoview.model.passband import Band, band_limit, band_of_rows, limited_rows, rows_in_disc, stop_rows
 from holoview.model.system import PLANE_DISTANCES, System
@@ -137,17 +138,18 @@ class Plan:
         key = (distance_m, relay, wavelength)
         if key not in self._transfers:
             λ, grid = float(self.system.wavelengths_m[wavelength]), self.grid
-            support = self._stop_rows(relay, wavelength)
-            if relay == 1:
-                distance_m = distance_m + float(self.focus_shift_m[wavelength])
-                support = self._seen_rows(support, λ)
+            support, shift_m, eye = self._stop_rows(relay, wavelength), (0.0, 0.0), self.nominal.eye
+            if relay == 1 and eye is not None:
+                focus_shift_m = float(self.focus_shift_m[wavelength])
+                distance_m, shift_m = distance_m + focus_shift_m, eye.image_shift_m(focus_shift_m)
+                support = self._seen_rows(eye, support, λ)
             if self.system.sampling.propagation != "periodic":
                 limits = [
                     band_limit(p, grid.pitch_m, λ, distance_m) / step
                     for p, step in zip(grid.padded, grid.frequency_step, strict=True)
                 ]
                 support = limited_rows(support, (math.floor(limits[0]), math.floor(limits[1])))
-            self._transfers[key] = Transfer(distance_m, λ, grid.frequency_step, support)
+            self._transfers[key] = Transfer(distance_m, λ, grid.frequency_step, support, shift_m)
         return self._transfers[key]
 
     def band(self, relay: int) -> Band:
@@ -165,11 +167,8 @@ class Plan:
         """
         return band_of_rows([self._stop_rows(relay, i) for i in range(len(self.system.wavelengths_m))])
 
-    def _seen_rows(self, support: NDArray[np.int32], λ: float) -> NDArray[np.int32]:
-        """The frequencies of a support that the pupil of the eye passes; all without an eye."""
-        eye = self.nominal.eye
-        if eye is None:
-            return support
+    def _seen_rows(self, eye: Eye, support: NDArray[np.int32], λ: float) -> NDArray[np.int32]:
+        """The frequencies of a support that the pupil of an eye passes."""
         (rows, columns), na = self.grid.frequency_step, eye.pupil_na(self.nominal.field_m)
         return rows_in_disc(support, self.grid.padded[1], na, eye.pupil_centre_na, (λ * rows, λ * columns))
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 class Transfer:
     """Propagation of one wavelength over one distance, and the frequencies that pass the relay's stops.
 
-    H = exp(−2πi·(z/λ)·A/(1 + √(1 − A))) where the support passes, 0 elsewhere; the carrier exp(2πi·z/λ) is left out.
+    H = exp(−2πi·[(z/λ)·A/(1 + √(1 − A)) + u·d]) where the support passes, 0 elsewhere; the carrier exp(2πi·z/λ) is left out.
     Goodman, Introduction to Fourier Optics, 3rd ed., eq. 3-74, in a form without cancellation at small A.
 
     distance_m: z.
@@ -21,12 +21,14 @@ class Transfer:
     step: distance between spatial frequencies (y, x), 1/m.
     support: (P_y, 3) int32, for each row of frequencies in `fftfreq` order the smallest |k_x|, the lowest k_x and the
     highest k_x that pass; the lowest lies above the highest where nothing passes.
+    shift_m: displacement d of the picture (y, x).
     """
 
     distance_m: float
     wavelength_m: float
     step: tuple[float, float]
     support: NDArray[np.int32]
+    shift_m: tuple[float, float] = (0.0, 0.0)
 
     @property
     def waves(self) -> float:
@@ -37,6 +39,11 @@ class Transfer:
     def sine_step(self) -> tuple[float, float]:
         """Direction sine between neighbouring frequencies (y, x): λ·df."""
         return self.wavelength_m * self.step[0], self.wavelength_m * self.step[1]
+
+    @property
+    def shift_turns(self) -> tuple[float, float]:
+        """Phase of the displacement between neighbouring frequencies (y, x), turns."""
+        return self.step[0] * self.shift_m[0], self.step[1] * self.shift_m[1]
 
     def paraxial_words(self) -> NDArray[np.uint32]:
         """The paraxial phase at k = 1, frac(z·λ/2·df²) turns, in fixed point: (2, 2) uint32 [axis y/x][high, low].

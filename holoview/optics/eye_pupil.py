@@ -32,8 +32,7 @@ def eye_pupil(plan: Plan, wavelength: int) -> torch.Tensor | None:
         return None
     λ = float(plan.system.wavelengths_m[wavelength])
     sine_y, sine_x = (
-        sines - centre
-        for sines, centre in zip(direction_sines(plan.grid, λ), eye.pupil_centre_na, strict=True)
+        sines - centre for sines, centre in zip(direction_sines(plan.grid, λ), eye.pupil_centre_na, strict=True)
     )
     sine, angle = torch.hypot(sine_y, sine_x), torch.atan2(sine_y, sine_x)
     amplitude = torch.ones_like(sine)

@@ -12,8 +12,8 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.model.plan import Plan
-from holoview.optics.plain_inputs import check_drive_dtype, check_drive_range
 from holoview.optics.eye_pupil import eye_pupil
+from holoview.optics.plain_inputs import check_drive_dtype, check_drive_range
 from holoview.optics.pupil import nominal_pupil
 from holoview.optics.sampled_effects import SampledTransmissions, effects_pupil
 from holoview.optics.slm import optical_path
@@ -67,16 +67,21 @@ def pupil_with_effects(plan: Plan, relay: int, wavelength: int) -> torch.Tensor 
 
     None where light is only stopped.
     """
-    factors = [nominal_pupil(plan, relay, wavelength, torch.complex128, torch.device("cpu"))]
-    if plan.nominal.effects:
-        factors.append(effects_pupil(plan, relay, wavelength))
-    if relay == 1:
-        factors.append(eye_pupil(plan, wavelength))
-    pupil = None
-    for factor in factors:
-        if factor is not None:
-            pupil = factor if pupil is None else pupil * factor
-    return pupil
+    pupil = pupil_without_effects(plan, relay, wavelength)
+    return _product(pupil, effects_pupil(plan, relay, wavelength)) if plan.nominal.effects else pupil
+
+
+def pupil_without_effects(plan: Plan, relay: int, wavelength: int) -> torch.Tensor | None:
+    """The same without effects."""
+    pupil = nominal_pupil(plan, relay, wavelength, torch.complex128, torch.device("cpu"))
+    return _product(pupil, eye_pupil(plan, wavelength)) if relay == 1 else pupil
+
+
+def _product(first: torch.Tensor | None, second: torch.Tensor | None) -> torch.Tensor | None:
+    """The product of two pupils, of which None passes everything."""
+    if first is None or second is None:
+        return second if first is None else first
+    return first * second
 
 
 def exposure_optical_paths(plan: Plan, drive: torch.Tensor) -> torch.Tensor:

@@ -1,9 +1,9 @@
 """Angular-spectrum transfer functions of free space with the stops of a relay, evaluated in float64.
 
-    H = exp(−2πi·(z/λ)·A/(1 + √(1 − A))),  A = |λu|²
+    H = exp(−2πi·[(z/λ)·A/(1 + √(1 − A)) + u·d]),  A = |λu|²
 
-Goodman, Introduction to Fourier Optics, 3rd ed., eq. 3-74, without the carrier exp(2πi·z/λ). This form has no
-cancellation at small A, where √(1 − A) − 1 would lose all digits.
+Goodman, Introduction to Fourier Optics, 3rd ed., eq. 3-74, without the carrier exp(2πi·z/λ), and with a displacement d
+of the picture. This form has no cancellation at small A, where √(1 − A) − 1 would lose all digits.
 """
 
 from __future__ import annotations
@@ -38,9 +38,13 @@ def transfer_function(transfer: Transfer, grid: Grid, dtype: torch.dtype, device
 def transfer_function_at(transfer: Transfer, ky: torch.Tensor, kx: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
     """H at rows ky (A,) and columns kx (B,) of signed frequency indices, (A, B) complex.
 
-    H is even in both frequencies: one quadrant is evaluated, and the result is gathered from it.
+    But for the displacement, H is even in both frequencies: one quadrant is evaluated, and the result gathered from it.
     """
     mask = support_mask(transfer, kx, chosen=ky % len(transfer.support))
+    displacement = [
+        phasor_of_turns(-turns * k.double()).to(dtype) if turns else None
+        for k, turns in zip((ky, kx), transfer.shift_turns, strict=True)
+    ]
     ky, kx = ky.abs(), kx.abs()
     sine_y, sine_x = (
         torch.arange(int(k.max()) + 1, device=k.device).double() * step
@@ -48,7 +52,17 @@ def transfer_function_at(transfer: Transfer, ky: torch.Tensor, kx: torch.Tensor,
     )
     a = sine_y.square()[:, None] + sine_x.square()[None, :]
     quadrant = phasor_of_turns(-transfer.waves * a / (1 + torch.sqrt((1 - a).clamp_min(0)))).to(dtype)
-    return quadrant[ky][:, kx] * mask
+    whole = quadrant[ky][:, kx] * mask
+    if displacement[0] is not None:
+        whole = whole * displacement[0][:, None]
+    return whole if displacement[1] is None else whole * displacement[1]
+
+
+def phase_per_metre(wavelength_m: float, grid: Grid) -> torch.Tensor:
+    """Phase of H per metre of distance, −2π·(1 − √(1 − A))/λ, rad/m, (P_y, P_x) float64; without evanescent waves."""
+    sine_y, sine_x = direction_sines(grid, wavelength_m)
+    a = sine_y.square() + sine_x.square()
+    return (-2 * math.pi / wavelength_m) * a / (1 + torch.sqrt((1 - a).clamp_min(0)))
 
 
 def phase_wavelength_derivative(wavelength_m: float, grid: Grid) -> torch.Tensor:

@@ -9,9 +9,8 @@ from dataclasses import replace
 import torch
 
 from holoview.model.plan import Plan
-from holoview.optics.frame_inputs import pupil_with_effects
-from holoview.optics.propagate import phase_wavelength_derivative, transfer_function_at
-from holoview.optics.pupil import nominal_pupil
+from holoview.optics.frame_inputs import pupil_with_effects, pupil_without_effects
+from holoview.optics.propagate import phase_per_metre, phase_wavelength_derivative, transfer_function_at
 from holoview.optics.slm import pixel_spectrum
 from holoview.optics.source import wave_axes
 from holoview.optimise.beam_blocks import slices
@@ -113,20 +112,34 @@ class TransferFunctions:
         derivative = phase_wavelength_derivative(λ, self.plan.grid)[ky][:, kx]
         return derivative.to(torch.float64 if self.dtype == torch.complex128 else torch.float32).to(self.device)
 
+    def focus_derivative(self, wavelength: int) -> Tensor | None:
+        """∂(phase of H)/∂λ of the last relay because an eye is focused elsewhere, real; None without an eye."""
+        eye, λ = self.plan.nominal.eye, float(self.plan.system.wavelengths_m[wavelength])
+        if eye is None:
+            return None
+        (ky, kx), slope = self._frequencies(1), eye.focus_slope(λ)
+        turns = [
+            df * shift * k.double()
+            for df, shift, k in zip(self.plan.grid.frequency_step, eye.image_shift_m(slope), (ky, kx), strict=True)
+        ]
+        derivative = slope * phase_per_metre(λ, self.plan.grid)[ky][:, kx] - 2 * math.pi * (
+            turns[0][:, None] + turns[1]
+        )
+        return derivative.to(torch.float64 if self.dtype == torch.complex128 else torch.float32).to(self.device)
+
     def log_pupil_derivative(self, relay: int, wavelength: int) -> Tensor | None:
         """∂(ln pupil)/∂λ of a relay, 1/m; None where it has neither aberration nor apodisation.
 
         Central differences over 2·10⁻⁶·λ in float64. Stops don't contribute: their edges move with λ in whole samples.
         """
-        cpu, step = torch.device("cpu"), 1e-6
-        λ = self.plan.system.wavelengths_m[wavelength]
-        pupil = nominal_pupil(self.plan, relay, wavelength, torch.complex128, cpu)
+        step, λ = 1e-6, self.plan.system.wavelengths_m[wavelength]
+        pupil = pupil_without_effects(self.plan, relay, wavelength)
         if pupil is None:
             return None
         sides = []
         for sign in (1, -1):
             moved = self.plan.system.edit({"wavelengths": self.plan.system.wavelengths_m * (1 + sign * step)})
-            side = nominal_pupil(replace(self.plan, system=moved), relay, wavelength, torch.complex128, cpu)
+            side = pupil_without_effects(replace(self.plan, system=moved), relay, wavelength)
             assert side is not None
             sides.append(side)
         derivative = torch.where(pupil.abs() > _MIN_TRANSMISSION, (sides[0] - sides[1]) / (2 * step * λ * pupil), 0)

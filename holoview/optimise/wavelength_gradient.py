@@ -7,7 +7,8 @@ over a distance z, and c the conjugate gradients that `forward_model` defines: d
     ∂L/∂λ = −Σ ∂φ′/∂λ·Im(W·Σ_k z_k·c_Wk) − z_gap·Σ ∂φ′/∂λ·Im(V·c_V)
             + Re Σ ∂(ln P₂)/∂λ·W·c_W + Re Σ ∂(ln P₁)/∂λ·V·c_V + illumination + modulators
 
-with the spectra W behind the last modulator and V at modulator 2. The dependence of colour on λ isn't contained here:
+with the spectra W behind the last modulator and V at modulator 2. For an eye that is focused δ(λ) further away, z_k is
+the distance of the plane and δ, and −Σ ∂δ/∂λ·φ′·Im(W·c_W) is added. The dependence of colour on λ isn't contained here:
 `problem` adds it.
 """
 
@@ -33,7 +34,7 @@ class BeamAdjoint:
     """The spectra of one beam and their conjugate gradients, complex (k_y, k_x) in the bands of the relays.
 
     wavelength, source: indices in the plan. spectrum: W. spectrum_adjoint: c_W. z_weighted_adjoint: Σ_k z_k·c_Wk with
-    the part c_Wk of plane k at distance z_k. incident_spectrum, incident_adjoint: V and c_V.
+    the part c_Wk of plane k at distance z_k, without δ. incident_spectrum, incident_adjoint: V and c_V.
     opd_m: optical paths of the modulators in the beam's frame, (modulator, y, x). pixel_products: c·w of each
     modulator, summed over the samples of each pixel, (y, x).
     """
@@ -53,7 +54,11 @@ def wavelength_derivative(plan: Plan, transfer_functions: TransferFunctions, bea
     """∂L/∂λ (1/m) of the loss through one beam."""
     λ = float(plan.system.wavelengths_m[beam.wavelength])
     phase_derivative = transfer_functions.phase_derivative(1, beam.wavelength)
-    total = -_sum(phase_derivative * (beam.z_weighted_adjoint * beam.spectrum).imag)
+    z_weighted = beam.z_weighted_adjoint.add(beam.spectrum_adjoint, alpha=float(plan.focus_shift_m[beam.wavelength]))
+    total = -_sum(phase_derivative * (z_weighted * beam.spectrum).imag)
+    focus = transfer_functions.focus_derivative(beam.wavelength)
+    if focus is not None:
+        total -= _sum(focus * (beam.spectrum_adjoint * beam.spectrum).imag)
     total += _pupil_term(transfer_functions, 1, beam.wavelength, beam.spectrum_adjoint * beam.spectrum)
     gap_m = plan.system.gap_m
     if gap_m is not None:

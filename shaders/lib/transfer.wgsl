@@ -1,5 +1,6 @@
 // The transfer function of free space (angular spectrum) at one spatial frequency (k_y, k_x), in frequency bins df:
-//   H = exp(−2πi·(z/λ)·A/(1 + √(1 − A))), A = (λ·df_y·k_y)² + (λ·df_x·k_x)², the squared sine of the angle
+//   H = exp(−2πi·[(z/λ)·A/(1 + √(1 − A)) + u·d]), A = (λ·df_y·k_y)² + (λ·df_x·k_x)², the squared sine of the angle, with
+// a displacement d of the picture.
 // The phase is split by −A/(1 + √(1 − A)) = −A/2 − A²/(2·(1 + √(1 − A))²). The first term, the paraxial phase of up to
 // thousands of turns, is evaluated in fixed point. The second, about (z/λ)·A²/8, is small enough for f32: with samples
 // of 4 µm half a turn at 10 mm, and 8 turns at 200 mm and 700 nm.
@@ -7,7 +8,8 @@
 //#include "lib/complex.wgsl"
 //#include "lib/fixed.wgsl"
 
-// The terms that all frequencies of one k_x share: the paraxial phase in 2⁻³² turns, and (λ·df_x·k_x)².
+// The terms that all frequencies of one k_x share: the phase, paraxial and of the displacement, in 2⁻³² turns, and
+// (λ·df_x·k_x)².
 struct ColumnTerms {
     paraxial: u32,
     sine2: f32,
@@ -15,13 +17,15 @@ struct ColumnTerms {
 
 fn column_terms(propagation: Propagation, kx: i32) -> ColumnTerms {
     let kx2 = u32(kx * kx);
-    return ColumnTerms(multiply_turns(kx2, propagation.paraxial_x), propagation.sine_step2.y * f32(kx2));
+    let phase = multiply_turns(kx2, propagation.paraxial_x) + bitcast<u32>(kx) * propagation.shift.y;
+    return ColumnTerms(phase, propagation.sine_step2.y * f32(kx2));
 }
 
 // H at k_y of a column.
 fn transfer(propagation: Propagation, column: ColumnTerms, ky: i32) -> vec2f {
     let ky2 = u32(ky * ky);
-    let paraxial = multiply_turns(ky2, propagation.paraxial_y) + column.paraxial;
+    let displacement = bitcast<u32>(ky) * propagation.shift.x;
+    let paraxial = multiply_turns(ky2, propagation.paraxial_y) + column.paraxial + displacement;
     let a = propagation.sine_step2.x * f32(ky2) + column.sine2;
     let root = 1.0 + sqrt(max(1.0 - a, 0.0));
     let rest = propagation.distance_waves * a * a / (2.0 * root * root);

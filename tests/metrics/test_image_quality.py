@@ -24,6 +24,7 @@ def _view(xyz: np.ndarray) -> View:
         xyz=xyz,
         wavelengths_m=np.array([550e-9]),
         planes_m=np.arange(1.0, len(xyz) + 1) * 1e-3,
+        focus_m=np.arange(1.0, len(xyz) + 1) * 1e-3,
         pitch_m=4e-6,
         backend="made up",
     )

@@ -16,8 +16,8 @@ from holoview.model.bench_parts import Modulator
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.numerics.fft_grid import positions
+from holoview.optics.frame_inputs import pupil_without_effects
 from holoview.optics.propagate import transfer_function
-from holoview.optics.pupil import nominal_pupil
 from holoview.optimise.forward_model import ForwardModel
 from holoview.optimise.problem import Problem
 from holoview.optimise.settings import Settings
@@ -48,6 +48,17 @@ CASES: dict[str, dict[str, Any]] = {
     "upsampled thrice": {"upsample": 3},
     "upsampled seven times": {"upsample": 7},
     "not upsampled": {"upsample": 1},
+    "an eye": {"eye": {"eyepiece": "5 mm", "pupil": "0.5 mm", "pupil_x": "0.1 mm", "accommodation": ["3 D", "9 D"]}},
+    "an eye that moves as a whole": {
+        "eye": {
+            "eyepiece": "8 mm",
+            "pupil": "0.6 mm",
+            "pupil_y": "-0.1 mm",
+            "chromatic_axis": "pupil",
+            "stiles_crawford": True,
+            "prescription": {"cylinder": "5 D", "axis": 20.0, "aberration": {"Z8": "60 nm"}},
+        }
+    },
 }
 
 
@@ -119,7 +130,7 @@ class Plain:
 
     def _relayed(self, spectrum: torch.Tensor, relay: int, laser: int, z: float) -> torch.Tensor:
         h = transfer_function(self.plan.transfer(relay, laser, z), self.plan.grid, torch.complex128, CPU)
-        glass = nominal_pupil(self.plan, relay, laser, torch.complex128, CPU)
+        glass = pupil_without_effects(self.plan, relay, laser)
         return torch.fft.ifft2(spectrum * (h if glass is None else h * glass))[self.plan.grid.inside]
 
 
