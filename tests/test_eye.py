@@ -1,4 +1,4 @@
-"""What an eye sees, against an independent program in float64, a thin-lens model of eyepiece and eye, and analytic optics."""
+"""What an eye sees, against an independent program in float64, thin lenses, and analytic optics."""
 
 from __future__ import annotations
 
@@ -87,8 +87,8 @@ def test_the_plane_that_is_seen_is_what_two_thin_lenses_image(axis: str) -> None
     """In the back focal plane of the eyepiece lies the spectrum; a lens of the eye's power forms the image behind it.
 
     The lens is centred on the eyepiece's axis or on the pupil. In the latter case the picture moves as a whole by
-    y·A, as a nearer object does that is seen from the side; the fixation follows it. Paraxial: the quartic phase that is
-    left out is (z/λ)·s⁴/8 = 3.2 mm/460 nm·0.03⁴/8 turns = 4.4 mrad at the edge of the pupil, 2.5 mrad r.m.s.
+    y·A, as a nearer object does that is seen from the side; the fixation follows it. Paraxial: the quartic phase, left
+    out, is (z/λ)·s⁴/8 = 3.2 mm/460 nm·0.03⁴/8 turns = 4.4 mrad at the edge of the pupil, 2.5 mrad r.m.s.
     """
     d, y, A = 1.8e-3, 0.25e-3, 1.5
     system = _bench(pupil=d, pupil_y=y, accommodation=[A], chromatic_axis=axis)
@@ -128,7 +128,7 @@ def _point(eye: dict[str, Any], defocus: float = 0.0, wavelength: int = 1) -> tu
 
 
 def _place(image: NDArray[Any], pitch_m: float) -> tuple[float, float]:
-    """Where the light is (y, x), m: the phase of its first Fourier coefficient, on which distant diffraction rings cancel.
+    """Where the light is (y, x), m: the phase of its first Fourier coefficient, in which distant rings cancel.
 
     A frequency's light interferes with that of the next one, with a phase of 2π·y/L on the grid of length L for light
     that travels to y: the mean over all pairs of neighbouring rays in the pupil.
@@ -230,7 +230,7 @@ def test_the_stiles_crawford_effect_halves_the_exponent_for_amplitudes() -> None
 
 
 def test_defocus_by_a_zernike_term_is_defocus_by_accommodation() -> None:
-    """c₄ = D·d²/(16·√3), up to the quartic phase of free space, Δz/λ·s⁴/8 = 1.6 mm/550 nm·0.0225⁴/8 turns = 0.6 mrad."""
+    """c₄ = D·d²/(16·√3), up to the quartic phase, Δz/λ·s⁴/8 = 1.6 mm/550 nm·0.0225⁴/8 turns = 0.6 mrad."""
     d, D = 1.8e-3, 1.0
     rms_m = -D * d**2 / (16 * math.sqrt(3))
     by_focus = _point({"pupil": d, "chromatic": False}, defocus=D)[0]

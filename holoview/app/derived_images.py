@@ -40,7 +40,8 @@ class DerivedImages:
         if view.page == "phase":
             self._request("phase", (document.system, document.drive, view.frame, view.modulator), _phase_xyz)
         if view.page == "spectrum":
-            self._request("spectrum", (document.system, document.drive), eyebox_xyz)
+            system = document.system.with_(eye=None)  # the eyebox doesn't depend on where the pupil is
+            self._request("spectrum", (system, document.drive, document.system.eye is not None), eyebox_xyz)
         entry = self._pictures.get(view.page)
         return None if entry is None else entry[1]
 

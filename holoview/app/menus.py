@@ -9,7 +9,7 @@ from holoview.app.parameter_widgets import tooltip
 from holoview.app.theme import THEMES
 from holoview.model import preset
 
-MENUS = ("File", "Edit", "Image", "Compare", "Focal plane", "Lasers", "Speckle", "Optimise", "Help")
+MENUS = ("File", "Edit", "Image", "Compare", "Focal plane", "Eye", "Lasers", "Speckle", "Optimise", "Help")
 
 
 def draw_menus(context: AppContext) -> None:

@@ -70,8 +70,7 @@ def unit_scale(kind: Number) -> float:
     """The factor from SI units to the unit in which values are shown."""
     if not kind.unit:
         return 1.0
-    quantity: units.Quantity = "angle" if kind.unit.endswith("rad") else "length"
-    return 1.0 / units.parse(f"1 {kind.unit}", "unit", quantity)
+    return 1.0 / units.parse(f"1 {kind.unit}", "unit", units.quantity_of(kind.unit))
 
 
 def format_value(kind: Number, value: float) -> str:

@@ -59,6 +59,8 @@ def _format_triple(values: NDArray[np.float64]) -> str:
 def _idle_text(context: AppContext) -> str:
     rows, columns = context.session.document.image_shape
     if context.session.view_settings.page == "spectrum":
+        if context.session.system.eye is not None:
+            return "the eyebox at the eye's pupil, up to the edge of the longest wavelength; drag the pupil"
         return "the eyebox: light by direction, up to ±λ/(2·pitch)"
     if context.session.view_settings.page == "target":
         return "what the hologram should show here" + (

@@ -89,13 +89,13 @@ def make_captures(
     extra_effects: Iterable[Effect] = (),
     progress: StepCallback | None = None,
 ) -> Captures:
-    """Simulates captures of a bench with `effects` {id: {parameter: value}} in addition to its own.
+    """Simulates captures of a bench with `effects` {id: {parameter: value}} in addition to its own, without its eye.
 
     Equal arguments give equal captures. extra_effects: effects beside those of the registry. progress: called with
     (captures made, captures in all). Raises UserError for a bench whose nominal geometry a capture file can't hold,
     and for effects that are unknown or impossible.
     """
-    settings = settings or AcquisitionSettings()
+    settings, system = settings or AcquisitionSettings(), system.with_(eye=None)  # a camera takes them
     rng = np.random.default_rng(settings.seed)
     captures = blank_captures(system, settings, rng)
     table = {**system.effect_values, **(effects or {})}

@@ -133,7 +133,7 @@ def _write_planes(display: _DisplayResult, folder: Path) -> list[Path]:
     """Writes a PNG for each plane; returns their paths."""
     written = []
     for view, note in ((display.view, ""), (display.defocused_view, "-out-of-focus")):
-        for i, plane_m in enumerate(view.planes_m):
+        for i, plane_m in enumerate(view.focus_m):
             plane = units.format_exact(float(plane_m), "mm")
             path = folder / f"{display.name}-{plane.replace(' ', '')}{note}.png"
             texts = {"holoview.preset": display.name, "holoview.plane": plane, "holoview.backend": view.backend}

@@ -29,6 +29,7 @@ from holoview.io.png import path_with_suffix, read_pattern, write_png
 from holoview.metrics.image_quality import central_region
 from holoview.metrics.speckle import speckle_contrast
 from holoview.model import preset
+from holoview.model.focus import focused_planes, parse_plane, plane_label
 from holoview.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -50,7 +51,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--random", metavar="SEED", type=parse_seed, help="random patterns: speckle (the default, with seed 0)"
     )
     parser.add_argument(
-        "--plane", metavar="DISTANCE", **several, help='e.g. 10mm 11mm, or "all"; the middle plane if absent'
+        "--plane",
+        metavar="DISTANCE",
+        **several,
+        help='e.g. 10mm 11mm, with an eye also 0.5D, or "all"; the middle plane if absent',
     )
     parser.add_argument("--exposure", metavar="STOPS", type=float, default=0.0, help="brighten by 2^STOPS")
     add_backend(parser)
@@ -151,18 +155,14 @@ def _read_patterns(args: argparse.Namespace, system: System) -> NDArray[np.float
 def _parse_planes(texts: list[str] | None, system: System) -> NDArray[np.float64]:
     """The distances of --plane in m, each once; "all" stands for the bench's planes, no text for the middle one."""
     if not texts:
-        return system.planes_m[len(system.planes_m) // 2 :][:1]
-    planes_m = [z for text in texts for z in (system.planes_m if text == "all" else [_parse_plane(text)])]
+        own_m = focused_planes(system)
+        return own_m[len(own_m) // 2 :][:1]
+    planes_m = [
+        z
+        for text in texts
+        for z in (focused_planes(system) if text == "all" else [parse_plane(system, text, "--plane")])
+    ]
     return np.array(list(dict.fromkeys(planes_m)))
-
-
-def _parse_plane(text: str) -> float:
-    distance_m = units.parse(text, "--plane")
-    if distance_m < 0:
-        raise UserError(
-            "--plane", f"{text} is behind the modulator", expected="0 mm or more, measured the way that the light goes"
-        )
-    return distance_m
 
 
 def _write_planes(view: View, system: System, output: Path, exposure: float) -> list[dict[str, Any]]:
@@ -171,9 +171,9 @@ def _write_planes(view: View, system: System, output: Path, exposure: float) -> 
     exposure: stops by which the view was brightened, for the file's metadata.
     """
     files = []
-    for i, plane_m in enumerate(view.planes_m):
-        plane = units.format_exact(float(plane_m), "mm")
-        path = output if len(view.planes_m) == 1 else path_with_suffix(output, plane.replace(" ", ""))
+    for i, plane_m in enumerate(view.focus_m.tolist()):
+        name, plane = units.format_exact(plane_m, "mm"), plane_label(system, plane_m)
+        path = output if len(view.focus_m) == 1 else path_with_suffix(output, name.replace(" ", ""))
         texts = {
             "holoview.preset": system.name,
             "holoview.plane": plane,

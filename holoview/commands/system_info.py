@@ -35,6 +35,7 @@ def info_rows(system: System) -> list[InfoRow]:
         *_diffraction(system),
         *_cut_offs(plan),
         *_sampling(plan),
+        *_eye(plan),
         *_memory(plan),
         *_effects(system),
     ]
@@ -59,6 +60,36 @@ def _bench(system: System) -> list[InfoRow]:
         out.append(InfoRow("bench", "gap", units.format_rounded(system.gap_m, "mm")))
     planes = ", ".join(f"{z * 1e3:.4g}" for z in system.planes_m)
     return [*out, InfoRow("bench", "focal planes", f"{planes} mm"), InfoRow("bench", "observer", system.observer)]
+
+
+def _eye(plan: Plan) -> list[InfoRow]:
+    """What the eye of a system sees: its pupil beside the eyebox, and where it is focused."""
+    system, eye, λ = plan.nominal, plan.nominal.eye, plan.system.wavelengths_m
+    if eye is None:
+        return []
+    modulator, f = system.modulators[0], eye.eyepiece_m
+    eyebox = [f * λ_m / modulator.pitch_m * 1e3 for λ_m in (λ.min(), λ.max())]
+    degrees = math.degrees(math.atan(plan.grid.pitch_m / f))
+    field = [2 * math.degrees(math.atan(side / (2 * f))) for side in system.field_m]
+    dioptres = eye.dioptres(plan.planes_m, system.planes_m) + 0.0
+    spread_m = float(np.ptp(plan.focus_shift_m))
+    place = f"y {eye.pupil_y_m * 1e3:g}, x {eye.pupil_x_m * 1e3:g} mm"
+    pupil = f"{eye.pupil_diameter_m(system.field_m) * 1e3:.3g} mm at {place}"
+    return [
+        InfoRow("eye", "eyepiece", f"{units.format_rounded(f, 'mm')}, {f * f * 1e3:.3g} mm of distance a dioptre"),
+        InfoRow("eye", "plane at infinity", units.format_rounded(eye.far_plane_m(system.planes_m), "mm")),
+        InfoRow("eye", "focused at", f"{', '.join(f'{d:.3g}' for d in dioptres)} D"),
+        InfoRow("eye", "pupil", pupil),
+        InfoRow(
+            "eye", "eyebox of the first order", f"{eyebox[0]:.3g} mm at {λ.min() * 1e9:.4g} nm to {eyebox[1]:.3g} mm"
+        ),
+        InfoRow("eye", "field of view", f"{field[1]:.3g}° x {field[0]:.3g}°, {1 / degrees:.4g} samples a degree"),
+        InfoRow(
+            "eye",
+            "focus of the wavelengths",
+            f"{spread_m * 1e3:.3g} mm apart, {spread_m / f**2:.3g} D (chromatic aberration)",
+        ),
+    ]
 
 
 def _diffraction(system: System) -> list[InfoRow]:

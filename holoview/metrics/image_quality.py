@@ -73,12 +73,12 @@ def plane_midpoints(planes_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def eyebox_uniformity_of(hologram: Hologram) -> EyeboxUniformity:
-    """Uniformity of the light behind the stops of relay 2, over the modulator's first order.
+    """Uniformity of the light behind the stops of relay 2, over the modulator's first order, wherever an eye is.
 
     Lasers are summed by luminance at equal spatial frequency, since the first order of each wavelength is |f| ≤
     1/(2·pitch).
     """
-    system = hologram.system
+    system = hologram.system.with_(eye=None)
     plan = make_plan(system, system.planes_m[:1])
     executor = TorchExecutor(plan, make_frame_inputs(plan, hologram.drive))
     power = np.zeros(plan.grid.padded)

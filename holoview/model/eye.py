@@ -1,9 +1,9 @@
-"""The eye of a viewer behind an eyepiece: where it is focused at each wavelength, and which directions its pupil passes.
+"""The eye of a viewer behind an eyepiece: where it is focused at each wavelength, and what its pupil passes.
 
-The eyepiece, of focal length f, has its front focal plane at z = `infinity` and the eye's pupil in its back focal plane.
-A plane z then appears at the vergence V = (z − infinity)/f² dioptres (Newton's equation), exactly: larger z is nearer
-to the viewer. Light of direction sine s passes the pupil plane at f·s, at every wavelength, and a sample of the plane
-is seen at an angle of pitch/f, whichever plane is in focus.
+The eyepiece, of focal length f, has its front focal plane at z = `infinity`; the eye's pupil lies in its back focal
+plane. A plane z then appears at the vergence V = (z − infinity)/f² dioptres (Newton's equation), exactly: larger z is
+nearer to the viewer. Light of direction sine s passes the pupil plane at f·s, at every wavelength, and a sample of the
+plane is seen at an angle of pitch/f, whichever plane is in focus.
 
 An eye that is focused at A dioptres at the wavelength λ₀ is focused at A − (Rx(λ) − Rx(λ₀)) at λ. The refraction Rx is
 that of the chromatic eye of Thibos, Ye, Zhang & Bradley, Appl. Opt. 31, 3594 (1992), eq. 5 with their fit:
@@ -58,7 +58,7 @@ class Prescription(Description):
     sphere_dpt, cylinder_dpt: of the glasses that the eye would need, dioptres. In a meridian at an angle θ to the axis
     they have the power sphere + cylinder·sin²θ, and the eye is focused so much further away (Thibos, Wheeler & Horner,
     Optom. Vis. Sci. 74, 367 (1997)).
-    axis_deg: direction of the cylinder's axis as opticians count it, anticlockwise for somebody who looks at the viewer;
+    axis_deg: direction of the cylinder's axis as opticians count it, anticlockwise for somebody who looks at the eye;
     in the picture that the viewer sees, clockwise from the right.
     aberration_m: further Zernike terms over the pupil, {"Z8": "100 nm"}: Noll's index, r.m.s. optical path in metres.
 
@@ -107,13 +107,14 @@ class Eye(Description):
     plane, which is the farthest one from the viewer.
     pupil_m: diameter of the eye's pupil, 0.5 to 12 mm, or "auto": that of the formula of Watson & Yellott.
     pupil_y_m, pupil_x_m: place of the pupil's centre in the eyebox, downwards and to the right in the picture.
-    accommodation_dpt: (accommodation,) dioptres at which the eye is focused at the wavelength `reference`; None: at each
-    of the bench's focal planes.
+    accommodation_dpt: (accommodation,) dioptres at which the eye is focused at the wavelength `reference`; None: at
+    each of the bench's focal planes.
     chromatic: whether the eye has longitudinal chromatic aberration.
-    chromatic_axis: what the chromatic aberration is centred on. "eyepiece": the eye stays on the axis of the eyepiece, and
-    `pupil_y` and `pupil_x` are the place of its pupil alone (an artificial pupil, or one that is decentred in the eye);
-    colours then separate at the retina by the pupil's displacement times the difference of focus in dioptres (Thibos,
-    Bradley, Still, Zhang & Howarth, Vision Res. 30, 33 (1990)). "pupil": the eye moves as a whole, and colours don't.
+    chromatic_axis: what the chromatic aberration is centred on. "eyepiece": the eye stays on the axis of the eyepiece,
+    and `pupil_y` and `pupil_x` are the place of its pupil alone (an artificial pupil, or one that is decentred in the
+    eye); colours then separate at the retina by the pupil's displacement times the difference of focus in dioptres
+    (Thibos, Bradley, Still, Zhang & Howarth, Vision Res. 30, 33 (1990)). "pupil": the eye moves as a whole, and colours
+    don't.
     reference_m: wavelength at which accommodation is stated.
     stiles_crawford: whether light near the pupil's edge counts less (Stiles–Crawford effect of the first kind).
     prescription: a `Prescription`.
@@ -208,7 +209,7 @@ class Eye(Description):
         return np.asarray((np.asarray(z_m, dtype=np.float64) - self.far_plane_m(planes_m)) / self.eyepiece_m**2)
 
     def focus_shift_m(self, wavelengths_m: Floats) -> Floats:
-        """How much larger z is on which the eye is focused at some wavelengths than at `reference`, prescription included.
+        """How much larger z is on which it is focused at some wavelengths than an eye without faults at `reference`.
 
         wavelengths_m: (wavelength,). Returns metres.
 
@@ -224,7 +225,7 @@ class Eye(Description):
         return np.asarray(-(self.eyepiece_m**2) * error_dpt)
 
     def image_shift_m(self, focus_shift_m: float) -> tuple[float, float]:
-        """How far (y, x) the image of a wavelength moves on the retina beyond what its focus alone does, in the plane, m.
+        """How far (y, x) the image of a wavelength moves on the retina beyond what its focus alone does, in m.
 
         focus_shift_m: that of the wavelength, of `focus_shift_m`.
 

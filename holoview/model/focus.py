@@ -23,6 +23,37 @@ def focused_planes(system: System) -> NDArray[np.float64]:
     return planes_m
 
 
+def plane_label(system: System, plane_m: float, digits: int | None = None) -> str:
+    """A plane in words: "10 mm", with an eye "10 mm (0.625 D)".
+
+    digits: significant digits of the millimetres; None for all.
+    """
+    text = units.format_exact(plane_m, "mm") if digits is None else units.format_rounded(plane_m, "mm", digits)
+    if system.eye is None:
+        return text
+    return f"{text} ({float(system.eye.dioptres(plane_m, system.planes_m)) + 0.0:.3g} D)"
+
+
+def parse_plane(system: System, text: str, where: str) -> float:
+    """The distance (m) of a plane from text: "10 mm", or with an eye "0.5 D".
+
+    Raises UserError for text of another kind, for dioptres without an eye, and for a plane behind the last modulator.
+    """
+    if not text.rstrip().endswith("D"):
+        plane_m = units.parse(text, where)
+    elif system.eye is None:
+        raise UserError(
+            where, f"{text} without an eye", expected='a distance such as "10 mm"', remedy="switch it on: --set eye={}"
+        )
+    else:
+        plane_m = float(system.eye.plane_m(units.parse(text, where, "vergence"), system.planes_m))
+    if plane_m < 0:
+        raise UserError(
+            where, f"{text} is behind the modulator", expected="0 mm or more, measured the way that the light goes"
+        )
+    return plane_m
+
+
 def focus_shift(
     system: System, planes_m: NDArray[np.float64], wavelengths_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:

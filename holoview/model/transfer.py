@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 class Transfer:
     """Propagation of one wavelength over one distance, and the frequencies that pass the relay's stops.
 
-    H = exp(−2πi·[(z/λ)·A/(1 + √(1 − A)) + u·d]) where the support passes, 0 elsewhere; the carrier exp(2πi·z/λ) is left out.
+    H = exp(−2πi·[(z/λ)·A/(1 + √(1 − A)) + u·d]) where the support passes, 0 elsewhere; without carrier, exp(2πi·z/λ).
     Goodman, Introduction to Fourier Optics, 3rd ed., eq. 3-74, in a form without cancellation at small A.
 
     distance_m: z.

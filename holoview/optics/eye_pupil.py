@@ -4,8 +4,8 @@
 
 with the focal length f of the eyepiece, the direction sine s and that of the pupil's centre s₀. The effect weights
 intensity by 10^(−ρ·r²), ρ = 0.05/mm² (Applegate & Lakshminarayanan, J. Opt. Soc. Am. A 10, 1611 (1993)), so that the
-amplitude has half the exponent. For coherent light the integrated effect is disputed (Vohnsen & Rativa, J. Vis. 11(1):15
-(2011); Westheimer, J. Opt. Soc. Am. A 30, 2100 (2013)).
+amplitude has half the exponent. For coherent light the integrated effect is disputed (Vohnsen & Rativa 2011;
+Westheimer 2013).
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ _STILES_CRAWFORD = 0.05e6  # 1/m²
 
 
 def eye_pupil(plan: Plan, wavelength: int) -> torch.Tensor | None:
-    """The pupil function (P_y, P_x) complex128 of the eye of a plan, in `fftfreq` order; None where it only stops light.
+    """The pupil function (P_y, P_x) complex128 of the eye of a plan, in `fftfreq` order.
 
-    Without the stop itself, which is in the plan's support.
+    Without the stop itself, which is in the plan's support; None where it only stops light.
     """
     eye = plan.nominal.eye
     if eye is None or not eye.has_pupil_function:

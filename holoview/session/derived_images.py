@@ -29,31 +29,57 @@ def phase_turns(system: System, drive: Drive, frame: int, modulator: int) -> NDA
     return turns
 
 
-def eyebox_xyz(system: System, drive: Drive, check: Callable[[], None] = lambda: None) -> NDArray[np.float32]:
-    """XYZ (y, x, 3) of the light in the first diffraction order of the last modulator, by direction: the eyebox.
+def eyebox_xyz(
+    system: System, drive: Drive, by_place: bool = False, check: Callable[[], None] = lambda: None
+) -> NDArray[np.float32]:
+    """XYZ (y, x, 3) of the light in the first diffraction order of the last modulator: the eyebox.
 
-    The spatial frequency 0 is in the middle and the edges are at ±1/(2·pitch), where the angle of a laser is
-    ±λ/(2·pitch). The light is taken behind the stops of relay 2 and includes the envelope of a pixel's aperture; it is
-    scaled to a mean luminance of 1/4. The grid isn't padded, so the resolution is one period of the grid. `check` is
-    called before each spectrum and may raise an exception to cancel.
+    By spatial frequency, 0 is in the middle and the edges are at ±1/(2·pitch), where the angle of a laser is
+    ±λ/(2·pitch). By place behind an eyepiece, it is a square up to the edge of the longest wavelength; the others fill
+    less of it.
+    The light is taken behind the stops of relay 2 and includes the envelope of a pixel's aperture; it is scaled to a
+    mean luminance of 1/4. The grid isn't padded, so the resolution is one period of the grid. The eye of the system
+    doesn't count. `check` is called before each spectrum and may raise an exception to cancel.
     """
     from holoview.engine.torch_executor import TorchExecutor
     from holoview.optics.frame_inputs import make_frame_inputs
 
-    plan = make_plan(system.edit({"propagation": "periodic"}))
+    plan = make_plan(system.edit({"propagation": "periodic", "eye": None}))
     executor, order = TorchExecutor(plan, make_frame_inputs(plan, drive)), first_order(plan.grid)
     rows, columns = order.bins
-    xyz = np.zeros((len(rows), len(columns), 3))
+    shape = (max(len(rows), len(columns)),) * 2 if by_place else (len(rows), len(columns))
+    xyz = np.zeros((*shape, 3))
     band = np.ix_(*(k % padded for k, padded in zip(executor.frequencies(1), plan.grid.padded, strict=True)))
     power = np.zeros(plan.grid.padded)
-    for wavelength in range(len(system.wavelengths_m)):
+    for wavelength, λ in enumerate(plan.system.wavelengths_m):
         for frame in plan.lit(wavelength):
             for source in range(len(plan.slopes)):
                 check()
                 spectrum = spectrum_behind_modulators(executor, wavelength, frame, source)
                 passed = executor.transmit(spectrum, 1, wavelength, float(system.planes_m[0]))
                 power[band] = passed.values.abs().square().numpy()
+                seen = power[np.ix_(rows, columns)]
+                if by_place:
+                    seen = _by_place(seen, float(λ / plan.system.wavelengths_m.max()))
                 share = float(plan.weights[frame, wavelength]) / len(plan.slopes)
-                xyz += share * power[np.ix_(rows, columns)][..., None] * plan.colour_weights[wavelength]
+                xyz += share * seen[..., None] * plan.colour_weights[wavelength]
     mean = xyz[..., 1].mean()
     return (xyz / (4 * mean) if mean > 0 else xyz).astype(np.float32)
+
+
+def _by_place(power: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+    """A first order (y, x), by frequency, as a square picture of the eyebox whose sum is the same.
+
+    factor: side of this wavelength's eyebox over that of the picture, at most 1. Linear interpolation.
+    """
+    side, matrices = max(power.shape), []
+    for n in power.shape:
+        at = (np.arange(side) - side // 2) * (n / (side * factor)) + n // 2
+        below = np.floor(at).astype(int)
+        matrix = np.zeros((side, n))
+        for index, weight in ((below, 1 - (at - below)), (below + 1, at - below)):
+            inside = (index >= 0) & (index < n)
+            matrix[np.flatnonzero(inside), index[inside]] += weight[inside]
+        matrices.append(matrix * (n / (side * factor)))
+    placed: NDArray[np.float64] = matrices[0] @ power @ matrices[1].T
+    return placed

@@ -13,10 +13,14 @@ _STEP_FRACTION = 0.02  # of the range, for one step
 
 
 def focus_range_m(system: System) -> tuple[float, float]:
-    """The distances in metres that can be focused at: the system's planes with a margin of half their range."""
+    """The distances in metres that can be focused at: the system's planes with a margin of half their range.
+
+    An eye sees other wavelengths in other planes, none of which lies before the modulator.
+    """
     low, high = float(system.planes_m.min()), float(system.planes_m.max())
     margin = 0.5 * (high - low) or 0.2 * high
-    return max(low - margin, 0.0), high + margin
+    least = 0.0 if system.eye is None else -float(min(system.eye.focus_shift_m(system.wavelengths_m).min(), 0.0))
+    return max(low - margin, least), high + margin
 
 
 def focus_at(session: EditingSession, plane_m: float) -> None:

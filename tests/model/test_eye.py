@@ -72,7 +72,7 @@ def test_a_short_sighted_eye_is_focused_nearer_by_its_prescription() -> None:
 
 
 def test_the_pupil_of_watson_and_yellott() -> None:
-    """Of Stanley & Davies at age 28.58: 7.75 mm in the dark, 2 mm in glare, 7.75 − 5.75/3 mm where L·a = 846 cd/m²·deg²."""
+    """At age 28.58 that of Stanley & Davies: 7.75 mm in the dark, 2 mm in glare, 7.75 − 5.75/3 mm where L·a = 846."""
     assert hv.natural_pupil_diameter(1e-9, 1.0, 28.58) == pytest.approx(7.75e-3, rel=1e-3)
     assert hv.natural_pupil_diameter(1e12, 1e3, 28.58) == pytest.approx(2e-3, rel=1e-3)
     assert hv.natural_pupil_diameter(8.46, 100.0, 28.58) == pytest.approx((7.75 - 5.75 / 3) * 1e-3, rel=1e-12)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from holoview.app.panel import Panel
 from holoview.app.panels.bench import BenchPanel
 from holoview.app.panels.effects import EffectsPanel
+from holoview.app.panels.eye import EyePanel
 from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.focus import FocusPanel
 from holoview.app.panels.gamut import GamutPanel
@@ -19,6 +20,7 @@ ALL: tuple[type[Panel], ...] = (
     ImagePanel,
     BenchPanel,
     EffectsPanel,
+    EyePanel,
     LasersPanel,
     GamutPanel,
     ViewPanel,

@@ -9,6 +9,7 @@ from imgui_bundle import imgui
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.plane_strip import PlaneStrip
+from holoview.session.eye_edits import dioptres_of
 from holoview.session.focal_plane import focus_at, focus_at_next_plane, focus_range_m, step_focus
 
 _SWEEP_S = 3.0  # from the first plane to the last
@@ -60,7 +61,7 @@ class FocusPanel(Panel):
             context.session.view_settings.plane_m * 1e3,
             low * 1e3,
             high * 1e3,
-            "%.3f mm",
+            _slider_text(context),
             imgui.SliderFlags_.no_round_to_format,
         )
         context.record_item_rect("plane")
@@ -86,3 +87,10 @@ class FocusPanel(Panel):
         plane_m = low + (high - low) * (phase if phase <= 1 else 2 - phase)
         context.attempt(focus_at, context.session, plane_m)
         context.window.wake()
+
+
+def _slider_text(context: AppContext) -> str:
+    """The format of the slider's value, with an eye followed by its dioptres."""
+    if context.session.system.eye is None:
+        return "%.3f mm"
+    return f"%.3f mm   {dioptres_of(context.session.system, context.session.view_settings.plane_m):.2f} D"

@@ -1,0 +1,152 @@
+"""The panel of the eye: its pupil in the eyebox, its focus in dioptres, and which wavelength it sees in which plane."""
+
+from __future__ import annotations
+
+import numpy as np
+from imgui_bundle import imgui, implot
+
+from holoview.app.context import AppContext
+from holoview.app.description_fields import draw_field
+from holoview.app.laser_colours import laser_colour
+from holoview.app.panel import Panel
+from holoview.app.parameter_widgets import WidgetEdit, number_field, tooltip
+from holoview.app.pupil_map import draw_pupil_map
+from holoview.model import dataclass_fields as describe
+from holoview.model.eye import AUTO, VERGENCE, Eye, Prescription
+from holoview.model.field_types import Number
+from holoview.session.eye_edits import (
+    PUPIL_RANGE_M,
+    dioptres_of,
+    plane_of,
+    pupil_diameter_m,
+    seen_planes_m,
+    toggle_chromatic,
+    toggle_eye,
+)
+from holoview.session.focal_plane import focus_at, focus_range_m
+
+_BY_HAND = ("pupil", "pupil_y", "pupil_x", "accommodation", "infinity", "prescription")
+_PUPIL = Number("mm", low=0.5e-3, high=12e-3)
+_PLACE = Number("mm", low=-0.1, high=0.1)
+_GRAPH_HEIGHT = 150.0
+
+
+class EyePanel(Panel):
+    """Edits the eye of the system."""
+
+    title = "Eye"
+    dock = "Left"
+
+    def set_up(self, context: AppContext) -> None:
+        add, session = context.commands.add, context.session
+        add("Eye", lambda: toggle_eye(session), "Eye", "Y", "Puts an eye behind an eyepiece, or takes it away.")
+        add(
+            "Chromatic aberration",
+            lambda: toggle_chromatic(session),
+            "Eye",
+            "Shift+Y",
+            "Switches the colour error of the eye, to see what it does.",
+        )
+        add("Eyebox", lambda: context.edit_view("Page", page="spectrum"), "Eye", help="The eyebox with the pupil.")
+
+    def draw(self, context: AppContext) -> None:
+        system = context.session.system
+        changed, _ = imgui.checkbox("an eye behind an eyepiece", system.eye is not None)
+        context.record_item_rect("eye")
+        tooltip("Shows what reaches the retina instead of the light in a focal plane.")
+        if changed:
+            context.attempt(toggle_eye, context.session)
+        if system.eye is None:
+            return
+        imgui.push_item_width(imgui.get_content_region_avail().x * 0.56)
+        self._draw_focus(context)
+        draw_pupil_map(context)
+        _draw_pupil(context, system.eye)
+        _draw_fields(context, system.eye, Eye(), "eye.", _BY_HAND)
+        if imgui.collapsing_header("Prescription"):
+            _draw_fields(context, system.eye.prescription, Prescription(), "eye.prescription.", ())
+        imgui.pop_item_width()
+        _draw_graph(context)
+
+    def _draw_focus(self, context: AppContext) -> None:
+        """Draws the accommodation, which moves the focal plane."""
+        session = context.session
+        span = [dioptres_of(session.system, z) for z in focus_range_m(session.system)]
+        now = dioptres_of(session.system, session.view_settings.plane_m)
+        doc = "Dioptres at which the eye is focused at its reference wavelength: 0 is infinity, 4 is 25 cm."
+        edited = number_field("accommodation", VERGENCE, now, 0.0, doc, (span[0], span[1]))
+        context.record_item_rect("accommodation")
+        if edited is not None:
+            context.attempt(focus_at, session, plane_of(session.system, edited.value))
+            if not edited.is_held:
+                session.end_gesture()
+
+
+def _draw_pupil(context: AppContext, eye: Eye) -> None:
+    system = context.session.system
+    is_auto = eye.pupil_m == AUTO
+    changed, wants_auto = imgui.checkbox("auto", is_auto)
+    tooltip("A pupil that follows from luminance, field and age (Watson & Yellott 2012).")
+    if changed:
+        context.change("Pupil", "eye.pupil", AUTO if wants_auto else pupil_diameter_m(system))
+    imgui.same_line()
+    if is_auto:
+        imgui.text(f"pupil {pupil_diameter_m(system) * 1e3:.2f} mm")
+    else:
+        imgui.set_next_item_width(imgui.get_content_region_avail().x * 0.62)
+        _apply(
+            context,
+            "Pupil",
+            "eye.pupil",
+            number_field("pupil", _PUPIL, pupil_diameter_m(system), 3e-3, "Its diameter.", PUPIL_RANGE_M),
+        )
+    context.record_item_rect("eye.pupil")
+    for key, value in (("pupil_y", eye.pupil_y_m), ("pupil_x", eye.pupil_x_m)):
+        doc = "Place of the pupil in the eyebox: " + ("downwards." if key == "pupil_y" else "to the right.")
+        _apply(
+            context, "Pupil", f"eye.{key}", number_field(key.replace("_", " "), _PLACE, value, 0.0, doc, (-4e-3, 4e-3))
+        )
+        context.record_item_rect(f"eye.{key}")
+
+
+def _apply(context: AppContext, label: str, key: str, edited: WidgetEdit | None) -> None:
+    if edited is not None:
+        context.change(label, key, edited.value, is_held=edited.is_held)
+
+
+def _draw_fields(
+    context: AppContext, item: Eye | Prescription, reset: object, path: str, without: tuple[str, ...]
+) -> None:
+    for key, field in describe.fields_by_key(type(item)).items():
+        if key in without or (key in ("luminance", "age") and getattr(item, "pupil_m", None) != AUTO):
+            continue
+        imgui.push_id(path + key)
+        value, first = getattr(item, field.name), getattr(reset, field.name)
+        draw_field(context, path + key, field.metadata["kind"], value, first, field.metadata["doc"])
+        imgui.pop_id()
+
+
+def _draw_graph(context: AppContext) -> None:
+    """Which plane is seen at which wavelength, beside the focal planes of the bench."""
+    system, plane_m = context.session.system, context.session.view_settings.plane_m
+    seen = seen_planes_m(system, plane_m) * 1e3
+    flags = implot.Flags_.no_menus | implot.Flags_.no_legend | implot.Flags_.no_mouse_text
+    if not implot.begin_plot("##focus of wavelengths", imgui.ImVec2(-1, _GRAPH_HEIGHT), flags):
+        return
+    planes = system.planes_m * 1e3
+    low, high = min(planes.min(), seen.min()), max(planes.max(), seen.max())
+    margin = 0.1 * (high - low) or 1.0
+    implot.setup_axes("wavelength (nm)", "seen plane (mm)")
+    implot.setup_axis_limits(implot.ImAxis_.x1, 390, 710, imgui.Cond_.always)
+    implot.setup_axis_limits(implot.ImAxis_.y1, low - margin, high + margin, imgui.Cond_.always)
+    for plane in planes:
+        spec = implot.Spec(line_color=imgui.ImVec4(0.55, 0.57, 0.60, 0.6), line_weight=1.0)
+        implot.plot_line("planes", np.array([390.0, 710.0]), np.array([plane, plane]), spec=spec)
+    for index, (wavelength, plane) in enumerate(zip(system.wavelengths_m, seen, strict=True)):
+        colour = laser_colour(float(wavelength))
+        spec = implot.Spec(
+            marker=implot.Marker_.circle, marker_size=4, marker_fill_color=colour, marker_line_color=colour
+        )
+        implot.plot_scatter(f"##{index}", np.array([wavelength * 1e9]), np.array([plane]), spec=spec)
+    implot.end_plot()
+    context.record_item_rect("focus of wavelengths")

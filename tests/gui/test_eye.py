@@ -1,0 +1,88 @@
+"""The panel of the eye and the page of the eyebox: a pupil that follows the pointer, focus in dioptres, keys."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from holoview.app.panels import ALL
+from holoview.app.panels.eye import EyePanel
+from holoview.app.panels.focus import FocusPanel
+from holoview.app.panels.image import ImagePanel
+from holoview.session.derived_images import eyebox_xyz
+from holoview.session.eye_edits import dioptres_of, eyebox_half_m
+from holoview.session.focal_plane import focus_at
+from tests.gui.conftest import Gui, small_bench
+
+pytestmark = pytest.mark.gpu
+
+PANELS = (ImagePanel, EyePanel, FocusPanel)
+
+
+@pytest.fixture
+def eye_gui(make_gui: Callable[..., Gui]) -> Gui:
+    assert set(PANELS) <= set(ALL)
+    gui = make_gui(small_bench(eye={"pupil": "2 mm"}), panels=PANELS, size=(900, 700))
+    gui.context.show_panel("Eye")
+    gui.draw_frames(3)
+    return gui
+
+
+def test_a_key_puts_the_eye_in_place_and_another_switches_its_colour_error(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui(panels=PANELS)
+    gui.press_chord("Y")
+    assert gui.session.system.eye is not None and gui.session.system.eye.chromatic
+    gui.press_chord("Shift+Y")
+    assert gui.session.system.eye is not None and not gui.session.system.eye.chromatic
+    gui.press_chord("Y")
+    assert gui.session.system.eye is None
+
+
+def test_a_drag_in_the_map_moves_the_pupil_in_one_step_of_undo(eye_gui: Gui) -> None:
+    steps = len(eye_gui.session.history)
+    eye_gui.drag(eye_gui.item_position("pupil map", 0.5, 0.5), eye_gui.item_position("pupil map", 0.5, 0.25), steps=6)
+    eye = eye_gui.session.system.eye
+    assert eye is not None
+    assert eye.pupil_y_m == pytest.approx(-0.75 * eyebox_half_m(eye_gui.session.system), rel=0.05)
+    assert eye.pupil_x_m == pytest.approx(0.0, abs=3e-5)
+    assert len(eye_gui.session.history) == steps + 1
+
+
+def test_the_wheel_changes_the_diameter(eye_gui: Gui) -> None:
+    eye_gui.wheel(eye_gui.item_position("pupil map", 0.5, 0.5), -3)
+    eye = eye_gui.session.system.eye
+    assert eye is not None and eye.pupil_m == pytest.approx(2e-3 / 1.08**3, rel=0.01)
+
+
+def test_accommodation_moves_the_focal_plane(eye_gui: Gui) -> None:
+    eye_gui.drag(eye_gui.item_position("accommodation", 0.5), eye_gui.item_position("accommodation", 0.7))
+    plane_m = eye_gui.session.view_settings.plane_m
+    assert dioptres_of(eye_gui.session.system, plane_m) > 0.625
+    assert plane_m > 10e-3  # nearer to the viewer
+
+
+def test_the_pupil_is_dragged_over_the_eyebox(eye_gui: Gui) -> None:
+    eye_gui.context.commands.run("Eyebox")
+    eye_gui.draw_until_idle()
+    eye_gui.drag(eye_gui.item_position("image", 0.5, 0.5), eye_gui.item_position("image", 0.6, 0.5), steps=6)
+    eye = eye_gui.session.system.eye
+    assert eye is not None and eye.pupil_x_m > 1e-4 and abs(eye.pupil_y_m) < 5e-5
+
+
+def test_no_plane_before_the_modulator_can_be_focused(eye_gui: Gui) -> None:
+    focus_at(eye_gui.session, 0.0)
+    system, plane_m = eye_gui.session.system, eye_gui.session.view_settings.plane_m
+    assert system.eye is not None
+    assert plane_m + system.eye.focus_shift_m(system.wavelengths_m).min() >= 0
+
+
+def test_the_eyebox_by_place_holds_as_much_light_and_is_smaller_at_short_wavelengths() -> None:
+    system = small_bench(wavelengths=["460 nm", "620 nm"], amplitudes=[[1.0, 0.0]], shape=[32, 48])
+    drive = np.random.default_rng(0).random(system.drive_shape, dtype=np.float32)
+    xyz = eyebox_xyz(system, drive, True)
+    assert xyz.shape == (48, 48, 3)
+    lit = np.flatnonzero(xyz[..., 1].sum(axis=0) > 1e-3 * xyz[..., 1].sum(axis=0).max())
+    assert len(lit) == pytest.approx(48 * 460 / 620, abs=2)
+    assert xyz[..., 1].mean() == pytest.approx(0.25, rel=1e-5)
