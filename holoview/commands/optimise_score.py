@@ -17,6 +17,7 @@ from holoview.metrics.image_quality import (
     measure_image_quality,
     plane_midpoints,
 )
+from holoview.model.focus import focused_planes
 from holoview.model.system import System
 from holoview.numerics.image_region import Region, region_slices
 from holoview.util import units
@@ -43,7 +44,7 @@ def render_for_score(hologram: Hologram, source: TargetSource) -> ScoredImages:
 
     A target that is a focal stack has no images between its planes, so that no plane is held out.
     """
-    planes_m = hologram.system.planes_m
+    planes_m = focused_planes(hologram.system)
     held_out_m = np.array([]) if source.is_stack else plane_midpoints(planes_m)
     all_m = np.concatenate([planes_m, held_out_m])
     target = source.build(None if source.is_stack else all_m).stack

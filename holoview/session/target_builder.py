@@ -91,14 +91,19 @@ class _TargetRequest:
         if not is_own_plane and self.target_spec.is_stack:
             return {}, None
         try:
-            target = self.target_spec.build(self.system, None if is_own_plane else np.array([self.plane_m]))
+            planes_m = self.system.planes_m if is_own_plane else np.array([self.plane_m])
+            target = self.target_spec.build(self.system, planes_m)
         except Exception as error:  # reported to the user by the owner, once for each request
             return {}, error
         return dict(zip(target.planes_m, target.stack, strict=True)), None
 
 
 def _geometry_key(system: System) -> Hashable:
-    """What a target depends on besides its specification: planes, sampling, and the cone of light that blurs it."""
+    """What a target depends on besides its specification: planes, sampling, and the cone of light that blurs it.
+
+    With an eye, also its pupil, and the lasers, each of which it sees in another focus.
+    """
     modulator, median_m = system.modulators[0], float(np.median(system.wavelengths_m))
     grid = (modulator.shape, modulator.pitch_m, system.sampling.upsample)
-    return grid, median_m, system.relay2, system.planes_m.tobytes()
+    seen = None if system.eye is None else (system.eye, system.observer, system.wavelengths_m.tobytes())
+    return grid, median_m, system.relay2, system.planes_m.tobytes(), seen

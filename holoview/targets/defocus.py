@@ -39,7 +39,7 @@ class LightCone:
 
     half_width: half the side of the square, or radius of the disc. centre: (y, x) of its middle; positive towards
     larger y and x as light goes on. Slopes are tangents of angles, for which the sines may stand: at 0.035, the first
-    order of an 8 µm pixel, they differ by 0.06 %.
+    order of an 8 µm pixel, they differ by 0.06 %. offset_m: displacement (y, x) of all blurs, m.
 
     Raises ValueError for an unknown aperture, and for slopes that aren't finite or a half-width below 0.
     """
@@ -47,6 +47,7 @@ class LightCone:
     half_width: float
     aperture: Aperture = "square"
     centre: tuple[float, float] = (0.0, 0.0)
+    offset_m: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         if self.aperture not in ("square", "disc"):
@@ -60,7 +61,8 @@ class LightCone:
 
     def shift_px(self, distance_m: float, pitch_m: float) -> tuple[float, float]:
         """Shift (y, x) of the blur's middle, in pixels, on a plane at Δz = `distance_m` behind the point."""
-        return distance_m * self.centre[0] / pitch_m, distance_m * self.centre[1] / pitch_m
+        (y, x), (offset_y, offset_x) = self.centre, self.offset_m
+        return (distance_m * y + offset_y) / pitch_m, (distance_m * x + offset_x) / pitch_m
 
     def kernel(self, distance_m: float, pitch_m: float) -> NDArray[np.float64]:
         """The blur of a point on a plane at Δz = `distance_m` behind it, see `blur_kernel`."""

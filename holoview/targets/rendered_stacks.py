@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from holoview.model.focus import focused_planes
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.targets.focal_stack import Target, check_brightness
@@ -42,6 +43,8 @@ def target_from_stack(
 ) -> Target:
     """The target of a rendered focal stack: one picture for each plane of the system, resized to the simulation grid.
 
+    With an eye, one for each of its accommodations, already seen by that eye.
+
     path: a folder (its PNG, JPEG, TIFF and OpenEXR files in the order of the numbers in their names), a TIFF file with
     a page for each plane, or an OpenEXR file with a part or a numbered layer for each. brightness: factor on linear
     light. saturation: factor on chroma in CIE LCHuv. space: what float files hold, "srgb" or "xyz".
@@ -50,9 +53,10 @@ def target_from_stack(
     """
     check_brightness(brightness)
     check_saturation(saturation)
-    pictures = read_resized_pictures(path, make_plan(system).grid.shape, space, len(system.planes_m))
+    planes_m = focused_planes(system)
+    pictures = read_resized_pictures(path, make_plan(system).grid.shape, space, len(planes_m))
     stack = np.stack([scale_saturation(picture.rgb, saturation) for picture in pictures])
-    return Target.from_stack(stack, tuple(system.planes_m), str(path), brightness, _merge_notes(pictures))
+    return Target.from_stack(stack, tuple(planes_m), str(path), brightness, _merge_notes(pictures))
 
 
 def read_resized_pictures(

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import xyz_to_linear_srgb
-from holoview.model.plan import make_plan
+from holoview.model.eye import Eye
+from holoview.model.focus import focused_planes
+from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.targets.defocus import LightCone, diffraction_half_angle
 from holoview.targets.focal_stack import Target, check_brightness, render_focal_stack
@@ -62,7 +64,7 @@ def target_for(
 
     Away from its distance the picture is blurred by the cone of light that reaches an image point. The cone's half
     angle is that of the first diffraction order of the modulator at the middle wavelength, or of the stops of relay 2
-    where they are smaller. With a `pupil` it is the cone of that pupil alone.
+    where they are smaller. With an eye, or a `pupil`, it is the cone of that pupil alone.
 
     system: the display, whose planes and simulation grid the stack has.
     picture: an image file (PNG, JPEG, TIFF, EXR), or a `holoview.targets.picture.Picture`. It is scaled to cover the
@@ -71,9 +73,11 @@ def target_for(
     brightness: factor on linear light, positive.
     saturation: factor on the picture's chroma in CIE LCHuv, before it is blurred.
     space: what a float file holds, "srgb" or "xyz"; a `Picture` has been converted already.
-    planes: distances (m) at which the stack is wanted, those of the system when None. Depth range and layers stay those
+    planes: distances (m) at which the stack is wanted, those of the system, or on which its eye is focused, when None.
+    Depth range and layers stay those
     of the system's planes, so that planes between them show the same scene.
-    pupil: of the eye that sees the target, a `holoview.targets.viewing_pupil.ViewingPupil`.
+    pupil: of the eye that sees the target, a `holoview.targets.viewing_pupil.ViewingPupil`; that of the system's eye,
+    with its chromatic aberration, when None.
 
     Returns a `Target`: `stack` is (plane, y, x, 3) linear sRGB for `iterate`. Raises UserError for files that can't be
     used, a distance outside the system's planes, a depth map of another size, and factors out of range; ValueError for
@@ -97,13 +101,39 @@ def target_for(
     grid = plan.grid
     depth_m = _scene_depth(system, placement, source, grid.shape)
     rgb = scale_saturation(resize_to_cover(source.rgb, grid.shape), saturation)
-    planes_m = np.asarray(system.planes_m if planes is None else planes, dtype=np.float64)
-    if pupil is None:
-        stack = render_focal_stack(rgb, depth_m, planes_m, grid.pitch_m, _blur_cone(system))
-    else:
-        laser_rgb = xyz_to_linear_srgb(plan.colour_weights)
-        stack = render_through_pupil(rgb, depth_m, planes_m, grid.pitch_m, pupil, laser_rgb)
+    planes_m = np.asarray(focused_planes(system) if planes is None else planes, dtype=np.float64)
+    if pupil is None and system.eye is not None:
+        pupil = pupil_of_eye(system, system.eye, planes_m)
+    stack = _render(plan, rgb, depth_m, planes_m, pupil)
     return Target.from_stack(stack, planes_m, source.source, brightness, source.notes)
+
+
+def _render(
+    plan: Plan,
+    rgb: NDArray[np.float32],
+    depth_m: float | NDArray[np.floating],
+    planes_m: NDArray[np.float64],
+    pupil: ViewingPupil | None,
+) -> NDArray[np.float32]:
+    """The focal stack (plane, y, x, 3) of a picture, through a pupil or through the stops of the bench."""
+    if pupil is None:
+        return render_focal_stack(rgb, depth_m, planes_m, plan.grid.pitch_m, _blur_cone(plan.nominal))
+    laser_rgb = xyz_to_linear_srgb(plan.colour_weights)
+    return render_through_pupil(rgb, depth_m, planes_m, plan.grid.pitch_m, pupil, laser_rgb)
+
+
+def pupil_of_eye(system: System, eye: Eye, planes_m: NDArray[np.float64]) -> ViewingPupil:
+    """The pupil through which an eye sees a target, focused on planes (plane,) at its reference wavelength.
+
+    Its cylinder, its Zernike terms and the Stiles–Crawford effect are left out.
+    """
+    shift_m = eye.focus_shift_m(system.wavelengths_m)
+    return ViewingPupil(
+        eye.pupil_na(system.field_m),
+        eye.pupil_centre_na,
+        planes_m[:, None] + shift_m if shift_m.any() else None,
+        np.array([eye.image_shift_m(float(shift)) for shift in shift_m]),
+    )
 
 
 def _scene_depth(

@@ -32,15 +32,18 @@ class ViewingPupil:
     focus_m: distances z (plane, wavelength) where each wavelength is in focus while the eye looks at a plane, m; the
     plane itself when None.
 
+    offsets_m: displacement of each wavelength's picture, (wavelength, 2) y and x, m; none when None.
+
     Raises ValueError for numbers that make no sense.
 
-    >>> ViewingPupil(0.02, centre=(0.0, 0.01)).cone
-    LightCone(half_width=0.02, aperture='disc', centre=(0.0, 0.01))
+    >>> ViewingPupil(0.02, centre=(0.0, 0.01)).cone().centre
+    (0.0, 0.01)
     """
 
     na: float
     centre: tuple[float, float] = (0.0, 0.0)
     focus_m: NDArray[np.float64] | None = None
+    offsets_m: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if not (0 < self.na < 1 and all(-1 < sine < 1 for sine in self.centre)):
@@ -48,10 +51,10 @@ class ViewingPupil:
         if self.focus_m is not None and not (np.ndim(self.focus_m) == 2 and np.isfinite(self.focus_m).all()):
             raise ValueError("focus_m: expected finite distances (plane, wavelength)")
 
-    @property
-    def cone(self) -> LightCone:
-        """The light cone that reaches the retina from an image point."""
-        return LightCone(self.na, "disc", self.centre)
+    def cone(self, wavelength: int = 0) -> LightCone:
+        """The light cone that reaches the retina from an image point, at the wavelength of an index."""
+        offset = (0.0, 0.0) if self.offsets_m is None else tuple(self.offsets_m[wavelength].tolist())
+        return LightCone(self.na, "disc", self.centre, (offset[0], offset[1]))
 
 
 def render_through_pupil(
@@ -70,14 +73,14 @@ def render_through_pupil(
     Raises ValueError as that does, and if `pupil.focus_m` isn't (plane, wavelength).
     """
     if pupil.focus_m is None:
-        return render_focal_stack(rgb_linear, depth_m, planes_m, pitch_m, pupil.cone)
+        return render_focal_stack(rgb_linear, depth_m, planes_m, pitch_m, pupil.cone())
     expected = (len(planes_m), len(laser_rgb))
     if pupil.focus_m.shape != expected:
         raise ValueError(f"focus_m {pupil.focus_m.shape}: expected (plane, wavelength) = {expected}")
     total = np.zeros((len(planes_m), *rgb_linear.shape), dtype=np.float32)
-    for share, focus_m in zip(colour_shares(laser_rgb), pupil.focus_m.T, strict=True):
+    for index, (share, focus_m) in enumerate(zip(colour_shares(laser_rgb), pupil.focus_m.T, strict=True)):
         light = np.asarray(rgb_linear @ share.T, dtype=np.float32)
-        total += render_focal_stack(light, depth_m, focus_m, pitch_m, pupil.cone)
+        total += render_focal_stack(light, depth_m, focus_m, pitch_m, pupil.cone(index))
     return total
 
 

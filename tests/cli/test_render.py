@@ -84,6 +84,15 @@ def test_all_stands_for_the_planes_of_the_bench(holoview: Run) -> None:
     assert planes == ["9 mm", "9.5 mm", "10 mm", "10.5 mm", "11 mm", "12 mm"]
 
 
+def test_an_eye_is_focused_in_dioptres(holoview: Run) -> None:
+    eye = (*TORCH, "--set", "eye.pupil=2 mm")
+    found = holoview("render", "simultaneous", *eye, "--plane", "0.5D", "9mm", "-o", "seen.png", "--json")
+    planes = [(entry["plane"], entry["file"]) for entry in json.loads(found.out)["planes"]]
+    assert planes == [("9.8 mm (0.5 D)", "seen-9.8mm.png"), ("9 mm (0 D)", "seen-9mm.png")]
+    refused = holoview("render", "simultaneous", *TORCH, "--plane", "0.5D")
+    assert refused.code == 2 and "--plane: 0.5D without an eye" in refused.err and "--set eye={}" in refused.err
+
+
 def test_arguments_may_come_in_any_order(holoview: Run, tmp_path: Path) -> None:
     first = holoview("render", "simultaneous", *TORCH, "--plane", "10mm", "-o", "a.png")
     second = holoview("render", "--plane", "10mm", "-o", "b.png", *TORCH, "simultaneous")

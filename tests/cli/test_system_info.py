@@ -123,3 +123,17 @@ def test_effects_are_told_in_words_and_those_of_the_camera_set_apart() -> None:
     assert found["gap"] == "The gap is 2.1 mm, not 2 mm."
     assert found["not seen"].startswith("camera_gamma")
     assert "not seen" not in _facts("holochrome-8")
+
+
+def test_an_eye_is_told_in_dioptres_and_degrees() -> None:
+    found = _facts("holochrome-8", eye={"pupil_x": "1 mm"})
+    assert found["eyepiece"] == "40 mm, 1.6 mm of distance a dioptre"
+    assert found["plane at infinity"] == "9 mm"
+    assert found["focused at"] == "0, 0.313, 0.625, 0.938, 1.25 D"
+    assert found["pupil"] == "3 mm at y 0, x 1 mm"
+    assert found["eyebox of the first order"] == "2.3 mm at 460 nm to 3.25 mm"  # 40 mm · λ / 8 µm
+    # 512 and 384 pixels of 8 µm: 2·atan(2.048/40) and 2·atan(1.536/40); a sample is 0.1 mrad
+    assert found["field of view"] == "5.86° x 4.4°, 174.5 samples a degree"
+    # Rx(650 nm) − Rx(460 nm) = 633.46·(1/245.898 − 1/435.898)
+    assert found["focus of the wavelengths"] == "1.8 mm apart, 1.12 D (chromatic aberration)"
+    assert "eyepiece" not in _facts("holochrome-8")

@@ -117,3 +117,30 @@ def test_foci_of_other_planes_are_refused(bench: Bench) -> None:
     pupil = ViewingPupil(0.1, focus_m=np.full((2, 3), 9e-3))
     with pytest.raises(ValueError, match=r"expected \(plane, wavelength\) = \(3, 8\)"):
         target_for(bench(3, SHAPE), Picture(point(3, 3), "point"), pupil=pupil)
+
+
+def test_the_eye_of_a_system_sees_its_target(bench: Bench) -> None:
+    eye = {"eyepiece": "40 mm", "pupil": "3 mm", "pupil_x": "0.8 mm", "pupil_y": "-0.4 mm", "accommodation": [0.2, 0.9]}
+    system, picture = bench(3, SHAPE).with_(eye=eye), Picture(point(24, 32), "point")
+    assert system.eye is not None
+    planes_m = 9e-3 + 0.04**2 * np.array([0.2, 0.9])
+    focus_m = planes_m[:, None] + system.eye.focus_shift_m(system.wavelengths_m)
+    expected = target_for(system, picture, pupil=ViewingPupil(0.0375, (-0.01, 0.02), focus_m), planes=planes_m.tolist())
+    found = target_for(system, picture)
+    assert found.planes_m == pytest.approx(planes_m.tolist(), rel=1e-12)
+    assert np.abs(found.stack - expected.stack).max() <= FLOAT32
+
+
+@pytest.mark.parametrize("axis", ["eyepiece", "pupil"])
+def test_colours_separate_beside_the_axis_unless_the_eye_moves_as_a_whole(bench: Bench, axis: str) -> None:
+    """A point at 9 mm, seen from x = 1 mm through 40 mm, focused 1 dioptre nearer: a slope of 0.025 over z − 9 mm."""
+    system = bench(1, SHAPE).with_(
+        wavelengths=["460 nm"],
+        amplitudes=[[1.0]],
+        eye={"pupil": "1 mm", "pupil_x": "1 mm", "accommodation": [1.0], "chromatic_axis": axis},
+    )
+    assert system.eye is not None
+    image = target_for(system, Picture(point(24, 20), "point"), Placement(at_m=9e-3)).stack[0].sum(axis=-1)
+    distance_m = 1.6e-3 + (float(system.eye.focus_shift_m(system.wavelengths_m)[0]) if axis == "eyepiece" else 0.0)
+    middle = (image.sum(axis=0) @ np.arange(SHAPE[1])) / image.sum()
+    assert middle == pytest.approx(20 + 0.025 * distance_m / make_plan(system).grid.pitch_m, abs=0.1)
