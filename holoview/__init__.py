@@ -44,7 +44,8 @@ if TYPE_CHECKING:
     from holoview.app.notebook import show
     from holoview.io.hologram import Hologram, load_hologram
     from holoview.model.bench_parts import Modulator, Relay, Sampling, Source
-    from holoview.model.eye import Eye, Prescription, chromatic_refraction, natural_pupil_diameter
+    from holoview.model.eye import Eye, Prescription
+    from holoview.model.human_eye import chromatic_refraction, natural_pupil_diameter
     from holoview.model.plan import Plan, make_plan
     from holoview.model.preset import load
     from holoview.model.stops import SquareStop
@@ -72,12 +73,12 @@ _MODULES = {
     "UserError": "holoview.util.errors",
     "View": "holoview.view",
     "__version__": "holoview.util.version",
-    "chromatic_refraction": "holoview.model.eye",
+    "chromatic_refraction": "holoview.model.human_eye",
     "iterate": "holoview.optimise.solve",
     "load": "holoview.model.preset",
     "load_hologram": "holoview.io.hologram",
     "make_plan": "holoview.model.plan",
-    "natural_pupil_diameter": "holoview.model.eye",
+    "natural_pupil_diameter": "holoview.model.human_eye",
     "random_drive": "holoview.view",
     "show": "holoview.app.notebook",
     "simulate": "holoview.view",

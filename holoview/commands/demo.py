@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     target = example_target().build(systems[0])
     results: list[_DisplayResult] = []
     for system in systems:
-        optimised = optimise_hologram(system, target, settings)
+        optimised = optimise_hologram(system, target.stack, settings)
         if optimised.interrupted:
             raise KeyboardInterrupt
         optimised.hologram.save(args.output / f"{system.name}.safetensors")

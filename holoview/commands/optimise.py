@@ -11,6 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from holoview.colour import to_srgb8
 from holoview.commands.arguments import system_from_args, warn_of_camera_effects
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
@@ -24,6 +27,7 @@ from holoview.commands.optimise_options import (
 )
 from holoview.commands.optimise_score import format_scores, render_for_score, score_hologram
 from holoview.commands.output_files import check_output_file
+from holoview.commands.pupil_places import format_place_scores, parse_places, score_places, target_at_places
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.io.png import write_png
 from holoview.model.system import System
@@ -32,7 +36,6 @@ from holoview.optimise.memory import with_compact_grid
 from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, torchrun_group
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
-from holoview.targets.focal_stack import Target
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
 
@@ -50,11 +53,12 @@ def run(args: argparse.Namespace) -> int:
     warn_of_camera_effects(system)
     output = args.output or Path(f"{system.name or 'hologram'}-{Path(args.target).stem}.safetensors")
     check_output_file(output, ".safetensors")
-    settings, options = settings_from_args(args, system), run_options_from_args(args)
+    places = parse_places(args.pupils, system)
+    settings, options = settings_from_args(args, system, places), run_options_from_args(args)
     source = TargetSource(args, system)
-    target = source.build()
+    stack = target_at_places(source, system, places)
     with torchrun_group(options.device) if options.sharded else nullcontext(SINGLE_PROCESS) as group:
-        result = optimise_hologram(system, target, settings, options, group)
+        result = optimise_hologram(system, stack, settings, options, group)
     if not group.is_main:
         return EXIT_INTERRUPTED if result.interrupted else 0
     result.hologram.save(output, as_uint8=args.drive_type == "uint8")
@@ -65,6 +69,7 @@ def run(args: argparse.Namespace) -> int:
     images = render_for_score(saved, source)
     try:
         scores = score_hologram(saved, images, settings.region)
+        scores |= score_places(saved, source, places, settings.region)
     except UserError as error:
         print_stderr(f"note: {output} is saved but can't be scored: {error}")
         scores = {}
@@ -86,12 +91,12 @@ _DEFAULT_RUN_OPTIONS = RunOptions()
 
 def optimise_hologram(
     system: System,
-    target: Target,
+    stack: NDArray[np.float32],
     settings: Settings,
     options: RunOptions = _DEFAULT_RUN_OPTIONS,
     process_group: ProcessGroup = SINGLE_PROCESS,
 ) -> OptimisationResult:
-    """Runs the optimisation with a progress bar.
+    """Runs the optimisation for a focal stack (plane, y, x, 3) with a progress bar.
 
     process_group: of the processes that share the lasers. Ctrl-C or a limit in one of them ends the loop in all, after
     the same iteration.
@@ -106,7 +111,7 @@ def optimise_hologram(
     interrupted = False
     with deferred_interrupt() as is_interrupted, _main_process_progress(system, process_group) as progress:
         for state in iterate(
-            optimised_system, target.stack, settings, start, options.resume, device=options.device, team=process_group
+            optimised_system, stack, settings, start, options.resume, device=options.device, team=process_group
         ):
             progress(state.iteration, state.iterations, _progress_note(state))
             interrupted = process_group.any_rank(is_interrupted())
@@ -181,6 +186,6 @@ def _print_result(args: argparse.Namespace, output: Path, result: OptimisationRe
     print(f"{output}: {state.iteration} iterations in {state.seconds:.1f} s")
     if "wavelengths" in args.free:
         print(f"wavelengths {', '.join(f'{λ:.1f}' for λ in wavelengths)} nm")
-    for line in format_scores(scores, system):
+    for line in [*format_scores(scores, system), *format_place_scores(scores)]:
         print(line)
     print(f"look at it: holoview render --hologram {output} -o seen.png")

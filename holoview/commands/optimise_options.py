@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -94,6 +95,11 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
         help=f"of {', '.join(VARIABLES)} (patterns,amplitudes)",
     )
     group.add_argument("--eyebox", metavar="WEIGHT", type=float, default=0.0, help="even out the eyebox, e.g. 0.01 (0)")
+    group.add_argument(
+        "--pupils",
+        metavar="ROWSxCOLUMNS:SPACING",
+        help="places of the eye's pupil from each of which the target counts, e.g. 3x3:0.8mm",
+    )
     group.add_argument("--region", metavar="X,Y,W,H", help="samples of the simulated picture that count; all if absent")
     group.add_argument("--margin", metavar="N", type=int, default=0, help="samples at every border that don't count")
     group.add_argument("--plane-weights", metavar="A,B,…", help="how much each plane counts; equal if absent")
@@ -142,7 +148,9 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--json", action="store_true", help="print the result as JSON")
 
 
-def settings_from_args(args: argparse.Namespace, system: System) -> Settings:
+def settings_from_args(
+    args: argparse.Namespace, system: System, pupil_places_m: tuple[tuple[float, float], ...] = ()
+) -> Settings:
     """The settings of the optimiser. Raises UserError for values outside their ranges."""
     low, high = args.wavelength_range
     weights = None if args.plane_weights is None else tuple(_parse_numbers(args.plane_weights, "--plane-weights"))
@@ -158,6 +166,7 @@ def settings_from_args(args: argparse.Namespace, system: System) -> Settings:
         begin=args.begin,
         wavelength_range_m=(low * 1e-9, high * 1e-9),
         wavelength_spacing_m=args.wavelength_spacing * 1e-9,
+        pupil_places_m=pupil_places_m,
     )
 
 
@@ -202,25 +211,32 @@ class TargetSource:
         if self.is_stack and (args.depth is not None or args.at is not None):
             raise UserError("--depth/--at", "with a focal stack", expected="a picture, or neither of them")
         self._notes_printed = False
+        self._built: dict[Hashable, Target] = {}
         self._picture = None if self.is_stack else self._read_picture()
 
-    def build(self, planes_m: NDArray[np.float64] | None = None) -> Target:
-        """The target at the system's planes, or at others (m) if the target isn't a focal stack."""
-        args = self._args
+    def build(self, planes_m: NDArray[np.float64] | None = None, system: System | None = None) -> Target:
+        """The target at the system's planes, or at others (m) if the target isn't a focal stack.
+
+        system: another one that differs in its lasers and its eye alone.
+        """
+        args, system = self._args, system or self._system
         if self._picture is None:
             stack = target_from_stack(
-                self._system, args.target, brightness=args.brightness, saturation=args.saturation, space=args.space
+                system, args.target, brightness=args.brightness, saturation=args.saturation, space=args.space
             )
             for note in stack.notes if not self._notes_printed else ():
                 print_stderr(f"note: {args.target}: {note}")
             self._notes_printed = True
             return stack
-        placement = Placement(
-            self._parse_length("at"), args.depth, self._parse_length("near"), self._parse_length("far")
-        )
-        return target_for(
-            self._system, self._picture, placement, args.brightness, saturation=args.saturation, planes=planes_m
-        )
+        key = (system.eye, system.wavelengths_m.tobytes(), None if planes_m is None else planes_m.tobytes())
+        if key not in self._built:  # with an eye, each takes as long as some iterations
+            placement = Placement(
+                self._parse_length("at"), args.depth, self._parse_length("near"), self._parse_length("far")
+            )
+            self._built[key] = target_for(
+                system, self._picture, placement, args.brightness, saturation=args.saturation, planes=planes_m
+            )
+        return self._built[key]
 
     def _read_picture(self) -> Picture:
         picture = read_picture(self._args.target, space=self._args.space)

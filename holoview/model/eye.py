@@ -13,7 +13,7 @@ Rx(λ) = 1.68524 − 633.46/(λ − 214.102 nm).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from holoview.model.dataclass_fields import Description, Nested, described_field, validate
 from holoview.model.field_types import Array, Choice, Coefficients, Number, Truth
+from holoview.model.human_eye import chromatic_refraction, natural_pupil_diameter, refraction_slope
 from holoview.util.errors import UserError
 
 Floats = NDArray[np.float64]
@@ -251,7 +252,18 @@ class Eye(Description):
         """
         if not self.chromatic:
             return 0.0
-        return -(self.eyepiece_m**2) * 633.46e9 / (wavelength_m * 1e9 - 214.102) ** 2
+        return -(self.eyepiece_m**2) * refraction_slope(wavelength_m)
+
+    def moved_to(self, place_m: tuple[float, float]) -> Eye:
+        """The eye with its pupil at another place of the eyebox.
+
+        place_m: (y, x), m.
+
+        >>> import holoview as hv
+        >>> hv.Eye().moved_to((1e-3, 0.0)).pupil_y_m
+        0.001
+        """
+        return replace(self, pupil_y_m=place_m[0], pupil_x_m=place_m[1])
 
     # --- what its pupil passes --------------------------------------------------------------------------------------
 
@@ -299,31 +311,3 @@ class Eye(Description):
         (False, True)
         """
         return bool(self.stiles_crawford or self.prescription.cylinder_dpt or self.prescription.aberration_m)
-
-
-def chromatic_refraction(wavelength_m: Any) -> Floats:
-    """Refraction Rx of the chromatic eye in dioptres, zero near 590 nm: use differences only. See the module.
-
-    wavelength_m: a number or an array.
-
-    >>> import holoview as hv
-    >>> round(float(hv.chromatic_refraction(400e-9) - hv.chromatic_refraction(589e-9)), 2)
-    -1.72
-    """
-    return np.asarray(1.68524 - 633.46 / (np.asarray(wavelength_m, dtype=np.float64) * 1e9 - 214.102))
-
-
-def natural_pupil_diameter(luminance: float, area_deg2: float, age: float = 30.0) -> float:
-    """Diameter (m) of the pupils of a viewer who adapts to a uniform field with both eyes.
-
-    luminance: cd/m². area_deg2: of the field, square degrees. age: years, 20 to 83.
-
-    Watson & Yellott, J. Vis. 12(10), 12 (2012), eq. 21: the unified formula, from that of Stanley & Davies.
-
-    >>> import holoview as hv
-    >>> [round(hv.natural_pupil_diameter(L, 3600.0, 28.58) * 1e3, 2) for L in (0.01, 1.0, 100.0)]
-    [7.06, 5.02, 2.82]
-    """
-    flux = (luminance * area_deg2 / 846) ** 0.41
-    young_mm = 7.75 - 5.75 * flux / (flux + 2)
-    return 1e-3 * float(young_mm + (age - 28.58) * (0.02132 - 0.009562 * young_mm))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.model.eye import Eye
 from holoview.model.system import PLANE_DISTANCES, System
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -21,6 +24,19 @@ def focused_planes(system: System) -> NDArray[np.float64]:
     planes_m = eye.plane_m(eye.accommodation_dpt, system.planes_m)
     _check_focus(system, planes_m, np.zeros(1), system.wavelengths_m[:1])
     return planes_m
+
+
+def eyes_at(system: System, planes: int, places_m: Sequence[tuple[float, float]]) -> tuple[Eye, ...]:
+    """The eye that sees each plane from each of some places (y, x), (place · plane,); from its own place without any.
+
+    Empty without an eye. Raises UserError for places without an eye.
+    """
+    if system.eye is None:
+        if places_m:
+            raise UserError("pupil places", "without an eye", expected="a bench with an eye", remedy="--set eye={}")
+        return ()
+    eyes = [system.eye.moved_to(place) for place in places_m] or [system.eye]
+    return tuple(eye for eye in eyes for _ in range(planes))
 
 
 def plane_label(system: System, plane_m: float, digits: int | None = None) -> str:

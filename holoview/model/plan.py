@@ -20,7 +20,7 @@ from holoview.colour import observer_weights
 from holoview.model.bench_parts import Relay, Sampling
 from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.eye import Eye
-from holoview.model.focus import focus_shift, focused_planes
+from holoview.model.focus import eyes_at, focus_shift, focused_planes
 from holoview.model.passband import Band, band_limit, band_of_rows, limited_rows, rows_in_disc, stop_rows
 from holoview.model.system import PLANE_DISTANCES, System
 from holoview.model.transfer import Transfer
@@ -75,6 +75,7 @@ class Plan:
     colour_weights: (wavelength, 3) XYZ of unit intensity.
     nominal: the system as it was given.
     focus_shift_m: (wavelength,) how much larger z is on which an eye is focused at each wavelength; 0 without an eye.
+    eyes: (plane,) the eye that sees each plane, with its pupil at its place; empty without an eye.
     moments: M factors of the optical paths that each exposure averages over, (1.0,) without such effects. Frame
     f·M + m of `system` shows frame f of the drive with factor m.
 
@@ -92,8 +93,11 @@ class Plan:
     colour_weights: NDArray[np.float64]
     nominal: System
     focus_shift_m: NDArray[np.float64]
+    eyes: tuple[Eye, ...] = ()
     moments: tuple[float, ...] = (1.0,)
-    _transfers: dict[tuple[float, int, int], Transfer] = field(default_factory=dict, repr=False, compare=False)
+    _transfers: dict[tuple[float, int, int, Eye | None], Transfer] = field(
+        default_factory=dict, repr=False, compare=False
+    )
     _stops: dict[tuple[int, int], NDArray[np.int32]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -119,13 +123,23 @@ class Plan:
         """
         return self.system.relay1, self.system.relay2
 
-    def transfer(self, relay: int, wavelength: int, distance_m: float) -> Transfer:
+    def eye_at(self, plane: int) -> Eye | None:
+        """The eye that sees the plane of an index; None without an eye.
+
+        >>> import holoview as hv
+        >>> hv.make_plan(hv.load("holochrome-8")).eye_at(0) is None
+        True
+        """
+        return self.eyes[plane] if self.eyes else None
+
+    def transfer(self, relay: int, wavelength: int, distance_m: float, eye: Eye | None = None) -> Transfer:
         """The propagation over a distance through a relay; derived at the first call and kept.
 
         relay: 0 for the gap between the modulators, 1 for the way from the last modulator to a plane.
         wavelength: index of the wavelength in `system`.
         distance_m: distance in metres, at least 0. With an eye, that of the plane on which it is focused at its
         reference wavelength: at others it is focused elsewhere, and the `Transfer` leads there.
+        eye: of the plane; that of `nominal` when None.
 
         Returns a `Transfer`. `holoview.optics.propagate.transfer_function` evaluates it.
 
@@ -135,11 +149,12 @@ class Plan:
         >>> round(transfer.waves), transfer.support.shape
         (10870, (192, 3))
         """
-        key = (distance_m, relay, wavelength)
+        eye = (eye or self.nominal.eye) if relay == 1 else None
+        key = (distance_m, relay, wavelength, eye)
         if key not in self._transfers:
             λ, grid = float(self.system.wavelengths_m[wavelength]), self.grid
-            support, shift_m, eye = self._stop_rows(relay, wavelength), (0.0, 0.0), self.nominal.eye
-            if relay == 1 and eye is not None:
+            support, shift_m = self._stop_rows(relay, wavelength), (0.0, 0.0)
+            if eye is not None:
                 focus_shift_m = float(self.focus_shift_m[wavelength])
                 distance_m, shift_m = distance_m + focus_shift_m, eye.image_shift_m(focus_shift_m)
                 support = self._seen_rows(eye, support, λ)
@@ -191,15 +206,22 @@ class Plan:
         return [int(frame) for frame in np.flatnonzero(self.weights[:, wavelength])]
 
 
-def make_plan(system: System, planes: Sequence[float | str] | NDArray[np.float64] | None = None) -> Plan:
+def make_plan(
+    system: System,
+    planes: Sequence[float | str] | NDArray[np.float64] | None = None,
+    places_m: Sequence[tuple[float, float]] = (),
+) -> Plan:
     """The numbers of a simulation, derived from a system.
 
     system: the display.
     planes: distances of the focal planes from the last modulator, metres or text such as "10 mm"; those of the system
     when None, or with an eye those on which it is focused.
+    places_m: places (y, x) of the eye's pupil, from each of which all planes are seen, in this order; its own place
+    when empty.
 
     Returns a `Plan`. Raises UserError for an empty list of planes, for a negative distance or one above 1 m, for an eye
-    that is focused at such a distance at any wavelength, and for effects that such a system can't have.
+    that is focused at such a distance at any wavelength, for places without an eye, and for effects that such a system
+    can't have.
 
     >>> import holoview as hv
     >>> hv.make_plan(hv.load("holochrome-8"), ["5 mm", 0.01]).planes_m.tolist()
@@ -212,7 +234,8 @@ def make_plan(system: System, planes: Sequence[float | str] | NDArray[np.float64
         system, moments = _as_built(system.edit({"planes": planes_m}))
         planes_m = system.planes_m
     sources = len(system.source.directions_rad)
-    shift_m = focus_shift(nominal, planes_m, system.wavelengths_m)
+    shift_m, eyes = focus_shift(nominal, planes_m, system.wavelengths_m), eyes_at(nominal, len(planes_m), places_m)
+    planes_m = np.tile(planes_m, max(len(places_m), 1))
     return Plan(
         system=system,
         planes_m=planes_m,
@@ -222,6 +245,7 @@ def make_plan(system: System, planes: Sequence[float | str] | NDArray[np.float64
         colour_weights=observer_weights(system.observer, system.wavelengths_m),
         nominal=nominal,
         focus_shift_m=shift_m,
+        eyes=eyes,
         moments=moments,
     )
 

@@ -22,12 +22,11 @@ from holoview.optics.propagate import direction_sines
 _STILES_CRAWFORD = 0.05e6  # 1/m²
 
 
-def eye_pupil(plan: Plan, wavelength: int) -> torch.Tensor | None:
-    """The pupil function (P_y, P_x) complex128 of the eye of a plan, in `fftfreq` order.
+def eye_pupil(plan: Plan, wavelength: int, eye: Eye | None) -> torch.Tensor | None:
+    """The pupil function (P_y, P_x) complex128 of an eye, on the grid of a plan, in `fftfreq` order.
 
     Without the stop itself, which is in the plan's support; None where it only stops light.
     """
-    eye = plan.nominal.eye
     if eye is None or not eye.has_pupil_function:
         return None
     λ = float(plan.system.wavelengths_m[wavelength])

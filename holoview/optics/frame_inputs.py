@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from holoview.model.eye import Eye
 from holoview.model.plan import Plan
 from holoview.optics.eye_pupil import eye_pupil
 from holoview.optics.plain_inputs import check_drive_dtype, check_drive_range
@@ -62,19 +63,19 @@ def make_frame_inputs(plan: Plan, drive: torch.Tensor | NDArray[np.floating]) ->
     return FrameInputs(exposure_optical_paths(plan, patterns), pupils, sampled)
 
 
-def pupil_with_effects(plan: Plan, relay: int, wavelength: int) -> torch.Tensor | None:
+def pupil_with_effects(plan: Plan, relay: int, wavelength: int, eye: Eye | None = None) -> torch.Tensor | None:
     """The pupil (P_y, P_x) complex128 of a relay with its effects, behind relay 2 also that of the eye.
 
-    None where light is only stopped.
+    None where light is only stopped. eye: that of the plan when None.
     """
-    pupil = pupil_without_effects(plan, relay, wavelength)
+    pupil = pupil_without_effects(plan, relay, wavelength, eye)
     return _product(pupil, effects_pupil(plan, relay, wavelength)) if plan.nominal.effects else pupil
 
 
-def pupil_without_effects(plan: Plan, relay: int, wavelength: int) -> torch.Tensor | None:
+def pupil_without_effects(plan: Plan, relay: int, wavelength: int, eye: Eye | None = None) -> torch.Tensor | None:
     """The same without effects."""
     pupil = nominal_pupil(plan, relay, wavelength, torch.complex128, torch.device("cpu"))
-    return _product(pupil, eye_pupil(plan, wavelength)) if relay == 1 else pupil
+    return _product(pupil, eye_pupil(plan, wavelength, eye or plan.nominal.eye)) if relay == 1 else pupil
 
 
 def _product(first: torch.Tensor | None, second: torch.Tensor | None) -> torch.Tensor | None:

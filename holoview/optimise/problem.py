@@ -119,7 +119,7 @@ class Problem:
     def set_wavelengths(self, wavelengths_m: Floats) -> None:
         """Changes to other wavelengths (wavelength,) on the same grid."""
         self.system = self.system.edit({"wavelengths": wavelengths_m})
-        plan = replace(make_plan(self.system), grid=self.model.plan.grid)
+        plan = replace(make_plan(self.system, places_m=self.settings.pupil_places_m), grid=self.model.plan.grid)
         self.model.set_plan(with_only_lasers(plan, self.model.lasers))
         self.objective.wavelength_channels = channels_of_wavelengths(self.objective.loss, plan, self.objective.target)
         self.eyebox = EyeboxPenalty(self.model)
@@ -277,7 +277,7 @@ class Problem:
 
 def _plan_for(system: System, settings: Settings) -> Plan:
     """The plan; where wavelengths are free, on a grid padded for the walk-off of the longest one allowed."""
-    plan = make_plan(system)
+    plan = make_plan(system, places_m=settings.pupil_places_m)
     if "wavelengths" not in settings.free:
         return plan
     longest = system.wavelengths_m.copy()

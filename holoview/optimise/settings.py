@@ -31,6 +31,8 @@ class Settings:
     wavelength_range_m: least and greatest wavelength of lasers whose wavelength is free, m.
     wavelength_spacing_m: least distance between two of them, m.
     wavelength_step_m: Adam's first step of wavelengths, m.
+    pupil_places_m: places (y, x) of the pupil of the system's eye in the eyebox, m, from each of which the target is
+    given and counts; that of the system alone when empty. Not with free wavelengths.
 
     Raises UserError for values out of range.
 
@@ -54,6 +56,7 @@ class Settings:
     wavelength_range_m: tuple[float, float] = (440e-9, 660e-9)
     wavelength_spacing_m: float = 4e-9
     wavelength_step_m: float = 3e-9
+    pupil_places_m: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         for key, count in (("iterations", self.iterations), ("amplitudes_every", self.amplitudes_every)):
@@ -76,6 +79,10 @@ class Settings:
             raise UserError("begin", f'"{self.begin}"', expected=" or ".join(INITIAL_PATTERNS))
         self._check_region_and_weights()
         self._check_wavelengths()
+        places = tuple((float(y), float(x)) for y, x in self.pupil_places_m)
+        object.__setattr__(self, "pupil_places_m", places)
+        if places and "wavelengths" in self.free:
+            raise UserError("free", "wavelengths with several places of the pupil", expected="patterns and amplitudes")
 
     def loss_for(self, observer: str) -> str:
         """The name of the loss.

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import torch
 
+from holoview.model.eye import Eye
 from holoview.model.plan import Plan
 from holoview.optics.frame_inputs import pupil_with_effects, pupil_without_effects
 from holoview.optics.propagate import phase_per_metre, phase_wavelength_derivative, transfer_function_at
@@ -71,7 +72,7 @@ class TransferFunctions:
         """Evaluates the transfer functions of the wavelength that is number `i` of those in use."""
         gap_m, padded = self.plan.system.gap_m, math.prod(self.plan.grid.padded)
         for k, z in enumerate(self.plan.planes_m):
-            transfer = self.relay_transfer(1, wavelength, float(z)) / padded
+            transfer = self.relay_transfer(1, wavelength, float(z), self.plan.eye_at(k)) / padded
             for block, columns in zip(self.planes, self.columns, strict=True):
                 block[i, k] = transfer[:, columns]
         if gap_m is None:
@@ -88,13 +89,13 @@ class TransferFunctions:
         gap_m = self.plan.system.gap_m
         return (1.0 if gap_m is None else self._transmitted_share(0, wavelength, gap_m)) * last, last
 
-    def relay_transfer(self, relay: int, wavelength: int, distance_m: float) -> Tensor:
-        """H × pupil in a relay's band; complex128 with a pupil."""
+    def relay_transfer(self, relay: int, wavelength: int, distance_m: float, eye: Eye | None = None) -> Tensor:
+        """H × pupil in a relay's band, seen by an eye or by that of the plan; complex128 with a pupil."""
         ky, kx = (frequencies.to(self._float64_device) for frequencies in self._frequencies(relay))
-        transfer = self.plan.transfer(relay, wavelength, distance_m)
+        transfer = self.plan.transfer(relay, wavelength, distance_m, eye)
         if 0 in (len(ky), len(kx)):
             return torch.zeros(len(ky), len(kx), dtype=self.dtype, device=self._float64_device)
-        pupil = pupil_with_effects(self.plan, relay, wavelength)
+        pupil = pupil_with_effects(self.plan, relay, wavelength, eye)
         if pupil is None:
             return transfer_function_at(transfer, ky, kx, self.dtype)
         pupil = pupil.to(self._float64_device)[ky][:, kx]
