@@ -8,6 +8,7 @@ from typing import Any
 
 from imgui_bundle import imgui
 
+from holoview.model.effects.list_parameter import ListParameter
 from holoview.model.effects.parameter import Parameter
 from holoview.model.field_types import Choice, Integer, Number
 from holoview.util import units
@@ -38,15 +39,28 @@ def number_field(
     return _slider(name, _Scale(kind.unit, unit_scale(kind)), value, reset, (low, high), note)
 
 
-def parameter_field(parameter: Parameter, value: float) -> WidgetEdit | None:
-    """Draws a slider for a parameter of an effect; a right click restores its identity, where it has no effect."""
+def parameter_field(parameter: Parameter, value: Any) -> WidgetEdit | None:
+    """Draws a slider for a parameter of an effect; a right click restores its identity, where it has no effect.
+
+    A list is a line of text, which Enter accepts.
+    """
     p = parameter
+    if isinstance(p, ListParameter):
+        return _list_field(p, value)
     kind = Number(p.shown if p.is_quantity else "", p.low, p.high)
     reach = _PRIOR_MULTIPLE * p.prior
     first, last, _ = p.scan or (p.identity, p.identity, 0.0)
     low, high = max(p.low, min(p.identity - reach, first)), min(p.high, max(p.identity + reach, last))
     note = f"{p.doc}\n{kind.format_range()}; right click: back to {p.format(p.identity)}, where it does nothing"
     return _slider(p.name.replace("_", " "), _Scale(p.shown, unit_scale(kind)), value, p.identity, (low, high), note)
+
+
+def _list_field(p: ListParameter, value: Any) -> WidgetEdit | None:
+    name, shown = p.name.replace("_", " "), p.format(value, digits=6)
+    entered, text = imgui.input_text(name, shown, imgui.InputTextFlags_.enter_returns_true)
+    if _tooltip_and_reset(f"{p.doc}\nnumbers with commas; Enter accepts them, a right click empties the list"):
+        return WidgetEdit(p.identity, False)
+    return WidgetEdit(text, False) if entered else None
 
 
 def count_field(name: str, kind: Integer, value: int, reset: int, doc: str) -> WidgetEdit | None:

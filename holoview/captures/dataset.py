@@ -115,6 +115,13 @@ class Captures:
         return len(self.levels)
 
     @property
+    def first_pixel(self) -> tuple[int, int]:
+        """Row and column of the first modulator pixel, counted in the modulator that these are the middle of."""
+        rows, columns = self.levels.shape[2:]
+        whole = self.slm_frame or (rows, columns)
+        return (whole[0] - rows) // 2, (whole[1] - columns) // 2
+
+    @property
     def is_fourier(self) -> bool:
         """Whether the camera is in the focal plane of a lens."""
         return self.focal_length_m is not None

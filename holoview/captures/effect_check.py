@@ -63,4 +63,4 @@ def _check_prediction(predictor: Predictor, effect: Effect, shape: tuple[int, in
 
 def _probe_values(effect: Effect, step: float) -> dict[str, float]:
     """Every parameter at its identity plus `step` priors, within its bounds."""
-    return {p.name: min(max(p.identity + step * p.prior, p.low), p.high) for p in effect.parameters}
+    return {p.name: p.nudged(step) for p in effect.parameters}

@@ -27,6 +27,7 @@ polarisation      light that isn't modulated and adds in intensity
 flicker           ripple of the phase within an exposure
 slm_flatness      static wavefront of a modulator
 slm1_fringes, slm2_fringes  fringes of a modulator's cover glass; slm_fringes_base: their base class
+slm1_stuck, slm2_stuck  columns, rows and pixels that are stuck; slm_stuck_base: their base class
 slm_alignment     position of the second modulator; alignment_base: its base class
 
 relays
@@ -51,16 +52,18 @@ calibrated        the effect that applies learned maps; calibration: the maps an
 
 starting_grids    starting points that several effects share
 fringe_depths     depth and phase of fringes at each wavelength
+stuck_places      stuck columns, rows and pixels in words
 effect, parameter, places: deprecated names of modules of `holoview.model.effects`
 """
 
 from typing import Any
 
 from holoview.model.effects.effect import DataProperties, Effect, Needs
+from holoview.model.effects.list_parameter import ListParameter
 from holoview.model.effects.old_names import moved
 from holoview.model.effects.parameter import Parameter, Values
 
-__all__ = ["DataProperties", "Effect", "Needs", "Parameter", "Values"]
+__all__ = ["DataProperties", "Effect", "ListParameter", "Needs", "Parameter", "Values"]
 
 _old = moved(__name__, "holoview.model.effects.effect", {"Facts": "DataProperties"})
 

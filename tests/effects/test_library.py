@@ -21,6 +21,8 @@ IDS = [
     "lut",
     "lut_dispersion",
     "stroke_map",
+    "slm1_stuck",
+    "slm2_stuck",
     "dispersion",
     "tilt",
     "source_profile",
@@ -75,10 +77,11 @@ def test_an_effect_states_what_others_need_to_know(name: str) -> None:
     assert effect.cause.endswith(".") and set(effect.acts_on) <= PLACES
     assert all(other in listed_effects() for other in (*effect.degeneracies(RICH), *effect.degenerate_with))
     for p in effect.parameters:
-        assert p.low <= p.identity <= p.high and p.prior > 0 and p.doc.endswith(".")
+        assert p.has_sound_bounds and p.doc.endswith(".")
         assert p.parse(p.to_toml(p.identity), name) == p.identity
-        inside = min(p.identity + p.prior, p.high)
-        assert p.from_fit(p.to_fit(inside)) == pytest.approx(inside, rel=1e-12)
+        for own in p.free_entries(p.nudged(1.0)):
+            inside = own.read({p.name: p.nudged(1.0)})
+            assert own.from_fit(own.to_fit(inside)) == pytest.approx(inside, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", IDS)
@@ -100,8 +103,9 @@ def test_every_start_of_a_search_is_a_bench_that_can_be_and_differs(name: str, m
     predict, effect = Predictor(captures), listed_effects()[name]
     starts = list(effect.starting_points(captures.nominal_system()))
     plain = predict([1])
-    for values in (starts or [{p.name: p.prior for p in effect.parameters}])[:: max(1, len(starts) // 4)]:
-        assert all(p.low <= values.get(p.name, p.identity) <= p.high for p in effect.parameters)
+    for values in (starts or [{p.name: p.nudged(1.0) for p in effect.parameters}])[:: max(1, len(starts) // 4)]:
+        given = [p for p in effect.parameters if p.name in values]
+        assert all(p.parse(p.to_toml(values[p.name]), name) == values[p.name] for p in given)
         changed = predict([1], {name: values})
         same = torch.equal(changed.signal, plain.signal) and changed.black_level == plain.black_level
         same = same and changed.ambient is None

@@ -47,7 +47,7 @@ def _system(**changes: Any) -> System:
 
 def _with_effect(name: str) -> System:
     parameters = listed_effects()[name].parameters
-    return _system(**{f"effects.{name}.{p.name}": min(p.identity + p.prior, p.high) for p in parameters})
+    return _system(**{f"effects.{name}.{p.name}": p.nudged(1.0) for p in parameters})
 
 
 def _losses(system: System, settings: dict[str, Any], device: str) -> list[float]:

@@ -22,7 +22,7 @@ Opened = Callable[..., Any]
 TOLERANCE = 2e-6
 """Relative L2 of the intensities, as for whole frames without effects."""
 
-EFFECTS: dict[str, dict[str, dict[str, float]]] = {
+EFFECTS: dict[str, dict[str, dict[str, Any]]] = {
     "modulators": {"crosstalk": {"sigma": 0.5}, "undiffracted": {"share": 0.2}, "dispersion": {"slope": 0.2}},
     "modulator 2": {"slm_alignment": {"shift_y": 3e-6, "rotation": 0.01, "magnification": 0.02}},
     "source": {"source_profile": {"fall": 0.5, "slope_x": 0.2}, "tilt": {"tilt_y": 2e-3}},
@@ -32,6 +32,10 @@ EFFECTS: dict[str, dict[str, dict[str, float]]] = {
     "relays": {"aberration1": {"z5": 1e-7}, "aberration2": {"z7": 1e-7}, "iris1": {"decentre_y": 0.2}},
     "incoherent": {"bandwidth": {"sigma": 1e-9}, "flicker": {"depth": 0.1}, "crosstalk": {"sigma": 0.3}},
     "cover glasses": {"slm1_fringes": {"path_y": 2e-6, "cos1": 0.1}, "slm2_fringes": {"path_x": -3e-6, "sin1": 0.2}},
+    "dead lines and pixels": {
+        "slm1_stuck": {"columns": [2, 9], "column_levels": [0.3, 0.8], "pixel_rows": [1], "pixel_columns": [4]},
+        "slm2_stuck": {"rows": [3, 4], "row_levels": [0.6]},
+    },
     "two lines, two polarisations": {
         "second_line": {"share": 0.4, "offset": 3e-9},
         "polarisation": {"share": 0.2},

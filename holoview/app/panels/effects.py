@@ -127,7 +127,7 @@ def _by_place(effects: list[Effect]) -> dict[str, list[Effect]]:
 def _typical_values(effect: Effect) -> dict[str, float]:
     """Initial values: the first parameter is its prior away from its identity, so that the effect is visible."""
     first = effect.parameters[0]
-    return {first.name: min(max(first.identity + first.prior, first.low), first.high)}
+    return {first.name: first.nudged(1.0)}
 
 
 def _name(effect: Effect) -> str:

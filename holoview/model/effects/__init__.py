@@ -2,6 +2,7 @@
 
 effect          base class `Effect`, its hooks, and what it requires of the data
 parameter       a parameter of an effect: unit, bounds, prior, the value at which it is off
+list_parameter  a parameter that is a list of numbers
 registry        all effects by id: those of `holoview.effects` and those of users' files
 effect_table    the field of `System` that holds the active effects and their values
 active_effects  active effects applied to a `System`, to laser powers and exposures, without torch

@@ -74,6 +74,31 @@ class Parameter:
             return units.format_rounded(value, self.shown, digits)
         return f"{value:.{digits}g} {self.shown}".rstrip()
 
+    @property
+    def has_sound_bounds(self) -> bool:
+        """Whether the identity lies within the bounds and the prior is positive."""
+        return bool(self.low <= self.identity <= self.high and self.prior > 0)
+
+    def nudged(self, priors: float) -> Any:
+        """The value so many priors from the identity, within the bounds."""
+        return min(max(self.identity + priors * self.prior, self.low), self.high)
+
+    def added(self, known: Any, found: Any) -> Any:
+        """What a bench has of which `known` was known and `found` was found on top of it, within the bounds."""
+        return min(max(known + found - self.identity, self.low), self.high)
+
+    def free_entries(self, value: Any) -> tuple[Parameter, ...]:
+        """What a fit varies where the parameter has this value: itself, or the entries of a list."""
+        return (self,)
+
+    def read(self, values: Mapping[str, Any]) -> Any:
+        """Its value among those of its effect, the identity where none is given."""
+        return values.get(self.name, self.identity)
+
+    def written(self, values: Mapping[str, Any], value: Any) -> dict[str, Any]:
+        """The values of its effect with this one changed."""
+        return {**values, self.name: value}
+
     def scan_values(self) -> Iterator[float]:
         """The values of `scan` without the identity."""
         if self.scan is not None:
@@ -152,5 +177,5 @@ class Values(Mapping[str, float]):
         return tuple(self._values.values())
 
 
-def _is_identity(value: Any, identity: float) -> bool:
-    return isinstance(value, int | float) and value == identity
+def _is_identity(value: Any, identity: Any) -> bool:
+    return not isinstance(value, str) and bool(value == identity)

@@ -110,5 +110,5 @@ def _check(effect: Effect, where: str) -> None:
         if not getattr(effect, name, None):
             raise UserError(where, f"{type(effect).__name__} has no `{name}`", expected="every field that Effect lists")
     for p in effect.parameters:
-        if not p.low <= p.identity <= p.high or not p.prior > 0:
+        if not p.has_sound_bounds:
             raise UserError(where, f"parameter {p.name} of {effect.id}", expected="low ≤ identity ≤ high and prior > 0")

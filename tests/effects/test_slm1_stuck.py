@@ -1,0 +1,100 @@
+"""Stuck pixels show their level and nothing that is sent, whichever part of the modulator is looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+import holoview as hv
+from holoview.captures.dataset import Captures
+from holoview.captures.predictor import Predictor
+from holoview.engine.frame import compute_focal_stack
+from holoview.engine.torch_executor import TorchExecutor
+from holoview.model import preset
+from holoview.model.effects.hook_contexts import ModulatorContext
+from holoview.model.effects.registry import get_effect
+from holoview.model.plan import make_plan
+from holoview.optics.frame_inputs import make_frame_inputs
+from holoview.util.errors import UserError
+
+Make = Callable[..., Captures]
+STUCK = {
+    "columns": (2, 27),
+    "column_levels": (5 / 15, 9 / 15),
+    "rows": (19,),
+    "row_levels": (0.2,),
+    "pixel_rows": (4, 5),
+    "pixel_columns": (11, 11),
+    "pixel_levels": (1.0,),
+}
+
+
+def test_captures_are_those_of_patterns_that_hold_the_levels(make_session: Make) -> None:
+    """Of 16 levels, so that 5 is a third of the stroke. Where lines cross, the column is seen."""
+    captures = make_session(1)
+    levels = captures.levels.copy()
+    levels[:, 0, 19], levels[:, 0, 4:6, 11] = 3, 15
+    levels[:, 0, :, 2], levels[:, 0, :, 27] = 5, 9
+    found = Predictor(captures, double_precision=True)([0], {"slm1_stuck": STUCK}).signal
+    expected = Predictor(replace(captures, levels=levels), double_precision=True)([0]).signal
+    torch.testing.assert_close(found, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_an_observer_sees_nothing_of_what_is_sent_to_a_dead_line() -> None:
+    changes = {"shape": [8, 12], "effects.slm1_stuck.columns": [3], "effects.slm1_stuck.column_levels": [0.4]}
+    system = hv.load("holochrome-8").edit(changes)
+    drive = np.random.default_rng(0).random(system.drive_shape)
+    other = drive.copy()
+    other[:, 0, :, 3] = 0.9
+    plan = make_plan(system)
+    one, two = (compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, sent)))[1] for sent in (drive, other))
+    assert np.array_equal(one, two)
+
+
+def test_a_part_of_the_modulator_counts_from_the_edge_of_the_whole() -> None:
+    effect, whole = get_effect("slm1_stuck"), (20, 28)
+    v = effect.parameter_values(STUCK)
+    sent = torch.rand(whole, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    shown = effect.stroke_response(sent, ModulatorContext(0, 520e-9, 780e-9, 8e-6, whole, 1), v)
+    middle = ModulatorContext(0, 520e-9, 780e-9, 8e-6, (14, 24), 1, frame=whole)
+    assert torch.equal(effect.stroke_response(sent[3:17, 2:26], middle, v), shown[3:17, 2:26])
+
+
+def test_the_last_level_holds_for_all_that_have_none() -> None:
+    effect, at = get_effect("slm1_stuck"), ModulatorContext(0, 520e-9, 780e-9, 8e-6, (4, 6), 1)
+    v = effect.parameter_values({"rows": (0, 2, 3), "row_levels": (0.1, 0.7)})
+    shown = effect.stroke_response(torch.full((4, 6), 0.5), at, v)
+    assert shown[:, 0].tolist() == pytest.approx([0.1, 0.5, 0.7, 0.7])
+
+
+def test_presets_hold_lists_and_the_command_line_takes_text() -> None:
+    system = hv.load("holochrome-8").edit(
+        {"effects.slm1_stuck.columns": "3, 40", "effects.slm1_stuck.column_levels": [0.25]}
+    )
+    assert system.effect_values["slm1_stuck"] == {"columns": (3, 40), "column_levels": (0.25,)}
+    assert preset.loads(preset.dumps(system)).effect_values == system.effect_values
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"columns": [-1]}, r"columns\[0\]"),
+        ({"columns": [1.5]}, r"columns\[0\]"),
+        ({"columns": "left"}, "numbers, with commas"),
+        ({"row_levels": [0.5, 3.0]}, r"row_levels\[1\].*3 is out of range"),
+        ({"row_levels": [float("nan")]}, r"row_levels\[0\]"),
+    ],
+)
+def test_what_no_modulator_has_is_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(UserError, match=words):
+        hv.load("holochrome-8").edit({f"effects.slm1_stuck.{key}": value for key, value in changes.items()})
+
+
+def test_a_pixel_needs_a_row_and_a_column(make_session: Make) -> None:
+    with pytest.raises(UserError, match="2 pixel_rows and 1 pixel_columns"):
+        Predictor(make_session(1))([0], {"slm1_stuck": {"pixel_rows": (1, 2), "pixel_columns": (3,)}})
