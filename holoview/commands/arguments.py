@@ -140,7 +140,8 @@ def warn_of_camera_effects(system: System) -> None:
     if not system.effects:
         return
     if camera := [effect.id for effect in ActiveEffects(system.effect_values).camera_effects()]:
-        print_stderr(f"note: {', '.join(camera)} belong to the camera that took captures; eyes don't look through it")
+        belong = "belongs" if len(camera) == 1 else "belong"
+        print_stderr(f"note: {', '.join(camera)} {belong} to the camera that took captures; eyes don't look through it")
 
 
 def _parse_assignment(text: str, flag: str = "--set", example: str = 'gap="3 mm"') -> tuple[str, Any]:

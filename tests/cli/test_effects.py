@@ -79,7 +79,7 @@ def test_a_hologram_is_made_for_the_bench_as_it_is_and_shown_on_any(
 
 def test_the_cameras_effects_are_set_apart(holoview: Run) -> None:
     arguments = ("holochrome-8", *SMALL, "--effects", "camera_gamma.exponent=0.2", "--backend", "torch", "-o", "a.png")
-    assert "camera_gamma belong to the camera" in holoview("render", *arguments).err
+    assert "camera_gamma belongs to the camera" in holoview("render", *arguments).err
 
 
 @pytest.mark.parametrize(
