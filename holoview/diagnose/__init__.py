@@ -24,6 +24,8 @@ displacement_starts starting values where the image has moved
 ghost_starts        starting values where a copy lies over the image
 smear_starts        starting values where the image is smeared along a line
 fringe_starts       starting values where plane fringes lie over the image
+stuck_starts        starting values where columns, rows or pixels of a modulator are stuck
+replacement_gains   what pixels of a modulator would gain if they showed one level, by an adjoint pass
 effect_scan         scans of one effect's range
 effect_fit          local least-squares fits
 fit_improvements    longer steps, hard edges, axes, fewer parameters
@@ -43,6 +45,7 @@ cause_description   causes as they are reported
 uncertainty         confidence intervals; correlations between effects
 confounders         look-alikes, and the capture that separates them
 free_maps           where an error lives that no effect explains
+pixel_maps          which pixels, columns and rows of a modulator stand out
 excess_breakdown    χ²/n by property of the pixels
 fit_statistics      PSNR and explained variance of held-out captures
 formatting          values with their intervals as text

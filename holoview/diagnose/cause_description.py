@@ -5,15 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from holoview.captures.fit_quality import FitQuality
+from holoview.diagnose.comparison import Values
 from holoview.diagnose.confounders import best_separating_capture, lookalike_correlations
 from holoview.diagnose.diagnosis import Cause
 from holoview.diagnose.field_count import is_very_costly
 from holoview.diagnose.fit_statistics import fit_quality
+from holoview.diagnose.free_parameters import free_parameters_of
 from holoview.diagnose.held_out_ranking import SearchResult
 from holoview.diagnose.power_law import PowerLawFit
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.uncertainty import confidence_intervals, local_jacobian
 from holoview.diagnose.verdict import Decision
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.list_parameter import ListParameter
 
 
 def describe_causes(context: SearchContext, result: SearchResult, decision: Decision) -> list[Cause]:
@@ -45,7 +49,8 @@ def describe_causes(context: SearchContext, result: SearchResult, decision: Deci
                 effect=effect.id,
                 sentence=effect.format_finding(context.system, fit.values[effect.id]),
                 intervals={name: interval for (e, name), interval in intervals.items() if e == effect.id},
-                units={p.name: p.unit for p in effect.parameters},
+                units=_units(effect, fit.values),
+                lists=_lists(effect, fit.values),
                 excess_explained=float(np.clip(share, 0.0, 1.0)),
                 gain_db=after.psnr_db - before.psnr_db,
                 before=before,
@@ -65,9 +70,20 @@ def describe_power_law(context: SearchContext, law: PowerLawFit) -> Cause:
         effect=effect.id,
         sentence=effect.format_finding(context.system, law.values[effect.id]),
         intervals={name: interval for (_, name), interval in law.intervals.items()},
-        units={p.name: p.unit for p in effect.parameters},
+        units=_units(effect, law.values),
         excess_explained=1.0 - (law.spread_after / law.spread_before) ** 2,
         gain_db=20 * float(np.log10(law.spread_before / max(law.spread_after, 1e-9))),
         before=no_image,
         after=no_image,
     )
+
+
+def _units(effect: Effect, values: Values) -> dict[str, str]:
+    """The unit of each parameter, entries of lists included."""
+    return {p.name: p.unit for _, p in free_parameters_of([effect], values, include_fine=True).entries}
+
+
+def _lists(effect: Effect, values: Values) -> dict[str, tuple[float, ...]]:
+    """The effect's lists whose entries no fit varies, without empty ones."""
+    lists = {p: p.read(values.get(effect.id, {})) for p in effect.parameters if isinstance(p, ListParameter)}
+    return {p.name: own for p, own in lists.items() if own and not p.free_entries(own)}

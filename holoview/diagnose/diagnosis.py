@@ -16,6 +16,7 @@ from holoview.diagnose.bad_captures import BadCapture
 from holoview.diagnose.excess_breakdown import ExcessBreakdown
 from holoview.diagnose.free_maps import FreeMapFit
 from holoview.diagnose.free_parameters import FittedValues
+from holoview.diagnose.pixel_maps import PixelMap
 from holoview.diagnose.suggestions import suggest_for
 from holoview.diagnose.uncertainty import Interval
 from holoview.diagnose.verdict import Verdict
@@ -27,8 +28,9 @@ Image = NDArray[np.float32]
 class Cause:
     """A cause that was named.
 
-    effect: its id. sentence: the finding in words. intervals, units: of each parameter, SI. excess_explained: share of
-    the excess of the model that lacks only this cause. gain_db: PSNR that it gains on held-out captures. before, after:
+    effect: its id. sentence: the finding in words. intervals, units: of each parameter, SI; entries of a list count
+    one by one. lists: those without intervals, rows and columns. excess_explained: share of the excess of the
+    model that lacks only this cause. gain_db: PSNR that it gains on held-out captures. before, after:
     quality without and with it. confounded_with: effects that change captures alike, with the correlation (1: the same
     physics). separate_by: the capture, in words, that would separate the causes from their first rival. choice: of a
     wrong record, what happened to it; None for effects.
@@ -45,6 +47,7 @@ class Cause:
     confounded_with: dict[str, float] = field(default_factory=dict)
     separate_by: str | None = None
     choice: str | None = None
+    lists: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,7 @@ class Diagnosis:
 
     values: the effects of the extended model; empty for the nominal one. rivals: sets of causes that can't be excluded.
     unexplained: share of the excess that no cause explains. free_maps: the places where free maps explain much of it.
+    pixel_maps: how much single pixels of each modulator stand out in it.
     groups: quality by wavelength and plane. candidates: all that were ranked, best first. samples: a few held-out
     captures. signal_explained: share of the captures' variance, before and after. fixed_pattern: standard deviation of
     the pixels' relative sensitivity. gain_spread: of the logarithm of the gains about those of their wavelength.
@@ -115,6 +119,7 @@ class Diagnosis:
     notes: tuple[str, ...]
     seconds: float
     records: RecordFindings = field(default_factory=RecordFindings)
+    pixel_maps: tuple[PixelMap, ...] = ()
 
     @property
     def lives_in(self) -> dict[str, float]:
@@ -191,6 +196,10 @@ def _cause(cause: Cause) -> dict[str, Any]:
                 ],
             }
             for name, interval in cause.intervals.items()
+        }
+        | {
+            name: {"value": list(entries), "unit": "1", "sigma": None, "interval": None}
+            for name, entries in cause.lists.items()
         },
         "excess_explained": _json_number(cause.excess_explained),
         "gain_db": _json_number(cause.gain_db),

@@ -37,7 +37,8 @@ class CandidateFit:
     @property
     def parameter_count(self) -> int:
         """How many numbers it states."""
-        return sum(len(values) for values in self.values.values())
+        numbers = [x for values in self.values.values() for x in values.values()]
+        return sum(len(x) if isinstance(x, tuple) else 1 for x in numbers)
 
     def without(self, name: str) -> CandidateFit:
         """The same values with one cause off; the others aren't fitted again, and the cost is unknown (infinite)."""
@@ -70,7 +71,7 @@ def local_fit(
     iterations, tolerance: those of `config` when None. include_fine: vary the fine parameters too. step_factor: of the
     difference steps. fixed: (effect, parameter) pairs that keep their start.
     """
-    free = free_parameters_of(effects, include_fine=include_fine)
+    free = free_parameters_of(effects, start, include_fine=include_fine)
     varied = FreeParameters(tuple((e, p) for e, p in free.entries if (e, p.name) not in fixed))
     values, cost = start, cost_or_inf(comparison, start)
     if len(varied):
@@ -137,7 +138,7 @@ def effect_jacobian(
 
     residual: the residuals at `values`. step_factor: of the difference steps.
     """
-    free = free_parameters_of([effect])
+    free = free_parameters_of([effect], values)
     bounds = free.bounds(config.steps).with_longer_steps(step_factor)
     return jacobian(residual_function(free, values, comparison), free.pack(values), residual, bounds)
 

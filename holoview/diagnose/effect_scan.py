@@ -63,7 +63,7 @@ def fit_from_scan(
 
 def find_hard_edges(effect: Effect, fit: CandidateFit, comparison: Comparison, config: FitConfig) -> CandidateFit:
     """A point of a scan with the effect's hard edges found by a simplex; unchanged where the effect has none."""
-    free = free_parameters_of([effect])
+    free = free_parameters_of([effect], fit.values)
     edges = hard_edge_mask(free)
     if not edges.any():
         return fit

@@ -6,8 +6,6 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from holoview.captures.dataset import Captures, SlmSpec
 from holoview.captures.predictor import Prediction, Predictor
 from holoview.diagnose.comparison import Values
@@ -62,7 +60,7 @@ def add_effect_values(known: Values, found: Values) -> dict[str, dict[str, Any]]
             if p.name not in values:
                 continue
             if p.name in own:
-                own[p.name] = float(np.clip(own[p.name] + values[p.name] - p.identity, p.low, p.high))
+                own[p.name] = p.added(own[p.name], values[p.name])
             else:
                 own[p.name] = values[p.name]
     return result

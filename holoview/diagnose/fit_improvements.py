@@ -24,7 +24,7 @@ def refit_with_longer_steps(
     effects: Sequence[Effect], fit: CandidateFit, comparison: Comparison, config: FitConfig
 ) -> CandidateFit:
     """Few parameters fitted again with longer difference steps, which see past the jumps of irises on a grid."""
-    if len(free_parameters_of(effects)) > config.few_parameters:
+    if len(free_parameters_of(effects, fit.values)) > config.few_parameters:
         return fit
     longer = refit(effects, fit.values, comparison, config, step_factor=config.longer_step_factor)
     return min(fit, longer, key=lambda f: f.cost)
@@ -34,7 +34,7 @@ def refine_hard_edges(
     effects: Sequence[Effect], fit: CandidateFit, comparison: Comparison, config: FitConfig
 ) -> CandidateFit:
     """Hard edges by a large simplex, then all parameters by least squares, then hard edges by a small simplex."""
-    free = free_parameters_of(effects)
+    free = free_parameters_of(effects, fit.values)
     edges = hard_edge_mask(free)
     if not edges.any():
         return fit
@@ -53,7 +53,7 @@ def search_along_axes(
     effects: Sequence[Effect], fit: CandidateFit, comparison: Comparison, config: FitConfig
 ) -> CandidateFit:
     """While χ² exceeds the noise: a search along each axis of effects with few parameters, then a fit from there."""
-    free = free_parameters_of(effects)
+    free = free_parameters_of(effects, fit.values)
     counts = Counter(effect for effect, _ in free.entries)
     axes = [i for i, (effect, _) in enumerate(free.entries) if counts[effect] <= config.few_parameters]
     if not axes or fit.cost < config.axis_max_chi2 * comparison.pixel_count:
@@ -77,11 +77,11 @@ def drop_negligible_values(
 ) -> CandidateFit:
     """Sets negligible values to their identity unless the captures insist on them, and fits the others again."""
     values, cost, fixed = fit.values, fit.cost, set()
-    for e, p in free_parameters_of(effects, include_fine=True).entries:
-        away = abs(values.get(e, {}).get(p.name, p.identity) - p.identity)
+    for e, p in free_parameters_of(effects, fit.values, include_fine=True).entries:
+        away = abs(p.read(values.get(e, {})) - p.identity)  # NaN for entries of lists, which have no identity
         if not 0.0 < away < config.negligible * p.prior:
             continue
-        without = {**values, e: {**values[e], p.name: p.identity}}
+        without = {**values, e: p.written(values[e], p.identity)}
         allowed = cost + config.insistence * max(1.0, cost / comparison.pixel_count)
         if (cost_without := cost_or_inf(comparison, without)) < allowed:
             values, cost = without, cost_without

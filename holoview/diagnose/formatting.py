@@ -12,7 +12,8 @@ from holoview.util import units
 
 def format_value(effect_id: str, parameter: str, interval: Interval) -> str:
     """Value ± half the width of its interval, and the unit, of a parameter of an effect."""
-    p = next(p for p in get_effect(effect_id).parameters if p.name == parameter)
+    whole = parameter.partition("[")[0]  # of an entry of a list, the list
+    p = next(p for p in get_effect(effect_id).parameters if p.name == whole)
     value, half = (_number(p, x) for x in (interval.value, interval.half_width))
     if not math.isfinite(half):
         return f"{value:.3g} ± unknown {p.shown}".rstrip()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
@@ -18,6 +18,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from holoview.captures.dataset import Captures
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.config import FreeMapConfig
 from holoview.diagnose.free_parameters import FittedValues
@@ -27,18 +28,24 @@ from holoview.model.effects.hook_contexts import CameraContext, ModulatorContext
 from holoview.model.effects.parameter import Parameter, Values
 
 Tensor = torch.Tensor
+_NEIGHBOURS = ("above", "below", "left", "right")
 
 
 @dataclass(frozen=True, eq=False)
 class ShownMap:
     """A fitted map: (y, x) over a surface or a pupil, or a few numbers (response curve, neighbours, single values).
 
-    values: optical paths in m where `unit` is "m", relative changes where it is "1".
+    values: optical paths in m where `unit` is "m", relative changes where it is "1". extent: where a map lies, from its
+    left, right, lower and upper edge; None for a few numbers. axis: what `extent` is counted in, or what the numbers
+    are over. labels: of the numbers, where each is something else.
     """
 
     name: str
     values: NDArray[np.float64]
     unit: str
+    extent: tuple[float, float, float, float] | None = None
+    axis: str = ""
+    labels: tuple[str, ...] = ()
 
 
 class FreeMaps(Effect):
@@ -224,7 +231,26 @@ def _fit_free_map(
     effect.set_from_vector(solution.x)
     chi2 = held_out.with_predictor(predictor).chi2_per_pixel(values)
     share = (base_chi2 - chi2) / max(base_chi2 - 1.0, 1e-9)
-    return FreeMapFit(effect.acts_on[0], float(np.clip(share, 0.0, 1.0)), effect.shown_maps())
+    shown = tuple(_placed(one, effect.acts_on[0], context.data.captures) for one in effect.shown_maps())
+    return FreeMapFit(effect.acts_on[0], float(np.clip(share, 0.0, 1.0)), shown)
+
+
+def _placed(shown: ShownMap, location: str, captures: Captures) -> ShownMap:
+    """A map with the coordinates of the surface that it lies over."""
+    if shown.values.ndim == 1:
+        over_levels = shown.name == "curve"
+        labels = _NEIGHBOURS if shown.name == "neighbours" else () if over_levels else (shown.name,)
+        return replace(shown, axis="share of the stroke" if over_levels else "", labels=labels)
+    if location.startswith("relay"):
+        return replace(shown, extent=(-1.0, 1.0, 1.0, -1.0), axis="pupil radii")
+    if location == "camera":
+        rows, columns = captures.shape
+        whole = captures.frame or captures.shape
+        top, left = (whole[0] - rows) // 2, (whole[1] - columns) // 2
+    else:
+        (rows, columns), (top, left) = captures.levels.shape[2:], captures.first_pixel
+    extent = (left - 0.5, left + columns - 0.5, top + rows - 0.5, top - 0.5)
+    return replace(shown, extent=extent, axis="camera pixels" if location == "camera" else "modulator pixels")
 
 
 def _loss_and_gradient(

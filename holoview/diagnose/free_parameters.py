@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,12 +13,13 @@ from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter
 from holoview.numerics.least_squares import SearchDomain, Vector
 
-FittedValues = dict[str, dict[str, float]]
+FittedValues = dict[str, dict[str, Any]]
+"""{effect id: {parameter: value}}; the value of a list of numbers is a tuple."""
 
 
 @dataclass(frozen=True)
 class FreeParameters:
-    """What a fit varies: (effect id, parameter) pairs.
+    """What a fit varies: (effect id, parameter) pairs, in which entries of a list are parameters of their own.
 
     A component of the vector is the value over its prior, or the value's square over the prior's where images depend on
     the square.
@@ -28,15 +30,15 @@ class FreeParameters:
     def __len__(self) -> int:
         return len(self.entries)
 
-    def pack(self, values: Mapping[str, Mapping[str, float]]) -> Vector:
+    def pack(self, values: Mapping[str, Mapping[str, Any]]) -> Vector:
         """The vector of values; parameters that aren't given are at their identity."""
-        return np.array([p.to_fit(values.get(e, {}).get(p.name, p.identity)) / _scale(p) for e, p in self.entries])
+        return np.array([p.to_fit(p.read(values.get(e, {}))) / _scale(p) for e, p in self.entries])
 
-    def unpack(self, x: Vector, base: Mapping[str, Mapping[str, float]] | None = None) -> FittedValues:
+    def unpack(self, x: Vector, base: Mapping[str, Mapping[str, Any]] | None = None) -> FittedValues:
         """Values by effect and parameter; `base` gives those that aren't varied."""
         result: FittedValues = {effect: dict(values) for effect, values in (base or {}).items()}
         for (effect, p), number in zip(self.entries, x, strict=True):
-            result.setdefault(effect, {})[p.name] = float(p.from_fit(float(number) * _scale(p)))
+            result[effect] = p.written(result.get(effect, {}), float(p.from_fit(float(number) * _scale(p))))
         return result
 
     def bounds(self, steps: StepConfig) -> SearchDomain:
@@ -59,12 +61,19 @@ class FreeParameters:
         return np.array(derivatives)
 
 
-def free_parameters_of(effects: Sequence[Effect], *, include_fine: bool = False) -> FreeParameters:
-    """The parameters of effects, without the `fine` ones unless asked for."""
-    return FreeParameters(tuple((e.id, p) for e in effects for p in e.parameters if include_fine or not p.fine))
+def free_parameters_of(
+    effects: Sequence[Effect],
+    values: Mapping[str, Mapping[str, Any]] | None = None,
+    *,
+    include_fine: bool = False,
+) -> FreeParameters:
+    """The parameters of effects, and the entries of their lists at `values`; without `fine` ones unless asked for."""
+    listed = [(e.id, p) for e in effects for p in e.parameters if include_fine or not p.fine]
+    given = values or {}
+    return FreeParameters(tuple((e, free) for e, p in listed for free in p.free_entries(p.read(given.get(e, {})))))
 
 
-def identity_values(effect: Effect) -> dict[str, float]:
+def identity_values(effect: Effect) -> dict[str, Any]:
     """The values at which an effect changes nothing."""
     return {p.name: p.identity for p in effect.parameters}
 

@@ -45,6 +45,8 @@ def write_report(
     }
     if diagnosis.free_maps:
         figures["free-maps"] = plots.free_maps(diagnosis.free_maps)
+    if diagnosis.pixel_maps:
+        figures["pixel-maps"] = plots.pixel_maps(diagnosis.pixel_maps)
     pictures = {}
     for number, (name, figure) in enumerate(figures.items(), 1):
         pictures[name] = figure_bytes(figure)

@@ -30,6 +30,7 @@ from holoview.diagnose.free_maps import FreeMapFit, fit_free_maps, likely_fits
 from holoview.diagnose.held_out_ranking import SearchResult
 from holoview.diagnose.judged_search import SearchOutcome
 from holoview.diagnose.one_picture import ONE_PICTURE_NOTE, with_one_picture
+from holoview.diagnose.pixel_maps import find_pixel_maps
 from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
 from holoview.diagnose.record_errors import check_records
 from holoview.diagnose.region_search import search_region_first, with_region
@@ -226,6 +227,9 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
     after = fit_quality(comparison, best, config.report)
     left = max(after.chi2_per_pixel - 1.0, 0.0) / max(result.nominal.excess, 1e-9)
     roughness = pattern_roughness(captures)
+    wants_maps = free_maps and _is_open(findings, after.chi2_per_pixel)
+    pixels = find_pixel_maps(context.region or context, values) if wants_maps else ()
+    outstanding = [told for one in pixels if (told := one.format_standing_out(config.stuck.min_line_sigmas))]
     return Diagnosis(
         verdict=decision.verdict if law is None else with_further_cause(decision.verdict),
         before=fit_quality(comparison, nominal, config.report),
@@ -234,7 +238,8 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
         values=values if law is None else values | law.values,
         rivals=(*(r.causes for r in decision.rivals), *wider_names(context, decision)),
         unexplained=0.0 if decision.verdict is Verdict.CONSISTENT else float(min(left, 1.0)),
-        free_maps=_free_maps(findings, values, after.chi2_per_pixel, progress) if free_maps else (),
+        free_maps=_free_maps(findings, values, progress) if wants_maps else (),
+        pixel_maps=pixels,
         groups=held_out_groups(captures, comparison, nominal, best, config.report),
         candidates=tuple(CandidateResult(c.causes, c.chi2_per_pixel) for c in result.candidates),
         samples=sample_captures(captures, comparison, nominal, best, config.report.samples),
@@ -245,17 +250,20 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
         gain_spread=gain_spread(context.kept_captures, findings.gain),
         captures=len(captures),
         bad_captures=findings.bad_captures,
-        notes=tuple(findings.notes),
+        notes=(*findings.notes, *(f"Beside its neighbours stands out: {told}." for told in outstanding)),
         seconds=math.nan,
     )
 
 
-def _free_maps(findings: _Findings, values: Values, chi2: float, progress: ProgressCallback) -> tuple[FreeMapFit, ...]:
+def _is_open(findings: _Findings, chi2: float) -> bool:
+    """Whether an error is left that no effect explains. chi2: χ²/n of the held-out captures."""
+    is_open = findings.decision.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
+    return is_open and chi2 > findings.context.config.verdict.explained_chi2
+
+
+def _free_maps(findings: _Findings, values: Values, progress: ProgressCallback) -> tuple[FreeMapFit, ...]:
     """The places of an error that no effect explains, with maps that are free there."""
-    context, verdict = findings.context, findings.decision.verdict
-    is_open = verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
-    if not is_open or chi2 <= context.config.verdict.explained_chi2:
-        return ()
+    context = findings.context
     progress(0, 1, "free maps at every place")
     base, held_out = {name: dict(own) for name, own in values.items()}, findings.result.comparison
     if context.region is not None:

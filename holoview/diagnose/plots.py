@@ -7,10 +7,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from holoview.diagnose.diagnosis import Diagnosis, SampleCapture
 from holoview.diagnose.excess_breakdown import ExcessBin
 from holoview.diagnose.free_maps import FreeMapFit
+from holoview.diagnose.pixel_maps import PixelMap
 from holoview.report.figure import new_figure
 from holoview.util.units import format_rounded
 
@@ -105,13 +107,50 @@ def free_maps(fits: Sequence[FreeMapFit]) -> Figure:
             scale, unit = (1e9, "nm") if shown.unit == "m" else (100.0, "%")
             axis.set_title(f"{fit.location}: {shown.name} ({unit})", fontsize=9)
             axis.tick_params(labelsize=7)
+            axis.set_xlabel(shown.axis, fontsize=7)
             if shown.values.ndim == 1:
-                axis.bar(np.arange(len(shown.values)), scale * shown.values, color=_AFTER)
+                _number_bars(axis, scale * shown.values, shown.labels)
                 continue
             most = max(scale * float(np.abs(shown.values).max()), 1e-9)
-            drawn = axis.imshow(scale * shown.values, cmap="RdBu_r", vmin=-most, vmax=most, interpolation="bicubic")
+            colours = {"cmap": "RdBu_r", "vmin": -most, "vmax": most, "interpolation": "bicubic"}
+            drawn = axis.imshow(scale * shown.values, extent=shown.extent, **colours)
             figure.colorbar(drawn, ax=axis, fraction=0.035, pad=0.02).ax.tick_params(labelsize=7)
     return figure
+
+
+def pixel_maps(maps: Sequence[PixelMap]) -> Figure:
+    """A row for each modulator: how far its pixels, its columns and its rows stand out."""
+    figure = new_figure((13.5, 3.2 * len(maps)), dpi=_DPI)
+    ratios = {"width_ratios": (1.3, 1.0, 1.0)}
+    for shown, (picture, *profiles) in zip(
+        maps, figure.subplots(len(maps), 3, squeeze=False, gridspec_kw=ratios), strict=True
+    ):
+        (top, left), (rows, columns) = shown.first_pixel, shown.pixels.shape
+        extent = (left - 0.5, left + columns - 0.5, top + rows - 0.5, top - 0.5)
+        most = max(float(shown.pixels.max()), 1.0)
+        drawn = picture.imshow(shown.pixels, cmap="magma", vmin=0, vmax=most, extent=extent, interpolation="nearest")
+        figure.colorbar(drawn, ax=picture, fraction=0.035, pad=0.02).ax.tick_params(labelsize=7)
+        picture.set_title(f"modulator {shown.number + 1}: pixels (σ)", fontsize=9)
+        picture.set_xlabel("column", fontsize=8)
+        picture.set_ylabel("row", fontsize=8)
+        picture.tick_params(labelsize=7)
+        for axis, name, first, values in zip(
+            profiles, ("column", "row"), (left, top), (shown.columns, shown.rows), strict=True
+        ):
+            axis.plot(first + np.arange(len(values)), values, color=_AFTER, linewidth=1, drawstyle="steps-mid")
+            axis.set_title(f"modulator {shown.number + 1}: {name}s (σ)", fontsize=9)
+            axis.set_xlabel(name, fontsize=8)
+            axis.tick_params(labelsize=7)
+    return figure
+
+
+def _number_bars(axis: Axes, values: NDArray[np.float64], labels: Sequence[str]) -> None:
+    """A few numbers, with their labels, or over 0 … 1."""
+    if labels:
+        axis.bar(labels, values, color=_AFTER, width=0.8 if len(labels) > 1 else 0.2)
+        axis.set_xlim(-0.6, len(labels) - 0.4)
+    else:
+        axis.bar(np.linspace(0, 1, len(values)), values, color=_AFTER, width=0.8 / max(len(values) - 1, 1))
 
 
 def _paired_bars(axis: Axes, before: Sequence[ExcessBin], after: Sequence[ExcessBin]) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from holoview.diagnose.fringe_starts import FringeStarts
 from holoview.diagnose.ghost_starts import GhostStarts
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.smear_starts import SmearStarts
+from holoview.diagnose.stuck_starts import StuckStarts
 from holoview.model.effects.effect import BENCH_HOOKS, CAMERA_HOOKS, MODULATOR_HOOKS, Effect
 from holoview.util.progress import ProgressCallback
 
@@ -189,23 +190,28 @@ class _Screening:
     def image_starts(self) -> StartProvider:
         """Starting values that the images themselves suggest."""
         displaced = DisplacementStarts(self._base, self.fitter.comparison, self._context.config.starts)
-        return partial(_all_starts, (displaced, self._residual_starts()))
+        return partial(_all_starts, (displaced, self._residual_starts))
 
     def _fits_of_seen(self, effects: Sequence[Effect]) -> tuple[list[CandidateFit], list[Effect]]:
         """Fits of the effects that the residuals show without derivatives, and the other effects."""
-        starts = self._residual_starts()
+        starts = self._residual_starts
         seen = [e for e in effects if starts(e)]
         fits = self._improving(partial(self.fitter.scan_and_fit, starts), seen, "")
         return fits, [e for e in effects if e not in seen]
 
+    @cached_property
     def _residual_starts(self) -> StartProvider:
-        """Starting values of what has no derivative at its identity: ghosts, fringes and smears that residuals show."""
+        """Starting values of what has no derivative at its identity, and shows in the residuals.
+
+        These are ghosts, fringes, smears and stuck pixels.
+        """
         config, comparison = self._context.config.starts, self.fitter.comparison
         fitted = comparison.fit_gains(self._base)
         providers = (
             GhostStarts(fitted, comparison, config),
             FringeStarts(fitted, comparison, config),
             SmearStarts(fitted, comparison),
+            StuckStarts(self._context, self._base, comparison),
         )
         return partial(_all_starts, providers)
 

@@ -12,6 +12,7 @@ The larger of the two is reported. White, Econometrica 48, 817 (1980); for clust
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -55,7 +56,7 @@ def local_jacobian(
     fit: CandidateFit, effects: Sequence[Effect], comparison: Comparison, steps: StepConfig
 ) -> LocalJacobian:
     """The derivatives by all parameters of the effects that the fit varied."""
-    free = _varied_parameters(free_parameters_of(effects, include_fine=True), fit)
+    free = _varied_parameters(free_parameters_of(effects, fit.values, include_fine=True), fit)
     residual = comparison.residual(fit.values)
     function = residual_function(free, fit.values, comparison)
     slopes = jacobian(function, free.pack(fit.values), residual, free.bounds(steps))
@@ -76,11 +77,12 @@ def confidence_intervals(
     scale = at.parameters.value_derivatives(at.parameters.pack(fit.values))
     edges, result = _edge_half_widths(fit, at, comparison, config), {}
     for i, (effect, parameter) in enumerate(at.parameters.entries):
-        value = fit.values[effect][parameter.name]
+        value = parameter.read(fit.values[effect])
         if unknown[i] and value == parameter.identity:
             continue
         sigma = float("inf") if unknown[i] else float(np.sqrt(variance[i]) * abs(scale[i]))
-        sigma = float(np.hypot(sigma, config.intervals.model_accuracy * abs(value - parameter.identity)))
+        away = abs(value - parameter.identity) if math.isfinite(parameter.identity) else abs(value)
+        sigma = float(np.hypot(sigma, config.intervals.model_accuracy * away))
         if parameter.sharp:
             sigma = max(sigma, edges[effect] * abs(scale[i]) / factor)
         result[effect, parameter.name] = Interval(value, sigma, factor * sigma)
@@ -165,7 +167,5 @@ def _orthonormal(slopes: Slopes) -> Slopes:
 def _varied_parameters(free: FreeParameters, fit: CandidateFit) -> FreeParameters:
     """Without fine parameters at their identity, which the fit never varied."""
     return FreeParameters(
-        tuple(
-            (e, p) for e, p in free.entries if not p.fine or fit.values.get(e, {}).get(p.name, p.identity) != p.identity
-        )
+        tuple((e, p) for e, p in free.entries if not p.fine or p.read(fit.values.get(e, {})) != p.identity)
     )

@@ -2,28 +2,45 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from holoview.model.effects.effect import Effect
+from holoview.model.effects.list_parameter import ListParameter
 from holoview.model.effects.parameter import Parameter
 from holoview.model.system import System
 
 _REACH = 1.5  # of the prior, where a parameter is never scanned
 _MOST_TERMS = 2
+_MOST_LINES = 6
 _WHOLE = ("camera_fringes", "slm1_fringes", "slm2_fringes")  # effects whose many parameters show together only
 
 
-def sample_effect(effect: Effect, system: System, size: float, rng: np.random.Generator) -> dict[str, float]:
+def sample_effect(effect: Effect, system: System, size: float, rng: np.random.Generator) -> dict[str, Any]:
     """Values of the parameters that a diagnosis searches first; `size` 1 is the edge of the scan.
 
     An effect with many independent terms gets one or two of them.
     """
+    if any(isinstance(p, ListParameter) for p in effect.parameters):
+        return _sample_lines(effect, system, size, rng)
     open_ones = [p for p in effect.parameters if not p.fine]
     if len(open_ones) > 3 and effect.id not in _WHOLE:
         chosen = rng.choice(len(open_ones), size=int(rng.integers(1, _MOST_TERMS + 1)), replace=False)
         open_ones = [open_ones[k] for k in sorted(chosen)]
     reaches = _scan_extents(effect, system)
     return {p.name: _sample_parameter(p, reaches.get(p.name, _REACH * p.prior), size, rng) for p in open_ones}
+
+
+def _sample_lines(effect: Effect, system: System, size: float, rng: np.random.Generator) -> dict[str, Any]:
+    """Up to so many columns of an effect of places, each with a level of its own; the first two lists are these."""
+    places, levels = effect.parameters[:2]
+    count = max(1, round(_MOST_LINES * size))
+    chosen = np.sort(rng.choice(system.modulators[0].shape[1], size=count, replace=False))
+    return {
+        places.name: tuple(int(column) for column in chosen),
+        levels.name: tuple(float(x) for x in rng.uniform(0.0, 1.0, count)),
+    }
 
 
 def _scan_extents(effect: Effect, system: System) -> dict[str, float]:

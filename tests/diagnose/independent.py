@@ -148,6 +148,7 @@ def write_session(path: Path, lab: Laboratory) -> Path:
     images, exposure = [], []
     for k, λ in enumerate(wavelength):
         shown = _settled(levels[k], levels[max(k - 1, 0)], lab.faults.frames_to_settle)
+        shown = lab.faults.modulators.shown(shown, levels[0])
         signal = scale[λ] * power[k] * _light_of_capture(replace(lab, distance_m=distance[k]), shown, float(λ), k)
         exposure.append(float(f"{0.8 / np.quantile(signal, 0.999):.3g}"))
         light = signal * exposure[-1] * (k not in lab.mishaps.dark) * lab.mishaps.overexposed.get(k, 1.0)

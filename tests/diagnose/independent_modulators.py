@@ -40,18 +40,53 @@ class CoverGlass:
 
 
 @dataclass(frozen=True)
+class Dead:
+    """Pixels that a driver no longer reaches: so many rows and columns from the first ones, None: all to the end.
+
+    level: what they show, in levels of the table, between two of them too. None: what they were sent last before the
+    driver failed, the first patterns of the session.
+    """
+
+    first_row: int = 0
+    rows: int | None = None
+    first_column: int = 0
+    columns: int | None = None
+    level: float | None = 0.0
+
+    def shown(self, levels: Floats, before_failure: Floats) -> Floats:
+        """The levels (y, x) with those of the dead pixels."""
+        changed = levels.astype(float)
+        y, x = (
+            slice(first, None if count is None else first + count)
+            for first, count in ((self.first_row, self.rows), (self.first_column, self.columns))
+        )
+        changed[y, x] = before_failure[y, x] if self.level is None else self.level
+        return changed
+
+
+@dataclass(frozen=True)
 class ModulatorFaults:
     """Pairs are those of modulators 1 and 2 unless stated otherwise. Everything as it stands here: no fault.
 
     exponents: the table's exponent at 450 nm and at 650 nm of each modulator, in proportion to the wavelength between.
     wedge: by how much the stroke of each grows from its left to its right edge, as a share. bow: by how much it is
-    larger in the corners than in the centre, as a share. glass: before each, None where nothing is reflected.
+    larger in the corners than in the centre, as a share. glass: before each, None where nothing is reflected. dead:
+    what of each no longer follows.
     """
 
     exponents: tuple[tuple[float, float], tuple[float, float]] = ((1.0, 1.0), (1.0, 1.0))
     wedge: tuple[float, float] = (0.0, 0.0)
     bow: tuple[float, float] = (0.0, 0.0)
     glass: tuple[CoverGlass | None, CoverGlass | None] = (None, None)
+    dead: tuple[tuple[Dead, ...], tuple[Dead, ...]] = ((), ())
+
+    def shown(self, levels: Floats, before_failure: Floats) -> Floats:
+        """What both show of what they are sent, (modulator, y, x), in levels."""
+        for number, parts in enumerate(self.dead):
+            for part in parts:
+                levels = levels.astype(float)
+                levels[number] = part.shown(levels[number], before_failure[number])
+        return levels
 
     def path(self, number: int, share: Floats, opd_m: float, wavelength_m: float) -> Floats:
         """The optical path of pixels (y, x) of modulator 0 or 1 that are sent `share` of the full drive."""

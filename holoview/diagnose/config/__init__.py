@@ -3,6 +3,7 @@
 judgement     captures that aren't what their records say; one picture alone
 preparation   split of the captures, budget, residuals, nuisances, drift of the lasers
 fitting       screening of single effects, starting values, least-squares fits
+stuck         stuck columns, rows and pixels of a modulator
 selection     ranking on held-out captures, forward selection of causes
 decision      verdict, check of the sampling, power laws, intervals, look-alikes
 reporting     free maps, breakdown of the excess, report
@@ -46,6 +47,7 @@ from holoview.diagnose.config.preparation import (
 )
 from holoview.diagnose.config.reporting import BreakdownConfig, FreeMapConfig, ReportConfig
 from holoview.diagnose.config.selection import RankingConfig, SelectionConfig
+from holoview.diagnose.config.stuck import StuckConfig
 
 __all__ = [
     "BreakdownConfig",
@@ -70,6 +72,7 @@ __all__ = [
     "SplitConfig",
     "StartConfig",
     "StepConfig",
+    "StuckConfig",
     "VerdictConfig",
 ]
 
@@ -88,6 +91,7 @@ class SearchConfig:
     laser_drift: LaserDriftConfig = field(default_factory=LaserDriftConfig)
     screening: ScreeningConfig = field(default_factory=ScreeningConfig)
     starts: StartConfig = field(default_factory=StartConfig)
+    stuck: StuckConfig = field(default_factory=StuckConfig)
     fits: FitConfig = field(default_factory=FitConfig)
     ranking: RankingConfig = field(default_factory=RankingConfig)
     selection: SelectionConfig = field(default_factory=SelectionConfig)

@@ -1,0 +1,102 @@
+"""By how much χ² would fall, to first order, if a pixel of a modulator kept to a level; for all pixels at once.
+
+Let G = ∂χ²/∂Re t + i·∂χ²/∂Im t be the derivative by the complex transmission t of a pixel, which one adjoint pass of
+the model gives for all pixels of all modulators. A pixel that shows the share s of the stroke has the transmission
+exp(2πi·s·stroke/λ), so that its replacement changes χ² by Re[G*·(exp(2πi·s·stroke/λ) − t)]: to first order in the light
+of one pixel, however far its phase is off.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from holoview.diagnose.comparison import Comparison
+from holoview.diagnose.free_parameters import FittedValues
+from holoview.diagnose.search_context import SearchContext
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.hook_contexts import ModulatorContext
+from holoview.model.effects.parameter import Parameter, Values
+
+Floats = NDArray[np.float64]
+Tensor = torch.Tensor
+
+
+class _TransmissionProbe(Effect):
+    """Adds a zero to every transmission, of which the derivative is asked for."""
+
+    id = "free_transmission"
+    cause = "Something changes a modulator's transmission."
+    finding = "Derivatives are asked for."
+    parameters = (Parameter("on", "1: on."),)
+    acts_on = ("modulator 1", "modulator 2")
+    order = -1
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[Tensor, Tensor, ModulatorContext]] = []
+
+    def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        zero = torch.zeros_like(transmission, requires_grad=True)
+        self.seen.append((zero, transmission.detach(), context))
+        return transmission + zero
+
+
+def replacement_gains(
+    context: SearchContext, base: FittedValues, comparison: Comparison, levels: Floats
+) -> dict[int, Floats]:
+    """The fall of χ² for each level and pixel, (level, y, x), of every modulator by its number, 0 for the first.
+
+    levels (level,): shares of the stroke.
+    """
+    probe = _TransmissionProbe()
+    probed = comparison.with_predictor(context.predictor.create(extra_effects=[probe]))
+    values: FittedValues = {**base, probe.id: {"on": 1.0}}
+    gains: dict[int, Floats] = {}
+    for position in range(len(comparison.indices)):
+        probe.seen.clear()
+        squares = squared_residuals(probed, values, position)
+        slopes = torch.autograd.grad(squares, [zero for zero, _, _ in probe.seen])
+        for slope, (_, transmission, modulator) in zip(slopes, probe.seen, strict=True):
+            gain = _gain_of_levels(slope.numpy(), transmission.numpy(), modulator, levels)
+            gains[modulator.number] = gains.get(modulator.number, 0.0) + gain
+    return gains
+
+
+def line_gains(gains: Floats, axis: int, segments: int) -> Floats:
+    """The gain of whole lines along an axis of (level, y, x), robust against parts of a line that gain alone."""
+    parts = [part.sum(axis=axis) for part in np.array_split(gains, segments, axis=axis)]
+    return np.asarray(segments * np.median(np.stack(parts), axis=0))
+
+
+def significance(gains: Floats) -> Floats:
+    """How far each gain is above the median of its level (first axis), in robust standard deviations."""
+    flat = gains.reshape(len(gains), -1)
+    above = flat - np.median(flat, axis=1, keepdims=True)
+    scale = np.maximum(1.4826 * np.median(np.abs(above), axis=1, keepdims=True), 1e-30)
+    return np.asarray((above / scale).reshape(gains.shape))
+
+
+def squared_residuals(comparison: Comparison, values: FittedValues, position: int) -> Tensor:
+    """Σ residual² of one capture of a comparison, with its best gain, as a tensor with gradients."""
+    weight, light = (torch.from_numpy(a[position]) for a in (comparison.weight, comparison.light))
+    prediction = comparison.predictor(comparison.indices[position : position + 1], values, grad=True)
+    model = weight * prediction.signal[0]
+    dark = np.asarray(prediction.counts_without_lasers(comparison.data.camera.black_level))
+    data = weight * (light - torch.from_numpy(dark))
+    gain = (data * model).sum() / (model * model).sum().clamp_min(1e-30)
+    return (data - gain.detach() * model).square().sum(dtype=torch.float64)
+
+
+def _gain_of_levels(
+    slope: NDArray[np.complexfloating], transmission: NDArray[np.complexfloating], of: ModulatorContext, levels: Floats
+) -> Floats:
+    """−Re[G*·(exp(2πi·s·stroke/λ) − t)] of each level s and pixel; samples of a pixel are summed."""
+    rows, columns = of.shape
+    conjugate = slope.conj()
+    own, towards = (
+        np.asarray(a.reshape(rows, a.shape[0] // rows, columns, -1).sum(axis=(1, 3)))
+        for a in ((conjugate * transmission).real, conjugate)
+    )
+    phasors = np.exp(2j * np.pi * of.stroke_m / of.wavelength_m * levels)[:, None, None]
+    return np.asarray(own - (towards * phasors).real, dtype=np.float64)

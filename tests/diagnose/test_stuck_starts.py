@@ -1,0 +1,83 @@
+"""The residuals show which columns, rows and pixels of which modulator are stuck, and at which level."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.pixel_maps import find_pixel_maps
+from holoview.diagnose.replacement_gains import line_gains, replacement_gains, significance
+from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.stuck_starts import StuckStarts
+from holoview.model.effects.registry import listed_effects
+from tests.diagnose.conftest import MakeContext
+
+EFFECTS = ("slm1_stuck", "slm2_stuck")
+
+
+def _starts(context: SearchContext) -> StuckStarts:
+    error = context.relative_model_error({})
+    return StuckStarts(context, {}, context.tolerant_comparison(context.split.coarse, error))
+
+
+@pytest.mark.parametrize(
+    ("name", "true"),
+    [
+        ("slm1_stuck", {"columns": (9, 10, 31), "column_levels": (0.8, 0.25, 0.6)}),
+        ("slm2_stuck", {"rows": (12,), "row_levels": (0.4,), "pixel_rows": (22,), "pixel_columns": (17,)}),
+    ],
+)
+def test_the_start_is_what_is_stuck_at_the_level_that_it_shows(
+    make_context: MakeContext, name: str, true: dict[str, Any]
+) -> None:
+    """On the true modulator alone. Levels to a fiftieth of the stroke, from where a fit converges."""
+    context = make_context({name: true})
+    starts = _starts(context)
+    (found,) = starts(context.effects[name])
+    complete = listed_effects()[name].parameter_values(true)
+    for key in ("columns", "rows", "pixel_rows", "pixel_columns"):
+        assert found[key] == complete[key]
+    assert found["column_levels"] == pytest.approx(complete["column_levels"], abs=0.02)
+    assert found["row_levels"] == pytest.approx(complete["row_levels"], abs=0.02)
+    (other,) = {*EFFECTS} - {name}
+    assert starts(context.effects[other]) == []
+
+
+@pytest.mark.parametrize("faults", [{}, {"gap": {"gap_error": 2e-4}}, {"stroke": {"stroke_error": 0.1}}], ids=str)
+def test_where_nothing_is_stuck_there_is_no_start(make_context: MakeContext, faults: dict[str, Any]) -> None:
+    context = make_context(faults)
+    starts = _starts(context)
+    assert [name for name, effect in context.effects.items() if starts(effect)] == []
+
+
+def test_the_gain_is_the_slope_of_chi2_towards_a_level(make_context: MakeContext) -> None:
+    """Of one pixel whose path is moved a little: against a difference of predictions, in single precision."""
+    context, (y, x), step = make_context({"gap": {"gap_error": 1e-4}}), (14, 20), 0.02
+    comparison = context.data_weighted_comparison(context.split.coarse[:1], 0.0)
+    share = float(context.data.captures.drive(int(comparison.indices[0]))[0, y, x])
+    costs = []
+    for level in (share - step, share + step):
+        pixel = {"pixel_rows": (y,), "pixel_columns": (x,), "pixel_levels": (level,)}
+        costs.append(float(comparison.fit_gains({"slm1_stuck": pixel}).squares.sum()))
+    gains = replacement_gains(context, {}, comparison, np.array([share - step, share + step]))[0][:, y, x]
+    assert gains[0] - gains[1] == pytest.approx(costs[1] - costs[0], rel=0.02)
+
+
+def test_a_line_that_gains_in_one_place_alone_does_not_stand_out() -> None:
+    gains = np.random.default_rng(0).standard_normal((3, 64, 50))
+    gains[1, 20:26, 7] += 30.0
+    gains[1, :, 33] += 2.0
+    columns = significance(line_gains(gains, 1, SearchConfig().stuck.line_segments))
+    assert int(columns[1].argmax()) == 33 and abs(columns[1, 7]) < 4
+
+
+def test_pixel_maps_show_the_line(make_context: MakeContext) -> None:
+    context = make_context({"slm1_stuck": {"columns": (24,), "column_levels": (0.7,)}})
+    first, second = find_pixel_maps(context, {})
+    assert int(first.columns.argmax()) == 24 and first.columns.max() > second.columns.max()
+    assert first.pixels.shape == context.data.captures.levels.shape[2:]
+    assert "column 24 (" in first.format_standing_out(5.0) and "of modulator 1" in first.format_standing_out(5.0)
+    assert first.format_standing_out(1e6) == ""
