@@ -20,6 +20,7 @@ from holoview.metrics.image_quality import (
 from holoview.model.focus import focused_planes
 from holoview.model.system import System
 from holoview.numerics.image_region import Region, region_slices
+from holoview.numerics.structural_similarity import WEIGHTS
 from holoview.util import units
 from holoview.view import View, simulate
 
@@ -71,6 +72,8 @@ def score_hologram(hologram: Hologram, images: ScoredImages, region: Region | No
         "held_out_psnr_planes_db": [one.psnr.mean_db for one in between],
         "held_out_psnr_db": float(np.mean([one.psnr.mean_db for one in between])) if between else None,
         "delta_e": quality.delta_e,
+        "ms_ssim": None if quality.ms_ssim is None else quality.ms_ssim.mean,
+        "ms_ssim_scales": None if quality.ms_ssim is None else quality.ms_ssim.scales,
         "speckle_contrast": quality.mean_speckle_contrast,
         "eyebox_uniformity": eyebox.uniformity,
         "eyebox_variation": eyebox.coefficient_of_variation,
@@ -91,10 +94,19 @@ def format_scores(scores: dict[str, Any], system: System) -> list[str]:
         lines.append(f"between the planes ({where}): {scores['held_out_psnr_db']:.2f} dB")
     return [
         *lines,
-        f"luminance PSNR {scores['psnr_luminance_db']:.2f} dB, mean CIEDE2000 {scores['delta_e']:.2f}",
+        f"luminance PSNR {scores['psnr_luminance_db']:.2f} dB, mean CIEDE2000 {scores['delta_e']:.2f}"
+        f"{_format_ms_ssim(scores)}",
         f"speckle contrast {scores['speckle_contrast']:.3f}",
         f"eyebox: uniformity {scores['eyebox_uniformity']:.2f}, variation {scores['eyebox_variation']:.2f}",
     ]
+
+
+def _format_ms_ssim(scores: dict[str, Any]) -> str:
+    """MS-SSIM after a comma, and the number of scales where the picture is too small for five; "" without one."""
+    if scores["ms_ssim"] is None:
+        return ""
+    count = scores["ms_ssim_scales"]
+    return f", MS-SSIM {scores['ms_ssim']:.3f}" + (f" ({count} of 5 scales)" if count < len(WEIGHTS) else "")
 
 
 def _measure(view: View, target: Floats, region: Region | None) -> ImageQuality:

@@ -13,10 +13,12 @@ from holoview.engine.torch_executor import TorchExecutor
 from holoview.io.hologram import Hologram
 from holoview.metrics.delta_e import delta_e_linear_srgb
 from holoview.metrics.eyebox import EyeboxUniformity, eyebox_uniformity
+from holoview.metrics.ms_ssim import MsSsim, ms_ssim
 from holoview.metrics.psnr import Psnr, psnr_linear_srgb, psnr_luminance
 from holoview.metrics.speckle import SpeckleContrast, speckle_contrast
 from holoview.model.plan import make_plan
 from holoview.numerics.image_region import Region
+from holoview.numerics.structural_similarity import scale_count
 from holoview.optics.first_order import EYEBOX_BLOCKS, first_order
 from holoview.optics.frame_inputs import make_frame_inputs
 from holoview.view import View
@@ -26,13 +28,15 @@ from holoview.view import View
 class ImageQuality:
     """Fidelity of a view to its target at fixed brightness, and the speckle contrast of its luminance.
 
-    psnr: of linear sRGB (dB). psnr_luminance: of luminance (dB). delta_e: mean CIEDE2000. speckle: of each plane, with
-    the target's structure divided out.
+    psnr: of linear sRGB (dB). psnr_luminance: of luminance (dB). delta_e: mean CIEDE2000. ms_ssim: multi-scale
+    structural similarity of encoded sRGB; None for images with fewer than 11 rows or columns. speckle: of each plane,
+    with the target's structure divided out.
     """
 
     psnr: Psnr
     psnr_luminance: Psnr
     delta_e: float
+    ms_ssim: MsSsim | None
     speckle: tuple[SpeckleContrast, ...]
 
     @property
@@ -52,6 +56,7 @@ def measure_image_quality(view: View, stack: NDArray[np.floating], region: Regio
         psnr=psnr_linear_srgb(view.rgb, stack),
         psnr_luminance=psnr_luminance(view.xyz, target_xyz),
         delta_e=delta_e_linear_srgb(np.clip(view.rgb, 0, 1), np.clip(stack, 0, 1)),
+        ms_ssim=ms_ssim(view.rgb, stack) if scale_count(stack.shape[1:3]) else None,
         speckle=tuple(
             speckle_contrast(xyz[..., 1], region=speckle_region, target=target[..., 1])
             for xyz, target in zip(view.xyz, target_xyz, strict=True)

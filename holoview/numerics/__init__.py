@@ -8,6 +8,7 @@ phasor             exp(2πi·turns), with the turns reduced to one period first
 resample           Gaussian blur, affine warp and interpolation of two-dimensional maps, differentiable
 subpixel_shift     images shifted by fractions of a pixel, and their gradients, by a windowed sinc
 image_region       rectangles of an image as slices, and setting everything outside to zero
+structural_similarity  multi-scale structural similarity (MS-SSIM) of images, differentiable
 taper              a window that falls to zero at both ends
 knots              linear interpolation in tables with equidistant knots
 power_law          powers of numbers from 0 on, with finite gradients

@@ -17,7 +17,7 @@ the H themselves where gradients would need their conjugates:
 An evaluation calls `forward` once, `process_planes`, and at last `accumulate_gradients`. Planes come one after the
 other, so that the fields of only one are in memory. The loss at a sample depends on the fields at this sample only, so
 that a plane is processed in blocks of rows: transformed along x, compared with the target and transformed back while
-the block is in the cache.
+the block is in the cache. A structural loss takes a whole plane as one block.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The colour spaces in which image and target are compared."""
+"""The colour spaces in which image and target are compared, by squared errors and perhaps by structure too."""
 
 from __future__ import annotations
 
@@ -14,6 +14,10 @@ Floats = NDArray[np.float64]
 
 _XYZ_TO_LMS: Floats = np.asarray(np.linalg.inv(LMS_TO_XYZ), dtype=np.float64)
 
+# Measured in docs/optimiser.md. MS-SSIM alone lets a picture go dark, because its speckle then fades more than its
+# structure.
+_STRUCTURE_WEIGHT = 0.03
+
 
 @dataclass(frozen=True)
 class LossSpace:
@@ -21,13 +25,15 @@ class LossSpace:
 
     matrix (channel, XYZ): linear channels of CIE XYZ. description: for the command line's help.
     ignores_wavelength: a monochrome camera, for which all lasers are equally bright. is_encoded: the channels pass
-    through sRGB's curve before they are compared.
+    through sRGB's curve before they are compared. structure_weight: of 1 − MS-SSIM (multi-scale structural similarity,
+    the mean of the channels), which is added to the mean squared error.
     """
 
     matrix: Floats
     description: str
     ignores_wavelength: bool = False
     is_encoded: bool = False
+    structure_weight: float = 0.0
 
     @property
     def to_rgb(self) -> Floats | None:
@@ -54,6 +60,12 @@ LOSS_SPACES = {
         np.eye(3)[1:2],
         "a mono camera that sees all lasers alike, against the target's luminance",
         ignores_wavelength=True,
+    ),
+    "ms-ssim": LossSpace(
+        XYZ_TO_SRGB,
+        "errors of encoded sRGB, and of its structure on five scales: less speckle, but slower",
+        is_encoded=True,
+        structure_weight=_STRUCTURE_WEIGHT,
     ),
 }
 

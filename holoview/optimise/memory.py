@@ -18,6 +18,7 @@ _COMPLEX64, _FLOAT32 = 8, 4
 _WAVELENGTH_GRADIENT_FIELDS = 6  # maps in double precision and products, for one beam at a time
 _BLOCKS_A_MODULATOR = 2  # blocks at a time, beside one for each modulator: inputs and results of FFTs, and squares
 _IMAGES_A_PLANE, _IMAGES = 6, 16  # targets; the image of a plane, the drive, its moments and gradients
+_STRUCTURE_IMAGES, _STRUCTURE_FIELDS = 45, 3  # slopes of one channel's MS-SSIM; a plane's fields, squares and slopes
 
 CPU_BLOCK_BYTES = 1 << 20
 """Size of a block of complex numbers on the CPU: what a core's second-level cache holds."""
@@ -28,22 +29,26 @@ def with_compact_grid(system: System) -> System:
     return system.with_(propagation="compact") if system.sampling.propagation == "linear" else system
 
 
-def peak_bytes(system: System, *, free_wavelengths: bool = False) -> int:
+def peak_bytes(system: System, *, free_wavelengths: bool = False, whole_planes: bool = False) -> int:
     """Peak memory of the tensors of an optimisation on the compact grid, within 10 %; free_wavelengths: of these too.
+
+    whole_planes: for a loss by structure, which takes a plane at once; within 20 %.
 
     Its process takes more: 7 to 90 MiB were measured with patterns alone (1024 × 768 samples, Linux, 2 threads: tables
     and threads of the FFTs, and what the C library's allocator keeps), and up to 500 MiB after a step of wavelengths.
     """
-    return _estimate_bytes(make_plan(with_compact_grid(system)), free_wavelengths)
+    return _estimate_bytes(make_plan(with_compact_grid(system)), free_wavelengths, whole_planes)
 
 
 @contextmanager
-def memory_guard(plan: Plan, device: str, *, free_wavelengths: bool = False) -> Iterator[None]:
+def memory_guard(
+    plan: Plan, device: str, *, free_wavelengths: bool = False, whole_planes: bool = False
+) -> Iterator[None]:
     """Raises UserError if the machine has too little memory for an optimisation, or if it runs out inside the block.
 
     The error says how much is needed and which options to lower.
     """
-    needed = _estimate_bytes(plan, free_wavelengths)
+    needed = _estimate_bytes(plan, free_wavelengths, whole_planes)
     if device == "cpu" and needed > psutil.virtual_memory().total:
         raise _out_of_memory_error(needed, f"of {_gib(psutil.virtual_memory().total)}")
     try:
@@ -56,7 +61,7 @@ def memory_guard(plan: Plan, device: str, *, free_wavelengths: bool = False) -> 
         raise _out_of_memory_error(needed, f"on {device} and ran out") from error
 
 
-def _estimate_bytes(plan: Plan, free_wavelengths: bool) -> int:
+def _estimate_bytes(plan: Plan, free_wavelengths: bool, whole_planes: bool) -> int:
     """Transfer functions, spectra and lines of all beams, phasors, images, and blocks that are computed at a time."""
     lasers, modulators = len(lit_lasers(plan)), len(plan.system.modulators)
     beams, wavelengths = lasers * len(plan.slopes), int(np.count_nonzero(plan.weights.any(axis=0)))
@@ -72,6 +77,9 @@ def _estimate_bytes(plan: Plan, free_wavelengths: bool) -> int:
         at_a_time += 2 * max(field_bytes, min(beams * field_bytes, CPU_BLOCK_BYTES))
         at_a_time += _WAVELENGTH_GRADIENT_FIELDS * field_bytes
     images = _IMAGES_A_PLANE * len(plan.planes_m) + _IMAGES
+    if whole_planes:
+        images += _STRUCTURE_IMAGES
+        at_a_time += _STRUCTURE_FIELDS * beams * math.prod(plan.grid.shape) * _COMPLEX64
     return numbers * _COMPLEX64 + at_a_time + images * math.prod(plan.grid.shape) * _FLOAT32
 
 

@@ -1,4 +1,4 @@
-"""The loss: mean squared error of a focal stack in a colour space, inside a region, weighted by plane."""
+"""The loss of a focal stack in a colour space, inside a region, weighted by plane: by squared errors or structure."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from holoview.model.plan import Plan
 from holoview.numerics.image_region import Region, region_slices, zero_outside
+from holoview.numerics.structural_similarity import WINDOW, multi_scale_similarity, scale_count
 from holoview.optimise.loss_spaces import LossSpace, find_loss_space
 from holoview.optimise.settings import Settings
 from holoview.optimise.srgb_curve import torch_srgb_encode, torch_srgb_encode_derivative
@@ -31,14 +32,17 @@ class PlaneLoss:
 
 @dataclass(frozen=True)
 class ResidualSums:
-    """Norms over some rows, numbers on the device: of the residuals, and of the errors that the PSNR is made of."""
+    """Norms over some rows, numbers on the device: of the residuals, and of the errors that the PSNR is made of.
+
+    Of a structural loss, the squared residuals include its weight times 1 − MS-SSIM for each number of the image.
+    """
 
     residual_norm: Tensor
     error_norm: Tensor
 
 
 class Objective:
-    """L = Σ_k weight_k·mean(residual_k²)/K over K planes, inside the region.
+    """L = Σ_k weight_k·[mean(residual_k²) + structure_weight·(1 − MS-SSIM_k)]/K over K planes, inside the region.
 
     Brightness is fixed: 1 is the display's white, and no scale factor is fitted. target (plane, channel, y, x): linear,
     before any encoding. wavelength_channels (wavelength, channel): of unit intensity. region_slices: of (y, x).
@@ -63,7 +67,10 @@ class Objective:
         self._to_rgb = None if matrix is None or is_linear_srgb else torch.as_tensor(matrix).to(target)
 
     def evaluate_rows(self, plane: int, rows: slice, image: Tensor) -> ResidualSums:
-        """Sums over rows of a plane's image (channel, row, x), which is overwritten with ∂L/∂image."""
+        """Sums over rows of a plane's image (channel, row, x), which is overwritten with ∂L/∂image.
+
+        A structural loss takes all rows at once (`needs_whole_planes`).
+        """
         cut = self.cut_region(rows)
         if cut is None:
             image.zero_()
@@ -73,15 +80,23 @@ class Objective:
         error_norm = self._error_norm(cropped, target)
         derivative = torch_srgb_encode_derivative(cropped) if self.loss.is_encoded else None
         if self.loss.is_encoded:
-            cropped.copy_(torch_srgb_encode(cropped)).sub_(torch_srgb_encode(target))
-        else:
-            cropped.sub_(target)
-        residual_norm = torch.linalg.vector_norm(cropped)
+            cropped.copy_(torch_srgb_encode(cropped))
+            target = torch_srgb_encode(target)
+        structure = _structural_part(cropped, target, self.loss.structure_weight)
+        residual_norm = torch.linalg.vector_norm(cropped.sub_(target))
         cropped.mul_(2 * self._sample_weight(plane))
+        if structure is not None:
+            residual_norm = torch.hypot(residual_norm, structure.norm)
+            cropped.add_(structure.slopes, alpha=self._sample_weight(plane))
         if derivative is not None:
             cropped.mul_(derivative)
         zero_outside(image, *inside[1:])
         return ResidualSums(residual_norm, error_norm)
+
+    @property
+    def needs_whole_planes(self) -> bool:
+        """Whether `evaluate_rows` has to be given all rows of a plane at once."""
+        return self.loss.structure_weight > 0
 
     def plane_loss(self, plane: int, parts: Sequence[ResidualSums]) -> PlaneLoss:
         """The loss of a plane from the sums over all its rows."""
@@ -127,6 +142,32 @@ class Objective:
         return torch.linalg.vector_norm(error)
 
 
+@dataclass(frozen=True)
+class _StructuralPart:
+    """s·n·(1 − MS-SSIM) of an image of n numbers: its root, and its slopes (channel, y, x)."""
+
+    norm: Tensor
+    slopes: Tensor
+
+
+def _structural_part(image: Tensor, target: Tensor, weight: float) -> _StructuralPart | None:
+    """The structural part of a loss of images (channel, y, x) with the weight s; None where that is 0.
+
+    Channel by channel, because what a slope needs takes some hundred images of memory.
+    """
+    if weight == 0:
+        return None
+    total, slopes = image.new_zeros(()), torch.empty_like(image)
+    for channel in range(len(image)):
+        with torch.enable_grad():
+            variable = image[channel : channel + 1].detach().clone().requires_grad_()
+            similarity = multi_scale_similarity(variable, target[channel : channel + 1]).sum()
+            part = weight * variable.numel() * (1 - similarity)
+            (slopes[channel : channel + 1],) = torch.autograd.grad(part, variable)
+        total += part.detach()
+    return _StructuralPart(total.clamp_min(0).sqrt(), slopes)
+
+
 def make_objective(
     plan: Plan, stack: NDArray[np.floating], settings: Settings, *, device: str = "cpu", double: bool = False
 ) -> Objective:
@@ -149,7 +190,7 @@ def make_objective(
         channels_of_wavelengths(loss, plan, target),
         target,
         _plane_weights(settings, planes),
-        _checked_region(settings, shape),
+        _checked_region(settings, shape, loss),
     )
 
 
@@ -168,10 +209,12 @@ def _plane_weights(settings: Settings, planes: int) -> NDArray[np.float64]:
     return weights * (planes / weights.sum())
 
 
-def _checked_region(settings: Settings, shape: tuple[int, int]) -> Region | None:
-    if settings.region is not None:
-        x, y, width, height = settings.region
-        if x + width > shape[1] or y + height > shape[0]:
-            found = f"x, y, w, h = {x}, {y}, {width}, {height}"
-            raise UserError("region", found, expected=f"inside the simulated {shape[1]} x {shape[0]} samples")
+def _checked_region(settings: Settings, shape: tuple[int, int], loss: LossSpace) -> Region | None:
+    x, y, width, height = settings.region or (0, 0, shape[1], shape[0])
+    if settings.region is not None and (x + width > shape[1] or y + height > shape[0]):
+        found = f"x, y, w, h = {x}, {y}, {width}, {height}"
+        raise UserError("region", found, expected=f"inside the simulated {shape[1]} x {shape[0]} samples")
+    if loss.structure_weight and scale_count((height, width)) == 0:
+        expected = f"at least {WINDOW} rows and columns for this loss, {WINDOW * 16} for all of its scales"
+        raise UserError("loss", f"images of {width} x {height} samples", expected=expected)
     return settings.region

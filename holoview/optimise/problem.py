@@ -104,13 +104,16 @@ class Problem:
         self.lasers = [laser for shard in shards for laser in shard]
         self._own_lasers = group.shard(len(self.lasers))
         plan = with_only_lasers(plan, shards[group.rank])
-        self._memory_guard = partial(memory_guard, free_wavelengths=free_wavelengths)
         self.objective = make_objective(plan, stack, settings, device=device, double=double)
+        whole_planes = self.objective.needs_whole_planes
+        self._memory_guard = partial(memory_guard, free_wavelengths=free_wavelengths, whole_planes=whole_planes)
         if free_wavelengths:
             check_wavelength_search(system.observer, settings)
         self._padded_samples = math.prod(plan.grid.padded)
         with self._memory_guard(plan, device), limit_torch_threads(self._padded_samples):
             rows_at_a_time = None if group.size == 1 else _ROWS_TO_SEND
+            if whole_planes:
+                rows_at_a_time = plan.grid.shape[0]
             self.model = make_forward_model(plan, device=device, double=double, rows_at_a_time=rows_at_a_time)
             self._middle_image = torch.empty_like(self.objective.target[0])
             self.eyebox = EyeboxPenalty(self.model)

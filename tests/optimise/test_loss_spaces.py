@@ -94,8 +94,9 @@ def test_three_channels_go_back_to_rgb_and_one_does_not(name: str) -> None:
     np.testing.assert_allclose(loss.channels_of_rgb(rgb) @ loss.to_rgb.T, rgb, rtol=0, atol=1e-13)
 
 
-def test_only_srgb_is_curved_and_only_mono_is_flat() -> None:
-    assert [name for name, loss in LOSS_SPACES.items() if loss.is_encoded] == ["srgb"]
+def test_which_losses_are_encoded_which_see_structure_and_which_no_wavelength() -> None:
+    assert [name for name, loss in LOSS_SPACES.items() if loss.is_encoded] == ["srgb", "ms-ssim"]
+    assert [name for name, loss in LOSS_SPACES.items() if loss.structure_weight] == ["ms-ssim"]
     assert [name for name, loss in LOSS_SPACES.items() if loss.ignores_wavelength] == ["mono"]
 
 

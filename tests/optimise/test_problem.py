@@ -14,6 +14,7 @@ import holoview as hv
 from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.plan import make_plan
 from holoview.model.system import System
+from holoview.numerics.structural_similarity import multi_scale_similarity
 from holoview.optimise.loss_spaces import LOSS_SPACES
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation, Problem
 from holoview.optimise.settings import Settings
@@ -60,7 +61,7 @@ def _opd(system: System, noise: Noise) -> torch.Tensor:
 def _plain_loss(
     plain: Any, system: System, stack: np.ndarray, name: str, opd_m: torch.Tensor, amplitudes: torch.Tensor
 ) -> torch.Tensor:
-    """Mean square residual over planes, channels and samples; frames averaged, everything written out."""
+    """Mean square residual over planes, channels and samples, and structure; frames averaged, all written out."""
     plan, loss = make_plan(system), LOSS_SPACES[name]
     colours = torch.from_numpy(np.array(loss.channels_of_xyz(plan.colour_weights)))
     image = torch.zeros(())
@@ -71,7 +72,8 @@ def _plain_loss(
     target = torch.from_numpy(np.moveaxis(loss.channels_of_rgb(stack), -1, 1).copy())
     if loss.is_encoded:
         image, target = torch_srgb_encode(image), torch_srgb_encode(target)
-    return (image - target).square().mean()
+    similarity = torch.stack([multi_scale_similarity(*pair).mean() for pair in zip(image, target, strict=True)])
+    return (image - target).square().mean() + loss.structure_weight * (1 - similarity.mean())
 
 
 @pytest.mark.parametrize("name", LOSS_SPACES)
