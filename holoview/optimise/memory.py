@@ -18,7 +18,7 @@ _COMPLEX64, _FLOAT32 = 8, 4
 _WAVELENGTH_GRADIENT_FIELDS = 6  # maps in double precision and products, for one beam at a time
 _BLOCKS_A_MODULATOR = 2  # blocks at a time, beside one for each modulator: inputs and results of FFTs, and squares
 _IMAGES_A_PLANE, _IMAGES = 6, 16  # targets; the image of a plane, the drive, its moments and gradients
-_STRUCTURE_IMAGES, _STRUCTURE_FIELDS = 45, 3  # slopes of one channel's MS-SSIM; a plane's fields, squares and slopes
+_STRUCTURE_IMAGES, _STRUCTURE_FIELDS = 30, 2  # what slopes of a channel's MS-SSIM need; a plane's fields and squares
 
 CPU_BLOCK_BYTES = 1 << 20
 """Size of a block of complex numbers on the CPU: what a core's second-level cache holds."""
@@ -32,7 +32,7 @@ def with_compact_grid(system: System) -> System:
 def peak_bytes(system: System, *, free_wavelengths: bool = False, whole_planes: bool = False) -> int:
     """Peak memory of the tensors of an optimisation on the compact grid, within 10 %; free_wavelengths: of these too.
 
-    whole_planes: for a loss by structure, which takes a plane at once; within 20 %.
+    whole_planes: for a loss by structure, which takes a plane at once.
 
     Its process takes more: 7 to 90 MiB were measured with patterns alone (1024 × 768 samples, Linux, 2 threads: tables
     and threads of the FFTs, and what the C library's allocator keeps), and up to 500 MiB after a step of wavelengths.
@@ -78,8 +78,8 @@ def _estimate_bytes(plan: Plan, free_wavelengths: bool, whole_planes: bool) -> i
         at_a_time += _WAVELENGTH_GRADIENT_FIELDS * field_bytes
     images = _IMAGES_A_PLANE * len(plan.planes_m) + _IMAGES
     if whole_planes:
-        images += _STRUCTURE_IMAGES
-        at_a_time += _STRUCTURE_FIELDS * beams * math.prod(plan.grid.shape) * _COMPLEX64
+        sample_bytes = _STRUCTURE_FIELDS * beams * _COMPLEX64 + _STRUCTURE_IMAGES * _FLOAT32
+        at_a_time = max(at_a_time, math.prod(plan.grid.shape) * sample_bytes)
     return numbers * _COMPLEX64 + at_a_time + images * math.prod(plan.grid.shape) * _FLOAT32
 
 

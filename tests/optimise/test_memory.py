@@ -110,6 +110,15 @@ def test_the_estimate_holds_for_other_settings(settings: dict[str, Any], bench: 
     assert needed == pytest.approx(_peak_of(system, 4, **settings), rel=0.1)
 
 
+@pytest.mark.parametrize("name", ["two modulators", "eight lasers", "sources"])
+def test_a_loss_by_structure_takes_a_whole_plane_at_once(name: str, bench: Bench) -> None:
+    system = with_compact_grid(_system(bench, name))
+    larger = system.edit({"shape": [100, 125]})
+    for one in (system, larger):
+        needed = peak_bytes(one, whole_planes=True)
+        assert needed == pytest.approx(_peak_of(one, 2, loss="ms-ssim"), rel=0.1)
+
+
 def test_a_bench_on_twice_the_grid_is_estimated_on_the_compact_one(bench: Bench) -> None:
     system = _system(bench)
     assert system.sampling.propagation == "linear"
