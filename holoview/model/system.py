@@ -42,7 +42,7 @@ class System(Description):
     directions of the source are averaged.
     modulators: one or two `Modulator`s of equal shape and pitch.
     gap_m: distance from modulator 1 to modulator 2, m; None with one modulator.
-    planes_m: (plane,) distances of the focal planes from the last modulator, m.
+    planes_m: (plane,) distances of the focal planes from the last modulator, m; larger is nearer to the viewer.
     source: illumination of the first modulator, a `Source`.
     relay1, relay2: `Relay` between the modulators, and behind the last one.
     observer: "eye" (2° cone fundamentals), "cie1931" or "mono" (a camera with flat response). It determines XYZ.
