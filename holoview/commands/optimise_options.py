@@ -73,9 +73,15 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--at", metavar="DISTANCE", help="where a picture without depth stands; the middle plane if absent"
     )
-    group.add_argument("--near", metavar="DISTANCE", help="where the depth map's 0 is; the largest plane if absent")
     group.add_argument(
-        "--far", metavar="DISTANCE", help="where the depth map's 1 is, less than --near; the smallest if absent"
+        "--near",
+        metavar="DISTANCE",
+        help="where the depth map's 0 is, the larger distance; the largest plane if absent",
+    )
+    group.add_argument(
+        "--far",
+        metavar="DISTANCE",
+        help="where the depth map's 1 is, the smaller distance; the smallest plane if absent",
     )
     group.add_argument("--brightness", type=float, default=1.0, help="factor on the target's linear light (1)")
     group.add_argument("--saturation", type=float, default=1.0, help="factor on its chroma in CIE LCHuv (1)")

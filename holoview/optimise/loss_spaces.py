@@ -63,7 +63,7 @@ LOSS_SPACES = {
     ),
     "ms-ssim": LossSpace(
         XYZ_TO_SRGB,
-        "errors of encoded sRGB, and of its structure on five scales: less speckle, but slower",
+        "errors of encoded sRGB, and of its structure on five scales; slower",
         is_encoded=True,
         structure_weight=_STRUCTURE_WEIGHT,
     ),

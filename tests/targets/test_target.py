@@ -45,6 +45,23 @@ def test_a_picture_without_depth_is_sharp_on_the_middle_plane(bench: Bench, scen
     assert contrast.argmax() == 2 and contrast[0] == pytest.approx(contrast[4], rel=1e-4)
 
 
+def test_black_in_a_depth_map_is_near_and_stands_at_the_largest_plane(bench: Bench, tmp_path: Path) -> None:
+    """The left half, code 0, is sharp at 10 mm, the right half, code 1, at 9 mm; or where the placement puts them."""
+    columns = np.arange(SHAPE[1])
+    np.save(tmp_path / "halves.npy", np.broadcast_to(np.where(columns < 30, 0.0, 1.0), SHAPE))
+    rgb = np.broadcast_to((columns // 2 % 2)[None, :, None], (*SHAPE, 3)).astype(np.float32)
+    picture, depth = Picture(rgb, "stripes"), tmp_path / "halves.npy"
+
+    def contrasts(**place: float) -> list[list[bool]]:
+        """Whether the near and the far half are sharp, at 9, 9.5 and 10 mm."""
+        stack = target_for(bench(3, SHAPE), picture, Placement(depth=depth, **place)).stack[:, 20, :, 1]
+        return [[bool(part.std() > 0.4) for part in (plane[4:20], plane[40:56])] for plane in stack]
+
+    assert contrasts() == [[False, True], [False, False], [True, False]]
+    assert contrasts(nearest_m=9.5e-3) == [[False, True], [True, False], [False, False]]
+    assert contrasts(farthest_m=9.5e-3) == [[False, False], [False, True], [True, False]]
+
+
 def test_planes_between_the_optimised_ones_belong_to_the_same_scene(bench: Bench, scene: Any) -> None:
     system = bench(3, SHAPE)
     own = target_for(system, *scene)
