@@ -231,11 +231,11 @@ def _fit_free_map(
     effect.set_from_vector(solution.x)
     chi2 = held_out.with_predictor(predictor).chi2_per_pixel(values)
     share = (base_chi2 - chi2) / max(base_chi2 - 1.0, 1e-9)
-    shown = tuple(_placed(one, effect.acts_on[0], context.data.captures) for one in effect.shown_maps())
+    shown = tuple(placed_map(one, effect.acts_on[0], context.data.captures) for one in effect.shown_maps())
     return FreeMapFit(effect.acts_on[0], float(np.clip(share, 0.0, 1.0)), shown)
 
 
-def _placed(shown: ShownMap, location: str, captures: Captures) -> ShownMap:
+def placed_map(shown: ShownMap, location: str, captures: Captures) -> ShownMap:
     """A map with the coordinates of the surface that it lies over."""
     if shown.values.ndim == 1:
         over_levels = shown.name == "curve"

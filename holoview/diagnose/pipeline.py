@@ -30,7 +30,7 @@ from holoview.diagnose.free_maps import FreeMapFit, fit_free_maps, likely_fits
 from holoview.diagnose.held_out_ranking import SearchResult
 from holoview.diagnose.judged_search import SearchOutcome
 from holoview.diagnose.one_picture import ONE_PICTURE_NOTE, with_one_picture
-from holoview.diagnose.pixel_maps import find_pixel_maps
+from holoview.diagnose.pixel_maps import find_pixel_maps, line_notes
 from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
 from holoview.diagnose.record_errors import check_records
 from holoview.diagnose.region_search import search_region_first, with_region
@@ -229,7 +229,6 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
     roughness = pattern_roughness(captures)
     wants_maps = free_maps and _is_open(findings, after.chi2_per_pixel)
     pixels = find_pixel_maps(context.region or context, values) if wants_maps else ()
-    outstanding = [told for one in pixels if (told := one.format_standing_out(config.stuck.min_line_sigmas))]
     return Diagnosis(
         verdict=decision.verdict if law is None else with_further_cause(decision.verdict),
         before=fit_quality(comparison, nominal, config.report),
@@ -250,7 +249,7 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
         gain_spread=gain_spread(context.kept_captures, findings.gain),
         captures=len(captures),
         bad_captures=findings.bad_captures,
-        notes=(*findings.notes, *(f"Beside its neighbours stands out: {told}." for told in outstanding)),
+        notes=(*findings.notes, *line_notes(pixels, config.stuck.min_line_sigmas)),
         seconds=math.nan,
     )
 

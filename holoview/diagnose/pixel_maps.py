@@ -6,6 +6,7 @@ whatever is sent (`replacement_gains`) is compared with that of all other pixels
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,12 +33,17 @@ class PixelMap:
     rows: Floats
     first_pixel: tuple[int, int]
 
-    def format_standing_out(self, min_sigmas: float) -> str:
-        """The column and the row that stand out most, in words; empty where neither does by `min_sigmas`."""
-        lines = zip(("column", "row"), (self.columns, self.rows), self.first_pixel[::-1], strict=True)
-        most = [(name, first + int(sigmas.argmax()), float(sigmas.max())) for name, sigmas, first in lines]
-        told = [f"{name} {number} ({sigmas:.0f} σ)" for name, number, sigmas in most if sigmas >= min_sigmas]
-        return f"{' and '.join(told)} of modulator {self.number + 1}" if told else ""
+    @property
+    def line_sigmas(self) -> float:
+        """How far the column or the row does so that stands out most."""
+        return float(max(self.columns.max(), self.rows.max()))
+
+    def describe_line(self) -> str:
+        """The column or the row that stands out most."""
+        lines = zip(("row", "column"), (self.rows, self.columns), self.first_pixel, strict=True)
+        name, sigmas, first = max(lines, key=lambda line: float(line[1].max()))
+        number = first + int(sigmas.argmax())
+        return f"{name} {number} of modulator {self.number + 1} ({self.line_sigmas:.0f} σ)"
 
 
 def find_pixel_maps(context: SearchContext, base: FittedValues) -> tuple[PixelMap, ...]:
@@ -49,3 +55,11 @@ def find_pixel_maps(context: SearchContext, base: FittedValues) -> tuple[PixelMa
         columns, rows = (significance(line_gains(gains, axis, config.line_segments)).max(axis=0) for axis in (1, 2))
         found.append(PixelMap(number, significance(gains).max(axis=0), columns, rows, captures.first_pixel))
     return tuple(found)
+
+
+def line_notes(maps: Sequence[PixelMap], min_sigmas: float) -> list[str]:
+    """A note on the line that stands out most, if it does by `min_sigmas`; light spreads, so that others may too."""
+    most = max(maps, key=lambda one: one.line_sigmas, default=None)
+    if most is None or most.line_sigmas < min_sigmas:
+        return []
+    return [f"Of all columns and rows of modulators, {most.describe_line()} stands out most from its neighbours."]

@@ -55,7 +55,8 @@ def screen_effects(
     elif error < config.local_max_error:
         yield screening.local_fits(ordered)
     starts = screening.image_starts()
-    yield screening.in_batches(partial(screening.fitter.scan_and_fit, starts), ordered, ", over its range")
+    found_first = sorted(ordered, key=lambda e: not screening.stuck_starts(e))
+    yield screening.in_batches(partial(screening.fitter.scan_and_fit, starts), found_first, ", over its range")
 
 
 def fit_over_range(
@@ -192,6 +193,11 @@ class _Screening:
         displaced = DisplacementStarts(self._base, self.fitter.comparison, self._context.config.starts)
         return partial(_all_starts, (displaced, self._residual_starts))
 
+    @cached_property
+    def stuck_starts(self) -> StuckStarts:
+        """Starting values of stuck pixels. Where there are any, they leave much less of the error."""
+        return StuckStarts(self._context, self._base, self.fitter.comparison)
+
     def _fits_of_seen(self, effects: Sequence[Effect]) -> tuple[list[CandidateFit], list[Effect]]:
         """Fits of the effects that the residuals show without derivatives, and the other effects."""
         starts = self._residual_starts
@@ -211,7 +217,7 @@ class _Screening:
             GhostStarts(fitted, comparison, config),
             FringeStarts(fitted, comparison, config),
             SmearStarts(fitted, comparison),
-            StuckStarts(self._context, self._base, comparison),
+            self.stuck_starts,
         )
         return partial(_all_starts, providers)
 

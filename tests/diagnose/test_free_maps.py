@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +19,9 @@ from holoview.diagnose.free_maps import (
     FreeModulator,
     FreeRelay,
     FreeSource,
+    ShownMap,
     likely_fits,
+    placed_map,
 )
 from holoview.diagnose.suggestions import suggest_for
 from holoview.model.effects.hook_contexts import RelayContext
@@ -96,3 +99,16 @@ def test_maps_are_shown_in_units_and_their_place_has_a_suggestion(maps: FreeMaps
     hook = re.search(r"overrides `(\w+)`", suggest_for(maps.acts_on[0]))
     assert hook and maps.overrides(hook[1]), "the hook that the maps themselves use"
     maps.set_from_vector(np.zeros(maps.parameter_count))
+
+
+def test_maps_are_placed_in_pixels_of_what_they_lie_over(nominal: Captures) -> None:
+    surface, numbers = ShownMap("stroke", np.zeros((6, 8)), "1"), ShownMap("neighbours", np.zeros(4), "1")
+    (rows, columns), (camera_rows, camera_columns) = nominal.levels.shape[2:], nominal.shape
+    on_modulator = placed_map(surface, "modulator 2", nominal)
+    assert (on_modulator.extent, on_modulator.axis) == ((-0.5, columns - 0.5, rows - 0.5, -0.5), "modulator pixels")
+    middle = replace(nominal, slm_frame=(rows + 20, columns + 6), frame=(camera_rows + 4, camera_columns))
+    assert placed_map(surface, "source", middle).extent == (2.5, columns + 2.5, rows + 9.5, 9.5)
+    assert placed_map(surface, "camera", middle).extent == (-0.5, camera_columns - 0.5, camera_rows + 1.5, 1.5)
+    assert placed_map(surface, "relay 1", nominal).axis == "pupil radii"
+    assert placed_map(numbers, "camera", nominal).labels == ("above", "below", "left", "right")
+    assert placed_map(ShownMap("curve", np.zeros(9), "1"), "modulator 1", nominal).axis == "share of the stroke"

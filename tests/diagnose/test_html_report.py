@@ -17,6 +17,7 @@ from holoview.diagnose.display_gain import DisplayGain
 from holoview.diagnose.free_maps import FreeMapFit, ShownMap
 from holoview.diagnose.html_report import write_report
 from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.pixel_maps import PixelMap
 from holoview.diagnose.uncertainty import Interval
 from holoview.diagnose.verdict import Verdict
 from holoview.model.effects.registry import listed_effects
@@ -37,7 +38,7 @@ CAUSE = Cause(
 )
 
 MAPS = (
-    ShownMap("amplitude", np.linspace(-0.1, 0.1, 64).reshape(8, 8), "1"),
+    ShownMap("amplitude", np.linspace(-0.1, 0.1, 64).reshape(8, 8), "1", (-1.0, 1.0, 1.0, -1.0), "pupil radii"),
     ShownMap("path", np.zeros((8, 8)), "m"),
     ShownMap("curve", np.linspace(0, 0.02, 9), "1"),
 )
@@ -54,6 +55,7 @@ def found(nominal: Captures) -> Diagnosis:
         rivals=(("stroke", "tilt"),),
         unexplained=0.3,
         free_maps=(FreeMapFit("relay 1", 0.96, MAPS),),
+        pixel_maps=(PixelMap(0, np.eye(6, 8), np.arange(8.0), np.arange(6.0), (2, 3)),),
         bad_captures=(BadCapture(3, "exchanged with 9", "Its picture shows <that> of 9."),),
         fixed_pattern=0.01,
         notes=("1 < 2",),
@@ -80,6 +82,7 @@ def test_it_says_all_that_was_found(tmp_path: Path, found: Diagnosis) -> None:
         "Looks much like: aberration1 (1.00), distance (0.50) (correlation of what they change).",
         "To separate them: a capture in another plane.",
         "Can't be excluded stroke and tilt",
+        "Single pixels, columns and rows By how much the captures would rather have a pixel",
         "relay 1: 96% of what is left. Write an effect that overrides `pupil` for relay 1",
         "This speaks of 11 of 12 captures.",
         "3 exchanged with 9 Its picture shows <that> of 9.",
@@ -90,12 +93,15 @@ def test_it_says_all_that_was_found(tmp_path: Path, found: Diagnosis) -> None:
 
 
 def test_what_a_diagnosis_lacks_has_no_heading(tmp_path: Path, found: Diagnosis) -> None:
-    text = _text(tmp_path, dataclasses.replace(found, rivals=(), free_maps=(), fixed_pattern=0.0, bad_captures=()))
+    text = _text(
+        tmp_path, dataclasses.replace(found, rivals=(), free_maps=(), pixel_maps=(), fixed_pattern=0.0, bad_captures=())
+    )
     for words in (
         "Captures that were left out",
         "This speaks of",
         "Can't be excluded",
         "What is left lives in",
+        "Single pixels",
         "sensitivity",
         "on the display",
     ):

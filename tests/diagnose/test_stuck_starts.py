@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from holoview.diagnose.config import SearchConfig
-from holoview.diagnose.pixel_maps import find_pixel_maps
+from holoview.diagnose.pixel_maps import find_pixel_maps, line_notes
 from holoview.diagnose.replacement_gains import line_gains, replacement_gains, significance
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.stuck_starts import StuckStarts
@@ -79,5 +79,6 @@ def test_pixel_maps_show_the_line(make_context: MakeContext) -> None:
     first, second = find_pixel_maps(context, {})
     assert int(first.columns.argmax()) == 24 and first.columns.max() > second.columns.max()
     assert first.pixels.shape == context.data.captures.levels.shape[2:]
-    assert "column 24 (" in first.format_standing_out(5.0) and "of modulator 1" in first.format_standing_out(5.0)
-    assert first.format_standing_out(1e6) == ""
+    (note,) = line_notes((first, second), 5.0)
+    assert "column 24 of modulator 1 (" in note
+    assert line_notes((first, second), 1e6) == line_notes((), 5.0) == []
