@@ -205,10 +205,10 @@ def test_the_focal_plane_is_scrubbed_by_slider_keys_and_thumbnails(make_gui: Cal
     gui = make_gui(size=(900, 700))
     gui.draw_until_idle()
     gui.drag(gui.item_position("plane", 0.5), gui.item_position("plane", 0.8))
-    far = gui.session.view_settings.plane_m
-    assert far > 10e-3
+    dragged = gui.session.view_settings.plane_m
+    assert dragged > 10e-3
     gui.press_chord("Left")
-    assert gui.session.view_settings.plane_m < far
+    assert gui.session.view_settings.plane_m < dragged
     gui.press_chord("PageUp")
     assert gui.session.view_settings.plane_m in gui.session.system.planes_m
     gui.click(gui.item_position("plane 9 mm"))
