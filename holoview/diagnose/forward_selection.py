@@ -65,13 +65,13 @@ def _follow_leads(
 def _search_single_causes(
     context: SearchContext, effects: Sequence[Effect], progress: ProgressCallback
 ) -> SearchResult:
-    """Single causes; ends early when one explains everything."""
+    """Single causes; ends early when one explains everything, or two do of which one shows near the nominal bench."""
     config = context.config.selection
     unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
     near_cost = context.config.ranking.near_chi2 * unbiased.pixel_count
     screened: list[CandidateFit] = []
     queue, result = RefinementQueue(context), rank_on_held_out(context, [])
-    for stage in screen_effects(context, {}, effects, progress, "one cause"):
+    for number, stage in enumerate(screen_effects(context, {}, effects, progress, "one cause")):
         for batch in stage:
             screened = first_per_cause_set(sorted([*screened, *batch], key=lambda f: f.cost))
             if not batch or cost_or_inf(unbiased, batch[0].values) > near_cost:
@@ -83,27 +83,40 @@ def _search_single_causes(
                 return result
         queue.refine_new(_short_list(context, without_costly_fits(context, screened, unbiased)))
         result = _refine_leaders_along_axes(context, rank_on_held_out(context, queue.fits))
-        if result.best.excess < min(config.settled_excess, config.settled_share * result.nominal.excess):
+        if _is_settled(context, result):
             break
+        if number == 0 and result.best.excess < config.promising_share * result.nominal.excess:
+            result = _search_further_causes(context, result, 2, effects, progress)
+            if result.best.chi2_per_pixel < config.floor_chi2:
+                break
+            queue.fits += [c.fit for c in result.candidates if len(c.causes) > 1]
     return result
 
 
 def _search_further_causes(
     context: SearchContext, result: SearchResult, number: int, effects: Sequence[Effect], progress: ProgressCallback
 ) -> SearchResult:
-    """The candidates, and those with one cause more than the best ones; ends early when one explains everything."""
+    """The candidates, and those with one cause more than the best ones; ends early when one explains nearly all."""
     fits = [c.fit for c in result.candidates]
-    for base in _bases(context, result, number - 1):
-        if context.budget_exhausted:
-            break
-        compatible = [e for e in effects if _is_compatible(context, e, base.fit)]
-        wider = _with_one_more_cause(context, base.fit, compatible, progress, f"{number} causes")
+    bases, count = [c.fit for c in _bases(context, result, number - 1)], 0
+    while bases and not context.budget_exhausted and count <= context.config.selection.bases:
+        base, count = bases.pop(0), count + 1
+        compatible = [e for e in effects if _is_compatible(context, e, base)]
+        wider = _with_one_more_cause(context, base, compatible, progress, f"{number} causes")
         fits += context.run_parallel([partial(refine_fit, context, f) for f in wider])
         most_causes_first = first_per_cause_set(sorted(fits, key=lambda f: -len(f.causes)))
         result = _refine_leaders_along_axes(context, rank_on_held_out(context, most_causes_first))
-        if _explains_everything(context, result):
+        if _explains_everything(context, result) or _is_settled(context, result):
             break
+        bases = _with_exchanged_base(base, result.best.fit) + bases
     return result
+
+
+def _with_exchanged_base(base: CandidateFit, best: CandidateFit) -> list[CandidateFit]:
+    """What the best candidate adds to a base, as a base of its own: the base's cause may have stood for another one."""
+    if len(base.causes) != 1 or len(best.causes) != 2 or best.causes[0] != base.causes[0]:
+        return []
+    return [best.without(base.causes[0])]
 
 
 def _with_one_more_cause(
@@ -112,7 +125,8 @@ def _with_one_more_cause(
     """The best with one cause more than a base, fitted together; the first that nearly explains all ends the search."""
     config = context.config.selection
     unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
-    best = config.worthwhile_cost * cost_or_inf(unbiased, base.values)
+    base_cost = cost_or_inf(unbiased, base.values)
+    best = config.worthwhile_cost * base_cost
     screened, joint = list[CandidateFit](), list[CandidateFit]()
     for stage in screen_effects(context, base.values, effects, progress, note):
         for batch in stage:
@@ -125,7 +139,8 @@ def _with_one_more_cause(
         best_first = first_per_cause_set(sorted(screened, key=lambda f: f.cost))
         promising = without_costly_fits(context, best_first, unbiased)[: config.joint_fits]
         joint = _joint_fits(context, promising)[: config.refined_joint_fits]
-        settled = joint and joint[0].cost < config.joint_no_scan_chi2 * unbiased.pixel_count
+        enough = max(config.joint_no_scan_chi2 * unbiased.pixel_count, config.promising_share * base_cost)
+        settled = joint and joint[0].cost < enough
         if context.budget_exhausted or settled:
             break
     return joint
@@ -186,19 +201,28 @@ def _refine_leaders_along_axes(context: SearchContext, result: SearchResult) -> 
         better = [new for new, old in zip(refined, leaders, strict=True) if new.values != old.values]
         if not better:
             break
+        before = result.best.excess
         result = rank_on_held_out(context, [*better, *(c.fit for c in result.candidates)])
+        if result.best.excess > config.axis_gain_share * before:
+            break
     return result
 
 
 def _is_near(context: SearchContext, fit: CandidateFit) -> bool:
     """Whether a fit leaves a small error, or a small part of the nominal bench's error."""
     config = context.config.selection
-    limit = config.near_error_share * context.relative_model_error({})
+    limit = min(config.near_error_share * context.relative_model_error({}), config.max_near_error)
     return context.relative_model_error(fit.values) < max(config.near_error, limit)
 
 
 def _explains_everything(context: SearchContext, result: SearchResult) -> bool:
     return result.best.chi2_per_pixel < context.config.verdict.jitter_chi2
+
+
+def _is_settled(context: SearchContext, result: SearchResult) -> bool:
+    """Whether so little is left that other causes can't leave much less."""
+    config = context.config.selection
+    return result.best.excess < min(config.settled_excess, config.settled_share * result.nominal.excess)
 
 
 def _is_done(context: SearchContext, result: SearchResult) -> bool:
@@ -229,12 +253,20 @@ def _is_better(context: SearchContext, new: SearchResult, old: SearchResult) -> 
 
 
 def _drop_superfluous_causes(context: SearchContext, result: SearchResult) -> SearchResult:
-    """With fits of the best candidate's causes but one, from its values, from which a fit may find what it missed."""
+    """With fits of the best candidate's causes but one, from its values, from which a fit may find what it missed.
+
+    Where a fit to smooth captures leaves much more than all causes together, it isn't refined: it can't come first.
+    """
     best = result.best
     if len(best.causes) < 2:
         return result
-    refits = context.run_parallel([partial(refine_fit, context, best.fit.without(name)) for name in best.causes])
-    return rank_on_held_out(context, [*(c.fit for c in result.candidates), *refits])
+    fewer = _joint_fits(context, [best.fit.without(name) for name in best.causes])
+    unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
+    limit = context.config.selection.superfluous_cost * max(
+        cost_or_inf(unbiased, best.fit.values), unbiased.pixel_count
+    )
+    refits = context.run_parallel([partial(refine_fit, context, fit) for fit in fewer if fit.cost < limit])
+    return rank_on_held_out(context, [*(c.fit for c in result.candidates), *refits]) if refits else result
 
 
 def _is_compatible(context: SearchContext, effect: Effect, base: CandidateFit) -> bool:

@@ -39,15 +39,15 @@ def screen_effects(
 ) -> Iterator[FitBatches]:
     """Stages of batches of fits, each of one effect on top of `base`, with costs of one comparison.
 
-    Fits that gain nothing are left out. With a small error of the model: the most promising effects by their
-    derivatives, then scans unless hardly anything is left to explain. Medium: local fits, then scans. Large: scans
-    alone.
+    Fits that gain nothing are left out. With a small error of the model, and with a medium one beside other causes: the
+    most promising effects by their derivatives, then scans unless hardly anything is left to explain. With a medium
+    error without other causes: local fits, then scans. Large: scans alone.
     """
     config = context.config.screening
     error = context.relative_model_error(base)
     screening = _Screening(context, base, error, progress, note)
     ordered = sorted(effects, key=lambda e: (search_cost(context, e), e.id))
-    if error < config.tangent_max_error:
+    if error < (config.local_max_error if base else config.tangent_max_error):
         yield screening.nearby_fits(ordered)
         unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
         if cost_or_inf(unbiased, base) < config.no_scan_chi2 * unbiased.pixel_count:
@@ -90,18 +90,25 @@ class _EffectFitter:
     comparison: Comparison
     scan_comparison: Comparison
 
-    def local_fit(self, effect: Effect) -> CandidateFit:
-        """A local fit from the identity; of a costly effect, from the best of a few points."""
+    def local_fit(self, effect: Effect, *, with_base: bool = False) -> CandidateFit:
+        """A local fit from the identity; of a costly effect, from the best of a few points. with_base: fit it too."""
         if is_costly_effect(self.context, effect):
             return self._fit_costly(effect, 1.0)
         start = {**self.base, effect.id: identity_values(effect)}
-        config = self.context.config
-        fit = local_fit([effect], start, self.comparison, config.fits, iterations=config.screening.local_iterations)
+        config, varied = self.context.config, [*(self._base_effects() if with_base else []), effect]
+        fit = local_fit(varied, start, self.comparison, config.fits, iterations=config.screening.local_iterations)
         return CandidateFit((*self.base, effect.id), fit.values, fit.cost)
 
+    def _base_effects(self) -> list[Effect]:
+        return [self.context.effects[name] for name in self.base]
+
     def nearby_fit(self, effect: Effect) -> CandidateFit:
-        """A local fit from the identity; over its range where some parameters show together with others only."""
-        return self.scan_and_fit(_no_starts, effect) if self._has_dormant_parameters(effect) else self.local_fit(effect)
+        """A local fit from the identity, together with the base; over its range, on top of the base, where some
+        parameters show together with others only.
+        """
+        if self._has_dormant_parameters(effect):
+            return self.scan_and_fit(_no_starts, effect)
+        return self.local_fit(effect, with_base=True)
 
     def _has_dormant_parameters(self, effect: Effect) -> bool:
         """Whether parameters have slopes where a scan begins, but none at the identity: a fit from there misses them.
@@ -129,14 +136,27 @@ class _EffectFitter:
         first = find_hard_edges(effect, scan[0], self.scan_comparison, config)
         return fit_from_scan(effect, self.comparison, self.base, [first, *scan[1:]], config)
 
-    def tangent_gain(self, residual: NDArray[np.float32], effect: Effect) -> float:
-        """By how much the effect lowers Σ residual² if residuals depend on it linearly: gᵀ(JJᵀ)⁺g, g = J·r."""
+    def tangent_space(self) -> NDArray[np.float32]:
+        """Orthonormal changes (number, pixel) of the residuals that the base's own parameters make."""
+        residual, slopes = self.comparison.residual(self.base), [np.empty((0, 0), np.float32)]
+        for effect in self._base_effects():
+            slopes.append(effect_jacobian(effect, self.base, self.comparison, residual, self.context.config.fits))
+        found = [row for rows in slopes for row in rows if row.any()]
+        return np.linalg.qr(np.array(found).T)[0].T if found else np.empty((0, residual.size), np.float32)
+
+    def tangent_gain(self, residual: NDArray[np.float32], base: NDArray[np.float32], effect: Effect) -> float:
+        """By how much the effect, and the base with it, lower Σ residual² if residuals depend on them linearly.
+
+        residual: with the base. base: its `tangent_space`. With both J and r free of it, gᵀ(JJᵀ)⁺g, g = J·r: beside a
+        cause that took some of an effect's part, the effect alone could gain little.
+        """
         start = {**self.base, effect.id: identity_values(effect)}
         config = self.context.config
         factor = config.screening.costly_step_factor if is_costly_effect(self.context, effect) else 1.0
         slopes = effect_jacobian(effect, start, self.comparison, residual, config.fits, step_factor=factor)
+        slopes, left = slopes - (slopes @ base.T) @ base, residual - base.T @ (base @ residual)
         normal = (slopes @ slopes.T).astype(np.float64)
-        right = (slopes @ residual).astype(np.float64)
+        right = (slopes @ left).astype(np.float64)
         return float(right @ np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ right)
 
     def _fit_costly(self, effect: Effect, max_cost: float) -> CandidateFit:
@@ -180,7 +200,9 @@ class _Screening:
         """Fits of what the residuals show without derivatives, then of the effects whose derivatives promise most."""
         seen, others = self._fits_of_seen(effects)
         yield seen
-        yield self._improving(self.fitter.nearby_fit, self._best_by_tangent(others), "")
+        promising, size = self._best_by_tangent(others), self._context.config.screening.tangent_fits_at_once
+        for first in range(0, len(promising), size):
+            yield self._improving(self.fitter.nearby_fit, promising[first : first + size], "")
 
     def local_fits(self, effects: Sequence[Effect]) -> FitBatches:
         """Fits of what the residuals show without derivatives, then of all other effects from their identity."""
@@ -223,7 +245,8 @@ class _Screening:
 
     def _best_by_tangent(self, effects: Sequence[Effect]) -> list[Effect]:
         """The effects whose derivatives explain most of the residual, the best first."""
-        gain = partial(self.fitter.tangent_gain, self.fitter.comparison.residual(self._base))
+        residual = self.fitter.comparison.residual(self._base)
+        gain = partial(self.fitter.tangent_gain, residual, self.fitter.tangent_space())
         gains = self._context.map_effects(gain, effects, self._progress, f"{self._note}, tangents")
         order = np.argsort(gains)[::-1][: self._context.config.screening.tangent_fits]
         return [effects[k] for k in order if gains[k] > 0]

@@ -21,6 +21,10 @@ class ScreeningConfig:
     """[effects] The best by their tangents are fitted. Evidence: the screening study: on smooth captures the cause
     was among the first 5; 3 more as a margin."""
 
+    tangent_fits_at_once: int = 4
+    """[effects] Of these, fitted between two decisions whether to stop. Evidence: of pairs, the second cause was mostly
+    among the first two; a multiple of two keeps two processes busy."""
+
     costly_step_factor: float = 20.0
     """[1] Difference steps of costly effects are so many times longer. Evidence: over short steps an iris on a grid
     passes over whole samples, which changes more than the rest; the value: none recorded."""

@@ -43,8 +43,8 @@ class SelectionConfig:
     """[1] Of one batch, fits below so many times the best cost are refined at once. Evidence: none recorded."""
 
     bases: int = 3
-    """[candidates] Single causes on which a second one is tried; of larger sets, the best alone. Evidence: the
-    search study."""
+    """[candidates] Single causes on which a second one is tried; of larger sets, the best alone. One more is what the
+    best pair adds to one of them. Evidence: the search study."""
 
     joint_fits: int = 3
     """[fits] Joint fits of a base and one more cause after each stage of a screening. Evidence: none recorded."""
@@ -64,6 +64,10 @@ class SelectionConfig:
     axis_rounds: int = 2
     """[1] Rounds of that. Evidence: none recorded."""
 
+    axis_gain_share: float = 0.9
+    """[1] … of which the second follows if the first left less than this share of the excess. Evidence: a round for two
+    causes takes a tenth of a minute; the value: none recorded."""
+
     near_error_share: float = 0.2
     """[1] A candidate is polished if its error is below this share of the nominal model's. Evidence: what stays far
     off lacks a cause, with which other values would be best; the value: none recorded."""
@@ -71,16 +75,30 @@ class SelectionConfig:
     near_error: float = 0.02
     """[error] … or below this error. Evidence: none recorded; paired with `FitConfig.tolerant_min_error`."""
 
+    max_near_error: float = 0.1
+    """[error] … which counts at most as this error. Evidence: of pairs with errors above 1, searches along the axes of
+    the first cause, which left an error of 0.2, took a third of the time and gained nothing."""
+
     explains_nothing_share: float = 0.9
     """[1] Candidates that leave more than this share of the nominal excess aren't polished. Evidence: none
     recorded."""
 
     settled_excess: float = 0.1
-    """[χ²/n] No further stage of the screening if the best excess is below this … Evidence: scans of ranges bring
-    nothing so close; the value: none recorded."""
+    """[χ²/n] No further stage of the screening, and no further base, if the best excess is below this …
+    Evidence: scans of ranges bring nothing so close; the value: none recorded."""
 
     settled_share: float = 0.05
     """[1] … and below this share of the nominal excess. Evidence: none recorded."""
+
+    promising_share: float = 0.5
+    """[1] A second cause is tried before ranges are scanned, if the best cause leaves less than this share of the
+    nominal excess; for a further cause no ranges are scanned, if one leaves less than this share of the cost. Evidence:
+    beside a cause that was found near the nominal bench, the other one is mostly near too; the scans take half of a
+    minute; the value: none recorded."""
+
+    superfluous_cost: float = 2.0
+    """[1] Without one of its causes, the best candidate is refined only if a fit to coarse captures costs less than so
+    many times as much as with it. Evidence: derivation: fewer causes come first within a tenth of the excess."""
 
     joint_no_scan_chi2: float = 2.0
     """[χ²/n] A joint fit that reaches this on coarse captures ends the screening for a further cause. Evidence:
