@@ -142,7 +142,9 @@ class _EffectFitter:
         for effect in self._base_effects():
             slopes.append(effect_jacobian(effect, self.base, self.comparison, residual, self.context.config.fits))
         found = [row for rows in slopes for row in rows if row.any()]
-        return np.linalg.qr(np.array(found).T)[0].T if found else np.empty((0, residual.size), np.float32)
+        if not found:
+            return np.empty((0, residual.size), np.float32)
+        return np.asarray(np.linalg.qr(np.array(found, dtype=np.float32).T)[0].T, dtype=np.float32)
 
     def tangent_gain(self, residual: NDArray[np.float32], base: NDArray[np.float32], effect: Effect) -> float:
         """By how much the effect, and the base with it, lower Σ residual² if residuals depend on them linearly.
@@ -154,7 +156,8 @@ class _EffectFitter:
         config = self.context.config
         factor = config.screening.costly_step_factor if is_costly_effect(self.context, effect) else 1.0
         slopes = effect_jacobian(effect, start, self.comparison, residual, config.fits, step_factor=factor)
-        slopes, left = slopes - (slopes @ base.T) @ base, residual - base.T @ (base @ residual)
+        slopes = np.asarray(slopes - (slopes @ base.T) @ base, dtype=np.float32)
+        left = residual - base.T @ (base @ residual)
         normal = (slopes @ slopes.T).astype(np.float64)
         right = (slopes @ left).astype(np.float64)
         return float(right @ np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ right)
