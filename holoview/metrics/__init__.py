@@ -8,6 +8,7 @@ ms_ssim            multi-scale structural similarity
 speckle            speckle contrast σ/μ of a region, with the picture's own structure divided out
 speckle_histogram  histogram of speckle intensity and the gamma distribution that it should follow
 eyebox             uniformity of the light in the eyebox, to be read beside every PSNR
+band_contrast      contrast in a band of visual spatial frequencies
 gamut              chromaticities and the area that the lasers span
 image_quality      all of these for a view of a hologram
 """

@@ -31,7 +31,17 @@ CHI2_TOLERANCE = 0.18
 """5 σ of χ²/n, σ = √(2/n): 6 pairs of wavelength and plane, at least a capture of 16 x 16 pixels of each held out."""
 LONG_GAP = "gap 0.1 mm long"
 VOID = {"meta", "img", "br", "link", "input", "hr"}
-PICTURED = {"schemes", "wavelength-count", "multisource", "gamut", "defocus", "contrast", "model-vs-capture"}
+PICTURED = {
+    "schemes",
+    "wavelength-count",
+    "multisource",
+    "gamut",
+    "defocus",
+    "contrast",
+    "eye",
+    "model-vs-capture",
+    "pupil",
+}
 
 
 class _Page(HTMLParser):

@@ -1,0 +1,134 @@
+"""What the chromatic aberration of a human eye leaves of the gain of many wavelengths."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from holoview.colour import to_srgb8
+from holoview.metrics.image_quality import measure_image_quality
+from holoview.model.system import System
+from holoview.study.claims import gain_claim
+from holoview.study.hologram_jobs import has_settings, job_system, job_target, mean_number, optimise_job, table_row
+from holoview.study.hologram_study import scheme_jobs
+from holoview.study.plots import line_plot
+from holoview.study.scale import StudyScale
+from holoview.study.study import (
+    Claim,
+    Findings,
+    JobResult,
+    Results,
+    StatusCallback,
+    Study,
+    StudyFigure,
+    StudyJob,
+    StudyPicture,
+)
+from holoview.view import simulate
+
+_SCHEMES = {"simultaneous": "3 wavelengths", "holochrome-8": "8 wavelengths", "holochrome-16": "16 wavelengths"}
+_OPTIMISED_FOR = {"planes": "the focal planes", "eye": "the eye"}
+_PUPILS_MM = (2.0, 3.0, 4.0, 6.0)
+_PUPIL_MM = 3.0  # of the eye that holograms are optimised for
+_EYES = {"plain": "no chromatic aberration", "chromatic": "chromatic aberration"}
+
+
+class _Eye(Study):
+    name = "eye"
+    title = "Through a human eye"
+    summary = (
+        "Holograms of 3, 8 and 16 wavelengths behind a 40 mm eyepiece, seen by an eye whose focus differs by 1.1 "
+        "dioptres between 460 and 650 nm, for pupils of 2 to 6 mm at three accommodations: how much of the gain of "
+        "many wavelengths is left, and whether optimising for the eye brings it back. The target is the scene as the "
+        "same eye sees it."
+    )
+    quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+
+    def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
+        return [
+            job
+            for aim, what in _OPTIMISED_FOR.items()
+            for job in scheme_jobs(self, tuple(_SCHEMES), scale, seed, f"for {what}", optimised_for=aim)
+        ]
+
+    def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
+        system = job_system(settings)
+        aimed = _with_eye(system, _PUPIL_MM, chromatic=True) if settings["optimised_for"] == "eye" else system
+        state = optimise_job(aimed, job_target(aimed, settings, aimed.planes_m), settings, status)
+        planes_m = system.planes_m[[0, len(system.planes_m) // 2, -1]]
+        numbers: dict[str, Any] = {"psnr_db": state.best_psnr_db}
+        pictures: dict[str, Any] = {}
+        for name in _EYES:
+            for pupil_mm in _PUPILS_MM:
+                status(f"scoring, pupil {pupil_mm:g} mm")
+                seen_by = _with_eye(state.best.system, pupil_mm, chromatic=name == "chromatic")
+                view = simulate(seen_by, state.best.drive, planes_m, backend="torch")
+                target = job_target(seen_by, settings, planes_m)
+                planes_db = measure_image_quality(view, target).psnr.planes_db
+                numbers[f"{name}_{pupil_mm:g}_db"] = float(np.mean(planes_db))
+                numbers[f"{name}_{pupil_mm:g}_planes_db"] = list(planes_db)
+                if pupil_mm == _PUPIL_MM:
+                    pictures |= {name: view.srgb8[1], f"{name} wanted": to_srgb8(np.asarray(target[1]))}
+        numbers["eyebox_variation"] = state.eyebox
+        return JobResult(numbers, pictures)
+
+    def analyse(self, results: Results) -> Findings:
+        return Findings(
+            rows=[table_row(job, result, ("scheme", "optimised_for", "target", "seed")) for job, result in results],
+            claims=_claims(results),
+            plots=[
+                _plot(results, "planes", "Holograms optimised for focal planes, seen by an eye"),
+                _plot(results, "eye", f"Holograms optimised for an eye with a pupil of {_PUPIL_MM:g} mm"),
+            ],
+            pictures=_pictures(results),
+        )
+
+
+def _with_eye(system: System, pupil_mm: float, *, chromatic: bool) -> System:
+    return system.with_(eye={"pupil": pupil_mm * 1e-3, "chromatic": chromatic})
+
+
+def _claims(results: Results) -> list[Claim]:
+    """The gain over 3 wavelengths in dB, without chromatic aberration, with it, and if it is optimised for."""
+    claims = []
+    for scheme, label in list(_SCHEMES.items())[1:]:
+        for aim, eye, what in (
+            ("planes", "plain", f"seen by an eye without chromatic aberration, pupil {_PUPIL_MM:g} mm"),
+            ("planes", "chromatic", "with chromatic aberration"),
+            ("eye", "chromatic", "with chromatic aberration, optimised for it"),
+        ):
+            better, worse = ({"scheme": s, "optimised_for": aim} for s in (scheme, "simultaneous"))
+            text = f"{label} gain over 3, {what}"
+            claims.append(gain_claim(results, text, None, better, worse, key=f"{eye}_{_PUPIL_MM:g}_db"))
+    return claims
+
+
+def _plot(results: Results, aim: str, caption: str) -> StudyFigure:
+    curves = {
+        f"{label}, {what}": (
+            _PUPILS_MM,
+            [mean_number(results, f"{eye}_{d:g}_db", scheme=scheme, optimised_for=aim) for d in _PUPILS_MM],
+        )
+        for scheme, label in _SCHEMES.items()
+        for eye, what in _EYES.items()
+    }
+    return StudyFigure(f"pupil-{aim}", caption, line_plot(curves, "pupil (mm)", "PSNR (dB)"))
+
+
+def _pictures(results: Results) -> list[StudyPicture]:
+    """What the eye sees of each hologram at the middle accommodation, with and without its chromatic aberration."""
+    first = {key: results[0][0].settings[key] for key in ("target", "seed")}
+    pictures = []
+    for job, result in results:
+        if not has_settings(job, **first):
+            continue
+        scheme, aim = job.settings["scheme"], job.settings["optimised_for"]
+        for eye in _EYES if aim == "planes" else ("chromatic",):
+            caption = f"{_SCHEMES[scheme]}, {_EYES[eye]}, optimised for {_OPTIMISED_FOR[aim]}"
+            pictures.append(StudyPicture(f"{scheme}-{aim}-{eye}", caption, result.pictures[eye]))
+    return pictures
+
+
+STUDY = _Eye()

@@ -1,0 +1,43 @@
+"""Contrast in a band of visual frequencies: gratings, scaling, and what can't be measured."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from holoview.metrics.band_contrast import band_contrast
+from holoview.util.errors import UserError
+
+DEGREES = 1 / 170
+
+
+def _grating(cycles_a_degree: float, modulation: float) -> NDArray[np.float64]:
+    x = np.arange(512) * DEGREES
+    return np.tile(5.0 * (1 + modulation * np.sin(2 * np.pi * cycles_a_degree * x)), (384, 1))
+
+
+@pytest.mark.parametrize("modulation", [0.1, 0.7])
+def test_a_grating_of_modulation_m_has_the_contrast_m_over_root_2(modulation: float) -> None:
+    """Over the 18 periods under the window, some 10⁻³ of its power leaks out of the band."""
+    found = band_contrast(_grating(6.0, modulation), DEGREES, (3.0, 12.0))
+    assert found == pytest.approx(modulation / np.sqrt(2), rel=2e-3)
+
+
+def test_a_grating_outside_the_band_doesn_t_count() -> None:
+    assert band_contrast(_grating(30.0, 0.9), DEGREES, (3.0, 12.0)) < 1e-3
+    assert band_contrast(np.full((64, 64), 2.0), DEGREES, (3.0, 12.0)) == pytest.approx(0, abs=1e-12)
+
+
+def test_brightness_doesn_t_count() -> None:
+    image = np.random.default_rng(0).random((128, 128))
+    one, other = (band_contrast(factor * image, DEGREES, (3.0, 12.0)) for factor in (1.0, 7.0))
+    assert one == pytest.approx(other, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("image", "degrees"), [(np.zeros((64, 64)), DEGREES), (np.ones((8, 8)), DEGREES), (np.ones((64, 64)), 0.1)]
+)
+def test_what_can_t_be_measured_is_refused(image: NDArray[np.float64], degrees: float) -> None:
+    with pytest.raises(UserError, match="cycles a degree"):
+        band_contrast(image, degrees, (3.0, 12.0))
