@@ -7,6 +7,11 @@ dataclass_fields  frozen dataclasses with such fields: built from tables, writte
 shorthand         shorthands of presets and edits (white balance, frames, a grid of sources) as plain fields
 preset            TOML files of systems, with inheritance
 scheme            the colour schemes of the HoloChrome paper, applied to a system
+eye               `Eye`: eyepiece, pupil, accommodation, chromatic aberration, prescription
+human_eye         published formulas: refraction against wavelength, size of the pupil
+focus             the planes on which the eye of a system is focused
+passband          the frequencies that stops and pupils pass, as rows of integers
+transfer          the propagation of one wavelength over one distance, as numbers
 plan              `Plan`: grid, transfer functions, weights and colours, derived in float64
 effects           the framework of imperfections of real displays; the imperfections are in `holoview.effects`
 

@@ -246,6 +246,8 @@ class Eye(Description):
     def focus_slope(self, wavelength_m: float) -> float:
         """Derivative of `focus_shift_m` with respect to the wavelength, metres a metre.
 
+        wavelength_m: at which it is taken.
+
         >>> import holoview as hv
         >>> hv.Eye(chromatic=False).focus_slope(550e-9)
         0.0
