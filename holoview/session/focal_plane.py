@@ -6,6 +6,7 @@ import numpy as np
 
 from holoview.model.system import System
 from holoview.session.editing_session import EditingSession
+from holoview.util.errors import UserError
 
 SAME_PLANE_M = 1e-9
 """Planes that are closer to each other than this are the same."""
@@ -28,6 +29,16 @@ def focus_at(session: EditingSession, plane_m: float) -> None:
     low, high = focus_range_m(session.system)
     plane_m = float(f"{min(max(plane_m, low), high):.7g}")
     session.edit_view("Focal plane", merge_key=("plane_m",), plane_m=plane_m)
+
+
+def focus_on(session: EditingSession, row: int, column: int) -> None:
+    """Moves the focal plane to what the target shows at a sample of the image.
+
+    Raises UserError without a target, and for a focal stack, whose pictures don't tell what is where.
+    """
+    if session.target_spec is None:
+        raise UserError("focus", "there is no target", expected="a picture with a depth map", remedy="open one")
+    focus_at(session, session.target_spec.depth_at(session.system, row, column))
 
 
 def step_focus(session: EditingSession, steps: float) -> None:

@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.targets.focal_stack import Target
 from holoview.targets.picture import Picture, read_picture
 from holoview.targets.rendered_stacks import target_from_stack
-from holoview.targets.target import Placement, target_for
+from holoview.targets.target import Placement, scene_depth, target_for
+from holoview.util.errors import UserError
 from holoview.util.files import data_dir
 
 
@@ -50,6 +52,16 @@ class TargetSpec:
         return target_for(
             system, self.source, self.placement, self.brightness, saturation=self.saturation, planes=planes_m
         )
+
+    def depth_at(self, system: System, row: int, column: int) -> float:
+        """Distance (m) behind the last modulator of what the target shows at a sample of the simulation grid.
+
+        Raises UserError for a focal stack, whose pictures don't tell, and as `target_for` does.
+        """
+        if isinstance(self.source, Path):
+            raise UserError("target", "a focal stack", expected="a picture with a depth map, which tells what is where")
+        depth_m = scene_depth(system, self.placement, self.source, make_plan(system).grid.shape)
+        return float(np.broadcast_to(depth_m, make_plan(system).grid.shape)[row, column])
 
 
 def example_target() -> TargetSpec:

@@ -99,7 +99,7 @@ def target_for(
     source = picture if isinstance(picture, Picture) else read_picture(picture, space)
     plan = make_plan(system)
     grid = plan.grid
-    depth_m = _scene_depth(system, placement, source, grid.shape)
+    depth_m = scene_depth(system, placement, source, grid.shape)
     rgb = scale_saturation(resize_to_cover(source.rgb, grid.shape), saturation)
     planes_m = np.asarray(focused_planes(system) if planes is None else planes, dtype=np.float64)
     if pupil is None and system.eye is not None:
@@ -136,10 +136,13 @@ def pupil_of_eye(system: System, eye: Eye, planes_m: NDArray[np.float64]) -> Vie
     )
 
 
-def _scene_depth(
+def scene_depth(
     system: System, placement: Placement, source: Picture, shape: tuple[int, int]
 ) -> float | NDArray[np.floating]:
-    """Distance (m) of the picture, or of each sample of the simulation grid (y, x)."""
+    """Distance (m) of a picture, or of each sample of a simulation grid of `shape` (y, x).
+
+    Raises UserError as `target_for` does.
+    """
     first, last = float(system.planes_m.min()), float(system.planes_m.max())
     if placement.depth is None:
         at_m = float(np.median(system.planes_m)) if placement.at_m is None else placement.at_m

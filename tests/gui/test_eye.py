@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,9 @@ from holoview.app.panels.image import ImagePanel
 from holoview.session.derived_images import eyebox_xyz
 from holoview.session.eye_edits import dioptres_of, eyebox_half_m
 from holoview.session.focal_plane import focus_at
+from holoview.session.target_spec import TargetSpec
+from holoview.targets.picture import Picture
+from holoview.targets.target import Placement
 from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu
@@ -86,3 +90,20 @@ def test_the_eyebox_by_place_holds_as_much_light_and_is_smaller_at_short_wavelen
     lit = np.flatnonzero(xyz[..., 1].sum(axis=0) > 1e-3 * xyz[..., 1].sum(axis=0).max())
     assert len(lit) == pytest.approx(48 * 460 / 620, abs=2)
     assert xyz[..., 1].mean() == pytest.approx(0.25, rel=1e-5)
+
+
+def test_alt_and_a_click_focus_on_what_the_picture_shows_there(make_gui: Callable[..., Gui], tmp_path: Path) -> None:
+    depth = np.zeros((128, 192))
+    depth[:, 96:] = 1.0  # far on the right
+    np.save(tmp_path / "depth.npy", depth)
+    picture = Picture(np.full((128, 192, 3), 0.4, dtype=np.float32), "made up")
+    gui = make_gui(small_bench(), panels=PANELS, size=(900, 700))
+    gui.session.edit("Target", target_spec=TargetSpec(picture, "made up", Placement(depth=tmp_path / "depth.npy")))
+    gui.draw_until_idle()
+    planes_m = gui.session.system.planes_m
+    for x, expected in ((0.2, planes_m.max()), (0.8, planes_m.min())):
+        gui.context.edit_view("Plane", plane_m=10e-3)
+        gui.hold_keys(("Alt",))
+        gui.click(gui.item_position("image", x, 0.5))
+        gui.release_keys(("Alt",))
+        assert gui.session.view_settings.plane_m == pytest.approx(expected)

@@ -14,7 +14,7 @@ from holoview.app.pupil_map import draw_pupil, handle_pupil
 from holoview.app.readout import draw_readout, readout_height
 from holoview.app.viewport import DeviceImage, Viewport, VisibleArea, pane_count, visible_area_of, zoom_to_fit
 from holoview.session.eye_edits import eyebox_half_m
-from holoview.session.focal_plane import step_focus
+from holoview.session.focal_plane import focus_on, step_focus
 from holoview.session.view_settings import DERIVED_PAGES, ViewSettings, displayed_side
 
 _ZOOM_PER_NOTCH = 1.25  # of the wheel
@@ -180,7 +180,13 @@ class ImagePanel(Panel):
             self._handle_wheel(context, shape, corner, io)
             if imgui.is_mouse_double_clicked(imgui.MouseButton_.left):
                 _edit_zoom(context, zoom=0.0, centre=(0.5, 0.5))
-        if imgui.is_item_activated():
+        if imgui.is_item_activated() and io.key_alt:
+            x, y = (
+                min(max(int(at), 0), n - 1)
+                for at, n in zip(self._to_sample(shape, corner, io.mouse_pos), reversed(shape), strict=True)
+            )
+            context.attempt(focus_on, context.session, y, x)
+        elif imgui.is_item_activated():
             self._begin_drag(context, shape, corner, io)
         if imgui.is_item_active():
             self._drag(context, shape, corner, io)
