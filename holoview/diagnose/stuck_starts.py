@@ -186,7 +186,7 @@ class _Search:
         """
         noise_alone = self._context.data_weighted_comparison(comparison.indices, 0.0)
         floor = self._context.config.selection.floor_chi2
-        if len(places) > self._config.max_pixels or noise_alone.chi2_per_pixel(self.values(places)) < floor:
+        if len(places) > MAX_FREE_ENTRIES or noise_alone.chi2_per_pixel(self.values(places)) < floor:
             return places
         captures = self._context.data.captures
         waves = captures.wavelengths_m / captures.slms[_modulator(self.effect)].opd_range_m
