@@ -85,14 +85,14 @@ def render_focal_stack(
     depth_m: float | NDArray[np.floating],
     planes_m: Sequence[float] | NDArray[np.floating],
     pitch_m: float,
-    cone: LightCone,
+    cone: LightCone | Sequence[LightCone],
     layers: int | None = None,
 ) -> NDArray[np.float32]:
     """The focal stack of a picture in incoherent light, (plane, y, x, 3) float32.
 
     rgb_linear: (y, x, 3) linear light. depth_m: distance z of the picture or of each pixel (y, x) behind the last
     modulator; larger is nearer to the viewer. planes_m: distances z (n,) of the planes. pitch_m: of the picture's
-    pixels. cone: of the light that reaches an image point.
+    pixels. cone: of the light that reaches an image point; one for each plane, if they differ.
     layers: greatest number of layers. By default as many as keep blur radius and shift of each depth within half a
     pixel of its layer's, but at most 24.
 
@@ -102,10 +102,13 @@ def render_focal_stack(
     Raises ValueError for wrong shapes, or numbers that aren't finite (positive where due).
     """
     depth = _checked_depth(rgb_linear, depth_m, planes_m, pitch_m)
-    labels, distances = _split_layers(depth, layers or _layer_count(depth, cone, pitch_m))
-    kernels = [[cone.kernel(float(z - d), pitch_m) for z in np.asarray(planes_m, dtype=np.float64)] for d in distances]
-    defocus = max(abs(float(z - d)) for z in planes_m for d in distances)
-    margin = max(math.ceil(abs(shift)) for shift in cone.shift_px(defocus, pitch_m))
+    cones = [cone] * len(planes_m) if isinstance(cone, LightCone) else list(cone)
+    count = max(_layer_count(depth, one, pitch_m) for one in dict.fromkeys(cones))
+    labels, distances = _split_layers(depth, layers or count)
+    cones_at = list(zip(cones, np.asarray(planes_m, dtype=np.float64).tolist(), strict=True))
+    kernels = [[one.kernel(z - d, pitch_m) for one, z in cones_at] for d in distances.tolist()]
+    shifts = [one.shift_px(z - d, pitch_m) for one, z in cones_at for d in distances.tolist()]
+    margin = max(math.ceil(abs(shift)) for pair in shifts for shift in pair)
     if margin:
         rgb_linear = np.pad(rgb_linear, ((margin, margin), (margin, margin), (0, 0)), mode="edge")
         labels = np.pad(labels, margin, mode="edge")

@@ -8,7 +8,8 @@ A target holds three colours, so that its light is spread over the display's las
 
 with the n lasers' colours at unit intensity w_λ, the columns of W (3, wavelength), and its pseudo-inverse P: of all
 mixtures of the colour, the one with the least sum of squared intensities. What fewer than three lasers can't mix is
-spread evenly. M_λ·C is then blurred for the focus of λ, and the results are added.
+spread evenly. M_λ·C is blurred for the focus of λ, and the results are added. Blur and occlusion act on all colours of
+a wavelength alike, so that M_λ is applied to what they give: all wavelengths share the layers of the scene.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from numpy.typing import NDArray
 
 from holoview.targets.defocus import LightCone
 from holoview.targets.focal_stack import render_focal_stack
+
+_MOST_BYTES = 2**28  # of the pictures that are computed at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +81,17 @@ def render_through_pupil(
     if pupil.focus_m.shape != expected:
         raise ValueError(f"focus_m {pupil.focus_m.shape}: expected (plane, wavelength) = {expected}")
     total = np.zeros((len(planes_m), *rgb_linear.shape), dtype=np.float32)
-    for index, (share, focus_m) in enumerate(zip(colour_shares(laser_rgb), pupil.focus_m.T, strict=True)):
-        light = np.asarray(rgb_linear @ share.T, dtype=np.float32)
-        total += render_focal_stack(light, depth_m, focus_m, pitch_m, pupil.cone(index))
+    shares = colour_shares(laser_rgb).astype(np.float32)
+    pairs = list(np.ndindex(*expected))
+    at_a_time = max(_MOST_BYTES // (16 * rgb_linear[..., 0].size), 1)
+    for start in range(0, len(pairs), at_a_time):
+        some = pairs[start : start + at_a_time]
+        focus_m = [float(pupil.focus_m[pair]) for pair in some]
+        cones = [pupil.cone(wavelength) for _, wavelength in some]
+        for (plane, wavelength), light in zip(
+            some, render_focal_stack(rgb_linear, depth_m, focus_m, pitch_m, cones), strict=True
+        ):
+            total[plane] += light @ shares[wavelength].T
     return total
 
 

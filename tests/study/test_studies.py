@@ -20,7 +20,7 @@ from holoview.study.registry import studies_by_name
 from holoview.study.report import format_claims, write_report
 from holoview.study.runner import run_jobs
 from holoview.study.store import ResultStore
-from holoview.study.studies import model_vs_capture
+from holoview.study.studies import eye, model_vs_capture, pupil
 from holoview.study.study import Findings
 from holoview.util.files import data_dir
 from tests.chromium import check_document, needs_chromium
@@ -82,12 +82,15 @@ def small_assets(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def tiny(small_assets: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing that takes long: small fields, a small scene, two benches whose only suspect is the gap."""
+    """Nothing that takes long: small fields, a small scene, two benches whose only suspect is the gap, few pupils."""
     monkeypatch.setattr(scale, "MIN_SPECKLE_SHAPE", TINY.shape)
     monkeypatch.setattr(work, "data_dir", lambda kind: small_assets)
     benches = {name: model_vs_capture.BENCHES[name] for name in ("as designed", LONG_GAP)}
     monkeypatch.setattr(model_vs_capture, "BENCHES", benches)
     monkeypatch.setattr(model_vs_capture, "diagnose", partial(diagnose, effects=[effects.listed_effects()["gap"]]))
+    monkeypatch.setattr(eye, "_SCHEMES", {name: eye._SCHEMES[name] for name in ("simultaneous", "holochrome-8")})
+    monkeypatch.setattr(eye, "_PUPILS_MM", (eye._PUPIL_MM,))
+    monkeypatch.setattr(pupil, "_PLACES_MM", pupil._PLACES_MM[:3])
 
 
 @pytest.mark.usefixtures("tiny")
