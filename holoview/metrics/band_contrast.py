@@ -7,8 +7,10 @@ from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
 
+Band = tuple[float, float]
 
-def band_contrast(image: NDArray[np.floating], degrees_per_sample: float, band: tuple[float, float]) -> float:
+
+def band_contrast(image: NDArray[np.floating], degrees_per_sample: float, band: Band) -> float:
     """Root mean square of an image's part in a band of frequencies, over its mean.
 
     image: (y, x) luminance. degrees_per_sample: visual angle of a sample. band: lowest and highest frequency, cycles a
@@ -17,6 +19,28 @@ def band_contrast(image: NDArray[np.floating], degrees_per_sample: float, band: 
 
     Raises UserError for an image that is dark, or too small or too coarse for the band.
     """
+    spectrum = _band_spectrum(image, degrees_per_sample, band)
+    return float(np.sqrt((np.abs(spectrum) ** 2).sum()))
+
+
+def contrast_like(
+    image: NDArray[np.floating], reference: NDArray[np.floating], degrees_per_sample: float, band: Band
+) -> float:
+    """The contrast in a band of the part of an image that is like a reference of the same shape (y, x).
+
+    The part is the reference's structure times the factor that fits best, so that speckle and other structure don't
+    count; where contrast is reversed, it is negative. The other arguments are those of `band_contrast`, and of the
+    reference with itself it is that.
+
+    Raises UserError as `band_contrast` does.
+    """
+    seen, wanted = (_band_spectrum(each, degrees_per_sample, band) for each in (image, reference))
+    size = float(np.sqrt((np.abs(wanted) ** 2).sum()))
+    return float((wanted.conj() * seen).sum().real) / size if size > 0 else 0.0
+
+
+def _band_spectrum(image: NDArray[np.floating], degrees_per_sample: float, band: Band) -> NDArray[np.complex128]:
+    """Fourier coefficients in the band of an image over its mean, whose squares add to the squared contrast."""
     rows, columns = image.shape
     window = np.outer(np.hanning(rows), np.hanning(columns))
     total = float((image * window).sum())
@@ -30,6 +54,5 @@ def band_contrast(image: NDArray[np.floating], degrees_per_sample: float, band: 
             expected=f"light, and a size and a sampling for {band[0]:g} to {band[1]:g} cycles a degree",
         )
     mean = total / float(window.sum())
-    spectrum = np.fft.fft2((image - mean) * window)
-    power = float((np.abs(spectrum[inside]) ** 2).sum()) / image.size
-    return float(np.sqrt(power / float((window**2).sum()))) / mean
+    spectrum = np.fft.fft2((image / mean - 1) * window)[inside]
+    return np.asarray(spectrum / np.sqrt(image.size * float((window**2).sum())))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from holoview.metrics.band_contrast import band_contrast
+from holoview.metrics.band_contrast import band_contrast, contrast_like
 from holoview.util.errors import UserError
 
 DEGREES = 1 / 170
@@ -41,3 +41,19 @@ def test_brightness_doesn_t_count() -> None:
 def test_what_can_t_be_measured_is_refused(image: NDArray[np.float64], degrees: float) -> None:
     with pytest.raises(UserError, match="cycles a degree"):
         band_contrast(image, degrees, (3.0, 12.0))
+
+
+def test_only_what_is_like_the_reference_counts() -> None:
+    """Half of a grating's contrast, under noise whose own contrast is larger, comes back within the noise's projection.
+
+    Noise of N band coefficients has a part of about 1/√N of its contrast along any one of them: here N ≈ 2000.
+    """
+    wanted, noise = _grating(6.0, 0.4), np.random.default_rng(1).normal(size=(384, 512))
+    own = band_contrast(wanted, DEGREES, (3.0, 12.0))
+    assert contrast_like(wanted, wanted, DEGREES, (3.0, 12.0)) == pytest.approx(own, rel=1e-12)
+    seen = _grating(6.0, 0.2) + 20 * noise
+    assert band_contrast(seen, DEGREES, (3.0, 12.0)) > 1.2 * own / 2
+    found = contrast_like(seen, wanted, DEGREES, (3.0, 12.0))
+    assert found == pytest.approx(own / 2, abs=4 * band_contrast(5 + 20 * noise, DEGREES, (3.0, 12.0)) / np.sqrt(2000))
+    # under the window, the mean of the grating is 5 to a millionth
+    assert contrast_like(10 - wanted, wanted, DEGREES, (3.0, 12.0)) == pytest.approx(-own, rel=1e-5)
