@@ -20,20 +20,27 @@ Xyz = NDArray[np.floating]
 def render_planes(
     system: System, drive: Drive, planes_m: Sequence[float], check: Callable[[], None] = lambda: None
 ) -> Iterator[Xyz]:
-    """Renders XYZ (y, x, 3) at each plane in turn.
+    """Renders XYZ (y, x, 3) at each plane in turn; see `render_each`."""
+    return render_each([(system, float(plane_m)) for plane_m in planes_m], drive, check)
 
-    Uses the first WebGPU adapter, where the planes share what they have in common; torch if there is none. `check` is
+
+def render_each(
+    views: Sequence[tuple[System, float]], drive: Drive, check: Callable[[], None] = lambda: None
+) -> Iterator[Xyz]:
+    """Renders XYZ (y, x, 3) of patterns on each (system, plane in m) in turn; the systems show patterns of one shape.
+
+    Uses the first WebGPU adapter, where the views share what they have in common; torch if there is none. `check` is
     called between steps and may raise an exception to cancel.
     """
     try:
-        renderer = IncrementalRenderer(system, drive, open_device(), plane_m=float(planes_m[0]))
+        renderer = IncrementalRenderer(views[0][0], drive, open_device(), plane_m=views[0][1])
     except UserError:
-        for plane_m in planes_m:
+        for system, plane_m in views:
             check()
             yield simulate(system, drive, [plane_m], "torch").xyz[0]
         return
-    for plane_m in planes_m:
-        renderer.edit(plane_m=float(plane_m))
+    for system, plane_m in views:
+        renderer.edit(system=system, plane_m=plane_m)
         for _ in renderer.steps(with_srgb=False, wait=True):
             check()
         yield renderer.xyz()

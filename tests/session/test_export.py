@@ -18,6 +18,7 @@ from holoview.session.editing_session import EditingSession
 from holoview.session.export.figure import save_figure, scale_bar_length
 from holoview.session.export.hologram_files import save_hologram, save_preset
 from holoview.session.export.png_images import png_bytes, save_planes, save_view
+from holoview.session.export.pupil_sheet import save_pupil_sheet
 from holoview.session.export.sweep import save_sweep
 from holoview.session.file_reader import target_from_image_bytes
 from holoview.session.rendering import render_planes
@@ -177,3 +178,14 @@ def test_the_showcase_optimises_both_alike_and_says_so(session: EditingSession, 
     job = start_scheme_comparison(session, iterations=2)
     assert session.wait_until_idle(60.0) and job.result is not None
     assert "2 iterations each" in job.result.summary and "PSNR" in job.result.left.document.origin
+
+
+def test_a_sheet_shows_what_the_pupil_sees_from_nine_places(session: EditingSession, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="eye: there is none"):
+        save_pupil_sheet(session, tmp_path / "sheet")
+    session.change("Eye", {"eye": {"pupil": "1 mm", "infinity": "0 mm", "pupil_x": "0.2 mm"}})
+    save_pupil_sheet(session, tmp_path / "sheet")
+    assert session.wait_until_idle(60.0)
+    with Image.open(tmp_path / "sheet.png") as sheet:
+        assert sheet.width > 3 * 480 and sheet.height > 3 * 100
+        assert len({sheet.crop((16 + 496 * i, 120, 496 + 496 * i, 400)).tobytes() for i in range(3)}) == 3

@@ -20,6 +20,7 @@ from holoview.app.recovery_dialog import RecoveryDialog
 from holoview.session.export.figure import save_figure
 from holoview.session.export.hologram_files import save_hologram, save_preset
 from holoview.session.export.png_images import save_planes, save_view
+from holoview.session.export.pupil_sheet import save_pupil_sheet
 from holoview.session.export.sweep import save_sweep
 from holoview.session.jobs import format_job
 from holoview.session.tone_mapping import compose_comparison
@@ -84,6 +85,12 @@ class FilesPanel(Panel):
                 "Ctrl+E",
             ),
             _Save("Save all planes", (".png",), partial(save_planes, session), "A picture for each focal plane."),
+            _Save(
+                "Save pupil sheet",
+                (".png",),
+                partial(save_pupil_sheet, session),
+                "What the eye sees from nine places of the eyebox.",
+            ),
             _Save(
                 "Save focal sweep",
                 (".gif", ".mp4"),

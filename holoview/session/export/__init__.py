@@ -4,5 +4,6 @@ png_images      PNG of the displayed image and of all planes, bytes for the clip
 hologram_files  hologram files and presets
 sweep           an animated focal sweep as GIF or MP4
 figure          a labelled figure with a scale bar as PNG or PDF
+pupil_sheet     what an eye sees from nine places of the eyebox
 suffix          suffixes of files
 """

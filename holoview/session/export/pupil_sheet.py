@@ -1,0 +1,46 @@
+"""Writes what an eye sees from nine places of the eyebox as a contact sheet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from holoview.io.png import write_png
+from holoview.numerics.fft_grid import positions
+from holoview.report.contact_sheet import CaptionedTile, contact_sheet
+from holoview.session.editing_session import EditingSession
+from holoview.session.export.png_images import png_metadata
+from holoview.session.export.suffix import with_default_suffix
+from holoview.session.eye_edits import eye_of, eyebox_half_m
+from holoview.session.jobs import BackgroundJob, JobControl
+from holoview.session.rendering import render_each
+from holoview.session.tone_mapping import tone_map
+
+_SIDE = 3  # places along each axis
+_SPACING = 0.5  # between places, over half the side of the eyebox at the shortest wavelength
+
+
+def save_pupil_sheet(session: EditingSession, path: Path) -> BackgroundJob:
+    """Writes a contact sheet as PNG: 3 x 3 places around the pupil, at the displayed plane, in the background.
+
+    The places are a quarter of the eyebox of the shortest wavelength apart. Raises UserError without an eye.
+    """
+    document, path = session.displayed_document, with_default_suffix(path, ".png")
+    system, eye = document.system, eye_of(document.system)
+    steps = positions(_SIDE, _SPACING * eyebox_half_m(system, float(system.wavelengths_m.min()))).tolist()
+    places = [(eye.pupil_y_m + y, eye.pupil_x_m + x) for y in steps for x in steps]
+    plane_m = document.view_settings.plane_m
+
+    def work(control: JobControl) -> Path:
+        views = [(system.with_(eye=eye.moved_to(place)), plane_m) for place in places]
+        tiles = []
+        for xyz, (y, x) in zip(render_each(views, document.drive, control.check), places, strict=True):
+            caption = f"y {y * 1e3:+.2f}, x {x * 1e3:+.2f} mm"
+            tiles.append(CaptionedTile(tone_map(xyz, document.view_settings), caption))
+            control.report(len(tiles), len(views), caption)
+        rows = [tiles[i : i + _SIDE] for i in range(0, len(tiles), _SIDE)]
+        write_png(
+            path, contact_sheet("What the pupil sees from its places", [""] * _SIDE, rows), png_metadata(document)
+        )
+        return path
+
+    return session.jobs.start("Save pupil sheet", work, lambda written: session.messages.post(f"{written} written"))
