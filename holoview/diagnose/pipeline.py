@@ -32,7 +32,7 @@ from holoview.diagnose.judged_search import SearchOutcome
 from holoview.diagnose.one_picture import ONE_PICTURE_NOTE, with_one_picture
 from holoview.diagnose.pixel_maps import find_pixel_maps, line_notes
 from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
-from holoview.diagnose.record_errors import check_records
+from holoview.diagnose.record_errors import CheckedRecords, check_records
 from holoview.diagnose.region_search import search_region_first, with_region
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
 from holoview.diagnose.search_context import (
@@ -50,6 +50,8 @@ from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import is_user_effect, listed_effects, load_user_effects
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
+
+_OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
 
 
 def diagnose(
@@ -84,34 +86,75 @@ def diagnose(
     sampling: how predictions sample light.
     config: settings of all stages.
 
+    Where corrected records leave the captures unexplained, and a gross error of the bench can look like these wrong
+    records, the captures are searched as recorded as well, each in half of the time; what explains them better counts.
+
     Every capture is judged: `Diagnosis.bad_captures` lists those that aren't what their records say. Of a single
     picture, blocks of pixels are held out. Raises UserError when no capture is left that shows anything.
     """
-    began, config = time.monotonic(), config or SearchConfig()
+    began, known = time.monotonic(), known or {}
     library = list(listed_effects().values() if effects is None else effects)
+    options = (workers, progress or _no_progress, free_maps, thorough, time_s, is_asked_to_end, so_far, sampling)
+    request = _Request(library, known, *options, config or SearchConfig())
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        with WorkerPool(workers, config.budget.worker_start_s) as pool:
-            records = check_records(captures, known or {}, config)
-            captures = records.captures
-            useless = find_useless_captures(captures, config.judgement)
-            context, notes = _prepare(captures, useless, library, known or {}, pool, sampling, config)
-            if time_s is None:
-                time_s = config.budget.time_for(field_samples(context.system))
-            end = SearchEnd(time_s, is_asked_to_end, config.budget.last_begin)
-            context = _limited(context, thorough, end, so_far)
-            pool.share(context.shared_objects(), partial(_prepare_worker, _user_effect_files(library)))
-            outcome = search_region_first(context, useless, len(captures), progress or _no_progress)
-            findings = _evaluate(outcome, notes, progress or _no_progress)
-            diagnosis = _assemble_diagnosis(findings, free_maps and not end.was_asked, progress or _no_progress)
+        with request.start_workers() as pool:
+            records = check_records(captures, known, request.config)
+            share = 0.5 if records.are_doubtful else 1.0
+            diagnosis = _search(records, request, pool, share)
+        if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
+            with request.start_workers() as pool:
+                as_recorded = _search(records.as_recorded(captures), request, pool, share)
+            diagnosis = records.or_as_recorded(diagnosis, as_recorded)
     finally:
         torch.set_num_threads(threads)
+    return dataclasses.replace(diagnosis, captures=len(captures), seconds=time.monotonic() - began)
+
+
+@dataclass(frozen=True)
+class _Request:
+    """The arguments of `diagnose` but for the captures."""
+
+    library: list[Effect]
+    known: Values
+    workers: int
+    progress: ProgressCallback
+    free_maps: bool
+    thorough: bool
+    time_s: float | None
+    is_asked_to_end: Callable[[], bool] | None
+    so_far: Callable[[str], None] | None
+    sampling: SamplingConfig
+    config: SearchConfig
+
+    def start_workers(self) -> WorkerPool:
+        """Processes for a search."""
+        return WorkerPool(self.workers, self.config.budget.worker_start_s)
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether somebody wants the search to end."""
+        return self.is_asked_to_end is not None and self.is_asked_to_end()
+
+
+def _search(records: CheckedRecords, request: _Request, pool: WorkerPool, share: float) -> Diagnosis:
+    """The diagnosis of captures whose records have been checked, within a share of the time."""
+    captures, config = records.captures, request.config
+    useless = find_useless_captures(captures, config.judgement)
+    context, notes = _prepare(captures, useless, request, pool)
+    time_s = config.budget.time_for(field_samples(context.system)) if request.time_s is None else request.time_s
+    end = SearchEnd(share * time_s, request.is_asked_to_end, config.budget.last_begin)
+    context = _limited(context, request.thorough, end, request.so_far)
+    pool.share(context.shared_objects(), partial(_prepare_worker, _user_effect_files(request.library)))
+    outcome = search_region_first(context, useless, len(captures), request.progress)
+    findings = _evaluate(outcome, notes, request.progress)
+    diagnosis = _assemble_diagnosis(findings, request.free_maps and not end.was_asked, request.progress)
     only = {*range(len(captures))} - {bad.index for bad in useless}
     if len(only) == 1:  # its picture was split into two
         samples = tuple(dataclasses.replace(sample, capture=min(only)) for sample in diagnosis.samples)
         diagnosis = dataclasses.replace(diagnosis, samples=samples)
-    return dataclasses.replace(records.added_to(diagnosis), captures=len(captures), seconds=time.monotonic() - began)
+    return records.added_to(diagnosis)
 
 
 @dataclass(frozen=True)
@@ -159,15 +202,10 @@ def _user_effect_files(effects: Sequence[Effect]) -> list[str]:
 
 
 def _prepare(
-    captures: Captures,
-    useless: Sequence[BadCapture],
-    effects: Sequence[Effect],
-    known: Values,
-    pool: WorkerPool,
-    sampling: SamplingConfig,
-    config: SearchConfig,
+    captures: Captures, useless: Sequence[BadCapture], request: _Request, pool: WorkerPool
 ) -> tuple[SearchContext, list[str]]:
     """What a search works with, and notes on what these captures can't show."""
+    effects, config, sampling = request.library, request.config, request.sampling
     left_out = tuple(bad.index for bad in useless)
     kept = [k for k in range(len(captures)) if k not in left_out]
     if not kept:
@@ -180,7 +218,7 @@ def _prepare(
         notes.append("With one wavelength, errors of the wavelength and of distances can't be told apart.")
     if properties.planes == 1 and not properties.is_fourier:
         notes.append("With one plane, a wrong wavelength looks much like a wrong distance.")
-    options = {"captures": captures, "known_values": known, **dataclasses.asdict(sampling)}
+    options = {"captures": captures, "known_values": request.known, **dataclasses.asdict(sampling)}
     data = prepare_captures(captures)
     context = SearchContext(
         data=data,
@@ -256,8 +294,7 @@ def _assemble_diagnosis(findings: _Findings, free_maps: bool, progress: Progress
 
 def _is_open(findings: _Findings, chi2: float) -> bool:
     """Whether an error is left that no effect explains. chi2: χ²/n of the held-out captures."""
-    is_open = findings.decision.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
-    return is_open and chi2 > findings.context.config.verdict.explained_chi2
+    return findings.decision.verdict in _OPEN and chi2 > findings.context.config.verdict.explained_chi2
 
 
 def _free_maps(findings: _Findings, values: Values, progress: ProgressCallback) -> tuple[FreeMapFit, ...]:

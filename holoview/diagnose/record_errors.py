@@ -26,6 +26,9 @@ from holoview.diagnose.fit_statistics import fit_quality
 from holoview.diagnose.verdict import with_further_cause
 from holoview.util.errors import UserError
 
+DOUBTFUL = ("slm_exchange", "slm1_inverted", "slm2_inverted")
+"""Wrong records that gross aberrations imitate: patterns that are rough look alike, inverted and exchanged."""
+_CLEARLY_SMALLER = 0.5  # excess as recorded over that with corrections
 _NO_IMAGE = FitQuality(math.nan, math.nan)
 
 
@@ -41,6 +44,25 @@ class CheckedRecords:
     kept: tuple[int, ...]
     findings: RecordFindings
     causes: tuple[Cause, ...]
+
+    @property
+    def are_doubtful(self) -> bool:
+        """Whether a gross error of the bench may have been taken for a wrong record."""
+        return any(correction.effect in DOUBTFUL for correction in self.findings.corrections)
+
+    def as_recorded(self, captures: Captures) -> CheckedRecords:
+        """The same for the captures of the file without any correction."""
+        findings = dataclasses.replace(self.findings, corrections=(), rivals=())
+        return CheckedRecords(captures, tuple(range(len(captures))), findings, ())
+
+    def or_as_recorded(self, corrected: Diagnosis, as_recorded: Diagnosis) -> Diagnosis:
+        """Of the diagnoses with and without corrections the latter, with a note, if its excess is clearly smaller."""
+        before, after = (d.after.chi2_per_pixel - 1.0 for d in (corrected, as_recorded))
+        if not after < _CLEARLY_SMALLER * before:
+            return corrected
+        names = " and ".join(correction.effect for correction in self.findings.corrections)
+        note = f"The records look as if they were wrong ({names}), but the captures are explained better as recorded."
+        return dataclasses.replace(as_recorded, notes=(note, *as_recorded.notes))
 
     def added_to(self, diagnosis: Diagnosis) -> Diagnosis:
         """The diagnosis of the corrected captures with the wrong records as its first causes."""

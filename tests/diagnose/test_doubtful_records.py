@@ -1,0 +1,81 @@
+"""A gross aberration that looks like inverted patterns: the captures are searched as recorded, too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from holoview.captures.fit_quality import FitQuality
+from holoview.captures.records import RecordFindings
+from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.record_errors import CheckedRecords
+from holoview.diagnose.verdict import Verdict
+from holoview.model.bench_parts import Modulator, Relay
+from holoview.model.effects.registry import listed_effects
+from holoview.model.system import System
+
+
+@dataclass(frozen=True)
+class _Inversion:
+    effect: str = "slm1_inverted"
+    label: str = "slm1_inverted"
+
+
+@dataclass(frozen=True)
+class _Diagnosis:
+    """What `or_as_recorded` reads of a diagnosis."""
+
+    after: FitQuality
+    notes: tuple[str, ...] = ()
+
+
+def _checked(*corrections: Any) -> CheckedRecords:
+    return CheckedRecords(None, (), RecordFindings(corrections), ())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("corrected", "as_recorded", "wins"), [(300.0, 1.0, True), (3.0, 2.1, False), (3.0, 1.9, True), (1.5, 400.0, False)]
+)
+def test_what_explains_clearly_better_counts(corrected: float, as_recorded: float, wins: bool) -> None:
+    one, other = (_Diagnosis(FitQuality(chi2, 30.0)) for chi2 in (corrected, as_recorded))
+    found: Any = _checked(_Inversion()).or_as_recorded(one, other)  # type: ignore[arg-type]
+    assert (found.after is other.after) is wins
+    assert ("slm1_inverted" in " ".join(found.notes)) is wins
+
+
+def test_only_inverted_and_exchanged_patterns_are_doubted() -> None:
+    assert _checked(_Inversion()).are_doubtful
+    assert not _checked(_Inversion("camera_orientation")).are_doubtful and not _checked().are_doubtful
+
+
+def test_as_recorded_nothing_is_corrected() -> None:
+    captures: Any = [1, 2, 3]
+    plain = _checked(_Inversion()).as_recorded(captures)
+    assert plain.captures is captures and plain.kept == (0, 1, 2) and not plain.findings.corrections
+    assert not plain.findings.rivals and not plain.causes
+
+
+@pytest.mark.slow
+def test_a_gross_aberration_is_named_though_patterns_look_inverted() -> None:
+    """Astigmatism and spherical aberration of relay 1, 0.45 µm r.m.s. in all; minutes."""
+    modulator = Modulator(pitch_m=8e-6, shape=(96, 128), stroke_m=825e-9, levels=np.linspace(0.0, 1.0, 16))
+    system = System(
+        wavelengths_m=[450e-9, 520e-9, 580e-9, 638e-9],
+        amplitudes=np.ones((1, 4)),
+        modulators=(modulator, modulator),
+        gap_m=1e-3,
+        planes_m=[4e-3],
+        relay1=Relay(iris_na=0.03),
+        relay2=Relay(iris_na=0.03),
+        observer="mono",
+    )
+    hidden = {"aberration1": {"z6": 3.24e-7, "z11": -3.14e-7}}
+    captures = make_captures(system, hidden, AcquisitionSettings(captures_per_condition=8))
+    effects = [listed_effects()[name] for name in ("aberration1", "gap", "stroke", "slm_alignment", "tilt")]
+    found = diagnose(captures, effects, free_maps=False)
+    assert found.verdict is Verdict.EXPLAINED and [cause.effect for cause in found.causes] == ["aberration1"]
+    assert any("slm1_inverted" in note for note in found.notes)
