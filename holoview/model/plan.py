@@ -20,7 +20,7 @@ from holoview.colour import observer_weights
 from holoview.model.bench_parts import Relay, Sampling
 from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.eye import Eye
-from holoview.model.focus import eyes_at, focus_shift, focused_planes
+from holoview.model.focus import check_sampled, eyes_at, focus_shift, focused_planes
 from holoview.model.passband import Band, band_limit, band_of_rows, limited_rows, rows_in_disc, stop_rows
 from holoview.model.system import PLANE_DISTANCES, System
 from holoview.model.transfer import Transfer
@@ -220,8 +220,8 @@ def make_plan(
     when empty.
 
     Returns a `Plan`. Raises UserError for an empty list of planes, for a negative distance or one above 1 m, for an eye
-    that is focused at such a distance at any wavelength, for places without an eye, and for effects that such a system
-    can't have.
+    that is focused at such a distance at any wavelength, or so far away that the grid holds none of its light, for
+    places without an eye, and for effects that such a system can't have.
 
     >>> import holoview as hv
     >>> hv.make_plan(hv.load("holochrome-8"), ["5 mm", 0.01]).planes_m.tolist()
@@ -235,11 +235,14 @@ def make_plan(
         planes_m = system.planes_m
     sources = len(system.source.directions_rad)
     shift_m, eyes = focus_shift(nominal, planes_m, system.wavelengths_m), eyes_at(nominal, len(planes_m), places_m)
-    planes_m = np.tile(planes_m, max(len(places_m), 1))
+    farthest_m = float(planes_m.max() + max(shift_m.max(), 0.0))
+    grid, planes_m = _grid(system, farthest_m), np.tile(planes_m, max(len(places_m), 1))
+    if eyes:
+        check_sampled(nominal, farthest_m, grid.padded, grid.pitch_m)
     return Plan(
         system=system,
         planes_m=planes_m,
-        grid=_grid(system, float(planes_m.max() + max(shift_m.max(), 0.0))),
+        grid=grid,
         weights=system.amplitudes / (system.frames * sources),
         slopes=_slopes(system),
         colour_weights=observer_weights(system.observer, system.wavelengths_m),

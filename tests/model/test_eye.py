@@ -131,6 +131,7 @@ def test_what_is_impossible_is_refused(eye: dict[str, Any], words: tuple[str, ..
     [
         ({"accommodation": ["-8 D"]}, ("eye: focused at -8 D", "-3.8 mm", "eye.accommodation")),
         ({"accommodation": [30], "eyepiece": "200 mm"}, ("eye: focused at 30 D", "1 m behind")),
+        ({"accommodation": [20], "eyepiece": "200 mm"}, ("eye: it sees a plane at 8", "goes straight on", "padding")),
     ],
 )
 def test_a_focus_before_the_modulator_or_too_far_behind_it_is_refused(
