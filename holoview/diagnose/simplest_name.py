@@ -1,7 +1,8 @@
 """The simplest name: of effects that no data can tell apart, the one with fewer numbers is named, the other a rival.
 
 A wrong gap is a defocus of relay 1, one of the aberrations that it may have: gap states it by one number, aberration1
-by many. A search may come to either first, alone or together with other causes.
+by many. A search may come to either first, alone or together with other causes. A second line that has most of the
+light isn't an offset of the wavelength, but comes so near that a search may not look further.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from holoview.diagnose.verdict import Decision
 
 
 def prefer_fewer_numbers(context: SearchContext, result: SearchResult) -> SearchResult:
-    """The result with fits in which a cause of the best candidate is replaced by its equal of fewer numbers.
+    """The result with fits in which a cause of the best candidate is replaced by an equal, or a like, of fewer numbers.
 
     Ranked with the others, such a fit comes first if it explains the held-out captures as well.
     """
@@ -26,8 +27,8 @@ def prefer_fewer_numbers(context: SearchContext, result: SearchResult) -> Search
     jobs = [
         partial(_fit_over_range, context, best.fit.without(cause).values, simple, _first_values(result, simple))
         for cause in best.causes
-        for simple in sorted(context.equivalents.get(cause, ()))
-        if _number_count(context, simple) < _number_count(context, cause) and simple not in best.causes
+        for simple in sorted(_simpler_names(context, cause))
+        if simple not in best.causes
     ]
     if not jobs:
         return result
@@ -43,6 +44,12 @@ def wider_names(context: SearchContext, decision: Decision) -> list[tuple[str, .
         for wide in sorted(context.equivalents.get(cause, ()))
         if _number_count(context, wide) > _number_count(context, cause)
     ]
+
+
+def _simpler_names(context: SearchContext, cause: str) -> set[str]:
+    """Effects of fewer numbers that are the same physics as a cause, or that the cause imitates."""
+    names = {*context.equivalents.get(cause, ()), *context.effects[cause].imitates} & context.effects.keys()
+    return {name for name in names if _number_count(context, name) < _number_count(context, cause)}
 
 
 def _first_values(result: SearchResult, name: str) -> list[dict[str, float]]:

@@ -21,14 +21,15 @@ class SecondLine(Effect):
 
     Longitudinal modes beside the strongest one, or a sideband (Saleh & Teich, Fundamentals of Photonics). Lines
     whose beat is much faster than an exposure, above a kilohertz for a camera, add in intensity. All lasers have the
-    same share and offset.
+    same share and offset. The first line is the stronger one: where the nominal wavelength is that of the weaker line,
+    `wavelength_offset` leads from it to the other.
     """
 
     id = "second_line"
     cause = "The lasers emit a second spectral line (another longitudinal mode, or a sideband)."
     finding = "A share {share} of each laser's light is in a second line, {offset} away."
     parameters = (
-        Parameter("share", "Share of the power in the second line.", low=0.0, high=0.9, prior=0.1),
+        Parameter("share", "Share of the power in the second line, the weaker one.", low=0.0, high=0.5, prior=0.1),
         Parameter(
             "offset",
             "Wavelength of the second line minus that of the first; without effect while its share is 0.",
@@ -40,6 +41,7 @@ class SecondLine(Effect):
         ),
     )
     acts_on = ("source",)
+    imitates = ("wavelength_offset",)
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:
         return [{"share": _SEARCHED_SHARE, "offset": offset} for offset in _SEARCHED_OFFSETS_M]

@@ -55,6 +55,15 @@ def test_what_one_number_does_not_explain_keeps_its_name(make_context: MakeConte
     assert found.best.causes == ("aberration1",)
 
 
+def test_a_second_line_does_not_stand_for_an_offset_of_the_wavelength(make_context: MakeContext) -> None:
+    """An offset of 5 nm is far from the nominal wavelength: derivatives there don't lead to it, a second line does."""
+    context = make_context({"wavelength_offset": {"offset": 5e-9}})
+    found = prefer_fewer_numbers(context, _found_first(context, "second_line", {}))
+    assert found.best.causes == ("wavelength_offset",)
+    assert found.best.fit.values["wavelength_offset"]["offset"] == pytest.approx(5e-9, rel=0.02)
+    assert ("second_line",) not in wider_names(context, _decision("wavelength_offset"))
+
+
 def test_the_name_of_more_numbers_is_a_rival(context: SearchContext) -> None:
     assert wider_names(context, _decision("gap")) == [("aberration1",)]
     assert wider_names(context, _decision("crosstalk", "distance")) == [("crosstalk", "aberration2")]

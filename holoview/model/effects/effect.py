@@ -100,6 +100,8 @@ class Effect:
     parameters: what may vary, and by how much.
     acts_on: the parts that it changes, of "source", "modulator 1", "relay 1", "modulator 2", "relay 2", "camera".
     degenerate_with: ids of effects that no data can tell from this one.
+    imitates: ids of effects of fewer numbers that this one comes near to where it is large; a diagnosis that names it
+    tries them in its place.
     needs: what captures must contain for it to be seen.
     order: effects with smaller numbers are applied first where several have the same hook.
     varies_over_field: whether it shows more towards the edges of the pictures than in their middle.
@@ -114,6 +116,7 @@ class Effect:
     parameters: ClassVar[tuple[Parameter, ...]]
     acts_on: ClassVar[tuple[str, ...]]
     degenerate_with: ClassVar[tuple[str, ...]] = ()
+    imitates: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[Needs] = Needs()
     order: ClassVar[int] = 0
     varies_over_field: ClassVar[bool] = False
