@@ -106,7 +106,7 @@ def diagnose(
         if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
             with request.start_workers() as pool:
                 as_recorded = _search(records.as_recorded(captures), request, pool, share)
-            diagnosis = records.or_as_recorded(diagnosis, as_recorded)
+            diagnosis = records.or_as_recorded(diagnosis, as_recorded, request.config.verdict)
     finally:
         torch.set_num_threads(threads)
     return dataclasses.replace(diagnosis, captures=len(captures), seconds=time.monotonic() - began)

@@ -20,6 +20,7 @@ from holoview.captures.validation import check_lengths
 from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.comparison import Comparison, Values
 from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.config.decision import VerdictConfig
 from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.fit_statistics import fit_quality
@@ -28,7 +29,6 @@ from holoview.util.errors import UserError
 
 DOUBTFUL = ("slm_exchange", "slm1_inverted", "slm2_inverted")
 """Wrong records that gross aberrations imitate: patterns that are rough look alike, inverted and exchanged."""
-_CLEARLY_SMALLER = 0.5  # excess as recorded over that with corrections
 _NO_IMAGE = FitQuality(math.nan, math.nan)
 
 
@@ -55,10 +55,10 @@ class CheckedRecords:
         findings = dataclasses.replace(self.findings, corrections=(), rivals=())
         return CheckedRecords(captures, tuple(range(len(captures))), findings, ())
 
-    def or_as_recorded(self, corrected: Diagnosis, as_recorded: Diagnosis) -> Diagnosis:
-        """Of the diagnoses with and without corrections the latter, with a note, if its excess is clearly smaller."""
+    def or_as_recorded(self, corrected: Diagnosis, as_recorded: Diagnosis, config: VerdictConfig) -> Diagnosis:
+        """Of the diagnoses with and without corrections the latter, with a note, if that excludes the former."""
         before, after = (d.after.chi2_per_pixel - 1.0 for d in (corrected, as_recorded))
-        if not after < _CLEARLY_SMALLER * before:
+        if before < config.rival_factor * after:
             return corrected
         names = " and ".join(correction.effect for correction in self.findings.corrections)
         note = f"The records look as if they were wrong ({names}), but the captures are explained better as recorded."
