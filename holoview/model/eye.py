@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from holoview.model.dataclass_fields import Description, Nested, described_field, validate
 from holoview.model.field_types import Array, Choice, Coefficients, Number, Truth
 from holoview.model.human_eye import chromatic_refraction, natural_pupil_diameter, refraction_slope
+from holoview.util import units
 from holoview.util.errors import UserError
 
 Floats = NDArray[np.float64]
@@ -32,6 +33,7 @@ VERGENCE = Number("D", low=-30.0, high=30.0)
 
 _PUPIL = Number("mm", low=0.5e-3, high=12e-3)
 _PLACE = Number("mm", low=-0.1, high=0.1)
+_WIDEST_M = 8e-3  # of natural pupils
 
 
 @dataclass(frozen=True)
@@ -173,6 +175,16 @@ class Eye(Description):
         validate(self)
         if self.accommodation_dpt is not None and len(self.accommodation_dpt) == 0:
             raise UserError("accommodation", "an empty list", expected='at least one, such as "0.5 D"')
+        diameter = _WIDEST_M if isinstance(self.pupil_m, str) else self.pupil_m
+        reach_m = math.hypot(self.pupil_y_m, self.pupil_x_m) + diameter / 2
+        if reach_m >= self.eyepiece_m:
+            raise UserError(
+                "eyepiece",
+                f"{units.format_rounded(self.eyepiece_m, 'mm')} with a pupil that reaches "
+                f"{units.format_rounded(reach_m, 'mm')} from its axis",
+                expected="a longer focal length: light of such directions doesn't reach the pupil",
+                remedy="lengthen it, or move or narrow the pupil",
+            )
 
     # --- where it is focused ----------------------------------------------------------------------------------------
 

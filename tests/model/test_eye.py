@@ -108,6 +108,8 @@ WRONG: list[tuple[dict[str, Any], tuple[str, ...]]] = [
     ({"pupil": "wide"}, ("eye.pupil", '"auto"')),
     ({"eyepiece": "-40 mm"}, ("eye.eyepiece: -40 mm", "between 1 mm and 1000 mm")),
     ({"eyepiece": 0}, ("eye.eyepiece",)),
+    ({"eyepiece": "4 mm", "pupil": "8 mm"}, ("eye.eyepiece: 4 mm", "reaches 4 mm", "narrow the pupil")),
+    ({"pupil_y": "30 mm", "pupil_x": "30 mm"}, ("eye.eyepiece: 40 mm", "reaches 43.93 mm")),
     ({"accommodation": []}, ("eye.accommodation: an empty list", "0.5 D")),
     ({"accommodation": ["1 mm"]}, ("eye.accommodation[0]", "dioptres")),
     ({"accommodation": ["50 D"]}, ("eye.accommodation[0]: 50 D", "between -30 D and 30 D")),
