@@ -13,9 +13,11 @@ from holoview.model import preset
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.util.errors import UserError
+from holoview.util.threads import wait_for_threads
 
 _PRESET = "holochrome-8"
 _SIZES = (320, 16384)
+_LAST_WORK_S = 10.0  # that a closed window waits for work in the background
 _REMEDY = "install the library that is missing; on Debian and Ubuntu: apt-get install libx11-6 libxext6"
 
 
@@ -73,7 +75,10 @@ def run(args: argparse.Namespace) -> int:
         screenshot=args.screenshot,
         until_image=args.until_image,
     )
-    launch(options, startup, print_stderr)
+    try:
+        launch(options, startup, print_stderr)
+    finally:
+        wait_for_threads(_LAST_WORK_S)
     return 0
 
 

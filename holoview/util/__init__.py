@@ -8,6 +8,7 @@ safetensors_file  named tensors with metadata in safetensors files, checked when
 progress          types of functions that report progress
 checkpoint        comparison of a checkpoint with the run that is to continue from it
 signals           Ctrl-C while processes are started
+threads           the end of a program whose threads may still be at work
 cpu_count         number of CPUs that this process may use
 version           version of the installed package
 """
