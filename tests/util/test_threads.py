@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import threading
 
-from holoview.util.threads import PREFIX, wait_for_threads
+from holoview.util.threads import wait_for_threads
 
 
 def test_own_threads_are_waited_for_and_others_are_not() -> None:
     go, end = threading.Event(), threading.Event()
-    own = threading.Thread(target=go.wait, name=f"{PREFIX}test", daemon=True)
+    own = threading.Thread(target=go.wait, name="of this test: own", daemon=True)
     other = threading.Thread(target=end.wait, name="another", daemon=True)
     own.start()
     other.start()
-    assert not wait_for_threads(0.0), "it is still at work"
+    assert not wait_for_threads(0.0, "of this test"), "it is still at work"
     threading.Timer(0.05, go.set).start()
-    assert wait_for_threads(30.0) and not own.is_alive() and other.is_alive()
+    assert wait_for_threads(30.0, "of this test") and not own.is_alive() and other.is_alive()
     end.set()
