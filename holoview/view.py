@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,6 +16,7 @@ from holoview.engine.frame import compute_focal_stack
 from holoview.model.focus import focused_planes
 from holoview.model.plan import make_plan, parse_planes
 from holoview.model.system import System
+from holoview.model.visual_angle import sample_degrees
 from holoview.util.progress import StepCallback
 
 
@@ -188,5 +188,5 @@ def simulate(
         backend=label,
         focus_m=focus_m,
         accommodation_dpt=None if eye is None else eye.dioptres(focus_m, system.planes_m),
-        degrees_per_sample=None if eye is None else math.degrees(math.atan(plan.grid.pitch_m / eye.eyepiece_m)),
+        degrees_per_sample=None if eye is None else sample_degrees(plan.grid.pitch_m, eye.eyepiece_m),
     )

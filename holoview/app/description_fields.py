@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from imgui_bundle import imgui
@@ -10,11 +10,28 @@ from imgui_bundle import imgui
 from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import WidgetEdit, choice_field, count_field, format_value, number_field, tooltip
 from holoview.app.stop_widgets import centre_field, square_field
+from holoview.model.dataclass_fields import Nested, fields_by_key
 from holoview.model.field_types import Array, Choice, Coefficients, Integer, Number, Truth
 from holoview.model.stops import CentreField, SquareField, SquareStop
 
 _FIRST_VALUE = {"iris_na": 0.02, "dc_block_na": 0.001, "apodisation_na": 0.02}
 _LABELS = {"square": "square stop", "centre_na": "centre of the stops", "axis": "axis (°)"}
+
+
+def draw_fields(context: AppContext, item: Any, reset: Any, path: str, without: Sequence[str] = ()) -> None:
+    """Draws the fields of a description one below the other, but for nested ones and for the centre of no stop.
+
+    item: the description, such as `system.relay1`. reset: one whose values a right click restores. path: its key in the
+    system, with a dot, such as "relay1."; "" for the system itself. without: keys that aren't drawn.
+    """
+    for key, field in fields_by_key(type(item)).items():
+        kind = field.metadata["kind"]
+        if key in without or isinstance(kind, Nested) or (isinstance(kind, CentreField) and not item.has_aperture):
+            continue
+        imgui.push_id(path + key)
+        value, first = getattr(item, field.name), getattr(reset, field.name)
+        draw_field(context, path + key, kind, value, first, field.metadata["doc"])
+        imgui.pop_id()
 
 
 def draw_field(context: AppContext, path: str, kind: Any, value: Any, reset: Any, doc: str) -> None:

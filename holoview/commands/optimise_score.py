@@ -102,11 +102,13 @@ def format_scores(scores: dict[str, Any], system: System) -> list[str]:
 
 
 def _format_ms_ssim(scores: dict[str, Any]) -> str:
-    """MS-SSIM after a comma, and the number of scales where the picture is too small for five; "" without one."""
+    """MS-SSIM after a comma, and the number of scales where the picture is too small for all; "" without one."""
     if scores["ms_ssim"] is None:
         return ""
     count = scores["ms_ssim_scales"]
-    return f", MS-SSIM {scores['ms_ssim']:.3f}" + (f" ({count} of 5 scales)" if count < len(WEIGHTS) else "")
+    return f", MS-SSIM {scores['ms_ssim']:.3f}" + (
+        f" ({count} of {len(WEIGHTS)} scales)" if count < len(WEIGHTS) else ""
+    )
 
 
 def _measure(view: View, target: Floats, region: Region | None) -> ImageQuality:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from holoview.commands.optimise_options import TargetSource
 from holoview.io.hologram import Hologram
 from holoview.metrics.image_quality import measure_image_quality
+from holoview.model.focus import required_eye, with_pupil_at
 from holoview.model.system import System
 from holoview.numerics.fft_grid import positions
 from holoview.numerics.image_region import Region, region_slices
@@ -36,16 +37,13 @@ def parse_places(text: str | None, system: System) -> Places:
         raise UserError(
             "--pupils", f'"{text}"', expected=f"rows x columns:spacing up to {_MOST}x{_MOST}, e.g. 3x3:0.8mm"
         )
-    if system.eye is None:
-        raise UserError(
-            "--pupils", "without an eye", expected="a bench with an eye", remedy="switch it on: --set eye={}"
-        )
+    eye = required_eye(system, "--pupils")
     spacing_m = units.parse(match["spacing"], "--pupils")
     if not spacing_m > 0:
         raise UserError("--pupils", match["spacing"], expected="a spacing above 0")
     y, x = (
         centre + positions(int(match[key]), spacing_m)
-        for key, centre in (("rows", system.eye.pupil_y_m), ("columns", system.eye.pupil_x_m))
+        for key, centre in (("rows", eye.pupil_y_m), ("columns", eye.pupil_x_m))
     )
     return tuple((float(a), float(b)) for a in y for b in x)
 
@@ -67,7 +65,7 @@ def target_at_places(source: TargetSource, system: System, places: Places) -> ND
         raise UserError(
             "--pupils", "with a focal stack", expected="a picture with a depth map, which is seen from every place"
         )
-    return np.concatenate([source.build(system=_seen_from(system, place)).stack for place in places])
+    return np.concatenate([source.build(system=with_pupil_at(system, place)).stack for place in places])
 
 
 def score_places(
@@ -94,13 +92,8 @@ def format_place_scores(scores: dict[str, Any]) -> list[str]:
 
 
 def _psnr_db(hologram: Hologram, source: TargetSource, place: tuple[float, float], region: Region | None) -> float:
-    system = _seen_from(hologram.system, place)
+    system = with_pupil_at(hologram.system, place)
     view, target = simulate(system, hologram.drive, backend="torch"), source.build(system=system).stack
     if region is not None:
         view, target = view.cropped(region), target[:, *region_slices(region)]
     return measure_image_quality(view, target).psnr.mean_db
-
-
-def _seen_from(system: System, place: tuple[float, float]) -> System:
-    assert system.eye is not None
-    return system.with_(eye=system.eye.moved_to(place))

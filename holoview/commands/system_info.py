@@ -12,6 +12,7 @@ from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.passband import band_limit
 from holoview.model.plan import Plan, make_plan, walk_off
 from holoview.model.system import System
+from holoview.model.visual_angle import field_degrees, sample_degrees
 from holoview.optimise.memory import peak_bytes
 from holoview.util import units
 
@@ -69,8 +70,8 @@ def _eye(plan: Plan) -> list[InfoRow]:
         return []
     modulator, f = system.modulators[0], eye.eyepiece_m
     eyebox = [f * λ_m / modulator.pitch_m * 1e3 for λ_m in (λ.min(), λ.max())]
-    degrees = math.degrees(math.atan(plan.grid.pitch_m / f))
-    field = [2 * math.degrees(math.atan(side / (2 * f))) for side in system.field_m]
+    degrees = sample_degrees(plan.grid.pitch_m, f)
+    field = [field_degrees(side, f) for side in system.field_m]
     dioptres = eye.dioptres(plan.planes_m, system.planes_m) + 0.0
     spread_m = float(np.ptp(plan.focus_shift_m))
     place = f"y {eye.pupil_y_m * 1e3:g}, x {eye.pupil_x_m * 1e3:g} mm"

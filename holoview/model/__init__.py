@@ -9,6 +9,7 @@ preset            TOML files of systems, with inheritance
 scheme            the colour schemes of the HoloChrome paper, applied to a system
 eye               `Eye`: eyepiece, pupil, accommodation, chromatic aberration, prescription
 human_eye         published formulas: refraction against wavelength, size of the pupil
+visual_angle      angles under which lengths are seen through an eyepiece
 focus             the planes on which the eye of a system is focused
 passband          the frequencies that stops and pupils pass, as rows of integers
 transfer          the propagation of one wavelength over one distance, as numbers

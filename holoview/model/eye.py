@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from holoview.model.dataclass_fields import Description, Nested, described_field, validate
 from holoview.model.field_types import Array, Choice, Coefficients, Number, Truth
 from holoview.model.human_eye import chromatic_refraction, natural_pupil_diameter, refraction_slope
+from holoview.model.visual_angle import field_degrees
 from holoview.util import units
 from holoview.util.errors import UserError
 
@@ -31,8 +32,10 @@ AUTO = "auto"
 VERGENCE = Number("D", low=-30.0, high=30.0)
 """Field type of an accommodation."""
 
-_PUPIL = Number("mm", low=0.5e-3, high=12e-3)
-_PLACE = Number("mm", low=-0.1, high=0.1)
+PUPIL = Number("mm", low=0.5e-3, high=12e-3)
+PUPIL_PLACE = Number("mm", low=-0.1, high=0.1)
+"""Field types of a pupil's diameter and of its place in the eyebox."""
+
 _WIDEST_M = 8e-3  # of natural pupils
 
 
@@ -44,14 +47,14 @@ class PupilField:
         if isinstance(value, str) and value == AUTO:
             return AUTO
         try:
-            diameter = _PUPIL.parse(value, where)
+            diameter = PUPIL.parse(value, where)
         except UserError as error:
             raise UserError(where, error.found, expected=f'{error.expected}, or "{AUTO}"') from error
         assert diameter is not None
         return diameter
 
     def to_toml(self, value: float | str) -> Any:
-        return value if isinstance(value, str) else _PUPIL.to_toml(value)
+        return value if isinstance(value, str) else PUPIL.to_toml(value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,8 +145,8 @@ class Eye(Description):
         default=None,
     )
     pupil_m: float | str = described_field(PupilField(), 'Diameter of the pupil, or "auto".', default=3e-3)
-    pupil_y_m: float = described_field(_PLACE, "Place of the pupil in the eyebox, downwards.", default=0.0)
-    pupil_x_m: float = described_field(_PLACE, "Place of the pupil in the eyebox, to the right.", default=0.0)
+    pupil_y_m: float = described_field(PUPIL_PLACE, "Place of the pupil in the eyebox, downwards.", default=0.0)
+    pupil_x_m: float = described_field(PUPIL_PLACE, "Place of the pupil in the eyebox, to the right.", default=0.0)
     accommodation_dpt: Floats | None = described_field(
         Array(VERGENCE, optional=True),
         "Dioptres at which the eye is focused; at each focal plane when absent.",
@@ -292,7 +295,7 @@ class Eye(Description):
         """
         if not isinstance(self.pupil_m, str):
             return self.pupil_m
-        height, width = (math.degrees(2 * math.atan(side / (2 * self.eyepiece_m))) for side in field_m)
+        height, width = (field_degrees(side, self.eyepiece_m) for side in field_m)
         return natural_pupil_diameter(self.luminance, height * width, self.age)
 
     @property

@@ -32,12 +32,23 @@ def eyes_at(system: System, planes: int, places_m: Sequence[tuple[float, float]]
 
     Empty without an eye. Raises UserError for places without an eye.
     """
-    if system.eye is None:
-        if places_m:
-            raise UserError("pupil places", "without an eye", expected="a bench with an eye", remedy="--set eye={}")
+    if system.eye is None and not places_m:
         return ()
-    eyes = [system.eye.moved_to(place) for place in places_m] or [system.eye]
+    eye = required_eye(system, "pupil places")
+    eyes = [eye.moved_to(place) for place in places_m] or [eye]
     return tuple(eye for eye in eyes for _ in range(planes))
+
+
+def required_eye(system: System, where: str) -> Eye:
+    """The eye of a system for what needs one. Raises UserError, at `where`, if there is none."""
+    if system.eye is None:
+        raise UserError(where, "without an eye", expected="a bench with an eye", remedy="switch it on: --set eye={}")
+    return system.eye
+
+
+def with_pupil_at(system: System, place_m: tuple[float, float]) -> System:
+    """A system whose eye has its pupil at a place (y, x) of the eyebox. Raises UserError without an eye."""
+    return system.with_(eye=required_eye(system, "pupil places").moved_to(place_m))
 
 
 def plane_label(system: System, plane_m: float, digits: int | None = None) -> str:

@@ -94,6 +94,17 @@ def scheme_jobs(
     ]
 
 
+def aimed_jobs(
+    study: Study, schemes: Sequence[str], scale: StudyScale, seed: int, aims: Mapping[str, str]
+) -> list[StudyJob]:
+    """The `scheme_jobs` of each aim, which becomes the setting `optimised_for`. aims: settings, and their words."""
+    return [
+        job
+        for aim, what in aims.items()
+        for job in scheme_jobs(study, schemes, scale, seed, f"for {what}", optimised_for=aim)
+    ]
+
+
 def result_pictures(results: Results) -> list[StudyPicture]:
     """The target and what each scheme shows at the middle plane, for the first target and seed."""
     target_and_seed = {key: results[0][0].settings[key] for key in ("target", "seed")}

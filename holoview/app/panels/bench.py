@@ -7,12 +7,11 @@ from typing import Any
 from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
-from holoview.app.description_fields import draw_field
+from holoview.app.description_fields import draw_fields
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import WidgetEdit, count_field, number_field, tooltip
 from holoview.model import dataclass_fields as describe
 from holoview.model.field_types import Integer, Number, Shape
-from holoview.model.stops import CentreField
 from holoview.model.system import System
 from holoview.util import units
 
@@ -46,7 +45,7 @@ class BenchPanel(Panel):
             self._reset, self._name = system, system.name
         imgui.push_item_width(imgui.get_content_region_avail().x * 0.56)
         imgui.text_wrapped(system.description or system.name or "a bench of your own")
-        self._draw_fields(context, system, self._reset, "")
+        draw_fields(context, system, self._reset, "", without=_ELSEWHERE)
         _draw_frames(context, system, self._reset)
         self._draw_modulators(context, system)
         self._draw_source(context, system)
@@ -57,19 +56,8 @@ class BenchPanel(Panel):
                 continue
             if _header(context, _TITLES.get(key, key.capitalize())):
                 tooltip(field.metadata["doc"])
-                self._draw_fields(context, getattr(system, field.name), getattr(self._reset, field.name), f"{key}.")
+                draw_fields(context, getattr(system, field.name), getattr(self._reset, field.name), f"{key}.")
         imgui.pop_item_width()
-
-    def _draw_fields(self, context: AppContext, item: Any, reset: Any, path: str) -> None:
-        for key, field in describe.fields_by_key(type(item)).items():
-            if path == "" and key in _ELSEWHERE:
-                continue
-            kind, doc, value = field.metadata["kind"], field.metadata["doc"], getattr(item, field.name)
-            if isinstance(kind, describe.Nested) or (isinstance(kind, CentreField) and not item.has_aperture):
-                continue
-            imgui.push_id(path + key)
-            draw_field(context, path + key, kind, value, getattr(reset, field.name), doc)
-            imgui.pop_id()
 
     # --- modulators and source --------------------------------------------------------------------------------------
 

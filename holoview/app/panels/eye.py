@@ -6,14 +6,12 @@ import numpy as np
 from imgui_bundle import imgui, implot
 
 from holoview.app.context import AppContext
-from holoview.app.description_fields import draw_field
+from holoview.app.description_fields import draw_fields
 from holoview.app.laser_colours import laser_colour
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import WidgetEdit, number_field, tooltip
 from holoview.app.pupil_map import draw_pupil_map
-from holoview.model import dataclass_fields as describe
-from holoview.model.eye import AUTO, VERGENCE, Eye, Prescription
-from holoview.model.field_types import Number
+from holoview.model.eye import AUTO, PUPIL, PUPIL_PLACE, VERGENCE, Eye, Prescription
 from holoview.session.eye_edits import (
     PUPIL_RANGE_M,
     dioptres_of,
@@ -25,9 +23,7 @@ from holoview.session.eye_edits import (
 )
 from holoview.session.focal_plane import focus_at, focus_range_m
 
-_BY_HAND = ("pupil", "pupil_y", "pupil_x", "accommodation", "infinity", "prescription")
-_PUPIL = Number("mm", low=0.5e-3, high=12e-3)
-_PLACE = Number("mm", low=-0.1, high=0.1)
+_BY_HAND = ("pupil", "pupil_y", "pupil_x", "accommodation", "infinity")
 _GRAPH_HEIGHT = 150.0
 
 
@@ -62,9 +58,10 @@ class EyePanel(Panel):
         self._draw_focus(context)
         draw_pupil_map(context)
         _draw_pupil(context, system.eye)
-        _draw_fields(context, system.eye, Eye(), "eye.", _BY_HAND)
+        hidden = () if system.eye.pupil_m == AUTO else ("luminance", "age")
+        draw_fields(context, system.eye, Eye(), "eye.", without=(*_BY_HAND, *hidden))
         if imgui.collapsing_header("Prescription"):
-            _draw_fields(context, system.eye.prescription, Prescription(), "eye.prescription.", ())
+            draw_fields(context, system.eye.prescription, Prescription(), "eye.prescription.")
         imgui.pop_item_width()
         _draw_graph(context)
 
@@ -98,13 +95,16 @@ def _draw_pupil(context: AppContext, eye: Eye) -> None:
             context,
             "Pupil",
             "eye.pupil",
-            number_field("pupil", _PUPIL, pupil_diameter_m(system), 3e-3, "Its diameter.", PUPIL_RANGE_M),
+            number_field("pupil", PUPIL, pupil_diameter_m(system), 3e-3, "Its diameter.", PUPIL_RANGE_M),
         )
     context.record_item_rect("eye.pupil")
     for key, value in (("pupil_y", eye.pupil_y_m), ("pupil_x", eye.pupil_x_m)):
         doc = "Place of the pupil in the eyebox: " + ("downwards." if key == "pupil_y" else "to the right.")
         _apply(
-            context, "Pupil", f"eye.{key}", number_field(key.replace("_", " "), _PLACE, value, 0.0, doc, (-4e-3, 4e-3))
+            context,
+            "Pupil",
+            f"eye.{key}",
+            number_field(key.replace("_", " "), PUPIL_PLACE, value, 0.0, doc, (-4e-3, 4e-3)),
         )
         context.record_item_rect(f"eye.{key}")
 
@@ -112,18 +112,6 @@ def _draw_pupil(context: AppContext, eye: Eye) -> None:
 def _apply(context: AppContext, label: str, key: str, edited: WidgetEdit | None) -> None:
     if edited is not None:
         context.change(label, key, edited.value, is_held=edited.is_held)
-
-
-def _draw_fields(
-    context: AppContext, item: Eye | Prescription, reset: object, path: str, without: tuple[str, ...]
-) -> None:
-    for key, field in describe.fields_by_key(type(item)).items():
-        if key in without or (key in ("luminance", "age") and getattr(item, "pupil_m", None) != AUTO):
-            continue
-        imgui.push_id(path + key)
-        value, first = getattr(item, field.name), getattr(reset, field.name)
-        draw_field(context, path + key, field.metadata["kind"], value, first, field.metadata["doc"])
-        imgui.pop_id()
 
 
 def _draw_graph(context: AppContext) -> None:

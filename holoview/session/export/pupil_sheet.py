@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from holoview.io.png import write_png
+from holoview.model.focus import with_pupil_at
 from holoview.numerics.fft_grid import positions
 from holoview.report.contact_sheet import CaptionedTile, contact_sheet
 from holoview.session.editing_session import EditingSession
@@ -31,7 +32,7 @@ def save_pupil_sheet(session: EditingSession, path: Path) -> BackgroundJob:
     plane_m = document.view_settings.plane_m
 
     def work(control: JobControl) -> Path:
-        views = [(system.with_(eye=eye.moved_to(place)), plane_m) for place in places]
+        views = [(with_pupil_at(system, place), plane_m) for place in places]
         tiles = []
         for xyz, (y, x) in zip(render_each(views, document.drive, control.check), places, strict=True):
             caption = f"y {y * 1e3:+.2f}, x {x * 1e3:+.2f} mm"

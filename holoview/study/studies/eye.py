@@ -12,7 +12,7 @@ from holoview.metrics.image_quality import measure_image_quality
 from holoview.model.system import System
 from holoview.study.claims import gain_claim
 from holoview.study.hologram_jobs import has_settings, job_system, job_target, mean_number, optimise_job, table_row
-from holoview.study.hologram_study import scheme_jobs
+from holoview.study.hologram_study import aimed_jobs
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale
 from holoview.study.study import (
@@ -47,11 +47,7 @@ class _Eye(Study):
     quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
-        return [
-            job
-            for aim, what in _OPTIMISED_FOR.items()
-            for job in scheme_jobs(self, tuple(_SCHEMES), scale, seed, f"for {what}", optimised_for=aim)
-        ]
+        return aimed_jobs(self, tuple(_SCHEMES), scale, seed, _OPTIMISED_FOR)
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         system = job_system(settings)

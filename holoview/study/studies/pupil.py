@@ -12,7 +12,7 @@ from holoview.model.system import System
 from holoview.numerics.fft_grid import positions
 from holoview.study.claims import SHOWN
 from holoview.study.hologram_jobs import has_settings, job_system, job_target, mean_curve, optimise_job
-from holoview.study.hologram_study import scheme_jobs
+from holoview.study.hologram_study import aimed_jobs
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale
 from holoview.study.study import (
@@ -53,11 +53,7 @@ class _Pupil(Study):
     quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
-        return [
-            job
-            for kind, what in _KINDS.items()
-            for job in scheme_jobs(self, ("holochrome-8",), scale, seed, f"for {what}", optimised_for=kind)
-        ]
+        return aimed_jobs(self, ("holochrome-8",), scale, seed, _KINDS)
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         system, kind = job_system(settings), settings["optimised_for"]
