@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from holoview.commands.exit_codes import EXIT_INTERRUPTED, EXIT_USER_ERROR
+from holoview.commands.supervisor import is_supervised, supervise
 from holoview.util.errors import UserError
 from holoview.util.version import __version__
 
@@ -47,8 +48,13 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs `holoview` with these arguments (of the process if None) and returns the exit code, see `exit_codes`."""
+    """Runs `holoview` with these arguments and returns the exit code, see `exit_codes`.
+
+    arguments: those of this process if None; then the viewer runs in a process of its own.
+    """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    if arguments is None and is_supervised(words):
+        return supervise(main, words)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # "étendue" on a terminal that has no é
     try:

@@ -12,6 +12,7 @@ from holoview.app.serve import Address, require_serving_libraries
 from holoview.app.startup import Startup
 from holoview.gpu.device import Device
 from holoview.model.system import System
+from holoview.session.editing_session import EditingSession
 from holoview.session.example import new_session
 from holoview.session.session_store import SessionStore
 from holoview.session.view_settings import NOW
@@ -26,7 +27,8 @@ class LaunchOptions:
     the window (x, y) in pixels. adapter: part of the name of a WebGPU adapter, None for any. restores: whether the last
     session is restored instead of opening `system`. serve: HOST:PORT to serve a browser, None for a window.
     is_offscreen: draws without a screen, runs `script` (its text) and writes `screenshot`; script_name names the script
-    in errors. until_image: whether the viewer ends when its first image is displayed, and prints that.
+    in errors. until_image: whether the viewer ends when its first image is displayed, and prints that. recovers: id of
+    the process of a viewer that crashed, whose session is opened if it was saved; None for none.
     """
 
     system: System
@@ -41,6 +43,7 @@ class LaunchOptions:
     script_name: str
     screenshot: Path | None
     until_image: bool = False
+    recovers: int | None = None
 
 
 IMAGE_DISPLAYED = "the first image is displayed"
@@ -58,8 +61,8 @@ def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], Non
         require_serving_libraries()
     device = _device(options, startup, has_window=address is None and not options.is_offscreen)
     store = None if options.is_offscreen else SessionStore()
-    last = store.last_session() if store is not None and options.restores else None
-    session = new_session(options.system, is_random=options.is_random) if last is None else last.restore()
+    crashed = None if store is None or options.recovers is None else store.take_over(options.recovers)
+    session, names = (crashed, ()) if crashed is not None else (_session(options, store), options.names)
     renderer = ProgressiveRenderer(device)
     renderer.start(session.scene_for(NOW), startup.thread)
     from holoview.app.run import run_in_browser, run_offscreen, run_on_screen, run_until_image  # slow start: ImGui
@@ -69,11 +72,17 @@ def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], Non
     if store is None and on_image is not None:
         run_until_image(*window, on_image)
     elif store is None:
-        run_offscreen(*window, options.script, options.script_name, options.screenshot, options.names)
+        run_offscreen(*window, options.script, options.script_name, options.screenshot, names)
     elif address is not None:
-        run_in_browser(*window, store, options.names, address, report)
+        run_in_browser(*window, store, names, address, report)
     else:
-        run_on_screen(*window, store, options.names, on_image)
+        run_on_screen(*window, store, names, on_image)
+
+
+def _session(options: LaunchOptions, store: SessionStore | None) -> EditingSession:
+    """The session that was closed last, if it is to be restored, or one of the system that was asked for."""
+    last = store.last_session() if store is not None and options.restores else None
+    return new_session(options.system, is_random=options.is_random) if last is None else last.restore()
 
 
 def _device(options: LaunchOptions, startup: Startup, has_window: bool) -> Device:

@@ -17,7 +17,7 @@ from holoview.app.input_driver import InputDriver
 from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.app.script import run_script, screenshot, wait_until_idle
 from holoview.app.serve import Address, serve
-from holoview.gpu.device import Device
+from holoview.gpu.device import Device, DeviceLost
 from holoview.session.autosave import Autosave
 from holoview.session.editing_session import EditingSession
 from holoview.session.example import shows_example
@@ -169,6 +169,8 @@ def _run_loop(app: App, store: SessionStore, loop: Any, run: Callable[[], None])
         if autosave is not None and failed is None:
             autosave.close()  # after a failure, the session is offered for recovery at the next start
         app.close()
+    if isinstance(failed, DeviceLost):
+        raise failed
     if isinstance(failed, UserError):
         raise UserError(failed.where, failed.found, remedy="start again: your work is saved and will be offered")
 

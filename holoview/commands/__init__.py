@@ -29,4 +29,5 @@ arguments           arguments of several subcommands, and the bench that they de
 output_files        checks that a file or folder can be written
 console             messages, progress bars and Ctrl-C
 exit_codes          exit codes besides 0
+supervisor          the viewer in a process of its own, started again after a crash
 """

@@ -6,5 +6,8 @@ EXIT_FAILED = 1
 EXIT_USER_ERROR = 2
 """The command wasn't carried out: a mistake of the user, or no memory or disk space. One line on stderr says which."""
 
+EXIT_DEVICE_LOST = 3
+"""The graphics device was lost, or the viewer crashed again and again. Work in the viewer is saved."""
+
 EXIT_INTERRUPTED = 130
 """Ctrl-C: 128 + SIGINT, as shells report it."""

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from holoview.commands.arguments import add_changes, with_changes
 from holoview.commands.console import print_stderr
+from holoview.commands.exit_codes import EXIT_DEVICE_LOST
 from holoview.commands.output_files import check_output_file
 from holoview.model import preset
 from holoview.model.scheme import with_scheme
@@ -41,6 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="end when the first image is displayed, and say so",
     )
+    parser.add_argument("--recover", type=int, metavar="PID", help=argparse.SUPPRESS)  # of `supervisor`
     parser.add_argument("--script", metavar="FILE", type=Path, help="actions to do, a line each; with --offscreen")
     parser.add_argument("--screenshot", metavar="PNG", type=Path, help="a picture of the window; with --offscreen")
 
@@ -59,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
 
         startup = Startup(args.adapter)  # before the imports of all else, which it overlaps with
         from holoview.app.launch import LaunchOptions, launch
+        from holoview.gpu.device import DeviceLost
     except ImportError as error:  # a library of the operating system is missing; ImGui itself is a dependency
         raise UserError("view", f"its window can't be drawn: {error}", remedy=_REMEDY) from error
     options = LaunchOptions(
@@ -74,9 +77,13 @@ def run(args: argparse.Namespace) -> int:
         script_name=str(args.script or "script"),
         screenshot=args.screenshot,
         until_image=args.until_image,
+        recovers=args.recover,
     )
     try:
         launch(options, startup, print_stderr)
+    except DeviceLost as error:
+        print_stderr(f"holoview: {error.where}: {error.found}; your work is saved")
+        return EXIT_DEVICE_LOST
     finally:
         wait_for_threads(_LAST_WORK_S)
     return 0

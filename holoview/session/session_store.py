@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import psutil
 
@@ -72,6 +73,7 @@ class SessionStore:
         self.folder = state_folder() if folder is None else folder
         self.preferences = Preferences(self.folder / "preferences.json")
         self._sessions = self.folder / "sessions"
+        self._taken_over: list[SavedSession] = []
 
     def saved_sessions(self) -> list[SavedSession]:
         """All sessions that were saved at least once, newest first."""
@@ -92,6 +94,20 @@ class SessionStore:
         """The session that was closed last."""
         return next((saved for saved in self.saved_sessions() if not _is_locked(saved.folder)), None)
 
+    def take_over(self, pid: int) -> EditingSession | None:
+        """The session of a process that crashed, which is this process's from now on; None if it saved none.
+
+        It stays saved until the session that continues it is closed. Raises UserError when nothing can be read.
+        """
+        saved = next((saved for saved in self.crashed_sessions() if _owner(saved.folder)["pid"] == pid), None)
+        if saved is None:
+            return None
+        session = saved.restore()
+        _lock(saved.folder)
+        self._taken_over.append(saved)
+        session.messages.post(f"The viewer crashed. This is your work, with {len(session.history) - 1} edits to undo.")
+        return session
+
     def discard(self, saved: SavedSession) -> None:
         """Deletes a saved session."""
         shutil.rmtree(saved.folder, ignore_errors=True)
@@ -103,8 +119,7 @@ class SessionStore:
         folder = next(path for n in numbers if not (path := self._sessions / f"{name}-{n}").exists())
         try:
             folder.mkdir(parents=True)
-            owner = {"pid": os.getpid(), "since": psutil.Process().create_time()}
-            (folder / _LOCK).write_text(json.dumps(owner), encoding="utf-8")
+            _lock(folder)
         except OSError as error:
             raise UserError(str(folder), f"can't be made: {error.strerror}", remedy="free space there") from error
         return Autosave(session, folder, self._on_closed)
@@ -113,7 +128,7 @@ class SessionStore:
         """Unlocks the folder of a session that was closed, and deletes sessions that were closed earlier."""
         (folder / _LOCK).unlink(missing_ok=True)
         for saved in self.saved_sessions():
-            if saved.folder != folder and not _is_locked(saved.folder):
+            if saved.folder != folder and (saved in self._taken_over or not _is_locked(saved.folder)):
                 self.discard(saved)
 
 
@@ -121,10 +136,24 @@ def _is_locked(folder: Path) -> bool:
     return (folder / _LOCK).exists()
 
 
+def _lock(folder: Path) -> None:
+    """Notes that this process writes to a folder."""
+    owner = {"pid": os.getpid(), "since": psutil.Process().create_time()}
+    (folder / _LOCK).write_text(json.dumps(owner), encoding="utf-8")
+
+
+def _owner(folder: Path) -> dict[str, Any]:
+    """The process that locked a folder. Raises OSError and ValueError where that can't be read."""
+    owner = json.loads((folder / _LOCK).read_text(encoding="utf-8"))
+    if not isinstance(owner, dict):
+        raise ValueError("not a table")
+    return owner
+
+
 def _is_owner_alive(folder: Path) -> bool:
     """Whether the process that locked a folder still runs; the start time tells apart a later process with its id."""
     try:
-        owner = json.loads((folder / _LOCK).read_text(encoding="utf-8"))
+        owner = _owner(folder)
         return bool(abs(psutil.Process(owner["pid"]).create_time() - owner["since"]) < 1.0)
     except (OSError, ValueError, KeyError, TypeError, psutil.Error):
         return False

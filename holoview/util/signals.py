@@ -30,10 +30,10 @@ def sigint_blocked() -> Iterator[None]:
 def leave_signals_to_parent() -> None:
     """What a worker process does first: it ignores Ctrl-C, which its parent handles, and ends with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _end_with_parent()
+    end_with_parent()
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """Ends this process, one of `multiprocessing`, when the process that started it is gone, even if that was killed.
 
     Without it, workers of a killed program wait for work for ever, with all their memory.

@@ -66,6 +66,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.commands.view", "holoview.app.launch"): OPTIONAL,
     ("holoview.app.frame_rate", "rendercanvas.offscreen"): CHOICE,
     ("holoview.commands.view", "holoview.app.startup"): OPTIONAL,
+    ("holoview.commands.view", "holoview.gpu.device"): OPTIONAL,
     ("holoview.app.launch", "holoview.app.no_adapter"): SLOW,
     ("holoview.app.launch", "holoview.app.run"): SLOW,
     ("holoview.app.run", "glfw"): CHOICE,

@@ -31,6 +31,11 @@ class Served:
         """The address of the page, with the token."""
         return f"http://{self.address}/?token={self.token}"
 
+    def next_url(self) -> str:
+        """The address that it prints next, after a start of its own."""
+        assert self.process.stdout is not None
+        return next(found[0] for line in self.process.stdout if (found := re.search(r"http://\S+", line)))
+
     def edits(self) -> list[str]:
         """What was done in the viewer and not undone, as far as it has been saved."""
         found = SessionStore(self.folder / "holoview").saved_sessions()

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 
 from holoview.gpu.device import Device
@@ -128,6 +130,24 @@ def test_a_viewer_that_died_is_missed(device: Device, tmp_path: Path, browser: B
         page.get_by_text("No connection to the viewer").wait_for()
         served.process.wait(SECONDS)
         assert all("WebSocket" in problem for problem in browser.close_pages())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
+def test_a_viewer_that_crashes_is_back_with_its_work(device: Device, tmp_path: Path, browser: Browser) -> None:
+    with serving(tmp_path, "--new") as served:
+        page = browser.open(served.url, 800, 500)
+        wait_for_sizes(page, 800, 500)
+        page.keyboard.press("e")
+        wait_until(lambda: served.edits() == ["Exposure"])
+        viewers = [p for p in psutil.Process(served.process.pid).children() if "spawn_main" in " ".join(p.cmdline())]
+        viewers[0].send_signal(signal.SIGABRT)
+        page.get_by_text("No connection to the viewer").wait_for()
+        assert all("WebSocket" in problem for problem in browser.close_pages())
+        again = browser.open(served.next_url(), 700, 440)
+        wait_for_sizes(again, 700, 440)
+        again.keyboard.press("g")
+        wait_until(lambda: served.edits()[:2] == ["Exposure", "Page"])
+    assert served.edits() == ["Exposure", "Page"]
 
 
 def test_the_offer_to_recover_lies_inside_the_page(device: Device, tmp_path: Path, browser: Browser) -> None:
