@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 from holoview.commands.exit_codes import EXIT_INTERRUPTED, EXIT_USER_ERROR
 from holoview.commands.supervisor import is_supervised, supervise
 from holoview.util.errors import UserError
+from holoview.util.openmp import share_the_machine
 from holoview.util.version import __version__
 
 COMMANDS = {
@@ -57,6 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return supervise(main, words)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # "étendue" on a terminal that has no é
+    share_the_machine()
     try:
         args = _parser(words[0] if words else "").parse_args(words)
         code: int = args.run(args)

@@ -10,5 +10,6 @@ checkpoint        comparison of a checkpoint with the run that is to continue fr
 signals           Ctrl-C while processes are started
 threads           the end of a program whose threads may still be at work
 cpu_count         number of CPUs that this process may use
+openmp            how torch's threads wait for each other
 version           version of the installed package
 """

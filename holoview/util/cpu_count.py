@@ -2,12 +2,63 @@
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Iterator
+from pathlib import Path
+
+_GROUPS = Path("proc/self/cgroup")
+_MOUNT = Path("sys/fs/cgroup")
 
 
 def process_cpu_count() -> int:
-    """The number of CPUs in this process's affinity mask, which batch systems restrict; all of the machine elsewhere.
+    """The number of CPUs in this process's affinity mask, or fewer where a container grants it less of their time.
 
-    The same as `os.process_cpu_count` of Python 3.13.
+    Python 3.13's `os.process_cpu_count` knows the mask alone.
     """
+    quota = cpu_quota()
+    return affine_cpu_count() if quota is None else min(affine_cpu_count(), max(1, math.ceil(quota)))
+
+
+def affine_cpu_count() -> int:
+    """The number of CPUs in this process's affinity mask, which batch systems restrict; else all of the machine."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def cpu_quota(root: Path = Path("/")) -> float | None:
+    """How many CPUs' time Linux grants this process's control groups, the least of all; None without a limit.
+
+    root: of the file system. Reads cgroup 2 (`cpu.max`) and cgroup 1 (`cpu.cfs_quota_us`); in a container, the groups'
+    folders above its own aren't seen, and its own is the root of the mount.
+    """
+    quotas = [quota for folder in _group_folders(root) if (quota := _quota_of(folder)) is not None]
+    return min(quotas, default=None)
+
+
+def _group_folders(root: Path) -> Iterator[Path]:
+    """The folders of this process's groups and of those that contain them."""
+    try:
+        lines = (root / _GROUPS).read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return
+    for line in lines:
+        _, controllers, group = line.split(":", 2)
+        if controllers and "cpu" not in controllers.split(","):
+            continue
+        mount = root / _MOUNT / controllers
+        inside = mount / group.lstrip("/")
+        yield mount
+        yield from (folder for folder in (inside, *inside.parents) if mount in folder.parents)
+
+
+def _quota_of(folder: Path) -> float | None:
+    """The limit that one group states, in CPUs."""
+    try:
+        if (folder / "cpu.max").exists():
+            quota, period = (folder / "cpu.max").read_text(encoding="utf-8").split()
+        else:
+            names = ("cpu.cfs_quota_us", "cpu.cfs_period_us")
+            quota, period = (str(int((folder / name).read_text(encoding="utf-8"))) for name in names)
+        return None if quota in ("max", "-1") else int(quota) / int(period)
+    except (OSError, ValueError, ZeroDivisionError):
+        return None
