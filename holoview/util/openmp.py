@@ -25,4 +25,4 @@ def share_the_machine(environment: MutableMapping[str, str] = os.environ) -> Non
         environment.setdefault("GOMP_SPINCOUNT", str(SPIN_COUNT))
     granted = process_cpu_count()
     if granted < affine_cpu_count():
-        environment.setdefault("OMP_THREAD_LIMIT", str(granted))
+        environment.setdefault("OMP_NUM_THREADS", str(granted))

@@ -22,15 +22,15 @@ def _four_of_eight(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_threads_sleep_early_and_are_as_many_as_the_container_grants() -> None:
     environment: dict[str, str] = {}
     share_the_machine(environment)
-    assert environment == {"GOMP_SPINCOUNT": str(SPIN_COUNT), "OMP_THREAD_LIMIT": "4"}
+    assert environment == {"GOMP_SPINCOUNT": str(SPIN_COUNT), "OMP_NUM_THREADS": "4"}
 
 
 @pytest.mark.usefixtures("_four_of_eight")
 @pytest.mark.parametrize(
     "stated",
     [
-        {"GOMP_SPINCOUNT": "infinite", "OMP_THREAD_LIMIT": "7"},
-        {"OMP_WAIT_POLICY": "active", "OMP_THREAD_LIMIT": "7"},
+        {"GOMP_SPINCOUNT": "infinite", "OMP_NUM_THREADS": "7"},
+        {"OMP_WAIT_POLICY": "active", "OMP_NUM_THREADS": "7"},
     ],
 )
 def test_what_the_user_states_is_kept(stated: dict[str, str]) -> None:
@@ -44,7 +44,7 @@ def test_without_a_limit_none_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(openmp, "affine_cpu_count", lambda: 8)
     environment: dict[str, str] = {}
     share_the_machine(environment)
-    assert "OMP_THREAD_LIMIT" not in environment
+    assert "OMP_NUM_THREADS" not in environment
 
 
 def test_the_command_line_sets_this_before_torch_is_loaded() -> None:
