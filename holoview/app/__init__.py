@@ -34,7 +34,8 @@ plane_previews        preview images of all focal planes
 tiles                 clickable pictures of planes
 plane_strip           a strip of all planes
 plane_sheet           a sheet of all planes
-readout               values of the sample under the pointer
+readout               values of the sample under the pointer, scores of the image
+score_choice          which score stands beside the PSNR
 clipboard             copies and pastes pictures
 desktop               file drops and text clipboard of a window
 frame_rate            how many images a second the viewer shows, measured off screen

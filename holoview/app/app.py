@@ -17,6 +17,7 @@ from holoview.app.menus import draw_menus
 from holoview.app.panel import GuardedPanel, Panel
 from holoview.app.panels import ALL
 from holoview.app.progressive_renderer import ProgressiveRenderer
+from holoview.app.score_choice import add_score_commands
 from holoview.app.status import draw_status
 from holoview.app.toasts import Toasts
 from holoview.app.tour import Tour
@@ -65,6 +66,7 @@ class App:
         add_general_commands(self.context)
         for guarded in self.panels:
             guarded.panel.set_up(self.context)
+        add_score_commands(self.context)
         self._overlays = [DrawGuard(overlay.title, overlay.draw, session.messages) for overlay in self.context.overlays]
         self._is_stale = True
         self.awaits_frame = self.has_shown_image = False

@@ -25,7 +25,7 @@ from holoview.gpu.device import Device
 from holoview.session.editing_session import EditingSession
 from holoview.session.file_loader import FileLoader
 from holoview.session.live_measurement import LiveMeasurement
-from holoview.session.live_psnr import LivePsnr
+from holoview.session.live_score import LiveScore
 from holoview.session.session_store import SessionStore
 
 Rect = tuple[float, float, float, float]
@@ -68,7 +68,8 @@ class AppContext:
         self.plane_previews = PlanePreviews(device, session)
         self.derived_images = DerivedImages(device, session)
         self.live_measurement = LiveMeasurement(session, window.wake)
-        self.live_psnr = LivePsnr(session, window.wake)
+        self.live_psnr = LiveScore("psnr", session, window.wake)
+        self.live_score = LiveScore("score", session, window.wake)
         remember = store.preferences.add_recent_file if store is not None else lambda path: None
         self.loader = FileLoader(session, remember=remember)
         self.theme = str(store.preferences.get("theme", theme.THEMES[0])) if store else theme.THEMES[0]
@@ -86,6 +87,7 @@ class AppContext:
             or self.session.target_builder.is_building
             or self.live_measurement.is_busy
             or self.live_psnr.is_busy
+            or self.live_score.is_busy
         )
 
     def attempt(self, edit: Callable[..., Any], *arguments: Any, **keywords: Any) -> None:
@@ -127,6 +129,7 @@ class AppContext:
         self.loader.close()
         self.live_measurement.close()
         self.live_psnr.close()
+        self.live_score.close()
         self.side_renderers.close()
         self.derived_images.close()
 

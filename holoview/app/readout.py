@@ -8,8 +8,11 @@ from numpy.typing import NDArray
 
 from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
+from holoview.app.score_choice import choose_next_score
+from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES, samples_per_degree
+from holoview.session.live_score import ImageScore, image_psnr_db
 from holoview.session.measure import sample_pixel
-from holoview.session.view_settings import DERIVED_PAGES, NOW, displayed_side
+from holoview.session.view_settings import DERIVED_PAGES, NOW, ViewSettings, displayed_side
 
 
 def draw_readout(context: AppContext, position: tuple[float, float] | None) -> None:
@@ -17,8 +20,9 @@ def draw_readout(context: AppContext, position: tuple[float, float] | None) -> N
     view, shape = context.session.view_settings, context.session.document.image_shape
     if position is None or view.page in DERIVED_PAGES:
         imgui.push_style_color(imgui.Col_.text, imgui.get_style_color_vec4(imgui.Col_.text_disabled))
-        imgui.text_wrapped(_idle_text(context))
+        imgui.text_wrapped(describe_image(context))
         imgui.pop_style_color()
+        _offer_next_score(context, view)
         return
     imgui.text_wrapped(describe_pixel(context, int(position[0] * shape[1]), int(position[1] * shape[0])))
     context.record_item_rect("readout")
@@ -56,7 +60,8 @@ def _format_triple(values: NDArray[np.float64]) -> str:
     return "  ".join(f"{value:.3f}" for value in values)
 
 
-def _idle_text(context: AppContext) -> str:
+def describe_image(context: AppContext) -> str:
+    """What the page shows in a line of text: size, origin and scores of an image."""
     rows, columns = context.session.document.image_shape
     if context.session.view_settings.page == "spectrum":
         if context.session.system.eye is not None:
@@ -68,14 +73,31 @@ def _idle_text(context: AppContext) -> str:
         )
     if context.session.view_settings.page == "phase":
         return "phase at the laser in the middle of the spectrum; a turn of hue is a wave"
-    return f"{columns} × {rows} samples   {context.session.document.origin}{_psnr_text(context)}"
+    return f"{columns} × {rows} samples   {context.session.document.origin}{_scores_text(context)}"
 
 
-def _psnr_text(context: AppContext) -> str:
-    """The PSNR of the displayed plane; empty without a target, and until it is measured."""
+def _offer_next_score(context: AppContext, view: ViewSettings) -> None:
+    """The idle line of an image: a click shows another score."""
+    if view.page == "image":
+        context.record_item_rect("scores")
+        tooltip("Click for another score beside the PSNR; the menu Image has all of them.")
+        if imgui.is_item_clicked():
+            choose_next_score(context)
+
+
+def _scores_text(context: AppContext) -> str:
+    """PSNR of the displayed plane and the chosen score beside it; empty without a target, and until it is measured."""
     if displayed_side(context.session.view_settings) != NOW:
         return ""
     xyz = context.side_renderers.xyz(NOW)
     target = None if xyz is None else context.session.target_at()
-    psnr_db = None if xyz is None or target is None else context.live_psnr.get(xyz, target)
-    return "" if psnr_db is None else f"   PSNR {psnr_db:.1f} dB"
+    if xyz is None or target is None:
+        return ""
+    psnr_db = context.live_psnr.get(xyz, target, image_psnr_db)
+    text = "" if psnr_db is None else f"   PSNR {psnr_db:.1f} dB"
+    document, name = context.session.document, context.session.view_settings.score
+    if name:
+        density = samples_per_degree(document.sample_pitch_m, document.system.eye)
+        value = context.live_score.get(xyz, target, ImageScore(name, density))
+        text += "" if value is None else f"   {PERCEPTUAL_SCORES[name].format(value)}"
+    return text

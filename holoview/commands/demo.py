@@ -9,6 +9,7 @@ import argparse
 import shutil
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +27,13 @@ from holoview.io.hologram import Hologram
 from holoview.io.png import write_png
 from holoview.metrics.eyebox import EyeboxUniformity
 from holoview.metrics.image_quality import ImageQuality, eyebox_uniformity_of, measure_image_quality
+from holoview.metrics.perceptual_quality import measure_perceptual_scores
+from holoview.metrics.perceptual_scores import (
+    OPTIONAL_SCORES,
+    PERCEPTUAL_SCORES,
+    usable_scores,
+)
+from holoview.metrics.plane_scores import PlaneScores
 from holoview.model import preset
 from holoview.model.plan import make_plan
 from holoview.optimise.settings import Settings
@@ -46,7 +54,10 @@ _WHOLE, _FRONT, _BACK = (0, 0, 1, 1), (0.36, 0.68, 0.28, 0.28), (0.70, 0.06, 0.2
 
 @dataclass(frozen=True)
 class _DisplayResult:
-    """One display's hologram, its views at the target's planes and far out of focus, and its scores."""
+    """One display's hologram, its views at the target's planes and far out of focus, and its scores.
+
+    perceptual: optional scores of the middle plane, by name.
+    """
 
     name: str
     hologram: Hologram
@@ -54,6 +65,7 @@ class _DisplayResult:
     defocused_view: View
     score: ImageQuality
     eyebox: EyeboxUniformity
+    perceptual: Mapping[str, PlaneScores]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -75,6 +87,8 @@ def run(args: argparse.Namespace) -> int:
     changes = {"shape": args.shape} if args.shape else {}
     systems = [preset.load(name).edit(changes) for name in _DISPLAYS]
     _prepare(args, systems[0])
+    usable = usable_scores(lambda problem: print_stderr(f"note: {problem}"))
+    further = [name for name in usable if name in OPTIONAL_SCORES]
     target = example_target().build(systems[0])
     results: list[_DisplayResult] = []
     for system in systems:
@@ -82,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
         if optimised.interrupted:
             raise KeyboardInterrupt
         optimised.hologram.save(args.output / f"{system.name}.safetensors")
-        results.append(_render_display(system.name, optimised.hologram, target, args))
+        results.append(_render_display(system.name, optimised.hologram, target, further, args))
     written = [path for result in results for path in _write_planes(result, args.output)]
     sheet = args.output / "contact-sheet.png"
     planes = ", ".join(units.format_exact(z, "mm") for z in target.planes_m)
@@ -106,7 +120,9 @@ def _prepare(args: argparse.Namespace, system: holoview.System) -> None:
     check_output_file(args.output / "contact-sheet.png", ".png")
 
 
-def _render_display(name: str, hologram: Hologram, target: Target, args: argparse.Namespace) -> _DisplayResult:
+def _render_display(
+    name: str, hologram: Hologram, target: Target, scores: Sequence[str], args: argparse.Namespace
+) -> _DisplayResult:
     """Renders all planes and one far out of focus in one run, and scores the hologram."""
     planes = [*hologram.system.planes_m, _DEFOCUSED_PLANE_M]
     with progress_bar(f"rendering {name}") as progress:
@@ -118,7 +134,7 @@ def _render_display(name: str, hologram: Hologram, target: Target, args: argpars
             adapter=args.adapter,
             progress=lambda done, total: progress(done, total, "wavelengths"),
         )
-    focused = view.at(range(len(planes) - 1))
+    focused, middle = view.at(range(len(planes) - 1)), (len(planes) - 1) // 2
     return _DisplayResult(
         name,
         hologram,
@@ -126,6 +142,7 @@ def _render_display(name: str, hologram: Hologram, target: Target, args: argpars
         defocused_view=view.at([len(planes) - 1]),
         score=measure_image_quality(focused, target.stack),
         eyebox=eyebox_uniformity_of(hologram),
+        perceptual=measure_perceptual_scores(view.at([middle]), target.stack[[middle]], scores),
     )
 
 
@@ -175,14 +192,26 @@ def _crop(picture: NDArray[np.uint8], region: tuple[float, float, float, float])
 
 def _print_results(results: list[_DisplayResult], written: list[Path], seconds: float) -> None:
     print_stderr(f"rendered by {results[0].view.backend}; {seconds:.0f} s in all")
-    print(f"{'':<14} {'PSNR':>9} {'lum. PSNR':>10} {'CIEDE2000':>10} {'speckle':>8} {'eyebox':>7}")
+    titles = f"{'':<14} {'PSNR':>9} {'lum. PSNR':>10} {'CIEDE2000':>10} {'MS-SSIM':>8} {'speckle':>8} {'eyebox':>7}"
+    perceptual = results[0].perceptual
+    print(titles + "".join(f" {name.upper():>6}" for name in perceptual))
     for result in results:
-        score = result.score
-        fidelity = f"{score.psnr.mean_db:6.2f} dB {score.psnr_luminance.mean_db:7.2f} dB {score.delta_e:10.2f}"
-        print(f"{result.name:<14} {fidelity} {score.mean_speckle_contrast:8.3f} {result.eyebox.uniformity:7.2f}")
+        print(_score_row(result))
+    if perceptual:
+        print(f"{' and '.join(name.upper() for name in perceptual)}: of the middle plane")
     print("\nall focal planes:")
     for path in written:
         print(f"  {path}")
+
+
+def _score_row(result: _DisplayResult) -> str:
+    """The scores of a display as a row of the table."""
+    score = result.score
+    similarity = "" if score.ms_ssim is None else f"{score.ms_ssim.mean:.3f}"
+    decibels = f"{score.psnr.mean_db:6.2f} dB {score.psnr_luminance.mean_db:7.2f} dB"
+    further = "".join(f" {one.mean:6.{PERCEPTUAL_SCORES[name].digits}f}" for name, one in result.perceptual.items())
+    others = f"{score.delta_e:10.2f} {similarity:>8} {score.mean_speckle_contrast:8.3f} {result.eyebox.uniformity:7.2f}"
+    return f"{result.name:<14} {decibels} {others}{further}"
 
 
 def _print_what_to_open(sheet: Path, hologram: Path) -> None:

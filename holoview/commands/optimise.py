@@ -30,6 +30,7 @@ from holoview.commands.output_files import check_output_file
 from holoview.commands.pupil_places import format_place_scores, parse_places, score_places, target_at_places
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.io.png import write_png
+from holoview.metrics.perceptual_scores import require_scores
 from holoview.model.system import System
 from holoview.optimise.iteration_state import IterationState
 from holoview.optimise.memory import with_compact_grid
@@ -51,6 +52,7 @@ def run(args: argparse.Namespace) -> int:
     """Optimises, saves and scores the hologram. After Ctrl-C it saves the best so far, without a score."""
     system = system_from_args(args)
     warn_of_camera_effects(system)
+    require_scores(args.score)
     output = args.output or Path(f"{system.name or 'hologram'}-{Path(args.target).stem}.safetensors")
     check_output_file(output, ".safetensors")
     places = parse_places(args.pupils, system)
@@ -68,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     saved = load_hologram(output)
     images = render_for_score(saved, source)
     try:
-        scores = score_hologram(saved, images, settings.region)
+        scores = score_hologram(saved, images, settings.region, args.score)
         scores |= score_places(saved, source, places, settings.region)
     except UserError as error:
         print_stderr(f"note: {output} is saved but can't be scored: {error}")

@@ -15,6 +15,7 @@ from holoview.commands.arguments import add_system, parse_duration, parse_region
 from holoview.commands.console import print_stderr
 from holoview.commands.output_files import check_output_file
 from holoview.io.hologram import Hologram, load_hologram
+from holoview.metrics.perceptual_scores import OPTIONAL_SCORES
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.numerics.image_region import Region
@@ -150,6 +151,13 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
         choices=("float32", "uint8"),
         default="float32",
         help="in the file; uint8: a quarter of the size, patterns rounded to 255ths of the stroke",
+    )
+    group.add_argument(
+        "--score",
+        nargs="+",
+        choices=OPTIONAL_SCORES,
+        default=[],
+        help="further scores: FLIP, and ColorVideoVDP in JOD (take seconds a plane; need the extra perceptual)",
     )
     group.add_argument("--json", action="store_true", help="print the result as JSON")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,8 @@ from holoview.metrics.image_quality import (
     measure_image_quality,
     plane_midpoints,
 )
+from holoview.metrics.perceptual_quality import measure_perceptual_scores
+from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES
 from holoview.model.focus import focused_planes
 from holoview.model.system import System
 from holoview.numerics.image_region import Region, region_slices
@@ -52,10 +55,13 @@ def render_for_score(hologram: Hologram, source: TargetSource) -> ScoredImages:
     return ScoredImages(simulate(hologram.system, hologram.drive, all_m, backend="torch"), target, held_out_m)
 
 
-def score_hologram(hologram: Hologram, images: ScoredImages, region: Region | None) -> dict[str, Any]:
+def score_hologram(
+    hologram: Hologram, images: ScoredImages, region: Region | None, further: Sequence[str] = ()
+) -> dict[str, Any]:
     """The scores of a hologram as JSON keys and values.
 
-    region: x, y, width, height in samples, inside which images are compared; None for all of them.
+    region: x, y, width, height in samples, inside which images are compared; None for all of them. further: names of
+    `OPTIONAL_SCORES` to add.
 
     Raises UserError when an image is too small for one of the scores.
     """
@@ -63,6 +69,7 @@ def score_hologram(hologram: Hologram, images: ScoredImages, region: Region | No
     count = len(view.planes_m) - len(held_out)
     quality = _measure(view.at(range(count)), target[:count], region)
     eyebox = eyebox_uniformity_of(hologram)
+    perceptual = measure_perceptual_scores(*_cropped(view.at(range(count)), target[:count], region), further)
     between = [_measure(view.at([i]), target[i : i + 1], region) for i in range(count, len(view.planes_m))]
     return {
         "psnr_db": quality.psnr.mean_db,
@@ -74,6 +81,8 @@ def score_hologram(hologram: Hologram, images: ScoredImages, region: Region | No
         "delta_e": quality.delta_e,
         "ms_ssim": None if quality.ms_ssim is None else quality.ms_ssim.mean,
         "ms_ssim_scales": None if quality.ms_ssim is None else quality.ms_ssim.scales,
+        **{name: score.mean for name, score in perceptual.items()},
+        **{f"{name}_planes": list(score.planes) for name, score in perceptual.items()},
         "speckle_contrast": quality.mean_speckle_contrast,
         "eyebox_uniformity": eyebox.uniformity,
         "eyebox_variation": eyebox.coefficient_of_variation,
@@ -96,6 +105,7 @@ def format_scores(scores: dict[str, Any], system: System) -> list[str]:
         *lines,
         f"luminance PSNR {scores['psnr_luminance_db']:.2f} dB, mean CIEDE2000 {scores['delta_e']:.2f}"
         f"{_format_ms_ssim(scores)}",
+        *_format_further(scores),
         f"speckle contrast {scores['speckle_contrast']:.3f}",
         f"eyebox: uniformity {scores['eyebox_uniformity']:.2f}, variation {scores['eyebox_variation']:.2f}",
     ]
@@ -111,11 +121,21 @@ def _format_ms_ssim(scores: dict[str, Any]) -> str:
     )
 
 
+def _format_further(scores: dict[str, Any]) -> list[str]:
+    """The optional scores in a line; none without any."""
+    texts = [PERCEPTUAL_SCORES[name].format(scores[name]) for name in OPTIONAL_SCORES if name in scores]
+    return [", ".join(texts)] if texts else []
+
+
 def _measure(view: View, target: Floats, region: Region | None) -> ImageQuality:
     """Quality of a view beside its target (plane, y, x, 3) inside a region."""
-    if region is not None:
-        view, target = view.cropped(region), target[:, *region_slices(region)]
+    view, target = _cropped(view, target, region)
     return measure_image_quality(view, target, _speckle_region(target))
+
+
+def _cropped(view: View, target: Floats, region: Region | None) -> tuple[View, Floats]:
+    """A view and its target (plane, y, x, 3) inside a region."""
+    return (view, target) if region is None else (view.cropped(region), target[:, *region_slices(region)])
 
 
 def _speckle_region(target: Floats) -> Region | None:

@@ -12,22 +12,21 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from holoview.colour import gamut_map, srgb_encode
+from holoview.metrics.plane_scores import PlaneScores, Stack, as_stacks
 from holoview.numerics.structural_similarity import WINDOW, multi_scale_similarity, scale_count
 from holoview.util.errors import UserError
 
 
 @dataclass(frozen=True)
-class MsSsim:
-    """MS-SSIM of an image or a focal stack, 1 for equal ones: mean over planes, and of each plane.
+class MsSsim(PlaneScores):
+    """MS-SSIM of an image or a focal stack, 1 for equal ones.
 
     scales: number of scales, 5 from 176 rows and columns on. Values of different numbers can't be compared.
     """
 
-    mean: float
-    planes: tuple[float, ...]
     scales: int
 
 
@@ -36,10 +35,7 @@ def ms_ssim(image: ArrayLike, target: ArrayLike) -> MsSsim:
 
     Raises UserError when the shapes differ, aren't those of images, or have fewer than 11 rows or columns.
     """
-    values, expected = np.asarray(image, dtype=np.float64), np.asarray(target, dtype=np.float64)
-    if values.shape != expected.shape or values.ndim not in (3, 4) or values.shape[-1] != 3:
-        shape = f"(y, x, 3) or (plane, y, x, 3) as the target, {expected.shape}"
-        raise UserError("image", f"shape {values.shape}", expected=shape)
+    values, expected = as_stacks(image, target)
     scales = scale_count((values.shape[-3], values.shape[-2]))
     if scales == 0:
         found = f"{values.shape[-2]} x {values.shape[-3]} samples"
@@ -49,7 +45,7 @@ def ms_ssim(image: ArrayLike, target: ArrayLike) -> MsSsim:
     return MsSsim(float(np.mean(planes)), planes, scales)
 
 
-def _signals(light: NDArray[np.float64]) -> torch.Tensor:
-    """The display signals (plane, channel, y, x), 0…1."""
-    signal = srgb_encode(gamut_map(light.reshape(-1, *light.shape[-3:])))
+def _signals(light: Stack) -> torch.Tensor:
+    """The display signals (plane, channel, y, x), 0…1, of light (plane, y, x, 3)."""
+    signal = srgb_encode(gamut_map(light))
     return torch.from_numpy(np.ascontiguousarray(np.moveaxis(signal, -1, 1)))

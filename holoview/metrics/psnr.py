@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from holoview.colour import gamut_map
+from holoview.metrics.plane_scores import as_stacks
 from holoview.util.errors import UserError
 
 
@@ -44,7 +45,7 @@ def psnr_linear_srgb(image: ArrayLike, target: ArrayLike) -> Psnr:
 
     Raises UserError when the shapes differ or aren't those of images.
     """
-    stack, target_stack = _as_stacks(image, target)
+    stack, target_stack = as_stacks(image, target)
     return _psnr_per_plane(gamut_map(stack), gamut_map(target_stack))
 
 
@@ -53,7 +54,7 @@ def psnr_xyz(image: ArrayLike, target: ArrayLike) -> Psnr:
 
     Raises UserError when the shapes differ or aren't those of images.
     """
-    return _psnr_per_plane(*_as_stacks(image, target))
+    return _psnr_per_plane(*as_stacks(image, target))
 
 
 def psnr_luminance(image: ArrayLike, target: ArrayLike) -> Psnr:
@@ -61,7 +62,7 @@ def psnr_luminance(image: ArrayLike, target: ArrayLike) -> Psnr:
 
     Raises UserError when the shapes differ or aren't those of images.
     """
-    stack, target_stack = _as_stacks(image, target)
+    stack, target_stack = as_stacks(image, target)
     return _psnr_per_plane(stack[..., 1], target_stack[..., 1])
 
 
@@ -70,14 +71,6 @@ def _checked_pair(image: ArrayLike, target: ArrayLike) -> tuple[NDArray[np.float
     if values.shape != expected.shape or values.size == 0:
         raise UserError("image", f"shape {values.shape}", expected=f"the target's shape, {expected.shape}, not empty")
     return values, expected
-
-
-def _as_stacks(image: ArrayLike, target: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Both as (plane, y, x, 3)."""
-    stack, target_stack = _checked_pair(image, target)
-    if stack.ndim not in (3, 4) or stack.shape[-1] != 3:
-        raise UserError("image", f"shape {stack.shape}", expected="(y, x, 3) or (plane, y, x, 3)")
-    return stack.reshape(-1, *stack.shape[-3:]), target_stack.reshape(-1, *target_stack.shape[-3:])
 
 
 def _psnr_per_plane(stack: NDArray[np.float64], target: NDArray[np.float64]) -> Psnr:

@@ -21,7 +21,7 @@ quick_system          a simplified system for previews
 derived_images        phase of a pattern; eyebox
 measure               speckle contrast, PSNR and colour error of a region; profiles; pixel values
 live_measurement      the same, kept up to date for the displayed image
-live_psnr             PSNR of the displayed image, kept up to date
+live_score            PSNR and a perceptual score of the displayed image, kept up to date
 tone_mapping          XYZ to 8-bit sRGB
 colour_maps           colour maps for single-channel images
 chromaticity_diagram  spectral locus, display primaries, gamut of the lasers

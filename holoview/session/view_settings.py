@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES
 from holoview.util.errors import UserError, suggest_matches
 
 Region = tuple[int, int, int, int]
@@ -20,6 +21,8 @@ COMPARISON_MODES = ("off", "hold", "wipe", "side-by-side", "difference")
 PAGES = ("image", "planes", "phase", "spectrum", "target")
 DERIVED_PAGES = ("phase", "spectrum")
 """Pages that show an image other than a focal plane of a side."""
+SCORES = ("", *PERCEPTUAL_SCORES)
+"""Scores that can stand beside the PSNR; "" for none."""
 SPECKLE_EXPOSURE_STOPS = -1.5
 """An exposure at which the speckle of random patterns, whose mean luminance is that of white, is hardly clipped."""
 MAX_EXPOSURE_STOPS = 60.0  # far beyond any useful exposure, and 2^120 is still finite in float64
@@ -65,6 +68,7 @@ class ViewSettings:
     page: one of PAGES. frame, modulator: indices of the pattern on the page "phase".
     a, b, compare: the two sides of a comparison and its mode. wipe: fraction of the width that shows a.
     region: where speckle is measured. profile: a line along which the luminance is plotted.
+    score: one of SCORES, shown beside the PSNR.
     zoom: screen pixels for each sample, 0 to fit the window. centre: (x, y) of the middle of the view, as fractions of
     the image.
 
@@ -89,6 +93,7 @@ class ViewSettings:
     wipe: float = 0.5
     region: Region | None = None
     profile: Line | None = None
+    score: str = ""
     zoom: float = 0.0
     centre: tuple[float, float] = (0.5, 0.5)
 
@@ -98,6 +103,7 @@ class ViewSettings:
             ("false_colour", FALSE_COLOURS),
             ("compare", COMPARISON_MODES),
             ("page", PAGES),
+            ("score", SCORES),
         ):
             _check_choice(key, getattr(self, key), options)
         if not 0 <= self.plane_m < math.inf:

@@ -11,9 +11,11 @@ EXTRAS = {
     "anywidget": "notebook",
     "av": "export",
     "distributed": "cluster",
+    "flip_evaluator": "perceptual",
     "imagecodecs": "images",
     "imageio": "export",
     "matplotlib": "plots",
+    "pycvvdp": "perceptual",
     "uvicorn": "serve",
     "websockets": "serve",
 }
@@ -32,7 +34,7 @@ def import_optional(module: str, purpose: str) -> Any:
     """
     try:
         return importlib.import_module(module)
-    except ImportError as error:
+    except (ImportError, OSError, RuntimeError) as error:  # the latter two from libraries that don't fit each other
         library = module.partition(".")[0]
         found = f"{library} can't be loaded: {error}"
         if isinstance(error, ModuleNotFoundError) and error.name:  # the library itself, or another one that it needs

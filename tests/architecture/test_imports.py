@@ -48,6 +48,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.session.derived_images", "holoview.engine.torch_executor"): SLOW,
     ("holoview.session.derived_images", "holoview.optics.frame_inputs"): SLOW,
     ("holoview.session.derived_images", "holoview.optics.slm"): SLOW,
+    ("holoview.session.live_score", "holoview.metrics.perceptual_quality"): SLOW,
     ("holoview.session.measure", "scipy"): SLOW,
     ("holoview.session.optimisation_job", "holoview.optimise.solve"): SLOW,
     ("holoview.session.optimisation_job", "holoview.optimise.torch_device"): SLOW,

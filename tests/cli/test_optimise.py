@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,23 @@ def test_json_holds_the_same_numbers(holoview: Run, picture: Path) -> None:
     assert (table["preset"], table["file"], table["iterations"]) == ("simultaneous", "h.safetensors", 3)
     assert len(table["psnr_planes_db"]) == 5
     assert table["psnr_db"] == pytest.approx(np.mean(table["psnr_planes_db"]))
+
+
+def test_further_scores_are_reported_by_their_names(holoview: Run, picture: Path) -> None:
+    table = json.loads(holoview("optimise", "simultaneous", picture, *QUICK, "--score", "flip", "--json").out)
+    assert len(table["flip_planes"]) == 5 and 0 < table["flip"] < 1
+    assert table["flip"] == pytest.approx(np.mean(table["flip_planes"]))
+    text = holoview("optimise", "simultaneous", picture, *QUICK, "--score", "flip").out
+    assert f"FLIP {table['flip']:.3f}" in text.splitlines()
+
+
+def test_a_score_that_is_not_installed_is_refused_before_anything_is_optimised(
+    holoview: Run, tmp_path: Path, picture: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pycvvdp", None)
+    outcome = holoview("optimise", "simultaneous", picture, *QUICK, "--score", "flip", "jod", "-o", "h.safetensors")
+    assert outcome.code == 2 and 'pip install "holoview[perceptual]"' in outcome.err
+    assert not (tmp_path / "h.safetensors").exists()
 
 
 def test_optimize_is_the_same_command(holoview: Run, tmp_path: Path, picture: Path) -> None:

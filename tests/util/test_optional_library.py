@@ -33,6 +33,9 @@ COMMANDS: dict[str, tuple[str, str]] = {
 }
 """Commands whose files don't exist, with the module that each needs before it reads them, and its extra."""
 
+DISTRIBUTIONS = {"flip_evaluator": "flip-evaluator", "pycvvdp": "cvvdp"}
+"""Distributions that aren't called as their modules are."""
+
 
 def _distributions(requirements: list[str]) -> set[str]:
     return {re.split(r"[<>=!;\[ ]", text)[0].lower() for text in requirements}
@@ -41,8 +44,9 @@ def _distributions(requirements: list[str]) -> set[str]:
 def test_every_optional_library_is_in_the_extra_that_its_error_names_and_in_no_plain_installation() -> None:
     extras = PROJECT["optional-dependencies"]
     for module, extra in EXTRAS.items():
-        assert module in _distributions(extras[extra])
-        assert module not in _distributions(PROJECT["dependencies"])
+        distribution = DISTRIBUTIONS.get(module, module)
+        assert distribution in _distributions(extras[extra])
+        assert distribution not in _distributions(PROJECT["dependencies"])
     assert extras["all"] == [f"holoview[{','.join(name for name in extras if name not in ('all', 'docs', 'dev'))}]"]
 
 
@@ -84,6 +88,16 @@ def test_a_library_that_is_there_but_broken_is_not_called_missing(
     monkeypatch.delitem(sys.modules, "av", raising=False)
     with pytest.raises(UserError, match=r"a film: av can't be loaded: libx264.so.164: cannot .*holoview\[export\]"):
         import_optional("av", "a film")
+
+
+def test_a_library_that_does_not_fit_another_one_is_an_error_of_the_user_too(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "pycvvdp.py").write_text('raise RuntimeError("operator torchvision::nms does not exist")\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "pycvvdp", raising=False)
+    with pytest.raises(UserError, match=r"pycvvdp can't be loaded: operator .*holoview\[perceptual\]"):
+        import_optional("pycvvdp", "ColorVideoVDP")
 
 
 def test_without_any_optional_library_every_module_is_imported() -> None:
