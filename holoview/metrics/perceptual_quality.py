@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from holoview.metrics.color_video_vdp import color_video_vdp
 from holoview.metrics.flip import flip
 from holoview.metrics.ms_ssim import ms_ssim
-from holoview.metrics.plane_scores import PlaneScores
 from holoview.metrics.perceptual_scores import samples_per_degree
+from holoview.metrics.plane_scores import PlaneScores
 from holoview.view import View
 
 Image = NDArray[np.floating]

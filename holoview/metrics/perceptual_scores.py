@@ -50,7 +50,7 @@ OPTIONAL_SCORES = tuple(name for name, score in PERCEPTUAL_SCORES.items() if sco
 
 
 def samples_per_degree(pitch_m: float, eye: Eye | None) -> float:
-    """Samples a degree of visual angle at a distance between samples, m; without an eye, as the default one sees them."""
+    """Samples a degree of visual angle, of a distance between samples; without an eye, as the default one sees them."""
     return 1 / sample_degrees(pitch_m, (eye or Eye()).eyepiece_m)
 
 

@@ -26,17 +26,19 @@ def gain_claim(
     worse: str | Mapping[str, Any],
     key: str = "psnr_db",
     reason: str = "",
+    unit: str = "dB",
 ) -> Claim:
-    """The claim that one setting has a higher PSNR than another, by the mean over targets and seeds.
+    """The claim that one setting has a higher PSNR, or another score, than another, by the mean over targets and seeds.
 
     what: the statement. paper_db: the paper's gain; None if it has none. better, worse: settings of the jobs, or the
-    names of schemes. key: the number that is compared. reason: why our gain is smaller, shown only if it is.
+    names of schemes. key: the number that is compared. reason: why our gain is smaller, shown only if it is. unit: of
+    the number.
     """
     first, second = ({"scheme": s} if isinstance(s, str) else dict(s) for s in (better, worse))
     gains = paired_gains(results, first, second, key)
     gain = float(gains.mean())
     spread = f" (spread {gains.max() - gains.min():.2f})" if len(gains) > 1 else ""
-    measured = f"{gain:+.2f} dB{spread}, {_format_eyeboxes(results, first, second)}"
+    measured = f"{gain:+.2f} {unit}{spread}, {_format_eyeboxes(results, first, second)}"
     if paper_db is None:
         return Claim(what, "", measured, SHOWN)
     too_small = gain < _MIN_REPRODUCED_SHARE * paper_db

@@ -95,13 +95,13 @@ def scheme_jobs(
 
 
 def aimed_jobs(
-    study: Study, schemes: Sequence[str], scale: StudyScale, seed: int, aims: Mapping[str, str]
+    study: Study, schemes: Sequence[str], scale: StudyScale, seed: int, aims: Mapping[str, str], **settings: Any
 ) -> list[StudyJob]:
     """The `scheme_jobs` of each aim, which becomes the setting `optimised_for`. aims: settings, and their words."""
     return [
         job
         for aim, what in aims.items()
-        for job in scheme_jobs(study, schemes, scale, seed, f"for {what}", optimised_for=aim)
+        for job in scheme_jobs(study, schemes, scale, seed, f"for {what}", optimised_for=aim, **settings)
     ]
 
 

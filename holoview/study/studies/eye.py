@@ -8,11 +8,17 @@ from typing import Any
 import numpy as np
 
 from holoview.colour import to_srgb8
-from holoview.metrics.image_quality import measure_image_quality
+from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.system import System
 from holoview.study.claims import gain_claim
 from holoview.study.hologram_jobs import has_settings, job_system, job_target, mean_number, optimise_job, table_row
 from holoview.study.hologram_study import aimed_jobs
+from holoview.study.perceptual_columns import (
+    notes_on_scores,
+    score_names,
+    score_numbers,
+    score_settings,
+)
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale
 from holoview.study.study import (
@@ -45,9 +51,10 @@ class _Eye(Study):
         "same eye sees it."
     )
     quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    revision = 2
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
-        return aimed_jobs(self, tuple(_SCHEMES), scale, seed, _OPTIMISED_FOR)
+        return aimed_jobs(self, tuple(_SCHEMES), scale, seed, _OPTIMISED_FOR, **score_settings())
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         system = job_system(settings)
@@ -62,9 +69,9 @@ class _Eye(Study):
                 seen_by = _with_eye(state.best.system, pupil_mm, chromatic=name == "chromatic")
                 view = simulate(seen_by, state.best.drive, planes_m, backend="torch")
                 target = job_target(seen_by, settings, planes_m)
-                planes_db = measure_image_quality(view, target).psnr.planes_db
-                numbers[f"{name}_{pupil_mm:g}_db"] = float(np.mean(planes_db))
-                numbers[f"{name}_{pupil_mm:g}_planes_db"] = list(planes_db)
+                psnr, case = psnr_linear_srgb(view.rgb, target), f"{name}_{pupil_mm:g}"
+                numbers |= {f"{case}_db": psnr.mean_db, f"{case}_planes_db": list(psnr.planes_db)}
+                numbers |= {f"{case}_{key}": value for key, value in score_numbers(view, target, settings).items()}
                 if pupil_mm == _PUPIL_MM:
                     pictures |= {name: view.srgb8[1], f"{name} wanted": to_srgb8(np.asarray(target[1]))}
         numbers["eyebox_variation"] = state.eyebox
@@ -79,6 +86,7 @@ class _Eye(Study):
                 _plot(results, "eye", f"Holograms optimised for an eye with a pupil of {_PUPIL_MM:g} mm"),
             ],
             pictures=_pictures(results),
+            notes=notes_on_scores(results),
         )
 
 
@@ -87,7 +95,7 @@ def _with_eye(system: System, pupil_mm: float, *, chromatic: bool) -> System:
 
 
 def _claims(results: Results) -> list[Claim]:
-    """The gain over 3 wavelengths in dB, without chromatic aberration, with it, and if it is optimised for."""
+    """The gain over 3 wavelengths without chromatic aberration, with it, and if it is optimised for: in dB and JOD."""
     claims = []
     for scheme, label in list(_SCHEMES.items())[1:]:
         for aim, eye, what in (
@@ -97,7 +105,10 @@ def _claims(results: Results) -> list[Claim]:
         ):
             better, worse = ({"scheme": s, "optimised_for": aim} for s in (scheme, "simultaneous"))
             text = f"{label} gain over 3, {what}"
-            claims.append(gain_claim(results, text, None, better, worse, key=f"{eye}_{_PUPIL_MM:g}_db"))
+            case = f"{eye}_{_PUPIL_MM:g}"
+            claims.append(gain_claim(results, text, None, better, worse, key=f"{case}_db"))
+            if "jod" in score_names(results):
+                claims.append(gain_claim(results, text, None, better, worse, key=f"{case}_jod", unit="JOD"))
     return claims
 
 

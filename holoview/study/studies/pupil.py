@@ -13,6 +13,13 @@ from holoview.numerics.fft_grid import positions
 from holoview.study.claims import SHOWN
 from holoview.study.hologram_jobs import has_settings, job_system, job_target, mean_curve, optimise_job
 from holoview.study.hologram_study import aimed_jobs
+from holoview.study.perceptual_columns import (
+    notes_on_scores,
+    score_axis,
+    score_names,
+    score_numbers,
+    score_settings,
+)
 from holoview.study.plots import line_plot
 from holoview.study.scale import StudyScale
 from holoview.study.study import (
@@ -51,9 +58,10 @@ class _Pupil(Study):
         "and for nine. Places between those that were optimised show whether it holds there too."
     )
     quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    revision = 2
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
-        return aimed_jobs(self, ("holochrome-8",), scale, seed, _KINDS)
+        return aimed_jobs(self, ("holochrome-8",), scale, seed, _KINDS, **score_settings())
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         system, kind = job_system(settings), settings["optimised_for"]
@@ -66,32 +74,36 @@ class _Pupil(Study):
             stacks = [job_target(_seen_from(system, x, y), settings, system.planes_m) for y, x in places]
             options["options"] = {"pupil_places_m": places}
         state = optimise_job(aimed, np.concatenate(stacks), options, status)
-        numbers: dict[str, Any] = {"place_mm": list(_PLACES_MM), **{key: [] for key in _KEYS}}
+        numbers: dict[str, Any] = {"place_mm": list(_PLACES_MM), **{key: [] for key in (*_KEYS, *settings["scores"])}}
         pictures = {}
         for x_mm in _PLACES_MM:
             status(f"scoring, pupil at {x_mm:g} mm")
             seen_by = _seen_from(state.best.system, x_mm * 1e-3)
             view = simulate(seen_by, state.best.drive, backend="torch")
-            quality = measure_image_quality(view, job_target(seen_by, settings, seen_by.planes_m))
+            target = job_target(seen_by, settings, seen_by.planes_m)
+            quality = measure_image_quality(view, target)
             figures = (quality.psnr.mean_db, float(view.xyz[..., 1].mean()), quality.mean_speckle_contrast)
-            for key, figure in zip(_KEYS, figures, strict=True):
+            found = dict(zip(_KEYS, figures, strict=True)) | score_numbers(view, target, settings)
+            for key, figure in found.items():
                 numbers[key].append(figure)
             pictures[f"{x_mm:g} mm"] = view.srgb8[len(view.srgb8) // 2]
         return JobResult(numbers, pictures)
 
     def analyse(self, results: Results) -> Findings:
-        figures = []
-        for key, axis in zip(_KEYS, ("PSNR (dB)", "mean luminance", "speckle contrast σ/μ"), strict=True):
+        figures, scores = [], score_names(results)
+        axes = dict(zip(_KEYS, ("PSNR (dB)", "mean luminance", "speckle contrast σ/μ"), strict=True))
+        for key, axis in (axes | {name: score_axis(name) for name in scores}).items():
             curves = {what: (_PLACES_MM, mean_curve(results, key, optimised_for=kind)) for kind, what in _KINDS.items()}
             caption = f"Seen through a pupil of {_PUPIL_MM:g} mm, optimised for …"
             figures.append(StudyFigure(key, caption, line_plot(curves, "place of the pupil (mm)", axis)))
         rows = [
             {key: job.settings[key] for key in ("optimised_for", "target", "seed")}
-            | {"place_mm": place, **{key: result.numbers[key][i] for key in _KEYS}}
+            | {"place_mm": place, **{key: result.numbers[key][i] for key in (*_KEYS, *scores)}}
             for job, result in results
             for i, place in enumerate(_PLACES_MM)
         ]
-        return Findings(rows=rows, claims=_claims(results), plots=figures, pictures=_pictures(results))
+        notes = notes_on_scores(results)
+        return Findings(rows=rows, claims=_claims(results), plots=figures, pictures=_pictures(results), notes=notes)
 
 
 def _seen_from(system: System, x_m: float, y_m: float = 0.0) -> System:
