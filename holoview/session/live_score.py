@@ -37,8 +37,8 @@ class LiveScore:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a newer image is being measured."""
-        return self._task.is_busy
+        """Whether the newest image has no result yet."""
+        return self._requested is not None and self._result is None and self._failed is None
 
     def get(self, xyz: Image, target: Image, measure: Measure) -> float | None:
         """The score of an image XYZ (y, x, 3) to a target (y, x, 3) in linear sRGB; None until it is measured.
@@ -59,7 +59,7 @@ class LiveScore:
 
     def _on_result(self, request: _Request, score: float) -> None:
         if request is self._requested:
-            self._result = score
+            self._result, self._failed = score, None
             self._on_change()
 
     def _on_error(self, error: BaseException) -> None:

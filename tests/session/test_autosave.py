@@ -101,6 +101,7 @@ def test_the_look_and_its_sides_come_back(tmp_path: Path, session: EditingSessio
         b=TARGET,
         region=(1, 2, 3, 4),
         profile=(0.0, 1.0, 2.5, 3.0),
+        score="flip",
         centre=(0.25, 0.75),
     )
     session.edit("Look", view_settings=look)

@@ -20,7 +20,7 @@ def _wait(session: EditingSession, live: LiveScore) -> None:
     until = time.monotonic() + 20
     while live.is_busy and time.monotonic() < until:
         time.sleep(0.01)
-    session.poll()
+        session.poll()
 
 
 def test_it_is_that_of_the_newest_image_and_none_before(session: EditingSession) -> None:
