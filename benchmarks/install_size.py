@@ -20,7 +20,14 @@ import time
 from importlib.metadata import Distribution, distribution, distributions
 
 _MB = 1e6
-MODULES = {"colour-science": "colour", "openexr": "OpenEXR", "pillow": "PIL.Image", "pyarrow": "pyarrow.parquet"}
+MODULES = {
+    "colour-science": "colour",
+    "cvvdp": "pycvvdp",
+    "flip-evaluator": "flip_evaluator",
+    "openexr": "OpenEXR",
+    "pillow": "PIL.Image",
+    "pyarrow": "pyarrow.parquet",
+}
 """Modules to import that aren't called as their libraries are."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 

@@ -4,7 +4,7 @@
 errors may lead below 0. The metric filters light by the contrast sensitivity of the eye for luminance and colour, at
 its visual angle and absolute luminance, and lets structure mask errors (R. K. Mantiuk, P. Hanji, M. Ashraf, Y. Asano
 and A. Chapiro, "ColorVideoVDP: A visual difference predictor for image, video and display distortions", ACM Trans.
-Graph. 43(4), 129 (2024)). It is computed by the authors' program, as for a still image.
+Graph. 43(4), 129 (2024)). It is computed by its authors' program, as for a still image.
 
 The light itself is compared, as XYZ in cd/m², without a screen between: grains of speckle that are brighter than white
 and colours outside sRGB count as they are. Two things are approximate: holoview's XYZ is the eye's XYZ_F of cone
