@@ -7,7 +7,7 @@ import json
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,18 +20,20 @@ from holoview.commands.console import deferred_interrupt, print_stderr, progress
 from holoview.commands.exit_codes import EXIT_INTERRUPTED
 from holoview.commands.optimise_options import (
     RunOptions,
-    TargetSource,
     add_options,
     run_options_from_args,
     settings_from_args,
 )
 from holoview.commands.optimise_score import format_scores, render_for_score, score_hologram
+from holoview.commands.optimise_target import TargetSource
 from holoview.commands.output_files import check_output_file
-from holoview.commands.pupil_places import format_place_scores, parse_places, score_places, target_at_places
+from holoview.commands.place_scores import format_place_scores, score_places, target_at_places
+from holoview.commands.pupil_places import parse_places
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.io.png import write_png
 from holoview.metrics.perceptual_scores import require_scores
 from holoview.model.system import System
+from holoview.optimise.drawn_pupils import StacksAt
 from holoview.optimise.iteration_state import IterationState
 from holoview.optimise.memory import with_compact_grid
 from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, torchrun_group
@@ -55,12 +57,14 @@ def run(args: argparse.Namespace) -> int:
     require_scores(args.score)
     output = args.output or Path(f"{system.name or 'hologram'}-{Path(args.target).stem}.safetensors")
     check_output_file(output, ".safetensors")
-    places = parse_places(args.pupils, system)
-    settings, options = settings_from_args(args, system, places), run_options_from_args(args)
-    source = TargetSource(args, system)
-    stack = target_at_places(source, system, places)
+    pupils = parse_places(args.pupils, system)
+    settings, options = settings_from_args(args, system, pupils), run_options_from_args(args)
+    source = TargetSource(args, system, 0.0 if system.eye is None else pupils.reach_m(system.eye))
+    aimed = _aimed_system(args, system)
+    stack = target_at_places(source, aimed, pupils)
     with torchrun_group(options.device) if options.sharded else nullcontext(SINGLE_PROCESS) as group:
-        result = optimise_hologram(system, stack, settings, options, group)
+        result = optimise_hologram(aimed, stack, settings, options, group)
+    result = replace(result, hologram=_seen_by_eye_of(system, result.hologram))
     if not group.is_main:
         return EXIT_INTERRUPTED if result.interrupted else 0
     result.hologram.save(output, as_uint8=args.drive_type == "uint8")
@@ -71,12 +75,26 @@ def run(args: argparse.Namespace) -> int:
     images = render_for_score(saved, source)
     try:
         scores = score_hologram(saved, images, settings.region, args.score)
-        scores |= score_places(saved, source, places, settings.region)
+        scores |= score_places(saved, source, pupils, settings.region)
     except UserError as error:
         print_stderr(f"note: {output} is saved but can't be scored: {error}")
         scores = {}
     _print_result(args, output, result, scores)
     return 0
+
+
+def _aimed_system(args: argparse.Namespace, system: System) -> System:
+    """The system that is optimised for: with `--chromatic ignore`, as if its eye had no chromatic aberration."""
+    if args.chromatic == "compensate":
+        return system
+    if system.eye is None:
+        raise UserError("--chromatic", "without an eye", expected="a bench with an eye", remedy="--set eye={}")
+    return system.edit({"eye.chromatic": False})
+
+
+def _seen_by_eye_of(system: System, hologram: Hologram) -> Hologram:
+    """The hologram on its own bench, with the eye of the system."""
+    return Hologram(hologram.drive, hologram.system.with_(eye=system.eye))
 
 
 @dataclass(frozen=True)
@@ -93,12 +111,12 @@ _DEFAULT_RUN_OPTIONS = RunOptions()
 
 def optimise_hologram(
     system: System,
-    stack: NDArray[np.float32],
+    stack: NDArray[np.float32] | StacksAt,
     settings: Settings,
     options: RunOptions = _DEFAULT_RUN_OPTIONS,
     process_group: ProcessGroup = SINGLE_PROCESS,
 ) -> OptimisationResult:
-    """Runs the optimisation for a focal stack (plane, y, x, 3) with a progress bar.
+    """Runs the optimisation for a focal stack (plane, y, x, 3), or for drawn places, with a progress bar.
 
     process_group: of the processes that share the lasers. Ctrl-C or a limit in one of them ends the loop in all, after
     the same iteration.

@@ -1,19 +1,15 @@
-"""Arguments of `holoview optimise`, and the target, settings and run options that they describe."""
+"""Arguments of `holoview optimise`, and the settings and run options that they describe."""
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from holoview.commands.arguments import add_system, parse_duration, parse_region, parse_seed
-from holoview.commands.console import print_stderr
 from holoview.commands.output_files import check_output_file
+from holoview.commands.pupil_places import PupilPlaces
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES
 from holoview.model.plan import make_plan
@@ -24,14 +20,9 @@ from holoview.optimise.loss_spaces import LOSS_SPACES
 from holoview.optimise.process_group import device_for_rank
 from holoview.optimise.settings import INITIAL_PATTERNS, VARIABLES, Settings
 from holoview.optimise.torch_device import resolve_torch_device
-from holoview.targets.focal_stack import Target
-from holoview.targets.picture import COLOUR_SPACES, Picture, read_picture
-from holoview.targets.rendered_stacks import is_stack, target_from_stack
-from holoview.targets.target import Placement, target_for
-from holoview.util import units
+from holoview.targets.picture import COLOUR_SPACES
 from holoview.util.errors import UserError
 
-_MIN_BRIGHTNESS = 1e-6  # and the maximum is its inverse
 _DEFAULTS = Settings()
 
 
@@ -68,11 +59,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def _add_target(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
-        "target", metavar="TARGET", help="a picture (PNG, JPEG, TIFF, EXR), or a focal stack: a folder, TIFF pages, EXR"
+        "target",
+        metavar="TARGET",
+        help="a picture (PNG, JPEG, TIFF, EXR), a focal stack (a folder, TIFF pages, EXR), or a light field (a folder "
+        "with views.toml)",
     )
     group.add_argument("--depth", metavar="FILE", help="depth map of the picture's size (PNG, NPY, EXR): 0 is nearest")
     group.add_argument(
-        "--at", metavar="DISTANCE", help="where a picture without depth stands; the middle plane if absent"
+        "--at",
+        metavar="DISTANCE",
+        help="where a picture without depth stands, or views have no disparity; the middle plane if absent",
     )
     group.add_argument(
         "--near",
@@ -83,6 +79,12 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
         "--far",
         metavar="DISTANCE",
         help="where the depth map's 1 is, the smaller distance; the smallest plane if absent",
+    )
+    group.add_argument(
+        "--views",
+        metavar="ROWSxCOLUMNS[:SPACING]",
+        help="viewpoints in the eyebox: of a folder without views.toml, e.g. 5x5:0.5mm; with a picture, render it from "
+        "them, with occlusion, e.g. 9x9",
     )
     group.add_argument("--brightness", type=float, default=1.0, help="factor on the target's linear light (1)")
     group.add_argument("--saturation", type=float, default=1.0, help="factor on its chroma in CIE LCHuv (1)")
@@ -105,7 +107,14 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--pupils",
         metavar="ROWSxCOLUMNS:SPACING",
-        help="places of the eye's pupil from each of which the target counts, e.g. 3x3:0.8mm",
+        help="places of the eye's pupil from each of which the target counts, e.g. 3x3:0.8mm; random:4:0.8mm: four "
+        "places within this radius, drawn anew in each iteration",
+    )
+    group.add_argument(
+        "--chromatic",
+        choices=("compensate", "ignore"),
+        default="compensate",
+        help="ignore: optimise as if the eye had no chromatic aberration; the score is always what the eye sees",
     )
     group.add_argument("--region", metavar="X,Y,W,H", help="samples of the simulated picture that count; all if absent")
     group.add_argument("--margin", metavar="N", type=int, default=0, help="samples at every border that don't count")
@@ -162,9 +171,7 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--json", action="store_true", help="print the result as JSON")
 
 
-def settings_from_args(
-    args: argparse.Namespace, system: System, pupil_places_m: tuple[tuple[float, float], ...] = ()
-) -> Settings:
+def settings_from_args(args: argparse.Namespace, system: System, pupils: PupilPlaces) -> Settings:
     """The settings of the optimiser. Raises UserError for values outside their ranges."""
     low, high = args.wavelength_range
     weights = None if args.plane_weights is None else tuple(_parse_numbers(args.plane_weights, "--plane-weights"))
@@ -180,7 +187,9 @@ def settings_from_args(
         begin=args.begin,
         wavelength_range_m=(low * 1e-9, high * 1e-9),
         wavelength_spacing_m=args.wavelength_spacing * 1e-9,
-        pupil_places_m=pupil_places_m,
+        pupil_places_m=pupils.fixed,
+        drawn_pupils=pupils.drawn,
+        drawn_radius_m=pupils.radius_m,
     )
 
 
@@ -203,64 +212,6 @@ def _parse_numbers(text: str, flag: str) -> list[float]:
         return [float(part) for part in text.split(",")]
     except ValueError as error:
         raise UserError(flag, f'"{text}"', expected="numbers with commas between them") from error
-
-
-class TargetSource:
-    """The target that the arguments describe.
-
-    A picture is read once and can be turned into a focal stack at any planes, so that a hologram can be scored between
-    the planes that it was optimised for. A target that is a focal stack (`is_stack`) has its own planes.
-
-    Raises UserError for arguments that contradict each other and files that can't be read.
-    """
-
-    def __init__(self, args: argparse.Namespace, system: System) -> None:
-        if not _MIN_BRIGHTNESS <= args.brightness <= 1 / _MIN_BRIGHTNESS:
-            expected = f"a factor from {_MIN_BRIGHTNESS:g} to {1 / _MIN_BRIGHTNESS:g}"
-            raise UserError("--brightness", f"{args.brightness:g}", expected=expected)
-        if args.depth is None and (args.near is not None or args.far is not None):
-            raise UserError("--near/--far", "without --depth", expected="a depth map, or --at for one distance")
-        self._args, self._system = args, system
-        self.is_stack = is_stack(args.target)
-        if self.is_stack and (args.depth is not None or args.at is not None):
-            raise UserError("--depth/--at", "with a focal stack", expected="a picture, or neither of them")
-        self._notes_printed = False
-        self._built: dict[Hashable, Target] = {}
-        self._picture = None if self.is_stack else self._read_picture()
-
-    def build(self, planes_m: NDArray[np.float64] | None = None, system: System | None = None) -> Target:
-        """The target at the system's planes, or at others (m) if the target isn't a focal stack.
-
-        system: another one that differs in its lasers and its eye alone.
-        """
-        args, system = self._args, system or self._system
-        if self._picture is None:
-            stack = target_from_stack(
-                system, args.target, brightness=args.brightness, saturation=args.saturation, space=args.space
-            )
-            for note in stack.notes if not self._notes_printed else ():
-                print_stderr(f"note: {args.target}: {note}")
-            self._notes_printed = True
-            return stack
-        key = (system.eye, system.wavelengths_m.tobytes(), None if planes_m is None else planes_m.tobytes())
-        if key not in self._built:  # with an eye, each takes as long as some iterations
-            placement = Placement(
-                self._parse_length("at"), args.depth, self._parse_length("near"), self._parse_length("far")
-            )
-            self._built[key] = target_for(
-                system, self._picture, placement, args.brightness, saturation=args.saturation, planes=planes_m
-            )
-        return self._built[key]
-
-    def _read_picture(self) -> Picture:
-        picture = read_picture(self._args.target, space=self._args.space)
-        for note in picture.notes:
-            print_stderr(f"note: {self._args.target}: {note}")
-        return picture
-
-    def _parse_length(self, flag: str) -> float | None:
-        text = getattr(self._args, flag)
-        return None if text is None else units.parse(text, f"--{flag}")
 
 
 def run_options_from_args(args: argparse.Namespace) -> RunOptions:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.commands.optimise_options import TargetSource
+from holoview.commands.optimise_target import TargetSource
 from holoview.io.hologram import Hologram
 from holoview.metrics.image_quality import (
     ImageQuality,
@@ -20,11 +20,10 @@ from holoview.metrics.image_quality import (
 )
 from holoview.metrics.perceptual_quality import measure_perceptual_scores
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES
-from holoview.model.focus import focused_planes
+from holoview.model.focus import focused_planes, plane_label
 from holoview.model.system import System
 from holoview.numerics.image_region import Region, region_slices
 from holoview.numerics.structural_similarity import WEIGHTS
-from holoview.util import units
 from holoview.view import View, simulate
 
 Floats = NDArray[np.floating]
@@ -99,7 +98,7 @@ def format_scores(scores: dict[str, Any], system: System) -> list[str]:
         f"{system.sampling.propagation} grid)"
     ]
     if scores["held_out_psnr_db"] is not None:
-        where = ", ".join(units.format_rounded(z * 1e-3, "mm") for z in scores["held_out_planes_mm"])
+        where = ", ".join(plane_label(system, z * 1e-3, 4) for z in scores["held_out_planes_mm"])
         lines.append(f"between the planes ({where}): {scores['held_out_psnr_db']:.2f} dB")
     return [
         *lines,

@@ -1,51 +1,78 @@
-"""Places of the eye's pupil for an optimisation: `--pupils 3x3:0.8mm`, its targets, and scores between the places."""
+"""Places of the eye's pupil for an optimisation: `--pupils 3x3:0.8mm` or `--pupils random:4:0.8mm`."""
 
 from __future__ import annotations
 
+import math
 import re
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from holoview.commands.optimise_options import TargetSource
-from holoview.io.hologram import Hologram
-from holoview.metrics.image_quality import measure_image_quality
-from holoview.model.focus import required_eye, with_pupil_at
+from holoview.model.eye import Eye
+from holoview.model.focus import required_eye
 from holoview.model.system import System
 from holoview.numerics.fft_grid import positions
-from holoview.numerics.image_region import Region, region_slices
+from holoview.optimise.drawn_pupils import Places, held_out_places
 from holoview.util import units
 from holoview.util.errors import UserError
-from holoview.view import simulate
 
-Places = tuple[tuple[float, float], ...]
-
-_TEXT = re.compile(r"(?P<rows>\d{1,2})x(?P<columns>\d{1,2}):(?P<spacing>.+)")
+_GRID = re.compile(r"(?P<rows>\d{1,2})x(?P<columns>\d{1,2}):(?P<spacing>.+)")
+_DRAW = re.compile(r"random:(?P<count>\d{1,2}):(?P<radius>.+)")
 _MOST = 9  # along each axis
+_MOST_DRAWN = 81
 
 
-def parse_places(text: str | None, system: System) -> Places:
-    """Places (y, x) around that of the system's eye, row by row, m; empty for None.
+@dataclass(frozen=True)
+class PupilPlaces:
+    """The places of the pupil for which a hologram is optimised, and those where it is judged.
+
+    fixed: places (y, x), row by row, m. drawn: number of places that are drawn anew in each iteration, within radius_m
+    of the eye's own. Neither: its own place alone. held_out: places for which nothing is optimised.
+    """
+
+    fixed: Places = ()
+    drawn: int = 0
+    radius_m: float = 0.0
+    held_out: Places = ()
+
+    def reach_m(self, eye: Eye) -> float:
+        """How far the pupil is moved along an axis from the eye's own place, at most."""
+        middle = np.array([eye.pupil_y_m, eye.pupil_x_m])
+        moved = [np.abs(np.array(place) - middle).max() for place in (*self.fixed, *self.held_out)]
+        return float(max([self.radius_m, *moved]))
+
+
+def parse_places(text: str | None, system: System) -> PupilPlaces:
+    """The places that `--pupils` describes, around that of the system's eye; none for None.
 
     Raises UserError for text of another form, and without an eye.
     """
     if text is None:
-        return ()
-    match = _TEXT.fullmatch(text)
-    if match is None or not all(1 <= int(match[key]) <= _MOST for key in ("rows", "columns")):
+        return PupilPlaces()
+    grid, draw = _GRID.fullmatch(text), _DRAW.fullmatch(text)
+    is_grid = grid is not None and all(1 <= int(grid[key]) <= _MOST for key in ("rows", "columns"))
+    if not is_grid and (draw is None or not 1 <= int(draw["count"]) <= _MOST_DRAWN):
         raise UserError(
-            "--pupils", f'"{text}"', expected=f"rows x columns:spacing up to {_MOST}x{_MOST}, e.g. 3x3:0.8mm"
+            "--pupils",
+            f'"{text}"',
+            expected=f"rows x columns:spacing up to {_MOST}x{_MOST}, e.g. 3x3:0.8mm, or random:count:radius up to "
+            f"{_MOST_DRAWN}, e.g. random:4:0.8mm",
         )
     eye = required_eye(system, "--pupils")
-    spacing_m = units.parse(match["spacing"], "--pupils")
-    if not spacing_m > 0:
-        raise UserError("--pupils", match["spacing"], expected="a spacing above 0")
+    if draw is not None:
+        radius_m = _positive_length(draw["radius"], "a radius")
+        for sign in (1, -1):  # an eye that sees nothing from the rim is refused before time is spent
+            eye.moved_to((eye.pupil_y_m, eye.pupil_x_m + sign * radius_m))
+            eye.moved_to((eye.pupil_y_m + sign * radius_m, eye.pupil_x_m))
+        return PupilPlaces((), int(draw["count"]), radius_m, held_out_places(system, radius_m))
+    assert grid is not None
+    spacing_m = _positive_length(grid["spacing"], "a spacing")
     y, x = (
-        centre + positions(int(match[key]), spacing_m)
+        centre + positions(int(grid[key]), spacing_m)
         for key, centre in (("rows", eye.pupil_y_m), ("columns", eye.pupil_x_m))
     )
-    return tuple((float(a), float(b)) for a in y for b in x)
+    places = tuple((float(a), float(b)) for a in y for b in x)
+    return PupilPlaces(places, held_out=places_between(places))
 
 
 def places_between(places: Places) -> Places:
@@ -57,43 +84,8 @@ def places_between(places: Places) -> Places:
     return tuple((float(a), float(b)) for a in middle[0] for b in middle[1])
 
 
-def target_at_places(source: TargetSource, system: System, places: Places) -> NDArray[np.float32]:
-    """The focal stacks (place · plane, y, x, 3) as an eye at each place sees them; from its own place without any."""
-    if not places:
-        return source.build().stack
-    if source.is_stack:
-        raise UserError(
-            "--pupils", "with a focal stack", expected="a picture with a depth map, which is seen from every place"
-        )
-    return np.concatenate([source.build(system=with_pupil_at(system, place)).stack for place in places])
-
-
-def score_places(
-    hologram: Hologram, source: TargetSource, places: Places, region: Region | None
-) -> dict[str, list[float] | float]:
-    """PSNR (dB) from each place, and from places between them, as JSON keys and values; empty without places."""
-    if not places:
-        return {}
-    scores = {
-        key: [_psnr_db(hologram, source, place, region) for place in some]
-        for key, some in (("pupil_psnr_db", places), ("held_out_pupil_psnr_db", places_between(places)))
-    }
-    return {key: values for key, values in scores.items() if values}
-
-
-def format_place_scores(scores: dict[str, Any]) -> list[str]:
-    """The scores of `score_places` as lines of text."""
-    lines = []
-    for key, what in (("pupil_psnr_db", "from the pupil's places"), ("held_out_pupil_psnr_db", "between them")):
-        if key in scores:
-            values = scores[key]
-            lines.append(f"{what}: {np.mean(values):.2f} dB, {min(values):.2f} to {max(values):.2f}")
-    return lines
-
-
-def _psnr_db(hologram: Hologram, source: TargetSource, place: tuple[float, float], region: Region | None) -> float:
-    system = with_pupil_at(hologram.system, place)
-    view, target = simulate(system, hologram.drive, backend="torch"), source.build(system=system).stack
-    if region is not None:
-        view, target = view.cropped(region), target[:, *region_slices(region)]
-    return measure_image_quality(view, target).psnr.mean_db
+def _positive_length(text: str, what: str) -> float:
+    length_m = units.parse(text, "--pupils")
+    if not 0 < length_m < math.inf:
+        raise UserError("--pupils", text, expected=f"{what} above 0")
+    return length_m

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,6 +131,19 @@ class Plan:
         True
         """
         return self.eyes[plane] if self.eyes else None
+
+    def seen_from(self, places_m: Sequence[tuple[float, float]]) -> Plan:
+        """The plan with its planes seen from other places of the eye's pupil.
+
+        places_m: (y, x), as many as before, m. Raises UserError without an eye.
+
+        >>> import holoview as hv
+        >>> plan = hv.make_plan(hv.load("holochrome-8").with_(eye={}), ["10 mm"])
+        >>> plan.seen_from([(0.0, 1e-3)]).eye_at(0).pupil_x_m
+        0.001
+        """
+        eyes = eyes_at(self.nominal, len(self.planes_m) // len(places_m), places_m)
+        return replace(self, eyes=eyes, _transfers={})
 
     def transfer(self, relay: int, wavelength: int, distance_m: float, eye: Eye | None = None) -> Transfer:
         """The propagation over a distance through a relay; derived at the first call and kept.

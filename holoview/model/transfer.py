@@ -45,6 +45,10 @@ class Transfer:
         """Phase of the displacement between neighbouring frequencies (y, x), turns."""
         return self.step[0] * self.shift_m[0], self.step[1] * self.shift_m[1]
 
+    def has_stops_of(self, other: Transfer) -> bool:
+        """Whether the same frequencies pass as in another transfer, with the same displacement."""
+        return self.shift_m == other.shift_m and np.array_equal(self.support, other.support)
+
     def paraxial_words(self) -> NDArray[np.uint32]:
         """The paraxial phase at k = 1, frac(z·λ/2·df²) turns, in fixed point: (2, 2) uint32 [axis y/x][high, low].
 

@@ -36,15 +36,12 @@ def transfer_function(transfer: Transfer, grid: Grid, dtype: torch.dtype, device
 
 
 def transfer_function_at(transfer: Transfer, ky: torch.Tensor, kx: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
-    """H at rows ky (A,) and columns kx (B,) of signed frequency indices, (A, B) complex.
+    """H at rows ky (A,) and columns kx (B,) of signed frequency indices, (A, B) complex."""
+    return stopped(free_space_at(transfer, ky, kx, dtype), transfer, ky, kx)
 
-    But for the displacement, H is even in both frequencies: one quadrant is evaluated, and the result gathered from it.
-    """
-    mask = support_mask(transfer, kx, chosen=ky % len(transfer.support))
-    displacement = [
-        phasor_of_turns(-turns * k.double()).to(dtype) if turns else None
-        for k, turns in zip((ky, kx), transfer.shift_turns, strict=True)
-    ]
+
+def free_space_at(transfer: Transfer, ky: torch.Tensor, kx: torch.Tensor, dtype: torch.dtype) -> torch.Tensor:
+    """H (A, B) complex without stops and displacement, which is even in both frequencies: gathered from a quadrant."""
     ky, kx = ky.abs(), kx.abs()
     sine_y, sine_x = (
         torch.arange(int(k.max()) + 1, device=k.device).double() * step
@@ -52,7 +49,18 @@ def transfer_function_at(transfer: Transfer, ky: torch.Tensor, kx: torch.Tensor,
     )
     a = sine_y.square()[:, None] + sine_x.square()[None, :]
     quadrant = phasor_of_turns(-transfer.waves * a / (1 + torch.sqrt((1 - a).clamp_min(0)))).to(dtype)
-    whole = quadrant[ky][:, kx] * mask
+    return quadrant[ky][:, kx]
+
+
+def stopped(whole: torch.Tensor, transfer: Transfer, ky: torch.Tensor, kx: torch.Tensor) -> torch.Tensor:
+    """H from that of free space (A, B): with the stops and the displacement of a transfer."""
+    dtype = whole.dtype
+    mask = support_mask(transfer, kx, chosen=ky % len(transfer.support))
+    displacement = [
+        phasor_of_turns(-turns * k.double()).to(dtype) if turns else None
+        for k, turns in zip((ky, kx), transfer.shift_turns, strict=True)
+    ]
+    whole = whole * mask
     if displacement[0] is not None:
         whole = whole * displacement[0][:, None]
     return whole if displacement[1] is None else whole * displacement[1]

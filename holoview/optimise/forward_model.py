@@ -99,6 +99,11 @@ class ForwardModel:
         self._light = ModulatorLight(plan, self.lasers, self.transfer_functions)
         self._propagation = PlanePropagation(self.axes)
 
+    def set_eyes(self, plan: Plan) -> None:
+        """Changes to a plan whose planes are seen from other places of the pupil (`Plan.seen_from`)."""
+        self.plan = plan
+        self.transfer_functions.set_eyes(plan)
+
     def spectrum(self, laser: int, source: int) -> ColumnBlocks:
         """W of a beam, (k_y, k_x) at the frequencies of `axes`; what is written to it is used from then on."""
         return self._of_beam(laser, source, [fields.spectra for fields in self._fields])

@@ -56,15 +56,28 @@ class Objective:
         plane_weights: NDArray[np.float64],
         region: Region | None,
     ):
-        self.loss, self.wavelength_channels, self.target = loss, wavelength_channels, target
+        self.loss, self.wavelength_channels = loss, wavelength_channels
         self.plane_weights = plane_weights
         rows, columns = target.shape[-2:]
         self.region_slices = region_slices(region or (0, 0, columns, rows))
-        low, high = torch.aminmax(target)
         matrix = loss.to_rgb
-        is_linear_srgb = matrix is not None and np.allclose(matrix, np.eye(3))
-        self._target_needs_no_clipping = bool(low >= 0 and high <= 1) and is_linear_srgb
-        self._to_rgb = None if matrix is None or is_linear_srgb else torch.as_tensor(matrix).to(target)
+        self._is_linear_srgb = matrix is not None and np.allclose(matrix, np.eye(3))
+        self._to_rgb = None if matrix is None or self._is_linear_srgb else torch.as_tensor(matrix).to(target)
+        self._set_target(target)
+
+    def set_stack(self, stack: NDArray[np.floating]) -> None:
+        """Changes to another focal stack (plane, y, x, 3) in linear sRGB, of the same shape.
+
+        Raises UserError for another shape, and for numbers that aren't finite.
+        """
+        planes, _, rows, columns = self.target.shape
+        _check_stack(stack, (planes, rows, columns, 3))
+        self._set_target(_target_channels(self.loss, stack).to(self.target))
+
+    def _set_target(self, target: Tensor) -> None:
+        self.target = target
+        low, high = torch.aminmax(target)
+        self._target_needs_no_clipping = bool(low >= 0 and high <= 1) and self._is_linear_srgb
 
     def evaluate_rows(self, plane: int, rows: slice, image: Tensor) -> ResidualSums:
         """Sums over rows of a plane's image (channel, row, x), which is overwritten with ∂L/∂image.
@@ -176,15 +189,9 @@ def make_objective(
     double: compute in float64. Raises UserError when the stack, the region or the planes' weights don't fit the plan.
     """
     planes, shape = len(plan.planes_m), plan.grid.shape
-    expected = (planes, *shape, 3)
-    if stack.shape != expected:
-        raise UserError("target", f"a stack of shape {stack.shape}", expected=f"(plane, y, x, 3) = {expected}")
-    if not np.isfinite(stack).all() or not np.any(stack > 0):
-        raise UserError("target", "no light, or not a number somewhere", expected="finite values, some above 0")
+    _check_stack(stack, (planes, *shape, 3))
     loss = find_loss_space(settings.loss_for(plan.system.observer))
-    dtype = torch.float64 if double else torch.float32
-    channels = np.ascontiguousarray(np.moveaxis(loss.channels_of_rgb(stack), -1, 1))
-    target = torch.as_tensor(channels, dtype=dtype).to(device)
+    target = _target_channels(loss, stack).to(torch.float64 if double else torch.float32).to(device)
     return Objective(
         loss,
         channels_of_wavelengths(loss, plan, target),
@@ -192,6 +199,19 @@ def make_objective(
         _plane_weights(settings, planes),
         _checked_region(settings, shape, loss),
     )
+
+
+def _check_stack(stack: NDArray[np.floating], expected: tuple[int, ...]) -> None:
+    """Raises UserError for a stack of another shape, without light, or with values that aren't finite."""
+    if stack.shape != expected:
+        raise UserError("target", f"a stack of shape {stack.shape}", expected=f"(plane, y, x, 3) = {expected}")
+    if not np.isfinite(stack).all() or not np.any(stack > 0):
+        raise UserError("target", "no light, or not a number somewhere", expected="finite values, some above 0")
+
+
+def _target_channels(loss: LossSpace, stack: NDArray[np.floating]) -> Tensor:
+    """The channels (plane, channel, y, x) of a stack (plane, y, x, 3)."""
+    return torch.as_tensor(np.ascontiguousarray(np.moveaxis(loss.channels_of_rgb(stack), -1, 1)))
 
 
 def channels_of_wavelengths(loss: LossSpace, plan: Plan, like: Tensor) -> Tensor:

@@ -16,6 +16,7 @@ from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.optimise.amplitudes import AmplitudeLeastSquares
 from holoview.optimise.autograd_model import make_forward_model
+from holoview.optimise.drawn_pupils import Places
 from holoview.optimise.eyebox_penalty import EyeboxPenalty
 from holoview.optimise.lasers import with_only_lasers
 from holoview.optimise.level_gradients import LevelSteps, gauss_newton_diagonal
@@ -82,7 +83,8 @@ class Problem:
     """A system, a target and a loss on a device, whose variables are then given to `evaluate`.
 
     In a process group this process's model has only its own lasers, but `evaluate` returns the results of all.
-    lasers: (frame, wavelength) of the whole group. double: compute in float64 instead of float32.
+    lasers: (frame, wavelength) of the whole group. double: compute in float64 instead of float32. places_m: places of
+    the eye's pupil, those of the settings when None.
     Raises UserError for a target or settings that don't fit the system, and when memory is too small.
     """
 
@@ -95,10 +97,12 @@ class Problem:
         group: ProcessGroup = SINGLE_PROCESS,
         *,
         double: bool = False,
+        places_m: Places | None = None,
     ) -> None:
         self.system, self.settings, self.group = system, settings, group
         free_wavelengths = "wavelengths" in settings.free
-        plan = _plan_for(system, settings)
+        self._places_m = settings.pupil_places_m if places_m is None else places_m
+        plan = _plan_for(system, settings, self._places_m)
         _check_effects(plan, settings)
         shards = shard_lasers(plan, group)
         self.lasers = [laser for shard in shards for laser in shard]
@@ -122,10 +126,20 @@ class Problem:
     def set_wavelengths(self, wavelengths_m: Floats) -> None:
         """Changes to other wavelengths (wavelength,) on the same grid."""
         self.system = self.system.edit({"wavelengths": wavelengths_m})
-        plan = replace(make_plan(self.system, places_m=self.settings.pupil_places_m), grid=self.model.plan.grid)
+        plan = replace(make_plan(self.system, places_m=self._places_m), grid=self.model.plan.grid)
         self.model.set_plan(with_only_lasers(plan, self.model.lasers))
         self.objective.wavelength_channels = channels_of_wavelengths(self.objective.loss, plan, self.objective.target)
         self.eyebox = EyeboxPenalty(self.model)
+
+    def see_from(self, places_m: Places, stack: NDArray[np.floating]) -> None:
+        """Changes to other places of the eye's pupil, as many as before, and what is to be seen from them.
+
+        stack: (place · plane, y, x, 3). Raises UserError for a stack of another shape.
+        """
+        self._places_m = places_m
+        self.objective.set_stack(stack)
+        with limit_torch_threads(self._padded_samples):
+            self.model.set_eyes(self.model.plan.seen_from(places_m))
 
     def evaluate(self, opd_m: Tensor, amplitudes: Floats, request: EvaluationRequest) -> LossEvaluation:
         """The loss of optical paths (frame, modulator, y, x), m, and laser amplitudes (frame, wavelength)."""
@@ -278,9 +292,9 @@ class Problem:
         return table
 
 
-def _plan_for(system: System, settings: Settings) -> Plan:
+def _plan_for(system: System, settings: Settings, places_m: Places) -> Plan:
     """The plan; where wavelengths are free, on a grid padded for the walk-off of the longest one allowed."""
-    plan = make_plan(system, places_m=settings.pupil_places_m)
+    plan = make_plan(system, places_m=places_m)
     if "wavelengths" not in settings.free:
         return plan
     longest = system.wavelengths_m.copy()

@@ -33,6 +33,9 @@ class Settings:
     wavelength_step_m: Adam's first step of wavelengths, m.
     pupil_places_m: places (y, x) of the pupil of the system's eye in the eyebox, m, from each of which the target is
     given and counts; that of the system alone when empty. Not with free wavelengths.
+    drawn_pupils: number of places of the pupil that are drawn anew in each iteration, from the seed, in place of
+    `pupil_places_m`; 0 for none. Not with free wavelengths.
+    drawn_radius_m: of the disc about the pupil of the system's eye in which they are drawn, m.
 
     Raises UserError for values out of range.
 
@@ -57,6 +60,8 @@ class Settings:
     wavelength_spacing_m: float = 4e-9
     wavelength_step_m: float = 3e-9
     pupil_places_m: tuple[tuple[float, float], ...] = ()
+    drawn_pupils: int = 0
+    drawn_radius_m: float = 0.0
 
     def __post_init__(self) -> None:
         for key, count in (("iterations", self.iterations), ("amplitudes_every", self.amplitudes_every)):
@@ -79,10 +84,7 @@ class Settings:
             raise UserError("begin", f'"{self.begin}"', expected=" or ".join(INITIAL_PATTERNS))
         self._check_region_and_weights()
         self._check_wavelengths()
-        places = tuple((float(y), float(x)) for y, x in self.pupil_places_m)
-        object.__setattr__(self, "pupil_places_m", places)
-        if places and "wavelengths" in self.free:
-            raise UserError("free", "wavelengths with several places of the pupil", expected="patterns and amplitudes")
+        self._check_pupils()
 
     def loss_for(self, observer: str) -> str:
         """The name of the loss.
@@ -101,6 +103,18 @@ class Settings:
         weights = self.plane_weights
         if weights is not None and not (all(0 <= w < math.inf for w in weights) and any(w > 0 for w in weights)):
             raise UserError("plane weights", str(weights), expected="numbers of 0 or more, one of them positive")
+
+    def _check_pupils(self) -> None:
+        places = tuple((float(y), float(x)) for y, x in self.pupil_places_m)
+        object.__setattr__(self, "pupil_places_m", places)
+        if not isinstance(self.drawn_pupils, int) or self.drawn_pupils < 0:
+            raise UserError("drawn pupils", str(self.drawn_pupils), expected="0 or more")
+        if self.drawn_pupils and not 0 < self.drawn_radius_m < math.inf:
+            raise UserError("drawn pupils", f"a radius of {self.drawn_radius_m:g} m", expected="a radius above 0")
+        if self.drawn_pupils and places:
+            raise UserError("drawn pupils", "with fixed places", expected="one of them")
+        if (places or self.drawn_pupils) and "wavelengths" in self.free:
+            raise UserError("free", "wavelengths with several places of the pupil", expected="patterns and amplitudes")
 
     def _check_wavelengths(self) -> None:
         low, high = self.wavelength_range_m

@@ -19,6 +19,7 @@ from holoview.io.hologram import Hologram
 from holoview.model.system import System
 from holoview.optics.frame_inputs import check_drive
 from holoview.optimise.checkpoint import Checkpoint, CheckpointProgress, target_digest
+from holoview.optimise.drawn_pupils import DrawnPupils, StacksAt
 from holoview.optimise.iteration_state import IterationState
 from holoview.optimise.patterns import initial_drive
 from holoview.optimise.problem import EvaluationRequest, LossEvaluation, Problem
@@ -32,7 +33,7 @@ _DEFAULT = Settings()
 
 def iterate(
     system: System,
-    stack: NDArray[np.floating],
+    stack: NDArray[np.floating] | StacksAt,
     settings: Settings = _DEFAULT,
     start: NDArray[np.float32] | None = None,
     resume: Checkpoint | None = None,
@@ -47,7 +48,9 @@ def iterate(
 
     system: the display. Its effects are optimised for, except those that split a laser or change its power.
     stack: (plane, y, x, 3) linear sRGB at the system's planes, on the simulation grid, (rows, columns) · `upsample`.
-    `target_for` makes it.
+    `target_for` makes it. With `settings.pupil_places_m`, the stacks of all places one after the other, and with
+    `settings.drawn_pupils` a function from places (y, x), m, to their stacks
+    (`holoview.targets.eye_targets.moving_target`).
     settings: options of the optimiser.
     start: initial drive (frame, modulator, y, x) in 0…1 of the stroke; `settings.begin` chooses it when None.
     resume: a checkpoint to continue from, bit for bit on the same machine.
@@ -55,8 +58,9 @@ def iterate(
     team: the group of processes that share the lasers; each has to give the same arguments and request as many states.
 
     Yields an `IterationState` after each iteration, `settings.iterations` + 1 of them: its `psnr_db` and `loss`, and
-    `best`, the `Hologram` of the smallest loss so far. The loop may be left at any time. Raises UserError when the
-    stack, the drive or the checkpoint doesn't fit, and when memory runs out.
+    `best`, the `Hologram` of the smallest loss so far; the latest one where pupils are drawn, since losses of different
+    draws can't be compared. The loop may be left at any time. Raises UserError when the stack, the drive or the
+    checkpoint doesn't fit, and when memory runs out.
 
     >>> import numpy as np
     >>> import holoview as hv
@@ -75,17 +79,21 @@ class _Optimiser:
     def __init__(
         self,
         system: System,
-        stack: NDArray[np.floating],
+        stack: NDArray[np.floating] | StacksAt,
         settings: Settings,
         start: NDArray[np.float32] | None,
         resume: Checkpoint | None,
         device: str,
         group: ProcessGroup,
     ) -> None:
-        self.system, self.settings, self.target_digest = system, settings, target_digest(stack)
+        self.system, self.settings = system, settings
+        self._drawn = _drawn_pupils(system, settings, stack)
+        places, first = (None, stack) if self._drawn is None else self._drawn(0)
+        assert not callable(first)
+        self.target_digest = target_digest(first)
         if resume is not None:
             resume.check_matches(system, settings, self.target_digest, "checkpoint")
-        self.problem = Problem(system, stack, settings, device, group)
+        self.problem = Problem(system, first, settings, device, group, places_m=places)
         drive = initial_drive(system, settings) if start is None else torch.tensor(start, dtype=torch.float32)
         check_drive(self.problem.model.plan, drive)
         self.variables = OptimisationVariables(system, settings, drive.to(device))
@@ -99,6 +107,8 @@ class _Optimiser:
     def states(self) -> Iterator[IterationState]:
         started = time.perf_counter() - self.progress.seconds
         for iteration in range(self.progress.iteration, self.settings.iterations + 1):
+            if self._drawn is not None and iteration > 0:
+                self.problem.see_from(*self._drawn(iteration))
             shown = self.variables.patterns.displayed_drive()
             evaluation = self._evaluate(shown, iteration)
             if not math.isfinite(evaluation.loss):
@@ -106,7 +116,7 @@ class _Optimiser:
                     "optimisation", f"the loss became {evaluation.loss}", remedy="lower the step or check the target"
                 )
             best = (self.progress.best_loss, self.progress.best_psnr_db)
-            if evaluation.loss < best[0] or self.best is None:
+            if evaluation.loss < best[0] or self.best is None or self._drawn is not None:
                 best, self.best = (evaluation.loss, evaluation.psnr_db), self._hologram(shown)
             if iteration < self.settings.iterations and self.variables.step(evaluation, iteration):
                 self.problem.set_wavelengths(self.variables.wavelengths_m)
@@ -159,3 +169,11 @@ class _Optimiser:
         self.best = Hologram(tensors["best_drive"].astype(np.float32), self.system.edit(changes))
         self.progress = resume.progress
         self.problem.set_wavelengths(self.variables.wavelengths_m)
+
+
+def _drawn_pupils(system: System, settings: Settings, stack: NDArray[np.floating] | StacksAt) -> DrawnPupils | None:
+    """The places that the settings want drawn; None for a fixed stack."""
+    if callable(stack) != (settings.drawn_pupils > 0):
+        found, expected = ("a function", "a stack") if callable(stack) else ("a stack", "a function of the places")
+        raise UserError("target", found, expected=f"{expected} with {settings.drawn_pupils} drawn pupils")
+    return DrawnPupils(system, settings, stack) if callable(stack) else None

@@ -11,7 +11,13 @@ import torch
 from holoview.model.eye import Eye
 from holoview.model.plan import Plan
 from holoview.optics.frame_inputs import pupil_with_effects, pupil_without_effects
-from holoview.optics.propagate import phase_per_metre, phase_wavelength_derivative, transfer_function_at
+from holoview.optics.propagate import (
+    free_space_at,
+    phase_per_metre,
+    phase_wavelength_derivative,
+    stopped,
+    transfer_function_at,
+)
 from holoview.optics.slm import pixel_spectrum
 from holoview.optics.source import wave_axes
 from holoview.optimise.beam_blocks import slices
@@ -57,6 +63,7 @@ class TransferFunctions:
         self.gap = self._empty_blocks(self._gap_columns, count, axes[0].gap.frequencies)
         for i, λ in enumerate(self.wavelengths):
             self._fill(i, λ)
+        self._free_space: dict[tuple[int, float], Tensor] = {}
         self.illumination = self._all_illumination() if plan.slopes.any() else None
         self.pixel_shapes: tuple[Tensor, Tensor] | None = self._all_pixel_shapes()
         if len(plan.slopes) == 1:
@@ -68,13 +75,48 @@ class TransferFunctions:
     def _empty_blocks(self, columns: Sequence[slice], *sizes: int) -> list[Tensor]:
         return [torch.empty(*sizes, c.stop - c.start, dtype=self.dtype, device=self.device) for c in columns]
 
-    def _fill(self, i: int, wavelength: int) -> None:
-        """Evaluates the transfer functions of the wavelength that is number `i` of those in use."""
-        gap_m, padded = self.plan.system.gap_m, math.prod(self.plan.grid.padded)
+    def set_eyes(self, plan: Plan) -> None:
+        """Changes to a plan whose planes are seen from other places of the pupil (`Plan.seen_from`).
+
+        Without a pupil function, only stops and displacements change: what light does in free space is kept.
+        """
+        self.plan = plan
+        for i, λ in enumerate(self.wavelengths):
+            if pupil_with_effects(plan, 1, λ, plan.eye_at(0)) is None:
+                self._stop_planes(i, λ)
+            else:
+                self._fill_planes(i, λ)
+
+    def _fill_planes(self, i: int, wavelength: int) -> None:
+        """Evaluates H × pupil of the wavelength that is number `i` of those in use, for each plane."""
+        padded = math.prod(self.plan.grid.padded)
         for k, z in enumerate(self.plan.planes_m):
             transfer = self.relay_transfer(1, wavelength, float(z), self.plan.eye_at(k)) / padded
             for block, columns in zip(self.planes, self.columns, strict=True):
                 block[i, k] = transfer[:, columns]
+
+    def _stop_planes(self, i: int, wavelength: int) -> None:
+        """The same without a pupil function, from what is kept of free space."""
+        ky, kx = (frequencies.to(self._float64_device) for frequencies in self._frequencies(1))
+        if 0 in (len(ky), len(kx)):
+            return
+        before, stops = None, torch.empty(0)
+        for k, z in enumerate(self.plan.planes_m):
+            transfer = self.plan.transfer(1, wavelength, float(z), self.plan.eye_at(k))
+            if before is None or not transfer.has_stops_of(before):
+                whole = torch.ones(len(ky), len(kx), dtype=self.dtype, device=self._float64_device)
+                stops, before = stopped(whole, transfer, ky, kx).to(self.device), transfer
+            key = (wavelength, float(z))
+            if key not in self._free_space:
+                free = free_space_at(transfer, ky, kx, self.dtype) / math.prod(self.plan.grid.padded)
+                self._free_space[key] = free.to(self.device)
+            for block, columns in zip(self.planes, self.columns, strict=True):
+                torch.mul(self._free_space[key][:, columns], stops[:, columns], out=block[i, k])
+
+    def _fill(self, i: int, wavelength: int) -> None:
+        """Evaluates the transfer functions of the wavelength that is number `i` of those in use."""
+        gap_m = self.plan.system.gap_m
+        self._fill_planes(i, wavelength)
         if gap_m is None:
             for block in self.gap:
                 block[i] = 1

@@ -56,7 +56,7 @@ def target_from_stack(
     planes_m = focused_planes(system)
     pictures = read_resized_pictures(path, make_plan(system).grid.shape, space, len(planes_m))
     stack = np.stack([scale_saturation(picture.rgb, saturation) for picture in pictures])
-    return Target.from_stack(stack, tuple(planes_m), str(path), brightness, _merge_notes(pictures))
+    return Target.from_stack(stack, tuple(planes_m), str(path), brightness, merge_notes(pictures))
 
 
 def read_resized_pictures(
@@ -92,13 +92,14 @@ def _open_source(source: StackSource, space: str) -> tuple[str, int, Iterator[Pi
         where, path = str(source), Path(source)
         if not path.is_dir():
             return where, picture_count(path), read_pictures(path, space)
-        files = _image_files(path)
+        files = image_files(path)
     else:
         where, files = "focal stack", [Path(file) for file in source]
     return where, len(files), (read_picture(file, space) for file in files)
 
 
-def _image_files(folder: Path) -> list[Path]:
+def image_files(folder: Path) -> list[Path]:
+    """The PNG, JPEG, TIFF and OpenEXR files of a folder, in the order of the numbers in their names."""
     try:
         files = [f for f in folder.iterdir() if f.suffix.lower() in _IMAGE_SUFFIXES and not f.name.startswith(".")]
     except OSError as error:
@@ -113,11 +114,11 @@ def _check_size(picture: Picture, first: Picture) -> None:
             picture.source,
             f"is {width} × {height}",
             expected=f"{columns} × {rows} as {Path(first.source).name}",
-            remedy="render all planes at one size",
+            remedy="render all at one size",
         )
 
 
-def _merge_notes(pictures: Sequence[Picture]) -> tuple[str, ...]:
+def merge_notes(pictures: Sequence[Picture]) -> tuple[str, ...]:
     """The notes of all pictures once, then those of some with the picture's name."""
     shared = [note for note in pictures[0].notes if all(note in picture.notes for picture in pictures)]
     single = [f"{Path(p.source).name}: {note}" for p in pictures for note in p.notes if note not in shared]

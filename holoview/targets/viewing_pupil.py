@@ -14,7 +14,7 @@ a wavelength alike, so that M_λ is applied to what they give: all wavelengths s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,20 +77,38 @@ def render_through_pupil(
     """
     if pupil.focus_m is None:
         return render_focal_stack(rgb_linear, depth_m, planes_m, pitch_m, pupil.cone())
-    expected = (len(planes_m), len(laser_rgb))
-    if pupil.focus_m.shape != expected:
-        raise ValueError(f"focus_m {pupil.focus_m.shape}: expected (plane, wavelength) = {expected}")
-    total = np.zeros((len(planes_m), *rgb_linear.shape), dtype=np.float32)
+    return sum_over_wavelengths(
+        lambda focus_m, cones: render_focal_stack(rgb_linear, depth_m, focus_m, pitch_m, cones),
+        (len(planes_m), *rgb_linear.shape),
+        pupil,
+        laser_rgb,
+    )
+
+
+def sum_over_wavelengths(
+    render: Callable[[Sequence[float], Sequence[LightCone]], NDArray[np.float32]],
+    shape: tuple[int, ...],
+    pupil: ViewingPupil,
+    laser_rgb: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    """The focal stack of shape (plane, y, x, 3) that a pupil sees with its own focus for each wavelength, float32.
+
+    render: from distances (n,) in focus, and as many cones, to what is seen there in all colours, (n, y, x, 3).
+
+    Raises ValueError if `pupil.focus_m` isn't (plane, wavelength).
+    """
+    expected = (shape[0], len(laser_rgb))
+    if pupil.focus_m is None or pupil.focus_m.shape != expected:
+        found = None if pupil.focus_m is None else pupil.focus_m.shape
+        raise ValueError(f"focus_m {found}: expected (plane, wavelength) = {expected}")
+    total = np.zeros(shape, dtype=np.float32)
     shares = colour_shares(laser_rgb).astype(np.float32)
     pairs = list(np.ndindex(*expected))
-    at_a_time = max(_MOST_BYTES // (16 * rgb_linear[..., 0].size), 1)
+    at_a_time = max(_MOST_BYTES // (16 * shape[1] * shape[2]), 1)
     for start in range(0, len(pairs), at_a_time):
         some = pairs[start : start + at_a_time]
-        focus_m = [float(pupil.focus_m[pair]) for pair in some]
-        cones = [pupil.cone(wavelength) for _, wavelength in some]
-        for (plane, wavelength), light in zip(
-            some, render_focal_stack(rgb_linear, depth_m, focus_m, pitch_m, cones), strict=True
-        ):
+        seen = render([float(pupil.focus_m[pair]) for pair in some], [pupil.cone(wavelength) for _, wavelength in some])
+        for (plane, wavelength), light in zip(some, seen, strict=True):
             total[plane] += light @ shares[wavelength].T
     return total
 

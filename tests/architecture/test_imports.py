@@ -56,7 +56,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.session.scheme_comparison", "holoview.optimise.torch_device"): SLOW,
     ("holoview.study.studies.retinal_speckle", "scipy.special"): SLOW,
     ("holoview.targets.defocus", "scipy"): SLOW,
-    ("holoview.targets.focal_stack", "scipy"): SLOW,
+    ("holoview.targets.scene_layers", "scipy"): SLOW,
     ("holoview.gpu.timer", "wgpu.backends.wgpu_native"): BACKEND,
     ("holoview.effects.calibrated", "holoview.effects.calibration.calibration_file"): SLOW,
     ("holoview.study.report", "pyarrow"): OPTIONAL,

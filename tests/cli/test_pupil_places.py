@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 import holoview as hv
-from holoview.commands.pupil_places import parse_places, places_between
+from holoview.commands.pupil_places import PupilPlaces, parse_places, places_between
 
 Run = Callable[..., Any]
 
@@ -20,11 +20,11 @@ SYSTEM = hv.load("holochrome-8").with_(eye={"pupil_x": "1 mm"})
 
 
 def test_a_grid_lies_around_the_pupil() -> None:
-    places = parse_places("1x3:0.5mm", SYSTEM)
+    places = parse_places("1x3:0.5mm", SYSTEM).fixed
     assert np.array(places) == pytest.approx(np.array([[0, 0.5e-3], [0, 1e-3], [0, 1.5e-3]]))
     assert np.array(places_between(places)) == pytest.approx(np.array([[0, 0.75e-3], [0, 1.25e-3]]))
-    assert len(places_between(parse_places("3x3:0.5mm", SYSTEM))) == 4
-    assert parse_places(None, SYSTEM) == () and places_between(parse_places("1x1:1mm", SYSTEM)) == ()
+    assert len(parse_places("3x3:0.5mm", SYSTEM).held_out) == 4
+    assert parse_places(None, SYSTEM) == PupilPlaces() and parse_places("1x1:1mm", SYSTEM).held_out == ()
 
 
 @pytest.mark.parametrize(

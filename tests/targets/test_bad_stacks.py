@@ -78,7 +78,7 @@ def test_pictures_of_different_sizes_are_refused(tmp_path: Path, bench: Bench) -
         file.write(CODES[1, :, :5], photometric="rgb")
     says(
         lambda: target_from_stack(bench(2), tmp_path / "a.tif"),
-        "a.tif, page 2: is 5 × 6; expected 8 × 6 as a.tif, page 1; render all planes at one size",
+        "a.tif, page 2: is 5 × 6; expected 8 × 6 as a.tif, page 1; render all at one size",
     )
     Image.fromarray(CODES[0]).save(tmp_path / "plane-0.png")
     Image.fromarray(CODES[1, :, :5]).save(tmp_path / "plane-1.png")

@@ -1,0 +1,242 @@
+"""A light field: pictures of a scene from a grid of viewpoints in the eyebox, and what a pupil there sees of it.
+
+A viewpoint at p in the eyebox, behind an eyepiece of focal length f, sees the scene by the light of slope p/f, which is
+a `LightCone` without width. Each view shows things at the distance z₀ (zero disparity) in the same place; others at z
+are moved by (z₀ − z)·p/f. An eye that is focused on the plane z′ sees the mean of the views in its pupil, each moved by
+
+    (z′ − z₀)·p/f
+
+so that what stands at z′ falls together and the rest spreads over the pupil's disc (shift and add: Ng et al., Light
+field photography with a hand-held plenoptic camera, Stanford CSTR 2005-02). Each view stands for the square of the
+eyebox around it, and has the weight of the pupil's share in that square. What hides what is different in each view, so
+that the mean has the true occlusion of a finite pupil.
+
+Limits: out of focus by Δz, neighbouring views lie spacing·Δz/f apart. Beyond a sample or two, edges show this step.
+Views are moved by fractions of a sample by linear interpolation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.numerics.fft_grid import positions
+from holoview.targets.defocus import LightCone, blur_kernel
+from holoview.targets.focal_stack import render_focal_stack
+from holoview.targets.viewing_pupil import ViewingPupil, sum_over_wavelengths
+from holoview.util import units
+from holoview.util.errors import UserError
+
+_LEAST_ACROSS = 2  # views across a pupil: with fewer, what is out of focus is doubled rather than blurred
+_ROUNDING = 1e-6  # of a pupil's area, which may lie beyond the views
+
+
+@dataclass(frozen=True, eq=False)
+class LightField:
+    """Views (row, column, y, x, 3) float32 in linear light, on the simulation grid of a bench.
+
+    Rows go downwards and columns to the right as the viewer moves in the eyebox, and as `Eye.pupil_y_m` and
+    `Eye.pupil_x_m` do. spacing_m: of the viewpoints. centre_m: place (y, x) of the grid's middle in the eyebox.
+    zero_m: distance z behind the last modulator at which things are in the same place in all views.
+    eyepiece_m: focal length of the eyepiece. source: in words. notes: what was changed on the way, for the user.
+
+    Raises ValueError for other shapes, and lengths that aren't positive.
+    """
+
+    views: NDArray[np.float32]
+    spacing_m: float
+    zero_m: float
+    eyepiece_m: float
+    centre_m: tuple[float, float] = (0.0, 0.0)
+    source: str = "light field"
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.views.ndim != 5 or self.views.shape[-1] != 3 or self.views.size == 0:
+            raise ValueError(f"views {self.views.shape}: expected (row, column, y, x, 3)")
+        if not (0 < self.spacing_m < math.inf and 0 < self.eyepiece_m < math.inf and math.isfinite(self.zero_m)):
+            raise ValueError(f"views {self.spacing_m} m apart behind {self.eyepiece_m} m: expected positive lengths")
+
+    @property
+    def slopes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The slopes p/f of the rows' and of the columns' viewpoints."""
+        return view_slopes(self.views.shape[:2], self.spacing_m, self.centre_m, self.eyepiece_m)
+
+
+def view_slopes(
+    grid: tuple[int, ...], spacing_m: float, centre_m: tuple[float, float], eyepiece_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The slopes p/f of the rows and of the columns of a grid (rows, columns) of viewpoints."""
+    y, x = ((middle + positions(n, spacing_m)) / eyepiece_m for n, middle in zip(grid, centre_m, strict=True))
+    return y, x
+
+
+def render_views(
+    rgb_linear: NDArray[np.float32],
+    depth_m: float | NDArray[np.floating],
+    pitch_m: float,
+    grid: tuple[int, int],
+    spacing_m: float,
+    centre_m: tuple[float, float],
+    zero_m: float,
+    eyepiece_m: float,
+) -> LightField:
+    """The light field of a picture (y, x, 3) with depth: grid (rows, columns) of views, with occlusion.
+
+    depth_m: distance z of each pixel (y, x) or of all, m; larger is nearer to the viewer. The others are those of
+    `LightField`. What near things hide in the picture is filled in from its surroundings, see `render_focal_stack`.
+    """
+    y, x = view_slopes(grid, spacing_m, centre_m, eyepiece_m)
+    cones = [LightCone(0.0, "disc", (a, b)) for a in y.tolist() for b in x.tolist()]
+    views = render_focal_stack(rgb_linear, depth_m, [zero_m] * len(cones), pitch_m, cones)
+    return LightField(views.reshape(*grid, *rgb_linear.shape), spacing_m, zero_m, eyepiece_m, centre_m)
+
+
+def see_light_field(
+    field: LightField,
+    planes_m: Sequence[float] | NDArray[np.floating],
+    pitch_m: float,
+    pupil: ViewingPupil,
+    laser_rgb: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    """The focal stack (plane, y, x, 3) float32 of a light field as an eye sees it through a pupil.
+
+    planes_m: distances z (n,) on which it is focused. laser_rgb: (wavelength, 3) linear sRGB of each laser at unit
+    intensity, which matter if `pupil.focus_m` is given.
+
+    Raises UserError for a pupil that reaches beyond the views, or is too small for them.
+    """
+    if pupil.focus_m is None:
+        return refocus(field, planes_m, pitch_m, pupil.cone())
+    return sum_over_wavelengths(
+        lambda focus_m, cones: refocus(field, focus_m, pitch_m, cones),
+        (len(planes_m), *field.views.shape[2:]),
+        pupil,
+        laser_rgb,
+    )
+
+
+def refocus(
+    field: LightField,
+    focus_m: Sequence[float] | NDArray[np.floating],
+    pitch_m: float,
+    cone: LightCone | Sequence[LightCone],
+) -> NDArray[np.float32]:
+    """What is seen of a light field on planes at the distances focus_m (n,): (n, y, x, 3) float32.
+
+    cone: of the pupil, one for all planes or one for each. Raises UserError as `see_light_field` does.
+    """
+    cones = [cone] * len(focus_m) if isinstance(cone, LightCone) else list(cone)
+    weights = {one: view_weights(field, one) for one in dict.fromkeys(cones)}
+    shifts = [_shifts_px(field, z, pitch_m, one) for z, one in zip(np.asarray(focus_m).tolist(), cones, strict=True)]
+    margin = 1 + max(math.ceil(np.abs(axis).max()) for pair in shifts for axis in pair)
+    used = np.sum([weight > 0 for weight in weights.values()], axis=0, dtype=bool)
+    padding = ((margin, margin), (margin, margin), (0, 0))
+    padded = {
+        (row, column): np.moveaxis(np.pad(field.views[row, column], padding, mode="edge"), -1, 0)
+        for row, column in np.argwhere(used).tolist()
+    }
+    seen = [
+        _shift_and_add(padded, weights[one], shift, field.views.shape[2:4], margin)
+        for one, shift in zip(cones, shifts, strict=True)
+    ]
+    return np.ascontiguousarray(np.moveaxis(np.stack(seen), 1, -1))
+
+
+def view_weights(field: LightField, cone: LightCone) -> NDArray[np.float32]:
+    """The share (row, column) of a pupil's area in the square around each viewpoint; their sum is 1.
+
+    Raises UserError for a pupil that reaches beyond the views, or has fewer than two of them across.
+    """
+    rows, columns = field.views.shape[:2]
+    step = field.spacing_m / field.eyepiece_m
+    radius = cone.half_width / step
+    if 2 * radius < _LEAST_ACROSS * (1 - _ROUNDING):
+        apart, wide = (
+            units.format_rounded(length_m, "mm") for length_m in (field.spacing_m, 2 * radius * field.spacing_m)
+        )
+        raise UserError(
+            field.source,
+            f"its views are {apart} apart, the pupil {wide} wide",
+            expected=f"at least {_LEAST_ACROSS} views across the pupil",
+            remedy="give more views or a wider pupil",
+        )
+    middle = [slopes.mean() for slopes in field.slopes]
+    at = [(c - m) / step + (n - 1) / 2 for c, m, n in zip(cone.centre, middle, (rows, columns), strict=True)]
+    nearest = [round(place) for place in at]
+    kernel = blur_kernel(radius, cone.aperture, (at[0] - nearest[0], at[1] - nearest[1]))
+    reach = len(kernel) // 2
+    weights = np.zeros((rows, columns))
+    (top, bottom), (left, right) = (
+        (max(place - reach, 0), min(place + reach + 1, n)) for place, n in zip(nearest, (rows, columns), strict=True)
+    )
+    if top < bottom and left < right:
+        first_row, first_column = nearest[0] - reach, nearest[1] - reach
+        weights[top:bottom, left:right] = kernel[
+            top - first_row : bottom - first_row, left - first_column : right - first_column
+        ]
+    if weights.sum() < 1 - _ROUNDING:
+        raise _beyond_error(field, cone)
+    return np.asarray(weights / weights.sum(), dtype=np.float32)
+
+
+def largest_step_px(field: LightField, planes_m: NDArray[np.floating], pitch_m: float) -> float:
+    """How many samples neighbouring views are apart of something on one of the planes, at most, seen on another."""
+    return float(np.ptp(planes_m)) * field.spacing_m / field.eyepiece_m / pitch_m
+
+
+def _shifts_px(
+    field: LightField, z_m: float, pitch_m: float, cone: LightCone
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """How far the rows' views move along y, and the columns' views along x, in samples, for a focus at z."""
+    distance_m, (rows, columns) = z_m - field.zero_m, field.slopes
+    y = [LightCone(0.0, "disc", (c, 0.0), cone.offset_m).shift_px(distance_m, pitch_m)[0] for c in rows.tolist()]
+    x = [LightCone(0.0, "disc", (0.0, c), cone.offset_m).shift_px(distance_m, pitch_m)[1] for c in columns.tolist()]
+    return np.array(y), np.array(x)
+
+
+def _shift_and_add(
+    padded: dict[tuple[int, int], NDArray[np.float32]],
+    weights: NDArray[np.float32],
+    shifts: tuple[NDArray[np.float64], NDArray[np.float64]],
+    shape: tuple[int, int],
+    margin: int,
+) -> NDArray[np.float32]:
+    """The weighted mean (3, y, x) of views that are moved. padded: (3, y, x) by row and column, with a margin."""
+    total = np.zeros((3, *shape), dtype=np.float32)
+    for row in np.flatnonzero(weights.any(axis=1)).tolist():
+        line = np.zeros((3, shape[0] + 2 * margin, shape[1]), dtype=np.float32)
+        for column in np.flatnonzero(weights[row]).tolist():
+            for start, share in _taps(float(shifts[1][column]), margin):
+                line += np.float32(share * weights[row, column]) * padded[row, column][..., start : start + shape[1]]
+        for start, share in _taps(float(shifts[0][row]), margin):
+            total += np.float32(share) * line[:, start : start + shape[0]]
+    return total
+
+
+def _taps(shift: float, margin: int) -> list[tuple[int, float]]:
+    """Where a slice begins in samples with a margin, for a picture that moves by `shift`, and its share: linear."""
+    whole = math.floor(shift)
+    rest = shift - whole
+    return [(start, share) for start, share in ((margin - whole, 1 - rest), (margin - whole - 1, rest)) if share]
+
+
+def _beyond_error(field: LightField, cone: LightCone) -> UserError:
+    """The error for a pupil that sees where there are no views."""
+    f, (rows, columns) = field.eyepiece_m, field.views.shape[:2]
+    place = ", ".join(units.format_rounded(slope * f, "mm", 3) for slope in reversed(cone.centre))
+    sides = [n * field.spacing_m for n in (columns, rows)]
+    size, at = (
+        ", ".join(units.format_rounded(a, "mm", 3) for a in values) for values in (sides, reversed(field.centre_m))
+    )
+    return UserError(
+        field.source,
+        f"the pupil of {units.format_rounded(2 * cone.half_width * f, 'mm', 3)} at x, y = {place} reaches beyond the "
+        f"views, which stand for {size} about {at}",
+        expected="views wherever the pupil is",
+        remedy="give more views, or bring the pupil's places together",
+    )
