@@ -26,7 +26,6 @@ from holoview.targets.focal_stack import Target
 from holoview.targets.light_field import LightField
 from holoview.targets.picture import Picture, read_picture
 from holoview.targets.rendered_stacks import is_stack, target_from_stack
-from holoview.targets.saturation import check_saturation, scale_saturation
 from holoview.targets.target import Placement, target_for
 from holoview.targets.view_folder import ViewGrid, eye_of_views, is_light_field, read_light_field
 from holoview.util import units
@@ -139,9 +138,7 @@ class TargetSource:
     def _read_views(self, grid: ViewGrid | None) -> LightField:
         args = self._args
         zero_m = None if args.at is None else parse_plane(self._system, args.at, "--at")
-        check_saturation(args.saturation)
-        field = read_light_field(self._system, args.target, grid, zero_m, args.space)
-        return replace(field, views=scale_saturation(field.views, args.saturation))
+        return read_light_field(self._system, args.target, grid, zero_m, saturation=args.saturation, space=args.space)
 
     def _read_picture(self) -> Picture:
         picture = read_picture(self._args.target, space=self._args.space)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from holoview.commands.optimise_target import TargetSource
 from holoview.commands.pupil_places import PupilPlaces
 from holoview.io.hologram import Hologram
-from holoview.metrics.image_quality import measure_image_quality, plane_midpoints
+from holoview.metrics.image_quality import plane_midpoints
+from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.focus import focused_planes
 from holoview.model.system import System
 from holoview.numerics.image_region import Region, region_slices
@@ -49,13 +50,15 @@ def score_places(
     From the latter also focused halfway between neighbouring planes, for which nothing was optimised either.
     """
     planes_m = focused_planes(hologram.system)
-    between_m = plane_midpoints(planes_m)
+    count, all_m = len(planes_m), np.concatenate([planes_m, plane_midpoints(planes_m)])
     scores: dict[str, list[float]] = {key: [] for key in _HEADINGS}
-    scores["pupil_psnr_db"] = [_psnr_db(hologram, source, place, None, region) for place in pupils.fixed]
+    for place in pupils.fixed:
+        scores["pupil_psnr_db"].append(float(np.mean(_psnr_db(hologram, source, place, planes_m, region))))
     for place in pupils.held_out:
-        scores["held_out_pupil_psnr_db"].append(_psnr_db(hologram, source, place, None, region))
-        if len(between_m):
-            scores["held_out_pupil_psnr_between_db"].append(_psnr_db(hologram, source, place, between_m, region))
+        found = _psnr_db(hologram, source, place, all_m, region)
+        scores["held_out_pupil_psnr_db"].append(float(np.mean(found[:count])))
+        if len(found) > count:
+            scores["held_out_pupil_psnr_between_db"].append(float(np.mean(found[count:])))
     return {key: values for key, values in scores.items() if values}
 
 
@@ -72,15 +75,16 @@ def _psnr_db(
     hologram: Hologram,
     source: TargetSource,
     place: tuple[float, float],
-    planes_m: NDArray[np.float64] | None,
+    planes_m: NDArray[np.float64],
     region: Region | None,
-) -> float:
+) -> tuple[float, ...]:
+    """PSNR on each plane, seen from a place."""
     system = _seen_from(hologram.system, place)
     view = simulate(system, hologram.drive, planes_m, backend="torch")
     target = source.build(planes_m, system=system).stack
     if region is not None:
         view, target = view.cropped(region), target[:, *region_slices(region)]
-    return measure_image_quality(view, target).psnr.mean_db
+    return psnr_linear_srgb(view.rgb, target).planes_db
 
 
 def _seen_from(system: System, place: tuple[float, float]) -> System:

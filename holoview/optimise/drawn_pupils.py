@@ -23,7 +23,7 @@ Places = tuple[tuple[float, float], ...]
 StacksAt = Callable[[Places], NDArray[np.floating]]
 """The focal stacks (place · plane, y, x, 3) in linear sRGB that the eye of a system is to see from places."""
 
-_HELD_OUT = 3  # places along each axis
+_HELD_OUT = 2  # places along each axis
 
 
 def drawn_places(system: System, settings: Settings, iteration: int) -> Places:
@@ -40,11 +40,11 @@ def drawn_places(system: System, settings: Settings, iteration: int) -> Places:
 
 
 def held_out_places(system: System, radius_m: float) -> Places:
-    """A grid of 3 x 3 places in the square inside a disc about the pupil of the system's eye: where to judge a result.
+    """A grid of 2 x 2 places, a radius apart, about the pupil of the system's eye: where to judge a result.
 
     Raises UserError without an eye.
     """
-    eye, steps = _eye_of(system), positions(_HELD_OUT, radius_m / math.sqrt(2)).tolist()
+    eye, steps = _eye_of(system), positions(_HELD_OUT, radius_m).tolist()
     return tuple((eye.pupil_y_m + y, eye.pupil_x_m + x) for y in steps for x in steps)
 
 

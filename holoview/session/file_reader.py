@@ -121,7 +121,7 @@ def _stack(path: Path) -> FileContent:
 
 
 def _folder(path: Path, system: System) -> FileContent:
-    """A folder of patterns as `holoview export` writes them, else a focal stack with one picture for each plane."""
+    """A folder of patterns as `holoview export` writes them, else a focal stack, or a folder of views."""
     patterns = sorted(path.glob("slm[12]*.png"))
     return _patterns(patterns, system) if patterns else _stack(path)
 

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from holoview.model.plan import make_plan
 from holoview.model.system import System
+from holoview.targets.eye_targets import target_from_views
 from holoview.targets.focal_stack import Target
 from holoview.targets.picture import Picture, read_picture
 from holoview.targets.rendered_stacks import target_from_stack
 from holoview.targets.target import Placement, scene_depth, target_for
+from holoview.targets.view_folder import is_light_field, read_light_field
 from holoview.util.errors import UserError
 from holoview.util.files import data_dir
 
@@ -22,8 +24,8 @@ from holoview.util.files import data_dir
 class TargetSpec:
     """What a hologram should show, independent of the system that shows it.
 
-    source: a picture in linear light, or the path of a rendered focal stack. brightness: a factor on linear light.
-    saturation: a factor on the chroma in CIE LCHuv. space: the colour space of a stack in a float format.
+    source: a picture in linear light, or the path of a rendered focal stack or of a folder of views. brightness: a
+    factor on linear light. saturation: a factor on the chroma in CIE LCHuv. space: the colour space of float files.
     is_example: whether it is `example_target()`, which nobody chose: a hologram that is opened removes it.
     """
 
@@ -38,13 +40,16 @@ class TargetSpec:
     @property
     def is_stack(self) -> bool:
         """Whether it is a rendered stack, which has pictures for the system's own planes only."""
-        return isinstance(self.source, Path)
+        return isinstance(self.source, Path) and not is_light_field(self.source)
 
     def build(self, system: System, planes_m: NDArray[np.float64] | None = None) -> Target:
         """The target at the planes of a system; at `planes_m` (n,) in metres instead, unless it is a rendered stack.
 
-        Raises UserError as `target_for` and `target_from_stack` do.
+        Raises UserError as `target_for`, `target_from_stack` and `target_from_views` do.
         """
+        if isinstance(self.source, Path) and not self.is_stack:
+            field = read_light_field(system, self.source, saturation=self.saturation, space=self.space)
+            return target_from_views(system, field, self.brightness, planes=planes_m)
         if isinstance(self.source, Path):
             return target_from_stack(
                 system, self.source, brightness=self.brightness, saturation=self.saturation, space=self.space
@@ -56,10 +61,12 @@ class TargetSpec:
     def depth_at(self, system: System, row: int, column: int) -> float:
         """Distance (m) behind the last modulator of what the target shows at a sample of the simulation grid.
 
-        Raises UserError for a focal stack, whose pictures don't tell, and as `target_for` does.
+        Raises UserError for a focal stack and for views, whose pictures don't tell, and as `target_for` does.
         """
         if isinstance(self.source, Path):
-            raise UserError("target", "a focal stack", expected="a picture with a depth map, which tells what is where")
+            raise UserError(
+                "target", "pictures without depth", expected="a picture with a depth map, which tells what is where"
+            )
         depth_m = scene_depth(system, self.placement, self.source, make_plan(system).grid.shape)
         return float(np.broadcast_to(depth_m, make_plan(system).grid.shape)[row, column])
 

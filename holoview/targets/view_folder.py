@@ -29,6 +29,7 @@ from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.targets.light_field import LightField
 from holoview.targets.rendered_stacks import image_files, merge_notes, read_resized_pictures
+from holoview.targets.saturation import check_saturation, scale_saturation
 from holoview.util.errors import UserError
 
 DESCRIPTION_FILE = "views.toml"
@@ -75,15 +76,19 @@ def read_light_field(
     folder: str | os.PathLike[str],
     grid: ViewGrid | None = None,
     zero_m: float | None = None,
+    *,
+    saturation: float = 1.0,
     space: str = "srgb",
 ) -> LightField:
     """The light field of a folder, each view resized to the simulation grid of a system with an eye.
 
     grid: used instead of that of `views.toml`, or where the folder has none. zero_m: the distance of zero disparity
-    where `views.toml` states none; the middle plane when None. space: what float files hold, "srgb" or "xyz".
+    where `views.toml` states none; the middle plane when None. saturation: factor on chroma in CIE LCHuv. space: what
+    float files hold, "srgb" or "xyz".
 
     Raises UserError without an eye, and for views that are missing, can't be read or differ in size.
     """
+    check_saturation(saturation)
     path, eye = Path(folder), eye_of_views(system, str(folder))
     if not path.is_dir():
         raise UserError(str(path), "is a file", expected="a folder of views")
@@ -102,7 +107,7 @@ def read_light_field(
     files = image_files(path)
     _check_count(path, files, grid)
     pictures = read_resized_pictures(files, make_plan(system).grid.shape, space)
-    views = np.stack([picture.rgb for picture in pictures])
+    views = np.stack([scale_saturation(picture.rgb, saturation) for picture in pictures])
     return LightField(
         views.reshape(grid.rows, grid.columns, *views.shape[1:]),
         grid.spacing_m,

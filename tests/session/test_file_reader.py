@@ -158,3 +158,18 @@ def test_a_watch_waits_until_writing_has_stopped(tmp_path: Path) -> None:
         time.sleep(0.02)
     watch.close()
     assert seen == ["4"]
+
+
+def test_a_folder_of_views_is_seen_by_the_eye_of_the_bench(tmp_path: Path) -> None:
+    for number in range(4):
+        Image.new("RGB", (8, 6), "white").save(tmp_path / f"{number}.png")
+    (tmp_path / "views.toml").write_text('rows = 2\ncolumns = 2\nspacing = "0.5 mm"\n', encoding="utf-8")
+    spec = read_content(tmp_path, SYSTEM).target_spec
+    assert spec is not None and not spec.is_stack
+    seeing = SYSTEM.with_(eye={"pupil": "1 mm", "infinity": float(SYSTEM.planes_m.min()), "chromatic": False})
+    stack = spec.build(seeing, SYSTEM.planes_m[:1] * 1.1).stack
+    assert stack == pytest.approx(np.ones_like(stack), abs=1e-5)
+    with pytest.raises(UserError, match="views without an eye"):
+        spec.build(SYSTEM)
+    with pytest.raises(UserError, match="pictures without depth"):
+        spec.depth_at(seeing, 0, 0)
