@@ -32,6 +32,7 @@ from holoview.commands.pupil_places import parse_places
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.io.png import write_png
 from holoview.metrics.perceptual_scores import require_scores
+from holoview.model.focus import required_eye
 from holoview.model.system import System
 from holoview.optimise.drawn_pupils import StacksAt
 from holoview.optimise.iteration_state import IterationState
@@ -87,8 +88,7 @@ def _aimed_system(args: argparse.Namespace, system: System) -> System:
     """The system that is optimised for: with `--chromatic ignore`, as if its eye had no chromatic aberration."""
     if args.chromatic == "compensate":
         return system
-    if system.eye is None:
-        raise UserError("--chromatic", "without an eye", expected="a bench with an eye", remedy="--set eye={}")
+    required_eye(system, "--chromatic")
     return system.edit({"eye.chromatic": False})
 
 

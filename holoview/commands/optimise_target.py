@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from holoview.commands.console import print_stderr
 from holoview.model.eye import Eye
-from holoview.model.focus import parse_plane
+from holoview.model.focus import parse_plane, required_eye
 from holoview.model.system import System
 from holoview.targets.eye_targets import (
     StacksAt,
@@ -27,7 +27,7 @@ from holoview.targets.light_field import LightField
 from holoview.targets.picture import Picture, read_picture
 from holoview.targets.rendered_stacks import is_stack, target_from_stack
 from holoview.targets.target import Placement, target_for
-from holoview.targets.view_folder import ViewGrid, eye_of_views, is_light_field, read_light_field
+from holoview.targets.view_folder import ViewGrid, is_light_field, read_light_field
 from holoview.util import units
 from holoview.util.errors import UserError
 
@@ -35,8 +35,8 @@ _MIN_BRIGHTNESS = 1e-6  # and the maximum is its inverse
 _VIEWS = re.compile(r"(?P<rows>\d{1,2})x(?P<columns>\d{1,2})(:(?P<spacing>.+))?")
 
 
-def parse_view_grid(text: str | None, eye: Eye | None) -> ViewGrid | None:
-    """The grid of viewpoints about the pupil of an eye, from text such as "7x7:0.5mm" or "7x7"; None for None.
+def parse_view_grid(text: str | None, system: System) -> ViewGrid | None:
+    """The grid of viewpoints about the pupil of a system's eye, from text such as "7x7:0.5mm" or "7x7"; None for None.
 
     Raises UserError for text of another form, and without an eye.
     """
@@ -45,8 +45,7 @@ def parse_view_grid(text: str | None, eye: Eye | None) -> ViewGrid | None:
     match = _VIEWS.fullmatch(text)
     if match is None:
         raise UserError("--views", f'"{text}"', expected="rows x columns, and perhaps their spacing, e.g. 7x7:0.5mm")
-    if eye is None:
-        raise UserError("--views", "without an eye", expected="a bench with an eye", remedy="--set eye={}")
+    eye = required_eye(system, "--views")
     spacing = None if match["spacing"] is None else units.parse(match["spacing"], "--views")
     try:
         return ViewGrid(int(match["rows"]), int(match["columns"]), spacing, eye.pupil_y_m, eye.pupil_x_m)
@@ -71,7 +70,7 @@ class TargetSource:
         self._args, self._system = args, system
         self._notes_printed: set[str] = set()
         self._built: dict[Hashable, Target] = {}
-        grid = parse_view_grid(args.views, system.eye)
+        grid = parse_view_grid(args.views, system)
         is_folder = Path(args.target).is_dir()
         has_views = is_light_field(args.target) or (grid is not None and is_folder)
         self.is_stack = not has_views and is_stack(args.target)
@@ -84,7 +83,7 @@ class TargetSource:
         if has_views:
             self._field = self._read_views(grid)
         elif self._picture is not None and grid is not None:
-            grid = _covering(grid, eye_of_views(system, "--views"), system.field_m, reach_m)
+            grid = _covering(grid, required_eye(system, "--views"), system.field_m, reach_m)
             self._field = views_of_picture(system, self._picture, self._placement(), grid, saturation=args.saturation)
 
     def build(self, planes_m: NDArray[np.float64] | None = None, system: System | None = None) -> Target:

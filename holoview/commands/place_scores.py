@@ -12,7 +12,7 @@ from holoview.commands.pupil_places import PupilPlaces
 from holoview.io.hologram import Hologram
 from holoview.metrics.image_quality import plane_midpoints
 from holoview.metrics.psnr import psnr_linear_srgb
-from holoview.model.focus import focused_planes
+from holoview.model.focus import focused_planes, with_pupil_at
 from holoview.model.system import System
 from holoview.numerics.image_region import Region, region_slices
 from holoview.optimise.drawn_pupils import StacksAt
@@ -39,7 +39,7 @@ def target_at_places(source: TargetSource, system: System, pupils: PupilPlaces) 
         raise UserError(
             "--pupils", "with a focal stack", expected="a picture or a light field, which is seen from every place"
         )
-    return np.concatenate([source.build(system=_seen_from(system, place)).stack for place in pupils.fixed])
+    return np.concatenate([source.build(system=with_pupil_at(system, place)).stack for place in pupils.fixed])
 
 
 def score_places(
@@ -79,14 +79,9 @@ def _psnr_db(
     region: Region | None,
 ) -> tuple[float, ...]:
     """PSNR on each plane, seen from a place."""
-    system = _seen_from(hologram.system, place)
+    system = with_pupil_at(hologram.system, place)
     view = simulate(system, hologram.drive, planes_m, backend="torch")
     target = source.build(planes_m, system=system).stack
     if region is not None:
         view, target = view.cropped(region), target[:, *region_slices(region)]
     return psnr_linear_srgb(view.rgb, target).planes_db
-
-
-def _seen_from(system: System, place: tuple[float, float]) -> System:
-    assert system.eye is not None
-    return system.with_(eye=system.eye.moved_to(place))

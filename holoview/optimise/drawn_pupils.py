@@ -12,11 +12,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.model.eye import Eye
+from holoview.model.focus import required_eye
 from holoview.model.system import System
 from holoview.numerics.fft_grid import positions
 from holoview.optimise.settings import Settings
-from holoview.util.errors import UserError
 
 Places = tuple[tuple[float, float], ...]
 """Places (y, x) of the pupil in the eyebox, m."""
@@ -31,7 +30,7 @@ def drawn_places(system: System, settings: Settings, iteration: int) -> Places:
 
     Raises UserError without an eye.
     """
-    eye = _eye_of(system)
+    eye = required_eye(system, "pupil places")
     random = np.random.default_rng([settings.seed, iteration])
     radius_m = settings.drawn_radius_m * np.sqrt(random.random(settings.drawn_pupils))
     angle = 2 * math.pi * random.random(settings.drawn_pupils)
@@ -44,7 +43,7 @@ def held_out_places(system: System, radius_m: float) -> Places:
 
     Raises UserError without an eye.
     """
-    eye, steps = _eye_of(system), positions(_HELD_OUT, radius_m).tolist()
+    eye, steps = required_eye(system, "pupil places"), positions(_HELD_OUT, radius_m).tolist()
     return tuple((eye.pupil_y_m + y, eye.pupil_x_m + x) for y in steps for x in steps)
 
 
@@ -58,9 +57,3 @@ class DrawnPupils:
         """The places of an iteration, and the stacks (place · plane, y, x, 3)."""
         places = drawn_places(self._system, self._settings, iteration)
         return places, self._stacks_at(places)
-
-
-def _eye_of(system: System) -> Eye:
-    if system.eye is None:
-        raise UserError("pupil places", "without an eye", expected="a bench with an eye", remedy="--set eye={}")
-    return system.eye

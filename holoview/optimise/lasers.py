@@ -1,4 +1,4 @@
-"""The lasers of a plan that are on: (frame, wavelength) pairs, and plans with only some of them."""
+"""The lasers of a plan that are on: (frame, wavelength) pairs, plans with only some of them, and what splits them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from holoview.model.effects.active_effects import ActiveEffects, EffectValues
 from holoview.model.plan import Plan
+from holoview.model.system import System
+from holoview.optimise.settings import Settings
+from holoview.util.errors import UserError
 
 Laser = tuple[int, int]
 """Indices of a frame and of a wavelength that is on in this frame."""
@@ -24,3 +28,26 @@ def with_only_lasers(plan: Plan, lasers: Sequence[Laser]) -> Plan:
     for laser in lasers:
         weights[laser] = plan.weights[laser]
     return replace(plan, weights=weights)
+
+
+def check_effects(plan: Plan, settings: Settings) -> None:
+    """Raises UserError for effects that split a laser into several, or change its frames or power."""
+    if not plan.nominal.effects:
+        return
+    table = plan.nominal.effect_values
+    if names := [name for name, values in table.items() if _changes_lasers(plan.nominal, {name: values})]:
+        raise UserError(
+            f"effects.{' and '.join(names)}",
+            "changes the lasers themselves, which patterns can't be optimised for",
+            expected="effects that change the light of each laser",
+            remedy="switch it off for the optimisation; rendering shows what it does",
+        )
+    if "wavelengths" in settings.free:
+        raise UserError("free", "wavelengths on a bench with effects", remedy="free patterns and amplitudes only")
+
+
+def _changes_lasers(nominal: System, effects: EffectValues) -> bool:
+    """Whether effects split a laser of a system into several, or change its frames or powers."""
+    shown = ActiveEffects(effects).as_built(nominal)
+    same_count = (len(shown.wavelengths_m), shown.frames) == (len(nominal.wavelengths_m), nominal.frames)
+    return not same_count or bool(np.any(shown.amplitudes != nominal.amplitudes))

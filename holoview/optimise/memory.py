@@ -42,13 +42,14 @@ def peak_bytes(system: System, *, free_wavelengths: bool = False, whole_planes: 
 
 @contextmanager
 def memory_guard(
-    plan: Plan, device: str, *, free_wavelengths: bool = False, whole_planes: bool = False
+    plan: Plan, device: str, *, free_wavelengths: bool = False, whole_planes: bool = False, drawn_pupils: int = 0
 ) -> Iterator[None]:
     """Raises UserError if the machine has too little memory for an optimisation, or if it runs out inside the block.
 
+    drawn_pupils: how many places of the plan's planes are drawn anew; what they have in common is kept as well.
     The error says how much is needed and which options to lower.
     """
-    needed = _estimate_bytes(plan, free_wavelengths, whole_planes)
+    needed = _estimate_bytes(plan, free_wavelengths, whole_planes, drawn_pupils)
     if device == "cpu" and needed > psutil.virtual_memory().total:
         raise _out_of_memory_error(needed, f"of {_gib(psutil.virtual_memory().total)}")
     try:
@@ -61,14 +62,15 @@ def memory_guard(
         raise _out_of_memory_error(needed, f"on {device} and ran out") from error
 
 
-def _estimate_bytes(plan: Plan, free_wavelengths: bool, whole_planes: bool) -> int:
+def _estimate_bytes(plan: Plan, free_wavelengths: bool, whole_planes: bool, drawn_pupils: int = 0) -> int:
     """Transfer functions, spectra and lines of all beams, phasors, images, and blocks that are computed at a time."""
     lasers, modulators = len(lit_lasers(plan)), len(plan.system.modulators)
     beams, wavelengths = lasers * len(plan.slopes), int(np.count_nonzero(plan.weights.any(axis=0)))
     last, gap = (_band_shape(plan, relay) for relay in (1, 0 if modulators == 2 else 1))
     line_length = last[1] + (gap[1] if modulators == 2 else 0)
     spectra = 2 + free_wavelengths
-    numbers = wavelengths * (len(plan.planes_m) * math.prod(last) + math.prod(gap))
+    kept = len(plan.planes_m) // drawn_pupils if drawn_pupils else 0
+    numbers = wavelengths * ((len(plan.planes_m) + kept) * math.prod(last) + math.prod(gap))
     numbers += beams * (spectra * math.prod(last) + plan.grid.shape[0] * line_length)
     numbers += lasers * modulators * math.prod(plan.system.modulators[0].shape)
     field_bytes = math.prod(plan.grid.padded) * _COMPLEX64

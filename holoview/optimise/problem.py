@@ -11,14 +11,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from holoview.model.effects.active_effects import ActiveEffects, EffectValues
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.optimise.amplitudes import AmplitudeLeastSquares
 from holoview.optimise.autograd_model import make_forward_model
 from holoview.optimise.drawn_pupils import Places
 from holoview.optimise.eyebox_penalty import EyeboxPenalty
-from holoview.optimise.lasers import with_only_lasers
+from holoview.optimise.lasers import check_effects, with_only_lasers
 from holoview.optimise.level_gradients import LevelSteps, gauss_newton_diagonal
 from holoview.optimise.memory import memory_guard
 from holoview.optimise.objective import channels_of_wavelengths, make_objective
@@ -103,14 +102,19 @@ class Problem:
         free_wavelengths = "wavelengths" in settings.free
         self._places_m = settings.pupil_places_m if places_m is None else places_m
         plan = _plan_for(system, settings, self._places_m)
-        _check_effects(plan, settings)
+        check_effects(plan, settings)
         shards = shard_lasers(plan, group)
         self.lasers = [laser for shard in shards for laser in shard]
         self._own_lasers = group.shard(len(self.lasers))
         plan = with_only_lasers(plan, shards[group.rank])
         self.objective = make_objective(plan, stack, settings, device=device, double=double)
         whole_planes = self.objective.needs_whole_planes
-        self._memory_guard = partial(memory_guard, free_wavelengths=free_wavelengths, whole_planes=whole_planes)
+        self._memory_guard = partial(
+            memory_guard,
+            free_wavelengths=free_wavelengths,
+            whole_planes=whole_planes,
+            drawn_pupils=settings.drawn_pupils,
+        )
         if free_wavelengths:
             check_wavelength_search(system.observer, settings)
         self._padded_samples = math.prod(plan.grid.padded)
@@ -138,7 +142,7 @@ class Problem:
         """
         self._places_m = places_m
         self.objective.set_stack(stack)
-        with limit_torch_threads(self._padded_samples):
+        with self._memory_guard(self.model.plan, str(self.model.device)), limit_torch_threads(self._padded_samples):
             self.model.set_eyes(self.model.plan.seen_from(places_m))
 
     def evaluate(self, opd_m: Tensor, amplitudes: Floats, request: EvaluationRequest) -> LossEvaluation:
@@ -300,29 +304,6 @@ def _plan_for(system: System, settings: Settings, places_m: Places) -> Plan:
     longest = system.wavelengths_m.copy()
     longest[np.argmax(longest)] = max(settings.wavelength_range_m[1], float(longest.max()))
     return replace(plan, grid=make_plan(system.edit({"wavelengths": longest})).grid)
-
-
-def _check_effects(plan: Plan, settings: Settings) -> None:
-    """Raises UserError for effects that split a laser into several, or change its frames or power."""
-    if not plan.nominal.effects:
-        return
-    table = plan.nominal.effect_values
-    if names := [name for name, values in table.items() if _changes_lasers(plan.nominal, {name: values})]:
-        raise UserError(
-            f"effects.{' and '.join(names)}",
-            "changes the lasers themselves, which patterns can't be optimised for",
-            expected="effects that change the light of each laser",
-            remedy="switch it off for the optimisation; rendering shows what it does",
-        )
-    if "wavelengths" in settings.free:
-        raise UserError("free", "wavelengths on a bench with effects", remedy="free patterns and amplitudes only")
-
-
-def _changes_lasers(nominal: System, effects: EffectValues) -> bool:
-    """Whether effects split a laser of a system into several, or change its frames or powers."""
-    shown = ActiveEffects(effects).as_built(nominal)
-    same_count = (len(shown.wavelengths_m), shown.frames) == (len(nominal.wavelengths_m), nominal.frames)
-    return not same_count or bool(np.any(shown.amplitudes != nominal.amplitudes))
 
 
 def _no_light_error() -> UserError:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from holoview.colour import xyz_to_linear_srgb
 from holoview.model.eye import Eye
-from holoview.model.focus import focused_planes
+from holoview.model.focus import focused_planes, required_eye, with_pupil_at
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.targets.focal_stack import Target, check_brightness
@@ -20,8 +20,7 @@ from holoview.targets.moving_pupil import MovingPupilTarget
 from holoview.targets.picture import Picture, read_picture, resize_to_cover
 from holoview.targets.saturation import check_saturation, scale_saturation
 from holoview.targets.target import Placement, pupil_of_eye, scene_depth
-from holoview.targets.view_folder import ViewGrid, eye_of_views
-from holoview.util.errors import UserError
+from holoview.targets.view_folder import ViewGrid
 
 StacksAt = Callable[[Sequence[tuple[float, float]]], NDArray[np.float32]]
 """The focal stacks (place · plane, y, x, 3) that the eye of a system sees from places (y, x) of its pupil, m."""
@@ -44,7 +43,7 @@ def target_from_views(
     Raises UserError without an eye, for a pupil that reaches beyond the views and for views that are too few for it.
     """
     check_brightness(brightness)
-    eye, plan = eye_of_views(system, field.source), make_plan(system)
+    eye, plan = required_eye(system, field.source), make_plan(system)
     if field.views.shape[2:4] != plan.grid.shape:
         raise ValueError(f"views of {field.views.shape[2:4]} samples: expected the grid's {plan.grid.shape}")
     field = replace(field, eyepiece_m=eye.eyepiece_m)
@@ -115,11 +114,11 @@ def moving_target_from_views(system: System, field: LightField, brightness: floa
 
     Raises UserError without an eye; for a place, as `target_from_views` does.
     """
-    eye = eye_of_views(system, field.source)
 
     def stacks_at(places: Sequence[tuple[float, float]]) -> NDArray[np.float32]:
-        moved = [system.with_(eye=eye.moved_to(place)) for place in places]
-        return np.concatenate([target_from_views(one, field, brightness).stack for one in moved])
+        return np.concatenate(
+            [target_from_views(with_pupil_at(system, place), field, brightness).stack for place in places]
+        )
 
     return stacks_at
 
@@ -129,8 +128,7 @@ def _scene(
 ) -> tuple[Eye, Picture, NDArray[np.float32], float | NDArray[np.floating]]:
     """The eye of a system, the picture, and its light and depth on the simulation grid."""
     check_saturation(saturation)
-    if system.eye is None:
-        raise UserError("eye", "none", expected="a bench with an eye", remedy="switch it on: --set eye={}")
+    eye = required_eye(system, "target")
     source, shape = picture if isinstance(picture, Picture) else read_picture(picture), make_plan(system).grid.shape
     rgb = scale_saturation(resize_to_cover(source.rgb, shape), saturation)
-    return system.eye, source, rgb, scene_depth(system, placement, source, shape)
+    return eye, source, rgb, scene_depth(system, placement, source, shape)

@@ -22,9 +22,8 @@ from typing import Any
 import numpy as np
 
 from holoview.model.dataclass_fields import Description, described_field, from_mapping, validate
-from holoview.model.eye import Eye
 from holoview.model.field_types import Integer, Number
-from holoview.model.focus import parse_plane
+from holoview.model.focus import parse_plane, required_eye
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.targets.light_field import LightField
@@ -89,7 +88,7 @@ def read_light_field(
     Raises UserError without an eye, and for views that are missing, can't be read or differ in size.
     """
     check_saturation(saturation)
-    path, eye = Path(folder), eye_of_views(system, str(folder))
+    path, eye = Path(folder), required_eye(system, str(folder))
     if not path.is_dir():
         raise UserError(str(path), "is a file", expected="a folder of views")
     table = _description(path)
@@ -117,18 +116,6 @@ def read_light_field(
         str(path),
         merge_notes(pictures),
     )
-
-
-def eye_of_views(system: System, where: str) -> Eye:
-    """The eye of a system, in whose eyebox viewpoints are. Raises UserError without one."""
-    if system.eye is None:
-        raise UserError(
-            where,
-            "views without an eye",
-            expected="a bench with an eye, in whose eyebox the viewpoints are",
-            remedy="switch it on: --set eye={}",
-        )
-    return system.eye
 
 
 def _description(folder: Path) -> dict[str, Any]:

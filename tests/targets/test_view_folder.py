@@ -100,7 +100,7 @@ def test_what_is_missing_or_differs_is_named(tmp_path: Path, bench: Bench) -> No
     Image.new("RGB", (9, 6)).save(path / "view-2-1.png")
     with pytest.raises(hv.UserError, match=r"view-2-1\.png: is 9 × 6; expected 8 × 6 as view-1-1\.png; render all at"):
         read_light_field(system, path)
-    with pytest.raises(hv.UserError, match=r"views without an eye; expected a bench with an eye.*--set eye=\{\}"):
+    with pytest.raises(hv.UserError, match=r"without an eye; expected a bench with an eye.*--set eye=\{\}"):
         read_light_field(bench(2), path)
     with pytest.raises(hv.UserError, match="is a file; expected a folder of views"):
         read_light_field(system, path / "view-1-1.png")
