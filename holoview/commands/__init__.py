@@ -9,8 +9,11 @@ system_info         the numbers that `info` prints
 view                open the interactive viewer
 render              render what an observer sees, as PNG
 optimise            find patterns and laser amplitudes for a target
-optimise_options    arguments of `optimise`: target, settings, and how to run
+optimise_options    arguments of `optimise`: settings, and how to run
+optimise_target     the target of `optimise`: a picture, a focal stack or a light field
 optimise_score      image quality of an optimised hologram
+pupil_places        places of the eye's pupil for `optimise`
+place_scores        targets and scores from these places and from others
 export              write a hologram's patterns as PNG
 captures            make, check, show and import capture files
 captures_plan       `captures plan`: laser powers and exposure times
