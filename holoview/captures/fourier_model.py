@@ -60,22 +60,26 @@ class FourierBenchModel:
         Without stops and the sinc its mean over one period of the spectrum is 1. drive: the pattern of the capture as
         fractions of the stroke, (1, y, x). capture: its index, for the cache.
         """
-        system = self.plan.system
-        key = (
-            "fourier",
+        behind = (
+            "behind the modulator",
             capture,
             component.path_factor,
             component.wavelength_m(self.plan),
-            float(self.plan.planes_m[0]),
             component.slopes(self.plan),
-            system.modulators[0].stroke_m,
-            system.relay2,
-            self.effects.cache_key(*MODULATOR_HOOKS, "camera_pose", "camera_pose_at", laser=component.laser),
+            self.plan.system.modulators[0].stroke_m,
+            self.effects.cache_key(*MODULATOR_HOOKS, laser=component.laser),
         )
-        return self.cache.get(key, lambda: self._camera_intensity(drive[0], component))
+        plane_m, relay = float(self.plan.planes_m[0]), self.plan.system.relay2
+        pose = self.effects.cache_key("camera_pose", "camera_pose_at", laser=component.laser)
 
-    def _camera_intensity(self, drive: Tensor, component: IncoherentComponent) -> Tensor:
-        field, λ = self._field(drive, component), component.wavelength_m(self.plan)
+        def compute() -> Tensor:
+            field = self.cache.get(behind, lambda: self._field(drive[0], component))
+            return self._camera_intensity(self._defocused(field, component), component)
+
+        return self.cache.get(("fourier", *behind, plane_m, relay, pose), compute)
+
+    def _camera_intensity(self, field: Tensor, component: IncoherentComponent) -> Tensor:
+        λ = component.wavelength_m(self.plan)
         pose = self.effects.camera_pose(float(self.plan.planes_m[0]) - self.focal_length_m)
         if pose.rotation_rad == 0:
             return self._intensity_at_pixels(field, λ, self.pixel_grid, pose)
@@ -87,17 +91,22 @@ class FourierBenchModel:
         return affine_warp(unrotated, source, mode="bicubic", shape=self.pixel_grid.shape)
 
     def _field(self, drive: Tensor, component: IncoherentComponent) -> Tensor:
-        """The field behind the modulator, of pixels or samples, with the phase of the defocus."""
+        """The field behind the modulator, of pixels or samples."""
         context = component.modulator_context(self.plan, 0)
         before = None if self.before is None else self.before[0].to(self.real_dtype)
         transmission = self.effects.modulator_transmission(
             drive.to(self.real_dtype), context, self.dtype, component.path_factor, before
         )
-        field = component.illuminate(self.plan, transmission, self.dtype)
+        return component.illuminate(self.plan, transmission, self.dtype)
+
+    def _defocused(self, field: Tensor, component: IncoherentComponent) -> Tensor:
+        """The field behind the modulator with the phase of the defocus, a function of y times one of x."""
         defocus_m = float(self.plan.planes_m[0]) - self.focal_length_m
-        if defocus_m:
-            y, x = context.positions(field)
-            path_m = -defocus_m * (y.square() + x.square()) / (2 * self.focal_length_m**2)
+        if not defocus_m:
+            return field
+        context = component.modulator_context(self.plan, 0)
+        for position in context.positions(field):
+            path_m = -defocus_m * position.square() / (2 * self.focal_length_m**2)
             field = field * phasor(path_m, context.wavelength_m, self.dtype)
         return field
 

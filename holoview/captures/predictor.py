@@ -30,6 +30,7 @@ Tensor = torch.Tensor
 _MB = 1 << 20
 _MAX_PLANS = 256  # a few for each wavelength and plane
 _IMAGE_CACHE_MB = 16  # of finished intensities, which many intermediate fields would push out of a shared cache
+_DRIVE_CACHE_MB = 64  # of patterns
 _LIGHT_HOOKS = (
     "bench",
     *MODULATOR_HOOKS,
@@ -94,7 +95,7 @@ class Predictor:
         self.fields_requested = 0
         self._cache, self._image_cache = TensorCache(cache_mb * _MB), TensorCache(min(cache_mb, _IMAGE_CACHE_MB) * _MB)
         self._plans: dict[object, Plan] = {}
-        self._drives: dict[int, Tensor] = {}
+        self._drives = TensorCache(_DRIVE_CACHE_MB * _MB)
 
     def __call__(
         self, indices: Sequence[int] | NDArray[np.integer], effects: EffectValues | None = None, *, grad: bool = False
@@ -194,9 +195,7 @@ class Predictor:
         return NearFieldModel(plan, active, (c.relay1, c.relay2), self.pixel_grid, self.dtype, cache, before)
 
     def _drive(self, k: int) -> Tensor:
-        if k not in self._drives:
-            self._drives[k] = torch.from_numpy(self.captures.drive(k)).to(self.real_dtype)
-        return self._drives[k]
+        return self._drives.get(k, lambda: torch.from_numpy(self.captures.drive(k)).to(self.real_dtype))
 
     def _drive_before(self, k: int) -> Tensor:
         return torch.from_numpy(self.captures.drive_before(k)).to(self.real_dtype)

@@ -57,7 +57,8 @@ def stuck_pixel_mask(images: NDArray[np.uint16]) -> Masks:
     """
     if len(images) < _MIN_CAPTURES_FOR_STUCK:
         return np.zeros(images.shape[1:], dtype=bool)
-    variance = images.var(axis=0, dtype=np.float64)
+    mean = images.mean(axis=0, dtype=np.float64)
+    variance = sum(np.square(image - mean) for image in images) / len(images)  # a picture at a time: few of them fit
     return variance < _MAX_STUCK_VARIANCE * median_filter(variance, size=5, mode="nearest")
 
 

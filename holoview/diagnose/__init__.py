@@ -7,12 +7,15 @@ diagnosis           the result and its JSON
 
 search_context      what all stages share: captures, bench, effects, predictors, workers, settings
 worker_pool         jobs in several processes
+shared_arrays       objects for several processes whose large arrays exist once
 record_errors       wrong records as causes, put right before the search
 bad_captures        captures that were left out; those that are dark, saturated or given twice
 capture_outliers    which captures stand out from the others
 capture_judgement   every capture judged by a model
 capture_reasons     why a capture isn't what its record says
 judged_search       a search among the captures that are good
+region_search       large pictures: their middle is searched, whole ones judge
+picture_limit       pictures that are cut because of their size
 one_picture         blocks of a single picture held out
 capture_split       which captures are searched, fitted and held out
 comparison          residuals of a prediction, gains and movements of the camera fitted

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,7 @@ def find_useless_captures(captures: Captures, config: JudgementConfig) -> tuple[
     light = captures.images.mean(axis=(1, 2)) - captures.camera.black_level
     for k in np.flatnonzero(_is_dark(captures, light, config)).tolist():
         found[k] = BadCapture(k, DARK, f"Its mean light is {light[k]:.2g} counts above black.")
-    saturated = (captures.images >= captures.camera.saturation).mean(axis=(1, 2))
+    saturated = np.array([float((image >= captures.camera.saturation).mean()) for image in captures.images])
     limit = max(config.saturated_share, config.saturated_factor * float(np.median(saturated)))
     for k in np.flatnonzero(saturated > limit).tolist():
         found.setdefault(k, BadCapture(k, SATURATED, f"{saturated[k]:.0%} of its pixels are saturated."))
@@ -52,7 +53,7 @@ def equal_pictures(captures: Captures) -> list[list[int]]:
     """Groups of two or more captures whose pictures are equal, count by count."""
     groups: dict[bytes, list[int]] = {}
     for k, image in enumerate(captures.images):
-        groups.setdefault(image.tobytes(), []).append(k)
+        groups.setdefault(sha256(image.tobytes()).digest(), []).append(k)
     return [group for group in groups.values() if len(group) > 1]
 
 
@@ -70,7 +71,7 @@ def bad_share(bad: Sequence[BadCapture], count: int) -> float:
 
 def _is_dark(captures: Captures, light: Floats, config: JudgementConfig) -> NDArray[np.bool_]:
     """Whether each capture is without light, or dimmer than others and without structure: noise at a black level."""
-    variance = captures.images.var(axis=(1, 2), dtype=np.float64)
+    variance = np.array([float(image.var(dtype=np.float64)) for image in captures.images])
     is_flat = variance < config.flat_variance * captures.camera.noise_variance(light)
     noise = captures.camera.dark_noise / np.sqrt(captures.images[0].size)
     dark = light < config.dark_sigmas * noise

@@ -7,6 +7,7 @@ and fits the model is good.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.patterns import pattern_roughness
+from holoview.captures.prepared_captures import Images
 from holoview.diagnose.bad_captures import equal_pictures, has_same_record
 from holoview.diagnose.capture_outliers import (
     excess_stands_out,
@@ -37,25 +39,48 @@ def find_suspects(context: SearchContext, values: Values, useless: Iterable[int]
     """
     config, captures = context.config.judgement, context.data.captures
     judged = np.setdiff1d(np.arange(len(captures)), np.fromiter(useless, dtype=np.intp))
-    comparison = context.model_weighted_comparison(judged, values)
-    fitted = comparison.fit_gains(values)
-    excess = fitted.squares / np.maximum(comparison.pixels_per_capture, 1.0) - 1.0
-    ordinary = np.array([jitter_excess(n, context.config.verdict) for n in comparison.pixels_per_capture])
+    every = np.zeros((len(captures), *captures.shape), dtype=np.float32)
+    excess, pixels = _fit_all(context, judged, values, every)
+    ordinary = np.array([jitter_excess(n, context.config.verdict) for n in pixels])
     median = float(np.median(excess))
     is_strict = is_final and median <= context.config.verdict.explained_excess
     min_ratio = config.min_ratio if is_strict else config.tolerant_ratio
     roughness = pattern_roughness(captures)[judged]
-    predicted = np.abs(fitted.expected)
-    correlations = record_correlations(comparison.light, comparison.weight > 0, predicted)
+    few = _spread_pixels(captures.shape, config.correlated_pixels)
+    data = context.data
+    correlations = record_correlations(data.light[few][judged], data.usable[few][judged], every[few][judged])
     unlike = record_stands_out(correlations, roughness, config)
     bad = record_stands_out(correlations, roughness, config, max_sigmas=config.unrelated_sigmas)
     bad |= excess_stands_out(excess, ordinary, roughness, captures.wavelength_m[judged], min_ratio, config)
     bad |= _is_copy_of_better(context, judged, correlations)
     worst_first = np.flatnonzero(bad)[np.argsort(-excess[bad], kind="stable")]
-    every = np.zeros((len(captures), *captures.shape), dtype=np.float32)
-    every[judged] = predicted
     indices, not_of_record = (tuple(int(k) for k in judged[found]) for found in (worst_first, unlike))
     return Suspects(indices, values, median, frozenset(not_of_record), every)
+
+
+def _fit_all(
+    context: SearchContext, judged: NDArray[np.intp], values: Values, predicted: Images
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """χ²/n − 1 of the judged captures and the number of their pixels; what was expected is written to `predicted`.
+
+    Few large pictures are compared at a time: a comparison keeps some ten arrays of them.
+    """
+    at_once = max(context.config.split.max_pixels // predicted[0].size, 2)
+    squares, pixels = list[NDArray[np.float64]](), list[NDArray[np.float64]]()
+    for part in np.array_split(judged, math.ceil(len(judged) / at_once)):
+        comparison = context.model_weighted_comparison(part, values)
+        fitted = comparison.fit_gains(values)
+        squares.append(fitted.squares)
+        pixels.append(comparison.pixels_per_capture)
+        predicted[part] = np.abs(fitted.expected)
+    count = np.concatenate(pixels)
+    return np.concatenate(squares) / np.maximum(count, 1.0) - 1.0, count
+
+
+def _spread_pixels(shape: tuple[int, int], most: int) -> tuple[slice, ...]:
+    """Of the pixels of every picture at most about `most`, at equal distances along rows and columns."""
+    step = max(1, math.ceil((shape[0] * shape[1] / most) ** 0.5))
+    return (slice(None), slice(step // 2, None, step), slice(step // 2, None, step))
 
 
 def judge_by_search(context: SearchContext, values: Values, result: SearchResult, useless: Iterable[int]) -> Suspects:

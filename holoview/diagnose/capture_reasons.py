@@ -158,9 +158,11 @@ class _Examination:
     def _excess(self, signals: Images) -> NDArray[np.float64]:
         """χ²/n − 1 of the picture for each signal (record, y, x), each with its own gain."""
         weight, light = self._weighted_light()
-        model = np.asarray(weight * signals, dtype=np.float64)
-        power = np.maximum(np.square(model).sum(axis=(1, 2)), 1e-30)
-        explained = np.square(np.maximum((light * model).sum(axis=(1, 2)), 0.0)) / power
+        explained = np.zeros(len(signals))
+        for number, signal in enumerate(signals):  # one at a time: few large pictures fit into memory
+            model = np.asarray(weight * signal, dtype=np.float64)
+            power = max(float(np.square(model).sum()), 1e-30)
+            explained[number] = max(float((light * model).sum()), 0.0) ** 2 / power
         return (float(np.square(light).sum()) - explained) / self._comparison.pixel_count - 1.0
 
     def _has_white_residual(self) -> bool:

@@ -8,7 +8,7 @@ candidates are ranked on captures that no fit has used.
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,9 +45,10 @@ def split_captures(
 
     roughness: of each capture's patterns. left_out: captures that no set contains; two at least remain. Of each
     wavelength at least one capture is fitted; with fewer than two captures a wavelength, whole wavelengths are held
-    out.
+    out. Of large pictures each set has fewer, so that their pixels fit into memory.
     """
     groups = _by_wavelength(captures, roughness, left_out)
+    config = _limited_by_pixels(config, max(config.max_pixels // captures.images[0].size, len(groups)))
     if sum(len(group) for group in groups) < 2 * len(groups):
         return _split_scarce(groups, config)
     coarse = [group[0] for group in groups]
@@ -63,6 +64,12 @@ def split_captures(
         _at_most(rough, config.max_rough),
         _at_most(held_out, config.max_held_out),
     )
+
+
+def _limited_by_pixels(config: SplitConfig, most: int) -> SplitConfig:
+    """The settings for sets of at most `most` captures."""
+    sizes = {name: min(getattr(config, name), most) for name in ("max_coarse", "max_fine", "max_rough", "max_held_out")}
+    return replace(config, **sizes)
 
 
 def _by_wavelength(captures: Captures, roughness: NDArray[np.float64], left_out: Collection[int]) -> list[list[int]]:

@@ -62,7 +62,7 @@ def search_good_captures(
         budget = context.predictor.fields_requested + context.field_budget
         good = leave_out(replace(context, field_budget=budget), {*always, *left_out})
         outcome = _search_once(good, progress)
-        if context.cut_error is not None:  # whole pictures judge
+        if context.is_region and not context.end.was_asked:  # whole pictures judge
             return outcome
         progress(0, 1, "every capture")
         suspects = judge_by_search(outcome.context, outcome.decision.values, outcome.result, always)

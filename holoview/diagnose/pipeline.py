@@ -30,6 +30,7 @@ from holoview.diagnose.free_maps import FreeMapFit, fit_free_maps, likely_fits
 from holoview.diagnose.held_out_ranking import SearchResult
 from holoview.diagnose.judged_search import SearchOutcome
 from holoview.diagnose.one_picture import ONE_PICTURE_NOTE, with_one_picture
+from holoview.diagnose.picture_limit import within_limits
 from holoview.diagnose.pixel_maps import find_pixel_maps, line_notes
 from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_power_law, gain_spread
 from holoview.diagnose.record_errors import CheckedRecords, check_records
@@ -140,17 +141,21 @@ class _Request:
 
 def _search(records: CheckedRecords, request: _Request, pool: WorkerPool, share: float) -> Diagnosis:
     """The diagnosis of captures whose records have been checked, within a share of the time."""
-    captures, config = records.captures, request.config
+    config = request.config
+    captures, cut_notes = within_limits(records.captures, request.sampling, config.region)
     useless = find_useless_captures(captures, config.judgement)
     context, notes = _prepare(captures, useless, request, pool)
-    time_s = config.budget.time_for(field_samples(context.system)) if request.time_s is None else request.time_s
+    time_s = config.budget.time_for(field_samples(captures)) if request.time_s is None else request.time_s
     end = SearchEnd(share * time_s, request.is_asked_to_end, config.budget.last_begin)
     context = _limited(context, request.thorough, end, request.so_far)
+    only = {*range(len(captures))} - {bad.index for bad in useless}
+    if len(only) == 1:
+        context, notes = with_one_picture(context, min(only)), [*notes, ONE_PICTURE_NOTE]
+    notes = [*notes, *cut_notes]
     pool.share(context.shared_objects(), partial(_prepare_worker, _user_effect_files(request.library)))
     outcome = search_region_first(context, useless, len(captures), request.progress)
     findings = _evaluate(outcome, notes, request.progress)
     diagnosis = _assemble_diagnosis(findings, request.free_maps and not end.was_asked, request.progress)
-    only = {*range(len(captures))} - {bad.index for bad in useless}
     if len(only) == 1:  # its picture was split into two
         samples = tuple(dataclasses.replace(sample, capture=min(only)) for sample in diagnosis.samples)
         diagnosis = dataclasses.replace(diagnosis, samples=samples)
@@ -179,7 +184,7 @@ def _limited(
     context: SearchContext, thorough: bool, end: SearchEnd, so_far: Callable[[str], None] | None
 ) -> SearchContext:
     """The context with what ends its search, and with what tells of it."""
-    budget = math.inf if thorough else context.config.budget.fields_for(field_samples(context.system))
+    budget = math.inf if thorough else context.config.budget.fields_for(field_samples(context.data.captures))
     best: BestSoFar[SearchResult] = BestSoFar(
         None if so_far is None else lambda result: so_far(describe_so_far(result))
     )
@@ -233,8 +238,6 @@ def _prepare(
         equivalents=equivalent_effects(visible, properties),
         left_out=left_out,
     )
-    if len(kept) == 1:
-        return with_one_picture(context, kept[0]), [*notes, ONE_PICTURE_NOTE]
     return context, notes
 
 

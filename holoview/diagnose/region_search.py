@@ -1,11 +1,13 @@
-"""Large modulators: the middle of the pictures is searched; whole pictures polish and judge what was found there.
+"""Large pictures: their middle is searched; whole pictures polish and judge what was found there.
 
 A field of 1024 × 768 modulator pixels takes a hundred times as long as one of 128 × 96, and a search needs thousands.
-But most effects act everywhere alike. So the session is cut to its middle, with as much margin as light walks off
-sideways, and searched. Hard edges of stops spread a little light further; what of it reaches the middle from beyond is
-measured with the nominal bench and counts as noise. What was found is fitted once more to whole pictures, which then
-rank and judge it. Only effects that show more towards the edges (`Effect.varies_over_field`) are searched in whole
-pictures.
+But most effects act everywhere alike. So the session is cut to its middle and searched. What was found is fitted once
+more to whole pictures, which then rank and judge it. Only effects that show more towards the edges
+(`Effect.varies_over_field`) are searched in whole pictures.
+
+In the near field modulators and pictures are cut, with as much margin as light walks off sideways. Hard edges of stops
+spread a little light further; what of it reaches the middle from beyond is measured with the nominal bench and counts
+as noise. On a Fourier bench the pictures alone are cut, and predicted exactly; displaced ones are cut less.
 """
 
 from __future__ import annotations
@@ -19,11 +21,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
 from holoview.captures.prepared_captures import prepare_captures
-from holoview.captures.records.central_region import central_region, central_slices
+from holoview.captures.records.central_region import central_region, central_slices, speckle_px
 from holoview.diagnose.bad_captures import BadCapture
 from holoview.diagnose.capture_split import split_captures
+from holoview.diagnose.displacement_starts import measure_displacement
 from holoview.diagnose.judged_search import SearchOutcome, search_good_captures
 from holoview.diagnose.search_context import Leads, NeighbourVariances, PerThreadPredictor, SearchContext, field_samples
 from holoview.diagnose.verdict import Verdict
@@ -34,29 +38,55 @@ _EXPLAINED = (Verdict.CONSISTENT, Verdict.EXPLAINED, Verdict.AMBIGUOUS)
 
 def with_region(context: SearchContext) -> SearchContext:
     """The context with its region; unchanged where the region would save little, or where there is none."""
-    captures, config = context.data.captures, context.config.region
-    cut = central_region(captures, config.side_px, config.further_px)
-    if captures.levels[0].size < config.min_saving * cut.levels[0].size:
+    captures, config, budget = context.data.captures, context.config.region, context.config.budget
+    cut = central_region(captures, config.side_px, 0 if captures.is_fourier else config.further_px)
+    if _saving(captures, cut) < config.min_saving:
         return context
-    data, system = prepare_captures(cut), cut.nominal_system()
-    is_limited = math.isfinite(context.field_budget)
+    if captures.is_fourier and (further := _displaced_speckles(context, cut)):
+        cut = central_region(captures, config.side_px, further)
+        if _saving(captures, cut) < config.min_saving:
+            return context
+    data, fields = prepare_captures(cut), math.inf
+    if math.isfinite(context.field_budget):
+        fields = budget.fields_for(field_samples(cut)) * budget.time_for(field_samples(captures)) / budget.time_s
     region = replace(
         context,
         data=data,
-        system=system,
-        field_budget=context.config.budget.fields_for(field_samples(system)) if is_limited else math.inf,
+        system=cut.nominal_system(),
+        field_budget=fields,
         split=split_captures(cut, pattern_roughness(cut), context.config.split, context.left_out),
         predictor=PerThreadPredictor(partial(context.predictor.create, captures=cut)),
         variances=NeighbourVariances(data),
+        end=context.end.after_share(config.max_time_share),
+        is_region=True,
     )
     return replace(context, region=region)
 
 
+def _saving(whole: Captures, cut: Captures) -> float:
+    """How many times the modulator's pixels a session has of those of its middle, on a Fourier bench the camera's."""
+    parts = (whole.images, cut.images) if whole.is_fourier else (whole.levels, cut.levels)
+    return parts[0].size / parts[1].size
+
+
+def _displaced_speckles(context: SearchContext, cut: Captures) -> int:
+    """By how many speckles far fields lie beside their prediction; 0 where the middle holds most of them still."""
+    comparison = context.data_weighted_comparison(context.split.coarse, 0.0)
+    predicted = np.asarray(comparison.predictor(comparison.indices, {}).signal)
+    light = np.where(comparison.weight > 0, comparison.light, np.float32(0.0))
+    moved = np.abs(measure_displacement(light, predicted))
+    if (moved <= context.config.region.max_displacement * np.array(cut.shape)).all():
+        return 0
+    return math.ceil((moved / speckle_px(context.data.captures)).max())
+
+
 def _cut_error(context: SearchContext, region: SearchContext) -> NDArray[np.float64]:
-    """The region's r.m.s. error over mean light, (capture,), measured with the nominal bench.
+    """The region's r.m.s. error over mean light, (capture,), measured with the nominal bench; 0 on a Fourier bench.
 
     Captures that a search looks at are predicted whole and cut; the others take the error of the next rougher one.
     """
+    if context.data.captures.is_fourier:
+        return np.zeros(len(context.data.captures))
     known = np.array(sorted(region.split.used))
     jobs = [partial(_error_of, context, region, np.array([k])) for k in known]
     errors, roughness = np.array(context.run_parallel(jobs)), pattern_roughness(context.data.captures)
@@ -83,15 +113,21 @@ def search_region_first(
     progress(0, 1, "light from beyond the middle")
     region = replace(context.region, cut_error=_cut_error(context, context.region))
     inner = search_good_captures(region, useless, count, progress)
+    if context.end.was_asked:
+        return replace(inner, notes=[*inner.notes, f"{_where(inner.context)}; whole pictures weren't looked at."])
     decision = inner.decision
     fits = tuple(score.fit for score in (decision.best, *decision.rivals) if score is not None)
     leads = Leads(fits, decision.verdict in _EXPLAINED, inner.context.left_out)
     torch.set_num_threads(context.workers.workers)  # most of what follows runs here, a few large fields at a time
-    whole = replace(context, region=inner.context, leads=leads, workers=inner.context.workers)
+    cut_error = None if context.data.captures.slm_frame is None else region.cut_error  # at most that of a smaller part
+    whole = replace(context, region=inner.context, leads=leads, workers=inner.context.workers, cut_error=cut_error)
     outcome = search_good_captures(whole, useless, count, progress)
-    rows, columns = inner.context.data.captures.levels.shape[2:]
-    note = (
-        f"Causes were searched in the middle of the pictures, {columns} × {rows} modulator pixels; whole pictures "
-        "fitted and judged them."
-    )
+    note = f"{_where(inner.context)}; whole pictures fitted and judged them."
     return replace(outcome, notes=list(dict.fromkeys([*inner.notes, *outcome.notes, note])))
+
+
+def _where(region: SearchContext) -> str:
+    """Where causes were searched."""
+    captures = region.data.captures
+    of, shape = ("camera", captures.shape) if captures.is_fourier else ("modulator", captures.levels.shape[2:])
+    return f"Causes were searched in the middle of the pictures, {shape[1]} × {shape[0]} {of} pixels"

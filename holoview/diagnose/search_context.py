@@ -66,20 +66,30 @@ class PerThreadPredictor:
 
 
 class NeighbourVariances:
-    """The noise variance (counts²) that the captures themselves suggest, computed once for each choice of captures."""
+    """The noise variance (counts²) that the captures themselves suggest; that of the last choices of captures is kept.
 
-    def __init__(self, data: PreparedCaptures) -> None:
-        self._data = data
+    max_bytes: of what is kept, beside that of the latest choice.
+    """
+
+    def __init__(self, data: PreparedCaptures, max_bytes: int = 256 << 20) -> None:
+        self._data, self._max_bytes = data, max_bytes
         self._variances: dict[tuple[int, ...], Images] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return NeighbourVariances, (self._data,)
+        return NeighbourVariances, (self._data, self._max_bytes)
+
+    @property
+    def kept_bytes(self) -> int:
+        """Of all variances that are kept."""
+        return sum(kept.nbytes for kept in self._variances.values())
 
     def __call__(self, indices: NDArray[np.intp]) -> Images:
         key = tuple(int(k) for k in indices)
-        if key not in self._variances:
-            self._variances[key] = neighbour_variance(self._data, indices)
-        return self._variances[key]
+        found = self._variances.pop(key) if key in self._variances else neighbour_variance(self._data, indices)
+        while self._variances and self.kept_bytes + found.nbytes > self._max_bytes:
+            self._variances.pop(next(iter(self._variances)))
+        self._variances[key] = found
+        return found
 
 
 @dataclass(frozen=True)
@@ -107,7 +117,8 @@ class SearchContext:
     that are the same physics on this bench. left_out: captures that no fit uses, by index. end: when the search has to
     end. best_so_far: what it has found until then. region: the same session cut to its middle, which was searched
     before, for what needs no full size. leads: what was found there. cut_error: (capture,), r.m.s. error over mean
-    light of a region's predictions, which lack the light from beyond it; None for whole pictures.
+    light of predictions that lack the light from beyond modulators that were cut; None for whole ones. is_region:
+    whether this is the middle alone, which whole pictures judge.
     """
 
     data: PreparedCaptures
@@ -129,6 +140,7 @@ class SearchContext:
     region: SearchContext | None = None
     leads: Leads | None = None
     cut_error: NDArray[np.float64] | None = None
+    is_region: bool = False
 
     @property
     def kept(self) -> NDArray[np.intp]:
@@ -226,10 +238,16 @@ class SearchContext:
         return [result for result, _ in finished]
 
 
-def field_samples(system: System) -> int:
-    """Samples of a field on a modulator."""
-    rows, columns = system.modulators[0].shape
-    return rows * columns * system.sampling.upsample**2
+def field_samples(captures: Captures) -> int:
+    """Samples of a field on a modulator, in proportion to which a field takes time.
+
+    On a Fourier bench the samples that take as long: half of the points of the transforms along rows and columns.
+    """
+    rows, columns = captures.levels.shape[2:]
+    if not captures.is_fourier:
+        return rows * columns * captures.upsample**2
+    seen_rows, seen_columns = captures.shape
+    return (columns * (rows + seen_rows) + seen_rows * (columns + seen_columns)) // 2
 
 
 def equivalent_effects(effects: Mapping[str, Effect], data_properties: DataProperties) -> dict[str, frozenset[str]]:

@@ -43,13 +43,20 @@ class SearchEnd:
     def __init__(
         self, time_s: float = math.inf, is_asked: Callable[[], bool] | None = None, last_begin: float = 1.0
     ) -> None:
-        now = time.monotonic()  # the same clock in all processes of a machine
-        self.time_s = time_s
-        self._soon_at, self._at = now + last_begin * time_s, now + time_s
+        self._began = time.monotonic()  # the same clock in all processes of a machine
+        self.time_s, self._last_begin = time_s, last_begin
+        self._soon_at, self._at = self._began + last_begin * time_s, self._began + time_s
         self._is_asked = is_asked
 
     def __getstate__(self) -> dict[str, object]:
         return self.__dict__ | {"_is_asked": None}
+
+    def after_share(self, share: float) -> SearchEnd:
+        """The end of a part of the search that may take this share of the time, from the same beginning."""
+        part = SearchEnd(share * self.time_s, self._is_asked, self._last_begin)
+        passed = part._began - self._began
+        part._soon_at, part._at, part._began = part._soon_at - passed, part._at - passed, self._began
+        return part
 
     def check(self) -> None:
         """Raises SearchEnded once the time is over or somebody asked for the end."""

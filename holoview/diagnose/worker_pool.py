@@ -2,7 +2,8 @@
 
 Computing a field is many short calls, for which Python lets one thread at a time, so that threads gain nothing. The
 processes are those of a `concurrent.futures.ProcessPoolExecutor`. They stay for a whole diagnosis, so that each keeps
-the cache of its predictor, and large objects that jobs refer to are sent once.
+the cache of its predictor, and large objects that jobs refer to are sent once, with arrays that exist once
+(`shared_arrays`).
 
 Starting the processes costs 3 s of processor time, for the import of torch. So jobs run here until `start_after_s` is
 over, and on until the processes are ready: a session without a fault takes 1 s, one with a small fault 4 s (128 × 96
@@ -26,6 +27,7 @@ from multiprocessing.context import BaseContext
 from types import TracebackType
 from typing import Any, TypeVar
 
+from holoview.diagnose.shared_arrays import ArrayStore, SharedObjects
 from holoview.util.errors import UserError
 from holoview.util.signals import leave_signals_to_parent, sigint_blocked
 
@@ -52,6 +54,7 @@ class WorkerPool:
         self._executor: ProcessPoolExecutor | None = None
         self._ready: Future[None] | None = None
         self._closing, self._is_closed = threading.Lock(), False
+        self._store = ArrayStore()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return WorkerPool, (1,)
@@ -95,6 +98,12 @@ class WorkerPool:
         """Ends the processes; kill: in the middle of their jobs."""
         with self._closing:
             self._is_closed = True
+        try:
+            self._end_processes(kill)
+        finally:
+            self._store.close()
+
+    def _end_processes(self, kill: bool) -> None:
         if self._executor is None or self._ready is None:
             return
         while kill or not self._ready.done():
@@ -109,7 +118,7 @@ class WorkerPool:
             return False
         if self._ready is None:
             try:
-                shared = pickle.dumps(self._shared)
+                shared = self._store.store(self._shared)
             except (pickle.PicklingError, AttributeError, TypeError):
                 self.workers = 1  # an effect that only this process knows
                 return False
@@ -117,7 +126,7 @@ class WorkerPool:
             threading.Thread(target=self._start_processes, args=(shared, self._ready), daemon=True).start()
         return self._ready.done()
 
-    def _start_processes(self, shared: bytes, ready: Future[None]) -> None:
+    def _start_processes(self, shared: SharedObjects, ready: Future[None]) -> None:
         """Starts the processes, in a thread of its own since a fork server answers only once it has imported."""
         try:
             with sigint_blocked():  # this process hears Ctrl-C and ends them
@@ -200,11 +209,11 @@ def _dump_job(job: Callable[[], Any], names: Mapping[int, str]) -> bytes:
     return buffer.getvalue()
 
 
-def _prepare_process(shared: bytes, prepare: Callable[[], object] | None) -> None:
+def _prepare_process(shared: SharedObjects, prepare: Callable[[], object] | None) -> None:
     leave_signals_to_parent()
     if prepare is not None:
         prepare()
-    _shared_objects.update(pickle.loads(shared))
+    _shared_objects.update(shared.load())
 
 
 def _run_job(job: bytes) -> Any:

@@ -41,3 +41,16 @@ def test_every_plane_is_fitted_and_judged(make_captures: Make) -> None:
     found = split_captures(captures, np.random.default_rng(2).uniform(size=32), SplitConfig())
     for indices in (found.fine, found.held_out):
         assert set(captures.distance_m[indices]) == {3e-3, 5e-3}
+
+
+@pytest.mark.parametrize(("pictures", "expected"), [(100, (2, 4, 6, 4)), (5, (2, 4, 5, 4)), (1, (2, 2, 2, 2))])
+def test_of_large_pictures_each_set_has_as_many_as_its_pixels_allow(
+    make_captures: Make, pictures: int, expected: tuple[int, ...]
+) -> None:
+    """One of each of the two wavelengths at least."""
+    captures = make_captures(16)
+    config = SplitConfig(max_pixels=pictures * captures.images[0].size)
+    found = split_captures(captures, np.random.default_rng(3).uniform(size=16), config)
+    assert tuple(len(part) for part in (found.coarse, found.fine, found.rough, found.held_out)) == expected
+    for part in (found.coarse, found.fine, found.held_out):
+        assert len(np.unique(captures.wavelength_m[part])) == 2

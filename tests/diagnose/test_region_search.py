@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
 import torch
 
 from holoview.captures import Captures
+from holoview.captures.patterns import pattern_roughness
 from holoview.captures.predictor import Predictor
+from holoview.captures.prepared_captures import prepare_captures
 from holoview.captures.records.central_region import central_region, central_slices
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.config import RegionConfig, SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
+from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.region_search import with_region
+from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext
+from holoview.diagnose.search_end import SearchEnd
 from holoview.diagnose.verdict import Verdict
 from holoview.model.effects.hook_contexts import CameraContext
 from holoview.model.effects.registry import listed_effects
@@ -65,6 +72,86 @@ def test_a_capture_that_is_bad_beyond_the_middle_is_found() -> None:
     images[3, : captures.shape[0] // 4] = images[3, : captures.shape[0] // 4, ::-1]
     found = _diagnose(replace(captures, images=images))
     assert [bad.index for bad in found.bad_captures] == [3]
+
+
+FAR = AcquisitionSettings(
+    captures_per_condition=4, seed=2, focal_length_m=0.01, camera_pitch_m=4e-6, camera_shape=(150, 180)
+)
+"""Speckles of the longer wavelength take 5.9 × 4.7 pixels (y, x), so that 12 of them are a sixth of the picture."""
+FAR_CONFIG = SearchConfig(region=RegionConfig(side_px=12, min_saving=2.0))
+FAR_EFFECTS = [listed_effects()[name] for name in ("stroke", "tilt", "camera_alignment", "camera_blur")]
+
+
+@cache
+def _far_session(effect: str, parameter: str, value: float) -> Captures:
+    return make_captures(small_system(1), {effect: {parameter: value}}, FAR)
+
+
+def _diagnose_far(captures: Captures, config: SearchConfig) -> Diagnosis:
+    return diagnose(captures, FAR_EFFECTS, free_maps=False, config=config)
+
+
+def test_the_middle_of_a_far_field_names_what_whole_pictures_do() -> None:
+    captures = _far_session("stroke", "stroke_error", 0.08)
+    by_middle, by_whole = (_diagnose_far(captures, config) for config in (FAR_CONFIG, SearchConfig()))
+    assert by_middle.verdict is by_whole.verdict is Verdict.EXPLAINED
+    first, second = (found.causes[0].intervals["stroke_error"] for found in (by_middle, by_whole))
+    assert abs(first.value - 0.08) < first.half_width and abs(first.value - second.value) < second.half_width
+    notes = [[note for note in found.notes if NOTE in note] for found in (by_middle, by_whole)]
+    assert notes == [[f"{NOTE}, 58 × 72 camera pixels; whole pictures fitted and judged them."], []]
+
+
+def test_of_a_displaced_far_field_more_is_searched(make_far_context: Callable[[float], SearchContext]) -> None:
+    """Light that is tilted by 5 mrad moves it by 50 µm, which are 2.1 speckles along y, beyond an eighth of twelve."""
+    widths = [with_region(make_far_context(tilt)).region for tilt in (0.0, 5e-3)]
+    straight, tilted = (region.data.captures.shape for region in widths if region is not None)
+    assert straight == (72, 58) and tilted == (106, 86)  # 12 and 12 + 2·3 speckles
+
+
+def test_a_search_that_somebody_ends_in_the_middle_says_so() -> None:
+    told: list[str] = []
+    captures = _far_session("stroke", "stroke_error", 0.08)
+    found = diagnose(captures, FAR_EFFECTS, config=FAR_CONFIG, so_far=told.append, is_asked_to_end=lambda: bool(told))
+    assert told and any(note.endswith("whole pictures weren't looked at.") for note in found.notes)
+    assert found.captures == len(captures) and found.before.chi2_per_pixel > 1.5
+
+
+def test_a_middle_takes_a_part_of_the_time(make_far_context: Callable[[float], SearchContext]) -> None:
+    context = replace(make_far_context(0.0), end=SearchEnd(1000.0, last_begin=0.5))
+    region = with_region(context).region
+    assert region is not None and region.is_region
+    assert region.end.time_s == pytest.approx(RegionConfig().max_time_share * 1000.0)
+    assert not region.end.is_near and SearchEnd(-1.0).after_share(0.5).is_near
+
+
+@pytest.mark.parametrize("is_far", [True, False])
+def test_one_large_picture_is_searched_in_its_middle(is_far: bool) -> None:
+    session = _far_session("stroke", "stroke_error", 0.08) if is_far else _session("gap", "gap_error", 1e-4)
+    picture = session.subset([len(session) - 1])
+    found = _diagnose_far(picture, FAR_CONFIG) if is_far else _diagnose(picture)
+    assert [cause.effect for cause in found.causes] == ["stroke" if is_far else "gap"]
+    assert any(NOTE in note for note in found.notes) and any("one picture" in note for note in found.notes)
+
+
+@pytest.fixture
+def make_far_context(make_context: MakeContext) -> Callable[[float], SearchContext]:
+    """What a search of a far field would work with whose light is tilted."""
+
+    def make(tilt_y: float) -> SearchContext:
+        captures = _far_session("tilt", "tilt_y", tilt_y)
+        data, parts = prepare_captures(captures), {"captures": captures, "known_values": {}}
+        split = split_captures(captures, pattern_roughness(captures), FAR_CONFIG.split)
+        return replace(
+            make_context(),
+            data=data,
+            system=captures.nominal_system(),
+            split=split,
+            predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, **parts)),
+            variances=NeighbourVariances(data),
+            config=FAR_CONFIG,
+        )
+
+    return make
 
 
 def test_small_sessions_have_no_region(make_context: MakeContext) -> None:

@@ -1,8 +1,11 @@
 """The middle of a session, so that large modulators and long sessions cost no more to compare than small ones.
 
-Light walks off sideways by distance × the sine of the steepest ray that the stops pass. With as much margin around the
-compared pixels, a crop is predicted like the whole. It is centred on the axis, so that mirrored or turned records stay
-mirrored or turned.
+In the near field light walks off sideways by distance × the sine of the steepest ray that the stops pass. With as much
+margin around the compared pixels, a crop is predicted like the whole. On a Fourier bench every camera pixel sees all of
+the modulator: its levels can't be cut, and not be binned either, since phases wrap. But a Fourier sum is computed at
+any window of the camera alone, so that a crop of the picture is predicted exactly.
+
+Crops are centred on the axis, so that mirrored or turned records stay mirrored or turned.
 """
 
 from __future__ import annotations
@@ -14,12 +17,13 @@ from holoview.captures.dataset import Captures
 
 
 def central_region(captures: Captures, side_px: int, further_px: int = 0) -> Captures:
-    """The session cut to about `side_px` modulator pixels across, with the margin beside; whole on a Fourier bench.
+    """The session cut to about `side_px` modulator pixels across, with the margin beside.
 
-    further_px: more margin, for light that hard edges of a stop spread beyond its steepest ray.
+    further_px: more margin, for light that hard edges of a stop spread beyond its steepest ray. On a Fourier bench the
+    pictures are cut to as many speckles of the longest wavelength across, with the margin on either side.
     """
     if captures.is_fourier:
-        return captures
+        return _cut_pictures(captures, _speckles_px(captures, side_px + 2 * further_px))
     pitch_m = captures.slms[0].pitch_m
     margin = math.ceil(_walk_off_m(captures) / pitch_m) + further_px
     rows, columns = (_kept(n, side_px + 2 * margin) for n in captures.levels.shape[2:])
@@ -32,13 +36,37 @@ def central_region(captures: Captures, side_px: int, further_px: int = 0) -> Cap
     ]
     middle, before = (..., *central_slices(captures.levels.shape[2:], (rows, columns))), captures.levels_before
     return dataclasses.replace(
-        captures,
+        _cut_pictures(captures, (seen[0], seen[1])),
         levels=captures.levels[middle],
         levels_before=None if before is None else before[middle],
-        images=captures.images[(..., *central_slices(captures.shape, (seen[0], seen[1])))],
-        frame=captures.frame or captures.shape,
         slm_frame=captures.slm_frame or (captures.levels.shape[2], captures.levels.shape[3]),
     )
+
+
+def speckle_px(captures: Captures) -> tuple[float, float]:
+    """Width (y, x) of a speckle of the longest wavelength on a Fourier bench, λf/(width of the modulator), in pixels.
+
+    At least 1: a smaller one is seen by one pixel.
+    """
+    light = float(captures.wavelength_m.max()) * (captures.focal_length_m or 0.0) / captures.camera.pitch_m
+    y, x = (max(1.0, light / (n * captures.slms[0].pitch_m)) for n in captures.levels.shape[2:])
+    return y, x
+
+
+def _speckles_px(captures: Captures, count: int) -> tuple[int, int]:
+    """The pixels (rows, columns) that so many speckles of a Fourier bench take, at most all."""
+    rows, columns = (
+        _kept(n, math.ceil(count * px)) for n, px in zip(captures.shape, speckle_px(captures), strict=True)
+    )
+    return rows, columns
+
+
+def _cut_pictures(captures: Captures, shape: tuple[int, int]) -> Captures:
+    """The session with pictures cut to their middle (rows, columns)."""
+    if shape == captures.shape:
+        return captures
+    middle = (..., *central_slices(captures.shape, shape))
+    return dataclasses.replace(captures, images=captures.images[middle], frame=captures.frame or captures.shape)
 
 
 def central_captures(captures: Captures, most: int) -> Captures:

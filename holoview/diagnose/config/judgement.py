@@ -62,6 +62,10 @@ class JudgementConfig:
     """[σ] … if that of the peers exceeds so many of them. Evidence: derivation: otherwise the model resembles
     nothing."""
 
+    correlated_pixels: int = 500_000
+    """[px] Of each picture by which it is correlated with predictions, spread over it. Evidence: derivation: a
+    correlation scatters by 1/√n, by 0.0014 for so many pixels, or by 0.02 where a speckle has two hundred of them."""
+
     false_alarm: float = 0.01
     """[1] Chance that a session without a bad capture gets one blamed for its χ², if the logarithms of the excesses
     are normally distributed: each capture has this over their number. Evidence: a convention."""

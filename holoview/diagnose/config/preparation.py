@@ -27,6 +27,10 @@ class SplitConfig:
     held_out_per_wavelength: int = 2
     """[captures] Held out of each wavelength, 1 or 2, if enough are left to fit. Evidence: the search study."""
 
+    max_pixels: int = 8_000_000
+    """[px] Pixels of the pictures in one set, but a picture of each wavelength at least. Evidence: measured: a fit
+    keeps some ten arrays of them and one for each parameter, of four bytes a pixel, in every process."""
+
     scarce_stride: int = 3
     """[captures] With fewer than two captures a wavelength, every so many-th is held out. Evidence: none
     recorded."""
@@ -100,8 +104,8 @@ class RegionConfig:
     """Middle of large pictures, which is searched in place of whole ones."""
 
     side_px: int = 128
-    """[px] Modulator pixels across the middle, beside the margin for light that walks off sideways. Evidence: the
-    search study's modulators had 128 × 96."""
+    """[px] Modulator pixels across the middle, beside the margin for light that walks off sideways; on a Fourier bench
+    speckles. Evidence: the search study's modulators had 128 × 96, and a far field has a speckle for each pixel."""
 
     further_px: int = 16
     """[px] Margin beside the walk-off of the steepest ray. Evidence: with stops at the first order and 10 mm to the
@@ -109,8 +113,25 @@ class RegionConfig:
     noise."""
 
     min_saving: float = 3.0
-    """[1] Whole pictures are searched if they have less than so many times the pixels of the middle with its margin.
-    Evidence: whole pictures are computed as well in the end, which takes about as long as searching the middle."""
+    """[1] Whole pictures are searched if they have less than so many times the pixels of the middle with its margin,
+    on the modulator, or on the camera of a Fourier bench. Evidence: whole pictures are computed as well in the end,
+    which takes about as long as searching the middle."""
+
+    max_picture_pixels: int = 5_000_000
+    """[px] Larger pictures are cut to so many. Evidence: measured: see `SplitConfig.max_pixels`; a set has a picture of
+    each wavelength."""
+
+    max_grid_samples: int = 40_000_000
+    """[samples] Of a padded field; larger modulators, and finer samples, are cut to so many. Evidence: measured: a
+    prediction takes six fields of 8 bytes a sample at once, 2 GB in each process."""
+
+    max_time_share: float = 0.6
+    """[1] Of the time of a search, after which the middle is given up with the best that was found there. Evidence: a
+    reason: whole pictures have to be fitted and judged too."""
+
+    max_displacement: float = 0.125
+    """[1] Displacement of a far field from its prediction, over the middle's width, from which the middle is wider by
+    it on either side. Evidence: a reason: seven eighths of it are seen and predicted."""
 
 
 @dataclass(frozen=True)

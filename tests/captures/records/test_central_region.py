@@ -10,9 +10,10 @@ import pytest
 from holoview.captures import Captures
 from holoview.captures.predictor import Predictor
 from holoview.captures.records import find_record_errors
-from holoview.captures.records.central_region import central_captures, central_region
+from holoview.captures.records.central_region import central_captures, central_region, speckle_px
 from holoview.captures.records.settings import DEFAULT
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.model.bench_parts import Relay
 from tests.captures.conftest import pictures
 from tests.captures.records.mistakes import late, spoiled, turn
 from tests.captures.records.test_search import bench
@@ -52,13 +53,48 @@ def test_a_mistake_is_found_in_it(large: Captures) -> None:
     assert [c.label for c in found.corrections] == ["slm2_orientation flip_y"]
 
 
-def test_a_small_session_or_a_fourier_bench_is_taken_whole() -> None:
+def _far_field(focal_length_m: float) -> Captures:
+    """Pictures of 64 × 80 pixels of 4 µm behind a lens and a modulator of 32 × 40 pixels of 8 µm."""
+    plain = pictures(2)
+    one = dataclasses.replace(plain, levels=plain.levels[:, :1], slms=plain.slms[:1], gap_m=None, relay1=Relay())
+    return dataclasses.replace(one, focal_length_m=focal_length_m)
+
+
+def test_a_small_session_is_taken_whole() -> None:
     plain = pictures()
     assert central_region(plain, 64) is plain
-    fourier = dataclasses.replace(
-        plain, levels=plain.levels[:, :1], slms=plain.slms[:1], gap_m=None, focal_length_m=0.2
-    )
-    assert central_region(fourier, 8) is fourier
+    coarse = _far_field(0.2)  # each speckle as large as the picture
+    assert central_region(coarse, 8) is coarse
+
+
+def test_a_far_field_is_cut_to_speckles() -> None:
+    """λf/(n·p) = 600 nm · 5 mm/(32 · 8 µm) = 11.7 µm along y, 9.4 µm along x: 2.9 and 2.3 pixels."""
+    far = _far_field(5e-3)
+    assert speckle_px(far) == pytest.approx((600e-9 * 5e-3 / 256e-6 / 4e-6, 600e-9 * 5e-3 / 320e-6 / 4e-6))
+    part = central_region(far, 8)
+    assert part.shape == (24, 20) and part.frame == far.shape and part.levels is far.levels
+    assert np.array_equal(part.images, far.images[:, 20:44, 30:50])
+    assert central_region(far, 8, 4).shape == (48, 38)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {},
+        {"crosstalk": {"sigma": 0.4}, "vignetting": {"fall_y": 0.3, "fall_x": 0.1}},
+        {"camera_alignment": {"shift_y": 9e-6, "rotation": 0.02}},
+        {"distance": {"distance_error": 1e-4}, "tilt": {"tilt_x": 1e-3}},
+    ],
+    ids=["nominal", "blurred paths and vignetting", "a turned camera", "defocus and tilt"],
+)
+def test_a_cut_far_field_is_predicted_exactly(effects: dict[str, dict[str, float]]) -> None:
+    """To the rounding of f32 FFTs; a turned camera by interpolation of a grid of its own, four samples a speckle."""
+    far = _far_field(5e-3)
+    part = central_region(far, 8)
+    whole, cut = (Predictor(one)([0], effects).signal[0].numpy() for one in (far, part))
+    seen = whole[20:44, 30:50]
+    accuracy = 0.03 if "camera_alignment" in effects else 1e-5
+    assert np.abs(cut - seen).max() < accuracy * seen.max()
 
 
 def test_of_a_long_session_the_middle_is_considered(large: Captures) -> None:
