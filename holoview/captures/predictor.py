@@ -29,7 +29,7 @@ from holoview.optics.torch_effects import TorchEffects
 Tensor = torch.Tensor
 _MB = 1 << 20
 _MAX_PLANS = 256  # a few for each wavelength and plane
-_IMAGE_CACHE_MB = 16  # of finished intensities, which many intermediate fields would push out of a shared cache
+_IMAGE_CACHE_MB = 128  # of finished intensities, which many intermediate fields would push out of a shared cache
 _DRIVE_CACHE_MB = 64  # of patterns
 _LIGHT_HOOKS = (
     "bench",

@@ -203,14 +203,15 @@ def likely_fits(fits: list[FreeMapFit], config: FreeMapConfig) -> tuple[FreeMapF
 
 
 def _free_map_effects(context: SearchContext) -> Iterator[FreeMaps]:
-    """Maps at each place of the bench; one with a single modulator has only the second relay."""
+    """Maps at each place of the bench; one with a single modulator has only the second relay, a Fourier bench none."""
     config = context.config.free_maps
     yield FreeSource(config)
     yield FreeModulator(config, 0)
     if len(context.data.captures.slms) > 1:
         yield FreeRelay(config, 0)
         yield FreeModulator(config, 1)
-    yield FreeRelay(config, 1)
+    if not context.data.captures.is_fourier:
+        yield FreeRelay(config, 1)
     yield FreeCamera(config)
 
 

@@ -15,6 +15,7 @@ from holoview.diagnose.bad_captures import BadCapture, bad_share
 from holoview.diagnose.capture_judgement import find_suspects, judge_by_search, leave_out
 from holoview.diagnose.capture_reasons import explain_suspects
 from holoview.diagnose.forward_selection import select_causes
+from holoview.diagnose.free_parameters import FittedValues
 from holoview.diagnose.held_out_ranking import SearchResult, rank_on_held_out
 from holoview.diagnose.nuisances import detect_nuisances, excuse_laser_drift
 from holoview.diagnose.power_law import changes_only_power
@@ -93,7 +94,7 @@ def _search_once(context: SearchContext, progress: ProgressCallback) -> SearchOu
     was_ended = False
     result: SearchResult | None
     try:
-        context, result = _search_causes(detect_nuisances(context, {}), progress)
+        context, result = _search_causes(_with_nuisances(context, {}), progress)
     except SearchEnded:
         context.workers.close(kill=True)
         context, result, was_ended = replace(context, workers=WorkerPool(1)), context.best_so_far.result, True
@@ -113,6 +114,11 @@ def _decide(context: SearchContext, result: SearchResult) -> Decision:
     return decide(result, context.equivalents, context.config.verdict)
 
 
+def _with_nuisances(context: SearchContext, values: FittedValues) -> SearchContext:
+    """The context with what varies by itself; with leads from the middle, that was found there."""
+    return context if context.leads is not None else detect_nuisances(context, values)
+
+
 def _search_causes(context: SearchContext, progress: ProgressCallback) -> tuple[SearchContext, SearchResult]:
     """The context with the nuisances found, and the candidates ranked with them.
 
@@ -125,7 +131,7 @@ def _search_causes(context: SearchContext, progress: ProgressCallback) -> tuple[
             return context, nothing
     result = select_causes(context, [e for e in context.effects.values() if not changes_only_power(e)], progress)
     result = prefer_fewer_numbers(context, result)
-    settled = detect_nuisances(context, result.best.fit.values)
+    settled = _with_nuisances(context, result.best.fit.values)
     if settled is context:
         return context, result
     config = context.config.selection

@@ -18,17 +18,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import maximum_filter
 
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Prediction
 from holoview.captures.prepared_captures import PreparedCaptures
+from holoview.captures.records.central_region import speckle_px
 from holoview.diagnose.capture_split import CaptureSplit
 from holoview.diagnose.comparison import PredictorProtocol, Values
 from holoview.diagnose.config import OnePictureConfig, SearchConfig
 from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext
 
 Flags = NDArray[np.bool_]
+_FAR_FIELD_WIDTHS = 2  # a beam that fills half of the modulator
 
 
 class OnePicturePredictor:
@@ -91,11 +93,23 @@ def held_out_blocks(shape: tuple[int, int], speckle_px: float, config: OnePictur
     margin = max(1, min(round(config.margin_widths * speckle_px), side // 3))
     y, x = (np.arange(n) // side % 2 == 1 for n in shape)
     held_out = y[:, None] & x[None, :]
-    return held_out, ~binary_dilation(held_out, np.ones((2 * margin + 1,) * 2, dtype=bool))
+    near = maximum_filter(held_out, size=2 * margin + 1, mode="constant")  # a row at a time, however wide the margin
+    return held_out, ~near
 
 
 def speckle_width_px(data: PreparedCaptures) -> float:
-    """Full width at half maximum of the picture's autocorrelation, the larger one of rows and columns, at least 1."""
+    """Full width at half maximum of the picture's autocorrelation, the larger one of rows and columns, at least 1.
+
+    On a Fourier bench at most twice that of a modulator that is lit evenly: the patterns make the far field's envelope,
+    which the autocorrelation of smooth ones shows, but its speckles are as wide as the aperture lets them be.
+    """
+    width = _autocorrelation_width_px(data)
+    if not data.captures.is_fourier:
+        return width
+    return min(width, _FAR_FIELD_WIDTHS * max(speckle_px(data.captures)))
+
+
+def _autocorrelation_width_px(data: PreparedCaptures) -> float:
     light = np.where(data.usable[0], data.light[0], 0.0).astype(np.float64)
     light = np.where(data.usable[0], light - light[data.usable[0]].mean(), 0.0)
     spectrum = np.abs(np.fft.rfft2(light, s=[2 * n for n in light.shape])) ** 2

@@ -83,13 +83,17 @@ def _displaced_speckles(context: SearchContext, cut: Captures) -> int:
 def _cut_error(context: SearchContext, region: SearchContext) -> NDArray[np.float64]:
     """The region's r.m.s. error over mean light, (capture,), measured with the nominal bench; 0 on a Fourier bench.
 
-    Captures that a search looks at are predicted whole and cut; the others take the error of the next rougher one.
+    A few captures that a search looks at, from smooth to rough, are predicted whole and cut; the others take the error
+    of the next rougher one.
     """
     if context.data.captures.is_fourier:
         return np.zeros(len(context.data.captures))
-    known = np.array(sorted(region.split.used))
+    used, roughness = np.array(sorted(region.split.used)), pattern_roughness(context.data.captures)
+    used = used[np.argsort(-roughness[used], kind="stable")]
+    few = np.linspace(0, len(used) - 1, min(len(used), context.config.region.cut_captures)).round().astype(int)
+    known = used[few]
     jobs = [partial(_error_of, context, region, np.array([k])) for k in known]
-    errors, roughness = np.array(context.run_parallel(jobs)), pattern_roughness(context.data.captures)
+    errors = np.array(context.run_parallel(jobs))
     order = np.argsort(roughness[known], kind="stable")
     place = np.minimum(np.searchsorted(roughness[known][order], roughness), len(known) - 1)
     found = np.asarray(errors[order][place], dtype=np.float64)
@@ -120,7 +124,15 @@ def search_region_first(
     leads = Leads(fits, decision.verdict in _EXPLAINED, inner.context.left_out)
     torch.set_num_threads(context.workers.workers)  # most of what follows runs here, a few large fields at a time
     cut_error = None if context.data.captures.slm_frame is None else region.cut_error  # at most that of a smaller part
-    whole = replace(context, region=inner.context, leads=leads, workers=inner.context.workers, cut_error=cut_error)
+    whole = replace(
+        context,
+        region=inner.context,
+        leads=leads,
+        workers=inner.context.workers,
+        cut_error=cut_error,
+        prnu=inner.context.prnu,
+        has_camera_jitter=inner.context.has_camera_jitter,
+    )
     outcome = search_good_captures(whole, useless, count, progress)
     note = f"{_where(inner.context)}; whole pictures fitted and judged them."
     return replace(outcome, notes=list(dict.fromkeys([*inner.notes, *outcome.notes, note])))

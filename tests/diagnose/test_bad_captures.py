@@ -19,6 +19,7 @@ from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.sampling_config import SamplingConfig
+from holoview.diagnose.search_context import NeighbourVariances
 from holoview.diagnose.verdict import Decision, Verdict, limited_by_bad_captures
 from holoview.model.effects.registry import listed_effects
 from holoview.util.errors import UserError
@@ -153,3 +154,29 @@ def test_an_effect_alone_makes_no_capture_suspect(make_context: MakeContext, nam
     context = make_context(faults)
     assert not find_suspects(context, {}, (), is_final=False).indices
     assert not find_suspects(context, faults, (), is_final=True).indices
+
+
+def test_large_pictures_are_judged_a_few_at_a_time(make_context: MakeContext) -> None:
+    """With the same result: but for the pixels by which pictures are correlated, captures are judged one by one."""
+    context = make_context({"gap": {"gap_error": 2e-4}})
+    images = context.data.captures.images
+    split = dataclasses.replace(context.config.split, max_pixels=3 * images[0].size)
+    judgement = dataclasses.replace(context.config.judgement, correlated_pixels=images[0].size // 4)
+    config = dataclasses.replace(context.config, split=split, judgement=judgement)
+    whole, few = (
+        find_suspects(one, {}, (), is_final=True) for one in (context, dataclasses.replace(context, config=config))
+    )
+    assert np.allclose(few.predicted, whole.predicted, rtol=1e-5)
+    assert few.indices == whole.indices and few.median_excess == pytest.approx(whole.median_excess, rel=1e-5)
+
+
+def test_variances_of_many_choices_of_captures_dont_fill_the_memory(make_context: MakeContext) -> None:
+    data = make_context().data
+    one_picture = data.light[0].nbytes
+    variances = NeighbourVariances(data, 3 * one_picture)
+    kept = variances(np.array([0, 1]))
+    assert variances(np.array([0, 1])) is kept
+    for k in range(5):
+        variances(np.array([k]))
+        assert variances.kept_bytes <= 3 * one_picture
+    assert variances(np.array([0, 1, 2, 3])).nbytes == variances.kept_bytes == 4 * one_picture

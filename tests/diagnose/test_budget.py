@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from holoview.captures import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
 from holoview.diagnose.config import BudgetConfig, SearchConfig
 from holoview.diagnose.effect_fit import CandidateFit
 from holoview.diagnose.field_count import incoherent_field_count, is_costly, max_field_count, without_costly_fits
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.screening import screen_effects
-from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.search_context import SearchContext, field_samples
 from holoview.diagnose.verdict import Verdict
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.registry import listed_effects
@@ -57,6 +58,13 @@ def test_large_fields_are_fewer() -> None:
     assert budget.fields_for(4 * usual) == budget.max_fields / 4
     assert budget.fields_for(1000 * usual) == budget.min_fields
     assert BudgetConfig(max_fields=200).fields_for(1000 * usual) == 200
+
+
+def test_a_field_of_a_fourier_bench_counts_by_the_points_of_its_transforms(nominal: Captures) -> None:
+    """Pictures of 64 × 80 pixels, modulators of 32 × 40 with two samples a pixel each way."""
+    assert field_samples(nominal) == 4 * 32 * 40
+    far = dataclasses.replace(nominal, focal_length_m=0.1)
+    assert field_samples(far) == (40 * (32 + 64) + 64 * (40 + 80)) // 2
 
 
 @pytest.mark.parametrize(("budget", "batches"), [(1.0, 1), (1e9, 2)])

@@ -21,8 +21,13 @@ CONFIG = SearchConfig()
 NOT_SETTINGS = {
     "display_gain._GAMMA",  # of a display
     "extended_model._PITCH_TOLERANCE",  # rounding of a file
+    "one_picture._FAR_FIELD_WIDTHS",  # physics of a beam
+    "picture_limit._COMPLEX64",  # bytes of a number
+    "picture_limit._STEP",  # in which a size is found
     "plots._DPI",  # style of the figures
     "plots._SIGMAS",
+    "shared_arrays._ALIGNMENT",  # of memory
+    "shared_arrays._MIN_BYTES",
     "worker_pool._POLL_S",  # in which Ctrl-C is noticed
 }
 

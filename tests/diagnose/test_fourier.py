@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from holoview.captures.dataset import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.verdict import Verdict
 from holoview.model.effects.registry import listed_effects
@@ -53,6 +55,14 @@ def test_a_zero_order_that_is_saturated_isnt_a_fault() -> None:
     few = [listed_effects()[n] for n in ("stroke", "undiffracted", "camera_black", "dc_block", "camera_gamma")]
     found = diagnose(_measured({}, 3), few, workers=1, free_maps=False)
     assert found.verdict is Verdict.CONSISTENT and not found.causes
+
+
+def test_where_an_error_lives_that_no_candidate_explains_is_told() -> None:
+    few = replace(SearchConfig().free_maps, iterations=4)
+    captures = _measured({"stroke": {"stroke_error": 0.2}}, 1)
+    found = diagnose(captures, [listed_effects()["camera_black"]], config=SearchConfig(free_maps=few))
+    assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
+    assert found.lives_in and set(found.lives_in) <= {"source", "modulator 1", "camera"}
 
 
 def test_what_such_a_bench_cant_show_is_said() -> None:

@@ -53,6 +53,13 @@ def test_a_small_picture_still_has_a_block_in_the_middle() -> None:
     assert held_out.sum() == 100 and fitted.any()
 
 
+def test_margins_are_as_wide_on_large_pictures_of_large_speckles() -> None:
+    """Speckles of 100 pixels: blocks of 398 pixels, a third of the picture's rows, and margins of a third of that."""
+    held_out, fitted = held_out_blocks((1194, 1800), 100.0, OnePictureConfig())
+    assert held_out[398:796, 398:796].all() and held_out[398:796, 1194:1592].all() and held_out.sum() == 2 * 398**2
+    assert not fitted[398 - 132 : 796 + 132, 398 - 132 : 796 + 132].any() and fitted[398 - 133, 500]
+
+
 @pytest.mark.parametrize("width", [2.0, 5.0])
 def test_the_width_of_a_speckle_is_that_of_the_autocorrelation(width: float) -> None:
     """Gaussian speckle of a field that is blurred by σ: the intensity's autocorrelation is exp(−r²/2σ²)."""

@@ -112,6 +112,10 @@ class RegionConfig:
     camera, 0, 16 and 64 leave an error of 0.4, 0.26 and 0.15 % for smooth patterns, of 6.8, 5.9 and 4.5 % for white
     noise."""
 
+    cut_captures: int = 6
+    """[captures] That are predicted whole to see what light the middle lacks. Evidence: that share grows steadily with
+    the roughness of the patterns; the roughest is among them. The value: a whole field takes seconds."""
+
     min_saving: float = 3.0
     """[1] Whole pictures are searched if they have less than so many times the pixels of the middle with its margin,
     on the modulator, or on the camera of a Fourier bench. Evidence: whole pictures are computed as well in the end,
