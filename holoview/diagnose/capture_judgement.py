@@ -21,6 +21,7 @@ from holoview.diagnose.capture_outliers import (
     excess_stands_out,
     record_correlations,
     record_stands_out,
+    without_planes,
 )
 from holoview.diagnose.capture_reasons import Suspects
 from holoview.diagnose.capture_split import split_captures
@@ -35,7 +36,8 @@ def find_suspects(context: SearchContext, values: Values, useless: Iterable[int]
     """The captures, beside the useless ones, that stand out under the model with these values.
 
     is_final: whether it is the model that a search ended with. Only such a model that explains most captures judges
-    strictly; another one leaves an excess that differs between good captures.
+    strictly; another one leaves an excess that differs between good captures. Before the search, a plane of which most
+    captures stand out blames none of them, since its distance may be wrong; afterwards nothing excuses them.
     """
     config, captures = context.config.judgement, context.data.captures
     judged = np.setdiff1d(np.arange(len(captures)), np.fromiter(useless, dtype=np.intp))
@@ -51,7 +53,10 @@ def find_suspects(context: SearchContext, values: Values, useless: Iterable[int]
     correlations = record_correlations(data.light[few][judged], data.usable[few][judged], every[few][judged])
     unlike = record_stands_out(correlations, roughness, config)
     bad = record_stands_out(correlations, roughness, config, max_sigmas=config.unrelated_sigmas)
-    bad |= excess_stands_out(excess, ordinary, roughness, captures.wavelength_m[judged], min_ratio, config)
+    wavelength, plane = captures.wavelength_m[judged], None if is_final else captures.distance_m[judged]
+    bad |= excess_stands_out(excess, ordinary, roughness, wavelength, min_ratio, config, plane)
+    if plane is not None:
+        bad = without_planes(bad, plane, correlations, config)
     bad |= _is_copy_of_better(context, judged, correlations)
     worst_first = np.flatnonzero(bad)[np.argsort(-excess[bad], kind="stable")]
     indices, not_of_record = (tuple(int(k) for k in judged[found]) for found in (worst_first, unlike))

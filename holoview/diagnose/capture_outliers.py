@@ -25,12 +25,19 @@ Flags = NDArray[np.bool_]
 
 
 def excess_stands_out(
-    excess: Floats, ordinary: Floats, roughness: Floats, group: Floats, min_ratio: float, config: JudgementConfig
+    excess: Floats,
+    ordinary: Floats,
+    roughness: Floats,
+    group: Floats,
+    min_ratio: float,
+    config: JudgementConfig,
+    plane: Floats | None = None,
 ) -> Flags:
     """Whether each capture's excess is larger than those of the others allow, (capture,).
 
     excess: χ²/n − 1. ordinary: the excess that jitter and chance leave. roughness: of the patterns. group: a number
     that captures of one wavelength share. min_ratio: excess + ordinary over the trend that is at least needed.
+    plane: the same of a plane; where given, what a plane's captures have in common beyond the others blames none.
     """
     if len(excess) < config.min_captures:
         return np.zeros(len(excess), dtype=bool)
@@ -43,6 +50,10 @@ def excess_stands_out(
         if same.sum() >= config.min_captures:
             beyond[same] -= np.median(beyond[same])
     beyond -= np.median(beyond)
+    for one in np.unique(plane) if plane is not None else ():
+        same = plane == one
+        if same.sum() >= config.min_plane_captures:
+            beyond[same] -= max(0.0, _lower_median(beyond[same]))
     sigma = float(median_abs_deviation(beyond, scale="normal"))
     quantile = float(norm.isf(config.false_alarm / len(excess)))
     return np.asarray(beyond > max(quantile * sigma, float(np.log(min_ratio))), dtype=bool)
@@ -104,6 +115,31 @@ def record_stands_out(
         limit = min(config.min_reach * usual, max_sigmas * scatter)
         flags[k] = usual > config.reach_sigmas * scatter and reach[k] < limit
     return flags
+
+
+def without_planes(flags: Flags, plane: Floats, correlations: Floats, config: JudgementConfig) -> Flags:
+    """The flags without those of planes that are off as a whole: more than half of their captures are flagged.
+
+    plane: a number that captures of one plane share. correlations: (picture, record). A picture that another record
+    predicts better than its own stays flagged.
+    """
+    if not flags.any() or len(flags) < config.min_captures:
+        return flags
+    _, scatter = reach_of_records(correlations)
+    elsewhere = correlations - np.diag(correlations)[:, None]
+    is_anothers = np.asarray((elsewhere > config.reach_sigmas * scatter).any(axis=1))
+    kept = flags.copy()
+    for one in np.unique(plane):
+        same = np.asarray(plane == one)
+        is_off = same.sum() >= config.min_plane_captures and 2 * flags[same].sum() > same.sum()
+        if is_off and not same.all():
+            kept[same] &= is_anothers[same]
+    return kept
+
+
+def _lower_median(values: Floats) -> float:
+    """The median; of two in the middle the smaller one."""
+    return float(np.sort(values)[(len(values) - 1) // 2])
 
 
 def _trend(x: Floats, y: Floats) -> Floats:

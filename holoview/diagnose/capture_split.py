@@ -41,7 +41,7 @@ class CaptureSplit:
 def split_captures(
     captures: Captures, roughness: NDArray[np.float64], config: SplitConfig, left_out: Collection[int] = ()
 ) -> CaptureSplit:
-    """The captures to search, fit and rank on, of different planes as far as possible.
+    """The captures to search, fit and rank on, of every plane if there are enough.
 
     roughness: of each capture's patterns. left_out: captures that no set contains; two at least remain. Of each
     wavelength at least one capture is fitted; with fewer than two captures a wavelength, whole wavelengths are held
@@ -52,10 +52,14 @@ def split_captures(
     if sum(len(group) for group in groups) < 2 * len(groups):
         return _split_scarce(groups, config)
     coarse = [group[0] for group in groups]
-    rest = [group[1:] for group in groups]
+    spare = [k for group in groups if len(group) > 2 for k in group[1:]]  # with one to hold out beside it
+    coarse += _of_missing_planes(coarse, spare, captures, roughness, config.max_coarse)
+    rest = [[k for k in group if k not in coarse] for group in groups]
     most = config.held_out_per_wavelength
     held_out = [k for group in rest for k in _pick_held_out(group, captures, min(most, max(1, len(group) - 1)))]
     left = [[k for k in group if k not in held_out] for group in rest]
+    held_out += _of_missing_planes(held_out, [k for one in left for k in one], captures, roughness, config.max_held_out)
+    left = [[k for k in group if k not in held_out] for group in left]
     fine = coarse + [group[len(group) // 2] for group in left if group]
     rough = fine + [group[-1] for group in left if len(group) > 1]
     return CaptureSplit(
@@ -93,6 +97,18 @@ def _pick_held_out(group: list[int], captures: Captures, count: int) -> list[int
     other_plane = [k for k in others if captures.distance_m[k] != captures.distance_m[first]]
     choice = other_plane or others
     return [first, choice[len(choice) // 2]]
+
+
+def _of_missing_planes(
+    chosen: list[int], spare: list[int], captures: Captures, roughness: NDArray[np.float64], most: int
+) -> list[int]:
+    """Of each plane of which none is chosen the smoothest spare capture, while no more than `most` are chosen."""
+    found: list[int] = []
+    for plane in np.setdiff1d(captures.distance_m, captures.distance_m[chosen]):
+        own = [k for k in spare if captures.distance_m[k] == plane]
+        if own and len(chosen) + len(found) < most:
+            found.append(min(own, key=lambda k: roughness[k]))
+    return found
 
 
 def _split_scarce(groups: list[list[int]], config: SplitConfig) -> CaptureSplit:

@@ -11,7 +11,7 @@ from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.effect_fit import CandidateFit, effect_jacobian
-from holoview.diagnose.free_parameters import FittedValues, identity_values
+from holoview.diagnose.free_parameters import FittedValues, identity_values, number_count
 from holoview.diagnose.held_out_ranking import HeldOutScore
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.uncertainty import LocalJacobian, canonical_correlation
@@ -23,7 +23,7 @@ def lookalike_correlations(
 ) -> dict[str, dict[str, float]]:
     """For each cause of a fit, effects that change the captures alike: id → canonical correlation of their slopes.
 
-    What the fit's other causes explain is projected out first. The same physics counts as 1.
+    What the fit's other causes explain is projected out first. The same physics in as many numbers or more counts as 1.
     """
     residual = comparison.residual(fit.values)
     others = [e for e in context.effects.values() if e.id not in fit.causes]
@@ -39,7 +39,9 @@ def lookalike_correlations(
         correlations = {
             e.id: canonical_correlation(own, s, rest) for e, s in zip(others, slopes, strict=True) if len(s)
         }
-        correlations |= dict.fromkeys(context.equivalents.get(cause, ()), 1.0)
+        equal = context.equivalents.get(cause, frozenset())
+        numbers = number_count(context.effects[cause])
+        correlations |= {name: 1.0 for name in equal if number_count(context.effects[name]) >= numbers}
         ordered = sorted(correlations.items(), key=lambda pair: -pair[1])
         least = context.config.confounders.min_correlation
         result[cause] = {name: value for name, value in ordered if value >= least}

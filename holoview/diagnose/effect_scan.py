@@ -6,6 +6,7 @@ value is then found only by a scan of the effect's range.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -104,7 +105,9 @@ def _separated_starts(
 
 
 def _scan_distance(a: CandidateFit, b: CandidateFit, effect: Effect) -> float:
-    """The largest difference of a parameter in steps of its scan."""
+    """The largest difference of a parameter in steps of its scan; of different lists infinite."""
     steps = {p.name: p.scan[2] if p.scan else p.prior for p in effect.parameters}
     first, second = a.values[effect.id], b.values[effect.id]
+    if any(isinstance(value, tuple) for value in first.values()):
+        return 0.0 if first == second else math.inf
     return max(abs(first[name] - second[name]) / step for name, step in steps.items())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from holoview.diagnose.config import StepConfig
 from holoview.model.effects.effect import Effect
+from holoview.model.effects.list_parameter import ListParameter
 from holoview.model.effects.parameter import Parameter
 from holoview.numerics.least_squares import SearchDomain, Vector
 
@@ -71,6 +73,12 @@ def free_parameters_of(
     listed = [(e.id, p) for e in effects for p in e.parameters if include_fine or not p.fine]
     given = values or {}
     return FreeParameters(tuple((e, free) for e, p in listed for free in p.free_entries(p.read(given.get(e, {})))))
+
+
+def number_count(effect: Effect) -> float:
+    """How many numbers an effect states; infinitely many with a list, which has any number of them."""
+    has_list = any(isinstance(p, ListParameter) for p in effect.parameters)
+    return math.inf if has_list else len(free_parameters_of([effect]))
 
 
 def identity_values(effect: Effect) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from holoview.diagnose.field_count import is_costly_effect, max_field_count
 from holoview.diagnose.free_parameters import FittedValues, identity_values
 from holoview.diagnose.fringe_starts import FringeStarts
 from holoview.diagnose.ghost_starts import GhostStarts
+from holoview.diagnose.plane_starts import PlaneStarts
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.smear_starts import SmearStarts
 from holoview.diagnose.stuck_starts import StuckStarts
@@ -55,7 +56,7 @@ def screen_effects(
     elif error < config.local_max_error:
         yield screening.local_fits(ordered)
     starts = screening.image_starts()
-    found_first = sorted(ordered, key=lambda e: not screening.stuck_starts(e))
+    found_first = sorted(ordered, key=lambda e: not screening.list_starts(e))
     yield screening.in_batches(partial(screening.fitter.scan_and_fit, starts), found_first, ", over its range")
 
 
@@ -222,9 +223,10 @@ class _Screening:
         return partial(_all_starts, (displaced, self._residual_starts))
 
     @cached_property
-    def stuck_starts(self) -> StuckStarts:
-        """Starting values of stuck pixels. Where there are any, they leave much less of the error."""
-        return StuckStarts(self._context, self._base, self.fitter.comparison)
+    def list_starts(self) -> StartProvider:
+        """Starting values of stuck pixels and of planes that are off. Where there are any, much less error is left."""
+        stuck = StuckStarts(self._context, self._base, self.fitter.comparison)
+        return partial(_all_starts, (PlaneStarts(self._context, self._base), stuck))
 
     def _fits_of_seen(self, effects: Sequence[Effect]) -> tuple[list[CandidateFit], list[Effect]]:
         """Fits of the effects that the residuals show without derivatives, and the other effects."""
@@ -237,7 +239,7 @@ class _Screening:
     def _residual_starts(self) -> StartProvider:
         """Starting values of what has no derivative at its identity, and shows in the residuals.
 
-        These are ghosts, fringes, smears and stuck pixels.
+        These are ghosts, fringes, smears, errors of planes and stuck pixels.
         """
         config, comparison = self._context.config.starts, self.fitter.comparison
         fitted = comparison.fit_gains(self._base)
@@ -245,7 +247,7 @@ class _Screening:
             GhostStarts(fitted, comparison, config),
             FringeStarts(fitted, comparison, config),
             SmearStarts(fitted, comparison),
-            self.stuck_starts,
+            self.list_starts,
         )
         return partial(_all_starts, providers)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from functools import partial
 
 from holoview.diagnose.effect_fit import CandidateFit
-from holoview.diagnose.free_parameters import FittedValues, free_parameters_of
+from holoview.diagnose.free_parameters import FittedValues, number_count
 from holoview.diagnose.held_out_ranking import SearchResult, rank_on_held_out
 from holoview.diagnose.refine import refine_fit
 from holoview.diagnose.screening import fit_over_range
@@ -42,14 +42,14 @@ def wider_names(context: SearchContext, decision: Decision) -> list[tuple[str, .
         tuple(wide if name == cause else name for name in causes)
         for cause in causes
         for wide in sorted(context.equivalents.get(cause, ()))
-        if _number_count(context, wide) > _number_count(context, cause)
+        if number_count(context.effects[wide]) > number_count(context.effects[cause])
     ]
 
 
 def _simpler_names(context: SearchContext, cause: str) -> set[str]:
     """Effects of fewer numbers that are the same physics as a cause, or that the cause imitates."""
     names = {*context.equivalents.get(cause, ()), *context.effects[cause].imitates} & context.effects.keys()
-    return {name for name in names if _number_count(context, name) < _number_count(context, cause)}
+    return {name for name in names if number_count(context.effects[name]) < number_count(context.effects[cause])}
 
 
 def _first_values(result: SearchResult, name: str) -> list[dict[str, float]]:
@@ -62,7 +62,3 @@ def _fit_over_range(
 ) -> CandidateFit:
     """An effect on top of a base: over its range and from other starts, then all causes together."""
     return refine_fit(context, fit_over_range(context, base, context.effects[name], starts))
-
-
-def _number_count(context: SearchContext, name: str) -> int:
-    return len(free_parameters_of([context.effects[name]]))

@@ -42,6 +42,7 @@ camera_gamma      the response to light
 camera_blur       a blur of the picture
 motion_blur       a camera that moves during the exposure
 stage             the rail on which the camera moves between planes
+plane_errors      planes that the stage misses, each by its own error
 camera_alignment  position of the picture
 vignetting        fall-off towards the edges
 ghost             a weak shifted copy

@@ -64,18 +64,19 @@ def nominal() -> Captures:
 @pytest.fixture(scope="session")
 def context(nominal: Captures) -> SearchContext:
     """What a search would work with on these captures."""
-    return _context(nominal)
+    return make_context_of(nominal)
 
 
 @pytest.fixture
 def make_context() -> MakeContext:
     """What a search would work with on captures of a small session with faults {effect: {parameter: value}}."""
-    return lambda faults=None: _context(
+    return lambda faults=None: make_context_of(
         measure(small_system(), faults or {}, AcquisitionSettings(captures_per_condition=6, seed=5))
     )
 
 
-def _context(captures: Captures) -> SearchContext:
+def make_context_of(captures: Captures) -> SearchContext:
+    """What a search would work with on these captures."""
     effects, properties, data = dict(listed_effects()), captures.data_properties(), prepare_captures(captures)
     return SearchContext(
         data=data,

@@ -80,6 +80,7 @@ class Faults:
 
     gap_m: float = 0.0
     distance_m: float = 0.0
+    missed_m: tuple[float, ...] = ()  # by how much each of the laboratory's planes is further away
     stroke: float = 0.0  # relative, both modulators
     shift_px: tuple[float, float] = (0.0, 0.0)  # modulator 2, (y, x); multiples of 1/fine
     crosstalk_px: float = 0.0  # Gaussian σ of the optical paths
@@ -149,7 +150,8 @@ def write_session(path: Path, lab: Laboratory) -> Path:
     for k, λ in enumerate(wavelength):
         shown = _settled(levels[k], levels[max(k - 1, 0)], lab.faults.frames_to_settle)
         shown = lab.faults.modulators.shown(shown, levels[0])
-        signal = scale[λ] * power[k] * _light_of_capture(replace(lab, distance_m=distance[k]), shown, float(λ), k)
+        stop = distance[k] + np.resize(lab.faults.missed_m or (0.0,), count)[k]
+        signal = scale[λ] * power[k] * _light_of_capture(replace(lab, distance_m=stop), shown, float(λ), k)
         exposure.append(float(f"{0.8 / np.quantile(signal, 0.999):.3g}"))
         light = signal * exposure[-1] * (k not in lab.mishaps.dark) * lab.mishaps.overexposed.get(k, 1.0)
         light = light + exposure[-1] * lab.faults.camera.room.light(light.shape)

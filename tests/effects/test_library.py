@@ -54,6 +54,7 @@ IDS = [
     "motion_blur",
     "ambient",
     "stage",
+    "plane_errors",
     "settling",
 ]
 PLACES = {"source", "modulator 1", "relay 1", "modulator 2", "relay 2", "camera"}

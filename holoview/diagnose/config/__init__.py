@@ -4,6 +4,7 @@ judgement     captures that aren't what their records say; one picture alone
 preparation   split of the captures, budget, residuals, nuisances, drift of the lasers
 fitting       screening of single effects, starting values, least-squares fits
 stuck         stuck columns, rows and pixels of a modulator
+planes        errors of single planes
 selection     ranking on held-out captures, forward selection of causes
 decision      verdict, check of the sampling, power laws, intervals, look-alikes
 reporting     free maps, breakdown of the excess, report
@@ -37,6 +38,7 @@ from holoview.diagnose.config.decision import (
 )
 from holoview.diagnose.config.fitting import FitConfig, ScreeningConfig, StartConfig, StepConfig
 from holoview.diagnose.config.judgement import JudgementConfig, OnePictureConfig
+from holoview.diagnose.config.planes import PlaneConfig
 from holoview.diagnose.config.preparation import (
     BudgetConfig,
     ComparisonConfig,
@@ -61,6 +63,7 @@ __all__ = [
     "LaserDriftConfig",
     "NuisanceConfig",
     "OnePictureConfig",
+    "PlaneConfig",
     "PowerLawConfig",
     "RankingConfig",
     "RegionConfig",
@@ -92,6 +95,7 @@ class SearchConfig:
     screening: ScreeningConfig = field(default_factory=ScreeningConfig)
     starts: StartConfig = field(default_factory=StartConfig)
     stuck: StuckConfig = field(default_factory=StuckConfig)
+    planes: PlaneConfig = field(default_factory=PlaneConfig)
     fits: FitConfig = field(default_factory=FitConfig)
     ranking: RankingConfig = field(default_factory=RankingConfig)
     selection: SelectionConfig = field(default_factory=SelectionConfig)

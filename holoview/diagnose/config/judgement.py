@@ -38,6 +38,11 @@ class JudgementConfig:
     """[captures] Captures are judged against each other from so many on. Evidence: derivation: the median of fewer
     isn't free of a bad one."""
 
+    min_plane_captures: int = 2
+    """[captures] Where more than half of a plane's captures stand out before the search, and there are so many, the
+    plane is searched with the others: its distance may be wrong. Evidence: derivation: a single capture may as well be
+    bad itself."""
+
     trend_captures: int = 8
     """[captures] From so many on, excesses are compared with a trend over roughness. Evidence: derivation: of
     eight, the line bears two bad ones (29 %)."""

@@ -10,6 +10,7 @@ from typing import Any
 
 from holoview.model.effects.parameter import Parameter
 from holoview.model.field_types import Integer, Number
+from holoview.util import units
 from holoview.util.errors import UserError
 
 MAX_FREE_ENTRIES = 32
@@ -22,13 +23,15 @@ _MAX_PLACE = 1 << 16  # rows or columns of a modulator
 class ListParameter(Parameter):
     """A list of numbers, empty where the effect does nothing; bounds, prior and unit are those of an entry.
 
-    Presets and JSON hold a list; text such as "3, 17" is read too. Its value is a tuple.
+    Presets and JSON hold a list; text such as "3, 17" or "4, 6 mm" is read too. Its value is a tuple.
 
     places: entries are rows or columns, counted from 0. No fit varies them, as nothing depends on them smoothly.
+    fixed: no fit varies the entries, which say what those of another list are of.
     """
 
     identity: Any = ()
     places: bool = False
+    fixed: bool = False
 
     @property
     def has_sound_bounds(self) -> bool:
@@ -37,10 +40,12 @@ class ListParameter(Parameter):
     def parse(self, value: Any, where: str) -> Any:
         """The entries of a list, of text with commas or blanks, or of a single number, as a tuple in SI units."""
         if isinstance(value, str):
-            value = [_number(text, f"{where}: {value}") for text in value.replace(",", " ").split()]
+            texts = value.replace(",", " ").split()
+            value = _with_units(texts) if self.is_quantity else [_number(text, f"{where}: {value}") for text in texts]
         entries = list(value) if isinstance(value, Iterable) else [value]
         low, high = (max(self.low, 0), min(self.high, _MAX_PLACE)) if self.places else (self.low, self.high)
-        kind = Integer(int(low), int(high)) if self.places else Number("", low, high)
+        unit = self.shown if self.is_quantity else ""
+        kind = Integer(int(low), int(high)) if self.places else Number(unit, low, high)
         found = tuple(kind.parse(_whole(entry), f"{where}[{i}]") for i, entry in enumerate(entries))
         for i, entry in enumerate(found):
             if not math.isfinite(entry or 0):
@@ -48,11 +53,12 @@ class ListParameter(Parameter):
         return found
 
     def to_toml(self, value: Any) -> Any:
-        return list(value)
+        return [units.format_exact(entry, self.shown) for entry in value] if self.is_quantity else list(value)
 
     def format(self, value: Any, digits: int = 3) -> str:
         """The entries as rounded text, with the unit behind the last one."""
-        return f"{', '.join(f'{entry:.{digits}g}' for entry in value)} {self.shown}".rstrip()
+        texts = [Parameter.format(self, entry, digits).removesuffix(self.shown).rstrip() for entry in value]
+        return f"{', '.join(texts)} {self.shown if texts else ''}".rstrip()
 
     def nudged(self, priors: float) -> Any:
         """A list of one entry, which is so many priors; places are counted from 0."""
@@ -64,8 +70,8 @@ class ListParameter(Parameter):
         return (*known, *found)
 
     def free_entries(self, value: Any) -> tuple[Parameter, ...]:
-        """A parameter for each number of the list; none for places, and none for a long list."""
-        if self.places or len(value) > MAX_FREE_ENTRIES:
+        """A parameter for each number of the list; none for places and other fixed ones, and none for a long list."""
+        if self.places or self.fixed or len(value) > MAX_FREE_ENTRIES:
             return ()
         own = {f.name: getattr(self, f.name) for f in dataclasses.fields(Parameter)}
         return tuple(
@@ -95,6 +101,18 @@ def _number(text: str, where: str) -> float:
         return float(text)
     except ValueError as error:
         raise UserError(where, f'"{text}"', expected="numbers, with commas between them") from error
+
+
+def _with_units(texts: list[str]) -> list[str]:
+    """The numbers of a text that was split at blanks, each with its unit: its own, or that of the last one."""
+    joined: list[str] = []
+    for text in texts:
+        if text.isalpha() and joined:
+            joined[-1] += text
+        else:
+            joined.append(text)
+    unit = joined[-1].lstrip("+-.0123456789eE") if joined else ""
+    return [text if text[-1].isalpha() else text + unit for text in joined]
 
 
 def _whole(entry: Any) -> Any:
