@@ -91,6 +91,8 @@ class Captures:
     slm_frame: the same of the modulators.
     levels_before: as `levels`, those of the capture that was taken before, for the first its own; None if they follow
     from the order of these.
+    levels_first: (modulator, y, x), those of the first capture of the session that these were taken from; None if that
+    is the first of these.
     """
 
     levels: NDArray[np.unsignedinteger]
@@ -110,6 +112,7 @@ class Captures:
     frame: tuple[int, int] | None = None
     slm_frame: tuple[int, int] | None = None
     levels_before: NDArray[np.unsignedinteger] | None = None
+    levels_first: NDArray[np.unsignedinteger] | None = None
 
     def __len__(self) -> int:
         return len(self.levels)
@@ -162,7 +165,8 @@ class Captures:
         lasers = self.lasers_m or tuple(self.wavelengths_m.tolist())
         before = np.stack([self._levels_before(int(k)) for k in chosen]) if len(chosen) else self.levels[:0]
         parts = {name: getattr(self, name)[chosen] for name in names}
-        return dataclasses.replace(self, **parts, lasers_m=lasers, levels_before=before)
+        first = self.levels[0] if self.levels_first is None and len(self) else self.levels_first
+        return dataclasses.replace(self, **parts, lasers_m=lasers, levels_before=before, levels_first=first)
 
     def drive(self, capture: int) -> Floats:
         """The patterns of one capture as fractions of the stroke, 0 … 1, (modulator, y, x)."""
@@ -171,6 +175,12 @@ class Captures:
     def drive_before(self, capture: int) -> Floats:
         """As `drive`, of the capture that was taken before, in the order of the file; of the first its own."""
         return self._levels_before(capture) / self._highest_levels
+
+    @property
+    def first_drive(self) -> Floats:
+        """As `drive`, of the first capture of the session."""
+        first = self.levels[0] if self.levels_first is None else self.levels_first
+        return first / self._highest_levels
 
     @property
     def _highest_levels(self) -> Floats:

@@ -37,6 +37,7 @@ class FourierBenchModel:
     plan: of the bench with its effects on distances, angles, wavelengths and apertures; its plane lies at
     focal_length_m + defocus. effects: their other hooks. relay: the nominal stops in front of the camera.
     cache: keeps intensities; a key names all values that its intensity depends on.
+    earlier: what was sent before a pattern, and first of all, each as its drive; None where no effect asks for it.
     """
 
     def __init__(
@@ -48,10 +49,10 @@ class FourierBenchModel:
         pixel_grid: PixelGrid,
         dtype: torch.dtype,
         cache: TensorCache,
-        before: Tensor | None = None,
+        earlier: tuple[Tensor, Tensor] | None = None,
     ) -> None:
         self.plan, self.effects, self.focal_length_m, self.relay = plan, effects, focal_length_m, relay
-        self.pixel_grid, self.dtype, self.cache, self.before = pixel_grid, dtype, cache, before
+        self.pixel_grid, self.dtype, self.cache, self.earlier = pixel_grid, dtype, cache, earlier
         self.real_dtype = torch.float64 if dtype == torch.complex128 else torch.float32
 
     def intensity(self, drive: Tensor, component: IncoherentComponent, capture: int) -> Tensor:
@@ -93,9 +94,9 @@ class FourierBenchModel:
     def _field(self, drive: Tensor, component: IncoherentComponent) -> Tensor:
         """The field behind the modulator, of pixels or samples."""
         context = component.modulator_context(self.plan, 0)
-        before = None if self.before is None else self.before[0].to(self.real_dtype)
+        earlier = [patterns[0].to(self.real_dtype) for patterns in self.earlier or ()]
         transmission = self.effects.modulator_transmission(
-            drive.to(self.real_dtype), context, self.dtype, component.path_factor, before
+            drive.to(self.real_dtype), context, self.dtype, component.path_factor, *earlier
         )
         return component.illuminate(self.plan, transmission, self.dtype)
 

@@ -37,7 +37,7 @@ class NearFieldModel:
     plan: of the bench with its effects on distances, angles, wavelengths and apertures. effects: their other hooks.
     relays: the nominal relays 1 and 2, whose stops normalise pupil coordinates.
     cache: keeps intermediate fields; a key names all values that its field depends on.
-    before: what was sent before each pattern, as its drive; None if that isn't known.
+    earlier: what was sent before a pattern, and first of all, each as its drive; None where no effect asks for it.
     """
 
     def __init__(
@@ -48,10 +48,10 @@ class NearFieldModel:
         pixel_grid: PixelGrid,
         dtype: torch.dtype,
         cache: TensorCache,
-        before: Tensor | None = None,
+        earlier: tuple[Tensor, Tensor] | None = None,
     ) -> None:
         self.plan, self.effects, self.relays, self.pixel_grid = plan, effects, relays, pixel_grid
-        self.dtype, self.cache, self.before = dtype, cache, before
+        self.dtype, self.cache, self.earlier = dtype, cache, earlier
         self.real_dtype = torch.float64 if dtype == torch.complex128 else torch.float32
 
     def intensity(self, drive: Tensor, component: IncoherentComponent, capture: int) -> Tensor:
@@ -135,9 +135,9 @@ class NearFieldModel:
 
         def compute() -> Tensor:
             context = component.modulator_context(self.plan, number)
-            before = None if self.before is None else self.before[number].to(self.real_dtype)
+            earlier = [patterns[number].to(self.real_dtype) for patterns in self.earlier or ()]
             transmission = self.effects.modulator_transmission(
-                drive.to(self.real_dtype), context, self.dtype, component.path_factor, before
+                drive.to(self.real_dtype), context, self.dtype, component.path_factor, *earlier
             )
             return context.sampled(transmission) if number else transmission
 

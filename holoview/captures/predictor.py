@@ -152,8 +152,8 @@ class Predictor:
         cache: TensorCache,
     ) -> Tensor:
         """Intensity (y, x) on the camera for unit power: the weighted sum over all incoherent components."""
-        before = self._drive_before(k) if active.with_hooks("settled_share") else None
-        model = self._forward_model(plan, active, cache, before)
+        earlier = self._earlier_drives(k) if active.with_hooks("settled_share") else None
+        model = self._forward_model(plan, active, cache, earlier)
         total: Tensor | None = None
         for wavelength in range(len(plan.system.wavelengths_m)):
             for source in range(len(plan.slopes)):
@@ -185,17 +185,19 @@ class Predictor:
         return distance if self.captures.is_fourier else max(distance, 0.0)
 
     def _forward_model(
-        self, plan: Plan, active: TorchEffects, cache: TensorCache, before: Tensor | None
+        self, plan: Plan, active: TorchEffects, cache: TensorCache, earlier: tuple[Tensor, Tensor] | None
     ) -> NearFieldModel | FourierBenchModel:
         c = self.captures
         if c.focal_length_m is not None:
             return FourierBenchModel(
-                plan, active, c.focal_length_m, c.relay2, self.pixel_grid, self.dtype, cache, before
+                plan, active, c.focal_length_m, c.relay2, self.pixel_grid, self.dtype, cache, earlier
             )
-        return NearFieldModel(plan, active, (c.relay1, c.relay2), self.pixel_grid, self.dtype, cache, before)
+        return NearFieldModel(plan, active, (c.relay1, c.relay2), self.pixel_grid, self.dtype, cache, earlier)
 
     def _drive(self, k: int) -> Tensor:
         return self._drives.get(k, lambda: torch.from_numpy(self.captures.drive(k)).to(self.real_dtype))
 
-    def _drive_before(self, k: int) -> Tensor:
-        return torch.from_numpy(self.captures.drive_before(k)).to(self.real_dtype)
+    def _earlier_drives(self, k: int) -> tuple[Tensor, Tensor]:
+        """What was sent before a capture, and for the first capture of all."""
+        before, first = (torch.from_numpy(a) for a in (self.captures.drive_before(k), self.captures.first_drive))
+        return before.to(self.real_dtype), first.to(self.real_dtype)

@@ -1,11 +1,11 @@
-"""Base class of stuck pixels: what is dead in one modulator shows the same whatever is sent."""
+"""Base class of stuck pixels: what is dead in one modulator shows something else than what is sent."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from holoview.effects.stuck_places import describe_levels, describe_places
+from holoview.effects.stuck_places import describe_levels, describe_places, is_or_are
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.list_parameter import ListParameter
 from holoview.model.effects.parameter import Parameter, Values
@@ -27,14 +27,19 @@ def _levels(name: str, of: str) -> Parameter:
     return ListParameter(name, doc, low=-0.25, high=1.25, prior=0.3)
 
 
+_SIDES = ("first_rows", "last_rows", "first_columns", "last_columns")
+_PARTS = tuple(f"part_{side}" for side in _SIDES)
+_TO_THE_EDGE = 65535
+
+
 class SlmStuck(Effect):
-    """Stuck columns, rows and pixels of one modulator.
+    """Stuck columns, rows, parts of them and pixels of one modulator, and lines that show an earlier pattern.
 
     modulator: 0 for the first.
     """
 
     modulator: ClassVar[int]
-    finding = "{places} of {modulator} stuck at {levels} of the stroke, whatever is sent (counted from 0)."
+    finding = "{found} (counted from 0)."
     parameters = (
         _places("columns", "Columns that are stuck, counted from 0 at the left."),
         _levels("column_levels", "these columns"),
@@ -43,43 +48,85 @@ class SlmStuck(Effect):
         _places("pixel_rows", "Rows of single pixels that are stuck."),
         _places("pixel_columns", "Columns of the same pixels, in the same order."),
         _levels("pixel_levels", "these pixels"),
+        *(_places(part, f"{part[5:].replace('_', ' ').capitalize()} of rectangles that are stuck.") for part in _PARTS),
+        _levels("part_levels", "these rectangles"),
+        _places("kept_columns", "Columns that keep the first pattern of all."),
+        _places("kept_rows", "Rows that keep the first pattern of all."),
+        _places("late_columns", "Columns that show the pattern before."),
+        _places("late_rows", "Rows that show the pattern before."),
     )
     order = 1  # a dead pixel knows no table and doesn't settle, but its field reaches its neighbours
     varies_over_field = True
 
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        if len(v["pixel_rows"]) != len(v["pixel_columns"]):
-            found = f"{len(v['pixel_rows'])} pixel_rows and {len(v['pixel_columns'])} pixel_columns"
-            raise UserError(f"effects.{self.id}", found, expected="a row and a column of each pixel")
+        self._check(v)
         shown = share.clone()
-        first = [(whole - n) // 2 for whole, n in zip(context.whole_shape, context.shape, strict=True)]
-        inside = [range(low, low + n) for low, n in zip(first, context.shape, strict=True)]
-        for row, level in _with_levels(v["rows"], v["row_levels"]):
-            if row in inside[0]:
-                shown[row - first[0]] = level
-        for column, level in _with_levels(v["columns"], v["column_levels"]):
-            if column in inside[1]:
-                shown[:, column - first[1]] = level
-        for (row, column), level in _with_levels(_pixels(v), v["pixel_levels"]):
-            if row in inside[0] and column in inside[1]:
-                shown[row - first[0], column - first[1]] = level
+        for place, level in _dead_places(v):
+            shown[_inside(place, context)] = level
+        return shown
+
+    def settled_share(self, share: Tensor, before: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        shown = share.clone()
+        for earlier, rows, columns in (
+            (before, v["late_rows"], v["late_columns"]),
+            (context.first_shown, v["kept_rows"], v["kept_columns"]),
+        ):
+            for place in (*((row, row, 0, _TO_THE_EDGE) for row in rows), *((0, _TO_THE_EDGE, x, x) for x in columns)):
+                if earlier is not None:
+                    inside = _inside(place, context)
+                    shown[inside] = earlier[inside]
         return shown
 
     def finding_fields(self, system: System, v: Values) -> dict[str, str]:
-        levels = [
-            level
-            for places, own in (
-                (v["columns"], v["column_levels"]),
-                (v["rows"], v["row_levels"]),
-                (_pixels(v), v["pixel_levels"]),
-            )
-            for _, level in _with_levels(places, own)
-        ]
-        return {
-            "places": describe_places(v["columns"], v["rows"], _pixels(v)),
-            "modulator": f"modulator {self.modulator + 1} {'is' if len(levels) == 1 else 'are'}",
-            "levels": describe_levels(levels),
-        }
+        levels = [level for _, level in _dead_places(v)]
+        places = describe_places(v["columns"], v["rows"], _pixels(v), _parts(v))
+        modulator = f"of modulator {self.modulator + 1}"
+        dead = f"{places} {modulator} {is_or_are(levels)} stuck at {describe_levels(levels)} of the stroke"
+        found = [f"{dead}, whatever is sent"] if levels else []
+        for what, columns, rows in (
+            ("the first pattern of all", v["kept_columns"], v["kept_rows"]),
+            ("the pattern before", v["late_columns"], v["late_rows"]),
+        ):
+            if lines := [*columns, *rows]:
+                verb = "shows" if len(lines) == 1 else "show"
+                found.append(f"{describe_places(columns, rows, ())} {modulator} {verb} {what} instead of what is sent")
+        return {"found": "; ".join(found) or f"No pixels {modulator} are stuck"}
+
+    def _check(self, v: Values) -> None:
+        """Raises UserError unless pixels have a row and a column, and rectangles two of each."""
+        if len(v["pixel_rows"]) != len(v["pixel_columns"]):
+            found = f"{len(v['pixel_rows'])} pixel_rows and {len(v['pixel_columns'])} pixel_columns"
+            raise UserError(f"effects.{self.id}", found, expected="a row and a column of each pixel")
+        if len({len(v[part]) for part in _PARTS}) > 1:
+            found = ", ".join(f"{len(v[part])} {part}" for part in _PARTS)
+            raise UserError(f"effects.{self.id}", found, expected="a first and a last row and column of each rectangle")
+
+
+Place = tuple[int, int, int, int]
+"""First and last row, first and last column."""
+
+
+def _dead_places(v: Values) -> list[tuple[Place, float]]:
+    """What keeps to a level, with that level, in the order in which the last one is seen."""
+    rows = [((y, y, 0, _TO_THE_EDGE), level) for y, level in _with_levels(v["rows"], v["row_levels"])]
+    columns = [((0, _TO_THE_EDGE, x, x), level) for x, level in _with_levels(v["columns"], v["column_levels"])]
+    pixels = [((y, y, x, x), level) for (y, x), level in _with_levels(_pixels(v), v["pixel_levels"])]
+    return [*rows, *columns, *_with_levels(_parts(v), v["part_levels"]), *pixels]
+
+
+def _inside(place: Place, context: ModulatorContext) -> tuple[slice, slice]:
+    """Its rows and columns among those of the context, which may be the middle of a modulator."""
+    top, left = ((whole - n) // 2 for whole, n in zip(context.whole_shape, context.shape, strict=True))
+    first_row, last_row, first_column, last_column = place
+    return (
+        slice(max(first_row - top, 0), max(last_row + 1 - top, 0)),
+        slice(max(first_column - left, 0), max(last_column + 1 - left, 0)),
+    )
+
+
+def _parts(v: Values) -> list[Place]:
+    """First and last row, first and last column of each rectangle."""
+    return list(zip(*(v[part] for part in _PARTS), strict=False))
 
 
 def _pixels(v: Values) -> list[tuple[int, int]]:

@@ -1,19 +1,28 @@
-"""Stuck places of a modulator in words: columns, rows and groups of pixels, and the levels that they show."""
+"""Stuck places of a modulator in words: columns, rows, parts of them and groups of pixels, and their levels."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 Pixel = tuple[int, int]
+Rectangle = tuple[int, int, int, int]
+"""First and last row, first and last column."""
 
 _MAX_GROUPS = 4
 
 
-def describe_places(columns: Sequence[int], rows: Sequence[int], pixels: Sequence[Pixel]) -> str:
+def describe_places(
+    columns: Sequence[int], rows: Sequence[int], pixels: Sequence[Pixel], rectangles: Sequence[Rectangle] = ()
+) -> str:
     """Such as "Columns 12, 40 to 42 and row 7 and 16 pixels (rows 10 to 13, columns 20 to 23)"."""
-    parts = [_lines("column", columns), _lines("row", rows), _groups(pixels)]
+    parts = [_lines("column", columns), _lines("row", rows), *map(_rectangle, rectangles), _groups(pixels)]
     text = _listed([part for part in parts if part]) or "no pixels"
     return text[0].upper() + text[1:]
+
+
+def is_or_are(things: Sequence[object]) -> str:
+    """The verb for one thing or for several."""
+    return "is" if len(things) == 1 else "are"
 
 
 def describe_levels(levels: Sequence[float]) -> str:
@@ -28,6 +37,17 @@ def _lines(name: str, numbers: Sequence[int]) -> str:
     if not numbers:
         return ""
     return f"{name}{'s' * (len(set(numbers)) > 1)} {_listed(_runs(numbers))}"
+
+
+def _rectangle(sides: Rectangle) -> str:
+    """Such as "rows 48 to 95 of column 70", "columns 0 to 31 of row 5" or "rows 2 to 5 of columns 7 to 9"."""
+    top, bottom, left, right = sides
+    rows, columns = _stretch("row", top, bottom), _stretch("column", left, right)
+    return f"{columns} of {rows}" if top == bottom else f"{rows} of {columns}"
+
+
+def _stretch(name: str, first: int, last: int) -> str:
+    return f"{name} {first}" if first == last else f"{name}s {first} to {last}"
 
 
 def _groups(pixels: Sequence[Pixel]) -> str:

@@ -43,17 +43,18 @@ class SampledTransmissions:
         if not self.is_sampled(modulator):
             return None
         drive_frame, moment = divmod(frame, len(self.plan.moments))
-        share, before = (
+        share, before, first = (
             nearest_level(self.drive[f, modulator], self.plan.nominal.modulators[modulator])
-            for f in (drive_frame, drive_frame - 1)  # frames repeat, so that before the first one comes the last
+            for f in (drive_frame, drive_frame - 1, 0)  # frames repeat, so that before the first one comes the last
         )
         moment_factor = self.plan.moments[moment]
-        return self.transmission_for(share, before, modulator, wavelength, torch.complex128, moment_factor)
+        return self.transmission_for(share, before, first, modulator, wavelength, torch.complex128, moment_factor)
 
     def transmission_for(
         self,
         share: Tensor,
         before: Tensor,
+        first: Tensor,
         modulator: int,
         wavelength: int,
         dtype: torch.dtype,
@@ -61,10 +62,10 @@ class SampledTransmissions:
     ) -> Tensor:
         """The transmission (y, x) of the samples of a modulator to which `share` (rows, columns) was sent.
 
-        before: as `share`, what was sent in the frame before.
+        before, first: as `share`, what was sent in the frame before, and in the first frame.
         """
         context = self.context(modulator, wavelength)
-        return context.sampled(self.effects.modulator_transmission(share, context, dtype, path_factor, before))
+        return context.sampled(self.effects.modulator_transmission(share, context, dtype, path_factor, before, first))
 
     def context(self, modulator: int, wavelength: int) -> ModulatorContext:
         """What hooks are told about a modulator at the wavelength of an index."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 
 from holoview.model.effects.active_effects import ActiveEffects
@@ -21,13 +23,14 @@ class TorchEffects(ActiveEffects):
         dtype: torch.dtype,
         path_factor: float = 1.0,
         before: Tensor | None = None,
+        first: Tensor | None = None,
     ) -> Tensor:
         """The complex transmission of a modulator, of pixels, or of samples where an effect needs them.
 
         share: (rows, columns) fraction of the stroke that was sent to each pixel.
         dtype: of the result.
         path_factor: factor of the optical paths, of one sample of an exposure.
-        before: as `share`, what was sent before; None if that isn't known.
+        before: as `share`, what was sent before; None if that isn't known. first: what was sent first of all.
         """
 
         def applied(hook: str, values: Tensor) -> Tensor:
@@ -37,7 +40,8 @@ class TorchEffects(ActiveEffects):
         shown = applied("stroke_response", share)
         if before is not None and (settling := self.on_modulator(context.number, "settled_share")):
             shown_before = applied("stroke_response", before)
-            shown = self.applied("settled_share", shown, shown_before, context, pairs=settling)
+            told = context if first is None else replace(context, first_shown=applied("stroke_response", first))
+            shown = self.applied("settled_share", shown, shown_before, told, pairs=settling)
         path_m = applied("optical_path", shown * context.stroke_m)
         if path_factor != 1.0:
             path_m = path_m * path_factor

@@ -77,10 +77,10 @@ class AutogradModel(ForwardModel):
     def _modulator_transmission(self, frame: int, modulator: int, wavelength: int) -> Tensor:
         """Complex transmission (y, x) of a modulator on the simulation grid."""
         if self._transmissions.is_sampled(modulator):
-            drive, before = (
-                (self.opd_m[f, modulator] / self._strokes[modulator]).to(self.real_dtype) for f in (frame, frame - 1)
+            drive, before, first = (
+                (self.opd_m[f, modulator] / self._strokes[modulator]).to(self.real_dtype) for f in (frame, frame - 1, 0)
             )
-            return self._transmissions.transmission_for(drive, before, modulator, wavelength, self.complex_dtype)
+            return self._transmissions.transmission_for(drive, before, first, modulator, wavelength, self.complex_dtype)
         scale = self.plan.system.modulators[modulator].stroke_m / float(self._strokes[modulator])
         λ = float(self.plan.system.wavelengths_m[wavelength])
         pixels = phasor(self.opd_m[frame, modulator] * scale, λ, self.complex_dtype)

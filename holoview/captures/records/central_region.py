@@ -34,11 +34,13 @@ def central_region(captures: Captures, side_px: int, further_px: int = 0) -> Cap
         _kept(n, math.floor((kept - 2 * margin) * scale) if kept < whole else n)
         for n, kept, whole in zip(captures.shape, (rows, columns), captures.levels.shape[2:], strict=True)
     ]
-    middle, before = (..., *central_slices(captures.levels.shape[2:], (rows, columns))), captures.levels_before
+    middle = (..., *central_slices(captures.levels.shape[2:], (rows, columns)))
+    before, first = captures.levels_before, captures.levels_first
     return dataclasses.replace(
         _cut_pictures(captures, (seen[0], seen[1])),
         levels=captures.levels[middle],
         levels_before=None if before is None else before[middle],
+        levels_first=None if first is None else first[middle],
         slm_frame=captures.slm_frame or (captures.levels.shape[2], captures.levels.shape[3]),
     )
 

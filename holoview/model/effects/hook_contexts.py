@@ -63,6 +63,7 @@ class ModulatorContext:
     upsample: samples along each side of a pixel.
     laser: number of the laser that is on, 0 for the shortest wavelength of the bench or session.
     frame: (rows, columns) of the modulator that these pixels are the middle of; their own where None.
+    first_shown: share of the stroke (rows, columns) of the first pattern of all, for `settled_share`; None elsewhere.
     """
 
     number: int
@@ -73,6 +74,7 @@ class ModulatorContext:
     upsample: int
     laser: int = 0
     frame: tuple[int, int] | None = None
+    first_shown: Tensor | None = None
 
     @property
     def whole_shape(self) -> tuple[int, int]:
