@@ -29,6 +29,7 @@ smear_starts        starting values where the image is smeared along a line
 fringe_starts       starting values where plane fringes lie over the image
 stuck_starts        starting values where columns, rows or pixels of a modulator are stuck
 plane_starts        starting values where planes are off, each by its own error
+dead_places         columns, rows, parts of them and pixels that are stuck
 replacement_gains   what pixels of a modulator would gain if they showed one level, by an adjoint pass
 effect_scan         scans of one effect's range
 effect_fit          local least-squares fits

@@ -43,11 +43,12 @@ class _TransmissionProbe(Effect):
 
 
 def replacement_gains(
-    context: SearchContext, base: FittedValues, comparison: Comparison, levels: Floats
+    context: SearchContext, base: FittedValues, comparison: Comparison, levels: Floats, *, earlier: bool = False
 ) -> dict[int, Floats]:
     """The fall of χ² for each level and pixel, (level, y, x), of every modulator by its number, 0 for the first.
 
-    levels (level,): shares of the stroke.
+    levels (level,): shares of the stroke. earlier: two more, for pixels that show the first pattern of the session, and
+    that of the capture before.
     """
     probe = _TransmissionProbe()
     probed = comparison.with_predictor(context.predictor.create(extra_effects=[probe]))
@@ -58,15 +59,31 @@ def replacement_gains(
         squares = squared_residuals(probed, values, position)
         slopes = torch.autograd.grad(squares, [zero for zero, _, _ in probe.seen])
         for slope, (_, transmission, modulator) in zip(slopes, probe.seen, strict=True):
-            gain = _gain_of_levels(slope.numpy(), transmission.numpy(), modulator, levels)
+            shares = levels[:, None, None]
+            if earlier:
+                patterns = _earlier_patterns(comparison, position, modulator.number)
+                shares = np.concatenate([np.broadcast_to(shares, (len(levels), *modulator.shape)), patterns])
+            gain = _gain_of_shares(slope.numpy(), transmission.numpy(), modulator, shares)
             gains[modulator.number] = gains.get(modulator.number, 0.0) + gain
     return gains
 
 
 def line_gains(gains: Floats, axis: int, segments: int) -> Floats:
     """The gain of whole lines along an axis of (level, y, x), robust against parts of a line that gain alone."""
-    parts = [part.sum(axis=axis) for part in np.array_split(gains, segments, axis=axis)]
-    return np.asarray(segments * np.median(np.stack(parts), axis=0))
+    parts = _segment_gains(gains, axis, segments)
+    return np.asarray(segments * np.median(parts, axis=0))
+
+
+def line_significance(gains: Floats, axis: int, segments: int, least: int) -> Floats:
+    """How far lines stand out (level, line): whole ones, or parts of `least` segments and more from one edge on."""
+    parts = _segment_gains(gains, axis, segments)
+    spans = [parts, *(half for n in range(least, segments) for half in (parts[:n], parts[-n:]))]
+    return np.asarray(np.max([significance(len(span) * np.median(span, axis=0)) for span in spans], axis=0))
+
+
+def _segment_gains(gains: Floats, axis: int, segments: int) -> Floats:
+    """The gain of each part of a line, (segment, level, line)."""
+    return np.stack([part.sum(axis=axis) for part in np.array_split(gains, segments, axis=axis)])
 
 
 def significance(gains: Floats) -> Floats:
@@ -88,15 +105,22 @@ def squared_residuals(comparison: Comparison, values: FittedValues, position: in
     return (data - gain.detach() * model).square().sum(dtype=torch.float64)
 
 
-def _gain_of_levels(
-    slope: NDArray[np.complexfloating], transmission: NDArray[np.complexfloating], of: ModulatorContext, levels: Floats
+def _earlier_patterns(comparison: Comparison, position: int, modulator: int) -> Floats:
+    """Shares of the stroke (pattern, y, x) that were sent first of all, and before a capture of a comparison."""
+    captures = comparison.data.captures
+    before = captures.drive_before(int(comparison.indices[position]))
+    return np.stack([captures.first_drive[modulator], before[modulator]])
+
+
+def _gain_of_shares(
+    slope: NDArray[np.complexfloating], transmission: NDArray[np.complexfloating], of: ModulatorContext, shares: Floats
 ) -> Floats:
-    """−Re[G*·(exp(2πi·s·stroke/λ) − t)] of each level s and pixel; samples of a pixel are summed."""
+    """−Re[G*·(exp(2πi·s·stroke/λ) − t)] of each share s (share, y, x) and pixel; samples of a pixel are summed."""
     rows, columns = of.shape
     conjugate = slope.conj()
     own, towards = (
         np.asarray(a.reshape(rows, a.shape[0] // rows, columns, -1).sum(axis=(1, 3)))
         for a in ((conjugate * transmission).real, conjugate)
     )
-    phasors = np.exp(2j * np.pi * of.stroke_m / of.wavelength_m * levels)[:, None, None]
+    phasors = np.exp(2j * np.pi * of.stroke_m / of.wavelength_m * shares)
     return np.asarray(own - (towards * phasors).real, dtype=np.float64)

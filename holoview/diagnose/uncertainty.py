@@ -92,6 +92,8 @@ def confidence_intervals(
 def _variances(at: LocalJacobian, normal: NDArray[np.float64]) -> NDArray[np.float64]:
     """Variance of each parameter, in priors²: the larger of those of the noise and of the captures' scores."""
     captures = at.capture_count
+    if not len(at.parameters):
+        return np.empty(0)
     inverse = np.linalg.pinv(normal, rcond=1e-10, hermitian=True)
     scores = np.einsum(
         "pkn,kn->kp",

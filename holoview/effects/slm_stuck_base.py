@@ -81,7 +81,8 @@ class SlmStuck(Effect):
         levels = [level for _, level in _dead_places(v)]
         places = describe_places(v["columns"], v["rows"], _pixels(v), _parts(v))
         modulator = f"of modulator {self.modulator + 1}"
-        dead = f"{places} {modulator} {is_or_are(levels)} stuck at {describe_levels(levels)} of the stroke"
+        verb = is_or_are(levels) if not _parts(v) else "are"
+        dead = f"{places} {modulator} {verb} stuck at {describe_levels(levels)} of the stroke"
         found = [f"{dead}, whatever is sent"] if levels else []
         for what, columns, rows in (
             ("the first pattern of all", v["kept_columns"], v["kept_rows"]),

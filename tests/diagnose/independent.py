@@ -149,7 +149,7 @@ def write_session(path: Path, lab: Laboratory) -> Path:
     images, exposure = [], []
     for k, λ in enumerate(wavelength):
         shown = _settled(levels[k], levels[max(k - 1, 0)], lab.faults.frames_to_settle)
-        shown = lab.faults.modulators.shown(shown, levels[0])
+        shown = lab.faults.modulators.shown(shown, levels[0], levels[max(k - 1, 0)])
         stop = distance[k] + np.resize(lab.faults.missed_m or (0.0,), count)[k]
         signal = scale[λ] * power[k] * _light_of_capture(replace(lab, distance_m=stop), shown, float(λ), k)
         exposure.append(float(f"{0.8 / np.quantile(signal, 0.999):.3g}"))

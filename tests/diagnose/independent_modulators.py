@@ -44,7 +44,7 @@ class Dead:
     """Pixels that a driver no longer reaches: so many rows and columns from the first ones, None: all to the end.
 
     level: what they show, in levels of the table, between two of them too. None: what they were sent last before the
-    driver failed, the first patterns of the session.
+    driver failed, the first patterns of the session. is_late: instead, what was sent for the capture before.
     """
 
     first_row: int = 0
@@ -52,8 +52,9 @@ class Dead:
     first_column: int = 0
     columns: int | None = None
     level: float | None = 0.0
+    is_late: bool = False
 
-    def shown(self, levels: Floats, before_failure: Floats) -> Floats:
+    def shown(self, levels: Floats, before_failure: Floats, before: Floats) -> Floats:
         """The levels (y, x) with those of the dead pixels."""
         changed = levels.astype(float)
         y, x = (
@@ -61,6 +62,7 @@ class Dead:
             for first, count in ((self.first_row, self.rows), (self.first_column, self.columns))
         )
         changed[y, x] = before_failure[y, x] if self.level is None else self.level
+        changed[y, x] = before[y, x] if self.is_late else changed[y, x]
         return changed
 
 
@@ -80,12 +82,12 @@ class ModulatorFaults:
     glass: tuple[CoverGlass | None, CoverGlass | None] = (None, None)
     dead: tuple[tuple[Dead, ...], tuple[Dead, ...]] = ((), ())
 
-    def shown(self, levels: Floats, before_failure: Floats) -> Floats:
+    def shown(self, levels: Floats, before_failure: Floats, before: Floats) -> Floats:
         """What both show of what they are sent, (modulator, y, x), in levels."""
         for number, parts in enumerate(self.dead):
             for part in parts:
                 levels = levels.astype(float)
-                levels[number] = part.shown(levels[number], before_failure[number])
+                levels[number] = part.shown(levels[number], before_failure[number], before[number])
         return levels
 
     def path(self, number: int, share: Floats, opd_m: float, wavelength_m: float) -> Floats:

@@ -20,6 +20,14 @@ class StuckConfig:
     """[segments] The gain of a line is the median of so many parts of it, times their number. Evidence: a block of
     stuck pixels reaches over one part or two, and isn't taken for a line."""
 
+    part_segments: int = 3
+    """[segments] A part of a line, from one edge on, is looked for from so many on. Evidence: as for `line_segments`:
+    the median of three bears one that a block reaches over."""
+
+    end_moves: tuple[int, ...] = (-8, -4, -2, -1, 1, 2, 4, 8)
+    """[pixels] By which the end of a part of a line is moved, again and again, while χ² falls. Evidence: derivation:
+    gains tell the end to some pixels."""
+
     min_line_sigmas: float = 5.0
     """[σ] Lines that stand out from the others by less aren't taken. Evidence: none recorded."""
 
