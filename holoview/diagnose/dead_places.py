@@ -90,7 +90,8 @@ def modulator_of(effect: Effect) -> int:
 
 
 def as_values(places: Sequence[DeadPlace]) -> dict[str, Any]:
-    """The lists of an effect's parameters."""
+    """The lists of an effect's parameters, in the order of the places."""
+    places = sorted(places, key=lambda place: place.order)
     whole = [p for p in places if p.is_line and p.span is None]
     columns = [p for p in whole if p.row is None and p.has_level]
     rows = [p for p in whole if p.column is None and p.has_level]

@@ -1,4 +1,4 @@
-"""Fringing fields: the electric field of a pixel reaches its neighbours, which blurs the optical path."""
+"""Pixels of a modulator influence their neighbours: fringing fields between them, coupling of their circuits."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.parameter import Parameter, Values
+from holoview.model.system import System
 
 if TYPE_CHECKING:  # torch takes seconds to import
     from torch import Tensor
@@ -14,15 +15,20 @@ if TYPE_CHECKING:  # torch takes seconds to import
 
 
 class Crosstalk(Effect):
-    """opd → opd convolved with a Gaussian of standard deviation `sigma` modulator pixels."""
+    """opd → opd convolved with a Gaussian of standard deviation `sigma` modulator pixels.
+
+    That is the field that reaches beyond a pixel's edges, so that the path changes smoothly from one to the next.
+    Before it, `coupling` blurs the pixels' values as wholes, by weights coupling^(n²) of the neighbours n pixels away:
+    what leaks between the circuits of pixels, each of which stays uniform and keeps sharp edges.
+    """
 
     id = "crosstalk"
     cause = "Neighbouring pixels of the modulators influence each other (fringing fields)."
-    finding = "The modulators' pixels leak into their neighbours: a blur of {sigma} (standard deviation)."
+    finding = "The modulators' pixels leak into their neighbours: {leaks}."
     parameters = (
         Parameter(
             "sigma",
-            "Standard deviation of the blur.",
+            "Standard deviation of the blur across the pixels' edges.",
             "px",
             low=0.0,
             high=4.0,
@@ -30,9 +36,26 @@ class Crosstalk(Effect):
             scan=(0.15, 1.2, 0.15),
             even=True,
         ),
+        Parameter(
+            "coupling",
+            "Weight of the nearest pixels over that of a pixel itself, in a mean of whole pixels.",
+            low=0.0,
+            high=0.95,
+            prior=0.1,
+            scan=(0.1, 0.6, 0.1),
+        ),
     )
     acts_on = ("modulator 1", "modulator 2")
     order = 1
 
+    def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
+        return context.averaged_pixels(share, v["coupling"]) if v["coupling"] else share
+
     def optical_path(self, path_m: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        return context.blurred(path_m, v["sigma"])
+        return context.blurred(path_m, v["sigma"]) if v["sigma"] else path_m
+
+    def finding_fields(self, system: System, v: Values) -> dict[str, str]:
+        edges = f"a blur of {v['sigma']:.3g} px across their edges (standard deviation)"
+        whole = f"the nearest ones count {v['coupling']:.3g} times as much as the pixel itself"
+        told = [text for text, size in ((edges, v["sigma"]), (whole, v["coupling"])) if size]
+        return {"leaks": ", and ".join(told) or edges}

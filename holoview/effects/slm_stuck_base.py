@@ -91,7 +91,8 @@ class SlmStuck(Effect):
             if lines := [*columns, *rows]:
                 verb = "shows" if len(lines) == 1 else "show"
                 found.append(f"{describe_places(columns, rows, ())} {modulator} {verb} {what} instead of what is sent")
-        return {"found": "; ".join(found) or f"No pixels {modulator} are stuck"}
+        first, *others = found or [f"No pixels {modulator} are stuck"]
+        return {"found": "; ".join([first, *(text[0].lower() + text[1:] for text in others)])}
 
     def _check(self, v: Values) -> None:
         """Raises UserError unless pixels have a row and a column, and rectangles two of each."""

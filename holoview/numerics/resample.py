@@ -14,6 +14,8 @@ Tensor = torch.Tensor
 AffineRows = tuple[tuple[float, float, float], tuple[float, float, float]]
 """Two rows (y, x, 1) of an affine map: its results y' and x'."""
 
+_LEAST_WEIGHT = 1e-8  # of a kernel that is cut off
+
 
 def centred_indices(n: int, dtype: torch.dtype, device: torch.device) -> Tensor:
     """Sample indices 0 … n − 1 minus the grid's centre (n − 1)/2, shape (n,)."""
@@ -37,6 +39,28 @@ def gaussian_blur(values: Tensor, sigma: float | Tensor) -> Tensor:
         return along_y * along_x
 
     return _filtered(values, math.ceil(4 * float(torch.as_tensor(sigma).detach())) + 2, gain)
+
+
+def weighted_blur(values: Tensor, neighbour: float | Tensor) -> Tensor:
+    """A real map (y, x) of which each sample becomes a mean, in which one n samples away along an axis weighs w^(n²).
+
+    neighbour: w, the weight of the nearest ones over the sample's own, 0 … 1 without 1. These are the weights of a
+    Gaussian of variance −1/(2 ln w), and smooth in w from zero on, where the map is unchanged up to rounding. A tensor
+    may require gradients.
+    """
+    weight = float(torch.as_tensor(neighbour).detach())
+    reach = math.ceil(math.sqrt(math.log(_LEAST_WEIGHT) / math.log(weight))) if weight > 0 else 1
+    steps = torch.arange(1, reach + 1, dtype=values.dtype, device=values.device)
+    weights = torch.as_tensor(neighbour, dtype=values.dtype, device=values.device) ** steps.square()
+
+    def gain(fy: Tensor, fx: Tensor) -> Tensor:
+        along_y, along_x = (
+            (1 + 2 * (weights * torch.cos(2 * math.pi * f[..., None] * steps)).sum(-1)) / (1 + 2 * weights.sum())
+            for f in (fy, fx)
+        )
+        return along_y * along_x
+
+    return _filtered(values, reach + 2, gain)
 
 
 def line_blur(values: Tensor, length: tuple[float | Tensor, float | Tensor]) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ ALIKE = {
     "polarisation": ("undiffracted", "camera_black", "camera_gamma", "source_profile", "stroke"),
     "slm1_fringes": ("slm2_fringes", "camera_fringes", "source_profile", "vignetting"),
     "slm2_fringes": ("slm1_fringes", "camera_fringes", "source_profile", "vignetting"),
+    "crosstalk": ("camera_blur", "stroke", "lut"),
 }
 """Effects that change pictures in nearly the same way, by the effect that is to be named."""
 
@@ -47,6 +49,7 @@ MODERATE: dict[str, tuple[Faults, dict[str, float]]] = {
         {"z2_1": 0.06 * CORNER_PX**0.5 / (2 * COLUMNS), "z1_2": 0.04 / 2, "z4_2": 0.04 / (2 * 3**0.5)},
     ),
     "polarisation": (Faults(light=LightFaults(turned_deg=12.0)), {"share": 0.0432273}),
+    "crosstalk": (Faults(crosstalk_px=0.8), {"sigma": 0.0, "coupling": math.exp(-1 / (2 * 0.8**2))}),
     "slm1_fringes": (Faults(modulators=ModulatorFaults(glass=(GLASS, None))), WEDGE),
     "slm2_fringes": (Faults(modulators=ModulatorFaults(glass=(None, GLASS))), WEDGE),
 }

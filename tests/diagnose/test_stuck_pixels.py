@@ -54,6 +54,30 @@ def test_columns_that_are_stuck_at_levels_of_their_own_are_named_beside_look_ali
     assert cause["sentence"].startswith("Columns 12 and 30 of modulator 1 are stuck at 0.3 to 0.733 of the stroke")
 
 
+FEW = ("slm1_stuck", "slm_flatness", "stroke_map")
+SMALL: dict[str, tuple[Dead, dict[str, tuple[int, ...]], dict[str, float]]] = {
+    "a column from a row on": (
+        Dead(first_row=15, first_column=12, columns=1, level=4.5),
+        {
+            "part_first_rows": (15,),
+            "part_last_rows": (31,),
+            "part_first_columns": (12,),
+            "part_last_columns": (12,),
+        },
+        {"part_levels[0]": 4.5 / LAST},
+    ),
+    "a row that keeps the first pattern": (Dead(first_row=9, rows=1, level=None), {"kept_rows": (9,)}, {}),
+    "a row that shows the pattern before": (Dead(first_row=20, rows=1, is_late=True), {"late_rows": (20,)}, {}),
+}
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_parts_of_lines_and_lines_of_earlier_patterns_are_named(tmp_path: Path, name: str) -> None:
+    dead, places, levels = SMALL[name]
+    found = _diagnosed(tmp_path, Faults(modulators=ModulatorFaults(dead=((dead,), ()))), {"each": 4, "seed": 1}, FEW)
+    _check(found, "slm1_stuck", places, levels)
+
+
 SIX = (11, 37, 38, 64, 90, 121)
 OWN = ((5, 0.0), (30, 3.3), (62, 12.6), (63, 7.0), (100, 15.0), (119, 9.1))
 BLOCK = [(y, x) for y in range(30, 34) for x in range(50, 54)]
@@ -72,6 +96,26 @@ SWEEP: dict[str, tuple[str, tuple[Dead, ...], dict[str, tuple[int, ...]]]] = {
         "slm1_stuck",
         (Dead(first_row=30, rows=4, first_column=50, columns=4, level=6.3),),
         {"pixel_rows": tuple(y for y, _ in BLOCK), "pixel_columns": tuple(x for _, x in BLOCK)},
+    ),
+    "half a column": (
+        "slm1_stuck",
+        (Dead(first_row=48, first_column=70, columns=1, level=4.5),),
+        {
+            "part_first_rows": (48,),
+            "part_last_rows": (95,),
+            "part_first_columns": (70,),
+            "part_last_columns": (70,),
+        },
+    ),
+    "a row that keeps the first pattern": (
+        "slm1_stuck",
+        (Dead(first_row=41, rows=1, level=None),),
+        {"kept_rows": (41,)},
+    ),
+    "a column of modulator 2 that shows the pattern before": (
+        "slm2_stuck",
+        (Dead(first_column=33, columns=1, is_late=True),),
+        {"late_columns": (33,)},
     ),
     "a block that keeps its last pattern": (
         "slm2_stuck",

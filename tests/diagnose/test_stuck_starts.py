@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.dead_places import DeadPlace, Shows, as_values, is_stuck_effect, likely_span, spans_near
 from holoview.diagnose.pixel_maps import find_pixel_maps, line_notes
 from holoview.diagnose.replacement_gains import line_gains, replacement_gains, significance
 from holoview.diagnose.search_context import SearchContext
@@ -72,6 +73,35 @@ def test_a_line_that_gains_in_one_place_alone_does_not_stand_out() -> None:
     gains[1, :, 33] += 2.0
     columns = significance(line_gains(gains, 1, SearchConfig().stuck.line_segments))
     assert int(columns[1].argmax()) == 33 and abs(columns[1, 7]) < 4
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 17), (21, 39), (0, 39)])
+def test_the_part_of_a_line_that_gains_ends_where_the_gain_does(first: int, last: int) -> None:
+    gains = np.random.default_rng(1).standard_normal(40)
+    gains[first : last + 1] += 5.0
+    assert likely_span(gains) == (first, last)
+
+
+def test_ends_of_parts_are_moved_within_the_line() -> None:
+    assert list(spans_near((15, 31), 32, (-2, 1, 20))) == [(13, 31), (16, 31)]
+    assert list(spans_near((0, 13), 32, (-1, 18))) == [(0, 12)]  # (0, 31) is the whole line
+
+
+def test_lists_hold_each_place_in_order_as_what_it_is() -> None:
+    places = [
+        DeadPlace(4, None, 0.2),
+        DeadPlace(None, 9, 0.3, span=(5, 31)),
+        DeadPlace(None, 7, shows=Shows.BEFORE),
+        DeadPlace(None, 8, 0.6),
+        DeadPlace(2, 3, 0.7),
+        DeadPlace(6, None, shows=Shows.FIRST),
+    ]
+    values = {name: own for name, own in as_values(places).items() if own}
+    parts = {"part_first_rows": (5,), "part_last_rows": (31,), "part_first_columns": (9,), "part_last_columns": (9,)}
+    lines = {"columns": (8,), "column_levels": (0.6,), "rows": (4,), "row_levels": (0.2,)}
+    pixels = {"pixel_rows": (2,), "pixel_columns": (3,), "pixel_levels": (0.7,)}
+    assert values == {**parts, **lines, **pixels, "part_levels": (0.3,), "kept_rows": (6,), "late_columns": (7,)}
+    assert is_stuck_effect(listed_effects()["slm2_stuck"]) and not is_stuck_effect(listed_effects()["stage"])
 
 
 def test_pixel_maps_show_the_line(make_context: MakeContext) -> None:

@@ -45,6 +45,59 @@ def test_captures_are_those_of_patterns_that_hold_the_levels(make_session: Make)
     torch.testing.assert_close(found, expected, rtol=1e-9, atol=1e-12)
 
 
+def test_parts_of_lines_hold_their_level_and_the_rest_is_as_sent(make_session: Make) -> None:
+    """A column from row 12 on, and a rectangle across the corner; a last row beyond the edge is the edge."""
+    captures = make_session(1)
+    levels = captures.levels.copy()
+    levels[:, 0, 12:, 5], levels[:, 0, :2, 25:] = 6, 9
+    parts = {
+        "part_first_rows": (12, 0),
+        "part_last_rows": (65535, 1),
+        "part_first_columns": (5, 25),
+        "part_last_columns": (5, 27),
+        "part_levels": (0.4, 0.6),
+    }
+    found = Predictor(captures, double_precision=True)([0], {"slm1_stuck": parts}).signal
+    expected = Predictor(replace(captures, levels=levels), double_precision=True)([0]).signal
+    torch.testing.assert_close(found, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_lines_show_the_first_pattern_or_the_one_before(make_session: Make) -> None:
+    """Also of captures that were taken out of their session."""
+    captures = make_session(3)
+    sent, levels = captures.levels, captures.levels.copy()
+    levels[:, 0, 7], levels[:, 0, :, 3] = sent[0, 0, 7], sent[0, 0, :, 3]
+    levels[1:, 0, 12], levels[1:, 0, :, 20] = sent[:2, 0, 12], sent[:2, 0, :, 20]
+    levels[1:, 0, 7, 20] = sent[0, 0, 7, 20]  # where lines cross, the one that keeps the first pattern is seen
+    levels[:, 0, 12, 3] = sent[0, 0, 12, 3]
+    stuck = {"slm1_stuck": {"kept_rows": (7,), "kept_columns": (3,), "late_rows": (12,), "late_columns": (20,)}}
+    found = Predictor(captures, double_precision=True)([0, 1, 2], stuck).signal
+    expected = Predictor(replace(captures, levels=levels), double_precision=True)([0, 1, 2]).signal
+    torch.testing.assert_close(found, expected, rtol=1e-9, atol=1e-12)
+    part = captures.subset([2, 1]).subset([1, 0])
+    assert torch.equal(Predictor(part, double_precision=True)([0, 1], stuck).signal, found[1:])
+
+
+def test_frames_keep_the_first_one_and_show_the_one_before() -> None:
+    """Of three frames that repeat, so that the one before the first is the last."""
+    lines = {"effects.slm1_stuck.kept_rows": [2], "effects.slm1_stuck.late_rows": [5]}
+    system = hv.load("holochrome-8").edit({"shape": [8, 12], "amplitudes": [[1.0] * 8] * 3})
+    drive = np.random.default_rng(0).random(system.drive_shape)
+    shown = drive.copy()
+    shown[:, 0, 2], shown[:, 0, 5] = drive[0, 0, 2], np.roll(drive[:, 0, 5], 1, axis=0)
+    plans = make_plan(system.edit(lines)), make_plan(system)
+    one, two = (
+        compute_focal_stack(TorchExecutor(plan, make_frame_inputs(plan, sent)))[1]
+        for plan, sent in zip(plans, (drive, shown), strict=True)
+    )
+    assert one == pytest.approx(two, rel=1e-4, abs=1e-5 * float(np.max(two)))  # complex64
+
+
+def test_a_rectangle_needs_all_its_sides(make_session: Make) -> None:
+    with pytest.raises(UserError, match="1 part_first_rows, 0 part_last_rows"):
+        Predictor(make_session(1))([0], {"slm1_stuck": {"part_first_rows": (3,)}})
+
+
 def test_an_observer_sees_nothing_of_what_is_sent_to_a_dead_line() -> None:
     changes = {"shape": [8, 12], "effects.slm1_stuck.columns": [3], "effects.slm1_stuck.column_levels": [0.4]}
     system = hv.load("holochrome-8").edit(changes)

@@ -40,6 +40,21 @@ def test_captures_are_those_of_patterns_that_hold_the_levels(make_session: Calla
             "4 pixels (rows 5 and 6, columns 7 to 9; row 9, column 1) of modulator 2 are stuck at 0.5",
         ),
         ({"column_levels": (0.5,)}, "No pixels of modulator 2"),
+        (
+            {
+                "part_first_rows": (48,),
+                "part_last_rows": (95,),
+                "part_first_columns": (70,),
+                "part_last_columns": (70,),
+                "part_levels": (0.3,),
+            },
+            "Rows 48 to 95 of column 70 of modulator 2 are stuck at 0.3 of the stroke, whatever is sent (",
+        ),
+        ({"kept_rows": (41,)}, "Row 41 of modulator 2 shows the first pattern of all instead of what is sent ("),
+        (
+            {"rows": (8,), "row_levels": (0.2,), "late_columns": (3, 9)},
+            "0.2 of the stroke, whatever is sent; columns 3 and 9 of modulator 2 show the pattern before instead of",
+        ),
     ],
 )
 def test_it_is_told_in_words(values: dict[str, Any], words: str) -> None:

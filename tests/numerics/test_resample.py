@@ -9,7 +9,7 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from holoview.numerics.resample import affine_warp, centred_indices, gaussian_blur
+from holoview.numerics.resample import affine_warp, centred_indices, gaussian_blur, weighted_blur
 
 
 def _map(dtype: torch.dtype = torch.float64) -> torch.Tensor:
@@ -55,3 +55,21 @@ def test_a_warp_to_another_shape_is_about_both_centres() -> None:
     found = affine_warp(ramp, ((2.0, 0.0, 0.25), (0.0, 0.5, 1.0)), shape=(4, 6))
     v, u = (centred_indices(n, torch.float64, torch.device("cpu")) for n in (4, 6))
     torch.testing.assert_close(found, 3 * (2 * v + 0.25)[:, None] - 2 * (0.5 * u + 1.0)[None, :])
+
+
+@pytest.mark.parametrize("sigma", [0.2, 0.6, 2.5])
+def test_neighbours_weigh_as_a_gaussian_of_their_distance(sigma: float) -> None:
+    values = np.random.default_rng(1).random((9, 14))
+    found = weighted_blur(torch.from_numpy(values), math.exp(-1 / (2 * sigma**2))).numpy()
+    expected = gaussian_filter(values, sigma, mode="nearest", truncate=6.0)
+    assert found == pytest.approx(expected, abs=1e-7)  # either cuts weights of 1e-8
+
+
+def test_the_weights_of_neighbours_have_a_slope_from_zero_on() -> None:
+    values = torch.from_numpy(np.random.default_rng(2).random((5, 6)))
+    for weight in (0.0, 0.4):
+        neighbour = torch.tensor(weight, dtype=torch.float64, requires_grad=True)
+        (slope,) = torch.autograd.grad(weighted_blur(values, neighbour).square().sum(), neighbour)
+        step = 1e-6
+        ahead, here = (float(weighted_blur(values, w).square().sum()) for w in (weight + step, weight))
+        assert float(slope) == pytest.approx((ahead - here) / step, rel=1e-4)

@@ -16,6 +16,7 @@ from holoview.numerics.resample import (
     gaussian_blur,
     line_blur,
     upsample_nearest,
+    weighted_blur,
 )
 from holoview.numerics.zernike import zernike_sum
 
@@ -110,6 +111,10 @@ class ModulatorContext:
     def blurred(self, values: Tensor, sigma_px: float | Tensor) -> Tensor:
         """The map, as samples, convolved with a Gaussian of `sigma_px` modulator pixels; edges are continued."""
         return gaussian_blur(self.sampled(values), sigma_px * self.upsample)
+
+    def averaged_pixels(self, values: Tensor, neighbour: float | Tensor) -> Tensor:
+        """A map of pixels of which each becomes a mean, in which one n pixels away weighs neighbour^(n²)."""
+        return weighted_blur(values, neighbour)
 
     def warped(self, values: Tensor, pose: Pose) -> Tensor:
         """The map, as samples, of a modulator with this pose; linear between samples, edges are continued."""
