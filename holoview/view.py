@@ -16,6 +16,7 @@ from holoview.engine.frame import compute_focal_stack
 from holoview.model.focus import focused_planes
 from holoview.model.plan import make_plan, parse_planes
 from holoview.model.system import System
+from holoview.model.validity.checks import exceeded_limits
 from holoview.model.visual_angle import sample_degrees
 from holoview.util.progress import StepCallback
 
@@ -37,6 +38,7 @@ class View:
     degrees_per_sample: visual angle from one sample to the next, degrees; None without an eye.
     pitch_m: distance between samples, the modulator's pitch divided by `upsample`, m.
     backend: what computed the view, in words.
+    notes: where the model isn't true of the bench, each as a sentence (docs/physics.md has the limits).
 
     >>> import holoview as hv
     >>> system = hv.load("holochrome-8").with_(shape=[48, 64])
@@ -54,6 +56,7 @@ class View:
     focus_m: NDArray[np.float64]
     accommodation_dpt: NDArray[np.float64] | None = None
     degrees_per_sample: float | None = None
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def rgb(self) -> NDArray[np.floating]:
@@ -162,8 +165,9 @@ def simulate(
     adapter: part of the name of the WebGPU adapter to use.
     progress: called as progress(done, total) while it computes.
 
-    Returns a `View`. Raises UserError when the drive doesn't fit the system, for a wrong distance, and when the backend
-    or the adapter isn't available.
+    Returns a `View`, whose `notes` tell where the model isn't true of the display. Raises UserError when the drive
+    doesn't fit the system, for a wrong distance, when the grid or the stops leave nothing of the patterns to see, and
+    when the backend or the adapter isn't available.
 
     Scalar diffraction by the angular spectrum, band-limited (Matsushima & Shimobaba 2009); frames, directions of the
     source and wavelengths add in intensity. Limits: pixels are squares with a fill factor of 1, polarisation isn't
@@ -189,4 +193,5 @@ def simulate(
         focus_m=focus_m,
         accommodation_dpt=None if eye is None else eye.dioptres(focus_m, system.planes_m),
         degrees_per_sample=None if eye is None else sample_degrees(plan.grid.pitch_m, eye.eyepiece_m),
+        notes=exceeded_limits(plan),
     )

@@ -24,6 +24,7 @@ from holoview.app.window import Window
 from holoview.gpu.device import Device
 from holoview.session.editing_session import EditingSession
 from holoview.session.file_loader import FileLoader
+from holoview.session.limit_notes import LimitNotes
 from holoview.session.live_measurement import LiveMeasurement
 from holoview.session.live_score import LiveScore
 from holoview.session.session_store import SessionStore
@@ -70,6 +71,7 @@ class AppContext:
         self.live_measurement = LiveMeasurement(session, window.wake)
         self.live_psnr = LiveScore("psnr", session, window.wake)
         self.live_score = LiveScore("score", session, window.wake)
+        self.limit_notes = LimitNotes(session)
         remember = store.preferences.add_recent_file if store is not None else lambda path: None
         self.loader = FileLoader(session, remember=remember)
         self.theme = str(store.preferences.get("theme", theme.THEMES[0])) if store else theme.THEMES[0]

@@ -1,4 +1,4 @@
-"""The status bar: the adapter, durations of frames, progress of rendering and jobs."""
+"""The status bar: the adapter, limits of the model, durations of frames, progress of rendering and jobs."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ def draw_status(context: AppContext) -> None:
         imgui.same_line()
         imgui.text_colored(theme.WARNING, "software")
         tooltip("Shaders run on the processor: a GPU's driver wasn't found, or --adapter chose this one.")
+    _draw_limits(context)
     parts = [f"full frame {_ms(renderer.update_s)}"] if renderer.update_s else []
     parts += [f"quick {_ms(renderer.quick_s)}"] if renderer.quick_s else []
     parts += [f"window {_ms(context.window.draw_s)}"]
@@ -34,6 +35,18 @@ def draw_status(context: AppContext) -> None:
     for job in context.session.jobs.active:
         imgui.same_line(spacing=20)
         imgui.text(f"{job.title} {job.fraction:.0%}")
+
+
+def _draw_limits(context: AppContext) -> None:
+    """Says that the model isn't true of the bench, and in a tooltip in what respect."""
+    notes = context.limit_notes.notes()
+    if not notes:
+        return
+    imgui.same_line(spacing=20)
+    text = notes[0].split(":")[0] if len(notes) == 1 else f"{len(notes)} limits of the model"
+    imgui.text_colored(theme.WARNING, text)
+    context.record_item_rect("limits")
+    tooltip("The picture isn't true in this respect:\n\n" + "\n\n".join(notes))
 
 
 def _ms(seconds: float) -> str:

@@ -24,6 +24,7 @@ from holoview.model.effects.active_effects import EffectValues
 from holoview.model.effects.effect import MODULATOR_HOOKS, Effect, ExposureSample
 from holoview.model.effects.hook_contexts import CameraContext
 from holoview.model.plan import Plan, make_plan
+from holoview.model.validity.checks import check_plan
 from holoview.optics.torch_effects import TorchEffects
 
 Tensor = torch.Tensor
@@ -176,7 +177,8 @@ class Predictor:
                 nominal = nominal.edit({"upsample": self.finer * self.captures.upsample, "padding": self.padding})
             if len(self._plans) >= _MAX_PLANS:
                 self._plans.pop(next(iter(self._plans)))
-            self._plans[key] = make_plan(active.bench(nominal))
+            plan = make_plan(active.bench(nominal))
+            self._plans[key] = plan if self.captures.is_fourier else check_plan(plan)
         return self._plans[key]
 
     def _distance(self, k: int, active: TorchEffects) -> float:

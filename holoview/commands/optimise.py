@@ -18,6 +18,7 @@ from holoview.colour import to_srgb8
 from holoview.commands.arguments import system_from_args, warn_of_camera_effects
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.exit_codes import EXIT_INTERRUPTED
+from holoview.commands.limit_notes import warn_of_limits
 from holoview.commands.optimise_options import (
     RunOptions,
     add_options,
@@ -56,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
     system = system_from_args(args)
     warn_of_camera_effects(system)
     require_scores(args.score)
+    warn_of_limits(system)
     output = args.output or Path(f"{system.name or 'hologram'}-{Path(args.target).stem}.safetensors")
     check_output_file(output, ".safetensors")
     pupils = parse_places(args.pupils, system)

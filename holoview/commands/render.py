@@ -23,6 +23,7 @@ from holoview.commands.arguments import (
     with_effects,
 )
 from holoview.commands.console import print_stderr, progress_bar
+from holoview.commands.limit_notes import warn_of_limits
 from holoview.commands.output_files import check_output_file
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.io.png import path_with_suffix, read_pattern, write_png
@@ -72,6 +73,7 @@ def run(args: argparse.Namespace) -> int:
     check_adapter_applies(args)
     if not abs(args.exposure) <= _MAX_STOPS:
         raise UserError("--exposure", f"{args.exposure:g}", expected=f"from -{_MAX_STOPS} to {_MAX_STOPS} stops")
+    limits = warn_of_limits(system, planes_m)
     started = time.perf_counter()
     with progress_bar("rendering") as progress:
         view = simulate(
@@ -86,6 +88,7 @@ def run(args: argparse.Namespace) -> int:
     files = _write_planes(view.exposed(args.exposure), system, output, args.exposure)
     if args.json:
         result = {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files}
+        result["limits"] = limits
         print(json.dumps(result, indent=2))
     else:
         print(f"backend: {view.backend} ({seconds:.2f} s)")

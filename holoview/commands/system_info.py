@@ -10,8 +10,10 @@ import numpy as np
 from holoview.model.bench_parts import Relay
 from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.passband import band_limit
-from holoview.model.plan import Plan, make_plan, walk_off
+from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
+from holoview.model.validity.checks import read_limits
+from holoview.model.validity.sampling_limits import wrap_around
 from holoview.model.visual_angle import field_degrees, sample_degrees
 from holoview.optimise.memory import peak_bytes
 from holoview.util import units
@@ -37,6 +39,7 @@ def info_rows(system: System) -> list[InfoRow]:
         *_cut_offs(plan),
         *_sampling(plan),
         *_eye(plan),
+        *_limits(plan),
         *_memory(plan),
         *_effects(system),
     ]
@@ -182,22 +185,8 @@ def _sampling(plan: Plan) -> list[InfoRow]:
 
 
 def format_wrap_around(plan: Plan) -> str:
-    """How much of the field is reached by light that wrapped around the edges of the padded grid, as text.
-
-    The FFT makes the grid periodic: light that walks off by more than the padding re-enters on the other side. The
-    share of a side that it reaches is max(0, n + walk-off − padded)/n, with n the samples of the unpadded side.
-    """
-    system = plan.system
-    paths: list[tuple[str, Relay, float]] = [("planes", system.relay2, float(plan.planes_m.max()))]
-    if system.gap_m is not None:
-        paths.insert(0, ("gap", system.relay1, system.gap_m))
-    worst, worst_name, worst_reach = 0.0, "", 0.0
-    for name, relay, distance_m in paths:
-        reach = walk_off(system, relay, distance_m)
-        for n, padded in zip(plan.grid.shape, plan.grid.padded, strict=True):
-            share = min(1.0, max(0.0, n + reach - padded) / n)
-            if share > worst:
-                worst, worst_name, worst_reach = share, name, reach
+    """How much of the field is reached by light that wrapped around the edges of the padded grid, as text."""
+    system, (worst, worst_name, worst_reach) = plan.system, wrap_around(plan)
     if worst == 0.0:
         return "none: the padding exceeds the largest walk-off"
     if system.sampling.propagation == "periodic":
@@ -205,6 +194,18 @@ def format_wrap_around(plan: Plan) -> str:
     return (
         f"none: light that walks off by more than the padding ({worst_reach:.0f} samples over the {worst_name}) is cut"
     )
+
+
+def _limits(plan: Plan) -> list[InfoRow]:
+    """What each limit of the model says of a bench."""
+    rows = []
+    for reading in read_limits(plan):
+        text = f"{reading.measured.value:.3g}, true if {reading.limit.threshold}"
+        if reading.is_exceeded:
+            verdict = "REFUSED" if reading.limit.refuses else "NOT TRUE"
+            text += f": {verdict}: {reading.measured.found}; {reading.measured.remedy}"
+        rows.append(InfoRow("limits of the model", reading.limit.name, text))
+    return rows
 
 
 def _memory(plan: Plan) -> list[InfoRow]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.system import System
 
 _QUADRATURE_POINTS = ((2.5e-9, 5), (5e-9, 7), (np.inf, 11))  # (standard deviation up to which, number of points)
+_NEGLIGIBLE = 0.01  # weight of a node in the intensity
 
 
 class Bandwidth(Effect):
@@ -42,15 +44,32 @@ class Bandwidth(Effect):
     def bench(self, system: System, v: Values) -> System:
         if v["sigma"] == 0:
             return system
-        nodes, weights = line_quadrature(
-            next(count for widest, count in _QUADRATURE_POINTS if v["sigma"] <= widest), v["top"]
-        )
+        nodes, weights = line_quadrature(_point_count(v["sigma"]), v["top"])
         lines = (system.wavelengths_m[:, None] + v["sigma"] * nodes).ravel()
         amplitudes = (system.amplitudes[:, :, None] * weights).reshape(system.frames, -1)
         source = system.source
         if source.tilts_rad is not None:
             source = dataclasses.replace(source, tilts_rad=np.repeat(source.tilts_rad, len(nodes), axis=0))
         return dataclasses.replace(system, wavelengths_m=lines, amplitudes=amplitudes, source=source)
+
+    def sample_phase(self, system: System, v: Values) -> float:
+        """π·z·u²·δλ, summed over gap and farthest plane: u of the first order's edge, δλ between neighbouring nodes."""
+        shortest, pitch_m = float(system.wavelengths_m.min()), system.modulators[0].pitch_m
+        ways = ((system.gap_m or 0.0, system.relay1), (float(system.planes_m.max()), system.relay2))
+        turns = sum(z * (relay.first_order_sine(shortest, pitch_m) / shortest) ** 2 for z, relay in ways)
+        return math.pi * turns * v["sigma"] * _widest_step(_point_count(v["sigma"]), v["top"])
+
+
+def _point_count(sigma_m: float) -> int:
+    return next(count for widest, count in _QUADRATURE_POINTS if sigma_m <= widest)
+
+
+def _widest_step(points: int, top: float) -> float:
+    """The widest step between neighbouring nodes that aren't negligible, in standard deviations."""
+    nodes, weights = line_quadrature(points, top)
+    rules = (nodes[:points], nodes[points:]) if top else (nodes,)
+    kept = (rule[w > _NEGLIGIBLE] for rule, w in zip(rules, np.split(weights, len(rules)), strict=True))
+    return max((float(np.diff(rule).max()) for rule in kept if len(rule) > 1), default=0.0)
 
 
 def line_quadrature(points: int, top: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -49,6 +49,15 @@ class SourceExtent(Effect):
         directions = (system.source.directions_rad[:, None] + spread[None]).reshape(-1, 2)
         return dataclasses.replace(system, source=dataclasses.replace(system.source, directions_rad=directions))
 
+    def sample_phase(self, system: System, v: Values) -> float:
+        """2π·u·z·δθ over gap and farthest plane: u of the first order's edge, δθ between neighbouring directions."""
+        if v["radius"] == 0:
+            return 0.0
+        shortest, pitch_m = float(system.wavelengths_m.min()), system.modulators[0].pitch_m
+        far_m = float(system.planes_m.max()) + (system.gap_m or 0.0)
+        step = 2 * v["radius"] / self.directions_per_side(system, v["radius"])
+        return 2 * math.pi * system.relay2.first_order_sine(shortest, pitch_m) / shortest * far_m * step
+
     def directions_per_side(self, system: System, radius_rad: float) -> int:
         """The number of directions along a side of the grid."""
         far = float(system.planes_m.max()) + (system.gap_m or 0.0)

@@ -6,6 +6,7 @@ from typing import Any
 
 from holoview.engine.frame import Executor
 from holoview.model.plan import Plan
+from holoview.model.validity.checks import check_plan
 from holoview.util.errors import UserError, suggest_matches
 
 BACKENDS = ("auto", "wgpu", "torch", "torch64")
@@ -18,12 +19,14 @@ def open_executor(
 
     backend: "wgpu", "torch" (complex64), "torch64" (complex128), or "auto": WebGPU if possible, else PyTorch, in which
     case the label states the reason. adapter: a part of the name of the WebGPU adapter.
-    Raises UserError for an unknown backend, and for "wgpu" or a named adapter if none is suitable.
+    Raises UserError for an unknown backend, for "wgpu" or a named adapter if none is suitable, and for a plan that
+    leaves nothing to see (`check_plan`).
     """
     if backend not in BACKENDS:
         raise UserError(
             "backend", f'"{backend}"', expected=" or ".join(BACKENDS), remedy=suggest_matches(backend, BACKENDS)
         )
+    check_plan(plan)
     from holoview.engine.torch_executor import TorchExecutor  # slow start: importing torch takes a second
     from holoview.optics.frame_inputs import make_frame_inputs
 

@@ -41,6 +41,7 @@ from holoview.gpu.timer import GpuTimer
 from holoview.gpu.tune import StrategyOption
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
+from holoview.model.validity.checks import check_plan
 from holoview.optics.plain_inputs import plain_frame_inputs
 
 BUDGET_BYTES = 2**30
@@ -66,8 +67,8 @@ class IncrementalRenderer:
     half: store fields as f16 between kernels. max_wavelengths: how many wavelengths a dispatch computes if no relay has
     a pupil; 1 makes the shortest steps, more use a large GPU better. strategy: of the FFTs; "auto" starts with one that
     is ready immediately and changes to the fastest once that is compiled in the background, if `poll_strategy` is
-    called regularly. Raises UserError as `make_plan` and `make_frame_inputs` do, and if the grid exceeds the device's
-    limits.
+    called regularly. Raises UserError as `make_plan`, `check_plan` and `make_frame_inputs` do, and if the grid
+    exceeds the device's limits.
     """
 
     def __init__(
@@ -89,7 +90,7 @@ class IncrementalRenderer:
         self._submitter = Submitter(device)
         self.plane_m = float(system.planes_m[0]) if plane_m is None else plane_m
         self.exposure_stops = exposure_stops
-        self._plan = make_plan(system, [*system.planes_m, self.plane_m])
+        self._plan = check_plan(make_plan(system, [*system.planes_m, self.plane_m]))
         self._selector = StrategySelector(device, strategy)
         kernels = self._precompile(self._plan)  # before the inputs, since these may have to import torch
         self._inputs = _make_inputs(self._plan, drive)
@@ -161,7 +162,7 @@ class IncrementalRenderer:
         plane = self.plane_m if plane_m is None else plane_m
         plan, inputs = self._plan, self._inputs
         if system is not None or plane_m is not None:
-            plan = make_plan(new_system, [*new_system.planes_m, plane])
+            plan = check_plan(make_plan(new_system, [*new_system.planes_m, plane]))
         if drive is not None or _inputs_fingerprint(plan) != _inputs_fingerprint(self._plan):
             inputs = _make_inputs(plan, self._drive if drive is None else drive)
         if _structure(plan, inputs) == _structure(self._plan, self._inputs) and self._kernels_fit(plan, inputs):

@@ -14,6 +14,8 @@ focus             the planes on which the eye of a system is focused
 passband          the frequencies that stops and pupils pass, as rows of integers
 transfer          the propagation of one wavelength over one distance, as numbers
 plan              `Plan`: grid, transfer functions, weights and colours, derived in float64
+sampled_distance  how much light of a distance the band limit of a grid leaves
+validity          when the model stops being true: each limit with its threshold
 effects           the framework of imperfections of real displays; the imperfections are in `holoview.effects`
 
 Nothing here imports torch or wgpu, except what effects do to light (`effects.hook_contexts`).

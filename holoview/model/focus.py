@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.model.eye import Eye
-from holoview.model.passband import band_limit
 from holoview.model.system import PLANE_DISTANCES, System
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -91,25 +90,6 @@ def focus_shift(
     shift_m = system.eye.focus_shift_m(wavelengths_m)
     _check_focus(system, planes_m, shift_m, wavelengths_m)
     return shift_m
-
-
-def check_sampled(system: System, farthest_m: float, padded: tuple[int, int], pitch_m: float) -> None:
-    """Raises UserError if an eye is focused so far away that the band limit leaves only light that goes straight on.
-
-    farthest_m: of the distances at all wavelengths. padded, pitch_m: samples (y, x) of the grid and their distance.
-    """
-    if system.sampling.propagation == "periodic":
-        return
-    longest = float(system.wavelengths_m.max())
-    if all(band_limit(n, pitch_m, longest, farthest_m) * n * pitch_m >= 1.0 for n in padded):
-        return
-    raise UserError(
-        "eye",
-        f"it sees a plane at {units.format_rounded(farthest_m, 'mm')}, of which the grid of {padded[1]} x {padded[0]} "
-        "samples holds nothing but light that goes straight on",
-        expected="a plane within the band limit",
-        remedy="change eye.accommodation, eye.infinity or eye.eyepiece, or raise padding",
-    )
 
 
 def _check_focus(

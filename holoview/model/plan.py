@@ -20,8 +20,9 @@ from holoview.colour import observer_weights
 from holoview.model.bench_parts import Relay, Sampling
 from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.eye import Eye
-from holoview.model.focus import check_sampled, eyes_at, focus_shift, focused_planes
+from holoview.model.focus import eyes_at, focus_shift, focused_planes
 from holoview.model.passband import Band, band_limit, band_of_rows, limited_rows, rows_in_disc, stop_rows
+from holoview.model.sampled_distance import check_eye_sampled
 from holoview.model.system import PLANE_DISTANCES, System
 from holoview.model.transfer import Transfer
 from holoview.numerics.fft_grid import is_fast_length, next_fast_length
@@ -166,7 +167,7 @@ class Plan:
         key = (distance_m, relay, wavelength, eye)
         if key not in self._transfers:
             λ, grid = float(self.system.wavelengths_m[wavelength]), self.grid
-            support, shift_m = self._stop_rows(relay, wavelength), (0.0, 0.0)
+            support, shift_m = self.stop_rows(relay, wavelength), (0.0, 0.0)
             if eye is not None:
                 focus_shift_m = float(self.focus_shift_m[wavelength])
                 distance_m, shift_m = distance_m + focus_shift_m, eye.image_shift_m(focus_shift_m)
@@ -193,14 +194,22 @@ class Plan:
         >>> hv.make_plan(system).band(1)
         Band(lowest=(-47, -63), highest=(47, 63))
         """
-        return band_of_rows([self._stop_rows(relay, i) for i in range(len(self.system.wavelengths_m))])
+        return band_of_rows([self.stop_rows(relay, i) for i in range(len(self.system.wavelengths_m))])
 
     def _seen_rows(self, eye: Eye, support: NDArray[np.int32], λ: float) -> NDArray[np.int32]:
         """The frequencies of a support that the pupil of an eye passes."""
         (rows, columns), na = self.grid.frequency_step, eye.pupil_na(self.nominal.field_m)
         return rows_in_disc(support, self.grid.padded[1], na, eye.pupil_centre_na, (λ * rows, λ * columns))
 
-    def _stop_rows(self, relay: int, wavelength: int) -> NDArray[np.int32]:
+    def stop_rows(self, relay: int, wavelength: int) -> NDArray[np.int32]:
+        """The frequencies that the stops of a relay pass of light that propagates, as `Transfer.support` has them.
+
+        relay: 0 for the gap, 1 for the way to the planes. wavelength: index of the wavelength in `system`.
+
+        >>> import holoview as hv
+        >>> hv.make_plan(hv.load("holochrome-8").with_(shape=[48, 64])).stop_rows(1, 0).shape
+        (192, 3)
+        """
         key = (relay, wavelength)
         if key not in self._stops:
             λ, pitch_m = float(self.system.wavelengths_m[wavelength]), self.system.modulators[0].pitch_m
@@ -232,9 +241,10 @@ def make_plan(
     places_m: places (y, x) of the eye's pupil, from each of which all planes are seen, in this order; its own place
     when empty.
 
-    Returns a `Plan`. Raises UserError for an empty list of planes, for a negative distance or one above 1 m, for an eye
-    that is focused at such a distance at any wavelength, or so far away that the grid holds none of its light, for
-    places without an eye, and for effects that such a system can't have.
+    Returns a `Plan`. `holoview.model.validity` tells whether the model is true of it; a plan that leaves nothing to see
+    is refused where it is rendered. Raises UserError for an empty list of planes, for a negative distance or one above
+    1 m, for an eye that is focused at such a distance at any wavelength, or so far away that the grid holds none of its
+    light, for places without an eye, and for effects that such a system can't have.
 
     >>> import holoview as hv
     >>> hv.make_plan(hv.load("holochrome-8"), ["5 mm", 0.01]).planes_m.tolist()
@@ -250,8 +260,8 @@ def make_plan(
     shift_m, eyes = focus_shift(nominal, planes_m, system.wavelengths_m), eyes_at(nominal, len(planes_m), places_m)
     farthest_m = float(planes_m.max() + max(shift_m.max(), 0.0))
     grid, planes_m = _grid(system, farthest_m), np.tile(planes_m, max(len(places_m), 1))
-    if eyes:
-        check_sampled(nominal, farthest_m, grid.padded, grid.pitch_m)
+    if eyes and nominal.sampling.propagation != "periodic":
+        check_eye_sampled(grid.padded, grid.pitch_m, float(nominal.wavelengths_m.max()), farthest_m)
     return Plan(
         system=system,
         planes_m=planes_m,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
+from holoview.model.validity.checks import check_plan
 from holoview.optimise.amplitudes import AmplitudeLeastSquares
 from holoview.optimise.autograd_model import make_forward_model
 from holoview.optimise.drawn_pupils import Places
@@ -298,7 +299,7 @@ class Problem:
 
 def _plan_for(system: System, settings: Settings, places_m: Places) -> Plan:
     """The plan; where wavelengths are free, on a grid padded for the walk-off of the longest one allowed."""
-    plan = make_plan(system, places_m=places_m)
+    plan = check_plan(make_plan(system, places_m=places_m))
     if "wavelengths" not in settings.free:
         return plan
     longest = system.wavelengths_m.copy()

@@ -22,6 +22,7 @@ derived_images        phase of a pattern; eyebox
 measure               speckle contrast, PSNR and colour error of a region; profiles; pixel values
 live_measurement      the same, kept up to date for the displayed image
 live_score            PSNR and a perceptual score of the displayed image, kept up to date
+limit_notes           where the model isn't true of the displayed bench
 tone_mapping          XYZ to 8-bit sRGB
 colour_maps           colour maps for single-channel images
 chromaticity_diagram  spectral locus, display primaries, gamut of the lasers

@@ -191,6 +191,15 @@ class Effect:
         """Counts that are added to the camera's nominal black level."""
         return 0.0
 
+    # --- validity ---------------------------------------------------------------------------------------------------
+
+    def sample_phase(self, system: System, v: Values) -> float:
+        """Phase (rad) between neighbouring samples of a continuum that the effect replaces by samples; 0 without one.
+
+        At the edge of the first order, over the gap and the farthest plane, relative to light on the axis.
+        """
+        return 0.0
+
     # --- searching and reporting ------------------------------------------------------------------------------------
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:

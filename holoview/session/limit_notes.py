@@ -1,0 +1,33 @@
+"""Where the model isn't true of what a session displays, found out once for each bench and focal plane."""
+
+from __future__ import annotations
+
+from holoview.model.plan import make_plan
+from holoview.model.system import System
+from holoview.model.validity.checks import exceeded_limits
+from holoview.session.editing_session import EditingSession
+from holoview.util.errors import UserError
+
+
+class LimitNotes:
+    """The limits of the model that the displayed bench exceeds at its planes and at the one that is shown."""
+
+    def __init__(self, session: EditingSession) -> None:
+        self._session = session
+        self._known: tuple[System, float] | None = None
+        self._notes: tuple[str, ...] = ()
+
+    def notes(self) -> tuple[str, ...]:
+        """Each limit as a sentence; for a bench that can't be computed at all, that alone."""
+        document = self._session.displayed_document
+        key = (document.system, document.view_settings.plane_m)
+        if self._known is None or key != self._known:
+            self._known, self._notes = key, _notes(*key)
+        return self._notes
+
+
+def _notes(system: System, plane_m: float) -> tuple[str, ...]:
+    try:
+        return exceeded_limits(make_plan(system, [*system.planes_m, plane_m]))
+    except UserError as error:
+        return (str(error),)
