@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import tomllib
+from collections.abc import Iterable
 from typing import Any
 
 from holoview.commands.console import print_stderr
@@ -142,6 +143,12 @@ def warn_of_camera_effects(system: System) -> None:
     if camera := [effect.id for effect in ActiveEffects(system.effect_values).camera_effects()]:
         belong = "belongs" if len(camera) == 1 else "belong"
         print_stderr(f"note: {', '.join(camera)} {belong} to the camera that took captures; eyes don't look through it")
+
+
+def warn_of_limits(notes: Iterable[str]) -> None:
+    """Prints where the model isn't true of what was computed, a note a line."""
+    for note in notes:
+        print_stderr(f"note: {note}")
 
 
 def _parse_assignment(text: str, flag: str = "--set", example: str = 'gap="3 mm"') -> tuple[str, Any]:

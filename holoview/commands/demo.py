@@ -114,7 +114,7 @@ def _prepare(args: argparse.Namespace, system: holoview.System) -> None:
     rows, columns = system.modulators[0].shape
     if min(rows, columns) < _MIN_SIDE:
         raise UserError("--shape", f"{rows} {columns}", expected=f"at least {_MIN_SIDE} rows and columns")
-    small = system.edit({"shape": [2, 2]})
+    small = system.edit({"shape": [_MIN_SIDE, _MIN_SIDE], "propagation": "periodic"})
     open_executor(make_plan(small), random_drive(small), args.backend, args.adapter)
     make_folder(args.output)
     check_output_file(args.output / "contact-sheet.png", ".png")

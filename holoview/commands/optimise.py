@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import to_srgb8
-from holoview.commands.arguments import system_from_args, warn_of_camera_effects
+from holoview.commands.arguments import system_from_args, warn_of_camera_effects, warn_of_limits
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.exit_codes import EXIT_INTERRUPTED
-from holoview.commands.limit_notes import warn_of_limits
 from holoview.commands.optimise_options import (
     RunOptions,
     add_options,
@@ -34,7 +33,9 @@ from holoview.io.hologram import Hologram, load_hologram
 from holoview.io.png import write_png
 from holoview.metrics.perceptual_scores import require_scores
 from holoview.model.focus import required_eye
+from holoview.model.plan import make_plan
 from holoview.model.system import System
+from holoview.model.validity.checks import exceeded_limits
 from holoview.optimise.drawn_pupils import StacksAt
 from holoview.optimise.iteration_state import IterationState
 from holoview.optimise.memory import with_compact_grid
@@ -57,7 +58,6 @@ def run(args: argparse.Namespace) -> int:
     system = system_from_args(args)
     warn_of_camera_effects(system)
     require_scores(args.score)
-    warn_of_limits(system)
     output = args.output or Path(f"{system.name or 'hologram'}-{Path(args.target).stem}.safetensors")
     check_output_file(output, ".safetensors")
     pupils = parse_places(args.pupils, system)
@@ -71,6 +71,7 @@ def run(args: argparse.Namespace) -> int:
     if not group.is_main:
         return EXIT_INTERRUPTED if result.interrupted else 0
     result.hologram.save(output, as_uint8=args.drive_type == "uint8")
+    warn_of_limits(exceeded_limits(make_plan(system)))
     if result.interrupted:
         print_stderr(f"interrupted after iteration {result.state.iteration}: the best so far is kept in {output}")
         return EXIT_INTERRUPTED

@@ -19,11 +19,11 @@ from holoview.commands.arguments import (
     parse_seed,
     system_from_args,
     warn_of_camera_effects,
+    warn_of_limits,
     with_changes,
     with_effects,
 )
 from holoview.commands.console import print_stderr, progress_bar
-from holoview.commands.limit_notes import warn_of_limits
 from holoview.commands.output_files import check_output_file
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.io.png import path_with_suffix, read_pattern, write_png
@@ -73,7 +73,6 @@ def run(args: argparse.Namespace) -> int:
     check_adapter_applies(args)
     if not abs(args.exposure) <= _MAX_STOPS:
         raise UserError("--exposure", f"{args.exposure:g}", expected=f"from -{_MAX_STOPS} to {_MAX_STOPS} stops")
-    limits = warn_of_limits(system, planes_m)
     started = time.perf_counter()
     with progress_bar("rendering") as progress:
         view = simulate(
@@ -85,10 +84,11 @@ def run(args: argparse.Namespace) -> int:
             progress=lambda done, total: progress(done, total, "wavelengths"),
         )
     seconds = time.perf_counter() - started
+    warn_of_limits(view.notes)
     files = _write_planes(view.exposed(args.exposure), system, output, args.exposure)
     if args.json:
         result = {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files}
-        result["limits"] = limits
+        result["notes"] = view.notes
         print(json.dumps(result, indent=2))
     else:
         print(f"backend: {view.backend} ({seconds:.2f} s)")
