@@ -42,6 +42,10 @@ frame_rate            how many images a second the viewer shows, measured off sc
 input_driver          synthetic events for a viewer off screen
 script                text scripts that use them
 serve                 HTTP and WebSocket, protected by a token
+serve_options         where and to whom it is served: names, clients, TLS
+serve_guard           which requests pass: by name, token and origin
+client_places         how many pages are connected at a time, and for how long unused
+serve_connections     the server, with deadlines for slow and silent connections
 served_canvas         the canvas that several pages show
 notebook              the viewer in a notebook's cell
 no_adapter            the page shown without a usable adapter

@@ -39,7 +39,7 @@ class App:
     store: the user's preferences and saved sessions; None where nothing is stored. frame_s: see Window. panels: their
     classes. register_tests: called by ImGui's test engine, which then runs. tunes: whether the fastest strategy of
     the transforms for this device is searched for in the background. renderer: of the session's document, if it has
-    been started already.
+    been started already. is_read_only: whether the user can't open, save or export files nor end the viewer.
 
     awaits_frame: whether a new image hasn't been drawn yet. has_shown_image: whether one was ever drawn.
     """
@@ -56,10 +56,11 @@ class App:
         register_tests: Callable[[], None] | None = None,
         tunes: bool = False,
         renderer: ProgressiveRenderer | None = None,
+        is_read_only: bool = False,
     ) -> None:
         self.session, self._tunes = session, tunes
         self.window = Window(canvas, device, frame_s=frame_s)
-        self.context = AppContext(session, device, self.window, store, renderer)
+        self.context = AppContext(session, device, self.window, store, renderer, is_read_only=is_read_only)
         self.toasts = Toasts(session.messages)
         self.panels = [GuardedPanel(panel(), self.context) for panel in panels]
         self.tour = Tour(self.context)

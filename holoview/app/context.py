@@ -48,7 +48,8 @@ class AppContext:
     Edits go through `attempt`, `change` and `edit_view`, which report errors to the user. store: the user's preferences
     and saved sessions; None where nothing is stored.
 
-    renderer: that of the displayed document, if it has been started already.
+    renderer: that of the displayed document, if it has been started already. is_read_only: whether the user can't open,
+    save or export files nor end the viewer; commands and buttons for these aren't there.
     drag_tool: what a drag on the image draws, "region" or "line"; "" pans. wants_measurement: set by a panel in each
     frame in which it shows measurements of the image. item_rects: where items were drawn in the last frame, by name.
     displayed_pixels: returns what the image panel shows, 8-bit sRGB (y, x, 3), or None before anything is shown.
@@ -61,8 +62,11 @@ class AppContext:
         window: Window,
         store: SessionStore | None,
         renderer: ProgressiveRenderer | None = None,
+        *,
+        is_read_only: bool = False,
     ) -> None:
         self.session, self.device, self.window, self.store = session, device, window, store
+        self.is_read_only = is_read_only
         self.commands, self.item_rects = CommandRegistry(), dict[str, Rect]()
         self.drag_tool, self.wants_measurement = "", False
         self.side_renderers = SideRenderers(device, session, renderer)

@@ -37,7 +37,9 @@ def add_general_commands(context: AppContext) -> None:
         "File",
         help="The shipped hologram with its target, as at the first start.",
     )
-    add("Quit", context.window.request_close, "File", "Ctrl+Q", "All is saved as it is, and offered at the next start.")
+    if not context.is_read_only:
+        help = "All is saved as it is, and offered at the next start."
+        add("Quit", context.window.request_close, "File", "Ctrl+Q", help)
     add("Keys", lambda: context.help_overlay.toggle("keys"), "Help", "? F1", "Every key and what it does.")
     add(
         "Commands",

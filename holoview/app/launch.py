@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
 from holoview.app.progressive_renderer import ProgressiveRenderer
-from holoview.app.serve import Address, require_serving_libraries
+from holoview.app.serve import Address, ServeOptions, require_serving_libraries
 from holoview.app.startup import Startup
 from holoview.gpu.device import Device
 from holoview.model.system import System
@@ -26,6 +26,7 @@ class LaunchOptions:
     is_random: whether a new session shows random patterns instead of the example. names: files to open in it. size: of
     the window (x, y) in pixels. adapter: part of the name of a WebGPU adapter, None for any. restores: whether the last
     session is restored instead of opening `system`. serve: HOST:PORT to serve a browser, None for a window.
+    serve_options: to whom it is served; where that is to look at only, nothing is stored and no session restored.
     is_offscreen: draws without a screen, runs `script` (its text) and writes `screenshot`; script_name names the script
     in errors. until_image: whether the viewer ends when its first image is displayed, and prints that. recovers: id of
     the process of a viewer that crashed, whose session is opened if it was saved; None for none.
@@ -44,6 +45,7 @@ class LaunchOptions:
     screenshot: Path | None
     until_image: bool = False
     recovers: int | None = None
+    serve_options: ServeOptions = field(default_factory=ServeOptions)
 
 
 IMAGE_DISPLAYED = "the first image is displayed"
@@ -60,7 +62,8 @@ def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], Non
     if address is not None:
         require_serving_libraries()
     device = _device(options, startup, has_window=address is None and not options.is_offscreen)
-    store = None if options.is_offscreen else SessionStore()
+    is_read_only = address is not None and options.serve_options.is_read_only
+    store = None if options.is_offscreen or is_read_only else SessionStore()
     crashed = None if store is None or options.recovers is None else store.take_over(options.recovers)
     session, names = (crashed, ()) if crashed is not None else (_session(options, store), options.names)
     renderer = ProgressiveRenderer(device)
@@ -69,12 +72,12 @@ def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], Non
 
     on_image = partial(print, IMAGE_DISPLAYED, flush=True) if options.until_image else None
     window = (session, device, renderer, options.size)
-    if store is None and on_image is not None:
+    if address is not None:
+        run_in_browser(*window, store, names, address, options.serve_options, report)
+    elif store is None and on_image is not None:
         run_until_image(*window, on_image)
     elif store is None:
         run_offscreen(*window, options.script, options.script_name, options.screenshot, names)
-    elif address is not None:
-        run_in_browser(*window, store, names, address, report)
     else:
         run_on_screen(*window, store, names, on_image)
 

@@ -16,7 +16,7 @@ from holoview.app.desktop import connect_desktop
 from holoview.app.input_driver import InputDriver
 from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.app.script import run_script, screenshot, wait_until_idle
-from holoview.app.serve import Address, serve
+from holoview.app.serve import Address, ServeOptions, serve
 from holoview.gpu.device import Device, DeviceLost
 from holoview.session.autosave import Autosave
 from holoview.session.editing_session import EditingSession
@@ -118,35 +118,43 @@ def run_in_browser(
     device: Device,
     renderer: ProgressiveRenderer,
     size: tuple[int, int],
-    store: SessionStore,
+    store: SessionStore | None,
     names: Sequence[str],
     address: Address,
+    options: ServeOptions,
     began: Callable[[str], None],
 ) -> None:
-    """Serves the viewer to a browser until it is interrupted; `began` is called with the address."""
+    """Serves the viewer to a browser until it is interrupted; `began` is called with the address.
+
+    store: None where the viewer is served to look at only.
+    """
     from holoview.app.served_canvas import ServedCanvas, loop
 
     canvas = ServedCanvas(size=size, title=_TITLE, max_fps=30)
-    app = open_app(session, device, canvas, store, names, renderer)
-    _run_loop(app, store, loop, lambda: serve(address, began, canvas.get_closed))
+    app = open_app(session, device, canvas, store, names, renderer, is_read_only=options.is_read_only)
+    _run_loop(app, store, loop, lambda: serve(address, began, canvas.get_closed, options=options))
 
 
 def open_app(
     session: EditingSession,
     device: Device,
     canvas: Any,
-    store: SessionStore,
+    store: SessionStore | None,
     names: Sequence[str],
     renderer: ProgressiveRenderer | None = None,
+    is_read_only: bool = False,
 ) -> App:
     """The viewer with the user's preferences, opening `names`; a user who hasn't seen the tour gets it or a hint.
 
-    The tour is of the example; who begins with something else is told where help is.
+    The tour is of the example; who begins with something else is told where help is. store: None where nothing is
+    stored, nor the tour remembered. is_read_only: see `App`.
     """
-    app = App(session, device, canvas, store=store, tunes=True, renderer=renderer)
+    app = App(
+        session, device, canvas, store=store, tunes=not is_read_only, renderer=renderer, is_read_only=is_read_only
+    )
     if names:
         app.context.attempt(app.context.loader.open, list(names))
-    if app.tour.was_seen:
+    if store is None or app.tour.was_seen:
         return app
     if shows_example(session) and not names:
         app.tour.start()
@@ -158,7 +166,7 @@ def open_app(
     return app
 
 
-def _run_loop(app: App, store: SessionStore, loop: Any, run: Callable[[], None]) -> None:
+def _run_loop(app: App, store: SessionStore | None, loop: Any, run: Callable[[], None]) -> None:
     autosave = _autosave(app, store)
     app.session.wake = partial(_wake_window, loop, app)
     loop.add_task(compute_loop, app, name="compute")
@@ -181,8 +189,10 @@ def _wake_window(loop: Any, app: App) -> None:
         loop.call_soon_threadsafe(app.window.wake)
 
 
-def _autosave(app: App, store: SessionStore) -> Autosave | None:
-    """Starts saving the session; if that is impossible, a message says so."""
+def _autosave(app: App, store: SessionStore | None) -> Autosave | None:
+    """Starts saving the session where there is a store; if that is impossible, a message says so."""
+    if store is None:
+        return None
     try:
         return store.start_autosave(app.session)
     except UserError as error:

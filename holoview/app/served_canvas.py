@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from rendercanvas.http import RenderCanvas, asgi, loop
 
 __all__ = ["ServedCanvas", "loop"]
 _USES = ("pointer_down", "key_down", "wheel")  # events by which a user takes over
+_SERVER = 0  # the id under which rendercanvas tells of pages; theirs begin with 1
+_MOST_PIXELS = 16384  # of a side of a page
 
 
 class ServedCanvas(RenderCanvas):  # type: ignore[misc]
@@ -23,12 +26,12 @@ class ServedCanvas(RenderCanvas):  # type: ignore[misc]
         super().__init__(**options)
 
     def _on_event(self, event: dict[str, Any], id: int) -> None:
-        kind = event.get("type")
-        if kind == "_clients_change":
+        if id == _SERVER:
             self._change_pages(event)
             return
-        if id not in self._frame_info_per_client:
-            return  # the connection is gone
+        if id not in self._frame_info_per_client or not _is_sound(event):
+            return  # the connection is gone, or a program sends what no page does
+        kind = event["type"]
         if kind == "resize":
             self._sizes[id] = dict(event)
         if kind in _USES and id != self._active_client:
@@ -57,3 +60,13 @@ class ServedCanvas(RenderCanvas):  # type: ignore[misc]
         for connection in asgi._websockets.values():
             connection._send_queue.put_nowait(None)  # ends the connection; rendercanvas forgets to await this
         self._is_closed = True
+
+
+def _is_sound(event: Any) -> bool:
+    """Whether an event is one that a page sends of its own: not of the connections, nor an end of the viewer."""
+    if not isinstance(event, dict) or event.get("type") in (None, "_clients_change", "close"):
+        return False
+    numbers = [value for value in event.values() if isinstance(value, int | float)]
+    if not all(math.isfinite(value) for value in numbers):
+        return False
+    return event["type"] != "resize" or all(0 <= event.get(side, -1) <= _MOST_PIXELS for side in ("pwidth", "pheight"))

@@ -25,7 +25,7 @@ class TourStep:
 def make_tour_steps(context: AppContext) -> tuple[TourStep, ...]:
     """The steps, whose buttons act on the viewer of `context`."""
     run = context.commands.run
-    return (
+    steps = (
         TourStep(
             "Focus",
             "The image is what an eye sees of a hologram. It has depth: drag the slider, or turn the wheel over the "
@@ -67,3 +67,4 @@ def make_tour_steps(context: AppContext) -> tuple[TourStep, ...]:
             partial(run, "Open…"),
         ),
     )
+    return steps[:-1] if context.is_read_only else steps

@@ -6,6 +6,7 @@ import argparse
 import re
 from pathlib import Path
 
+from holoview.app.serve_options import CLIENTS, ServeOptions
 from holoview.commands.arguments import add_changes, with_changes
 from holoview.commands.console import print_stderr
 from holoview.commands.exit_codes import EXIT_DEVICE_LOST
@@ -36,6 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--new", action="store_true", help="begin anew instead of with the last session")
     parser.add_argument("--random", action="store_true", help="random patterns: the speckle of the bench, no picture")
     parser.add_argument("--serve", metavar="HOST:PORT", help="show it in a browser; asks for the token that is printed")
+    _add_serve_options(parser)
     parser.add_argument("--offscreen", action="store_true", help="draw it without a screen, for --script, --screenshot")
     parser.add_argument(
         "--until-image",
@@ -47,10 +49,32 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--screenshot", metavar="PNG", type=Path, help="a picture of the window; with --offscreen")
 
 
+def _add_serve_options(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("with --serve")
+    group.add_argument("--look", action="store_true", help="to look at: no files are opened, saved or exported")
+    group.add_argument(
+        "--clients", metavar="N", type=int, help=f"the most pages that are connected at a time; {CLIENTS} if absent"
+    )
+    group.add_argument(
+        "--idle", metavar="MINUTES", type=float, help="a page without input is disconnected; 60 if absent, 0: never"
+    )
+    group.add_argument(
+        "--host-name",
+        metavar="NAME",
+        action="append",
+        help="a further name that it answers to, such as that of a reverse proxy; may be given several times",
+    )
+    group.add_argument(
+        "--certificate", metavar="PEM", type=Path, help="encrypts connections (TLS) with this certificate"
+    )
+    group.add_argument("--key", metavar="PEM", type=Path, help="key of the certificate, if it isn't in the same file")
+
+
 def run(args: argparse.Namespace) -> int:
     """Opens the viewer and returns when it is closed."""
     size = _size(args.size)
     _check(args)
+    serve_options = _serve_options(args)
     system = _system(args)
     names = [name for name in args.names if not _is_preset(name)]
     if args.random and names:
@@ -78,6 +102,7 @@ def run(args: argparse.Namespace) -> int:
         screenshot=args.screenshot,
         until_image=args.until_image,
         recovers=args.recover,
+        serve_options=serve_options,
     )
     try:
         launch(options, startup, print_stderr)
@@ -103,6 +128,18 @@ def _check(args: argparse.Namespace) -> None:
             raise UserError("--until-image", f"with {flag}", expected="one of them")
     if args.screenshot is not None:
         check_output_file(args.screenshot, ".png")
+
+
+def _serve_options(args: argparse.Namespace) -> ServeOptions:
+    """To whom the viewer is served. Raises UserError for such an option without --serve, and for wrong values."""
+    names = ("look", "clients", "idle", "host_name", "certificate", "key")
+    given = {name: value for name in names if (value := getattr(args, name)) not in (None, False)}
+    if given and args.serve is None:
+        flag = f"--{next(iter(given)).replace('_', '-')}"
+        raise UserError(flag, "without --serve", expected="--serve HOST:PORT with it")
+    renamed = {"look": "is_read_only", "idle": "idle_min", "host_name": "host_names"}
+    options = {renamed.get(name, name): value for name, value in given.items()}
+    return ServeOptions(**options | {"host_names": tuple(given.get("host_name", ()))})
 
 
 def _system(args: argparse.Namespace) -> System:

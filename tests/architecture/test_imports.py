@@ -76,6 +76,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.app.run", "rendercanvas.offscreen"): CHOICE,
     ("holoview.app.notebook", "rendercanvas.anywidget"): CHOICE,
     ("holoview.app.serve", "rendercanvas.http"): CHOICE,
+    ("holoview.app.serve", "holoview.app.serve_connections"): OPTIONAL,
 }
 """Every import inside a function, with its reason; all others stand at the top of their files."""
 

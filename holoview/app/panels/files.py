@@ -58,7 +58,9 @@ class FilesPanel(Panel):
         self.dialog = FileDialog(context.session)
         self.recovery = RecoveryDialog(context.session, context.store)
         context.overlays += [self.recovery, self.dialog]
-        self._saves = self._all_saves(context)
+        self._saves = [] if context.is_read_only else self._all_saves(context)
+        if context.is_read_only:
+            return
         add = context.commands.add
         add("Open…", lambda: self._open(context), "File", "Ctrl+O", "A preset, hologram, patterns, or picture.")
         for save in self._saves:
@@ -107,6 +109,10 @@ class FilesPanel(Panel):
 
     def draw(self, context: AppContext) -> None:
         """Draws the buttons, the settings of the sweep, and the jobs."""
+        if context.is_read_only:
+            imgui.text_wrapped("This viewer is served to look at: files can't be opened, saved or exported.")
+            _draw_jobs(context)
+            return
         if imgui.button("Open…", imgui.ImVec2(-1, 0)):
             context.attempt(self._open, context)
         width = (imgui.get_content_region_avail().x - imgui.get_style().item_spacing.x) / 2

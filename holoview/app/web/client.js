@@ -2,7 +2,10 @@
 // the connection again when it drops.
 
 const RETRY_MS = 1000
+const FULL_RETRY_MS = 5000
 const NORMAL_CLOSURE = 1000 // RFC 6455, 7.4.1
+const TRY_AGAIN_LATER = 1013
+const NOT_USED = 4001 // holoview/app/client_places.py
 const wrapper = document.getElementById('canvas')
 const status = document.getElementById('status')
 
@@ -86,9 +89,15 @@ function connect () {
     else announced = { ...JSON.parse(data), buffers: [] }
     if (announced.buffers.length === (announced.nbuffers ?? 0)) receive(announced)
   }
-  socket.onclose = ({ code }) => {
+  socket.onclose = ({ code, reason }) => {
     if (code === NORMAL_CLOSURE) {
       tell('The viewer was closed. You can close this page.', true)
+    } else if (code === TRY_AGAIN_LATER) {
+      tell(`There is no place: ${reason}. Trying again …`, true)
+      window.setTimeout(connect, FULL_RETRY_MS)
+    } else if (code === NOT_USED) {
+      tell(`This page was disconnected: ${reason}. Click to go on.`, true)
+      window.addEventListener('pointerdown', connect, { once: true })
     } else {
       tell('No connection to the viewer. Trying again …', true)
       window.setTimeout(connect, RETRY_MS)
