@@ -133,7 +133,7 @@ def _check(args: argparse.Namespace) -> None:
 def _serve_options(args: argparse.Namespace) -> ServeOptions:
     """To whom the viewer is served. Raises UserError for such an option without --serve, and for wrong values."""
     names = ("look", "clients", "idle", "host_name", "certificate", "key")
-    given = {name: value for name in names if (value := getattr(args, name)) not in (None, False)}
+    given = {name: value for name in names if (value := getattr(args, name)) is not None and value is not False}
     if given and args.serve is None:
         flag = f"--{next(iter(given)).replace('_', '-')}"
         raise UserError(flag, "without --serve", expected="--serve HOST:PORT with it")

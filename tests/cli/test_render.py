@@ -188,3 +188,21 @@ def test_auto_says_that_it_took_torch_and_why(holoview: Run, tmp_path: Path, mon
     assert outcome.code == 0
     assert "backend: torch, complex64 (chosen because: graphics adapter: none was found; " in outcome.out
     assert "chosen because" in _texts(tmp_path / "seen.png")["holoview.backend"]
+
+
+def test_what_the_model_isnt_true_of_is_told_beside_the_picture(holoview: Run) -> None:
+    near = ("render", "holochrome-8", *TORCH, "--plane", "1mm", "-o", "out.png")
+    assert "note:" not in holoview(*near).err
+    outcome = holoview(*near, "--set", "upsample=1")
+    assert outcome.code == 0
+    assert "note: samples a pixel: with 1 sample a pixel, light at the edge of the first order" in outcome.err
+    notes = json.loads(holoview(*near, "--set", "upsample=1", "--json").out)["notes"]
+    assert [note.split(":")[0] for note in notes] == ["samples a pixel"]
+
+
+@pytest.mark.parametrize("pitch", ["0.1 um", "0.3 um"])
+def test_what_would_be_uniform_whatever_the_patterns_is_refused(holoview: Run, tmp_path: Path, pitch: str) -> None:
+    outcome = holoview("render", "holochrome-8", *TORCH, "--set", f'pitch="{pitch}"')
+    assert outcome.code == 2 and len(outcome.err.splitlines()) == 1
+    assert "holds nothing but light that goes straight on" in outcome.err
+    assert not list(tmp_path.glob("*.png"))

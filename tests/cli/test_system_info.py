@@ -89,6 +89,17 @@ def test_light_that_leaves_the_padding_is_cut_rather_than_wrapped() -> None:
     assert found == "none: light that walks off by more than the padding (20380 samples over the planes) is cut"
 
 
+def test_every_limit_of_the_model_has_its_figure() -> None:
+    found = _facts("holochrome-8")
+    # 1/(650 nm · √((22 mm/6.144 mm)² + 1)) of 1/(16 µm): 6.62
+    assert found["band limit"] == "6.62, true if at least 1"
+    assert found["samples a pixel"] == "0.234, true if at most 0.25"
+    assert not any("NOT TRUE" in text or "REFUSED" in text for text in found.values())
+    fine = _facts("holochrome-8", pitch="0.1 um")
+    assert "REFUSED: light goes on to what lies at 11 mm" in fine["band left"]
+    assert fine["evanescent orders"].startswith("0.926, true if at most 0: NOT TRUE: 93% of the first order")
+
+
 def test_memory_is_that_of_complex64_fields_and_float32_intensities() -> None:
     found = _facts("holochrome-8")
     assert found["one padded field"] == "24 MiB"  # 2048 · 1536 · 8 bytes

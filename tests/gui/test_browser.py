@@ -173,3 +173,25 @@ def test_the_offer_to_recover_lies_inside_the_page(device: Device, tmp_path: Pat
         rows = np.flatnonzero((pixels(page, tmp_path).max(axis=2)[:, 50:590] < 40).mean(axis=1) > 0.8)
         assert rows.size > 30 and rows[0] > 0 and rows[-1] < 419
         assert (rows[0] + rows[-1]) / 2 == pytest.approx(210, abs=25)
+
+
+def test_a_page_too_many_says_so_and_gets_the_place_that_becomes_free(
+    device: Device, tmp_path: Path, browser: Browser
+) -> None:
+    with serving(tmp_path, "--new", "--clients", "1") as served:
+        first = browser.open(served.url, 800, 500)
+        wait_for_sizes(first, 800, 500)
+        second = browser.open(served.url, 640, 400)
+        second.get_by_text("There is no place: another page is connected already").wait_for()
+        first.close()
+        wait_for_sizes(second, 640, 400)
+
+
+def test_a_page_that_nobody_uses_goes_on_at_a_click(device: Device, tmp_path: Path, browser: Browser) -> None:
+    with serving(tmp_path, "--new", "--idle", "0.05") as served:
+        page = browser.open(served.url, 640, 400)
+        wait_for_sizes(page, 640, 400)
+        page.get_by_text("This page was disconnected: not used for 0.05 minutes").wait_for()
+        page.set_viewport_size({"width": 720, "height": 500})
+        page.mouse.click(300, 200)
+        wait_for_sizes(page, 720, 500)

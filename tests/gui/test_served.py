@@ -32,7 +32,7 @@ def address(device: Device, tmp_path: Path) -> Iterator[tuple[str, str]]:
     assert not list(tmp_path.rglob("lock.json")), "the session was closed in good order"
 
 
-def _cookie(address: str, token: str) -> str:
+def browser_cookie(address: str, token: str) -> str:
     """The cookie that the page sets for whoever has the token."""
 
     class Stay(urllib.request.HTTPRedirectHandler):
@@ -48,7 +48,7 @@ def _cookie(address: str, token: str) -> str:
     return cookie
 
 
-def _frame(browser: ClientConnection) -> np.ndarray:
+def next_frame(browser: ClientConnection) -> np.ndarray:
     """The next picture; the browser says that it has shown it."""
     while True:
         message = json.loads(browser.recv(timeout=_SECONDS))
@@ -69,15 +69,15 @@ def test_a_browser_with_the_token_sees_the_viewer_and_drives_it(address: tuple[s
     host, token = address
     with pytest.raises(InvalidStatus, match="403"), connect(f"ws://{host}/", open_timeout=_SECONDS):
         pass
-    with connect(f"ws://{host}/", additional_headers={"Cookie": _cookie(host, token)}, max_size=None) as browser:
+    with connect(f"ws://{host}/", additional_headers={"Cookie": browser_cookie(host, token)}, max_size=None) as browser:
         browser.send(json.dumps({"type": "resize", "timestamp": 0.0, **_SIZE}))
-        picture = _frame(browser)
+        picture = next_frame(browser)
         for _ in range(40):
             if picture.shape[:2] == (400, 640) and picture.std() > 20:
                 break
-            picture = _frame(browser)
+            picture = next_frame(browser)
         assert picture.shape[:2] == (400, 640) and picture.std() > 20, "something is seen"
         _key(browser, "key_down", "F1")
         _key(browser, "key_up", "F1")
-        changes = [np.abs(_frame(browser) - picture).mean() for _ in range(6)]
+        changes = [np.abs(next_frame(browser) - picture).mean() for _ in range(6)]
         assert max(changes) > 5, "the sheet of keys covers the image"

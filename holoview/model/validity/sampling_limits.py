@@ -97,7 +97,7 @@ def _first_order_left(plan: Plan) -> Measured | None:
 BAND_LIMIT = Limit(
     name="band limit",
     quantity="band limit in half widths of the first order, or of what the stops pass of it",
-    reason="below 1 light of the first order is left out: measured errors of the intensity of 16 % and more",
+    reason="below 1 light of the first order is left out: measured errors of the intensity of 17 % and more",
     measure=_first_order_left,
     at_least=1.0,
 )

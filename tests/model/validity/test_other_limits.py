@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,14 @@ def test_the_model_is_true_of_every_shipped_bench(name: str) -> None:
 def test_limits_have_names_of_their_own_one_threshold_and_a_reason() -> None:
     assert len({limit.name for limit in LIMITS}) == len(LIMITS)
     assert all((limit.at_least is None) != (limit.at_most is None) and limit.reason for limit in LIMITS)
+
+
+def test_the_manual_states_every_limit_with_its_threshold() -> None:
+    text = (Path(__file__).resolve().parents[3] / "docs" / "physics.md").read_text(encoding="utf-8")
+    rows = {cells[1].strip(): cells for line in text.splitlines() if len(cells := line.split("|")) == 6}
+    for limit in LIMITS:
+        cells = rows[f"{limit.name} (*refused*)" if limit.refuses else limit.name]
+        assert cells[3].strip() == limit.threshold.replace("3.14", "π"), limit.name
 
 
 def test_a_picture_comes_with_what_isnt_true_of_it() -> None:

@@ -117,7 +117,7 @@ def test_the_band_limit_is_stated_in_half_widths_of_the_first_order() -> None:
 
 
 def test_light_that_wraps_around_makes_another_picture() -> None:
-    """Measured: 85 % of the intensity, in L2."""
+    """Measured: an error of 1.9 times the intensity, in L2: nearly all light of so small a modulator leaves it."""
     system = _bench(planes=["3 mm"], propagation="periodic")
     assert _value(WRAP_AROUND, system) > 0.5
     assert _error(system, _bench(planes=["3 mm"])) > 0.3
@@ -143,7 +143,7 @@ def test_one_sample_a_pixel_is_told_and_two_are_not() -> None:
 
 
 def test_one_sample_a_pixel_is_worse_than_two() -> None:
-    """Power in the middle of the picture, whose mean is known: 18.5 % of two samples' light goes to higher orders."""
+    """Intensity of whole pixels against eight samples a pixel, in L2: measured 105 % and 32 %."""
     pictures = {u: _intensity(_bench(upsample=u, planes=["0.5 mm"])) for u in (1, 2, 8)}
     blocks = {u: p.reshape(32, u, 32, u).mean(axis=(1, 3)) for u, p in pictures.items()}
     errors = {u: np.linalg.norm(blocks[u] - blocks[8]) / np.linalg.norm(blocks[8]) for u in (1, 2)}

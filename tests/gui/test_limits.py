@@ -1,0 +1,48 @@
+"""The status bar says where the model isn't true of the bench."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from tests.gui.conftest import Gui, small_bench
+
+pytestmark = pytest.mark.gpu
+
+
+def test_the_status_bar_shows_limits_that_are_exceeded(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui()
+    gui.draw_until_idle()
+    assert gui.context.limit_notes.notes() == () and "limits" not in gui.context.item_rects
+    gui.context.change("Sampling", "upsample", 1)
+    gui.draw_frames(2)
+    assert [note.split(":")[0] for note in gui.context.limit_notes.notes()] == ["samples a pixel"]
+    assert "limits" in gui.context.item_rects
+    gui.session.undo()
+    gui.draw_frames(2)
+    assert gui.context.limit_notes.notes() == ()
+
+
+def test_a_bench_that_leaves_nothing_keeps_the_picture_and_says_why(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui()
+    gui.draw_until_idle()
+    before = gui.context.side_renderers.now.full_scene
+    gui.context.change("Pitch", "pitch", "0.1 um")
+    gui.draw_until_idle()
+    assert "straight on" in gui.last_message()
+    assert any(note.startswith("band left: ") for note in gui.context.limit_notes.notes())
+    assert gui.context.side_renderers.now.full_scene is before
+    gui.session.undo()
+    gui.draw_until_idle()
+    assert gui.context.limit_notes.notes() == ()
+
+
+def test_limits_are_found_out_once_for_each_bench(
+    make_gui: Callable[..., Gui], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gui = make_gui(small_bench(upsample=1))
+    notes = gui.context.limit_notes.notes()
+    monkeypatch.setattr("holoview.session.limit_notes.make_plan", lambda *_: pytest.fail("planned again"))
+    gui.draw_frames(3)
+    assert gui.context.limit_notes.notes() is notes
