@@ -8,12 +8,12 @@ from holoview.util.errors import UserError
 
 
 def frequencies_left(padded: RowsColumns, pitch_m: float, wavelength_m: float, distance_m: float) -> float:
-    """How many frequencies beside zero the band limit leaves on each side of an axis, the smaller of the two axes.
+    """How many frequencies beside zero the band limit leaves on each side of an axis, the larger of the two axes.
 
     padded, pitch_m: samples (y, x) of the grid and their distance. Below 1, only light that goes straight on is left,
-    and the picture is uniform along that axis. Where 2z is large beside the side P·dx of the grid it is (P·dx)²/(2λz).
+    and the picture is uniform. Where 2z is large beside the side P·dx of the grid it is (P·dx)²/(2λz).
     """
-    return min(n * pitch_m * band_limit(n, pitch_m, wavelength_m, distance_m) for n in padded)
+    return max(n * pitch_m * band_limit(n, pitch_m, wavelength_m, distance_m) for n in padded)
 
 
 def nothing_left(padded: RowsColumns, pitch_m: float, distance_m: float) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from holoview.model.passband import Integers
 from holoview.model.plan import Plan
 from holoview.model.validity.eye_limits import EYEBOX, PUPIL_SAMPLES
@@ -22,32 +24,29 @@ from holoview.util.errors import UserError
 
 
 def _light_left(plan: Plan) -> Measured:
-    """The frequencies along the narrower axis that pass a relay at the wavelength that passes best."""
+    """The frequencies that pass a relay at the wavelength that passes best, of the relay that passes fewer."""
     lit = [i for i in range(len(plan.system.wavelengths_m)) if plan.lit(i)]
     fewest, relay = min(
-        (max(_narrower_side(plan.stop_rows(relay, i)) for i in lit), relay) for _, relay, _ in paths(plan)
+        (max(_count_passing(plan.stop_rows(relay, i)) for i in lit), relay) for _, relay, _ in paths(plan)
     )
-    left = "nothing that the samples hold" if fewest == 0 else "one frequency of the samples along an axis"
     return Measured(
         float(fewest),
-        f"the stops pass {left}",
+        "no light passes its stops" if fewest == 0 else "a single frequency of the samples passes its stops",
         f"relay{relay + 1}",
-        "widen the stop, move it to light that the samples hold, or raise padding or upsample",
+        "widen them, move them to light that the samples hold, or raise padding or upsample",
     )
 
 
-def _narrower_side(support: Integers) -> int:
-    """Rows or columns of frequencies between the outermost ones that pass, whichever are fewer."""
-    is_lit = support[:, 1] <= support[:, 2]
-    if not is_lit.any():
-        return 0
-    lit = support[is_lit]
-    return min(int(is_lit.sum()), int(lit[:, 2].max() - lit[:, 1].min()) + 1)
+def _count_passing(support: Integers) -> int:
+    """How many frequencies a support passes (`Transfer.support`)."""
+    smallest, low, high = support.astype(np.int64).T
+    blocked = np.minimum(high, smallest - 1) - np.maximum(low, 1 - smallest) + 1
+    return int((high - low + 1 - np.maximum(blocked, 0)).sum())  # an empty row has the bounds (1, 0)
 
 
 LIGHT_LEFT = Limit(
     name="light left",
-    quantity="frequencies along an axis that the stops of a relay pass, at the wavelength that passes best",
+    quantity="frequencies that the stops of a relay pass, at the wavelength that passes best",
     reason="no frequency is darkness, and one a uniform picture whatever the patterns",
     measure=_light_left,
     at_least=2.0,

@@ -67,7 +67,7 @@ def _frequencies_left(plan: Plan) -> Measured | None:
 
 BAND_LEFT = Limit(
     name="band left",
-    quantity="frequencies beside zero that the band limit leaves on each side of an axis",
+    quantity="frequencies beside zero that the band limit leaves on each side of the longer axis",
     reason="below 1 only the zero order is computed, and every pattern gives the same uniform picture",
     measure=_frequencies_left,
     at_least=1.0,

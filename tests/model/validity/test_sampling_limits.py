@@ -60,7 +60,7 @@ def _error(system: hv.System, reference: hv.System) -> float:
 
 def test_far_away_the_frequencies_left_are_a_fresnel_number() -> None:
     side, far = 512 * 4e-6, 0.7  # (P·dx)²/(2λz), to the order (P·dx/2z)² of the square root
-    left = frequencies_left((512, 600), 4e-6, 550e-9, far)
+    left = frequencies_left((400, 512), 4e-6, 550e-9, far)
     assert left == pytest.approx(side**2 / (2 * 550e-9 * far), rel=(side / far) ** 2)
 
 
@@ -172,8 +172,9 @@ def test_light_of_more_than_half_a_turn_a_sample_is_that_of_another_direction() 
 @pytest.mark.parametrize(
     ("stops", "words"),
     [
-        ({"relay2.iris_na": 0.01, "relay2.centre_na": [0.3, 0.0]}, "relay2: the stops pass nothing"),
-        ({"relay1.iris_na": 1e-4}, "relay1: the stops pass one frequency"),
+        ({"relay2.iris_na": 0.01, "relay2.centre_na": [0.3, 0.0]}, "relay2: no light passes its stops"),
+        ({"relay1.iris_na": 1e-4}, "relay1: a single frequency of the samples passes its stops"),
+        ({"relay2.iris_na": 1.5e-3, "relay2.dc_block_na": 1.4e-3}, "relay2: no light passes its stops"),
     ],
 )
 def test_stops_that_leave_nothing_are_refused(stops: dict[str, Any], words: str) -> None:
