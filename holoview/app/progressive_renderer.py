@@ -2,8 +2,9 @@
 
     edit ─▶ quick frame (of the simplified system) ─▶ pause in editing ─▶ full frame
 
-A new edit drops the work on the scene before. Where a full frame is fast enough, quick frame and pause are skipped.
-The first picture can be computed on a thread, while the window is built.
+A new edit drops the full frame of the scene before. A quick frame that was begun is shown first, then that of the
+newest scene: else edits that come faster than quick frames, as in a drag, would show nothing. Where a full frame is
+fast enough, quick frame and pause are skipped. The first picture can be computed on a thread while the window is built.
 """
 
 from __future__ import annotations
@@ -93,7 +94,7 @@ class ProgressiveRenderer:
         self._steps: Iterator[UpdateProgress] | None = None
         self._requested_at, self._version = 0.0, 0
         self._first: Future[None] | None = None  # while a thread computes the first picture
-        self._next: Scene | None = None  # what was requested meanwhile
+        self._next: Scene | None = None  # what was requested meanwhile, or during a quick frame
         self.picture: DeviceImage | None = None
         self.progress = 1.0
         self.full_scene: Scene | None = None
@@ -112,6 +113,16 @@ class ProgressiveRenderer:
     def is_fresh(self) -> bool:
         """Whether the picture is the full frame of the requested scene."""
         return self._stage == "done" and self.picture is not None
+
+    @property
+    def follows(self) -> bool:
+        """Whether the picture shows the last request, be it by its quick frame."""
+        is_quick_shown = self._stage == "full" and self._follows_quick_frame
+        return self._next is None and (self.is_fresh or is_quick_shown)
+
+    @property
+    def _is_in_quick_frame(self) -> bool:
+        return self._stage == "quick" and self._steps is not None
 
     @property
     def full_renderer(self) -> IncrementalRenderer | None:
@@ -143,15 +154,16 @@ class ProgressiveRenderer:
         return max(self._requested_at + IDLE_BEFORE_FULL_S - time.perf_counter(), 0.0)
 
     def request(self, scene: Scene) -> None:
-        """Requests the image of a scene; unfinished work on another scene is dropped."""
+        """Requests the image of a scene; unfinished work on another scene is dropped, except for a quick frame."""
         if scene.is_same(self._requested if self._next is None else self._next):
             return
-        if self._first is not None:
+        if self._first is not None or self._is_in_quick_frame:
             self._next = scene
             return
+        is_in_drag = self.is_busy and (self._stage == "quick" or self._follows_quick_frame)
         self._requested, self._requested_at = scene, time.perf_counter()
         self._steps, self.progress = None, 0.0
-        self._stage, self._follows_quick_frame = "quick" if self._is_slow(scene) else "full", False
+        self._stage, self._follows_quick_frame = "quick" if is_in_drag or self._is_slow(scene) else "full", False
 
     def start(self, scene: Scene | None, executor: Executor) -> None:
         """Has the first picture of a scene computed by an executor; `compute_slice` goes on from there."""
@@ -162,7 +174,13 @@ class ProgressiveRenderer:
 
     def compute_slice(self) -> bool:
         """Computes a slice and returns whether the picture has changed. Raises UserError for an impossible scene."""
-        return self._compute_slice() if self._first is None else self._take_first()
+        if self._first is not None:
+            return self._take_first()
+        try:
+            return self._compute_slice()
+        finally:
+            if not self._is_in_quick_frame:
+                self._take_next()
 
     def _compute_first(self) -> None:
         while self.picture is None and self._stage != "done":
@@ -173,11 +191,16 @@ class ProgressiveRenderer:
         assert self._first is not None
         if not self._first.done():
             return False
-        (first, self._first), (scene, self._next) = (self._first, None), (self._next, None)
-        if scene is not None:
-            self.request(scene)
+        first, self._first = self._first, None
+        self._take_next()
         first.result()
         return True
+
+    def _take_next(self) -> None:
+        """Goes on with the scene that was requested meanwhile."""
+        scene, self._next = self._next, None
+        if scene is not None:
+            self.request(scene)
 
     def _compute_slice(self) -> bool:
         if self._stage == "done" or self._pause_s > 0:
@@ -232,7 +255,10 @@ class ProgressiveRenderer:
     # --- stages -----------------------------------------------------------------------------------------------------
 
     def _is_slow(self, scene: Scene) -> bool:
-        """Whether the full frame takes longer than QUICK_FRAME_ABOVE_S; before any measurement, on a CPU only."""
+        """Whether the full frame takes longer than QUICK_FRAME_ABOVE_S; before any measurement, on a CPU only.
+
+        Asking prepares the full frame, which during a drag would take longer than what it decides.
+        """
         if self._full.renderer is None or self._full.step_s is None:
             return self._device.info.is_cpu
         try:

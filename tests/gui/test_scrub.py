@@ -54,6 +54,28 @@ def test_a_slow_full_frame_waits_for_a_pause_after_the_quick_one(
     assert renderer.is_busy and renderer.wait_s > 900
 
 
+def test_edits_that_come_with_every_slice_are_shown_all_the_same(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a drag makes them: a quick frame that was begun is shown, and then that of the newest edit."""
+    renderer, scene = _rendered(device)
+    monkeypatch.setattr(progressive_renderer, "QUICK_FRAME_ABOVE_S", 0.0)
+    monkeypatch.setattr(progressive_renderer, "SLICE_S", 0.0)  # a submission each
+    monkeypatch.setattr(progressive_renderer, "IDLE_BEFORE_FULL_S", 1000.0)
+    shown, last, edits = 0, renderer.picture, 60
+    for number in range(edits):
+        renderer.request(replace(scene, plane_m=9e-3 + 1e-5 * (number + 1)))
+        renderer.compute_slice()
+        assert not renderer.follows or renderer.picture is not last
+        shown, last = shown + (renderer.picture is not last), renderer.picture
+    assert 3 <= shown < edits, "a quick frame takes some slices"
+    while not renderer.follows:
+        renderer.compute_slice()
+    newest = replace(scene, plane_m=9e-3 + 1e-5 * edits)
+    renderer.request(newest)
+    assert renderer.follows, "the newest edit is what is shown: there was nothing to request"
+
+
 def test_the_frame_rate_is_that_of_the_images_drawn(device: Device) -> None:
     found = measure_frame_rate(small_bench(shape=[16, 24]), device, (320, 200), rounds=2, limit_s=60.0)
     assert found["rounds"] == 2 and found["size"] == [48, 32] and found["wavelengths"] == 3
