@@ -106,6 +106,7 @@ class App:
                 self.context.attempt(command.action)
             if commands.is_repeating():
                 self.window.wake()
+        self._move_pupil()
         self._update_requests()
 
     def after_frame(self) -> None:
@@ -159,6 +160,14 @@ class App:
         self.context.close()
         self.session.close()
         self.window.close()
+
+    def _move_pupil(self) -> None:
+        """Records where the pupil is, or moves it along its path, if either is being done."""
+        motion = self.context.pupil_motion
+        if motion.state:
+            self.context.attempt(motion.advance, self.context.side_renderers.now.follows)
+        if motion.state == "playing":
+            self.window.wake()
 
     def _measure(self) -> None:
         """Requests measurements of the newest full image, if a panel showed measurements in this frame."""

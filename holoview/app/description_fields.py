@@ -15,7 +15,16 @@ from holoview.model.field_types import Array, Choice, Coefficients, Integer, Num
 from holoview.model.stops import CentreField, SquareField, SquareStop
 
 _FIRST_VALUE = {"iris_na": 0.02, "dc_block_na": 0.001, "apodisation_na": 0.02}
-_LABELS = {"square": "square stop", "centre_na": "centre of the stops", "axis": "axis (°)"}
+_LABELS = {
+    "square": "square stop",
+    "centre_na": "centre of the stops",
+    "axis": "axis (°)",
+    "chromatic": "chromatic aberration",
+    "reference": "reference wavelength",
+    "stiles_crawford": "Stiles–Crawford effect",
+    "luminance": "luminance (cd/m²)",
+    "age": "age (years)",
+}
 
 
 def draw_fields(context: AppContext, item: Any, reset: Any, path: str, without: Sequence[str] = ()) -> None:
@@ -65,7 +74,7 @@ def draw_field(context: AppContext, path: str, kind: Any, value: Any, reset: Any
         edited = centre_field(value, reset, SquareStop().nominal_na(pitch_m), doc)
     context.record_item_rect(path)
     if edited is not None:
-        context.change(name.capitalize(), path, edited.value, is_held=edited.is_held)
+        context.change(name[:1].upper() + name[1:], path, edited.value, is_held=edited.is_held)
 
 
 def _truth(name: str, value: bool, doc: str) -> WidgetEdit | None:

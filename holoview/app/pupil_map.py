@@ -1,6 +1,8 @@
-"""A small map of the eyebox with the pupil as a circle, which a drag moves and the wheel resizes."""
+"""A small map of the eyebox with the pupil as a circle, which a drag moves and the wheel resizes, and with its path."""
 
 from __future__ import annotations
+
+from typing import Any
 
 from imgui_bundle import imgui
 
@@ -14,6 +16,10 @@ _PER_NOTCH = 1.08  # of the wheel, on the diameter
 _GROUND = imgui.IM_COL32(18, 18, 20, 255)
 _PUPIL = imgui.IM_COL32(255, 255, 255, 255)
 _INSIDE = imgui.IM_COL32(255, 255, 255, 28)
+_PATH, _RECORDED_PATH = imgui.IM_COL32(255, 200, 70, 230), imgui.IM_COL32(255, 90, 80, 255)
+_OUTLINE = imgui.IM_COL32(0, 0, 0, 160)
+_MOST_SEGMENTS = 400  # of a path, which are more than can be told apart
+_END_RADIUS_PX = 3.0
 
 
 def draw_pupil_map(context: AppContext) -> None:
@@ -29,6 +35,7 @@ def draw_pupil_map(context: AppContext) -> None:
     draw_list.push_clip_rect(corner, imgui.ImVec2(corner.x + size.x, corner.y + size.y), True)
     draw_list.add_rect_filled(corner, imgui.ImVec2(corner.x + size.x, corner.y + size.y), _GROUND, 3)
     draw_eyeboxes(context, middle, scale)
+    draw_path(context, middle, scale)
     draw_pupil(context, middle, scale)
     draw_list.pop_clip_rect()
 
@@ -36,9 +43,12 @@ def draw_pupil_map(context: AppContext) -> None:
 def handle_pupil(context: AppContext, middle: imgui.ImVec2, scale: float) -> None:
     """Has a drag on the item that was drawn last move the pupil, and the wheel resize it; scale: pixels a metre."""
     io, session = imgui.get_io(), context.session
-    if imgui.is_item_hovered() and io.mouse_wheel:
-        imgui.set_item_key_owner(imgui.Key.mouse_wheel_y)
-        context.attempt(resize_pupil, session, _PER_NOTCH**io.mouse_wheel)
+    if imgui.is_item_hovered():
+        imgui.set_item_key_owner(imgui.Key.mouse_wheel_y)  # before it turns: else the panel scrolls
+        if io.mouse_wheel:
+            context.attempt(resize_pupil, session, _PER_NOTCH**io.mouse_wheel)
+    if imgui.is_item_activated() and context.pupil_motion.state == "playing":
+        context.pupil_motion.stop()
     if imgui.is_item_active():
         place = (io.mouse_pos.y - middle.y) / scale, (io.mouse_pos.x - middle.x) / scale
         context.attempt(move_pupil, session, place)
@@ -56,6 +66,21 @@ def draw_eyeboxes(context: AppContext, middle: imgui.ImVec2, scale: float) -> No
         colour = imgui.get_color_u32(laser_colour(wavelength))
         low, high = imgui.ImVec2(middle.x - half, middle.y - half), imgui.ImVec2(middle.x + half, middle.y + half)
         draw_list.add_rect(low, high, colour, 0, 1.0)
+
+
+def draw_path(context: AppContext, middle: imgui.ImVec2, scale: float) -> None:
+    """Draws the path of the pupil with a dot at its beginning; scale: pixels a metre."""
+    motion, draw_list = context.pupil_motion, imgui.get_window_draw_list()
+    places_m = motion.places_m
+    if not places_m:
+        return
+    every = -(-len(places_m) // _MOST_SEGMENTS)
+    shown = [*places_m[::every], places_m[-1]]
+    points: list[Any] = [imgui.ImVec2(middle.x + x * scale, middle.y + y * scale) for y, x in shown]
+    colour = _RECORDED_PATH if motion.state == "recording" else _PATH
+    for ground, width in ((_OUTLINE, 4.0), (colour, 1.5)):
+        draw_list.add_polyline(points, ground, width, 0)
+        draw_list.add_circle_filled(points[0], _END_RADIUS_PX + width - 1.5, ground)
 
 
 def draw_pupil(context: AppContext, middle: imgui.ImVec2, scale: float) -> None:

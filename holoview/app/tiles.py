@@ -8,6 +8,7 @@ from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.viewport import DeviceImage, Viewport, visible_area_of
+from holoview.session.eye_edits import dioptres_of
 from holoview.session.view_settings import ViewSettings
 
 _CHOSEN = imgui.IM_COL32(80, 160, 245, 255)
@@ -37,14 +38,19 @@ class PlaneTiles:
             canvas.add_rect_filled(corner, end, _EMPTY, 2)
         else:
             canvas.add_image(self._texture(plane_m, picture, size), corner, end)
-        label = imgui.calc_text_size(name)
-        canvas.add_rect_filled(
-            corner, imgui.ImVec2(corner.x + label.x + 8, corner.y + label.y + 2), _LABEL_BACKGROUND, 2
-        )
-        canvas.add_text(imgui.ImVec2(corner.x + 4, corner.y + 1), _LABEL_TEXT, name)
+        self._draw_label(canvas, corner, name, plane_m)
         if is_chosen or imgui.is_item_hovered():
             canvas.add_rect(corner, end, _CHOSEN, 2, 2.0 if is_chosen else 1.0)
         return clicked
+
+    def _draw_label(self, canvas: imgui.ImDrawList, corner: imgui.ImVec2, name: str, plane_m: float) -> None:
+        """The plane in mm, with an eye also in dioptres."""
+        system = self._context.session.system
+        text = name if system.eye is None else f"{name}\n{dioptres_of(system, plane_m) + 0.0:.2f} D"
+        size = imgui.calc_text_size(text)
+        end = imgui.ImVec2(corner.x + size.x + 8, corner.y + size.y + 2)
+        canvas.add_rect_filled(corner, end, _LABEL_BACKGROUND, 2)
+        canvas.add_text(imgui.ImVec2(corner.x + 4, corner.y + 1), _LABEL_TEXT, text)
 
     def _texture(self, plane_m: float, picture: DeviceImage, size: tuple[int, int]) -> imgui.ImTextureRef:
         view = _tile_view_settings(self._context.session.view_settings)
@@ -70,4 +76,5 @@ def tile_size(shape: tuple[int, int], height: float) -> tuple[int, int]:
 
 def _tile_view_settings(view: ViewSettings) -> ViewSettings:
     """View settings of a tile: the same tone mapping, but all of the image and no comparison."""
-    return view.with_(page="image", compare="off", zoom=0.0, centre=(0.5, 0.5), plane_m=0.0, region=None, profile=None)
+    neither = {"region": None, "profile": None, "pupil_path": None}
+    return view.with_(page="image", compare="off", zoom=0.0, centre=(0.5, 0.5), plane_m=0.0, **neither)

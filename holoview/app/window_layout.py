@@ -14,7 +14,7 @@ from holoview.app import theme
 from holoview.app.panel import GuardedPanel
 
 _SPLITS = (
-    ("MainDockSpace", "Left", imgui.Dir.left, 0.24),
+    ("MainDockSpace", "Left", imgui.Dir.left, 0.26),
     ("MainDockSpace", "Right", imgui.Dir.right, 0.34),
     ("Right", "Low right", imgui.Dir.down, 0.50),
     ("MainDockSpace", "Bottom", imgui.Dir.down, 0.20),

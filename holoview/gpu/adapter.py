@@ -6,6 +6,7 @@ import os
 import re
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -78,11 +79,15 @@ def native_adapters() -> list[Any]:
     """The wgpu adapters of this machine, best first; an empty list if no driver is installed."""
     load_backend()
     try:
-        with _runtime_folder():
+        with _ENVIRONMENT, _runtime_folder():
             adapters = wgpu.gpu.enumerate_adapters_sync()
     except RuntimeError:
         return []
     return sorted(adapters, key=lambda native: AdapterInfo.of(native).rank)
+
+
+_ENVIRONMENT = threading.Lock()
+"""Held while the environment of the process is changed: jobs open devices at the same time."""
 
 
 @contextmanager

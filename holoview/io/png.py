@@ -24,11 +24,16 @@ def write_png(path: str | os.PathLike[str], pixels: NDArray[np.uint8 | np.uint16
 
     Raises UserError when the file can't be written.
     """
+    with atomic_write(path) as temporary:
+        Image.fromarray(pixels).save(temporary, format="PNG", pnginfo=png_chunks(texts))
+
+
+def png_chunks(texts: Mapping[str, str]) -> PngInfo:
+    """The chunks of a PNG that hold texts, beside "Software"; see `write_png`."""
     chunks = PngInfo()
     for key, value in ({"Software": f"holoview {__version__}"} | dict(texts)).items():
         chunks.add_itxt(key, value, zip=len(value) > 200)
-    with atomic_write(path) as temporary:
-        Image.fromarray(pixels).save(temporary, format="PNG", pnginfo=chunks)
+    return chunks
 
 
 def write_pattern(

@@ -11,6 +11,7 @@ eye               `Eye`: eyepiece, pupil, accommodation, chromatic aberration, p
 human_eye         published formulas: refraction against wavelength, size of the pupil
 visual_angle      angles under which lengths are seen through an eyepiece
 focus             the planes on which the eye of a system is focused
+pupil_path        `PupilPath`: a pupil that moves through the eyebox, and what it sees at each time
 passband          the frequencies that stops and pupils pass, as rows of integers
 transfer          the propagation of one wavelength over one distance, as numbers
 plan              `Plan`: grid, transfer functions, weights and colours, derived in float64

@@ -8,6 +8,8 @@ example               the shipped hologram, which a new session shows
 target_builder        builds targets on a worker thread
 scene                 what an image is rendered from
 focal_plane           moves the focal plane
+eye_edits             puts an eye in place, moves its pupil
+pupil_motion          records the path of the pupil, and moves it along that path
 changes               which parts of a session changed; listeners
 history               undo and redo
 jobs                  background jobs with progress, pause and cancellation

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.model import preset
+from holoview.model.pupil_path import PupilPath
 from holoview.model.system import System
 from holoview.session.document import Document, as_readonly_drive
 from holoview.session.history import HistoryStep
@@ -73,9 +74,11 @@ class SessionArchive:
         self._objects.mkdir(parents=True, exist_ok=True)
         systems: dict[str, str] = {}
         targets: dict[str, Any] = {}
+        paths: dict[str, Any] = {}
 
         def table_of(document: Document) -> dict[str, Any]:
-            return self._document_table(document, systems, targets)
+            table = self._document_table(document, systems, targets)
+            return table | {"look": _view_table(document.view_settings, paths)}
 
         steps = [{"label": step.label, "when": step.when, **table_of(step.document)} for step in data.steps]
         table = {
@@ -88,6 +91,7 @@ class SessionArchive:
             "unfinished": None if data.unfinished is None else table_of(data.unfinished),
             "systems": systems,
             "targets": targets,
+            "pupil_paths": paths,
         }
         text = json.dumps(table)
         with atomic_write(self.folder / _FILE) as temporary:
@@ -99,7 +103,7 @@ class SessionArchive:
                 path.unlink(missing_ok=True)
 
     def _document_table(self, document: Document, systems: dict[str, str], targets: dict[str, Any]) -> dict[str, Any]:
-        """The JSON of a document; its system and target are added to the tables that all documents share."""
+        """The JSON of a document but its view; system and target are added to the tables that all documents share."""
         if document.system not in self._systems:
             self._systems[document.system] = preset.dumps(document.system)
         toml = self._systems[document.system]
@@ -113,7 +117,6 @@ class SessionArchive:
             "system": system_key,
             "drive": self._store_array(document.drive),
             "wanted": target_key,
-            "look": _view_table(document.view_settings),
             "origin": document.origin,
             "path": None if document.path is None else str(document.path),
         }
@@ -189,6 +192,7 @@ class _Reader:
         self._arrays: dict[str, NDArray[np.float32]] = {}
         self._systems: dict[str, System] = {}
         self._targets: dict[str, TargetSpec] = {}
+        self._paths: dict[str, PupilPath] = {}
         self.unreadable: list[str] = []
 
     def document(self, entry: Mapping[str, Any], what: str) -> Document | None:
@@ -197,7 +201,7 @@ class _Reader:
             return Document(
                 self._system(entry["system"]),
                 self._array(entry["drive"]),
-                _view_from_table(entry["look"]),
+                self._view(entry["look"]),
                 None if entry["wanted"] is None else self._target(entry["wanted"]),
                 entry["origin"],
                 None if entry["path"] is None else Path(entry["path"]),
@@ -228,6 +232,14 @@ class _Reader:
             )
         return self._targets[key]
 
+    def _view(self, table: Mapping[str, Any]) -> ViewSettings:
+        key = table.get("pupil_path")
+        if key is not None and key not in self._paths:
+            stored: dict[str, Any] = self._table["pupil_paths"][key]
+            columns: dict[str, Any] = {name: None if c is None else tuple(c) for name, c in stored.items()}
+            self._paths[key] = PupilPath(**columns)
+        return _view_from_table(table, None if key is None else self._paths[key])
+
     def _target_source(self, table: Mapping[str, Any]) -> Picture | Path:
         return Path(table["stack"]) if "stack" in table else Picture(self._array(table["picture"]), table["source"])
 
@@ -235,12 +247,17 @@ class _Reader:
 # --- view settings --------------------------------------------------------------------------------------------------
 
 
-def _view_table(view: ViewSettings) -> dict[str, Any]:
-    table = asdict(view)
-    return table | {"muted": sorted(view.muted)}
+def _view_table(view: ViewSettings, paths: dict[str, Any]) -> dict[str, Any]:
+    """The JSON of view settings; their path of the pupil is added to the table that all share."""
+    table = asdict(replace(view, pupil_path=None)) | {"muted": sorted(view.muted)}
+    if view.pupil_path is None:
+        return table
+    key = str(id(view.pupil_path))
+    paths.setdefault(key, {field.name: getattr(view.pupil_path, field.name) for field in fields(PupilPath)})
+    return table | {"pupil_path": key}
 
 
-def _view_from_table(table: Mapping[str, Any]) -> ViewSettings:
+def _view_from_table(table: Mapping[str, Any], pupil_path: PupilPath | None) -> ViewSettings:
     """The view settings of a table; a field that is missing gets its default."""
     values: dict[str, Any] = {}
     for field in fields(ViewSettings):
@@ -249,4 +266,4 @@ def _view_from_table(table: Mapping[str, Any]) -> ViewSettings:
             values[field.name] = tuple(value) if isinstance(value, list) else value
     values |= {key: ComparisonSide(**values[key]) for key in ("a", "b") if key in values}
     values["muted"] = frozenset(values.get("muted", ()))
-    return ViewSettings(**values)
+    return ViewSettings(**values | {"pupil_path": pupil_path})

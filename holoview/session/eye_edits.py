@@ -59,9 +59,9 @@ def eyebox_half_m(system: System, wavelength_m: float | None = None) -> float:
     return eye_of(system).eyepiece_m * λ / (2 * system.modulators[0].pitch_m)
 
 
-def seen_planes_m(system: System, plane_m: float) -> NDArray[np.float64]:
+def seen_planes_m(system: System, plane_m: float, wavelengths_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """The plane on which an eye is focused at each wavelength, (wavelength,), that is at `plane_m` at its reference."""
-    return plane_m + eye_of(system).focus_shift_m(system.wavelengths_m)
+    return plane_m + eye_of(system).focus_shift_m(wavelengths_m)
 
 
 def dioptres_of(system: System, plane_m: float) -> float:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.model.pupil_path import PupilPath
 from holoview.model.system import System
 from holoview.session.document import middle_plane
 from holoview.session.editing_session import EditingSession
@@ -60,6 +61,8 @@ class FileLoader:
             session.messages.post(f"{content.title}: {note}")
         if content.target_spec is not None:
             self._set_target(content.target_spec)
+        elif content.pupil_path is not None:
+            self._set_pupil_path(content.title, content.pupil_path)
         elif content.kind == "preset" and has_example_target(session) and is_example_bench(content.system):
             show_example(session)
         else:
@@ -95,6 +98,13 @@ class FileLoader:
         session.edit(f"Target {target_spec.title}", target_spec=target_spec, view_settings=view_settings)
         if self.optimises_new_targets and running_optimisation(session) is None:
             start_quick_optimisation(session)
+
+    def _set_pupil_path(self, title: str, path: PupilPath) -> None:
+        """Sets the path of the pupil; a bench without an eye gets one."""
+        session = self._session
+        system = session.system if session.system.eye is not None else session.system.edit({"eye": {}})
+        session.edit(f"Open {title}", system=system, view_settings=session.view_settings.with_(pupil_path=path))
+        session.messages.post(f"{title}: a path of {path.duration_s:.3g} s; the panel Eye plays it")
 
     # --- watching ---------------------------------------------------------------------------------------------------
 

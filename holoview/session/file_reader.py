@@ -2,7 +2,7 @@
 
 hologram file      system and patterns                TOML         a system, with random patterns
 pattern PNGs       patterns for the present system    a name       the preset of that name
-picture, stack     the target
+picture, stack     the target                         CSV          the path of the pupil
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from PIL import Image, UnidentifiedImageError
 from holoview.colour import srgb_decode
 from holoview.io.hologram import load_hologram
 from holoview.io.png import read_pattern
+from holoview.io.pupil_path_file import is_pupil_path, load_pupil_path
 from holoview.model import preset
+from holoview.model.pupil_path import PupilPath
 from holoview.model.system import System
 from holoview.optimise.checkpoint import load_checkpoint
 from holoview.session.document import Drive
@@ -33,8 +35,8 @@ from holoview.util.files import expand_home
 from holoview.util.safetensors_file import format_of
 from holoview.view import random_drive
 
-CONTENT_KINDS = ("hologram", "preset", "patterns", "picture", "stack")
-_EXPECTED = "a preset, a hologram file, pattern PNGs, or a picture (PNG, JPEG, TIFF, OpenEXR)"
+CONTENT_KINDS = ("hologram", "preset", "patterns", "picture", "stack", "pupil path")
+_EXPECTED = "a preset, a hologram file, pattern PNGs, a picture (PNG, JPEG, TIFF, OpenEXR), or a pupil path (CSV)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +48,7 @@ class FileContent:
     system: System | None = None
     drive: Drive | None = None
     target_spec: TargetSpec | None = None
+    pupil_path: PupilPath | None = None
     path: Path | None = None
     notes: tuple[str, ...] = field(default=())
 
@@ -70,6 +73,8 @@ def read_content(names: str | Path | Sequence[str | Path], system: System) -> Fi
 
 
 def _file(path: Path, system: System) -> FileContent:
+    if is_pupil_path(path):
+        return FileContent("pupil path", path.name, pupil_path=load_pupil_path(path), path=path)
     kind = file_format(path)
     if kind == "PNG" and is_pattern_png(path, system):
         return _patterns([path], system)

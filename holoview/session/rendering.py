@@ -25,22 +25,37 @@ def render_planes(
 
 
 def render_each(
-    views: Sequence[tuple[System, float]], drive: Drive, check: Callable[[], None] = lambda: None
+    views: Sequence[tuple[System, float]],
+    drive: Drive,
+    check: Callable[[], None] = lambda: None,
+    backend: str = "auto",
+    adapter: str | None = None,
 ) -> Iterator[Xyz]:
     """Renders XYZ (y, x, 3) of patterns on each (system, plane in m) in turn; the systems show patterns of one shape.
 
-    Uses the first WebGPU adapter, where the views share what they have in common; torch if there is none. `check` is
-    called between steps and may raise an exception to cancel.
+    backend, adapter: as `simulate` takes them. With WebGPU, the views share what they have in common. `check` is called
+    between steps and may raise an exception to cancel. Raises UserError as `simulate` does.
     """
-    try:
-        renderer = IncrementalRenderer(views[0][0], drive, open_device(), plane_m=views[0][1])
-    except UserError:
+    renderer = None if backend.startswith("torch") else _open_renderer(views[0], drive, backend, adapter)
+    if renderer is None:
         for system, plane_m in views:
             check()
-            yield simulate(system, drive, [plane_m], "torch").xyz[0]
+            yield simulate(system, drive, [plane_m], "torch" if backend == "auto" else backend).xyz[0]
         return
     for system, plane_m in views:
         renderer.edit(system=system, plane_m=plane_m)
         for _ in renderer.steps(with_srgb=False, wait=True):
             check()
         yield renderer.xyz()
+
+
+def _open_renderer(
+    view: tuple[System, float], drive: Drive, backend: str, adapter: str | None
+) -> IncrementalRenderer | None:
+    """A renderer of a view; None for the backend "auto" where no adapter can show it."""
+    try:
+        return IncrementalRenderer(view[0], drive, open_device(adapter), plane_m=view[1])
+    except UserError:
+        if backend != "auto" or adapter is not None:
+            raise
+        return None

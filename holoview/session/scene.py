@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from holoview.model import preset
 from holoview.model.system import System
@@ -39,6 +39,10 @@ def resolve_scene(side: ComparisonSide, displayed: Document, snapshots: Mapping[
     plane_m = displayed.view_settings.plane_m
     if side.kind == "now":
         return Scene(displayed.system, displayed.drive, plane_m)
+    if side.kind == "achromatic":
+        eye = displayed.system.eye
+        system = displayed.system if eye is None else displayed.system.with_(eye=replace(eye, chromatic=False))
+        return Scene(system, displayed.drive, plane_m)
     if side.kind == "snapshot":
         pinned = snapshots.get(side.name)
         return None if pinned is None else Scene(pinned.lit_system, pinned.drive, plane_m)

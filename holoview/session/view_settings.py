@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES
+from holoview.model.pupil_path import PupilPath
 from holoview.util.errors import UserError, suggest_matches
 
 Region = tuple[int, int, int, int]
@@ -26,7 +27,8 @@ SCORES = ("", *PERCEPTUAL_SCORES)
 SPECKLE_EXPOSURE_STOPS = -1.5
 """An exposure at which the speckle of random patterns, whose mean luminance is that of white, is hardly clipped."""
 MAX_EXPOSURE_STOPS = 60.0  # far beyond any useful exposure, and 2^120 is still finite in float64
-_KINDS = ("now", "target", "snapshot", "preset")
+_KINDS = ("now", "target", "achromatic", "snapshot", "preset")
+_LABELS = {"now": "Now", "target": "Target", "achromatic": "Without colour error"}
 
 
 def _check_choice(key: str, value: str, options: tuple[str, ...]) -> None:
@@ -37,7 +39,11 @@ def _check_choice(key: str, value: str, options: tuple[str, ...]) -> None:
 
 @dataclass(frozen=True)
 class ComparisonSide:
-    """One side of a comparison: the hologram as it is now, its target, a pinned snapshot, or another preset."""
+    """One side of a comparison.
+
+    kind: "now": the hologram as it is. "target": its target. "achromatic": the hologram seen by an eye without colour
+    error. "snapshot", "preset": a pinned one, or a bench with random patterns, of a name.
+    """
 
     kind: str = "now"
     name: str = ""
@@ -50,10 +56,10 @@ class ComparisonSide:
     @property
     def label(self) -> str:
         """The name that is shown above the image."""
-        return self.name if self.name else {"now": "Now", "target": "Target"}[self.kind]
+        return self.name if self.name else _LABELS[self.kind]
 
 
-NOW, TARGET = ComparisonSide("now"), ComparisonSide("target")
+NOW, TARGET, ACHROMATIC = ComparisonSide("now"), ComparisonSide("target"), ComparisonSide("achromatic")
 
 
 @dataclass(frozen=True)
@@ -70,7 +76,7 @@ class ViewSettings:
     region: where speckle is measured. profile: a line along which the luminance is plotted.
     score: one of SCORES, shown beside the PSNR.
     zoom: screen pixels for each sample, 0 to fit the window. centre: (x, y) of the middle of the view, as fractions of
-    the image.
+    the image. pupil_path: a path of the pupil through the eyebox that was recorded or opened.
 
     Raises UserError for invalid values.
     """
@@ -96,6 +102,7 @@ class ViewSettings:
     score: str = ""
     zoom: float = 0.0
     centre: tuple[float, float] = (0.5, 0.5)
+    pupil_path: PupilPath | None = None
 
     def __post_init__(self) -> None:
         for key, options in (

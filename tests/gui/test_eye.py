@@ -10,14 +10,18 @@ import pytest
 
 from holoview.app.panels import ALL
 from holoview.app.panels.eye import EyePanel
+from holoview.app.panels.files import FilesPanel
 from holoview.app.panels.focus import FocusPanel
 from holoview.app.panels.image import ImagePanel
+from holoview.model.pupil_path import PupilPath
 from holoview.session.derived_images import eyebox_xyz
-from holoview.session.eye_edits import dioptres_of, eyebox_half_m
+from holoview.session.eye_edits import dioptres_of, eyebox_half_m, move_pupil
 from holoview.session.focal_plane import focus_at
 from holoview.session.target_spec import TargetSpec
+from holoview.session.view_settings import ACHROMATIC, NOW
 from holoview.targets.picture import Picture
 from holoview.targets.target import Placement
+from holoview.view import simulate
 from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu
@@ -107,3 +111,87 @@ def test_alt_and_a_click_focus_on_what_the_picture_shows_there(make_gui: Callabl
         gui.click(gui.item_position("image", x, 0.5))
         gui.release_keys(("Alt",))
         assert gui.session.view_settings.plane_m == pytest.approx(expected)
+
+
+def test_the_path_of_a_drag_is_recorded_drawn_played_and_forgotten(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui(small_bench(eye={"pupil": "2 mm"}), panels=(*PANELS, FilesPanel), size=(900, 900))
+    gui.context.show_panel("Eye")
+    gui.draw_until_idle()
+    before = gui.draw_frames(2)
+    gui.click(gui.item_position("Record the pupil"))
+    assert gui.context.pupil_motion.state == "recording"
+    start, end = gui.item_position("pupil map", 0.4), gui.item_position("pupil map", 0.55, 0.3)
+    gui.drag(start, end, steps=6)
+    gui.click(gui.item_position("Record the pupil"))
+    path = gui.session.view_settings.pupil_path
+    assert path is not None and len(path.times_s) >= 7
+    assert (path.y_m[0], path.x_m[0]) == (0.0, 0.0) and path.y_m[-1] < -5e-4
+    last = gui.session.system.eye
+    assert last is not None and (path.y_m[-1], path.x_m[-1]) == (last.pupil_y_m, last.pupil_x_m)
+    move_pupil(gui.session, (0.0, 0.0))
+    gui.draw_until_idle()
+    left, top, right, bottom = (round(edge) for edge in gui.context.item_rects["pupil map"])
+    drawn = gui.draw_frames(2)[top:bottom, left:right].astype(int)
+    assert np.count_nonzero((drawn[..., 0] > 150) & (drawn[..., 2] < 100)) > 50, "an amber line"
+    gui.click(gui.item_position("Play the path"))
+    for _ in range(300):
+        gui.draw_frames()
+        gui.app.compute_slice()
+        if not gui.context.pupil_motion.state:
+            break
+    assert gui.context.pupil_motion.state == ""
+    played = gui.session.system.eye
+    assert played is not None and (played.pupil_y_m, played.pupil_x_m) == (last.pupil_y_m, last.pupil_x_m)
+    gui.click(gui.item_position("Forget the path"))
+    assert gui.session.view_settings.pupil_path is None
+    assert before.shape == gui.draw_frames().shape and not gui.session.messages.all
+
+
+def test_the_pupil_that_is_taken_by_hand_leaves_its_path(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui(small_bench(eye={"pupil": "2 mm"}), panels=(*PANELS, FilesPanel), size=(900, 900))
+    gui.context.show_panel("Eye")
+    gui.session.edit_view("Path", pupil_path=PupilPath((0.0, 1000.0), (0.0, 1e-3), (0.0, 0.0)))
+    gui.draw_frames(3)
+    gui.click(gui.item_position("Play the path"))
+    assert gui.context.pupil_motion.state == "playing"
+    gui.click(gui.item_position("pupil map", 0.6))
+    eye = gui.session.system.eye
+    assert gui.context.pupil_motion.state == "" and eye is not None and eye.pupil_x_m > 1e-4
+
+
+def test_a_path_is_saved_and_opened_by_the_dialog(make_gui: Callable[..., Gui], tmp_path: Path) -> None:
+    gui = make_gui(small_bench(eye={"pupil": "2 mm"}), panels=(*PANELS, FilesPanel), size=(900, 900))
+    gui.context.show_panel("Eye")
+    path = PupilPath((0.0, 1.0), (0.0, 1e-3), (0.0, 0.0))
+    gui.session.edit_view("Path", pupil_path=path)
+    gui.draw_frames(3)
+    dialog = gui.app.panel(FilesPanel).dialog
+    dialog.list_folder(tmp_path)
+    gui.click(gui.item_position("Save pupil path…"))
+    assert dialog.is_open
+    dialog.name = "path.csv"
+    dialog.accept()
+    gui.draw_frames(3)
+    gui.context.loader.open(tmp_path / "path.csv")
+    assert gui.session.wait_until_idle(60.0)
+    assert gui.session.view_settings.pupil_path == path
+    assert [message.kind for message in gui.session.messages.all] == ["info", "info"]
+
+
+def test_a_key_compares_with_an_eye_without_colour_error_that_sees_through_the_same_pupil(eye_gui: Gui) -> None:
+    eye_gui.press_chord("A")
+    view = eye_gui.session.view_settings
+    assert (view.compare, view.a, view.b) == ("wipe", NOW, ACHROMATIC)
+    move_pupil(eye_gui.session, (0.0, 3e-4))
+    eye_gui.draw_until_idle()
+    system = eye_gui.session.system
+    assert system.eye is not None
+    known = simulate(
+        system.edit({"eye.chromatic": False}), eye_gui.session.drive, [view.plane_m], backend="torch64"
+    ).xyz[0]
+    found = eye_gui.context.side_renderers.xyz(ACHROMATIC)
+    assert found is not None and np.abs(found - known).max() < 1e-4 * known.max()
+    now = eye_gui.context.side_renderers.xyz(NOW)
+    assert now is not None and np.abs(now - known).max() > 0.1 * known.max()
+    eye_gui.press_chord("A")
+    assert eye_gui.session.view_settings.compare == "off"

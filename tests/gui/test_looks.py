@@ -80,6 +80,8 @@ def test_texts_can_be_read_in_every_theme(gui: Gui, name: str) -> None:
             colours.frame_bg,
             colours.title_bg_active,
             colours.tab_selected,
+            colours.slider_grab,
+            colours.slider_grab_active,
         ):
             if text == colours.text_disabled and ground not in (colours.window_bg, colours.popup_bg):
                 continue

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-import numpy as np
-from imgui_bundle import imgui, implot
+from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.description_fields import draw_fields
-from holoview.app.laser_colours import laser_colour
+from holoview.app.focus_graph import draw_focus_graph
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import WidgetEdit, number_field, tooltip
 from holoview.app.pupil_map import draw_pupil_map
+from holoview.app.pupil_path_widgets import add_path_commands, draw_path_controls
+from holoview.model.dataclass_fields import fields_by_key
 from holoview.model.eye import AUTO, PUPIL, PUPIL_PLACE, VERGENCE, Eye, Prescription
 from holoview.session.eye_edits import (
     PUPIL_RANGE_M,
     dioptres_of,
+    eye_of,
     plane_of,
     pupil_diameter_m,
-    seen_planes_m,
     toggle_chromatic,
     toggle_eye,
 )
 from holoview.session.focal_plane import focus_at, focus_range_m
+from holoview.session.view_settings import ACHROMATIC, NOW
 
 _BY_HAND = ("pupil", "pupil_y", "pupil_x", "accommodation", "infinity")
-_GRAPH_HEIGHT = 150.0
+_ALL_BUT_CHROMATIC = tuple(key for key in fields_by_key(Eye) if key != "chromatic")
 
 
 class EyePanel(Panel):
@@ -43,6 +45,14 @@ class EyePanel(Panel):
             "Shift+Y",
             "Switches the colour error of the eye, to see what it does.",
         )
+        add(
+            "Compare without colour error",
+            lambda: _compare_achromatic(context),
+            "Eye",
+            "A",
+            "The eye beside the same eye without chromatic aberration; again: one image.",
+        )
+        add_path_commands(context)
         add("Eyebox", lambda: context.edit_view("Page", page="spectrum"), "Eye", help="The eyebox with the pupil.")
 
     def draw(self, context: AppContext) -> None:
@@ -58,12 +68,16 @@ class EyePanel(Panel):
         self._draw_focus(context)
         draw_pupil_map(context)
         _draw_pupil(context, system.eye)
-        hidden = () if system.eye.pupil_m == AUTO else ("luminance", "age")
-        draw_fields(context, system.eye, Eye(), "eye.", without=(*_BY_HAND, *hidden))
+        draw_path_controls(context)
+        imgui.separator_text("focus of the wavelengths")
+        draw_fields(context, system.eye, Eye(), "eye.", without=_ALL_BUT_CHROMATIC)
+        draw_focus_graph(context)
+        if imgui.collapsing_header("Eyepiece and retina"):
+            hidden = () if system.eye.pupil_m == AUTO else ("luminance", "age")
+            draw_fields(context, system.eye, Eye(), "eye.", without=(*_BY_HAND, "chromatic", *hidden))
         if imgui.collapsing_header("Prescription"):
             draw_fields(context, system.eye.prescription, Prescription(), "eye.prescription.")
         imgui.pop_item_width()
-        _draw_graph(context)
 
     def _draw_focus(self, context: AppContext) -> None:
         """Draws the accommodation, which moves the focal plane."""
@@ -77,6 +91,17 @@ class EyePanel(Panel):
             context.attempt(focus_at, session, plane_of(session.system, edited.value))
             if not edited.is_held:
                 session.end_gesture()
+
+
+def _compare_achromatic(context: AppContext) -> None:
+    """Compares with an eye without chromatic aberration in the mode of the last comparison, or ends that."""
+    session, view = context.session, context.session.view_settings
+    eye_of(session.system)
+    if view.compare != "off" and (view.a, view.b) == (NOW, ACHROMATIC):
+        context.edit_view("No comparison", compare="off")
+        return
+    compare = "wipe" if view.compare == "off" else view.compare
+    context.edit_view("Compare", page="image", a=NOW, b=ACHROMATIC, compare=compare)
 
 
 def _draw_pupil(context: AppContext, eye: Eye) -> None:
@@ -112,29 +137,3 @@ def _draw_pupil(context: AppContext, eye: Eye) -> None:
 def _apply(context: AppContext, label: str, key: str, edited: WidgetEdit | None) -> None:
     if edited is not None:
         context.change(label, key, edited.value, is_held=edited.is_held)
-
-
-def _draw_graph(context: AppContext) -> None:
-    """Which plane is seen at which wavelength, beside the focal planes of the bench."""
-    system, plane_m = context.session.system, context.session.view_settings.plane_m
-    seen = seen_planes_m(system, plane_m) * 1e3
-    flags = implot.Flags_.no_menus | implot.Flags_.no_legend | implot.Flags_.no_mouse_text
-    if not implot.begin_plot("##focus of wavelengths", imgui.ImVec2(-1, _GRAPH_HEIGHT), flags):
-        return
-    planes = system.planes_m * 1e3
-    low, high = min(planes.min(), seen.min()), max(planes.max(), seen.max())
-    margin = 0.1 * (high - low) or 1.0
-    implot.setup_axes("wavelength (nm)", "seen plane (mm)")
-    implot.setup_axis_limits(implot.ImAxis_.x1, 390, 710, imgui.Cond_.always)
-    implot.setup_axis_limits(implot.ImAxis_.y1, low - margin, high + margin, imgui.Cond_.always)
-    for plane in planes:
-        spec = implot.Spec(line_color=imgui.ImVec4(0.55, 0.57, 0.60, 0.6), line_weight=1.0)
-        implot.plot_line("planes", np.array([390.0, 710.0]), np.array([plane, plane]), spec=spec)
-    for index, (wavelength, plane) in enumerate(zip(system.wavelengths_m, seen, strict=True)):
-        colour = laser_colour(float(wavelength))
-        spec = implot.Spec(
-            marker=implot.Marker_.circle, marker_size=4, marker_fill_color=colour, marker_line_color=colour
-        )
-        implot.plot_scatter(f"##{index}", np.array([wavelength * 1e9]), np.array([plane]), spec=spec)
-    implot.end_plot()
-    context.record_item_rect("focus of wavelengths")

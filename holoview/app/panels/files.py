@@ -20,6 +20,7 @@ from holoview.app.recovery_dialog import RecoveryDialog
 from holoview.session.export.figure import save_figure
 from holoview.session.export.hologram_files import save_hologram, save_preset
 from holoview.session.export.png_images import save_planes, save_view
+from holoview.session.export.pupil_path import save_path, save_path_animation, save_path_pictures
 from holoview.session.export.pupil_sheet import save_pupil_sheet
 from holoview.session.export.sweep import save_sweep
 from holoview.session.jobs import format_job
@@ -27,7 +28,7 @@ from holoview.session.tone_mapping import compose_comparison
 from holoview.session.view_settings import DERIVED_PAGES, displayed_side
 from holoview.util.errors import UserError
 
-_OPEN_SUFFIXES = (".safetensors", ".toml", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+_OPEN_SUFFIXES = (".safetensors", ".toml", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".csv")
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class _Save:
 class FilesPanel(Panel):
     """Buttons for all files that are read or written, and the progress of jobs.
 
-    frames, seconds: of a focal sweep.
+    frames: of an animation. seconds: of a focal sweep.
     """
 
     title = "Files"
@@ -95,9 +96,22 @@ class FilesPanel(Panel):
             ),
             _Save(
                 "Save focal sweep",
-                (".gif", ".mp4"),
+                (".gif", ".png", ".mp4"),
                 lambda path: save_sweep(session, path, frames=self.frames, seconds=self.seconds),
                 "An animation through the focal planes and back.",
+            ),
+            _Save("Save pupil path", (".csv",), partial(save_path, session), "Where the pupil was, and when: a table."),
+            _Save(
+                "Save path animation",
+                (".png", ".gif", ".mp4"),
+                lambda path: save_path_animation(session, path, frames=self.frames),
+                "What the eye sees along the path of its pupil.",
+            ),
+            _Save(
+                "Save path pictures",
+                (".png",),
+                lambda path: save_path_pictures(session, path, frames=self.frames),
+                "The same as pictures.",
             ),
             _Save(
                 "Save figure",
@@ -123,10 +137,10 @@ class FilesPanel(Panel):
             if number % 2 == 0:
                 imgui.same_line()
         imgui.set_next_item_width(0.7 * width)
-        _, frames = imgui.input_int("frames in the sweep", self.frames, 1, 10)
+        _, frames = imgui.input_int("frames of an animation", self.frames, 1, 10)
         self.frames = min(max(frames, 2), 600)
         imgui.set_next_item_width(0.7 * width)
-        _, seconds = imgui.input_float("seconds there and back", self.seconds, 0.5, 1.0, "%.1f")
+        _, seconds = imgui.input_float("seconds of the sweep", self.seconds, 0.5, 1.0, "%.1f")
         self.seconds = min(max(seconds, 0.1), 600.0)
         _draw_watch(context)
         _draw_jobs(context)

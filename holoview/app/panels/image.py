@@ -10,7 +10,7 @@ from holoview.app.context import AppContext
 from holoview.app.image_labels import draw_centred_text, draw_label, side_labels, waiting_text
 from holoview.app.panel import Panel
 from holoview.app.plane_sheet import PlaneSheet
-from holoview.app.pupil_map import draw_pupil, handle_pupil
+from holoview.app.pupil_map import draw_path, draw_pupil, handle_pupil
 from holoview.app.readout import draw_readout, readout_height
 from holoview.app.viewport import DeviceImage, Viewport, VisibleArea, pane_count, visible_area_of, zoom_to_fit
 from holoview.session.eye_edits import eyebox_half_m
@@ -116,18 +116,24 @@ class ImagePanel(Panel):
         draw_list = imgui.get_window_draw_list()
         draw_list.add_image(self._texture, corner, imgui.ImVec2(corner.x + size[0], corner.y + size[1]))
         if view.page == "spectrum" and context.session.system.eye is not None:
-            self._draw_pupil(context, shape, corner)
+            self._draw_pupil(context, shape, corner, size)
         else:
             self._handle_pointer(context, shape, corner)
         self._draw_marks(context, view, shape, corner, size)
 
-    def _draw_pupil(self, context: AppContext, shape: tuple[int, int], corner: imgui.ImVec2) -> None:
+    def _draw_pupil(
+        self, context: AppContext, shape: tuple[int, int], corner: imgui.ImVec2, size: tuple[int, int]
+    ) -> None:
         """The eyebox's page: the pupil over it, which the pointer moves."""
         middle = self._to_screen(shape[1] // 2 + 0.5, shape[0] // 2 + 0.5, shape, corner)
         right = self._to_screen(shape[1] + 0.5, shape[0] // 2 + 0.5, shape, corner)
         scale = (right.x - middle.x) / eyebox_half_m(context.session.system)
         handle_pupil(context, middle, scale)
+        draw_list = imgui.get_window_draw_list()
+        draw_list.push_clip_rect(corner, imgui.ImVec2(corner.x + size[0], corner.y + size[1]), True)
+        draw_path(context, middle, scale)
         draw_pupil(context, middle, scale)
+        draw_list.pop_clip_rect()
 
     def _draw_marks(
         self,

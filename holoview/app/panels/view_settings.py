@@ -12,6 +12,7 @@ from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
 from holoview.model import preset
 from holoview.session.view_settings import (
+    ACHROMATIC,
     CHANNELS,
     COMPARISON_MODES,
     FALSE_COLOURS,
@@ -136,7 +137,7 @@ class ViewPanel(Panel):
     def _draw_side(self, context: AppContext, key: str, chosen: ComparisonSide) -> None:
         if not imgui.begin_combo(key.upper(), chosen.label):
             return
-        sides = [NOW, TARGET, *(ComparisonSide("snapshot", name) for name in context.session.snapshots)]
+        sides = [NOW, TARGET, ACHROMATIC, *(ComparisonSide("snapshot", name) for name in context.session.snapshots)]
         for side in [*sides, *(ComparisonSide("preset", name) for name in preset.names())]:
             text = f"preset {side.label}" if side.kind == "preset" else side.label
             imgui.push_id(side.kind)  # a snapshot may be called "Target"

@@ -2,8 +2,9 @@
 
 png_images      PNG of the displayed image and of all planes, bytes for the clipboard
 hologram_files  hologram files and presets
-sweep           an animated focal sweep as GIF or MP4
+sweep           an animated focal sweep as PNG, GIF or MP4
 figure          a labelled figure with a scale bar as PNG or PDF
 pupil_sheet     what an eye sees from nine places of the eyebox
+pupil_path      the path of the pupil, and what is seen along it
 suffix          suffixes of files
 """
