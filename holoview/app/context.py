@@ -28,6 +28,7 @@ from holoview.session.limit_notes import LimitNotes
 from holoview.session.live_measurement import LiveMeasurement
 from holoview.session.live_score import LiveScore
 from holoview.session.pupil_motion import PupilMotion
+from holoview.session.retinal_curve import RetinalCurves
 from holoview.session.session_store import SessionStore
 
 Rect = tuple[float, float, float, float]
@@ -78,6 +79,7 @@ class AppContext:
         self.live_score = LiveScore("score", session, window.wake)
         self.limit_notes = LimitNotes(session)
         self.pupil_motion = PupilMotion(session)
+        self.retinal_curves = RetinalCurves(session)
         remember = store.preferences.add_recent_file if store is not None else lambda path: None
         self.loader = FileLoader(session, remember=remember)
         self.theme = str(store.preferences.get("theme", theme.THEMES[0])) if store else theme.THEMES[0]

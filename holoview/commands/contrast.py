@@ -12,12 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ
-from holoview.commands.arguments import parse_region, parse_seed, system_from_args
+from holoview.commands.arguments import parse_region, parse_seed, system_from_args, with_changes
+from holoview.commands.contrast_by_pupil import contrast_by_pupil, format_rows
 from holoview.commands.output_files import check_output_file
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.image_quality import central_region
+from holoview.metrics.retinal_speckle import pupils_of
 from holoview.metrics.speckle import independent_patterns, speckle_contrast
 from holoview.model import preset
+from holoview.model.focus import parse_plane, plane_label
 from holoview.report.figure import require_matplotlib
 from holoview.study.plots import make_figure
 from holoview.study.speckle_figure import speckle_figure
@@ -42,8 +45,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--random", metavar="SEED", type=parse_seed, default=0, help="seed of a preset's random patterns"
     )
+    parser.add_argument(
+        "--pupils",
+        metavar="LIST",
+        help="with an eye: also a table of the contrast through pupils of these diameters, e.g. 2,3,4mm",
+    )
     parser.add_argument("--linear", action="store_true", help="an integer picture holds intensity, not an sRGB signal")
-    parser.add_argument("--plot", metavar="PNG", type=Path, help="the region and its histogram beside the speckle laws")
+    parser.add_argument(
+        "--plot",
+        metavar="PNG",
+        type=Path,
+        help="the region and its histogram beside the speckle laws; with --pupils, the contrast against them",
+    )
     parser.add_argument("--json", action="store_true", help="machine-readable output")
 
 
@@ -61,12 +74,23 @@ class LuminanceImage:
     clipped_share: float = 0.0
 
 
+@dataclass(frozen=True)
+class _ShownHologram:
+    """Patterns on a bench, seen at a plane. name: what they are, for people."""
+
+    hologram: Hologram
+    plane_m: float
+    name: str
+
+
 def run(args: argparse.Namespace) -> int:
     """Measures and prints the contrast of a region, and plots it with its histogram if asked."""
     if args.plot is not None:
         require_matplotlib("--plot")
         check_output_file(args.plot, ".png")
-    image = _luminance_image(args)
+    shown = _shown_hologram(args)
+    pupils_m = _parse_pupils(args.pupils, shown)
+    image = _of_picture(Path(args.preset), args) if shown is None else _of_hologram(shown)
     region = central_region(image.luminance.shape) if args.region is None else parse_region(args.region)
     speckle = speckle_contrast(image.luminance, region)
     patterns = independent_patterns(speckle.contrast)
@@ -80,9 +104,13 @@ def run(args: argparse.Namespace) -> int:
         "clipped": image.clipped_share,
         "independent_patterns": patterns if np.isfinite(patterns) else None,
     }
+    draw = speckle_figure(image.luminance, region, speckle.contrast)
+    if shown is not None and pupils_m:
+        table = contrast_by_pupil(shown.hologram, shown.plane_m, pupils_m, region)
+        result |= {"pupils": table.rows, "independent_contrast": table.independent}
+        draw = table.figure()
     if args.plot is not None:
-        plot = StudyFigure("contrast", image.description, speckle_figure(image.luminance, region, speckle.contrast))
-        _write_plot(args.plot, plot)
+        _write_plot(args.plot, StudyFigure("contrast", image.description, draw))
         result["plot"] = str(args.plot)
     print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _format_result(result))
     return 0
@@ -101,21 +129,49 @@ def _format_result(result: dict[str, Any]) -> str:
     ]
     if result["clipped"] > 0:
         lines.append(f"{result['clipped']:.2%} of the picture is saturated: its contrast comes out too low")
+    if "pupils" in result:
+        lines += format_rows(result["pupils"], result["independent_contrast"])
     return "\n".join(lines + ([f"plot: {result['plot']}"] if "plot" in result else []))
 
 
-def _luminance_image(args: argparse.Namespace) -> LuminanceImage:
-    """Reads the picture, or renders the hologram or the random patterns, that the arguments name."""
+def _shown_hologram(args: argparse.Namespace) -> _ShownHologram | None:
+    """The hologram or the random patterns that the arguments name; None for a picture."""
     path = Path(args.preset)
     if path.suffix.lower() == _HOLOGRAM_SUFFIX:
-        if args.scheme or args.changes:
-            raise UserError("--set or --scheme", "with a hologram file", expected="the bench that it was made for")
-        return _of_hologram(load_hologram(path), args.plane, path.name)
+        if args.scheme or not all(change.startswith("eye") for change in args.changes):
+            remedy = "--set may give it an eye only"
+            raise UserError(
+                "--set or --scheme", "with a hologram file", expected="the bench that it was made for", remedy=remedy
+            )
+        hologram = load_hologram(path)
+        return _shown(Hologram(hologram.drive, with_changes(hologram.system, args.changes)), args.plane, path.name)
     if path.suffix and path.suffix.lower() != _PRESET_SUFFIX and args.preset not in preset.names():
-        return _of_picture(path, args)
+        return None
     system = system_from_args(args)
     hologram = Hologram(random_drive(system, args.random), system)
-    return _of_hologram(hologram, args.plane, f"{system.name}, random patterns of seed {args.random}")
+    return _shown(hologram, args.plane, f"{system.name}, random patterns of seed {args.random}")
+
+
+def _shown(hologram: Hologram, plane: str | None, name: str) -> _ShownHologram:
+    planes_m = hologram.system.planes_m
+    plane_m = float(planes_m[len(planes_m) // 2]) if plane is None else parse_plane(hologram.system, plane, "--plane")
+    return _ShownHologram(hologram, plane_m, name)
+
+
+def _parse_pupils(text: str | None, shown: _ShownHologram | None) -> list[float]:
+    """The diameters (m) of --pupils; a number without a unit has that of the last one.
+
+    Raises UserError for text of another kind, for a picture, and as `pupils_of` does.
+    """
+    if text is None:
+        return []
+    if shown is None:
+        raise UserError("--pupils", "with a picture", expected="a preset or a hologram file")
+    parts = [part.strip() for part in text.split(",")]
+    unit = parts[-1].lstrip("+-.0123456789 ")
+    pupils_m = [units.parse(part if part[-1:].isalpha() else f"{part} {unit}", "--pupils") for part in parts]
+    pupils_of(shown.hologram.system, pupils_m)
+    return sorted(set(pupils_m))
 
 
 def _of_picture(path: Path, args: argparse.Namespace) -> LuminanceImage:
@@ -131,11 +187,11 @@ def _of_picture(path: Path, args: argparse.Namespace) -> LuminanceImage:
     )
 
 
-def _of_hologram(hologram: Hologram, plane: str | None, name: str) -> LuminanceImage:
-    system = hologram.system
-    plane_m = float(system.planes_m[len(system.planes_m) // 2]) if plane is None else units.parse(plane, "--plane")
-    view = simulate(system, hologram.drive, [plane_m], backend="torch")
-    return LuminanceImage(view.xyz[0, ..., 1], f"luminance of {name} at {units.format_exact(plane_m, 'mm')}")
+def _of_hologram(shown: _ShownHologram) -> LuminanceImage:
+    system = shown.hologram.system
+    view = simulate(system, shown.hologram.drive, [shown.plane_m], backend="torch")
+    place = plane_label(system, shown.plane_m) + ("" if system.eye is None else ", on the retina")
+    return LuminanceImage(view.xyz[0, ..., 1], f"luminance of {shown.name} at {place}")
 
 
 def _write_plot(path: Path, plot: StudyFigure) -> None:

@@ -11,6 +11,8 @@ perceptual_scores   the names of these three, and which of them are installed
 perceptual_quality  these three by name
 plane_scores        a score of each plane, and images as stacks
 speckle             speckle contrast σ/μ of a region, with the picture's own structure divided out
+laser_patterns      independent patterns that lasers, frames and sources contribute
+retinal_speckle     speckle contrast on the retina, against the diameter of the pupil
 speckle_histogram   histogram of speckle intensity and the gamma distribution that it should follow
 eyebox              uniformity of the light in the eyebox, to be read beside every PSNR
 band_contrast       contrast in a band of visual spatial frequencies

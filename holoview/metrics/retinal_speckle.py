@@ -8,12 +8,13 @@ average over discs of 0.5 arcmin, which hides grains that are smaller.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.metrics.laser_patterns import mean_wavelength
 from holoview.metrics.speckle import speckle_contrast
 from holoview.model.eye import PUPIL
 from holoview.model.system import System
@@ -51,7 +52,9 @@ def pupils_of(system: System, pupils_m: Sequence[float] = PUPILS_M) -> list[Syst
         raise UserError("pupils", "there is no eye", expected="a bench with an eye", remedy="--set eye={}")
     if not 1 <= len(pupils_m) <= MAX_PUPILS:
         raise UserError("pupils", str(len(pupils_m)), expected=f"1 to {MAX_PUPILS} diameters")
-    return [system.with_(eye=replace(system.eye, pupil_m=PUPIL.parse(d, "pupils"))) for d in pupils_m]
+    for diameter_m in pupils_m:
+        PUPIL.parse(diameter_m, "pupils")
+    return [system.with_(eye=replace(system.eye, pupil_m=diameter_m)) for diameter_m in pupils_m]
 
 
 def default_pupils(system: System) -> tuple[float, ...]:
@@ -84,7 +87,7 @@ def retinal_contrast(
         pupil_m=diameter_m,
         contrast=speckle_contrast(luminance, region, target).contrast,
         cone_contrast=speckle_contrast(seen_by_cones(luminance, degrees), region, blurred).contrast,
-        grain_arcmin=60 * float(np.degrees(_mean_wavelength(system) / diameter_m)),
+        grain_arcmin=60 * float(np.degrees(mean_wavelength(system) / diameter_m)),
     )
 
 

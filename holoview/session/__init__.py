@@ -23,6 +23,7 @@ quick_system          a simplified system for previews
 derived_images        phase of a pattern; eyebox
 measure               speckle contrast, PSNR and colour error of a region; profiles; pixel values
 live_measurement      the same, kept up to date for the displayed image
+retinal_curve         speckle contrast on the retina against the diameter of the pupil
 live_score            PSNR and a perceptual score of the displayed image, kept up to date
 limit_notes           where the model isn't true of the displayed bench
 tone_mapping          XYZ to 8-bit sRGB

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.metrics.laser_patterns import independent_pattern_count
+from holoview.metrics.retinal_speckle import RetinalContrast, retinal_contrast
 from holoview.metrics.speckle_histogram import SpeckleHistogram, speckle_histogram
 from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession
@@ -17,8 +19,8 @@ from holoview.session.measure import (
     LineProfile,
     RegionMetrics,
     contrast_by_wavelength,
-    independent_pattern_count,
     line_profile,
+    luminance_of,
     measure_region,
 )
 from holoview.util.errors import UserError
@@ -32,7 +34,7 @@ class ImageMeasurements:
 
     document: what the image shows. region, histogram: of the measured region. profile: luminance along the line of the
     view settings. curve: contrast by the number of wavelengths, if their intensities were given. problem: why those of
-    the region are missing, e.g. because it is dark.
+    the region are missing, e.g. because it is dark. retinal: the region as cones see it, with an eye.
     """
 
     document: Document
@@ -41,6 +43,7 @@ class ImageMeasurements:
     profile: LineProfile | None
     curve: ContrastCurve | None
     problem: str = ""
+    retinal: RetinalContrast | None = None
 
 
 class LiveMeasurement:
@@ -84,15 +87,18 @@ def measure_image(
     target (y, x, 3), linear sRGB: enables PSNR and colour error. intensity (wavelength, y, x): enables the curve. An
     error that the user can correct, such as a dark region, is stored as `problem`.
     """
-    region, histogram, curve, problem = None, None, None, ""
+    region, histogram, curve, problem, retinal = None, None, None, "", None
     try:
         region = measure_region(xyz, document.measured_region, target)
         histogram = speckle_histogram(xyz[..., 1], document.measured_region, independent_pattern_count(document.system))
+        if document.system.eye is not None:
+            known = None if target is None else luminance_of(target, document.measured_region)
+            retinal = retinal_contrast(document.system, xyz[..., 1], document.measured_region, known)
         if intensity is not None:
             curve = contrast_by_wavelength(intensity.__getitem__, document.system, document.measured_region)
     except UserError as error:
         problem = str(error)
-    return ImageMeasurements(document, region, histogram, _profile(document, xyz), curve, problem)
+    return ImageMeasurements(document, region, histogram, _profile(document, xyz), curve, problem, retinal)
 
 
 def _profile(document: Document, xyz: Image) -> LineProfile | None:

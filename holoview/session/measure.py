@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ, gamut_map, observer_weights, xyz_to_linear_srgb
 from holoview.metrics.delta_e import delta_e_linear_srgb
+from holoview.metrics.laser_patterns import laser_luminances
 from holoview.metrics.psnr import psnr
 from holoview.metrics.speckle import speckle_contrast
 from holoview.model.system import System
@@ -68,34 +69,20 @@ def _structure_free(
     luminance: NDArray[np.floating], region: Region, target: NDArray[np.floating], otherwise: float
 ) -> float:
     """Contrast of the luminance divided by the target's; `otherwise` if the target is black in the region."""
-    reference = np.asarray(target) @ SRGB_TO_XYZ[1]
-    if not np.any(crop(reference, region) > 0):
-        return otherwise
-    return speckle_contrast(luminance, region, reference).contrast
+    reference = luminance_of(target, region)
+    return otherwise if reference is None else speckle_contrast(luminance, region, reference).contrast
+
+
+def luminance_of(target: NDArray[np.floating], region: Region) -> Floats | None:
+    """Luminance (y, x) of a target (y, x, 3) in linear sRGB; None if it is black in the region."""
+    reference: Floats = np.asarray(target, dtype=np.float64) @ SRGB_TO_XYZ[1]
+    return reference if np.any(crop(reference, region) > 0) else None
 
 
 def crop(image: NDArray[np.floating], region: Region) -> NDArray[np.floating]:
     """The region (x, y, width, height) of an image (y, x, …)."""
     x, y, width, height = region
     return image[y : y + height, x : x + width]
-
-
-# --- lasers ---------------------------------------------------------------------------------------------------------
-
-
-def laser_luminances(system: System) -> Floats:
-    """Mean luminance (frame, wavelength) that each laser adds to an evenly lit image: amplitude · Y(λ) / frames."""
-    visible = np.maximum(observer_weights(system.observer, system.wavelengths_m)[:, 1], 0.0)
-    power: Floats = system.amplitudes / system.frames * visible
-    return power
-
-
-def independent_pattern_count(system: System) -> float:
-    """Effective number of independent patterns (Σm)²/Σm², m the mean luminance of each laser, frame and source."""
-    means = np.repeat(laser_luminances(system).ravel(), len(system.source.directions_rad)) / len(
-        system.source.directions_rad
-    )
-    return float(means.sum() ** 2 / np.square(means).sum()) if np.any(means > 0) else 1.0
 
 
 # --- contrast by the number of wavelengths --------------------------------------------------------------------------

@@ -54,7 +54,7 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.session.optimisation_job", "holoview.optimise.torch_device"): SLOW,
     ("holoview.session.scheme_comparison", "holoview.optimise.solve"): SLOW,
     ("holoview.session.scheme_comparison", "holoview.optimise.torch_device"): SLOW,
-    ("holoview.study.studies.retinal_speckle", "scipy.special"): SLOW,
+    ("holoview.metrics.retinal_speckle", "scipy.special"): SLOW,
     ("holoview.targets.defocus", "scipy"): SLOW,
     ("holoview.targets.scene_layers", "scipy"): SLOW,
     ("holoview.gpu.timer", "wgpu.backends.wgpu_native"): BACKEND,

@@ -9,6 +9,7 @@ from holoview.app import plots, theme
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
+from holoview.app.retinal_plot import draw_retinal_curve, draw_retinal_state
 from holoview.metrics.speckle_histogram import SpeckleHistogram
 from holoview.session.live_measurement import ImageMeasurements
 from holoview.session.measure import ContrastCurve, LineProfile
@@ -18,11 +19,19 @@ _GROUP = "Speckle"
 _TIPS = {
     "Contrast": "Standard deviation over mean of the luminance. Fully developed speckle has 1; N independent patterns "
     "together have 1/√N. With a target, the picture's own structure is divided out.",
+    "Cones": "Contrast of means over discs of 0.5 arcmin, the size of foveal cones: finer speckle isn't seen.",
+    "Grains": "Width of a speckle grain, about the wavelength over the pupil, in minutes of arc.",
     "Mean": "Mean luminance of the region; 1 is the display's white.",
     "PSNR": "Peak signal-to-noise ratio to the target in this region, linear sRGB clipped to 0…1.",
     "ΔE2000": "Mean CIEDE2000 colour difference to the target in this region; 1 is about the least that can be seen.",
     "Patterns": "Independent speckle patterns that lasers, frames and sources could bring, by their brightness: "
     "(Σm)²/Σm².",
+}
+_NAMES = {
+    "Contrast": "speckle contrast",
+    "Cones": "as cones see it",
+    "Grains": "grains",
+    "Mean": "mean luminance",
 }
 
 
@@ -71,12 +80,14 @@ class SpecklePanel(Panel):
         """Draws tools, numbers, plots, and the comparison of schemes."""
         context.wants_measurement = True
         _draw_tools(context)
+        draw_retinal_state(context)
         measurements = context.live_measurement.measurements
         if measurements is None:
             imgui.text_disabled("The image is on its way.")
         else:
             _draw_numbers(measurements)
             _draw_plots(measurements)
+        draw_retinal_curve(context)
         self._draw_comparison(context)
 
     @property
@@ -154,6 +165,9 @@ def _draw_numbers(measurements: ImageMeasurements) -> None:
     _row("Contrast", f"{region.contrast:.3f}")
     if region.psnr_db is not None:
         _row("Contrast", f"{region.raw_contrast:.3f}", "with the picture's structure")
+    if measurements.retinal is not None:
+        _row("Cones", f"{measurements.retinal.cone_contrast:.3f}")
+        _row("Grains", f"{measurements.retinal.grain_arcmin:.2f}′")
     _row("Mean", f"{region.mean:.4g}")
     if measurements.histogram is not None:
         _row("Patterns", f"{measurements.histogram.pattern_count:.2f}", "independent patterns, at most")
@@ -164,10 +178,9 @@ def _draw_numbers(measurements: ImageMeasurements) -> None:
 
 
 def _row(key: str, value: str, label: str = "") -> None:
-    names = {"Contrast": "speckle contrast", "Mean": "mean luminance"}
     imgui.table_next_row()
     imgui.table_next_column()
-    imgui.text(label or names.get(key, key))
+    imgui.text(label or _NAMES.get(key, key))
     tooltip(_TIPS[key])
     imgui.table_next_column()
     imgui.text(value)

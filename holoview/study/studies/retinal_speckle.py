@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from holoview.metrics.retinal_speckle import CONE_ARCMIN, seen_by_cones
 from holoview.metrics.speckle import independent_patterns, speckle_contrast
 from holoview.study.claims import DIRECTION_ONLY, REPRODUCES, SHOWN
 from holoview.study.hologram_jobs import job_system, mean_number, table_row
@@ -25,7 +25,6 @@ _CASES = {
     "16 wavelengths": (16, 1),
     "8 wavelengths, 3 frames": (8, 3),
 }
-_CONE_ARCMIN = 0.5  # diameter of a foveal cone (Curcio et al., J. Comp. Neurol. 292, 497 (1990)): 2.5 µm at 17 mm
 _LAW_TOLERANCE = 0.1
 
 
@@ -71,7 +70,7 @@ class _RetinalSpeckle(Study):
             {
                 "contrast": contrast,
                 "patterns": independent_patterns(contrast),
-                "contrast_of_cones": speckle_contrast(_seen_by_cones(image, view.degrees_per_sample)).contrast,
+                "contrast_of_cones": speckle_contrast(seen_by_cones(image, view.degrees_per_sample)).contrast,
             }
         )
 
@@ -79,7 +78,7 @@ class _RetinalSpeckle(Study):
         plots = []
         for key, caption in (
             ("contrast", "Contrast of the retinal intensity; 1/√(wavelengths · frames) is dashed"),
-            ("contrast_of_cones", f"Contrast of means over discs of {_CONE_ARCMIN:g} arcmin, the size of foveal cones"),
+            ("contrast_of_cones", f"Contrast of means over discs of {CONE_ARCMIN:g} arcmin, the size of foveal cones"),
         ):
             curves = {case: (_PUPILS_MM, _curve(results, key, case)) for case in _CASES}
             laws = {
@@ -92,16 +91,6 @@ class _RetinalSpeckle(Study):
             claims=_claims(results),
             plots=plots,
         )
-
-
-def _seen_by_cones(image: NDArray[np.floating], degrees_per_sample: float) -> NDArray[np.floating]:
-    """The mean of a periodic image (y, x) over a disc as wide as a foveal cone, around every sample."""
-    from scipy.special import j1  # slow start: studies are listed without it
-
-    y, x = (np.fft.fftfreq(n, degrees_per_sample) for n in image.shape)
-    v = np.pi * _CONE_ARCMIN / 60 * np.hypot(y[:, None], x[None, :])
-    transfer = np.divide(2 * j1(v), v, out=np.ones_like(v), where=v > 0)
-    return np.asarray(np.fft.ifft2(np.fft.fft2(image) * transfer).real)
 
 
 def _curve(results: Results, key: str, case: str) -> list[float]:
