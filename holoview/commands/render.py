@@ -25,6 +25,7 @@ from holoview.commands.arguments import (
 )
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import check_output_file
+from holoview.commands.render_path import check_exposure, render_path
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.io.png import path_with_suffix, read_pattern, write_png
 from holoview.metrics.image_quality import central_region
@@ -35,8 +36,6 @@ from holoview.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.view import View, random_drive, simulate
-
-_MAX_STOPS = 60  # 2^60 exceeds any brightness to see, and its square is still far inside the range of float64
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -57,9 +56,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
         **several,
         help='e.g. 10mm 11mm, with an eye also 0.5D, or "all"; the middle plane if absent',
     )
+    parser.add_argument(
+        "--pupil-path",
+        metavar="CSV",
+        type=Path,
+        help="with an eye: what it sees while its pupil moves along a path, as the viewer saves it",
+    )
+    parser.add_argument("--frames", metavar="N", type=int, help="with --pupil-path: how many pictures (24)")
     parser.add_argument("--exposure", metavar="STOPS", type=float, default=0.0, help="brighten by 2^STOPS")
     add_backend(parser)
-    parser.add_argument("-o", "--output", metavar="PNG", type=Path, help="several planes are numbered: OUT-10mm.png")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="PNG",
+        type=Path,
+        help="several planes are numbered: OUT-10mm.png; with --pupil-path a PNG, GIF or MP4 that moves, or a folder",
+    )
     parser.add_argument("--json", action="store_true", help="print what was made as JSON")
 
 
@@ -68,11 +80,14 @@ def run(args: argparse.Namespace) -> int:
     system, drive = _system_and_drive(args)
     warn_of_camera_effects(system)
     planes_m = _parse_planes(args.plane, system)
+    if args.pupil_path is not None:
+        return render_path(args, system, drive, planes_m)
+    if args.frames is not None:
+        raise UserError("--frames", "without --pupil-path", expected="both, or neither")
     output = args.output or Path(f"{system.name or 'holoview'}.png")
     check_output_file(output, ".png")
     check_adapter_applies(args)
-    if not abs(args.exposure) <= _MAX_STOPS:
-        raise UserError("--exposure", f"{args.exposure:g}", expected=f"from -{_MAX_STOPS} to {_MAX_STOPS} stops")
+    check_exposure(args.exposure)
     started = time.perf_counter()
     with progress_bar("rendering") as progress:
         view = simulate(

@@ -17,10 +17,11 @@ from holoview.util.optional_library import import_optional
 SUFFIXES = (".png", ".gif", ".mp4")
 MAX_FRAMES = 1200
 Pixels = NDArray[np.uint8]
+Encoder = Callable[[Sequence[Pixels], Mapping[str, str]], None]
 _Encode = Callable[[Path, list[Pixels], float, Mapping[str, str]], None]
 
 
-def open_encoder(path: Path, frames: int, seconds: float) -> Callable[[Sequence[Pixels], Mapping[str, str]], None]:
+def open_encoder(path: Path, frames: int, seconds: float) -> Encoder:
     """A function that writes frames, 8-bit sRGB (y, x, 3), as an animation by the suffix of `path`, atomically.
 
     frames, seconds: how many there will be, and how long all of them together are shown. Its second argument are texts

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 _SIZE = (6.4, 4.0)
 _DPI = 150
 _SMALL_FONT_PT = 8
+_LINE: Any = {"markersize": 4, "linewidth": 1.2}
 _MAX_LEVEL_LABELS = 5
 """Most labels that fit side by side without rotation."""
 _MAX_TWO_DECIMAL_BARS = 10
@@ -80,15 +81,22 @@ def line_plot(
     x_axis: str,
     y_axis: str,
     *,
-    dashed: Sequence[str] = (),
+    dashed: Sequence[str] | Mapping[str, str] = (),
     logarithmic: bool = False,
 ) -> Callable[[Figure], None]:
-    """Curves (x, y) by name. dashed: names of curves that are theory or reference. logarithmic: both axes."""
+    """Curves (x, y) by name. logarithmic: both axes.
+
+    dashed: names of curves that are theory or reference; with the name of the curve before them to which each belongs,
+    it has the colour of that.
+    """
+    partners = dashed if isinstance(dashed, Mapping) else {}
 
     def draw(figure: Figure) -> None:
-        axes = figure.subplots()
+        axes, colours = figure.subplots(), dict[str, Any]()
         for name, (x, y) in curves.items():
-            axes.plot(x, y, "k--" if name in dashed else "o-", markersize=4, linewidth=1.2, label=name)
+            style = {"color": colours.get(partners.get(name, ""), "black"), "linestyle": "--"} if name in dashed else {}
+            (drawn,) = axes.plot(x, y, **{"marker": "" if name in dashed else "o"} | style, **_LINE, label=name)
+            colours[name] = drawn.get_color()
         axes.set_xlabel(x_axis)
         axes.set_ylabel(y_axis)
         if logarithmic:

@@ -13,7 +13,7 @@ from holoview.app.panels.speckle import SpecklePanel
 from holoview.session.file_reader import target_from_pixels
 from holoview.session.measure import measure_region
 from holoview.session.view_settings import NOW
-from tests.gui.conftest import Gui
+from tests.gui.conftest import Gui, small_bench
 
 pytestmark = pytest.mark.gpu
 
@@ -101,3 +101,24 @@ def test_one_key_shows_simultaneous_beside_holochrome_with_their_contrasts(gui: 
     result = gui.app.panel(SpecklePanel).comparison
     assert result.right.contrast < result.left.contrast
     assert gui.draw_frames(2).std() > 20
+
+
+def test_with_an_eye_the_panel_speaks_of_the_retina_and_plots_contrast_by_the_pupil(
+    make_gui: Callable[..., Gui],
+) -> None:
+    gui = make_gui(small_bench(shape=[16, 24], eye={}), panels=(ImagePanel, SpecklePanel), size=(900, 1000))
+    gui.context.show_panel("Speckle")
+    gui.draw_until_idle()
+    measurements = gui.context.live_measurement.measurements
+    assert measurements is not None and measurements.retinal is not None
+    gui.click(gui.item_position("contrast by the pupil"))
+    assert gui.context.retinal_curves.job is not None
+    assert gui.session.wait_until_idle(60.0)
+    gui.draw_frames(3)
+    curve = gui.context.retinal_curves.curve
+    assert curve is not None and len(curve.contrasts) == 6
+    assert "contrast by the pupil" in gui.context.item_rects
+    gui.session.change("Eye", {"eye": None})
+    gui.draw_until_idle()
+    measurements = gui.context.live_measurement.measurements
+    assert measurements is not None and measurements.retinal is None

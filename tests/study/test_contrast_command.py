@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from holoview import cli
+from holoview.io.hologram import Hologram
+from holoview.model import preset
 from holoview.study.registry import studies_by_name
+from holoview.view import random_drive
 
 SIDE = 256
 SIGMAS = 5.0
@@ -152,3 +156,47 @@ def test_the_list_of_studies(capsys: pytest.CaptureFixture[str]) -> None:
 def test_mistakes_in_study_are_named(arguments: list[str], said: str, tmp_path: Path, refused: Refused) -> None:
     assert said in refused("study", *arguments)
     assert not list(tmp_path.iterdir())
+
+
+# --- on the retina --------------------------------------------------------------------------------------------------
+
+EYE = ("holochrome-8", "--set", "shape=[16, 24]", "--set", "eye={}")
+
+
+def test_contrast_by_pupil_is_a_table_whose_rows_are_those_of_each_pupil(capsys: pytest.CaptureFixture[str]) -> None:
+    found: Any = _measured(capsys, *EYE, "--pupils", "4,2.5mm")
+    assert [row["pupil_mm"] for row in found["pupils"]] == [2.5, 4.0]
+    for row in found["pupils"]:
+        alone = _measured(capsys, *EYE, "--set", f'eye.pupil="{row["pupil_mm"]} mm"')
+        assert alone["contrast"] == pytest.approx(row["contrast"], rel=1e-5)
+    assert found["independent_contrast"] == pytest.approx(0.4059, abs=1e-4)
+    assert cli.main(["contrast", *EYE, "--pupils", "3mm"]) == 0
+    assert "independent patterns" in capsys.readouterr().out
+
+
+def test_contrast_by_pupil_is_drawn_and_a_hologram_may_get_an_eye(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    system = preset.load("holochrome-8").edit({"shape": [16, 24]})
+    Hologram(random_drive(system), system).save(tmp_path / "a.safetensors")
+    plot = tmp_path / "plot.png"
+    arguments = (str(tmp_path / "a.safetensors"), "--set", "eye={}", "--plane", "1D", "--pupils", "3mm")
+    found: Any = _measured(capsys, *arguments, "--plot", str(plot))
+    assert "10.6 mm (1 D), on the retina" in found["what"]
+    assert np.asarray(Image.open(plot)).std() > 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("holochrome-8", "--pupils", "2,3mm"), "there is no eye"),
+        ((*EYE, "--pupils", "2,3"), "has no unit"),
+        ((*EYE, "--pupils", ""), "not a length"),
+        ((*EYE, "--pupils", "wide"), "not a length"),
+        ((*EYE, "--pupils", "0,3mm"), "0 mm is out of range"),
+        ((*EYE, "--pupils", "3kg"), 'has the unit "kg"'),
+        (("picture.png", "--pupils", "3mm"), "with a picture"),
+    ],
+)
+def test_wrong_pupils_are_refused(refused: Refused, arguments: tuple[str, ...], complaint: str) -> None:
+    assert complaint in refused("contrast", *arguments)

@@ -81,10 +81,14 @@ class _RetinalSpeckle(Study):
             ("contrast_of_cones", f"Contrast of means over discs of {CONE_ARCMIN:g} arcmin, the size of foveal cones"),
         ):
             curves = {case: (_PUPILS_MM, _curve(results, key, case)) for case in _CASES}
+            cases = {f"1/√{n * m}": case for case, (n, m) in _CASES.items()}
+            ends = (_PUPILS_MM[0], _PUPILS_MM[-1])
             laws = {
-                f"1/√{n * m}": ((_PUPILS_MM[0], _PUPILS_MM[-1]), [1 / np.sqrt(n * m)] * 2) for n, m in _CASES.values()
+                name: (ends, [1 / np.sqrt(np.prod(_CASES[case]))] * 2)
+                for name, case in cases.items()
+                if key == "contrast"
             }
-            draw = line_plot({**curves, **(laws if key == "contrast" else {})}, "pupil (mm)", "σ/μ", dashed=tuple(laws))
+            draw = line_plot({**curves, **laws}, "pupil (mm)", "σ/μ", dashed=cases)
             plots.append(StudyFigure(key.replace("_", "-"), caption, draw))
         return Findings(
             rows=[table_row(job, result, ("case", "pupil_mm", "seed")) for job, result in results],
