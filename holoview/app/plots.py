@@ -25,10 +25,12 @@ def plot(
     x_range: tuple[float, float],
     y_range: tuple[float, float],
     legend: int = implot.Location_.north_east,
+    *,
+    has_flat_legend: bool = False,
 ) -> Iterator[bool]:
     """A context that draws a plot over the panel's width with fixed ranges; yields whether it is visible.
 
-    legend: its place, where there are no data.
+    legend: its place, where there are no data. has_flat_legend: whether its entries stand beside each other.
     """
     size = imgui.ImVec2(-1, HEIGHT_EM * imgui.get_font_size())
     is_open = implot.begin_plot(f"##{name}", size, _FLAGS | implot.Flags_.no_inputs)
@@ -36,7 +38,8 @@ def plot(
         if is_open:
             implot.setup_axes(x_label, y_label, _AXIS, _AXIS)
             implot.setup_axes_limits(*x_range, *y_range, implot.Cond_.always)
-            implot.setup_legend(legend, implot.LegendFlags_.no_buttons)
+            flat = implot.LegendFlags_.horizontal if has_flat_legend else implot.LegendFlags_.none
+            implot.setup_legend(legend, implot.LegendFlags_.no_buttons | flat)
         yield is_open
     finally:
         if is_open:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from imgui_bundle import imgui
+from imgui_bundle import imgui, implot
 
 from holoview.app import plots, theme
 from holoview.app.context import AppContext
@@ -13,6 +13,7 @@ from holoview.session.retinal_curve import RetinalCurve
 
 _CONES = imgui.ImVec4(0.45, 0.80, 0.50, 1.0)
 _MARGIN_MM = 0.2
+_LEGEND_SHARE = 0.35  # of the height of the plot
 
 
 def draw_retinal_state(context: AppContext) -> None:
@@ -51,11 +52,14 @@ def _draw_curve(curve: RetinalCurve, pupil_mm: float) -> None:
     every, cones = (
         np.array([getattr(contrast, name) for contrast in curve.contrasts]) for name in ("contrast", "cone_contrast")
     )
-    top = 1.35 * max(float(every.max()), curve.independent)
+    top = 1.4 * max(float(every.max()), curve.independent)
     span = (min(x[0], pupil_mm) - _MARGIN_MM, max(x[-1], pupil_mm) + _MARGIN_MM)
-    with plots.plot("contrast by pupil", "pupil (mm)", "contrast", span, (0, top)) as is_open:
+    legend = implot.Location_.south if cones.min() > _LEGEND_SHARE * top else implot.Location_.north
+    with plots.plot(
+        "contrast by pupil", "pupil (mm)", "contrast", span, (0, top), legend, has_flat_legend=True
+    ) as is_open:
         if is_open:
-            plots.line("every sample", x, every, theme.ACCENT, marked=True)
+            plots.line("samples", x, every, theme.ACCENT, marked=True)
             plots.line("cones", x, cones, _CONES, marked=True)
             plots.line("independent", np.array(span), np.full(2, curve.independent), plots.GREY)
             plots.line("##now", np.full(2, pupil_mm), np.array([0, top]), theme.WARNING)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,19 @@ from holoview.colour import SRGB_TO_XYZ
 from holoview.gpu.device import Device
 from holoview.session.editing_session import EditingSession
 from holoview.session.scene import Scene
+from holoview.session.target_spec import TargetSpec
 from holoview.session.view_settings import NOW, TARGET, ComparisonSide
 
 _MAX_OTHERS = 2  # renderers besides that of "now", as each takes memory of the device
+
+
+@dataclass(frozen=True, eq=False)
+class _ShownTarget:
+    """A target on the device: the image (y, x, 3) that it shows, and of which specification."""
+
+    spec: TargetSpec
+    image: NDArray[np.float32]
+    shown: DeviceImage
 
 
 class SideRenderers:
@@ -29,7 +39,7 @@ class SideRenderers:
         self.now = ProgressiveRenderer(device) if now is None else now
         self._others: dict[ComparisonSide, ProgressiveRenderer] = {}
         self._presets: dict[tuple[str, tuple[int, int], int], Scene | None] = {}
-        self._target: tuple[NDArray[np.float32], DeviceImage] | None = None
+        self._target: _ShownTarget | None = None
 
     def visible_sides(self) -> tuple[ComparisonSide, ...]:
         """The sides that the view settings show, and "now", which is always kept up to date."""
@@ -114,11 +124,16 @@ class SideRenderers:
         return self._others[side]
 
     def _target_picture(self) -> DeviceImage | None:
-        image = self._session.target_at()
-        if image is None:
-            return None
-        if self._target is None or self._target[0] is not image:
+        """The newest target that is built; with an eye, which it follows, one is built when that has come to rest."""
+        session, old = self._session, self._target
+        if old is not None and (old.spec, old.shown.shape) != (session.target_spec, session.document.image_shape):
+            old = self._target = None
+        is_moving = session.system.eye is not None and not self.now.is_fresh
+        image = None if is_moving and old is not None else session.target_at()
+        is_new = image is not None and (old is None or old.image is not image)
+        if is_new and image is not None and session.target_spec is not None:
             xyz = np.zeros((*image.shape[:2], 4), np.float32)
             xyz[..., :3] = image @ SRGB_TO_XYZ.T
-            self._target = (image, DeviceImage(self._device.upload(xyz, "target"), (image.shape[0], image.shape[1])))
-        return self._target[1]
+            shown = DeviceImage(self._device.upload(xyz, "target"), (image.shape[0], image.shape[1]))
+            self._target = _ShownTarget(session.target_spec, image, shown)
+        return None if self._target is None else self._target.shown

@@ -44,7 +44,7 @@ def apply(name: str) -> None:
     if name == "Dark":
         style.set_color_(imgui.Col_.frame_bg, imgui.ImVec4(0.165, 0.175, 0.195, 1.0))
         style.set_color_(imgui.Col_.border, imgui.ImVec4(0.30, 0.31, 0.34, 1.0))
-    grab = ((0.24, 0.34, 0.50), (0.30, 0.47, 0.72)) if name == "Dark" else ((0.66, 0.78, 0.93), (0.52, 0.70, 0.93))
+    grab = ((0.24, 0.34, 0.50), (0.26, 0.42, 0.66)) if name == "Dark" else ((0.66, 0.78, 0.93), (0.52, 0.70, 0.93))
     for colour, value in zip((imgui.Col_.slider_grab, imgui.Col_.slider_grab_active), grab, strict=True):
         style.set_color_(colour, imgui.ImVec4(*value, 1.0))  # the value is written across it
     ink, pale = ((0.92, 0.93, 0.94), (0.66, 0.68, 0.70)) if name == "Dark" else ((0.08, 0.08, 0.09), (0.36, 0.37, 0.39))

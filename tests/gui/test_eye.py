@@ -18,7 +18,7 @@ from holoview.session.derived_images import eyebox_xyz
 from holoview.session.eye_edits import dioptres_of, eyebox_half_m, move_pupil
 from holoview.session.focal_plane import focus_at
 from holoview.session.target_spec import TargetSpec
-from holoview.session.view_settings import ACHROMATIC, NOW
+from holoview.session.view_settings import ACHROMATIC, NOW, TARGET
 from holoview.targets.picture import Picture
 from holoview.targets.target import Placement
 from holoview.view import simulate
@@ -195,3 +195,25 @@ def test_a_key_compares_with_an_eye_without_colour_error_that_sees_through_the_s
     assert now is not None and np.abs(now - known).max() > 0.1 * known.max()
     eye_gui.press_chord("A")
     assert eye_gui.session.view_settings.compare == "off"
+
+
+def test_a_drag_builds_no_targets_and_the_one_before_stays_beside_it(make_gui: Callable[..., Gui]) -> None:
+    gui = make_gui(small_bench(eye={"pupil": "2 mm"}), panels=PANELS, size=(900, 700))
+    picture = Picture(np.full((128, 192, 3), 0.4, dtype=np.float32), "made up")
+    gui.session.edit("Target", target_spec=TargetSpec(picture, "made up"))
+    gui.session.edit_view("Compare", b=TARGET, compare="wipe")
+    gui.context.show_panel("Eye")
+    gui.draw_until_idle()
+    before = gui.context.side_renderers.picture(TARGET)
+    assert before is not None
+    x, y = gui.item_position("pupil map")
+    gui.move((x, y))
+    gui.press_button()
+    for step in range(1, 6):
+        gui.move((x + 3 * step, y))
+        assert gui.context.side_renderers.picture(TARGET) is before
+        assert not gui.session.target_builder.is_building
+    gui.release_button()
+    gui.draw_until_idle()
+    after = gui.context.side_renderers.picture(TARGET)
+    assert after is not None and after is not before, "the target as the eye sees it from there"

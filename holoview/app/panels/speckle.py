@@ -85,9 +85,9 @@ class SpecklePanel(Panel):
         if measurements is None:
             imgui.text_disabled("The image is on its way.")
         else:
-            _draw_numbers(measurements)
+            _draw_numbers(context, measurements)
+            draw_retinal_curve(context)
             _draw_plots(measurements)
-        draw_retinal_curve(context)
         self._draw_comparison(context)
 
     @property
@@ -154,7 +154,7 @@ def _draw_tools(context: AppContext) -> None:
             context.session.edit_view("Region", region=(x, y, w, h))
 
 
-def _draw_numbers(measurements: ImageMeasurements) -> None:
+def _draw_numbers(context: AppContext, measurements: ImageMeasurements) -> None:
     if measurements.problem:
         imgui.push_style_color(imgui.Col_.text, theme.WARNING)
         imgui.text_wrapped(measurements.problem)
@@ -167,7 +167,7 @@ def _draw_numbers(measurements: ImageMeasurements) -> None:
         _row("Contrast", f"{region.raw_contrast:.3f}", "with the picture's structure")
     if measurements.retinal is not None:
         _row("Cones", f"{measurements.retinal.cone_contrast:.3f}")
-        _row("Grains", f"{measurements.retinal.grain_arcmin:.2f}′")
+        _row("Grains", f"{measurements.retinal.grain_arcmin:.2f} arcmin")
     _row("Mean", f"{region.mean:.4g}")
     if measurements.histogram is not None:
         _row("Patterns", f"{measurements.histogram.pattern_count:.2f}", "independent patterns, at most")
@@ -175,6 +175,7 @@ def _draw_numbers(measurements: ImageMeasurements) -> None:
         _row("PSNR", f"{region.psnr_db:.2f} dB")
         _row("ΔE2000", f"{region.delta_e:.2f}")
     imgui.end_table()
+    context.record_item_rect("figures")
 
 
 def _row(key: str, value: str, label: str = "") -> None:
