@@ -8,6 +8,7 @@ from imgui_bundle import imgui, implot
 from holoview.app import plots, theme
 from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
+from holoview.metrics.speckle import independent_patterns
 from holoview.session.eye_edits import dioptres_of, pupil_diameter_m
 from holoview.session.retinal_curve import RetinalCurve
 
@@ -61,7 +62,8 @@ def _draw_curve(curve: RetinalCurve, pupil_mm: float) -> None:
         if is_open:
             plots.line("samples", x, every, theme.ACCENT, marked=True)
             plots.line("cones", x, cones, _CONES, marked=True)
-            plots.line("independent", np.array(span), np.full(2, curve.independent), plots.GREY)
+            law = f"1/√{independent_patterns(curve.independent):.3g}"
+            plots.line(law, np.array(span), np.full(2, curve.independent), plots.GREY)
             plots.line("##now", np.full(2, pupil_mm), np.array([0, top]), theme.WARNING)
     tooltip(
         "Blue: contrast at every sample. Green: of its means over foveal cones (0.5 arcmin), which hide fine speckle. "
