@@ -74,13 +74,18 @@ class PupilMotion:
         """Notes where the pupil is, or moves it on.
 
         shows_last_edit: whether the viewer shows the last place already; it is waited for, so that each is seen.
+        Raises UserError, and stops, where the eye can't follow the path.
         """
         if self.state and self._session.system.eye is None:
             self.stop()
         elif self.state == "recording":
             self._note(round(self._clock() - self._since, _CLOCK_DIGITS))
         elif self.state == "playing" and shows_last_edit:
-            self._move(self._clock() - self._since)
+            try:
+                self._move(self._clock() - self._since)
+            except UserError:  # a place that this eyepiece doesn't reach: it would be the same in each frame
+                self.stop()
+                raise
 
     def _note(self, time_s: float) -> None:
         state = self._present()

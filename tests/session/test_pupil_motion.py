@@ -108,6 +108,16 @@ def test_a_place_is_waited_for_until_it_is_seen(watcher: EditingSession) -> None
     assert watcher.system.eye.pupil_x_m == pytest.approx(1.5e-4)
 
 
+def test_a_path_that_the_eye_cannot_follow_ends_with_its_reason(watcher: EditingSession) -> None:
+    motion = PupilMotion(watcher, Clock())
+    watcher.edit_view("Path", pupil_path=PupilPath((0.0, 1.0), (0.05, 0.05), (0.0, 0.0)))  # 50 mm behind 40 mm
+    before = watcher.document
+    motion.play()
+    with pytest.raises(UserError, match="doesn't reach the pupil"):
+        motion.advance()
+    assert motion.state == "" and watcher.document is before
+
+
 def test_without_an_eye_or_a_path_there_is_nothing_to_do(watcher: EditingSession) -> None:
     motion = PupilMotion(watcher)
     with pytest.raises(UserError, match="record one"):
