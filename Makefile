@@ -8,8 +8,9 @@
 # make tutorials  run the tutorials and write what they print and draw into their pages
 # make gallery  run every study at its quick scale and build docs/gallery.md (a quarter of an hour)
 # make still-life  optimise the hologram with which the viewer opens (assets/still-life.safetensors)
+# make fuzz   feed hostile files and options for an hour (MINUTES=60 SEED=1) and count how they end
 # make bench  time the frame's stages on this machine
-.PHONY: demo test test-processors test-pythons wheel bench docs tutorials gallery still-life lint package clean help
+.PHONY: fuzz demo test test-processors test-pythons wheel bench docs tutorials gallery still-life lint package clean help
 .DEFAULT_GOAL := help
 
 BIN := .venv/bin
@@ -44,6 +45,9 @@ lint: .venv/holoview.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+fuzz: .venv/holoview.stamp
+	OMP_NUM_THREADS=1 nice -n 10 $(BIN)/python -m benchmarks.fuzz --minutes $(or $(MINUTES),60) --seed $(or $(SEED),1)
 
 bench: .venv/holoview.stamp
 	@bash .ci/adapter

@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 from holoview.commands.exit_codes import EXIT_INTERRUPTED, EXIT_USER_ERROR
 from holoview.commands.supervisor import is_supervised, supervise
 from holoview.util.errors import UserError
+from holoview.util.memory_limit import memory_setting
 from holoview.util.openmp import share_the_machine
 from holoview.util.version import __version__
 
@@ -61,7 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     share_the_machine()
     try:
         args = _parser(words[0] if words else "").parse_args(words)
-        code: int = args.run(args)
+        with memory_setting(getattr(args, "memory", None)):
+            code: int = args.run(args)
         sys.stdout.flush()
     except UserError as error:
         return _report_error(str(error))
@@ -110,7 +112,21 @@ def _parser(chosen: str) -> argparse.ArgumentParser:
             command.description = module.__doc__
             command.set_defaults(run=module.run)
             module.configure(command)
+            _add_memory(command)
     return parser
+
+
+def _add_memory(command: argparse.ArgumentParser) -> None:
+    """Adds --memory to a command, or to each command within it."""
+    nested = [action for action in command._actions if isinstance(action, argparse._SubParsersAction)]
+    for inner in (parser for action in nested for parser in action.choices.values()):
+        _add_memory(inner)
+    if not nested:
+        command.add_argument(
+            "--memory",
+            metavar="SIZE",
+            help="the most memory to take in all, e.g. 8GB (default: three quarters of what is free)",
+        )
 
 
 if __name__ == "__main__":

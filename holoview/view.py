@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,12 +14,16 @@ from numpy.typing import NDArray
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.backend import open_executor
 from holoview.engine.frame import compute_focal_stack
+from holoview.engine.memory import simulation_bytes
 from holoview.model.focus import focused_planes
 from holoview.model.plan import make_plan, parse_planes
 from holoview.model.system import System
 from holoview.model.validity.checks import exceeded_limits
 from holoview.model.visual_angle import sample_degrees
+from holoview.util.memory_limit import require_memory
 from holoview.util.progress import StepCallback
+
+_DRIVE_BYTES = 12  # of a pixel while it is drawn, in float64 and float32
 
 
 @dataclass(frozen=True)
@@ -142,6 +147,7 @@ def random_drive(system: System, seed: int = 0) -> NDArray[np.float32]:
     >>> hv.random_drive(hv.load("holochrome-8").with_(shape=[48, 64]), seed=1).shape
     (1, 2, 48, 64)
     """
+    require_memory("patterns", math.prod(system.drive_shape) * _DRIVE_BYTES, remedy="lower shape or frames")
     return np.random.default_rng(seed).random(system.drive_shape, dtype=np.float32)
 
 
@@ -180,6 +186,8 @@ def simulate(
     (96, 128, 3)
     """
     plan = make_plan(system, planes)
+    needed = simulation_bytes(plan, double=backend == "torch64")
+    require_memory("simulation", needed, remedy="lower shape, upsample, frames, planes or wavelengths")
     executor, label = open_executor(plan, drive, backend, adapter)
     intensity, xyz = compute_focal_stack(executor, progress)
     focus_m, eye = focused_planes(system) if planes is None else parse_planes(planes), system.eye

@@ -17,7 +17,6 @@ screenshot FILE.png          the whole window
 from __future__ import annotations
 
 import shlex
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ import numpy as np
 
 from holoview.app.input_driver import InputDriver
 from holoview.io.png import write_png
+from holoview.util.data_text import parse_toml_value
 from holoview.util.errors import UserError, suggest_matches
 
 _TIMEOUT_S = 600.0
@@ -108,10 +108,7 @@ def _parse_assignment(text: str) -> dict[str, Any]:
     key, equals, value = text.partition("=")
     if not equals:
         raise UserError(text, "isn't KEY = VALUE")
-    try:
-        return {key.strip(): tomllib.loads(f"value = {value}")["value"]}
-    except tomllib.TOMLDecodeError:
-        return {key.strip(): value.strip()}
+    return {key.strip(): parse_toml_value(value, key.strip())}
 
 
 def _split_numbers(text: str, count: int, default: tuple[float, ...]) -> tuple[str, list[float]]:

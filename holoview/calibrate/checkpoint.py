@@ -19,6 +19,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,26 +32,39 @@ from holoview.calibrate.settings import CalibrationSettings
 from holoview.captures.dataset import Camera, Captures, SlmSpec
 from holoview.captures.nominal_stops import stated_keys
 from holoview.effects.calibration.learned_maps import MapLayout
+from holoview.effects.calibration.map_schema import MAP_SCHEMAS, map_sizes, read_layout
 from holoview.model.bench_parts import Relay
 from holoview.model.effects.active_effects import EffectValues
 from holoview.util.checkpoint import differing_fields, refuse_differences
 from holoview.util.errors import UserError
+from holoview.util.file_schema import ArraySchema, read_record
 from holoview.util.safetensors_file import TensorFormat
 
-_PARTS = ("", ".best", ".first", ".second", ".count")
 _TEXTS = ("layout", "settings", "progress", "known", "captures")
 
 
 def _format(layout: MapLayout | None) -> TensorFormat:
     """The file format for the maps of a layout; with None, for reading the metadata only."""
     shapes = {} if layout is None else layout.shapes()
-    names = [name + part for name, shape in shapes.items() if 0 not in shape for part in _PARTS]
+    schemas = [part for map_ in MAP_SCHEMAS if 0 not in shapes.get(map_.name, (0,)) for part in _part_schemas(map_)]
     return TensorFormat(
         name="holoview-calibration-checkpoint",
         version="1",
         what="a checkpoint that `holoview calibrate` wrote",
-        tensors=("mismatch", *names),
+        tensors=(ArraySchema("mismatch", ("float64",), ("capture",), low=0.0, may_be_infinite=True), *schemas),
         metadata_keys=_TEXTS,
+    )
+
+
+def _part_schemas(learned: ArraySchema) -> tuple[ArraySchema, ...]:
+    """What the file holds for a tensor: its value and the best one, Adam's moments and number of steps."""
+    name = learned.name
+    return (
+        learned,
+        learned.alike(f"{name}.best", learned.low, learned.high),
+        learned.alike(f"{name}.first"),
+        learned.alike(f"{name}.second", low=0.0),
+        ArraySchema(f"{name}.count", ("int64",), (1,), low=0.0, high=1e9),
     )
 
 
@@ -66,6 +80,11 @@ class TrainingProgress:
     epoch: int
     seconds: float
     best_chi2: float
+
+    def __post_init__(self) -> None:
+        if self.epoch < 0 or not 0 <= self.seconds < math.inf or math.isnan(self.best_chi2):
+            found = f"epoch {self.epoch} after {self.seconds} s, χ² {self.best_chi2}"
+            raise UserError("progress", found, expected="numbers of 0 or more")
 
 
 @dataclass(frozen=True)
@@ -122,16 +141,13 @@ class CalibrationCheckpoint:
 
 def load_checkpoint(path: str | os.PathLike[str]) -> CalibrationCheckpoint:
     """Reads a checkpoint. Raises UserError when the file is missing, damaged, or of another format."""
-    _, texts = _format(None).read(path)
-    layout = MapLayout.from_json(texts["layout"], f"{path}: layout")
-    tensors, _ = _format(layout).read(path)
-    try:
-        settings = CalibrationSettings(**json.loads(texts["settings"]))
-        progress = TrainingProgress(**json.loads(texts["progress"]))
-    except UserError:
-        raise
-    except (ValueError, TypeError) as error:
-        raise UserError(str(path), f"can't be read: {error}", expected=_format(None).what) from error
+    with _format(None).open(path) as file:
+        texts, what = file.texts, file.format.what
+    layout = read_layout(texts["layout"], f"{path}: layout")
+    settings = read_record(CalibrationSettings, texts["settings"], f"{path}: settings", what)
+    progress = read_record(TrainingProgress, texts["progress"], f"{path}: progress", what)
+    with _format(layout).open(path) as file:
+        tensors = file.tensors(map_sizes(layout))
     return CalibrationCheckpoint(layout, settings, texts["known"], texts["captures"], progress, tensors)
 
 

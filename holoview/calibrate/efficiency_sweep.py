@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
+from holoview.util.input_file import read_text
 
 Floats = NDArray[np.float64]
 
@@ -50,12 +51,7 @@ def read_sweep(path: str | os.PathLike[str]) -> EfficiencySweep:
     fewer than 12 levels, a level occurs twice, or the power hardly changes.
     """
     file = Path(path)
-    if not file.is_file():
-        raise UserError(str(file), "no such file", expected=f"a CSV file of {_EXPECTED}")
-    try:
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(str(file), f"can't be read: {error}", expected=f"a text file of {_EXPECTED}") from error
+    lines = read_text(file, f"a CSV file of {_EXPECTED}").splitlines()
     rows = [(number, line.strip()) for number, line in enumerate(lines, 1) if line.strip() and line.strip()[0] != "#"]
     if rows and not any(_is_number(cell) for cell in _split_cells(rows[0][1])):
         rows = rows[1:]

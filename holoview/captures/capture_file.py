@@ -6,8 +6,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +14,26 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.captures.capture_schema import (
+    CAMERA_NUMBERS,
+    GEOMETRY_NUMBERS,
+    IMAGES,
+    LEVELS,
+    PER_CAPTURE,
+    SLM_NUMBERS,
+    VERSION,
+)
 from holoview.captures.dataset import Camera, Captures, SlmSpec
-from holoview.captures.nominal_stops import stop_attributes, stops_from_attributes
+from holoview.captures.nominal_stops import STOP_KEYS, stop_attributes, stops_from_attributes
+from holoview.captures.plain_hdf5 import DatasetReader, open_plain_hdf5, plain_child, read_attribute
 from holoview.captures.validation import check_captures
 from holoview.util.errors import UserError
+from holoview.util.file_schema import NumberSchema
 from holoview.util.files import atomic_write
+from holoview.util.memory_limit import require_memory
 
 FORMAT_NAME, FORMAT_VERSION = "holoview-captures", 1
-SLM_ATTRIBUTES = ("pitch", "num_levels", "opd_range")
-CAMERA_ATTRIBUTES = ("pitch", "bit_depth", "electrons_per_count", "read_noise", "black_level")
+_PEAK_SHARE = 1.6  # of the data: while they are checked, a mask of the pictures is held beside them
 _PER_CAPTURE = ("wavelength", "distance", "power", "exposure")
 _GEOMETRY = "geometry attribute "  # before its name, in errors
 
@@ -34,17 +44,13 @@ def read_captures(path: str | os.PathLike[str], check: Callable[[Captures], obje
     check: raises UserError for sessions that aren't wanted; `records.plausible_units` lets those through whose units it
     can correct.
     Raises UserError that names the file and the dataset when the file is missing, cut short, not HDF5 or of another
-    format, when a dataset is missing or of a wrong type, and when `check` refuses the session.
+    format, when a dataset is missing or isn't as `capture_schema` says, when data are elsewhere or need too much
+    memory, and when `check` refuses the session.
     """
-    file = Path(path)
-    with _open_capture_file(file) as h5:
-        try:
-            captures = _read(h5)
-            check(captures)
-        except UserError as error:
-            raise error.inside(f"{file}: ") from error
-        except (OSError, RuntimeError) as error:
-            raise UserError(str(file), f"is damaged: {error}", remedy="copy or write the file again") from error
+    remedy = "`holoview captures import` converts a folder of pictures"
+    with open_plain_hdf5(Path(path), "a capture file (HDF5)", remedy) as h5:
+        captures = _read(h5)
+        check(captures)
     return captures
 
 
@@ -78,12 +84,12 @@ def write_captures(path: str | os.PathLike[str], captures: Captures) -> None:
 
 
 def slm_from_attributes(attributes: Mapping[str, float]) -> SlmSpec:
-    """A modulator from the numbers of SLM_ATTRIBUTES, in SI units."""
+    """A modulator from the numbers of `capture_schema.SLM_NUMBERS`, in SI units."""
     return SlmSpec(attributes["pitch"], int(attributes["num_levels"]), attributes["opd_range"])
 
 
 def camera_from_attributes(attributes: Mapping[str, float]) -> Camera:
-    """A camera from the numbers of CAMERA_ATTRIBUTES, in SI units, electrons and counts."""
+    """A camera from the numbers of `capture_schema.CAMERA_NUMBERS`, in SI units, electrons and counts."""
     return Camera(
         pitch_m=attributes["pitch"],
         bit_depth=int(attributes["bit_depth"]),
@@ -93,95 +99,82 @@ def camera_from_attributes(attributes: Mapping[str, float]) -> Camera:
     )
 
 
-@contextmanager
-def _open_capture_file(file: Path) -> Iterator[h5py.File]:
-    if not file.is_file():
-        raise UserError(str(file), "no such file", expected="a capture file (HDF5)")
-    try:
-        h5 = h5py.File(file, "r")
-    except OSError as error:
-        truncated = "truncated" in str(error)
-        found = "is cut short: it ends before its data do" if truncated else "isn't an HDF5 file"
-        remedy = "copy it again" if truncated else "`holoview captures import` converts a folder of pictures"
-        raise UserError(str(file), found, expected="a capture file (HDF5)", remedy=remedy) from error
-    with h5:
-        yield h5
-
-
 def _read(h5: h5py.File) -> Captures:
     _check_format(h5)
-    slms = ["slm1", "slm2"] if "slm2" in h5 else ["slm1"]
-    levels = [_dataset(h5, f"{slm}/levels", "u", 3) for slm in slms]
-    if len({array.shape for array in levels}) > 1:
-        shapes = " and ".join(str(array.shape) for array in levels)
-        raise UserError("slm2/levels", f"shapes {shapes}", expected="the shape of slm1/levels")
-    geometry = dict(h5["geometry"].attrs) if "geometry" in h5 else {}
-    common_type = np.result_type(*levels)
+    sizes: dict[str, int] = {}
+    slms = ["slm1", "slm2"] if plain_child(h5, "slm2") is not None else ["slm1"]
+    levels = [DatasetReader(h5, schema, sizes) for schema in LEVELS[: len(slms)]]
+    images = DatasetReader(h5, IMAGES, sizes)
+    columns = {schema.name: DatasetReader(h5, schema, sizes) for schema in PER_CAPTURE}
+    datasets = [*levels, images, *columns.values()]
+    needed = _PEAK_SHARE * sum(d.size_bytes for d in datasets) + 2 * max(d.chunk_bytes for d in datasets)
+    require_memory("captures", needed, remedy="give it fewer captures")
+    geometry = _geometry(h5)
     return Captures(
-        levels=np.stack([array.astype(common_type) for array in levels], axis=1),
-        images=_images(h5),
-        wavelength_m=_dataset(h5, "wavelength", "fiu", 1).astype(np.float64),
-        distance_m=_dataset(h5, "distance", "fiu", 1).astype(np.float64),
-        power=_dataset(h5, "power", "fiu", 1).astype(np.float64),
-        exposure_s=_dataset(h5, "exposure", "fiu", 1).astype(np.float64),
-        slms=tuple(slm_from_attributes(_numbers(h5[slm], SLM_ATTRIBUTES)) for slm in slms),
-        camera=camera_from_attributes(_numbers(h5["camera"], CAMERA_ATTRIBUTES)),
-        gap_m=_optional(geometry, "gap"),
+        levels=_read_levels(levels),
+        images=_read_images(images),
+        wavelength_m=columns["wavelength"].read().astype(np.float64),
+        distance_m=columns["distance"].read().astype(np.float64),
+        power=columns["power"].read().astype(np.float64),
+        exposure_s=columns["exposure"].read().astype(np.float64),
+        slms=tuple(slm_from_attributes(_numbers(h5, slm, SLM_NUMBERS)) for slm in slms),
+        camera=camera_from_attributes(_numbers(h5, "camera", CAMERA_NUMBERS)),
+        gap_m=geometry.get("gap"),
         relay1=stops_from_attributes(geometry, 1, _GEOMETRY),
         relay2=stops_from_attributes(geometry, 2, _GEOMETRY),
-        focal_length_m=_optional(geometry, "focal_length"),
-        corrections=tuple(_decode_attribute(text) for text in np.atleast_1d(h5.attrs.get("corrections", []))),
+        focal_length_m=geometry.get("focal_length"),
+        corrections=_corrections(h5),
     )
 
 
 def _check_format(h5: h5py.File) -> None:
-    name, version = _decode_attribute(h5.attrs.get("format")), h5.attrs.get("version")
+    name, version = _decode_attribute(read_attribute(h5, "format")), read_attribute(h5, "version")
     if name != FORMAT_NAME:
         raise UserError("attribute format", f'"{name}"' if name else "is missing", expected=f'"{FORMAT_NAME}"')
-    if version is None or np.ndim(version) or int(version) != FORMAT_VERSION:
+    if version is None or VERSION.read(version, "attribute version") != FORMAT_VERSION:
         raise UserError("attribute version", f"{version}", expected=f"{FORMAT_VERSION}, the only one that is known")
 
 
-def _images(h5: h5py.File) -> NDArray[np.uint16]:
-    images = _dataset(h5, "camera/images", "u", 3)
-    if images.dtype.itemsize > 2:
-        raise UserError("camera/images", f"numbers of type {images.dtype}", expected="uint16 raw counts")
-    return images.astype(np.uint16)
+def _read_levels(readers: Sequence[DatasetReader]) -> NDArray[np.unsignedinteger]:
+    """The levels (capture, modulator, y, x) of all modulators."""
+    captures, *shape = readers[0].shape
+    common_type = np.result_type(*(reader.dtype.newbyteorder("=") for reader in readers))
+    levels = np.empty((captures, len(readers), *shape), dtype=common_type)
+    for number, reader in enumerate(readers):
+        reader.read_into(levels[:, number])
+    return levels
 
 
-def _dataset(h5: h5py.File, name: str, kinds: str, axes: int) -> NDArray[Any]:
-    """Reads a dataset; UserError unless its type is of numpy's `kinds` and it has this number of axes, none empty."""
-    dataset = h5.get(name)
-    if not isinstance(dataset, h5py.Dataset):
-        raise UserError(name, "is missing", expected="a dataset of this name")
-    if dataset.dtype.kind not in kinds:
-        expected = "uint8 or uint16" if kinds == "u" else "real numbers"
-        raise UserError(name, f"numbers of type {dataset.dtype}", expected=expected)
-    if dataset.ndim != axes or 0 in dataset.shape:
-        expected = "(captures, rows, columns)" if axes == 3 else "one number a capture"
-        raise UserError(name, f"an array of shape {dataset.shape}", expected=expected)
-    return np.asarray(dataset[()])
+def _read_images(reader: DatasetReader) -> NDArray[np.uint16]:
+    images = np.empty(reader.shape, dtype=np.uint16)
+    reader.read_into(images)
+    return images
 
 
-def _numbers(group: h5py.Group, names: tuple[str, ...]) -> dict[str, float]:
+def _geometry(h5: h5py.File) -> dict[str, Any]:
+    """The attributes of the geometry that the file has."""
+    group, lengths = plain_child(h5, "geometry"), _numbers(h5, "geometry", GEOMETRY_NUMBERS)
+    stops = {} if group is None else {name: read_attribute(group, name) for name in STOP_KEYS}
+    return {name: value for name, value in stops.items() if value is not None} | lengths
+
+
+def _numbers(h5: h5py.File, group_name: str, schemas: Sequence[NumberSchema]) -> dict[str, float]:
+    """The attributes of a group that it has; UserError where one is missing that isn't optional."""
+    group = plain_child(h5, group_name)
     values = {}
-    for name in names:
-        where = f"{group.name.lstrip('/')} attribute {name}"
-        if name not in group.attrs:
+    for schema in schemas:
+        where = f"{group_name} attribute {schema.name}"
+        value = None if group is None else read_attribute(group, schema.name)
+        if value is not None:
+            values[schema.name] = schema.read(value, where)
+        elif not schema.optional:
             raise UserError(where, "is missing", expected="a number")
-        values[name] = _scalar(group.attrs[name], where)
     return values
 
 
-def _optional(attributes: dict[str, Any], name: str) -> float | None:
-    return None if name not in attributes else _scalar(attributes[name], f"{_GEOMETRY}{name}")
-
-
-def _scalar(value: Any, where: str) -> float:
-    array = np.asarray(value)
-    if array.size != 1 or array.dtype.kind not in "fiu":
-        raise UserError(where, f"{value!r}", expected="a number")
-    return float(array.reshape(()))
+def _corrections(h5: h5py.File) -> tuple[str, ...]:
+    texts = read_attribute(h5, "corrections")
+    return () if texts is None else tuple(_decode_attribute(text) for text in np.atleast_1d(texts))
 
 
 def _decode_attribute(value: Any) -> str:

@@ -27,8 +27,8 @@ bench.toml describes modulators, camera and distances:
 from __future__ import annotations
 
 import csv
+import io
 import os
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -43,8 +43,11 @@ from holoview.captures.dataset import Captures
 from holoview.captures.nominal_stops import STOP_KEYS, stops_from_attributes
 from holoview.captures.validation import check_captures
 from holoview.model.field_types import FieldType, Number
-from holoview.targets.tiff import naming_missing_codecs
+from holoview.targets.raster import require_picture_memory
+from holoview.targets.tiff import naming_missing_codecs, require_page_memory
+from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError, suggest_matches
+from holoview.util.input_file import read_text, require_file
 from holoview.util.progress import StepCallback
 
 TABLE_FILE, BENCH_FILE = "captures.csv", "bench.toml"
@@ -117,12 +120,8 @@ def import_folder(path: str | os.PathLike[str], progress: StepCallback | None = 
 
 def _read_bench_toml(path: Path) -> dict[str, dict[str, Any]]:
     """The tables of bench.toml as {table: {key: SI value}}; UserError where one is unknown or missing."""
-    try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise UserError(str(path), "no such file", expected="a description of the bench in TOML") from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UserError(str(path), f"can't be read: {error}", expected="a description of the bench in TOML") from error
+    expected = "a description of the bench in TOML"
+    tables = parse_toml(read_text(path, expected), str(path), expected)
     bench: dict[str, dict[str, Any]] = {}
     for name, table in tables.items():
         if name not in _TABLES or not isinstance(table, Mapping):
@@ -143,13 +142,11 @@ def _bench_value(known: Mapping[str, FieldType], key: str, value: Any, where: st
 
 def _read_table(path: Path, file_columns: list[str]) -> list[dict[str, Any]]:
     """The lines of captures.csv: texts of `file_columns` and SI values of the others, by column."""
+    expected = "a table with a line a capture"
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = list(csv.DictReader(file, skipinitialspace=True))
-    except FileNotFoundError as error:
-        raise UserError(str(path), "no such file", expected="a table with a line a capture") from error
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise UserError(str(path), f"can't be read: {error}", expected="a table with a line a capture") from error
+        lines = list(csv.DictReader(io.StringIO(read_text(path, expected), newline=""), skipinitialspace=True))
+    except csv.Error as error:
+        raise UserError(str(path), f"can't be read: {error}", expected=expected) from error
     if not lines:
         raise UserError(
             str(path), "is empty", expected=f"columns {', '.join([*file_columns, *_VALUE_COLUMNS])}, a line a capture"
@@ -184,17 +181,18 @@ def read_greyscale(path: Path) -> NDArray[Any]:
 
     Raises UserError for a file that is missing, can't be decoded, or isn't greyscale of 8 or 16 bits.
     """
+    require_file(path, f"a picture that {TABLE_FILE} names")
     try:
         if path.suffix.lower() in (".tif", ".tiff"):
-            with naming_missing_codecs(path):
-                values = tifffile.imread(path)
+            with naming_missing_codecs(path), tifffile.TiffFile(path) as file:
+                require_page_memory(path, file.pages.first)
+                values = np.asarray(file.pages.first.asarray())
         else:
-            with Image.open(path) as image:
+            with Image.open(path, formats=("PNG",)) as image:
+                require_picture_memory(path, image.width, image.height, 1)
                 values = np.asarray(image)
     except UserError:
         raise
-    except FileNotFoundError as error:
-        raise UserError(str(path), "no such file", expected=f"a picture that {TABLE_FILE} names") from error
     except Exception as error:  # each decoder raises exceptions of its own
         raise UserError(str(path), f"can't be decoded: {error}", expected="a greyscale PNG or TIFF") from error
     if values.ndim == 2 and values.dtype.kind == "i" and values.size and values.min() >= 0:

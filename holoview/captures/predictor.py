@@ -7,6 +7,7 @@ effect recomputes only the camera.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -26,9 +27,11 @@ from holoview.model.effects.hook_contexts import CameraContext
 from holoview.model.plan import Plan, make_plan
 from holoview.model.validity.checks import check_plan
 from holoview.optics.torch_effects import TorchEffects
+from holoview.util.memory_limit import require_memory
 
 Tensor = torch.Tensor
 _MB = 1 << 20
+_SAMPLE_BYTES = 48  # of a padded sample in complex64; 20 to 40 were measured
 _MAX_PLANS = 256  # a few for each wavelength and plane
 _IMAGE_CACHE_MB = 128  # of finished intensities, which many intermediate fields would push out of a shared cache
 _DRIVE_CACHE_MB = 64  # of patterns
@@ -89,6 +92,9 @@ class Predictor:
         points: int | None = None,
     ) -> None:
         self.captures, self.extra_effects, self.finer, self.padding = captures, tuple(extra_effects), finer, padding
+        samples = math.prod(captures.levels.shape[2:]) * (captures.upsample * finer * padding) ** 2
+        needed = _SAMPLE_BYTES * (1 + double_precision) * samples
+        require_memory("prediction of captures", needed, remedy="lower --finer or --padding, or use smaller modulators")
         self.dtype = torch.complex128 if double_precision else torch.complex64
         self.real_dtype = torch.float64 if double_precision else torch.float32
         self.pixel_grid = PixelGrid(captures.camera.pitch_m, captures.shape, points)

@@ -8,6 +8,7 @@ The session states the nominal geometry, that of the bench without effects.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -25,11 +26,13 @@ from holoview.model.effects.active_effects import EffectValues
 from holoview.model.effects.effect import Effect
 from holoview.model.system import System
 from holoview.util.errors import UserError
+from holoview.util.memory_limit import require_memory
 from holoview.util.progress import StepCallback
 
 _DEFAULT_NUM_LEVELS = 256  # of a modulator that is described as continuous
 _BRIGHT_QUANTILE, _TARGET_EXPOSURE = 0.999, 0.8  # this quantile of the pixels is exposed to this fraction of full scale
 _MIN_EXPOSURE_S, _MAX_EXPOSURE_S = 1e-4, 10.0
+_LEVEL_BYTES, _IMAGE_BYTES = 6, 5  # of a pixel of a pattern and of a picture: themselves, and while they are checked
 _FRAME_RATE_HZ = 60  # the first exposure of a wavelength is one frame time, within about 30 %
 
 
@@ -125,14 +128,16 @@ def blank_captures(system: System, settings: AcquisitionSettings, rng: np.random
     wavelengths, distances = (a.ravel() for a in np.meshgrid(system.wavelengths_m, planes, indexing="ij"))
     wavelengths, distances = (np.repeat(a, settings.captures_per_condition) for a in (wavelengths, distances))
     shape, count = system.modulators[0].shape, len(wavelengths)
+    image_shape = settings.camera_shape or tuple(n * system.sampling.upsample for n in shape)
+    needed = count * (_LEVEL_BYTES * len(slms) * math.prod(shape) + _IMAGE_BYTES * math.prod(image_shape))
+    require_memory("captures", needed, remedy="make fewer captures, or smaller ones")
     sigmas_px = [settings.blur_sigmas_px[k % len(settings.blur_sigmas_px)] for k in range(count)]
     levels = [[random_levels(rng, shape, slm.num_levels, sigma_px) for slm in slms] for sigma_px in sigmas_px]
-    samples = tuple(n * system.sampling.upsample for n in shape)
     pitch_m = settings.camera_pitch_m or system.modulators[0].pitch_m / system.sampling.upsample
     full_scale = 2**settings.bit_depth - 1 - settings.black_level
     return Captures(
         levels=np.array(levels),
-        images=np.zeros((count, *(settings.camera_shape or samples)), np.uint16),
+        images=np.zeros((count, *image_shape), np.uint16),
         wavelength_m=wavelengths,
         distance_m=distances,
         power=np.round(rng.uniform(*settings.power_range, count), 2),

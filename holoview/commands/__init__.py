@@ -29,6 +29,7 @@ demo                optimise, render and compare two displays
 What they share:
 
 arguments           arguments of several subcommands, and the bench that they describe
+number_options      numbers as values of options: finite and in range
 output_files        checks that a file or folder can be written
 console             messages, progress bars and Ctrl-C
 exit_codes          exit codes besides 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import re
-import tomllib
 from collections.abc import Iterable
 from typing import Any
 
@@ -16,6 +15,7 @@ from holoview.model.effects.registry import load_user_effects
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.numerics.image_region import Region
+from holoview.util.data_text import parse_toml_value
 from holoview.util.errors import UserError
 
 _MAX_SEED = 2**63 - 1
@@ -155,7 +155,4 @@ def _parse_assignment(text: str, flag: str = "--set", example: str = 'gap="3 mm"
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise UserError(f"{flag} {text}", "isn't KEY=VALUE", expected=f"e.g. {flag} {example}")
-    try:
-        return key.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        return key.strip(), value.strip()
+    return key.strip(), parse_toml_value(value, f"{flag} {key.strip()}")

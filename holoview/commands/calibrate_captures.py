@@ -24,6 +24,7 @@ from holoview.captures.dataset import Captures
 from holoview.commands.arguments import parse_seed
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.exit_codes import EXIT_INTERRUPTED
+from holoview.commands.number_options import number, whole
 from holoview.commands.output_files import check_output_file, make_folder
 from holoview.effects.calibration.learned_maps import MapLayout
 from holoview.model import preset
@@ -38,12 +39,16 @@ OPTIONS = ("epochs", "batch", "rate", "seed", "held_out", "pixels_a_node", "pict
 
 def add_options(group: argparse._ArgumentGroup) -> None:
     """Adds the options for a calibration from captures."""
-    group.add_argument("--epochs", type=int, help="how often every capture is seen (default: 300 steps, at least 40)")
-    group.add_argument("--batch", type=int, help="captures a step (default 4)")
-    group.add_argument("--rate", type=float, help="factor of all steps (default 1)")
+    group.add_argument(
+        "--epochs", type=whole(1), help="how often every capture is seen (default: 300 steps, at least 40)"
+    )
+    group.add_argument("--batch", type=whole(1), help="captures a step (default 4)")
+    group.add_argument("--rate", type=number(), help="factor of all steps (default 1)")
     group.add_argument("--seed", type=parse_seed, help="of what is held out and of the order (default 0)")
-    group.add_argument("--held-out", type=float, metavar="SHARE", help="of captures that only judge (default 0.2)")
-    group.add_argument("--pixels-a-node", type=int, metavar="N", help="how coarse the source's maps are (default 8)")
+    group.add_argument("--held-out", type=number(), metavar="SHARE", help="of captures that only judge (default 0.2)")
+    group.add_argument(
+        "--pixels-a-node", type=whole(1), metavar="N", help="how coarse the source's maps are (default 8)"
+    )
     group.add_argument("--pictures", metavar="DIR", type=Path, help="draw what was learned into a folder")
     group.add_argument("--checkpoint", metavar="FILE", type=Path, help="keep the state after every epoch")
     group.add_argument("--resume", metavar="FILE", type=Path, help="go on from a checkpoint")

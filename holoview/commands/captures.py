@@ -14,6 +14,7 @@ from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances
 from holoview.commands import captures_plan
 from holoview.commands.arguments import add_effects, add_system, parse_effects, parse_seed, system_from_args
 from holoview.commands.console import progress_bar
+from holoview.commands.number_options import number, whole
 from holoview.commands.output_files import check_output_file
 from holoview.io.png import write_png
 from holoview.util import units
@@ -33,7 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     show = commands.add_parser("show", help="a contact sheet of a capture file", description=_show.__doc__)
     show.add_argument("captures", help="a capture file")
     show.add_argument("-o", "--output", metavar="PNG", type=Path, required=True)
-    show.add_argument("--most", type=int, default=12, help="captures on the sheet (default 12)")
+    show.add_argument("--most", type=whole(1, 1000), default=12, help="captures on the sheet (default 12)")
     show.set_defaults(run=_show)
     convert = commands.add_parser(
         "import",
@@ -57,17 +58,23 @@ def _configure_make(parser: argparse.ArgumentParser) -> None:
     add_system(parser, effects=False)
     add_effects(parser)
     parser.add_argument("-o", "--output", metavar="FILE.h5", type=Path, required=True)
-    parser.add_argument("--each", type=int, default=8, help="captures of every wavelength and plane (default 8)")
+    parser.add_argument(
+        "--each", type=whole(1, 100_000), default=8, help="captures of every wavelength and plane (default 8)"
+    )
     parser.add_argument("--seed", type=parse_seed, default=0, help="of patterns and noise (default 0)")
     parser.add_argument("--focal-length", metavar="LENGTH", help="a Fourier bench with a lens of that focal length")
     parser.add_argument(
         "--camera-pitch", metavar="LENGTH", help="referred to the modulators (default: the simulation's)"
     )
-    parser.add_argument("--camera-shape", metavar="N", type=int, nargs=2, help="rows and columns of the camera")
-    parser.add_argument("--finer", type=int, default=1, help="times finer sampling than the model's (default 1)")
+    parser.add_argument(
+        "--camera-shape", metavar="N", type=whole(2, 65536), nargs=2, help="rows and columns of the camera"
+    )
+    parser.add_argument(
+        "--finer", type=whole(1, 64), default=1, help="times finer sampling than the model's (default 1)"
+    )
     jitter = parser.add_argument_group("what varies by itself (standard deviations)")
-    jitter.add_argument("--exposure-jitter", metavar="SHARE", type=float, default=0.0)
-    jitter.add_argument("--prnu", metavar="SHARE", type=float, default=0.0, help="of the camera's pixels")
+    jitter.add_argument("--exposure-jitter", metavar="SHARE", type=number(0, 1), default=0.0)
+    jitter.add_argument("--prnu", metavar="SHARE", type=number(0, 1), default=0.0, help="of the camera's pixels")
     jitter.add_argument("--camera-jitter", metavar="LENGTH", default="0 um")
     jitter.add_argument("--wavelength-jitter", metavar="LENGTH", default="0 nm")
     parser.set_defaults(run=_make)

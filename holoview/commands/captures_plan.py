@@ -11,6 +11,7 @@ from pathlib import Path
 from holoview.calibrate.exposure import HEADROOM, ExposureLimits, ExposureSetting, plan_exposures
 from holoview.captures import read_captures
 from holoview.captures.folder_import import read_greyscale
+from holoview.commands.number_options import number
 from holoview.commands.output_files import check_output_file
 from holoview.util.files import atomic_write
 
@@ -21,11 +22,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
     parser.add_argument("captures", help="a capture file with at least one capture of each wavelength")
     parser.add_argument("--dark", metavar="PICTURE", type=Path, help="PNG or TIFF with the lasers off")
-    parser.add_argument("--power", type=float, nargs=2, metavar=("LOW", "HIGH"), default=ExposureLimits().powers)
+    parser.add_argument("--power", type=number(), nargs=2, metavar=("LOW", "HIGH"), default=ExposureLimits().powers)
     parser.add_argument(
-        "--exposure", type=float, nargs=2, metavar=("LOW", "HIGH"), default=ExposureLimits().exposures_s
+        "--exposure", type=number(), nargs=2, metavar=("LOW", "HIGH"), default=ExposureLimits().exposures_s
     )
-    parser.add_argument("--headroom", type=float, default=HEADROOM, help="share of the range to use (default 0.9)")
+    parser.add_argument("--headroom", type=number(), default=HEADROOM, help="share of the range to use (default 0.9)")
     parser.add_argument("-o", "--output", metavar="CSV", type=Path, help="write the plan as a table")
     parser.add_argument("--json", action="store_true", help="machine-readable output")
     parser.set_defaults(run=run)

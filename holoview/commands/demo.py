@@ -20,6 +20,7 @@ import holoview
 from holoview.colour import to_srgb8
 from holoview.commands.arguments import add_backend, check_adapter_applies
 from holoview.commands.console import print_stderr, progress_bar
+from holoview.commands.number_options import whole
 from holoview.commands.optimise import optimise_hologram
 from holoview.commands.output_files import check_output_file, make_folder
 from holoview.engine.backend import open_executor
@@ -73,9 +74,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, default=Path("holoview-demo"), help="folder to write to"
     )
-    parser.add_argument("--iterations", type=int, default=20, help="of each display's optimisation")
+    parser.add_argument("--iterations", type=whole(1), default=20, help="of each display's optimisation")
     parser.add_argument(
-        "--shape", type=int, nargs=2, metavar=("ROWS", "COLUMNS"), help="fewer modulator pixels: faster"
+        "--shape", type=whole(1, 16384), nargs=2, metavar=("ROWS", "COLUMNS"), help="fewer modulator pixels: faster"
     )
     add_backend(parser)
 

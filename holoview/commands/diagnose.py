@@ -15,6 +15,7 @@ from holoview.captures.records.correction import apply_corrections
 from holoview.commands.arguments import parse_duration
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.exit_codes import EXIT_INTERRUPTED
+from holoview.commands.number_options import whole
 from holoview.commands.output_files import check_folder, check_output_file, make_folder
 from holoview.diagnose.comparison import Values
 from holoview.diagnose.config import SearchConfig
@@ -79,17 +80,32 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     duration.add_argument("--thorough", action="store_true", help="search to the end, however long that takes")
     parser.add_argument(
-        "--finer", metavar="N", type=int, default=1, help="samples each way for each of the model's own (default 1)"
+        "--finer",
+        metavar="N",
+        type=whole(-9),
+        default=1,
+        help="samples each way for each of the model's own (default 1)",
     )
     parser.add_argument(
-        "--padding", metavar="N", type=int, default=2, help="size of the grid in sizes of the modulators (default 2)"
+        "--padding",
+        metavar="N",
+        type=whole(-9),
+        default=2,
+        help="size of the grid in sizes of the modulators (default 2)",
     )
     parser.add_argument(
-        "--points", metavar="N", type=int, help="points each way that a camera pixel averages (default: its samples)"
+        "--points",
+        metavar="N",
+        type=whole(-9),
+        help="points each way that a camera pixel averages (default: its samples)",
     )
     most = min(process_cpu_count(), _MAX_DEFAULT_WORKERS)
     parser.add_argument(
-        "--workers", metavar="N", type=int, default=most, help="processes side by side (default: cores, at most 8)"
+        "--workers",
+        metavar="N",
+        type=whole(-9),
+        default=most,
+        help="processes side by side (default: cores, at most 8)",
     )
 
 

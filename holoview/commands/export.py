@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from holoview.commands.number_options import whole
 from holoview.commands.output_files import make_folder
 from holoview.io.hologram import load_hologram
 from holoview.io.plm import CELL_MAPS, memory_cells
@@ -27,7 +28,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
     parser.add_argument("hologram", help="a hologram file")
     parser.add_argument("--png", metavar="DIR", type=Path, required=True, help="folder to write to; made if missing")
-    parser.add_argument("--bits", type=int, choices=(8, 16), default=8, help="grey levels: 0…max stands for 0…stroke")
+    parser.add_argument(
+        "--bits", type=whole(1), choices=(8, 16), default=8, help="grey levels: 0…max stands for 0…stroke"
+    )
     form = parser.add_mutually_exclusive_group()
     form.add_argument(
         "--levels",

@@ -38,7 +38,7 @@ from holoview.model.system import System
 from holoview.model.validity.checks import exceeded_limits
 from holoview.optimise.drawn_pupils import StacksAt
 from holoview.optimise.iteration_state import IterationState
-from holoview.optimise.memory import with_compact_grid
+from holoview.optimise.memory import require_optimisation_memory, with_compact_grid
 from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, torchrun_group
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
@@ -60,6 +60,7 @@ def run(args: argparse.Namespace) -> int:
     require_scores(args.score)
     output = args.output or Path(f"{system.name or 'hologram'}-{Path(args.target).stem}.safetensors")
     check_output_file(output, ".safetensors")
+    require_optimisation_memory(system)
     pupils = parse_places(args.pupils, system)
     settings, options = settings_from_args(args, system, pupils), run_options_from_args(args)
     source = TargetSource(args, system, 0.0 if system.eye is None else pupils.reach_m(system.eye))

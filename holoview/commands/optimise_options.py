@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from holoview.commands.arguments import add_system, parse_duration, parse_region, parse_seed
+from holoview.commands.number_options import number, whole
 from holoview.commands.output_files import check_output_file
 from holoview.commands.pupil_places import PupilPlaces
 from holoview.io.hologram import Hologram, load_hologram
@@ -86,8 +87,8 @@ def _add_target(group: argparse._ArgumentGroup) -> None:
         help="viewpoints in the eyebox: of a folder without views.toml, e.g. 5x5:0.5mm; with a picture, render it from "
         "them, with occlusion, e.g. 9x9",
     )
-    group.add_argument("--brightness", type=float, default=1.0, help="factor on the target's linear light (1)")
-    group.add_argument("--saturation", type=float, default=1.0, help="factor on its chroma in CIE LCHuv (1)")
+    group.add_argument("--brightness", type=number(), default=1.0, help="factor on the target's linear light (1)")
+    group.add_argument("--saturation", type=number(), default=1.0, help="factor on its chroma in CIE LCHuv (1)")
     group.add_argument("--space", choices=COLOUR_SPACES, default="srgb", help="of a float file; xyz: Y = 1 is white")
 
 
@@ -103,7 +104,9 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
         default=",".join(_DEFAULTS.free),
         help=f"of {', '.join(VARIABLES)} (patterns,amplitudes)",
     )
-    group.add_argument("--eyebox", metavar="WEIGHT", type=float, default=0.0, help="even out the eyebox, e.g. 0.01 (0)")
+    group.add_argument(
+        "--eyebox", metavar="WEIGHT", type=number(), default=0.0, help="even out the eyebox, e.g. 0.01 (0)"
+    )
     group.add_argument(
         "--pupils",
         metavar="ROWSxCOLUMNS:SPACING",
@@ -117,16 +120,20 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
         help="ignore: optimise as if the eye had no chromatic aberration; the score is always what the eye sees",
     )
     group.add_argument("--region", metavar="X,Y,W,H", help="samples of the simulated picture that count; all if absent")
-    group.add_argument("--margin", metavar="N", type=int, default=0, help="samples at every border that don't count")
+    group.add_argument(
+        "--margin", metavar="N", type=whole(0), default=0, help="samples at every border that don't count"
+    )
     group.add_argument("--plane-weights", metavar="A,B,…", help="how much each plane counts; equal if absent")
-    group.add_argument("--wavelength-range", metavar="NM", nargs=2, type=float, default=(440.0, 660.0))
-    group.add_argument("--wavelength-spacing", metavar="NM", type=float, default=4.0, help="least, of free wavelengths")
+    group.add_argument("--wavelength-range", metavar="NM", nargs=2, type=number(), default=(440.0, 660.0))
+    group.add_argument(
+        "--wavelength-spacing", metavar="NM", type=number(), default=4.0, help="least, of free wavelengths"
+    )
 
 
 def _add_running(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--iterations", type=int, default=_DEFAULTS.iterations)
+    group.add_argument("--iterations", type=whole(1), default=_DEFAULTS.iterations)
     group.add_argument(
-        "--step", metavar="RAD", type=float, default=_DEFAULTS.step_rad, help="first step of the patterns' phase"
+        "--step", metavar="RAD", type=number(), default=_DEFAULTS.step_rad, help="first step of the patterns' phase"
     )
     group.add_argument("--seed", type=parse_seed, default=0, help="of the random phase to begin with")
     group.add_argument(
@@ -146,7 +153,9 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
         help="share the lasers among the processes that torchrun started: torchrun --nproc-per-node 2 -m holoview "
         "optimise … --sharded; each takes a GPU of its own where there are",
     )
-    group.add_argument("--until-psnr", metavar="DB", type=float, default=math.inf, help="stop when it is this good")
+    group.add_argument(
+        "--until-psnr", metavar="DB", type=number(0, 1000), default=math.inf, help="stop when it is this good"
+    )
     group.add_argument(
         "--time", metavar="TIME", type=parse_duration, default=math.inf, help="stop after this long, e.g. 90s, 10min"
     )

@@ -24,6 +24,7 @@ from holoview.commands.arguments import (
     with_effects,
 )
 from holoview.commands.console import print_stderr, progress_bar
+from holoview.commands.number_options import number
 from holoview.commands.output_files import check_output_file
 from holoview.commands.render_path import check_exposure, render_path
 from holoview.io.hologram import Hologram, load_hologram
@@ -63,7 +64,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="with an eye: what it sees while its pupil moves along a path, as the viewer saves it",
     )
     parser.add_argument("--frames", metavar="N", type=int, help="with --pupil-path: how many pictures (24)")
-    parser.add_argument("--exposure", metavar="STOPS", type=float, default=0.0, help="brighten by 2^STOPS")
+    parser.add_argument("--exposure", metavar="STOPS", type=number(), default=0.0, help="brighten by 2^STOPS")
     add_backend(parser)
     parser.add_argument(
         "-o",

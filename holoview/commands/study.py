@@ -10,6 +10,7 @@ from typing import Any
 from holoview.commands.arguments import parse_seed
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.exit_codes import EXIT_INTERRUPTED
+from holoview.commands.number_options import number, whole
 from holoview.commands.output_files import make_folder
 from holoview.model.field_types import Shape
 from holoview.report.figure import require_matplotlib
@@ -33,11 +34,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     size.add_argument("--scale", choices=tuple(SCALES), help="middle: between the two, several seeds (default)")
     parser.add_argument("--seed", metavar="N", type=parse_seed, default=0, help="first seed of what is random")
     parser.add_argument("--shape", metavar="ROWSxCOLUMNS", help="pixels of the modulators, instead of the scale's")
-    parser.add_argument("--iterations", metavar="N", type=int, help="of each optimisation, instead of the scale's")
-    parser.add_argument("--seeds", metavar="N", type=int, help="number of seeds, instead of the scale's")
+    parser.add_argument("--iterations", metavar="N", type=whole(1), help="of each optimisation, instead of the scale's")
+    parser.add_argument("--seeds", metavar="N", type=whole(1), help="number of seeds, instead of the scale's")
     parser.add_argument("--targets", metavar="A,B", help="pictures, instead of the scale's: " + ", ".join(TARGETS))
     parser.add_argument(
-        "--eyebox", metavar="WEIGHT", type=float, help="penalty on an unevenly lit eyebox for all holograms (0: none)"
+        "--eyebox",
+        metavar="WEIGHT",
+        type=number(0),
+        help="penalty on an unevenly lit eyebox for all holograms (0: none)",
     )
     parser.add_argument("--jobs", metavar="DIR", type=Path, help="folder of finished jobs, which studies can share")
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, help="folder for the report; out/study-NAME")

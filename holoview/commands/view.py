@@ -10,6 +10,7 @@ from holoview.app.serve_options import CLIENTS, ServeOptions
 from holoview.commands.arguments import add_changes, with_changes
 from holoview.commands.console import print_stderr
 from holoview.commands.exit_codes import EXIT_DEVICE_LOST
+from holoview.commands.number_options import whole
 from holoview.commands.output_files import check_output_file
 from holoview.model import preset
 from holoview.model.scheme import with_scheme
@@ -44,7 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="end when the first image is displayed, and say so",
     )
-    parser.add_argument("--recover", type=int, metavar="PID", help=argparse.SUPPRESS)  # of `supervisor`
+    parser.add_argument("--recover", type=whole(0, 2**31), metavar="PID", help=argparse.SUPPRESS)  # of `supervisor`
     parser.add_argument("--script", metavar="FILE", type=Path, help="actions to do, a line each; with --offscreen")
     parser.add_argument("--screenshot", metavar="PNG", type=Path, help="a picture of the window; with --offscreen")
 

@@ -5,6 +5,7 @@ frame              the sequence of stages from the laser to the intensity, indep
 torch_executor     the reference executor: PyTorch in complex64 or complex128, differentiable
 wgpu_executor      the WebGPU executor: fused kernels, and each stage by itself for comparison with PyTorch
 fused              records the fused kernels of a frame: the hooks with row and column FFTs
+memory             the memory that a simulation takes
 frame_layout       what the kernels store between them: the rows and columns that stops pass
 kernels            generates the WGSL of the fused kernels and lists the variants that a plan needs
 shader_inputs      what shaders read from the inputs of a frame, as a protocol without PyTorch

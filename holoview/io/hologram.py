@@ -18,15 +18,33 @@ from numpy.typing import NDArray
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.util.errors import UserError
+from holoview.util.file_schema import ArraySchema
 from holoview.util.safetensors_file import TensorFormat
 
 FORMAT, VERSION = "holoview-hologram", "1"
 _MAX_CODE = np.float32(255.0)  # of a drive in 8 bits
+
+
+def drive_schema(name: str, *types: str) -> ArraySchema:
+    """What patterns in a file may be: fractions of the stroke (frame, modulator, y, x)."""
+    return ArraySchema(name, types, ("frame", "modulator", "y", "x"), low=0.0, high=1.0)
+
+
+def drive_sizes(system: System) -> dict[str, int]:
+    """The sizes that arrays of a system's patterns and lasers have in a file, by the names of their axes."""
+    names = ("frame", "modulator", "y", "x")
+    return {**dict(zip(names, system.drive_shape, strict=True)), "wavelength": len(system.wavelengths_m)}
+
+
 _FILE = TensorFormat(
     name=FORMAT,
     version=VERSION,
     what="a hologram file that holoview wrote (safetensors)",
-    tensors=("drive", "amplitudes", "wavelengths"),
+    tensors=(
+        drive_schema("drive", "uint8", "float16", "float32", "float64"),
+        ArraySchema("amplitudes", ("float64",), ("frame", "wavelength"), low=0.0),
+        ArraySchema("wavelengths", ("float64",), ("wavelength",), low=0.0),
+    ),
     metadata_keys=("system",),
 )
 
@@ -92,14 +110,13 @@ def load_hologram(path: str | os.PathLike[str]) -> Hologram:
     >>> hv.load_hologram("speckle.safetensors").system == system
     True
     """
-    tensors, metadata = _FILE.read(path)
-    system = preset.loads(metadata["system"], f"{path}: system")
+    with _FILE.open(path) as file:
+        system = preset.loads(file.texts["system"], f"{path}: system")
+        tensors = file.tensors(drive_sizes(system))
     for name, known in (("wavelengths", system.wavelengths_m), ("amplitudes", system.amplitudes)):
         if not np.array_equal(tensors[name], known):
             raise UserError(f"{path}: {name}", "contradict the file's own system", remedy="write the hologram again")
     drive = tensors["drive"]
-    if drive.dtype.kind != "f" and drive.dtype != np.uint8:
-        raise UserError(f"{path}: drive", f"values of type {drive.dtype}", expected="float32 or uint8")
     scale = _MAX_CODE if drive.dtype == np.uint8 else np.float32(1.0)
     try:
         return Hologram(drive.astype(np.float32) / scale, system)

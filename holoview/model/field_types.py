@@ -38,7 +38,7 @@ class TableType(FieldType, Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Number:
-    """A real number, or a length, an angle or a vergence.
+    """A finite real number, or a length, an angle or a vergence.
 
     unit: in which text is written, such as "mm", "mrad" or "D"; "" for a plain number.
     low, high: inclusive bounds, in SI units.
@@ -58,8 +58,8 @@ class Number:
         elif isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
             raise UserError(where, f"{value!r} is not a number", expected=self.format_range())
         else:
-            number = float(value)
-        if not (self.low <= number <= self.high):
+            number = units.to_float(value)
+        if not (math.isfinite(number) and self.low <= number <= self.high):
             raise UserError(where, f"{self._show(number)} is out of range", expected=self.format_range())
         return number
 
@@ -71,7 +71,7 @@ class Number:
         if math.isinf(self.low) and math.isinf(self.high):
             return "a finite number" + (f" in {self.unit}" if self.unit else "")
         if math.isinf(self.high):
-            return f"at least {self._show(self.low)}"
+            return f"a finite number of at least {self._show(self.low)}"
         return f"between {self._show(self.low)} and {self._show(self.high)}"
 
     def _show(self, number: float) -> str:
@@ -86,11 +86,13 @@ class Array:
     axes: number of axes. One axis also accepts a single number, and {first, last, count} for equally spaced numbers;
     two axes also accept a single row.
     optional: whether None is allowed.
+    most: entries along an axis.
     """
 
     item: Number
     axes: int = 1
     optional: bool = False
+    most: int = 1 << 16
 
     def parse(self, value: Any, where: str) -> NDArray[np.float64] | None:
         if value is None and self.optional:
@@ -116,6 +118,8 @@ class Array:
         if isinstance(value, str) or not isinstance(value, Iterable):
             raise UserError(where, f"{value!r} is not a list", expected=f"a list, nested {self.axes} deep")
         entries = list(value)
+        if len(entries) > self.most:
+            raise UserError(where, f"{len(entries)} entries", expected=f"at most {self.most}")
         if axes == 1:
             return np.array([self.item.parse(x, f"{where}[{i}]") for i, x in enumerate(entries)], dtype=np.float64)
         rows = [self._parse_nested(row, f"{where}[{i}]", axes - 1) for i, row in enumerate(entries)]
@@ -127,7 +131,7 @@ class Array:
         if set(value) != {"first", "last", "count"}:
             raise UserError(where, f"has the keys {sorted(value)}", expected="the keys first, last and count")
         first, last = (self.item.parse(value[key], f"{where}.{key}") for key in ("first", "last"))
-        count = Integer(low=1).parse(value["count"], f"{where}.count")
+        count = Integer(low=1, high=self.most).parse(value["count"], f"{where}.count")
         return _read_only(np.linspace(first, last, count))  # type: ignore[arg-type]
 
 
@@ -211,6 +215,8 @@ class Choice:
     def parse(self, value: Any, where: str) -> str:
         if not isinstance(value, str):
             raise UserError(where, f"{value!r} is not text", expected="text in quotes")
+        if "\0" in value:
+            raise UserError(where, f"{value!r}", expected="text without NUL characters")
         if self.options and value not in self.options:
             raise UserError(where, f'"{value}"', expected=" or ".join(f'"{o}"' for o in self.options))
         return value
@@ -255,7 +261,7 @@ class Coefficients:
 
     def _index(self, key: Any, where: str) -> int:
         digits = str(key).removeprefix(self.prefix)
-        if not (digits.isascii() and digits.isdigit()) or not 1 <= int(digits) <= self.highest:
+        if not (digits.isascii() and digits.isdigit()) or len(digits) > 9 or not 1 <= int(digits) <= self.highest:
             raise UserError(where, f'"{key}"', expected=f"{self.prefix}1 to {self.prefix}{self.highest}")
         return int(digits)
 

@@ -6,7 +6,6 @@ A preset may inherit from another one, `base = "holochrome-8"`, and state only w
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -18,9 +17,13 @@ from holoview.model.effects.parameter import FileParameter
 from holoview.model.effects.registry import get_effect
 from holoview.model.shorthand import expand_table
 from holoview.model.system import System
+from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.files import atomic_write, data_dir
+from holoview.util.input_file import read_text, require_file
 
+_FILE, _REMEDY = "a preset's TOML file", "`holoview presets` lists names"
+_MAX_BASES = 32
 _TABLES = ("source", "relay1", "relay2", "eye", "sampling", "effects")
 
 
@@ -90,26 +93,20 @@ def _find(preset: str | os.PathLike[str]) -> Path:
     """The file of a preset's name or path."""
     path = Path(preset)
     if path.suffix == ".toml" or path.parent != Path():
-        if not path.is_file():
-            raise UserError(
-                str(path), "no such file", expected="a preset's TOML file", remedy="`holoview presets` lists names"
-            )
-        return path
-    known = data_dir("presets") / f"{path.name}.toml"
-    if not known.is_file():
+        return require_file(path, _FILE, _REMEDY)
+    if path.name not in names():
         raise UserError(f'preset "{preset}"', "unknown", remedy=suggest_matches(str(preset), names()))
-    return known
+    return data_dir("presets") / f"{path.name}.toml"
 
 
 def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
     """The table of a file over those that it inherits from; `seen` are the files that led to it."""
-    path = path.resolve()
+    path = require_file(path, _FILE, _REMEDY).resolve()
     if path in seen:
         raise UserError(str(path), "its base leads back to itself", expected="a base that ends at a complete preset")
-    try:
-        table = _parse(path.read_text(encoding="utf-8"), str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(str(path), f"can't be read: {error}", expected="a text file in TOML") from error
+    if len(seen) == _MAX_BASES:
+        raise UserError(str(path), f"is the base of {_MAX_BASES} presets on each other", expected="fewer")
+    table = _parse(read_text(path, _FILE), str(path))
     table = _map_file_paths(table, path.parent, _absolute_path)
     base = table.pop("base", None)
     if base is None:
@@ -121,7 +118,7 @@ def _with_base(path: Path, seen: tuple[Path, ...]) -> dict[str, Any]:
     return _merged({key: value for key, value in inherited.items() if key not in ("name", "description")}, table)
 
 
-def _map_file_paths(table: dict[str, Any], folder: Path, change: Callable[[str, Path], str]) -> dict[str, Any]:
+def _map_file_paths(table: dict[str, Any], folder: Path, change: Callable[[Any, Path], Any]) -> dict[str, Any]:
     """The table with `change(path, folder)` applied to every path of a file among the parameters of its effects."""
     effects = table.get("effects")
     if not isinstance(effects, dict):
@@ -134,11 +131,12 @@ def _map_file_paths(table: dict[str, Any], folder: Path, change: Callable[[str, 
     return table | {"effects": changed}
 
 
-def _absolute_path(file: str, folder: Path) -> str:
-    return str(folder / file)
+def _absolute_path(file: Any, folder: Path) -> Any:
+    """A path beside the preset as an absolute one; what isn't text stays, and is refused where it is read."""
+    return str(folder / file) if isinstance(file, str) else file
 
 
-def _relative_path(file: str, folder: Path) -> str:
+def _relative_path(file: Any, folder: Path) -> Any:
     """Relative to the folder if the file lies in it."""
     path = Path(file)
     return str(path.relative_to(folder)) if path.is_relative_to(folder) else file
@@ -155,7 +153,4 @@ def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
 
 def _parse(text: str, where: str) -> dict[str, Any]:
     """The table of a TOML text."""
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise UserError(where, f"isn't TOML: {error}", expected="a preset in TOML") from error
+    return parse_toml(text, where, "a preset in TOML")

@@ -36,6 +36,7 @@ class SystemLike(Protocol):
 
 _MODULATOR_KEYS = ("pitch", "shape", "stroke", "levels")
 _SAMPLING_KEYS = ("upsample", "propagation", "padding")
+_FRAMES = Integer(1, 4096)
 _SEQUENCE = Array(Number(low=0.0, high=1.0), axes=2)
 _AMPLITUDES = Array(Number(low=0.0), axes=2)
 _WAVELENGTHS = Array(Number("nm", low=100e-9, high=10e-6))
@@ -120,7 +121,7 @@ def _white_amplitudes_of_edit(
         raise UserError("amplitudes", f'"{out["amplitudes"]}"', expected='a table (frame, wavelength) or "white"')
     sequence = (system.amplitudes > 0).astype(float)
     if frames is not None or sequence.shape[1] != len(wavelengths) or not np.all(sequence.any(axis=0)):
-        sequence = np.ones((system.frames if frames is None else Integer().parse(frames, "frames"), len(wavelengths)))
+        sequence = np.ones((system.frames if frames is None else _FRAMES.parse(frames, "frames"), len(wavelengths)))
     return _white(str(out.get("observer", system.observer)), wavelengths, sequence)
 
 
@@ -135,7 +136,7 @@ def _repeated(table: Any, frames: Any) -> NDArray[np.float64]:
             expected="frames with equal amplitudes",
             remedy="give the whole amplitude table instead",
         )
-    return np.tile(rows[0], (Integer().parse(frames, "frames"), 1))
+    return np.tile(rows[0], (_FRAMES.parse(frames, "frames"), 1))
 
 
 def _read_wavelengths(value: Any) -> NDArray[np.float64]:
@@ -152,7 +153,7 @@ def _white(observer: str, wavelengths: NDArray[np.float64], sequence: NDArray[np
 def _lasers_on(sequence: Any, frames: Any, wavelengths: int) -> NDArray[np.float64]:
     """(frame, wavelength) of 0 and 1: which lasers are on in which frame; all in every frame without a sequence."""
     if sequence is None:
-        return np.ones((1 if frames is None else Integer().parse(frames, "frames"), wavelengths))
+        return np.ones((1 if frames is None else _FRAMES.parse(frames, "frames"), wavelengths))
     table = _SEQUENCE.parse(sequence, "sequence")
     assert table is not None
     if table.ndim != 2 or table.shape[1] != wavelengths or (frames is not None and len(table) != frames):

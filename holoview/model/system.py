@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 _EYE_RANGE_M = (390e-9, 830e-9)
 _LONGEST_M = 1.0  # of any gap or plane, so that a 3 that was meant in millimetres is refused instead of taken as 3 m
 
-PLANE_DISTANCES = Array(Number("mm", low=0.0, high=_LONGEST_M))
+PLANE_DISTANCES = Array(Number("mm", low=0.0, high=_LONGEST_M), most=4096)
 """Field type of the distances of focal planes, measured from the last modulator."""
 
 

@@ -9,7 +9,9 @@ import torch
 from torch.nn.functional import grid_sample, pad
 
 from holoview.numerics.fft_grid import next_fast_length
+from holoview.util.errors import UserError
 
+_MOST_REACH, _LEAST_SIDE = 8, 128
 Tensor = torch.Tensor
 AffineRows = tuple[tuple[float, float, float], tuple[float, float, float]]
 """Two rows (y, x, 1) of an affine map: its results y' and x'."""
@@ -78,6 +80,9 @@ def _filtered(values: Tensor, margin: int, gain: Callable[[Tensor, Tensor], Tens
     gain: of the frequencies (rows, 1) and (1, columns), cycles per sample.
     """
     rows, columns = values.shape
+    if margin > _MOST_REACH * max(rows, columns, _LEAST_SIDE):
+        expected = f"at most {_MOST_REACH} times its size of {columns} × {rows}"
+        raise UserError("blur", f"one that reaches {margin} samples beyond the picture", expected=expected)
     padded = [next_fast_length(n + 2 * margin) for n in (rows, columns)]
     edges = (margin, padded[1] - columns - margin, margin, padded[0] - rows - margin)
     spectrum = torch.fft.rfft2(pad(values[None, None], edges, mode="replicate")[0, 0])

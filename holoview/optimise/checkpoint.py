@@ -15,28 +15,39 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 import os
 import tomllib
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from holoview.io.hologram import drive_schema, drive_sizes
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.util.checkpoint import differing_fields, refuse_differences
 from holoview.util.errors import UserError
+from holoview.util.file_schema import ArraySchema, read_record
 from holoview.util.safetensors_file import TensorFormat
 
+_F64 = ("float64",)
+_WAVELENGTHS_M = (100e-9, 10e-6)  # least and greatest
 _FORMAT = TensorFormat(
     name="holoview-checkpoint",
     version="2",
     what="a checkpoint that `holoview optimise` wrote",
     tensors=(
-        *("drive", "first", "second", "best_drive", "amplitudes", "best_amplitudes", "wavelengths"),
-        *("best_wavelengths", "amplitude_moments", "wavelength_moments", "steps"),
+        drive_schema("drive", "float32"),
+        drive_schema("drive", "float32").alike("first"),
+        drive_schema("drive", "float32").alike("second", low=0.0),
+        drive_schema("best_drive", "float32"),
+        *(ArraySchema(name, _F64, ("frame", "wavelength"), low=0.0) for name in ("amplitudes", "best_amplitudes")),
+        *(ArraySchema(name, _F64, ("wavelength",), *_WAVELENGTHS_M) for name in ("wavelengths", "best_wavelengths")),
+        ArraySchema("amplitude_moments", _F64, (2, "frame", "wavelength")),
+        ArraySchema("wavelength_moments", _F64, (2, "wavelength")),
+        ArraySchema("steps", _F64, (3,), low=0.0, high=1e9),
     ),
     metadata_keys=("system", "settings", "progress", "target"),
 )
@@ -55,6 +66,11 @@ class CheckpointProgress:
     best_loss: float
     best_psnr_db: float
     eyebox: float
+
+    def __post_init__(self) -> None:
+        if self.iteration < 0 or not 0 <= self.seconds < math.inf:
+            found = f"iteration {self.iteration} after {self.seconds} s"
+            raise UserError("progress", found, expected="numbers of 0 or more")
 
 
 @dataclass(frozen=True)
@@ -91,17 +107,11 @@ class Checkpoint:
 
 def load_checkpoint(path: str | os.PathLike[str]) -> Checkpoint:
     """Reads a checkpoint. Raises UserError when the file is missing, damaged, or something else."""
-    tensors, texts = _FORMAT.read(path)
-    system = preset.loads(texts["system"], f"{path}: system")
-    try:
-        stored = json.loads(texts["settings"]).items()
-        settings: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in stored}
-        progress = CheckpointProgress(**json.loads(texts["progress"]))
-        return Checkpoint(system, Settings(**settings), texts["target"], progress, tensors)
-    except UserError:
-        raise
-    except (ValueError, KeyError, TypeError) as error:
-        raise UserError(str(path), f"can't be read: {error}", expected=_FORMAT.what) from error
+    with _FORMAT.open(path) as file:
+        system = preset.loads(file.texts["system"], f"{path}: system")
+        settings = read_record(Settings, file.texts["settings"], f"{path}: settings", _FORMAT.what)
+        progress = read_record(CheckpointProgress, file.texts["progress"], f"{path}: progress", _FORMAT.what)
+        return Checkpoint(system, settings, file.texts["target"], progress, file.tensors(drive_sizes(system)))
 
 
 def target_digest(stack: NDArray[np.floating]) -> str:

@@ -13,12 +13,16 @@ from holoview.model.plan import Plan, make_plan
 from holoview.model.system import System
 from holoview.optimise.lasers import lit_lasers
 from holoview.util.errors import UserError
+from holoview.util.memory_limit import require_memory
 
 _COMPLEX64, _FLOAT32 = 8, 4
 _WAVELENGTH_GRADIENT_FIELDS = 6  # maps in double precision and products, for one beam at a time
 _BLOCKS_A_MODULATOR = 2  # blocks at a time, beside one for each modulator: inputs and results of FFTs, and squares
 _IMAGES_A_PLANE, _IMAGES = 6, 16  # targets; the image of a plane, the drive, its moments and gradients
 _STRUCTURE_IMAGES, _STRUCTURE_FIELDS = 30, 2  # what slopes of a channel's MS-SSIM need; a plane's fields and squares
+
+_TARGET_BYTES = 48  # of a sample of a plane of the target, while it is made
+_REMEDY = "lower shape, upsample, frames, sources, or the number of planes or wavelengths"
 
 CPU_BLOCK_BYTES = 1 << 20
 """Size of a block of complex numbers on the CPU: what a core's second-level cache holds."""
@@ -38,6 +42,13 @@ def peak_bytes(system: System, *, free_wavelengths: bool = False, whole_planes: 
     and threads of the FFTs, and what the C library's allocator keeps), and up to 500 MiB after a step of wavelengths.
     """
     return _estimate_bytes(make_plan(with_compact_grid(system)), free_wavelengths, whole_planes)
+
+
+def require_optimisation_memory(system: System, *, free_wavelengths: bool = False) -> None:
+    """Raises UserError unless an optimisation and its target fit into the memory that may be taken (`memory_limit`)."""
+    plan = make_plan(with_compact_grid(system))
+    target = len(plan.planes_m) * math.prod(plan.grid.shape) * _TARGET_BYTES
+    require_memory("optimisation", _estimate_bytes(plan, free_wavelengths, False) + target, remedy=_REMEDY)
 
 
 @contextmanager
@@ -99,5 +110,5 @@ def _out_of_memory_error(needed: int, problem: str) -> UserError:
     return UserError(
         "optimisation",
         f"needs about {_gib(needed)} of memory {problem}",
-        remedy="lower shape, upsample, frames, sources, or the number of planes or wavelengths",
+        remedy=_REMEDY,
     )

@@ -20,7 +20,7 @@ from holoview.optimise.drawn_pupils import Places
 from holoview.optimise.eyebox_penalty import EyeboxPenalty
 from holoview.optimise.lasers import check_effects, with_only_lasers
 from holoview.optimise.level_gradients import LevelSteps, gauss_newton_diagonal
-from holoview.optimise.memory import memory_guard
+from holoview.optimise.memory import memory_guard, require_optimisation_memory
 from holoview.optimise.objective import channels_of_wavelengths, make_objective
 from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, shard_lasers
 from holoview.optimise.row_evaluation import RowEvaluation
@@ -104,6 +104,8 @@ class Problem:
         self._places_m = settings.pupil_places_m if places_m is None else places_m
         plan = _plan_for(system, settings, self._places_m)
         check_effects(plan, settings)
+        if device == "cpu":
+            require_optimisation_memory(system, free_wavelengths=free_wavelengths)
         shards = shard_lasers(plan, group)
         self.lasers = [laser for shard in shards for laser in shard]
         self._own_lasers = group.shard(len(self.lasers))

@@ -9,6 +9,7 @@ from holoview.numerics.image_region import Region
 from holoview.util.errors import UserError, suggest_matches
 
 VARIABLES = ("patterns", "amplitudes", "wavelengths")
+_MOST_WEIGHT = 1e9  # of a plane, or of the eyebox: further apart, sums lose all but one of their terms
 INITIAL_PATTERNS = ("random", "smooth")
 
 
@@ -67,12 +68,12 @@ class Settings:
         for key, count in (("iterations", self.iterations), ("amplitudes_every", self.amplitudes_every)):
             if not isinstance(count, int) or count < 1:
                 raise UserError(key, str(count), expected="at least 1")
-        if not 0 < self.step_rad < math.inf:
-            raise UserError("step", str(self.step_rad), expected="a positive phase step")
+        if not 1e-9 <= self.step_rad <= 1e9:
+            raise UserError("step", str(self.step_rad), expected="a positive phase step from 1e-9 to 1e9")
         if not all(0 <= beta < 1 for beta in self.betas):
             raise UserError("betas", str(self.betas), expected="numbers from 0 to below 1")
-        if not 0 <= self.eyebox < math.inf:
-            raise UserError("eyebox", str(self.eyebox), expected="a weight of 0 or more")
+        if not 0 <= self.eyebox <= _MOST_WEIGHT:
+            raise UserError("eyebox", str(self.eyebox), expected=f"a weight of 0 or more, at most {_MOST_WEIGHT:g}")
         for name in self.free:
             if name not in VARIABLES:
                 raise UserError(
@@ -101,8 +102,11 @@ class Settings:
         if self.region is not None and (min(self.region[:2]) < 0 or min(self.region[2:]) < 1):
             raise UserError("region", str(self.region), expected="x, y ≥ 0 and a width and height ≥ 1")
         weights = self.plane_weights
-        if weights is not None and not (all(0 <= w < math.inf for w in weights) and any(w > 0 for w in weights)):
+        if weights is not None and not (all(0 <= w <= _MOST_WEIGHT for w in weights) and max(weights, default=0) > 0):
             raise UserError("plane weights", str(weights), expected="numbers of 0 or more, one of them positive")
+        if weights is not None and max(weights) < 1 / _MOST_WEIGHT:
+            expected = f"the largest from {1 / _MOST_WEIGHT:g} to {_MOST_WEIGHT:g}"
+            raise UserError("plane weights", str(weights), expected=expected)
 
     def _check_pupils(self) -> None:
         places = tuple((float(y), float(x)) for y, x in self.pupil_places_m)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import weakref
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
@@ -28,14 +29,25 @@ from holoview.session.target_spec import TargetSpec, example_target
 from holoview.session.view_settings import ComparisonSide, ViewSettings
 from holoview.targets.picture import Picture
 from holoview.targets.target import Placement
+from holoview.util.data_text import parse_json_table
 from holoview.util.errors import UserError
+from holoview.util.file_schema import ArraySchema
 from holoview.util.files import atomic_write, fsync
+from holoview.util.input_file import read_text
 from holoview.util.safetensors_file import TensorFormat
 
 FORMAT, VERSION = "holoview-session", 1
 _FILE = "session.json"
+_WHAT, _MOST_BYTES = "a saved session", 1 << 28  # of session.json: a history of a thousand steps has about a million
+_TABLE_TYPES = {"steps": list, "position": int, "snapshots": dict, "systems": dict, "targets": dict}
 _TARGET_FIELDS = ("title", "brightness", "saturation", "space", "is_example")
-_ARRAY = TensorFormat("holoview-object", "1", "patterns or a picture of a saved session", ("array",), ())
+_ARRAY = TensorFormat(
+    "holoview-object",
+    "1",
+    "patterns or a picture of a saved session",
+    (ArraySchema("array", ("float32",), None),),
+    (),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,15 +161,13 @@ class SessionArchive:
 def read_metadata(folder: Path) -> dict[str, Any]:
     """The content of a folder's session.json. Raises UserError when it is missing, damaged, or of another version."""
     path = folder / _FILE
-    try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-        if (table["format"], table["version"]) != (FORMAT, VERSION):
-            raise UserError(str(path), f"version {table['version']}", expected=f"{FORMAT}, version {VERSION}")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        if isinstance(error, UserError):
-            raise
-        raise UserError(str(path), f"can't be read: {error}", expected="a saved session") from error
-    return dict(table)
+    table = parse_json_table(read_text(path, _WHAT, most=_MOST_BYTES), str(path), _WHAT, finite=True)
+    if (table.get("format"), table.get("version")) != (FORMAT, VERSION):
+        raise UserError(str(path), f"version {table.get('version')}", expected=f"{FORMAT}, version {VERSION}")
+    for name, kind in _TABLE_TYPES.items():
+        if not isinstance(table.get(name), kind):
+            raise UserError(f"{path}: {name}", f"{type(table.get(name)).__name__}", expected=f"a {kind.__name__}")
+    return table
 
 
 def read_session(folder: Path) -> tuple[SessionData, list[str]]:
@@ -170,18 +180,29 @@ def read_session(folder: Path) -> tuple[SessionData, list[str]]:
     steps: list[HistoryStep] = []
     position = 0
     for index, entry in enumerate(table["steps"]):
-        document = reader.document(entry, f'step "{entry["label"]}"')
+        label, when = _label(entry), _seconds(entry)
+        document = reader.document(entry, f'step "{label}"')
         if document is not None:
-            steps.append(HistoryStep(entry["label"], document, entry["when"]))
+            steps.append(HistoryStep(label, document, when))
         if index <= table["position"]:
             position = max(len(steps) - 1, 0)
     if not steps:
         raise UserError(str(folder), "no step of it can be read", expected="a saved session")
     snapshots = {name: reader.document(entry, f'snapshot "{name}"') for name, entry in table["snapshots"].items()}
-    entry = table["unfinished"]
+    entry = table.get("unfinished")
     unfinished = None if entry is None else reader.document(entry, "unfinished optimisation")
     readable = {name: document for name, document in snapshots.items() if document is not None}
     return SessionData(tuple(steps), position, readable, unfinished), reader.unreadable
+
+
+def _label(entry: Any) -> str:
+    return str(entry.get("label", "")) if isinstance(entry, dict) else ""
+
+
+def _seconds(entry: Any) -> float:
+    """When a step was made, as `time.time`; 0 where that can't be read."""
+    when = entry.get("when") if isinstance(entry, dict) else None
+    return float(when) if isinstance(when, int | float) and math.isfinite(when) else 0.0
 
 
 class _Reader:
@@ -206,7 +227,7 @@ class _Reader:
                 entry["origin"],
                 None if entry["path"] is None else Path(entry["path"]),
             )
-        except (UserError, KeyError, TypeError, ValueError) as error:
+        except (UserError, KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
             self.unreadable.append(f"{what}: {error}")
             return None
 
@@ -217,6 +238,8 @@ class _Reader:
 
     def _array(self, name: str) -> NDArray[np.float32]:
         if name not in self._arrays:
+            if not (isinstance(name, str) and name.isalnum()):
+                raise UserError("object", f"{name!r}", expected="a name of letters and digits")
             tensors, _ = _ARRAY.read(self._folder / "objects" / f"{name}.safetensors")
             self._arrays[name] = as_readonly_drive(tensors["array"])
         return self._arrays[name]

@@ -8,7 +8,6 @@ picture, stack     the target                         CSV          the path of t
 from __future__ import annotations
 
 import io
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,8 +29,10 @@ from holoview.session.target_spec import TargetSpec
 from holoview.targets.image_reader import file_format
 from holoview.targets.picture import Picture, read_picture
 from holoview.targets.rendered_stacks import is_stack
+from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError
 from holoview.util.files import expand_home
+from holoview.util.input_file import read_text
 from holoview.util.safetensors_file import format_of
 from holoview.view import random_drive
 
@@ -105,8 +106,8 @@ def _is_toml(path: Path) -> bool:
     if path.suffix == ".toml":
         return True
     try:
-        return bool(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return bool(parse_toml(read_text(path, "TOML"), str(path), "TOML"))
+    except UserError:
         return False
 
 

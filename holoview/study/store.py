@@ -7,14 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
+from numpy.typing import NDArray
 
 from holoview.io.png import write_png
 from holoview.study.study import JobResult, StudyJob
+from holoview.targets.image_reader import read_raster
+from holoview.util.data_text import parse_json_table
 from holoview.util.errors import UserError
 from holoview.util.files import atomic_write
+from holoview.util.input_file import read_text
 
-_FORMAT = "holoview-result"
+_FORMAT, _WHAT = "holoview-result", "the result of a study's job"
+_MOST_BYTES = 1 << 28  # of its numbers
 
 
 class ResultStore:
@@ -29,15 +33,15 @@ class ResultStore:
             raise UserError(str(folder), f"can't be made: {error.strerror}", remedy=remedy) from error
 
     def load(self, job: StudyJob) -> JobResult | None:
-        """The result of a job; None when it is missing or incomplete."""
+        """The result of a job; None when it is missing, incomplete or damaged, so that the job is to be done again."""
         path = self._path(job)
         try:
-            stored = json.loads(path.read_text(encoding="utf-8"))
-            if stored["format"] != _FORMAT:
+            stored = parse_json_table(read_text(path, _WHAT, most=_MOST_BYTES), str(path), _WHAT)
+            numbers, files = stored.get("numbers"), stored.get("pictures")
+            if stored.get("format") != _FORMAT or not isinstance(numbers, dict) or not isinstance(files, dict):
                 return None
-            pictures = {name: _read_pixels(self.folder / file) for name, file in stored["pictures"].items()}
-            return JobResult(stored["numbers"], pictures)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return JobResult(numbers, {name: self._read_pixels(file) for name, file in files.items()})
+        except UserError:
             return None
 
     def save(self, job: StudyJob, result: JobResult) -> None:
@@ -57,10 +61,12 @@ class ResultStore:
         with atomic_write(self._path(job)) as temporary:
             temporary.write_text(json.dumps(content, indent=1), encoding="utf-8")
 
+    def _read_pixels(self, name: Any) -> NDArray[np.uint8]:
+        """The pixels of a picture of this folder, (y, x, 3)."""
+        if not isinstance(name, str) or Path(name).name != name:
+            raise UserError(str(self.folder), f"the picture {name!r}", expected="the name of a file in this folder")
+        raster = read_raster(self.folder / name)
+        return np.broadcast_to(np.rint(raster.values * 255).astype(np.uint8), (*raster.values.shape[:2], 3))
+
     def _path(self, job: StudyJob) -> Path:
         return self.folder / f"{job.key}.json"
-
-
-def _read_pixels(path: Path) -> Any:
-    with Image.open(path) as image:
-        return np.asarray(image.convert("RGB"))

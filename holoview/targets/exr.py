@@ -8,6 +8,7 @@ single channel. In one part without bare R, G, B, the layers are pictures if all
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,10 +18,18 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from holoview.targets.raster import MAX_PIXELS, Chromaticities, Raster, natural_sort_key, too_large_error
+from holoview.targets.raster import (
+    MAX_PIXELS,
+    Chromaticities,
+    Raster,
+    natural_sort_key,
+    require_picture_memory,
+    too_large_error,
+)
 from holoview.util.errors import UserError
 
 _RGB = ("R", "G", "B")
+_SAMPLE_BYTES = 4
 
 _Span = tuple[int, int]  # first pixel, and one after the last
 _Window = tuple[_Span, _Span]  # x, y
@@ -71,11 +80,20 @@ def exr_pictures(path: Path) -> Iterator[Raster]:
     """
     parts = _headers(path)
     locations = _locate_images(path, parts)
+    _require_memory(path, parts)
     with OpenEXR.File(str(path), separate_channels=True) as file:  # closing it empties its channels
         if len(file.parts) != len(parts):  # the library leaves out parts that end too early
             raise ValueError(f"{len(file.parts)} of {len(parts)} parts are whole")
         for location in locations:
             yield _raster(dict(file.channels(location.part)), location, parts[location.part])
+
+
+def _require_memory(path: Path, parts: Sequence[_Part]) -> None:
+    """Raises UserError unless all channels of all parts, which the library reads at once, fit beside a picture."""
+    stored = sum(len(part.channels) * math.prod(b - a for a, b in part.data_window) for part in parts) * _SAMPLE_BYTES
+    for part in parts:
+        (left, right), (top, bottom) = part.display_window
+        require_picture_memory(path, right - left, bottom - top, 3, stored)
 
 
 def _raster(channels: Mapping[str, Any], location: _ImageLocation, part: _Part) -> Raster:

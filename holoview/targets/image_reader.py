@@ -5,8 +5,9 @@ The format is recognised by the file's first bytes, never by its name.
 
 from __future__ import annotations
 
-import io
+import logging
 import struct
+import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -17,9 +18,10 @@ from PIL import Image, ImageOps
 
 from holoview.targets.deep_png import decode_deep_png
 from holoview.targets.exr import exr_count, exr_pictures
-from holoview.targets.raster import MAX_PIXELS, Raster, integers_to_unit_range, split_alpha, too_large_error
+from holoview.targets.raster import Raster, integers_to_unit_range, require_picture_memory, split_alpha
 from holoview.targets.tiff import tiff_count, tiff_pictures
 from holoview.util.errors import UserError
+from holoview.util.input_file import read_bytes
 
 READABLE_FORMATS = "a PNG, JPEG, TIFF or OpenEXR picture"
 
@@ -35,17 +37,9 @@ _SIGNATURES: tuple[tuple[bytes, str], ...] = (
     (b"v/1\x01", "OpenEXR"),
     (b"\x93NUMPY", "NPY"),
 )
-_DECODER_EXCEPTIONS = (
-    OSError,
-    ValueError,
-    RuntimeError,
-    SyntaxError,
-    IndexError,
-    KeyError,
-    TypeError,
-    MemoryError,
-    struct.error,
-)
+_PNG_SAMPLES = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}  # a pixel, by the colour type
+Image.MAX_IMAGE_PIXELS = None  # sizes are checked here, before anything is decoded
+logging.getLogger("tifffile").addHandler(logging.NullHandler())  # what it logs becomes an error here, in one line
 
 
 def file_format(path: Path) -> str:
@@ -53,15 +47,7 @@ def file_format(path: Path) -> str:
 
     Raises UserError when the file is missing, a folder, empty or unreadable.
     """
-    try:
-        with path.open("rb") as file:
-            head = file.read(16)
-    except IsADirectoryError as error:
-        raise UserError(str(path), "is a folder", expected=READABLE_FORMATS, remedy="name a file in it") from error
-    except FileNotFoundError as error:
-        raise UserError(str(path), "there is no such file", remedy="check the name and the folder") from error
-    except OSError as error:
-        raise UserError(str(path), f"can't be read: {error.strerror}", remedy="check its permissions") from error
+    head = read_bytes(path, READABLE_FORMATS, most=16, missing="check the name and the folder")
     if not head:
         raise UserError(str(path), "the file is empty", expected=READABLE_FORMATS)
     return next((name for magic, name in _SIGNATURES if head.startswith(magic)), "")
@@ -117,11 +103,9 @@ def _naming_file(path: Path, kind: str) -> Iterator[None]:
     """Turns the exceptions of decoders into a UserError that names the file."""
     try:
         yield
-    except UserError:
+    except (UserError, NameError):
         raise
-    except Image.DecompressionBombError as error:
-        raise too_large_error(path) from error
-    except _DECODER_EXCEPTIONS as error:
+    except Exception as error:  # each decoder raises exceptions of its own
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise UserError(
             str(path), f"the {kind} data is truncated or damaged ({reason})", remedy="save or copy the file again"
@@ -129,24 +113,28 @@ def _naming_file(path: Path, kind: str) -> Iterator[None]:
 
 
 def _read_png(path: Path) -> Raster:
-    data = path.read_bytes()
-    if len(data) < 33:
+    head = read_bytes(path, READABLE_FORMATS, most=33)
+    if len(head) < 33:
         raise UserError(str(path), "the PNG data is truncated", remedy="save or copy the file again")
-    width, height, bits = struct.unpack(">IIB", data[16:25])
-    if width * height > MAX_PIXELS:
-        raise too_large_error(path, width, height)
-    if width * height == 0:
-        raise UserError(str(path), f"has no pixels: {width} × {height}")
+    width, height, bits, colour_type = struct.unpack(">IIBB", head[16:26])
+    require_picture_memory(path, width, height, _PNG_SAMPLES.get(colour_type, 4), 2 * path.stat().st_size)
     if bits != 16:
         return _read_with_pillow(path)
+    data = read_bytes(path, READABLE_FORMATS)
     return split_alpha(integers_to_unit_range(decode_deep_png(data)), encoded=True)
 
 
 def _read_with_pillow(path: Path) -> Raster:
     """8-bit PNG and JPEG: palettes and CMYK become RGB, and the picture is turned as its EXIF orientation says."""
-    with Image.open(io.BytesIO(path.read_bytes())) as opened:
-        if opened.width * opened.height > MAX_PIXELS:
-            raise too_large_error(path, opened.width, opened.height)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of metadata that are damaged or too many, which aren't used
+        return _decode_with_pillow(path)
+
+
+def _decode_with_pillow(path: Path) -> Raster:
+    with Image.open(path, formats=("PNG", "JPEG")) as opened:
+        samples = max(len(opened.getbands()), 3 if opened.mode == "P" else 1)
+        require_picture_memory(path, opened.width, opened.height, samples, 2 * path.stat().st_size)
         opened.load()
         upright = ImageOps.exif_transpose(opened)
     notes: tuple[str, ...] = ()

@@ -22,9 +22,11 @@ from holoview.targets.colour_spaces import COLOUR_SPACES, to_linear_srgb
 from holoview.targets.image_reader import file_format, read_raster, read_rasters
 from holoview.targets.raster import Raster
 from holoview.util.errors import UserError
+from holoview.util.memory_limit import require_memory
 
 __all__ = ["COLOUR_SPACES", "Picture", "read_depth", "read_picture", "read_pictures", "resize_to_cover"]
 
+_BLOCK_ROWS, _FLOAT64_BYTES = 64, 8
 _DEPTH_FILES = "a grey PNG, TIFF or OpenEXR picture or a numpy .npy array"
 
 
@@ -59,7 +61,7 @@ def _to_picture(file: Path, raster: Raster, space: str) -> Picture:
     where = f"{file}, {raster.page}" if raster.page else str(file)
     _check_finite(where, raster.values)
     notes = list(raster.notes)
-    light = srgb_decode(raster.values) if raster.encoded else raster.values
+    light = _decoded_in_blocks(raster.values) if raster.encoded else raster.values
     if raster.alpha is not None:
         light = _composite_over_black(where, raster, light)
         notes.append("alpha composited over black")
@@ -76,6 +78,14 @@ def _to_picture(file: Path, raster: Raster, space: str) -> Picture:
     if rgb.min() < 0:
         notes.append(f"values down to {rgb.min():.4g} kept: colours outside sRGB")
     return Picture(rgb, where, tuple(notes))
+
+
+def _decoded_in_blocks(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The light of a display signal, some rows at a time, so that intermediate results take little memory."""
+    light = np.empty_like(values)
+    for first in range(0, len(values), _BLOCK_ROWS):
+        light[first : first + _BLOCK_ROWS] = srgb_decode(values[first : first + _BLOCK_ROWS])
+    return light
 
 
 def read_depth(path: str | os.PathLike[str]) -> NDArray[np.float32]:
@@ -161,11 +171,15 @@ def _single_channel(file: Path, raster: Raster) -> NDArray[np.float64]:
 
 def _load_array(file: Path) -> NDArray[np.float64]:
     try:
-        array = np.load(file, allow_pickle=False)
-    except (OSError, ValueError, EOFError, SyntaxError, MemoryError) as error:
+        mapped = np.load(file, mmap_mode="r", allow_pickle=False)  # reads the header; the file must be long enough
+        require_memory(str(file), mapped.size * (mapped.itemsize + 3 * _FLOAT64_BYTES))
+        array = np.array(mapped)
+    except UserError:
+        raise
+    except Exception as error:  # numpy's parser of headers raises those of Python's
         raise UserError(
             str(file),
-            f"the array is damaged or holds Python objects ({str(error).splitlines()[0]})",
+            f"the array is damaged or holds Python objects ({next(iter(str(error).splitlines()), '')})",
             expected="plain numbers",
             remedy="save it again with numpy.save",
         ) from error

@@ -11,9 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
+from holoview.util.memory_limit import require_memory
 
 MAX_PIXELS = 1 << 27
 """Larger pictures are refused, since a damaged header may claim any size."""
+
+_SAMPLE_BYTES, _PIXEL_BYTES = 16, 32
+"""Memory at the peak of reading a picture as light: for each stored sample, and for each pixel in three colours."""
 
 Chromaticities = tuple[tuple[float, float], ...]
 """CIE (x, y) of red, green, blue and white."""
@@ -63,6 +67,19 @@ def split_alpha(
     colours = 1 if count < 3 else 3
     alpha = samples[..., colours] if count > colours else None
     return Raster(samples[..., :colours], alpha, encoded, premultiplied, notes, page)
+
+
+def require_picture_memory(path: Path, width: int, height: int, samples: int, more: int = 0) -> None:
+    """Raises UserError unless a picture has pixels, isn't too large, and can be read within the memory that is allowed.
+
+    samples: numbers a pixel that are stored, `more` the bytes that its decoder takes besides.
+    """
+    if width * height > MAX_PIXELS:
+        raise too_large_error(path, width, height)
+    if width * height == 0:
+        raise UserError(str(path), f"has no pixels: {width} × {height}")
+    needed = width * height * (_SAMPLE_BYTES * samples + _PIXEL_BYTES) + more
+    require_memory(f"{path}, {width} × {height} pixels", needed, remedy="scale it down first")
 
 
 def too_large_error(path: Path, width: int = 0, height: int = 0) -> UserError:

@@ -22,6 +22,9 @@ from holoview.targets.saturation import check_saturation, scale_saturation
 from holoview.targets.viewing_pupil import ViewingPupil, render_through_pupil
 from holoview.util import units
 from holoview.util.errors import UserError
+from holoview.util.memory_limit import require_memory
+
+_STACK_BYTES = 36  # of a sample of a plane while a focal stack is made
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,9 @@ def target_for(
     source = picture if isinstance(picture, Picture) else read_picture(picture, space)
     plan = make_plan(system)
     grid = plan.grid
+    count = len(plan.planes_m) if planes is None else np.size(planes)
+    needed = count * math.prod(grid.shape) * _STACK_BYTES
+    require_memory("target", needed, remedy="lower shape, upsample or the number of planes")
     depth_m = scene_depth(system, placement, source, grid.shape)
     rgb = scale_saturation(resize_to_cover(source.rgb, grid.shape), saturation)
     planes_m = np.asarray(focused_planes(system) if planes is None else planes, dtype=np.float64)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import lzma
 import struct
-from collections.abc import Iterator
+import zlib
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tifffile
 
-from holoview.targets.raster import MAX_PIXELS, Raster, integers_to_unit_range, split_alpha, too_large_error
+from holoview.targets.raster import Raster, integers_to_unit_range, require_picture_memory, split_alpha
 from holoview.util.errors import UserError
 from holoview.util.optional_library import import_optional
 
@@ -40,6 +43,16 @@ def tiff_pictures(path: Path) -> Iterator[Raster]:
             yield _raster(path, page, f"page {number}" if len(pages) > 1 else "")
 
 
+_MOST_PAGES = 10_000
+_FREE_BYTES = 64 << 20
+_UNBOUNDED: dict[int, tuple[Callable[[], Any], int]] = {
+    tifffile.COMPRESSION.DEFLATE: (zlib.decompressobj, 1032),
+    tifffile.COMPRESSION.ADOBE_DEFLATE: (zlib.decompressobj, 1032),
+    tifffile.COMPRESSION.LZMA: (lzma.LZMADecompressor, 10_000),
+}
+"""Compressions whose decoders unpack all that there is, whatever the picture's size, with the highest ratio of each."""
+
+
 @contextmanager
 def naming_missing_codecs(path: Path) -> Iterator[None]:
     """Turns tifffile's exception in the block into a UserError if imagecodecs decodes the file and isn't installed."""
@@ -51,8 +64,40 @@ def naming_missing_codecs(path: Path) -> Iterator[None]:
         raise
 
 
+def require_page_memory(path: Path, page: tifffile.TiffPage) -> None:
+    """Raises UserError unless a page is of an allowed size, and can be decoded within the memory that is allowed."""
+    width, height, sample_bytes = page.imagewidth, page.imagelength, max(page.bitspersample // 8, 1)
+    stored = width * height * page.samplesperpixel * sample_bytes
+    tile = page.tilewidth * page.tilelength * page.samplesperpixel * sample_bytes if page.is_tiled else stored
+    require_picture_memory(path, width, height, page.samplesperpixel, stored + 2 * tile + 2 * max(page.databytecounts))
+    if page.compression in _UNBOUNDED:
+        _check_segments(path, page, max(tile, stored))
+
+
+def _check_segments(path: Path, page: tifffile.TiffPage, most: int) -> None:
+    """Raises UserError if a compressed part holds more than the picture: it is decompressed in pieces to see.
+
+    Parts that are too short for much more than `_FREE_BYTES` aren't looked into.
+    """
+    decompressor, ratio = _UNBOUNDED[page.compression]
+    handle = page.parent.filehandle
+    for offset, count in zip(page.dataoffsets, page.databytecounts, strict=True):
+        if count * ratio < max(_FREE_BYTES, most):
+            continue
+        handle.seek(offset)
+        unpacked, piece, stream = 0, handle.read(count), decompressor()
+        while piece and not stream.eof:
+            unpacked += len(stream.decompress(piece, _FREE_BYTES))
+            if unpacked > most + _FREE_BYTES:
+                found = f"a part unpacks to more than the {most} bytes of the picture"
+                raise UserError(str(path), found, remedy="save or copy the file again")
+            piece = b"" if getattr(stream, "needs_input", False) else getattr(stream, "unconsumed_tail", b"x")
+
+
 def _pages(file: tifffile.TiffFile) -> list[tifffile.TiffPage]:
     """The full-size pages. Raises ValueError for a truncated list of pages, which tifffile only logs."""
+    if len(file.pages) > _MOST_PAGES:
+        raise ValueError(f"{len(file.pages)} pages; at most {_MOST_PAGES} are read")
     pages = [file.pages[number] for number in range(len(file.pages))]
     if _next_offset(file, pages[-1]) != 0:
         raise ValueError(f"it breaks off after page {len(pages)}")
@@ -72,10 +117,7 @@ def _next_offset(file: tifffile.TiffFile, page: tifffile.TiffPage) -> int:
 
 def _raster(path: Path, page: tifffile.TiffPage, name: str) -> Raster:
     """One page: grey, palette or RGB, with or without alpha, samples side by side or in planes."""
-    if page.imagewidth * page.imagelength > MAX_PIXELS:
-        raise too_large_error(path, page.imagewidth, page.imagelength)
-    if page.imagewidth * page.imagelength == 0:
-        raise UserError(str(path), f"has no pixels: {page.imagewidth} × {page.imagelength}")
+    require_page_memory(path, page)
     photometric, axes = page.photometric, page.axes
     if axes not in ("YX", "YXS", "SYX"):
         remedy = "export a plain TIFF"

@@ -6,9 +6,10 @@ multiplication of binary floating-point numbers wouldn't be.
 
 from __future__ import annotations
 
+import math
 import re
 from decimal import Decimal, InvalidOperation, Overflow
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -38,7 +39,7 @@ def parse(value: str | float, where: str, quantity: Quantity = "length") -> floa
     if isinstance(value, bool) or not isinstance(value, str | int | float | np.integer | np.floating):
         raise UserError(where, f"{value!r} is not {a}", expected=f"text such as {_EXAMPLE[quantity]}")
     if not isinstance(value, str):
-        return float(value)
+        return to_float(value)
     match = _TEXT.fullmatch(value)
     if match is None:
         raise UserError(where, f'"{value}" is not {a}', expected=f"a number and a unit such as {_EXAMPLE[quantity]}")
@@ -49,9 +50,20 @@ def parse(value: str | float, where: str, quantity: Quantity = "length") -> floa
     if unit not in exponents:
         raise UserError(where, f'"{value}" has the unit "{unit}"', expected=a, remedy=suggest_matches(unit, exponents))
     try:
-        return float(Decimal(number).scaleb(exponents[unit]))
-    except (InvalidOperation, Overflow) as error:
-        raise UserError(where, f'"{value}" is out of range', expected=f"text such as {_EXAMPLE[quantity]}") from error
+        parsed = float(Decimal(number).scaleb(exponents[unit]))
+    except (InvalidOperation, Overflow):
+        parsed = math.inf
+    if math.isinf(parsed):
+        raise UserError(where, f'"{value}" is out of range', expected=f"text such as {_EXAMPLE[quantity]}")
+    return parsed
+
+
+def to_float(value: float | np.integer[Any] | np.floating[Any]) -> float:
+    """The value as a float, infinity for whole numbers that are too large for one."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
 
 
 def quantity_of(unit: str) -> Quantity:

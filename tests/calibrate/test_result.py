@@ -107,7 +107,7 @@ def test_a_file_of_maps_with_nan_is_refused(trained: Any, tmp_path: Path) -> Non
     maps = LearnedMaps.nominal(trained.layout)
     maps.tensors["warp_m"][0, 0, 0] = math.nan
     write_calibration(tmp_path / "m.safetensors", maps, {})
-    with pytest.raises(UserError, match="warp_m: holds NaN"):
+    with pytest.raises(UserError, match="warp_m: holds nan at entry 0, warp rows 0"):
         read_calibration(tmp_path / "m.safetensors")
 
 

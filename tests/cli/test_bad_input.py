@@ -137,7 +137,7 @@ PICTURES: list[tuple[list[str], list[str]]] = [
     (["text.png"], ["text.png", "is not a picture", "a PNG, JPEG, TIFF or OpenEXR"]),
     (["half.png"], ["half.png", "truncated or damaged"]),
     (["empty.png"], ["empty.png", "the file is empty"]),
-    (["missing.png"], ["missing.png", "there is no such file", "check the name"]),
+    (["missing.png"], ["missing.png", "no such file", "check the name"]),
     (["folder.png"], ["folder.png", "holds no pictures", "one a plane"]),
     (["black.png"], ["no light"]),
     (["colour.png", "--depth", "narrow.png"], ["narrow.png", "31 x 24 pixels", "the picture's size, 32 x 24"]),

@@ -148,7 +148,7 @@ def test_square_stops_are_measured_listed_and_imported(holoview: Run, tmp_path: 
         (BENCH_FILE, "iris2_na = 0.03", 'square2 = "second order"', 'geometry.square2: "second order"; expected a num'),
         (BENCH_FILE, "iris2_na = 0.03", "centre2_na = [0, 0.1]", "geometry.centre2_na: without an iris"),
         (BENCH_FILE, "iris2_na = 0.03", "iris2_na = 30", "geometry.iris2_na: 30 is out of range"),
-        (BENCH_FILE, "bit_depth = 12", "bit_depth = ", "can't be read"),
+        (BENCH_FILE, "bit_depth = 12", "bit_depth = ", "isn't TOML"),
         (BENCH_FILE, "bit_depth = 12", "bit_depth = 8", "expected 0 to 255"),
     ],
 )

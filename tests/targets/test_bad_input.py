@@ -49,7 +49,7 @@ def says(path: Path, *words: str, read: Callable[[Path], object] = read_picture)
 
 @pytest.mark.parametrize("read", [read_picture, read_depth])
 def test_a_missing_file_is_named(tmp_path: Path, read: Callable[[Path], object]) -> None:
-    says(tmp_path / "no.png", "there is no such file", read=read)
+    says(tmp_path / "no.png", "no such file", read=read)
 
 
 @pytest.mark.parametrize("read", [read_picture, read_depth])

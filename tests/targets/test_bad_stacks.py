@@ -50,7 +50,7 @@ def test_an_empty_folder_is_refused(tmp_path: Path, bench: Bench) -> None:
 
 def test_a_missing_stack_is_refused(tmp_path: Path, bench: Bench) -> None:
     for read in (is_stack, lambda path: target_from_stack(bench(5), path)):
-        says(lambda read=read: read(tmp_path / "no.tif"), str(tmp_path / "no.tif"), "there is no such file")
+        says(lambda read=read: read(tmp_path / "no.tif"), str(tmp_path / "no.tif"), "no such file")
 
 
 @pytest.mark.parametrize("name", ["a.tif", "a.exr", "a.png"])

@@ -13,15 +13,16 @@ from typing import Any
 
 import torch
 
-from holoview.effects.calibration.learned_maps import TENSORS, LearnedMaps, MapLayout
-from holoview.util.errors import UserError
+from holoview.effects.calibration.learned_maps import LearnedMaps
+from holoview.effects.calibration.map_schema import MAP_SCHEMAS, map_sizes, read_layout
+from holoview.util.data_text import parse_json_table
 from holoview.util.safetensors_file import TensorFormat
 
 _FORMAT = TensorFormat(
     name="holoview-calibration",
     version="1",
     what="the maps of a calibration that `holoview calibrate` wrote",
-    tensors=TENSORS,
+    tensors=MAP_SCHEMAS,
     metadata_keys=("layout", "summary"),
 )
 
@@ -41,13 +42,10 @@ def write_calibration(path: str | os.PathLike[str], learned: LearnedMaps, summar
 
 
 def read_calibration(path: str | os.PathLike[str]) -> CalibrationFile:
-    """Reads the file. Raises UserError when it is missing, damaged, of another format, or holds wrong shapes or NaN."""
-    arrays, texts = _FORMAT.read(path)
-    layout = MapLayout.from_json(texts["layout"], f"{path}: layout")
-    for name, shape in layout.shapes().items():
-        if arrays[name].shape != shape:
-            raise UserError(f"{path}: {name}", f"shape {arrays[name].shape}", expected=f"{shape}, as its layout says")
-        if not bool(torch.isfinite(torch.from_numpy(arrays[name])).all()):
-            raise UserError(f"{path}: {name}", "holds NaN or infinity", expected="finite numbers")
-    tensors = {name: torch.from_numpy(arrays[name].copy()) for name in TENSORS}
-    return CalibrationFile(LearnedMaps(layout, tensors), json.loads(texts["summary"]))
+    """Reads the file. Raises UserError when it is missing, damaged, of another format, or not as `map_schema` says."""
+    with _FORMAT.open(path) as file:
+        layout = read_layout(file.texts["layout"], f"{path}: layout")
+        summary = parse_json_table(file.texts["summary"], f"{path}: summary", "the scores of a calibration")
+        arrays = file.tensors(map_sizes(layout))
+    maps = LearnedMaps(layout, {name: torch.from_numpy(array) for name, array in arrays.items()})
+    return CalibrationFile(maps, summary)

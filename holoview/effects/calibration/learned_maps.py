@@ -22,7 +22,6 @@ import json
 import math
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch.nn.functional import interpolate
@@ -32,7 +31,6 @@ from holoview.numerics.knots import knot_interval
 from holoview.numerics.resample import centred_indices, interpolate_at
 from holoview.numerics.thin_plate_spline import thin_plate_spline_matrix
 from holoview.numerics.zernike import zernike
-from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
 RowsColumns = tuple[int, int]
@@ -102,15 +100,6 @@ class MapLayout:
     def to_json(self) -> str:
         """The layout as JSON."""
         return json.dumps(dataclasses.asdict(self))
-
-    @staticmethod
-    def from_json(text: str, where: str) -> MapLayout:
-        """The layout of a JSON text. Raises UserError, with the place `where`, when it isn't one."""
-        try:
-            values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(text).items()}
-            return MapLayout(**values)
-        except (ValueError, TypeError, AttributeError) as error:
-            raise UserError(where, f"can't be read: {error}", expected="the layout of a calibration") from error
 
 
 class MapCache:

@@ -1,0 +1,231 @@
+"""Random damage to valid files of every kind, and random values for every option."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from holoview.study.store import ResultStore
+from holoview.study.study import StudyJob
+from tests.fuzz.corpus import TORCH
+from tests.fuzz.trial import Case
+from tests.fuzz.valid_files import valid, write
+
+Random = np.random.Generator
+
+_VALUES = (
+    *("0", "1", "-1", "2", "3", "7", "16", "1e300", "-1e300", "1e-320", "nan", "inf", "-inf", "1e38", "0.5", "65536"),
+    *("99999999999999999999", "2147483648", '""', '"a"', "[]", "{}", "[1, 2]", "[[1]]", "true", '"8 um"', '"3 mm"'),
+    *('"1e99 mm"', '"-3 mm"', '"\\u0000"', '"é"', '"\\u001b[31m"', '"../../x"', "[nan]", "1979-05-27", "{a = 1}"),
+)
+_NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
+
+
+def _flip(data: bytearray, rng: Random) -> None:
+    for _ in range(int(rng.integers(1, 9))):
+        data[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
+
+
+def _extreme(data: bytearray, rng: Random) -> None:
+    """Some bytes in a row become those of an extreme number."""
+    words = (b"\xff", b"\0\0\0\0", b"\xff\xff\xff\xff", b"\x7f\xff\xff\xff", b"\xff\xff\xff\x7f", bytes(8), b"\xff" * 8)
+    word = words[int(rng.integers(len(words)))]
+    at = int(rng.integers(len(data)))
+    data[at : at + len(word)] = word
+
+
+def _early(data: bytearray, rng: Random) -> None:
+    """As `_extreme`, in the first 256 bytes, where headers are."""
+    head = bytearray(data[:256])
+    _extreme(head, rng)
+    data[:256] = head
+
+
+def _truncate(data: bytearray, rng: Random) -> None:
+    del data[int(rng.integers(len(data))) :]
+
+
+def _repeat(data: bytearray, rng: Random) -> None:
+    first, last = sorted(int(n) for n in rng.integers(len(data), size=2))
+    data[last:last] = data[first:last]
+
+
+def _remove(data: bytearray, rng: Random) -> None:
+    at = int(rng.integers(len(data)))
+    del data[at : at + int(rng.integers(1, 65))]
+
+
+def _change_number(data: bytearray, rng: Random) -> None:
+    """A number that is written as text becomes another value."""
+    found = list(_NUMBER.finditer(bytes(data[:20000])))
+    if found:
+        match = found[int(rng.integers(len(found)))]
+        data[match.start() : match.end()] = _VALUES[int(rng.integers(len(_VALUES)))].encode()
+
+
+_DAMAGES: tuple[Callable[[bytearray, Random], None], ...] = (
+    *(_flip, _extreme, _early, _truncate, _repeat, _remove, _change_number, _change_number),
+)
+
+COMMANDS: dict[str, tuple[str, str, tuple[str, ...]]] = {
+    "presets": ("picture", "bench.toml", ("render", "bench.toml", *TORCH)),
+    "PNG": ("picture", "picture.png", ("optimise", "bench.toml", "picture.png", "--iterations=1", "--json")),
+    "JPEG": ("picture", "picture.jpg", ("optimise", "bench.toml", "picture.jpg", "--iterations=1", "--json")),
+    "TIFF": ("picture", "picture.tif", ("optimise", "bench.toml", "picture.tif", "--iterations=1", "--json")),
+    "pages": ("picture", "pages.tif", ("optimise", "bench.toml", "pages.tif", "--iterations=1", "--json")),
+    "EXR": ("picture", "picture.exr", ("optimise", "bench.toml", "picture.exr", "--iterations=1", "--json")),
+    "arrays": (
+        *("picture", "depth.npy"),
+        ("optimise", "bench.toml", "picture.png", "--depth=depth.npy", "--iterations=1", "--json"),
+    ),
+    "patterns": ("pattern", "pattern.png", ("render", "bench.toml", "--slm1", "pattern.png", *TORCH)),
+    "holograms": ("hologram", "hologram.safetensors", ("render", "--hologram", "hologram.safetensors", *TORCH)),
+    "checkpoints": (
+        *("checkpoint", "checkpoint.safetensors"),
+        ("optimise", "bench.toml", "picture.png", "--iterations=3", "--resume=checkpoint.safetensors", "--json"),
+    ),
+    "maps": ("maps", "maps.safetensors", ("render", "calibrated.toml", *TORCH)),
+    "captures": ("captures", "captures.h5", ("captures", "check", "captures.h5", "--json")),
+    "tables": ("folder", "captures.csv", ("captures", "import", ".", "-o", "o.h5")),
+    "benches": ("folder", "bench.toml", ("captures", "import", ".", "-o", "o.h5")),
+    "sweeps": ("sweep", "sweep.csv", ("calibrate", "lut", "sweep.csv", "--json")),
+}
+"""For each family the kind of valid files, the one that is damaged, and the command that reads it."""
+
+
+def damaged(family: str, rng: Random) -> Case:
+    """A case of a family: a valid file with one to three kinds of damage."""
+    kind, file, arguments = COMMANDS[family]
+    return Case(family, f"{family} {int(rng.integers(1 << 30))}", _preparation(kind, file, rng), arguments)
+
+
+def damaged_session(rng: Random) -> Case:
+    """A saved session with damage to its JSON or an object; what can't be read is to be left out."""
+    files = sorted(valid("session"))
+    file = files[int(rng.integers(len(files)))]
+
+    def read() -> None:
+        from holoview.session.archive import read_session
+
+        read_session(Path("session"))
+
+    return Case("sessions", file, _preparation("session", file, rng), call=read)
+
+
+def damaged_job(rng: Random) -> Case:
+    """The result of a study's job with damage; it is to be read, or to be done again."""
+    files = sorted(valid("job"))
+    file = files[int(rng.integers(len(files)))]
+
+    def read() -> None:
+        job = StudyJob("probe", "probe", {})
+        object.__setattr__(job, "key", "job")
+        ResultStore(Path()).load(job)
+
+    return Case("jobs", file, _preparation("job", file, rng), call=read)
+
+
+def _preparation(kind: str, file: str, rng: Random) -> Callable[[Path], None]:
+    data = bytearray(valid(kind)[file])
+    for _ in range(int(rng.integers(1, 4))):
+        if data:
+            _DAMAGES[int(rng.integers(len(_DAMAGES)))](data, rng)
+    return lambda folder: write(folder, valid(kind) | {file: bytes(data)})
+
+
+# --- options ---------------------------------------------------------------------------------------------------------
+
+_BENCH_KEYS = (
+    *(
+        "gap",
+        "shape",
+        "frames",
+        "upsample",
+        "pitch",
+        "stroke",
+        "levels",
+        "planes",
+        "wavelengths",
+        "amplitudes",
+        "padding",
+    ),
+    *("propagation", "observer", "eye", "source", "modulators", "relay2", "relay2.iris_na", "relay2.square", "name"),
+    *(
+        "relay2.aberration",
+        "source.grid",
+        "source.tilts",
+        "eye.pupil",
+        "eye.focus",
+        "sampling",
+        "effects",
+        "description",
+    ),
+)
+_WORDS = (
+    *(value.strip('"') for value in _VALUES),
+    *("", "\x00", "x" * 300, "1,2", "1x1:1mm", "0,0,4,4", "1e9,1"),
+)
+
+
+@cache
+def _options() -> tuple[tuple[tuple[str, ...], str, int], ...]:
+    """Every option that takes values, with the command before it and the number of values."""
+    from holoview.cli import _parser
+
+    runs = {
+        "render": ("render", "bench.toml", *TORCH),
+        "optimise": ("optimise", "bench.toml", "picture.png", "--iterations=1", "--json"),
+        "info": ("info", "bench.toml", "--json"),
+        "contrast": ("contrast", "picture.png"),
+    }
+    found = []
+    for command, run in runs.items():
+        (subparsers,) = [a for a in _parser(command)._actions if isinstance(a, argparse._SubParsersAction)]
+        for action in subparsers.choices[command]._actions:
+            takes = action.option_strings and action.nargs != 0 and action.dest not in ("help", "adapter", "device")
+            if takes and action.dest not in ("iterations", "output", "sharded", "time"):
+                count = action.nargs if isinstance(action.nargs, int) else 1
+                found.append((run, action.option_strings[-1], count))
+    return tuple(found)
+
+
+def random_option(rng: Random) -> Case:
+    """A command with one option whose value is extreme, or with one key of the bench that is."""
+    if rng.random() < 0.4:
+        key, value = _BENCH_KEYS[int(rng.integers(len(_BENCH_KEYS)))], _VALUES[int(rng.integers(len(_VALUES)))]
+        arguments: tuple[str, ...] = ("render", "bench.toml", *TORCH, "--set", f"{key}={value}")
+    elif rng.random() < 0.4:
+        arguments = ("render", "bench.toml", *TORCH, "--effects", _random_effect(rng))
+    else:
+        run, flag, count = _options()[int(rng.integers(len(_options())))]
+        values = [_WORDS[int(rng.integers(len(_WORDS)))] for _ in range(count)]
+        arguments = (*run, f"{flag}={values[0]}") if count == 1 else (*run, flag, *values)
+    return Case("options", " ".join(arguments[2:])[:80], lambda folder: write(folder, valid("picture")), arguments)
+
+
+def _random_effect(rng: Random) -> str:
+    from holoview.model.effects.registry import listed_effects
+
+    effects = list(listed_effects().values())
+    effect = effects[int(rng.integers(len(effects)))]
+    parameter = effect.parameters[int(rng.integers(len(effect.parameters)))]
+    bounds = [f"{x:g}" for x in (parameter.low, parameter.high) if np.isfinite(x)]
+    value = (*_VALUES, *bounds, *bounds)[int(rng.integers(len(_VALUES) + 2 * len(bounds)))]
+    return f"{effect.id}.{parameter.name}={value}"
+
+
+def random_cases(seed: int) -> Iterator[Case]:
+    """Cases without end, the families in turn."""
+    rng = np.random.default_rng(seed)
+    while True:
+        for family in COMMANDS:
+            yield damaged(family, rng)
+        yield damaged_session(rng)
+        yield damaged_job(rng)
+        for _ in range(3):
+            yield random_option(rng)
