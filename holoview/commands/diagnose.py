@@ -79,6 +79,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "minutes for large modulators)",
     )
     duration.add_argument("--thorough", action="store_true", help="search to the end, however long that takes")
+    _add_sampling(parser)
+
+
+def _add_sampling(parser: argparse.ArgumentParser) -> None:
+    """Adds how finely the bench is sampled, and in how many processes."""
     parser.add_argument(
         "--finer",
         metavar="N",

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import os
 import re
-import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,9 @@ from holoview.model.system import System
 from holoview.targets.light_field import LightField
 from holoview.targets.rendered_stacks import image_files, merge_notes, read_resized_pictures
 from holoview.targets.saturation import check_saturation, scale_saturation
+from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError
+from holoview.util.input_file import read_text
 
 DESCRIPTION_FILE = "views.toml"
 
@@ -123,10 +124,7 @@ def _description(folder: Path) -> dict[str, Any]:
     path = folder / DESCRIPTION_FILE
     if not path.is_file():
         return {}
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UserError(str(path), f"can't be read: {error}", expected="TOML") from error
+    return parse_toml(read_text(path, "TOML"), str(path), "TOML")
 
 
 def _check_count(folder: Path, files: list[Path], grid: ViewGrid) -> None:
