@@ -15,8 +15,8 @@ from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.engine.backend import open_executor
 from holoview.engine.frame import compute_focal_stack
 from holoview.engine.memory import simulation_bytes
-from holoview.model.focus import focused_planes
-from holoview.model.plan import make_plan, parse_planes
+from holoview.model.focus import focused_planes, parse_planes
+from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.model.validity.checks import exceeded_limits
 from holoview.model.visual_angle import sample_degrees

@@ -81,6 +81,14 @@ def parse_plane(system: System, text: str, where: str) -> float:
     return plane_m
 
 
+def parse_planes(planes: Sequence[float | str] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distances of planes in metres, from numbers or text. Raises UserError for an empty list or a wrong distance."""
+    read = PLANE_DISTANCES.parse(planes, "planes")
+    if read is None or len(read) == 0:
+        raise UserError("planes", "an empty list", expected="at least one distance")
+    return read
+
+
 def focus_shift(
     system: System, planes_m: NDArray[np.float64], wavelengths_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:

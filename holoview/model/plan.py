@@ -20,13 +20,12 @@ from holoview.colour import observer_weights
 from holoview.model.bench_parts import Relay, Sampling
 from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.eye import Eye
-from holoview.model.focus import eyes_at, focus_shift, focused_planes
+from holoview.model.focus import eyes_at, focus_shift, focused_planes, parse_planes
 from holoview.model.passband import Band, band_limit, band_of_rows, limited_rows, rows_in_disc, stop_rows
 from holoview.model.sampled_distance import check_eye_sampled
-from holoview.model.system import PLANE_DISTANCES, System
+from holoview.model.system import System
 from holoview.model.transfer import Transfer
 from holoview.numerics.fft_grid import is_fast_length, next_fast_length
-from holoview.util.errors import UserError
 
 RowsColumns = tuple[int, int]
 
@@ -292,14 +291,6 @@ def walk_off(system: System, relay: Relay, distance_m: float) -> float:
     longest = float(system.wavelengths_m.max())
     sine = min(longest / (2 * dx), relay.axis_sine(longest, pitch_m), _STEEPEST_SINE)
     return distance_m * sine / math.sqrt(1 - sine * sine) / dx
-
-
-def parse_planes(planes: Sequence[float | str] | NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distances of planes in metres, from numbers or text. Raises UserError for an empty list or a wrong distance."""
-    read = PLANE_DISTANCES.parse(planes, "planes")
-    if read is None or len(read) == 0:
-        raise UserError("planes", "an empty list", expected="at least one distance")
-    return read
 
 
 def _grid(system: System, farthest_m: float) -> Grid:
