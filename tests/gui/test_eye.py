@@ -208,12 +208,15 @@ def test_a_drag_builds_no_targets_and_the_one_before_stays_beside_it(make_gui: C
     assert before is not None
     x, y = gui.item_position("pupil map")
     gui.move((x, y))
+    gui.move((x, y))
     gui.press_button()
     for step in range(1, 6):
         gui.move((x + 3 * step, y))
         assert gui.context.side_renderers.picture(TARGET) is before
         assert not gui.session.target_builder.is_building
     gui.release_button()
+    assert gui.session.system.eye is not None and gui.session.system.eye.pupil_x_m > 1e-4
     gui.draw_until_idle()
+    assert gui.session.wait_until_idle(60.0)  # takes the target that was built during the last frame
     after = gui.context.side_renderers.picture(TARGET)
     assert after is not None and after is not before, "the target as the eye sees it from there"
