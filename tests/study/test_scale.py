@@ -38,10 +38,10 @@ def test_every_target_is_a_picture_with_or_without_depth(name: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--seeds", "0"], "--seeds: 0; expected at least 1"),
-        (["--iterations", "-3"], "--iterations: -3; expected at least 1"),
+        (["--seeds", "0"], "--seeds: '0'; expected a whole number of at least 1"),
+        (["--iterations", "-3"], "--iterations: '-3'; expected a whole number of at least 1"),
         (["--targets", "still-lif"], "did you mean still-life?"),
-        (["--eyebox", "nan"], "--eyebox: nan; expected a weight of 0 or more"),
+        (["--eyebox", "nan"], "--eyebox: 'nan'; expected a number from 0 to"),
         (["--shape", "96"], '--shape: "96"; expected rows and columns'),
         (["--shape", "1x16"], "--shape"),
     ],
