@@ -21,7 +21,7 @@ from holoview.study.runner import run_jobs
 from holoview.study.scale import QUICK
 from holoview.study.store import ResultStore
 from holoview.study.study import Claim, Findings, Study, StudyFigure, StudyPicture
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import write_file
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 FIGURE_WIDTH, PICTURE_WIDTH = 560, 256
@@ -79,8 +79,9 @@ def _figure(study: Study, plot: StudyFigure, images: Path) -> str:
         size = FIGURE_WIDTH, round(figure.height * FIGURE_WIDTH / figure.width)
         small = figure.convert("RGB").resize(size, Image.Resampling.LANCZOS).quantize(_COLOURS)
     name = f"{study.name}-{plot.name}.png"
-    with atomic_write(images / name) as temporary:
-        small.save(temporary, format="PNG", optimize=True)
+    buffer = io.BytesIO()
+    small.save(buffer, format="PNG", optimize=True)
+    write_file(images / name, buffer.getbuffer())
     return f"![{study.title}](images/gallery/{name})\n\n{_wrapped(f'*{plot.caption}.*')}"
 
 
@@ -89,9 +90,10 @@ def _picture(study: Study, picture: StudyPicture, images: Path) -> str:
     pixels = Image.fromarray(picture.pixels)
     scale = max(PICTURE_WIDTH // pixels.width, 1)
     name = f"{study.name}-{picture.name}.jpg"
-    with atomic_write(images / name) as temporary:
-        large = pixels.resize((scale * pixels.width, scale * pixels.height), Image.Resampling.NEAREST)
-        large.save(temporary, format="JPEG", quality=_QUALITY)
+    large = pixels.resize((scale * pixels.width, scale * pixels.height), Image.Resampling.NEAREST)
+    buffer = io.BytesIO()
+    large.save(buffer, format="JPEG", quality=_QUALITY)
+    write_file(images / name, buffer.getbuffer())
     return f"![{picture.caption}](images/gallery/{name})"
 
 
@@ -112,8 +114,7 @@ def main() -> None:
     images.mkdir(parents=True, exist_ok=True)
     parts = [HEAD.format(versions=_wrapped(f"Computed with {version_summary()}."))]
     parts += [section(study, run_study(study, folder / study.name), images) for study in studies_by_name().values()]
-    with atomic_write(DOCS / "gallery.md") as temporary:
-        temporary.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    write_file(DOCS / "gallery.md", "\n\n".join(parts) + "\n")
     print(f"{DOCS / 'gallery.md'}: {sum(file.stat().st_size for file in images.iterdir()) / 1e6:.2f} MB of images")
 
 

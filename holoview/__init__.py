@@ -38,8 +38,8 @@ commands    the subcommands of the command line, which `cli` parses
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
+TYPE_CHECKING = False  # type checkers know the name; importing `typing` would take as long as all else here
 if TYPE_CHECKING:
     from holoview.app.notebook import show
     from holoview.io.hologram import Hologram, load_hologram
@@ -114,7 +114,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """Imports a public name when it is first used: the command line's help needs no numpy, a bench needs no torch."""
     if name not in _MODULES:
         raise AttributeError(f"module 'holoview' has no attribute {name!r}")

@@ -1,8 +1,42 @@
-"""Makes `python -m holoview` run the command line, for launchers such as torchrun that start modules."""
+"""The program `holoview`, also as `python -m holoview`: it can be interrupted from its first moment on.
 
+Its modules take some tenths of a second to import. Ctrl-C in that time, and while Python ends, leaves at once, without
+a traceback; there is nothing to save.
+"""
+
+import os
+import signal
 import sys
 
-from holoview.cli import main
+
+def run() -> int:
+    """Runs the command line and returns its exit code."""
+    _leave_on_interrupt()
+    if not sys.warnoptions:  # warnings of libraries are for programmers: python -W default -m holoview
+        _silence_libraries()
+    from holoview.cli import main
+
+    code = main()
+    _leave_on_interrupt(code)
+    return code
+
+
+def _leave_on_interrupt(code: int = 128 + signal.SIGINT) -> None:
+    """From now on Ctrl-C ends the process with this exit code, unless it is ignored, as in a background job."""
+    if signal.getsignal(signal.SIGINT) not in (signal.SIG_IGN, None):
+        signal.signal(signal.SIGINT, lambda number, frame: os._exit(code))
+
+
+def _silence_libraries() -> None:
+    """Hides warnings and notes of libraries, here and in processes that are started; errors that they log stay."""
+    import logging
+    import warnings
+
+    warnings.simplefilter("ignore")
+    os.environ.setdefault("PYTHONWARNINGS", "ignore")
+    if logging.lastResort is not None:
+        logging.lastResort.setLevel(logging.ERROR)
+
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run())

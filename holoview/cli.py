@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import io
-import os
 import re
+import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, NoReturn
 
-from holoview.commands.exit_codes import EXIT_INTERRUPTED, EXIT_USER_ERROR
+from holoview.commands.exit_codes import EXIT_USER_ERROR
+from holoview.commands.output_files import check_files
+from holoview.commands.streams import console_streams
 from holoview.commands.supervisor import is_supervised, supervise
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import memory_setting
 from holoview.util.openmp import share_the_machine
+from holoview.util.signals import exit_code_of, handled_signals, raise_interrupted
 from holoview.util.version import __version__
 
 COMMANDS = {
@@ -57,42 +59,43 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if arguments is None and is_supervised(words):
         return supervise(main, words)
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # "étendue" on a terminal that has no é
     share_the_machine()
+    with console_streams() as (output, _):
+        code = _run(words)
+        output.flush()
+        if output.error is not None and not isinstance(output.error, BrokenPipeError):  # as with `holoview … | head -1`
+            return _report_error(f"output: {output.error.strerror}")
+    return code
+
+
+def _run(words: list[str]) -> int:
+    """Carries out the command; what prevents it is one line on stderr."""
     try:
-        args = _parser(words[0] if words else "").parse_args(words)
-        with memory_setting(getattr(args, "memory", None)):
-            code: int = args.run(args)
-        sys.stdout.flush()
+        with handled_signals(raise_interrupted):
+            args = _parser(words[0] if words else "").parse_args(words)
+            check_files(args)
+            with memory_setting(getattr(args, "memory", None)):
+                code: int = args.run(args)
+            return code
     except UserError as error:
         return _report_error(str(error))
-    except KeyboardInterrupt:
-        print("holoview: interrupted", file=sys.stderr)
-        return EXIT_INTERRUPTED
-    except BrokenPipeError:  # e.g. `holoview presets | head -1`
-        _drop_output()
-        return 0
+    except KeyboardInterrupt as error:
+        code = exit_code_of(error)
+        name = "" if code == 128 + signal.SIGINT else f" by {error}"
+        print(f"holoview: interrupted{name}", file=sys.stderr)
+        return code
     except OSError as error:
-        if error.filename is None:  # standard output itself, e.g. on a full disk
-            _drop_output()
-        return _report_error(f"{error.filename or 'output'}: {error.strerror or error}")
+        return _report_error(f"{error.filename or 'file'}: {error.strerror or error}")
     except (MemoryError, RuntimeError) as error:
         if not (isinstance(error, MemoryError) or "can't allocate memory" in str(error)):
             raise
         return _report_error("memory: not enough for a grid of this size; choose a smaller shape, upsample or frames")
-    return code
 
 
 def _report_error(message: str) -> int:
     """Prints a message as one line to stderr; returns the exit code."""
     print(f"holoview: {' '.join(message.splitlines())}", file=sys.stderr)
     return EXIT_USER_ERROR
-
-
-def _drop_output() -> None:
-    """Redirects stdout to the null device, so that Python's flush at exit doesn't fail again."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser(chosen: str) -> argparse.ArgumentParser:

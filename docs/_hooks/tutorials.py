@@ -22,7 +22,6 @@ import re
 import shlex
 import shutil
 import tempfile
-import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
@@ -161,10 +160,8 @@ def _holoview(words: list[str], where: str) -> None:
 
 @cache
 def _program() -> Callable[[list[str]], int]:
-    """The function behind the command `holoview`, as pyproject.toml states it."""
-    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
-    module, _, name = scripts["holoview"].partition(":")
-    return getattr(import_module(module), name)  # type: ignore[no-any-return]
+    """The function behind the command `holoview`."""
+    return import_module("holoview.cli").main  # type: ignore[no-any-return]
 
 
 def _difference(shown: str, printed: str, within: float) -> str:

@@ -82,7 +82,8 @@ class AppContext:
         self.retinal_curves = RetinalCurves(session)
         remember = store.preferences.add_recent_file if store is not None else lambda path: None
         self.loader = FileLoader(session, remember=remember)
-        self.theme = str(store.preferences.get("theme", theme.THEMES[0])) if store else theme.THEMES[0]
+        stored_theme = store.preferences.get("theme", "") if store is not None else ""
+        self.theme = stored_theme if stored_theme in theme.THEMES else theme.THEMES[0]
         self.help_overlay = HelpOverlay(self.commands, self._run_command)
         self.overlays: list[Overlay] = [self.help_overlay]
         self.displayed_pixels: Callable[[], NDArray[np.uint8] | None] = lambda: None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -64,8 +65,15 @@ def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], Non
     device = _device(options, startup, has_window=address is None and not options.is_offscreen)
     is_read_only = address is not None and options.serve_options.is_read_only
     store = None if options.is_offscreen or is_read_only else SessionStore()
-    crashed = None if store is None or options.recovers is None else store.take_over(options.recovers)
-    session, names = (crashed, ()) if crashed is not None else (_session(options, store), options.names)
+    crashed = None
+    if store is not None and options.recovers is not None:
+        with suppress(UserError):  # nothing of it can be read: it is offered, and kept aside then
+            crashed = store.take_over(options.recovers)
+    session, notes = (crashed, []) if crashed is not None else open_session(options, store)
+    names = options.names if crashed is None else ()
+    for note in notes:
+        report(f"note: {note}")
+        session.messages.post(note, "warning")
     renderer = ProgressiveRenderer(device)
     renderer.start(session.scene_for(NOW), startup.thread)
     from holoview.app.run import run_in_browser, run_offscreen, run_on_screen, run_until_image  # slow start: ImGui
@@ -82,10 +90,16 @@ def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], Non
         run_on_screen(*window, store, names, on_image)
 
 
-def _session(options: LaunchOptions, store: SessionStore | None) -> EditingSession:
-    """The session that was closed last, if it is to be restored, or one of the system that was asked for."""
+def open_session(options: LaunchOptions, store: SessionStore | None) -> tuple[EditingSession, list[str]]:
+    """The last session or a new one, and a line about each part of the stored state that is damaged."""
+    notes = [] if store is None else [*filter(None, [store.preferences.problem]), *store.set_damaged_aside()]
     last = store.last_session() if store is not None and options.restores else None
-    return new_session(options.system, is_random=options.is_random) if last is None else last.restore()
+    if store is not None and last is not None:
+        try:
+            return last.restore(), notes
+        except UserError:
+            notes.append(f"{store.set_aside(last.folder)}; a new one is begun")
+    return new_session(options.system, is_random=options.is_random), notes
 
 
 def _device(options: LaunchOptions, startup: Startup, has_window: bool) -> Device:

@@ -13,6 +13,7 @@ from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES, samples_per_de
 from holoview.session.live_score import ImageScore, image_psnr_db
 from holoview.session.measure import sample_pixel
 from holoview.session.view_settings import DERIVED_PAGES, NOW, ViewSettings, displayed_side
+from holoview.util.text import printable
 
 
 def draw_readout(context: AppContext, position: tuple[float, float] | None) -> None:
@@ -73,7 +74,8 @@ def describe_image(context: AppContext) -> str:
         )
     if context.session.view_settings.page == "phase":
         return "phase at the laser in the middle of the spectrum; a turn of hue is a wave"
-    return f"{columns} × {rows} samples   {context.session.document.origin}{_scores_text(context)}"
+    origin = printable(context.session.document.origin)
+    return f"{columns} × {rows} samples   {origin}{_scores_text(context)}"
 
 
 def _offer_next_score(context: AppContext, view: ViewSettings) -> None:

@@ -10,6 +10,8 @@ from holoview.app import theme
 from holoview.app.file_dialog import centre_next_window
 from holoview.session.editing_session import EditingSession
 from holoview.session.session_store import SavedSession, SessionStore
+from holoview.util.errors import UserError
+from holoview.util.text import printable
 
 _RECOVER = "Recover your work"
 
@@ -60,10 +62,13 @@ class RecoveryDialog:
         """Restores a saved session into the open one and closes the dialog."""
         session = self._session
         assert self._store is not None
-        with session.report_errors("recovery"):
+        try:
             saved.restore_into(session)
             session.messages.post(f"recovered, with {len(session.history) - 1} edits to undo")
             self._store.discard(saved)
+        except UserError as error:
+            session.messages.post_error(error, "recovery")
+            session.messages.post(self._store.set_aside(saved.folder), "warning")
         self.saved = []
 
     def discard(self, saved: SavedSession) -> None:
@@ -75,7 +80,7 @@ class RecoveryDialog:
     def _draw_one(self, saved: SavedSession) -> None:
         imgui.push_id(str(saved.folder))
         imgui.separator()
-        imgui.text_wrapped(saved.title)
+        imgui.text_wrapped(printable(saved.title))
         when = time.strftime("%d %B, %H:%M", time.localtime(saved.when))
         imgui.text_disabled(f"{when}, {saved.steps - 1} edits")
         if imgui.button("Recover", imgui.ImVec2(120, 0)):

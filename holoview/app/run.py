@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -18,11 +19,15 @@ from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.app.script import run_script, screenshot, wait_until_idle
 from holoview.app.serve import Address, ServeOptions, serve
 from holoview.gpu.device import Device, DeviceLost
-from holoview.session.autosave import Autosave
+from holoview.io.hologram import Hologram
 from holoview.session.editing_session import EditingSession
 from holoview.session.example import shows_example
+from holoview.session.preferences import state_folder
 from holoview.session.session_store import SessionStore
 from holoview.util.errors import UserError
+from holoview.util.rescue import save_elsewhere
+from holoview.util.signals import Interrupted, Interruption, handled_signals
+from holoview.util.text import plain_name
 
 _IDLE_S = 0.05  # between checks for work while there is none
 _FRAME_POLL_S, _LONGEST_FRAME_S = 0.002, 0.1  # between checks for a drawn frame; a hidden window draws none
@@ -158,7 +163,7 @@ def open_app(
         return app
     if shows_example(session) and not names:
         app.tour.start()
-    elif not store.preferences.get("has_begun"):
+    elif not store.preferences.get("has_begun", False):
         session.messages.post(
             "Drop a picture here to see it as a hologram. ? shows all keys, Ctrl+P finds any command."
         )
@@ -167,37 +172,55 @@ def open_app(
 
 
 def _run_loop(app: App, store: SessionStore | None, loop: Any, run: Callable[[], None]) -> None:
-    autosave = _autosave(app, store)
+    """Runs the window's loop; Ctrl-C, SIGTERM and SIGHUP close the window as its user does, with all saved.
+
+    store: None where nothing is to be saved. Ctrl-C is a usual way to end it. Raises Interrupted after another signal,
+    and UserError after a failure.
+    """
+    autosave, interruption = None if store is None else store.start_autosave(app.session), Interruption()
     app.session.wake = partial(_wake_window, loop, app)
     loop.add_task(compute_loop, app, name="compute")
-    try:
-        run()
-    finally:
-        failed = app.window.error
-        if autosave is not None and failed is None:
-            autosave.close()  # after a failure, the session is offered for recovery at the next start
-        app.close()
+    with handled_signals(interruption.ask) as take_signals:
+        loop.add_task(_close_at_signal, app, interruption, take_signals, name="signals")
+        try:
+            run()
+        finally:
+            take_signals()
+            failed = app.window.error
+            keeps = failed is None  # after a failure, the session is offered for recovery
+            unsaved = autosave.close() if autosave is not None and keeps else None
+            app.close()
     if isinstance(failed, DeviceLost):
         raise failed
     if isinstance(failed, UserError):
         raise UserError(failed.where, failed.found, remedy="start again: your work is saved and will be offered")
+    if unsaved is not None:
+        raise _unsaved_error(app.session, unsaved)
+    if interruption.signal not in (0, signal.SIGINT):
+        raise Interrupted(interruption.signal)
+
+
+async def _close_at_signal(app: App, interruption: Interruption, take_signals: Callable[[], None]) -> None:
+    """Closes the window after a signal; it takes the signals from rendercanvas and uvicorn, which have begun by now."""
+    take_signals()
+    while not interruption():
+        await sleep(_IDLE_S)
+    app.window.canvas.close()
+
+
+def _unsaved_error(session: EditingSession, unsaved: Exception) -> UserError:
+    """What is told at last when the session couldn't be saved; its hologram is kept at another place."""
+    document = session.document
+    name = f"{plain_name(document.system.name, 'hologram')}.safetensors"
+    kept = save_elsewhere(state_folder() / name, Hologram(document.drive, document.system).save)
+    where = "" if kept is None else f"the hologram as it was at last is in {kept}"
+    return UserError("session", f"the last edits aren't saved: {unsaved}", remedy=where)
 
 
 def _wake_window(loop: Any, app: App) -> None:
     """Has the loop call the window's `wake`; without effect when the loop has ended. May be called on any thread."""
     with suppress(AttributeError, RuntimeError):  # of an ended loop, for which rendercanvas has no public test
         loop.call_soon_threadsafe(app.window.wake)
-
-
-def _autosave(app: App, store: SessionStore | None) -> Autosave | None:
-    """Starts saving the session where there is a store; if that is impossible, a message says so."""
-    if store is None:
-        return None
-    try:
-        return store.start_autosave(app.session)
-    except UserError as error:
-        app.session.messages.post_error(error, "autosave")
-        return None
 
 
 async def compute_loop(app: App) -> None:

@@ -32,6 +32,10 @@ def draw_status(context: AppContext) -> None:
         imgui.progress_bar(renderer.progress, imgui.ImVec2(110, imgui.get_text_line_height()), text)
         imgui.pop_style_var()
         tooltip("A cheaper image is shown at once; the full one follows when your hand rests.")
+    if context.session.save_problem:
+        imgui.same_line(spacing=20)
+        imgui.text_colored(theme.ERROR, "not saved")
+        tooltip(f"{context.session.save_problem}. It is tried again every few seconds.")
     for job in context.session.jobs.active:
         imgui.same_line(spacing=20)
         imgui.text(f"{job.title} {job.fraction:.0%}")

@@ -39,7 +39,7 @@ class Tour:
     def was_seen(self) -> bool:
         """Whether the tour was shown before, to this user."""
         store = self._context.store
-        return store is not None and bool(store.preferences.get(_SEEN))
+        return store is not None and store.preferences.get(_SEEN, False)
 
     def start(self) -> None:
         """Opens the tour at its first step."""

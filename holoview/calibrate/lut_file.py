@@ -13,7 +13,7 @@ from holoview.calibrate.lut import Lut
 from holoview.model.system import System
 from holoview.util import units
 from holoview.util.errors import UserError
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import write_file
 
 FORMAT, VERSION = "holoview-lut", 1
 
@@ -49,8 +49,7 @@ def lut_table(lut: Lut, source: str, wavelength_m: float | None = None) -> dict[
 
 def save_lut(path: str | os.PathLike[str], lut: Lut, source: str, wavelength_m: float | None = None) -> None:
     """Writes `lut_table` as TOML. An existing file is replaced only by a complete one. Raises UserError."""
-    with atomic_write(path) as temporary:
-        temporary.write_text(tomli_w.dumps(lut_table(lut, source, wavelength_m)), encoding="utf-8")
+    write_file(path, tomli_w.dumps(lut_table(lut, source, wavelength_m)))
 
 
 def with_lut(system: System, lut: Lut, wavelength_m: float | None) -> System:

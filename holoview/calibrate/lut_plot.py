@@ -6,7 +6,7 @@ import math
 import os
 
 from holoview.calibrate.lut import Lut
-from holoview.report.figure import png_figure
+from holoview.report.figure import label, png_figure
 
 
 def plot_lut(path: str | os.PathLike[str], lut: Lut, title: str) -> None:
@@ -16,7 +16,7 @@ def plot_lut(path: str | os.PathLike[str], lut: Lut, title: str) -> None:
         power, phase = figure.subplots(1, 2)
         power.plot(x, lut.sweep.power, ".", markersize=4, label="measured")
         power.plot(x, lut.fit.power, label="monotone LUT")
-        power.set(xlabel="grey level", ylabel="first-order power", title=title)
+        power.set(xlabel="grey level", ylabel="first-order power", title=label(title))
         power.legend()
         phase.plot(x, lut.fit.phase / math.pi, label="fitted")
         phase.plot(x, lut.sweep.relative_levels * lut.fit.stroke / math.pi, "--", label="linear")

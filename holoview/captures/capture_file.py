@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -29,7 +30,7 @@ from holoview.captures.plain_hdf5 import DatasetReader, open_plain_hdf5, plain_c
 from holoview.captures.validation import check_captures
 from holoview.util.errors import UserError
 from holoview.util.file_schema import NumberSchema
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import write_file
 from holoview.util.memory_limit import require_memory
 
 FORMAT_NAME, FORMAT_VERSION = "holoview-captures", 1
@@ -57,10 +58,11 @@ def read_captures(path: str | os.PathLike[str], check: Callable[[Captures], obje
 def write_captures(path: str | os.PathLike[str], captures: Captures) -> None:
     """Writes a capture file completely or not at all; what was corrected is noted in it.
 
-    Raises UserError for an impossible session (`check_captures`).
+    Raises UserError for an impossible session (`check_captures`), and WriteError.
     """
     check_captures(captures)
-    with atomic_write(path) as temporary, h5py.File(temporary, "w") as h5:
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as h5:
         h5.attrs["format"], h5.attrs["version"] = FORMAT_NAME, FORMAT_VERSION
         if captures.corrections:
             h5.attrs["corrections"] = list(captures.corrections)
@@ -81,6 +83,7 @@ def write_captures(path: str | os.PathLike[str], captures: Captures) -> None:
             if value is not None:
                 geometry.attrs[name] = value
         geometry.attrs.update(stop_attributes(captures.relay1, 1) | stop_attributes(captures.relay2, 2))
+    write_file(path, buffer.getbuffer())
 
 
 def slm_from_attributes(attributes: Mapping[str, float]) -> SlmSpec:

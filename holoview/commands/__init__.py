@@ -30,8 +30,10 @@ What they share:
 
 arguments           arguments of several subcommands, and the bench that they describe
 number_options      numbers as values of options: finite and in range
-output_files        checks that a file or folder can be written
-console             messages, progress bars and Ctrl-C
+output_files        files that are read and written: declared, checked before the work, saved at the end
+default_output      the file that is written when none is named
+console             messages, progress bars, JSON and signals
+streams             standard output and error that neither fail nor act on the terminal
 exit_codes          exit codes besides 0
 supervisor          the viewer in a process of its own, started again after a crash
 """

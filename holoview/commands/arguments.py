@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from holoview.commands.console import print_stderr
+from holoview.commands.output_files import add_input
 from holoview.model import preset
 from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.effects.effect_table import EffectTable
@@ -27,8 +28,11 @@ def add_system(parser: argparse.ArgumentParser, *, optional: bool = False, effec
 
     `system_from_args` makes the System.
     """
-    parser.add_argument(
-        "preset", nargs="?" if optional else None, help="a preset's name (see `holoview presets`) or a TOML file"
+    add_input(
+        parser,
+        "preset",
+        nargs="?" if optional else None,
+        help="a preset's name (see `holoview presets`) or a TOML file",
     )
     add_changes(parser)
     if effects:
@@ -55,7 +59,8 @@ def add_changes(parser: argparse.ArgumentParser) -> None:
 
 def add_effects(parser: argparse.ArgumentParser, dest: str = "effects") -> None:
     """Adds --effects, for values of effects and Python files with the user's own effects; see `parse_effects`."""
-    parser.add_argument(
+    add_input(
+        parser,
         "--effects",
         dest=dest,
         metavar="NAME.KEY=VALUE|FILE.py",

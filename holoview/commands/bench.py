@@ -6,7 +6,6 @@ import argparse
 import json
 import os
 import platform
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -19,6 +18,8 @@ from holoview.benchmark.report_run import ReportOptions
 from holoview.benchmark.strategy_choice import tune
 from holoview.commands.arguments import add_system, system_from_args
 from holoview.commands.bench_report import write_report
+from holoview.commands.console import print_json
+from holoview.commands.output_files import add_output_folder
 from holoview.gpu.device import TIMESTAMPS, Device, open_device
 from holoview.gpu.line_fft import STRATEGIES, supported_strategies
 from holoview.gpu.tune import StrategyOption
@@ -50,10 +51,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--adapter", metavar="NAME", help="part of the name of the WebGPU adapter to use")
     parser.add_argument("--json", action="store_true", help="machine-readable output")
-    parser.add_argument(
+    add_output_folder(
+        parser,
         "--report",
         metavar="DIR",
-        type=Path,
         help="measure all strategies at several sizes and numbers of lasers, the exactness of each stage, the viewer, "
         "the optimiser and the power, and write one file that can be attached to an issue",
     )
@@ -81,7 +82,10 @@ def run(args: argparse.Namespace) -> int:
     criteria = [*frame.criteria, *first_image_criteria(first_image)]
     result = _result(system, device, frame, criteria, timed, rounds)
     result["first_image"] = {name: sample.as_dict() for name, sample in first_image.items()}
-    print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _table(result))
+    if args.json:
+        print_json(result)
+    else:
+        print(_table(result))
     return 0
 
 

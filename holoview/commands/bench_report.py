@@ -9,10 +9,9 @@ from typing import Any
 from holoview.benchmark.report_run import VIEWER, Measurement, ReportOptions, ReportRun
 from holoview.benchmark.report_text import report_markdown
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
-from holoview.commands.exit_codes import EXIT_FAILED, EXIT_INTERRUPTED
-from holoview.commands.output_files import make_folder
+from holoview.commands.exit_codes import EXIT_FAILED
 from holoview.gpu.device import Device
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import make_folder, write_file
 
 _WINDOW = (1280, 800)
 _VIEWER_ROUNDS = 60
@@ -29,12 +28,12 @@ def write_report(device: Device, options: ReportOptions, folder: Path) -> int:
     path = folder / report_name(run.data)
     measurements = measurements_of(run)
     _write(run, path)
-    with deferred_interrupt("measurement") as is_interrupted, progress_bar("bench") as show:
+    with deferred_interrupt("measurement") as interruption, progress_bar("bench") as show:
         for number, measurement in enumerate(measurements):
             show(number, len(measurements), f"{measurement.section}: {measurement.title}")
             run.make(measurement)
             _write(run, path)
-            if is_interrupted():
+            if interruption():
                 break
         else:
             run.finish()
@@ -42,7 +41,7 @@ def write_report(device: Device, options: ReportOptions, folder: Path) -> int:
             show(len(measurements), len(measurements), "")
     print(path)
     if not run.data["is_complete"]:
-        return EXIT_INTERRUPTED
+        return interruption.exit_code
     if failed := _failed_titles(run.data):
         print_stderr(f"failed, as the report says: {'; '.join(failed)}")
         return EXIT_FAILED
@@ -75,8 +74,7 @@ def _viewer(device: Device, options: ReportOptions) -> Measurement:
 
 
 def _write(run: ReportRun, path: Path) -> None:
-    with atomic_write(path) as temporary:
-        temporary.write_text(report_markdown(run.data), encoding="utf-8")
+    write_file(path, report_markdown(run.data))
 
 
 def _failed_titles(data: dict[str, Any]) -> list[str]:

@@ -8,16 +8,17 @@ import argparse
 from pathlib import Path
 
 from holoview.commands import calibrate_captures, calibrate_lut
+from holoview.commands.output_files import add_input, add_output
 from holoview.util.errors import UserError
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    parser.add_argument(
-        "source", nargs="+", metavar="CAPTURES.h5 | lut FILE.csv", help="a capture file, or lut and a sweep"
+    add_input(
+        parser, "source", nargs="+", metavar="CAPTURES.h5 | lut FILE.csv", help="a capture file, or lut and a sweep"
     )
-    parser.add_argument("-o", "--output", metavar="TOML", type=Path, help="the preset, or the table, to write")
-    parser.add_argument("--preset", help="the bench to start from: a preset's name or a TOML file")
+    add_output(parser, "-o", "--output", metavar="TOML", suffix=".toml", help="the preset, or the table, to write")
+    add_input(parser, "--preset", help="the bench to start from: a preset's name or a TOML file")
     parser.add_argument("--json", action="store_true", help="machine-readable figures on stdout")
     calibrate_captures.add_options(parser.add_argument_group("captures"))
     calibrate_lut.add_options(parser.add_argument_group("lut"))

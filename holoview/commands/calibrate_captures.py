@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,23 +14,24 @@ from holoview.calibrate.forward_model import CalibrationModel
 from holoview.calibrate.map_layout import map_layout_for
 from holoview.calibrate.map_plots import plot_calibration
 from holoview.calibrate.prediction_score import score_predictions
-from holoview.calibrate.result import CalibrationResult, format_score, starting_bench
+from holoview.calibrate.result import CalibrationResult, format_score, maps_path, starting_bench
 from holoview.calibrate.settings import CalibrationSettings, default_epochs
 from holoview.calibrate.train import TrainingState, train
 from holoview.calibrate.training_data import TrainingData
 from holoview.captures import read_captures
 from holoview.captures.dataset import Captures
 from holoview.commands.arguments import parse_seed
-from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
-from holoview.commands.exit_codes import EXIT_INTERRUPTED
+from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
 from holoview.commands.number_options import number, whole
-from holoview.commands.output_files import check_output_file, make_folder
+from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder, check_files
 from holoview.effects.calibration.learned_maps import MapLayout
 from holoview.model import preset
 from holoview.model.system import System
 from holoview.optimise.threads import limit_torch_threads
 from holoview.report.figure import require_matplotlib
 from holoview.util.errors import UserError
+from holoview.util.file_writer import make_folder
+from holoview.util.signals import Interruption
 
 # destinations in argparse's namespace of the options that only this form of the command has
 OPTIONS = ("epochs", "batch", "rate", "seed", "held_out", "pixels_a_node", "pictures", "checkpoint", "resume")
@@ -49,9 +49,9 @@ def add_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--pixels-a-node", type=whole(1), metavar="N", help="how coarse the source's maps are (default 8)"
     )
-    group.add_argument("--pictures", metavar="DIR", type=Path, help="draw what was learned into a folder")
-    group.add_argument("--checkpoint", metavar="FILE", type=Path, help="keep the state after every epoch")
-    group.add_argument("--resume", metavar="FILE", type=Path, help="go on from a checkpoint")
+    add_output_folder(group, "--pictures", metavar="DIR", help="draw what was learned into a folder")
+    add_output(group, "--checkpoint", metavar="FILE", suffix=".safetensors", help="keep the state after every epoch")
+    add_input(group, "--resume", metavar="FILE", type=Path, help="go on from a checkpoint")
 
 
 @dataclass(frozen=True)
@@ -68,30 +68,29 @@ class _CalibrationTask:
 def run_captures(args: argparse.Namespace, file: Path) -> int:
     """Trains, scores, plots if asked, writes the preset and its maps, and prints the scores.
 
-    After Ctrl-C it does the same with the best maps so far, and returns EXIT_INTERRUPTED.
+    After Ctrl-C it does the same with the best maps so far, and returns the exit code of the signal.
     """
     if args.output is None:
         raise UserError("-o", "is missing", expected="the preset to write, e.g. -o calibrated.toml")
-    check_output_file(args.output, ".toml")
-    if args.checkpoint is not None:
-        check_output_file(args.checkpoint, ".safetensors")
+    check_files(args, {"the maps of -o": [maps_path(args.output)]})
     if args.pictures is not None:
         require_matplotlib("--pictures")
         make_folder(args.pictures)
     task = _prepare_task(args, file)
     padded_samples = 4 * task.captures.upsample**2 * task.captures.levels[0, 0].size
     with limit_torch_threads(padded_samples):
-        state, interrupted = _train(args, task)
+        state, interruption = _train(args, task)
         result = _evaluate(args, task, state)
-    maps = result.save(args.output)
+    saver = ResultSaver()
+    output = saver.save(args.output, result.save)
+    maps = maps_path(output)
     if args.json:
-        print(json.dumps(result.as_json() | {"preset": str(args.output), "maps": str(maps)}, indent=2))
+        print_json(result.as_json() | {"preset": str(output), "maps": str(maps)})
     else:
-        print("\n".join([*format_score(result.score), f"written: {args.output}, {maps}"]))
-    if interrupted:
-        print_stderr(f"interrupted after epoch {state.epoch}: the best so far is kept in {args.output}")
-        return EXIT_INTERRUPTED
-    return 0
+        print("\n".join([*format_score(result.score), f"written: {output}, {maps}"]))
+    if interruption():
+        print_stderr(f"interrupted after epoch {state.epoch}: the best so far is kept in {output}")
+    return interruption.exit_code or saver.exit_code
 
 
 def _prepare_task(args: argparse.Namespace, file: Path) -> _CalibrationTask:
@@ -116,23 +115,22 @@ def _prepare_task(args: argparse.Namespace, file: Path) -> _CalibrationTask:
     return _CalibrationTask(captures, bench, split, layout, settings)
 
 
-def _train(args: argparse.Namespace, task: _CalibrationTask) -> tuple[TrainingState, bool]:
-    """The last state of the training, and whether Ctrl-C ended it. Raises UserError if no epoch is left to train."""
+def _train(args: argparse.Namespace, task: _CalibrationTask) -> tuple[TrainingState, Interruption]:
+    """The last state of the training, and what Ctrl-C did to it. Raises UserError if no epoch is left to train."""
     resume = None if args.resume is None else load_checkpoint(args.resume)
     state: TrainingState | None = None
     known = task.bench.effect_values
-    with deferred_interrupt() as is_interrupted, progress_bar("calibrating") as progress:
+    with deferred_interrupt() as interruption, progress_bar("calibrating") as progress:
         start: tuple[float, int] | None = None
         for state in train(task.captures, known, task.split, task.layout, task.settings, resume):
             start = start or (time.monotonic(), state.epoch)
             progress(state.epoch, state.epochs, f"chi2/n {state.validation_chi2:.4g}{_time_left(state, *start)}")
             _save_checkpoint(args.checkpoint, state)
-            if is_interrupted():
+            if interruption():
                 break
-        interrupted = is_interrupted()
     if state is None:
         raise UserError("--resume", "the checkpoint is of a finished calibration", expected="one with epochs left")
-    return state, interrupted
+    return state, interruption
 
 
 def _save_checkpoint(path: Path | None, state: TrainingState) -> None:

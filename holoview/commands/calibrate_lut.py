@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 from holoview.calibrate import lut_file
 from holoview.calibrate.efficiency_sweep import read_sweep
 from holoview.calibrate.lut import fit_lut
 from holoview.calibrate.lut_plot import plot_lut
-from holoview.commands.output_files import check_output_file
+from holoview.commands.console import print_json
+from holoview.commands.output_files import add_output
 from holoview.model import preset
 from holoview.report.figure import require_matplotlib
 from holoview.util import units
@@ -24,11 +24,12 @@ _WAVELENGTH_RANGE_M = (100e-9, 10e-6)
 def add_options(group: argparse._ArgumentGroup) -> None:
     """Adds the options for a look-up table."""
     group.add_argument("--wavelength", metavar="LENGTH", help='of the sweep, e.g. "820 nm": turns phases into lengths')
-    group.add_argument("--plot", metavar="PNG", type=Path, help="draw the sweep, its fit and the table")
-    group.add_argument(
+    add_output(group, "--plot", metavar="PNG", suffix=".png", help="draw the sweep, its fit and the table")
+    add_output(
+        group,
         "--save-preset",
         metavar="TOML",
-        type=Path,
+        suffix=".toml",
         help="write --preset with this stroke and table (wants --wavelength)",
     )
 
@@ -36,9 +37,6 @@ def add_options(group: argparse._ArgumentGroup) -> None:
 def run_lut(args: argparse.Namespace, file: Path) -> int:
     """Fits the table, writes the files that were asked for, and prints stroke and residuals."""
     wavelength = _parse_wavelength(args.wavelength)
-    for path, suffix in ((args.output, ".toml"), (args.save_preset, ".toml"), (args.plot, ".png")):
-        if path is not None:
-            check_output_file(path, suffix)
     if args.plot is not None:
         require_matplotlib("--plot")
     if (args.save_preset is None) != (args.preset is None):
@@ -54,7 +52,7 @@ def run_lut(args: argparse.Namespace, file: Path) -> int:
     if args.plot is not None:
         plot_lut(args.plot, lut, file.name)
     if args.json:
-        print(json.dumps(lut_file.lut_table(lut, file.name, wavelength), indent=2))
+        print_json(lut_file.lut_table(lut, file.name, wavelength))
     else:
         print("\n".join(lut_file.format_lut(lut, wavelength)))
     return 0

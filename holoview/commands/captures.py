@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import json
+from functools import partial
 from pathlib import Path
 
 from holoview.captures import read_captures, write_captures
@@ -13,9 +13,9 @@ from holoview.captures.summary import capture_sheet, summarise
 from holoview.captures.virtual_measurement import AcquisitionSettings, Nuisances, make_captures
 from holoview.commands import captures_plan
 from holoview.commands.arguments import add_effects, add_system, parse_effects, parse_seed, system_from_args
-from holoview.commands.console import progress_bar
+from holoview.commands.console import print_json, progress_bar
 from holoview.commands.number_options import number, whole
-from holoview.commands.output_files import check_output_file
+from holoview.commands.output_files import ResultSaver, add_input, add_output
 from holoview.io.png import write_png
 from holoview.util import units
 
@@ -25,15 +25,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _configure_make(commands.add_parser("make", help="measure a virtual bench", description=_make.__doc__))
     check = commands.add_parser("check", help="validate a capture file", description=_check.__doc__)
-    check.add_argument("captures", help="a capture file")
+    add_input(check, "captures", help="a capture file")
     check.add_argument(
         "--quick", action="store_true", help="don't check whether patterns, pictures and settings belong together"
     )
     check.add_argument("--json", action="store_true", help="machine-readable output")
     check.set_defaults(run=_check)
     show = commands.add_parser("show", help="a contact sheet of a capture file", description=_show.__doc__)
-    show.add_argument("captures", help="a capture file")
-    show.add_argument("-o", "--output", metavar="PNG", type=Path, required=True)
+    add_input(show, "captures", help="a capture file")
+    add_output(show, "-o", "--output", metavar="PNG", suffix=".png", required=True)
     show.add_argument("--most", type=whole(1, 1000), default=12, help="captures on the sheet (default 12)")
     show.set_defaults(run=_show)
     convert = commands.add_parser(
@@ -42,8 +42,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         description=f"Converts a folder of greyscale PNG or TIFF; {TABLE_FILE} has a line a capture, "
         f"{BENCH_FILE} the geometry.",
     )
-    convert.add_argument("folder", type=Path)
-    convert.add_argument("-o", "--output", metavar="FILE.h5", type=Path, required=True)
+    add_input(convert, "folder", type=Path)
+    add_output(convert, "-o", "--output", metavar="FILE.h5", suffix=".h5", required=True)
     convert.set_defaults(run=_import)
     plan = commands.add_parser("plan", help="exposures and laser powers", description=captures_plan.run.__doc__)
     captures_plan.configure(plan)
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
 def _configure_make(parser: argparse.ArgumentParser) -> None:
     add_system(parser, effects=False)
     add_effects(parser)
-    parser.add_argument("-o", "--output", metavar="FILE.h5", type=Path, required=True)
+    add_output(parser, "-o", "--output", metavar="FILE.h5", suffix=".h5", required=True)
     parser.add_argument(
         "--each", type=whole(1, 100_000), default=8, help="captures of every wavelength and plane (default 8)"
     )
@@ -82,7 +82,6 @@ def _configure_make(parser: argparse.ArgumentParser) -> None:
 
 def _make(args: argparse.Namespace) -> int:
     """Simulates captures of a preset with its effects and those of `--effects`; the file states the nominal bench."""
-    check_output_file(args.output, ".h5")
     settings = AcquisitionSettings(
         captures_per_condition=args.each,
         seed=args.seed,
@@ -100,9 +99,10 @@ def _make(args: argparse.Namespace) -> int:
         captures = make_captures(
             system, effects, settings, progress=lambda done, total: report(done, total, "captures")
         )
-    write_captures(args.output, captures)
-    print(f"{args.output}: {len(captures)} captures of {len(captures.wavelengths_m)} wavelengths")
-    return 0
+    saver = ResultSaver()
+    output = saver.save(args.output, partial(write_captures, captures=captures))
+    print(f"{output}: {len(captures)} captures of {len(captures.wavelengths_m)} wavelengths")
+    return saver.exit_code
 
 
 def _length(args: argparse.Namespace, name: str) -> float:
@@ -120,7 +120,7 @@ def _check(args: argparse.Namespace) -> int:
             found = find_record_errors(captures)
         summary["records"] = found.as_json()
     if args.json:
-        print(json.dumps(summary, indent=2, ensure_ascii=False))
+        print_json(summary)
         return 0
     (rows, columns), (image_rows, image_columns) = summary["pixels"], summary["image"]
     wavelengths = ", ".join(units.format_rounded(λ, "nm") for λ in summary["wavelengths_m"])
@@ -144,7 +144,6 @@ def _check(args: argparse.Namespace) -> int:
 
 def _show(args: argparse.Namespace) -> int:
     """Draws patterns and camera images of captures spread over the session; saturated pixels are red."""
-    check_output_file(args.output, ".png")
     captures = read_captures(args.captures)
     write_png(args.output, capture_sheet(captures, max(args.most, 1)), {"holoview.captures": str(args.captures)})
     print(args.output)
@@ -152,9 +151,9 @@ def _show(args: argparse.Namespace) -> int:
 
 
 def _import(args: argparse.Namespace) -> int:
-    check_output_file(args.output, ".h5")
     with progress_bar("reading") as report:
         captures = import_folder(args.folder, progress=lambda done, total: report(done, total, "captures"))
-    write_captures(args.output, captures)
-    print(f"{args.output}: {len(captures)} captures")
-    return 0
+    saver = ResultSaver()
+    output = saver.save(args.output, partial(write_captures, captures=captures))
+    print(f"{output}: {len(captures)} captures")
+    return saver.exit_code

@@ -4,45 +4,44 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
+import io
 from dataclasses import asdict
 from pathlib import Path
 
 from holoview.calibrate.exposure import HEADROOM, ExposureLimits, ExposureSetting, plan_exposures
 from holoview.captures import read_captures
 from holoview.captures.folder_import import read_greyscale
+from holoview.commands.console import print_json
 from holoview.commands.number_options import number
-from holoview.commands.output_files import check_output_file
-from holoview.util.files import atomic_write
+from holoview.commands.output_files import add_input, add_output
+from holoview.util.file_writer import write_file
 
 _CSV_COLUMNS = ("wavelength_nm", "power", "exposure_s", "reached_counts", "note")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    parser.add_argument("captures", help="a capture file with at least one capture of each wavelength")
-    parser.add_argument("--dark", metavar="PICTURE", type=Path, help="PNG or TIFF with the lasers off")
+    add_input(parser, "captures", help="a capture file with at least one capture of each wavelength")
+    add_input(parser, "--dark", metavar="PICTURE", type=Path, help="PNG or TIFF with the lasers off")
     parser.add_argument("--power", type=number(), nargs=2, metavar=("LOW", "HIGH"), default=ExposureLimits().powers)
     parser.add_argument(
         "--exposure", type=number(), nargs=2, metavar=("LOW", "HIGH"), default=ExposureLimits().exposures_s
     )
     parser.add_argument("--headroom", type=number(), default=HEADROOM, help="share of the range to use (default 0.9)")
-    parser.add_argument("-o", "--output", metavar="CSV", type=Path, help="write the plan as a table")
+    add_output(parser, "-o", "--output", metavar="CSV", suffix=".csv", help="write the plan as a table")
     parser.add_argument("--json", action="store_true", help="machine-readable output")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Prints power and exposure for each wavelength that keep all but the brightest 0.1 % of the pixels unsaturated."""
-    if args.output is not None:
-        check_output_file(args.output, ".csv")
     captures = read_captures(args.captures)
     dark = None if args.dark is None else read_greyscale(args.dark)
     plan = plan_exposures(captures, dark, ExposureLimits(tuple(args.power), tuple(args.exposure)), args.headroom)
     if args.output is not None:
         _write(args.output, plan)
     if args.json:
-        print(json.dumps([asdict(setting) for setting in plan], indent=2))
+        print_json([asdict(setting) for setting in plan])
         return 0
     for setting in plan:
         note = f"  {setting.note}" if setting.note else ""
@@ -54,9 +53,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write(path: Path, plan: list[ExposureSetting]) -> None:
-    with atomic_write(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(_CSV_COLUMNS)
-        for setting in plan:
-            nm = f"{setting.wavelength_m * 1e9:.6g}"
-            writer.writerow([nm, setting.power, setting.exposure_s, f"{setting.reached:.1f}", setting.note])
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(_CSV_COLUMNS)
+    for setting in plan:
+        nm = f"{setting.wavelength_m * 1e9:.6g}"
+        writer.writerow([nm, setting.power, setting.exposure_s, f"{setting.reached:.1f}", setting.note])
+    write_file(path, text.getvalue())

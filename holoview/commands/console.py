@@ -1,26 +1,36 @@
-"""Messages and progress bars on stderr, and Ctrl-C that ends a loop between two steps.
+"""Messages and progress bars on stderr, JSON on stdout, and signals that end a loop between two steps.
 
-Everything here goes to stderr: stdout holds results only, so that `--json` can be piped.
+stdout holds results only, so that `--json` can be piped.
 """
 
 from __future__ import annotations
 
-import signal
+import json
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from types import FrameType
+from typing import Any
 
+from holoview.commands.streams import raw_stderr
 from holoview.util.progress import ProgressCallback
+from holoview.util.signals import Interrupted, Interruption, handled_signals
+from holoview.util.text import printable
 
 LINE_INTERVAL_S = 10.0
 """Least time between two progress lines where stderr isn't a terminal."""
 
 
 def print_stderr(text: str) -> None:
-    """Prints a line to stderr at once."""
-    print(text, file=sys.stderr, flush=True)
+    """Prints a line to stderr at once; lost where stderr is closed."""
+    if sys.stderr is not None:  # print would take stdout instead
+        print(text, file=sys.stderr, flush=True)
+
+
+def print_json(value: Any) -> None:
+    """Prints a result for programs to stdout, as JSON in which every character can be shown on a terminal."""
+    text = json.dumps(value, indent=2, ensure_ascii=False)
+    print("".join(c if c == "\n" or printable(c) == c else json.dumps(c)[1:-1] for c in text))
 
 
 @contextmanager
@@ -38,19 +48,19 @@ def progress_bar(title: str) -> Iterator[ProgressCallback]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=30),
         TextColumn("{task.completed:.0f}/{task.total:.0f}"),
-        TextColumn("{task.fields[note]}"),
+        TextColumn("{task.fields[note]}", markup=False),
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task(title, total=1, note="")
+    with Progress(*columns, console=Console(file=raw_stderr())) as bar:
+        task = bar.add_task(printable(title), total=1, note="")
 
         def update(done: int, total: int, note: str = "") -> None:
-            bar.update(task, completed=done, total=total, note=note)
+            bar.update(task, completed=done, total=total, note=printable(note))
 
         yield update
 
@@ -68,22 +78,18 @@ def _line_progress(title: str) -> ProgressCallback:
 
 
 @contextmanager
-def deferred_interrupt(step: str = "iteration") -> Iterator[Callable[[], bool]]:
-    """Defers Ctrl-C in the block; yields a function that tells whether it was pressed. A second Ctrl-C interrupts.
+def deferred_interrupt(step: str = "iteration") -> Iterator[Interruption]:
+    """Defers Ctrl-C, SIGTERM and SIGHUP in the block; yields whether one came. A second one interrupts.
 
     A loop that asks after each step can end with a complete result. step: what a step is called in the message.
     """
-    is_asked = False
+    interruption = Interruption()
 
-    def handle(number: int, frame: FrameType | None) -> None:
-        nonlocal is_asked
-        if is_asked:
-            raise KeyboardInterrupt
-        is_asked = True
+    def handle(number: int) -> None:
+        if interruption():
+            raise Interrupted(number)
+        interruption.ask(number)
         print_stderr(f"stopping after this {step}; press Ctrl-C again to stop at once")
 
-    previous = signal.signal(signal.SIGINT, handle)
-    try:
-        yield lambda: is_asked
-    finally:
-        signal.signal(signal.SIGINT, previous)
+    with handled_signals(handle):
+        yield interruption

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,15 +12,16 @@ from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ
 from holoview.commands.arguments import parse_region, parse_seed, system_from_args, with_changes
+from holoview.commands.console import print_json
 from holoview.commands.contrast_by_pupil import contrast_by_pupil, format_rows
-from holoview.commands.output_files import check_output_file
+from holoview.commands.output_files import add_input, add_output
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.image_quality import central_region
 from holoview.metrics.retinal_speckle import pupils_of
 from holoview.metrics.speckle import independent_patterns, speckle_contrast
 from holoview.model import preset
 from holoview.model.focus import parse_plane, plane_label
-from holoview.report.figure import require_matplotlib
+from holoview.report.figure import figure_bytes, require_matplotlib
 from holoview.study.plots import make_figure
 from holoview.study.speckle_figure import speckle_figure
 from holoview.study.study import StudyFigure
@@ -29,7 +29,7 @@ from holoview.targets.image_reader import read_raster
 from holoview.targets.picture import read_picture
 from holoview.util import units
 from holoview.util.errors import UserError
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import write_file
 from holoview.view import random_drive, simulate
 
 _HOLOGRAM_SUFFIX, _PRESET_SUFFIX = ".safetensors", ".toml"
@@ -37,7 +37,7 @@ _HOLOGRAM_SUFFIX, _PRESET_SUFFIX = ".safetensors", ".toml"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    parser.add_argument("preset", metavar="WHAT", help="a picture, a hologram file, a preset's name or TOML file")
+    add_input(parser, "preset", metavar="WHAT", help="a picture, a hologram file, a preset's name or TOML file")
     parser.add_argument("--scheme", metavar="NAME", help="drive the preset's bench by a colour scheme")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], dest="changes", help="change it")
     parser.add_argument("--region", metavar="X,Y,W,H", help="samples from the upper left; the central half if absent")
@@ -51,10 +51,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="with an eye: also a table of the contrast through pupils of these diameters, e.g. 2,3,4mm",
     )
     parser.add_argument("--linear", action="store_true", help="an integer picture holds intensity, not an sRGB signal")
-    parser.add_argument(
+    add_output(
+        parser,
         "--plot",
         metavar="PNG",
-        type=Path,
+        suffix=".png",
         help="the region and its histogram beside the speckle laws; with --pupils, the contrast against them",
     )
     parser.add_argument("--json", action="store_true", help="machine-readable output")
@@ -87,7 +88,6 @@ def run(args: argparse.Namespace) -> int:
     """Measures and prints the contrast of a region, and plots it with its histogram if asked."""
     if args.plot is not None:
         require_matplotlib("--plot")
-        check_output_file(args.plot, ".png")
     shown = _shown_hologram(args)
     pupils_m = _parse_pupils(args.pupils, shown)
     image = _of_picture(Path(args.preset), args) if shown is None else _of_hologram(shown)
@@ -110,9 +110,12 @@ def run(args: argparse.Namespace) -> int:
         result |= {"pupils": table.rows, "independent_contrast": table.independent}
         draw = table.figure()
     if args.plot is not None:
-        _write_plot(args.plot, StudyFigure("contrast", image.description, draw))
+        write_file(args.plot, figure_bytes(make_figure(StudyFigure("contrast", image.description, draw)), dpi=150))
         result["plot"] = str(args.plot)
-    print(json.dumps(result, indent=2, ensure_ascii=False) if args.json else _format_result(result))
+    if args.json:
+        print_json(result)
+    else:
+        print(_format_result(result))
     return 0
 
 
@@ -192,8 +195,3 @@ def _of_hologram(shown: _ShownHologram) -> LuminanceImage:
     view = simulate(system, shown.hologram.drive, [shown.plane_m], backend="torch")
     place = plane_label(system, shown.plane_m) + ("" if system.eye is None else ", on the retina")
     return LuminanceImage(view.xyz[0, ..., 1], f"luminance of {shown.name} at {place}")
-
-
-def _write_plot(path: Path, plot: StudyFigure) -> None:
-    with atomic_write(path) as temporary:
-        make_figure(plot).savefig(temporary, dpi=150)

@@ -22,7 +22,7 @@ from holoview.commands.arguments import add_backend, check_adapter_applies
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.number_options import whole
 from holoview.commands.optimise import optimise_hologram
-from holoview.commands.output_files import check_output_file, make_folder
+from holoview.commands.output_files import add_output_folder, check_files
 from holoview.engine.backend import open_executor
 from holoview.io.hologram import Hologram
 from holoview.io.png import write_png
@@ -43,6 +43,8 @@ from holoview.session.target_spec import example_target
 from holoview.targets.focal_stack import Target
 from holoview.util import units
 from holoview.util.errors import UserError
+from holoview.util.file_writer import make_folder
+from holoview.util.signals import Interrupted
 from holoview.view import View, random_drive, simulate
 
 _DISPLAYS = ("holochrome-8", "simultaneous")
@@ -71,9 +73,7 @@ class _DisplayResult:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    parser.add_argument(
-        "-o", "--output", metavar="DIR", type=Path, default=Path("holoview-demo"), help="folder to write to"
-    )
+    add_output_folder(parser, "-o", "--output", metavar="DIR", default=Path("holoview-demo"), help="folder to write to")
     parser.add_argument("--iterations", type=whole(1), default=20, help="of each display's optimisation")
     parser.add_argument(
         "--shape", type=whole(1, 16384), nargs=2, metavar=("ROWS", "COLUMNS"), help="fewer modulator pixels: faster"
@@ -94,8 +94,8 @@ def run(args: argparse.Namespace) -> int:
     results: list[_DisplayResult] = []
     for system in systems:
         optimised = optimise_hologram(system, target.stack, settings)
-        if optimised.interrupted:
-            raise KeyboardInterrupt
+        if optimised.interruption():
+            raise Interrupted(optimised.interruption.signal)
         optimised.hologram.save(args.output / f"{system.name}.safetensors")
         results.append(_render_display(system.name, optimised.hologram, target, further, args))
     written = [path for result in results for path in _write_planes(result, args.output)]
@@ -118,7 +118,7 @@ def _prepare(args: argparse.Namespace, system: holoview.System) -> None:
     small = system.edit({"shape": [_MIN_SIDE, _MIN_SIDE], "propagation": "periodic"})
     open_executor(make_plan(small), random_drive(small), args.backend, args.adapter)
     make_folder(args.output)
-    check_output_file(args.output / "contact-sheet.png", ".png")
+    check_files(args, {"-o": [args.output / "contact-sheet.png"]})
 
 
 def _render_display(

@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import time
+from functools import partial
 from pathlib import Path
 
 from holoview.captures import read_captures, write_captures
@@ -14,9 +15,8 @@ from holoview.captures.records import plausible_units
 from holoview.captures.records.correction import apply_corrections
 from holoview.commands.arguments import parse_duration
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
-from holoview.commands.exit_codes import EXIT_INTERRUPTED
 from holoview.commands.number_options import whole
-from holoview.commands.output_files import check_folder, check_output_file, make_folder
+from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder
 from holoview.diagnose.comparison import Values
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
@@ -31,7 +31,7 @@ from holoview.model.system import System
 from holoview.report.figure import require_matplotlib
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import make_folder, write_file
 from holoview.util.progress import ProgressCallback
 
 _SHORT_S = 10.0  # of a search that says nothing before its end
@@ -40,13 +40,15 @@ _MAX_DEFAULT_WORKERS = 8  # each worker keeps a cache of a quarter of a gigabyte
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    parser.add_argument("captures", metavar="CAPTURES.h5", help="a capture file, see docs/captures.md")
-    parser.add_argument(
+    add_input(parser, "captures", metavar="CAPTURES.h5", help="a capture file, see docs/captures.md")
+    add_input(
+        parser,
         "--preset",
         metavar="PRESET",
         help="the nominal bench, in place of what the file says; its effects count as known",
     )
-    parser.add_argument(
+    add_input(
+        parser,
         "--effects",
         metavar="FILE.py",
         nargs="+",
@@ -54,17 +56,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="effects of your own that may be the cause; the files are run",
     )
-    parser.add_argument("--report", metavar="DIR", type=Path, help="write report.html and pictures into this folder")
-    parser.add_argument("--json", metavar="OUT.json", type=Path, help="write the diagnosis for programs")
-    parser.add_argument(
-        "--save-preset", metavar="P2.toml", type=Path, help="write the bench with the causes that were named"
-    )
-    parser.add_argument(
-        "--save-corrected",
-        metavar="FILE.h5",
-        type=Path,
-        help="write the captures as they should have been recorded, with a note of what was wrong",
-    )
+    _add_outputs(parser)
     parser.add_argument(
         "--no-display",
         action="store_true",
@@ -114,6 +106,25 @@ def _add_sampling(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_outputs(parser: argparse.ArgumentParser) -> None:
+    add_output_folder(parser, "--report", metavar="DIR", help="write report.html and pictures into this folder")
+    add_output(parser, "--json", metavar="OUT.json", suffix=".json", help="write the diagnosis for programs")
+    add_output(
+        parser,
+        "--save-preset",
+        metavar="P2.toml",
+        suffix=".toml",
+        help="write the bench with the causes that were named",
+    )
+    add_output(
+        parser,
+        "--save-corrected",
+        metavar="FILE.h5",
+        suffix=".h5",
+        help="write the captures as they should have been recorded, with a note of what was wrong",
+    )
+
+
 def run(args: argparse.Namespace) -> int:
     """Diagnoses, then writes the files that were asked for, each whole or not at all."""
     _check_arguments(args)
@@ -126,7 +137,7 @@ def run(args: argparse.Namespace) -> int:
     if args.preset is not None:
         captures, known, bench = with_preset_geometry(captures, preset.load(args.preset), args.preset)
     sampling = SamplingConfig(args.finer, args.padding, args.points)
-    with progress_bar("diagnosing") as progress, deferred_interrupt("prediction") as is_interrupted:
+    with progress_bar("diagnosing") as progress, deferred_interrupt("prediction") as interruption:
         so_far = _SoFar(progress)
         found = diagnose(
             captures,
@@ -135,24 +146,25 @@ def run(args: argparse.Namespace) -> int:
             progress=so_far.progress,
             thorough=args.thorough or args.time is not None,
             time_s=math.inf if args.thorough else args.time,
-            is_asked_to_end=is_interrupted,
+            is_asked_to_end=interruption,
             so_far=so_far.note,
             sampling=sampling,
         )
-        was_interrupted = is_interrupted()
     corrected = found.records.corrected(recorded)
     bench = bench or corrected.nominal_system()
-    if args.report is not None:
-        _write_report(args, bench, captures.is_fourier, known, found)
-    if args.json is not None:
-        with atomic_write(args.json) as temporary:
-            temporary.write_text(json.dumps(found.as_json(), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    if args.save_preset is not None:
-        preset.save(extended_system(bench, found.values), args.save_preset)
-    if args.save_corrected is not None:
-        write_captures(args.save_corrected, corrected)
-    _print_diagnosis(found, args)
-    return EXIT_INTERRUPTED if was_interrupted else 0
+    text = json.dumps(found.as_json(), indent=2, ensure_ascii=False) + "\n"
+    extended = extended_system(bench, found.values)
+    saver, written = ResultSaver(), []
+    for path, save in (
+        (args.report, partial(_write_report, args, bench, captures.is_fourier, known, found)),
+        (args.json, partial(write_file, content=text)),
+        (args.save_preset, partial(preset.save, extended)),
+        (args.save_corrected, partial(write_captures, captures=corrected)),
+    ):
+        if path is not None:
+            written.append(saver.save(path, save))
+    _print_diagnosis(found, args, written)
+    return interruption.exit_code or saver.exit_code
 
 
 class _SoFar:
@@ -185,12 +197,8 @@ def _check_arguments(args: argparse.Namespace) -> None:
         given = getattr(args, name)
         if given is not None and not least <= given <= most:
             raise UserError(f"--{name}", f"{given}", expected=f"{least} to {most}")
-    for path, suffix in ((args.json, ".json"), (args.save_preset, ".toml"), (args.save_corrected, ".h5")):
-        if path is not None:
-            check_output_file(path, suffix)
     if args.report is not None:
         require_matplotlib("--report")
-        check_folder(args.report)
 
 
 def _load_effects(file: str) -> list[Effect]:
@@ -199,12 +207,14 @@ def _load_effects(file: str) -> list[Effect]:
     return load_user_effects(file)
 
 
-def _write_report(args: argparse.Namespace, bench: System, fourier: bool, known: Values, found: Diagnosis) -> None:
+def _write_report(
+    args: argparse.Namespace, bench: System, fourier: bool, known: Values, found: Diagnosis, folder: Path
+) -> None:
     # here: the optimiser and matplotlib take a second to import
     from holoview.diagnose.display_gain import display_gain
     from holoview.diagnose.html_report import write_report
 
-    make_folder(args.report)
+    make_folder(folder)
     gain = None
     if found.values and not fourier and not args.no_display:
         iterations = SearchConfig().report.hologram_iterations
@@ -213,10 +223,10 @@ def _write_report(args: argparse.Namespace, bench: System, fourier: bool, known:
                 bench.edit({"effects": {}}), known, found.values, iterations=iterations, progress=progress
             )
     with progress_bar("drawing") as progress:
-        write_report(args.report, Path(args.captures).name, found, gain, progress)
+        write_report(folder, Path(args.captures).name, found, gain, progress)
 
 
-def _print_diagnosis(found: Diagnosis, args: argparse.Namespace) -> None:
+def _print_diagnosis(found: Diagnosis, args: argparse.Namespace, written: list[Path]) -> None:
     """The diagnosis in a few lines."""
     before, after = found.before, found.after
     of_how_many = f" ({found.captures - len(found.bad_captures)} of {found.captures} captures)"
@@ -244,6 +254,5 @@ def _print_diagnosis(found: Diagnosis, args: argparse.Namespace) -> None:
         print(f"  {place}: {suggestion}")
     for note in found.notes:
         print(f"  note: {note}")
-    for path in (args.report and args.report / "report.html", args.json, args.save_preset, args.save_corrected):
-        if path:
-            print(f"  written: {path}")
+    for path in written:
+        print(f"  written: {path / 'report.html' if path.is_dir() else path}")

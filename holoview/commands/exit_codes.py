@@ -9,5 +9,5 @@ EXIT_USER_ERROR = 2
 EXIT_DEVICE_LOST = 3
 """The graphics device was lost, or the viewer crashed again and again. Work in the viewer is saved."""
 
-EXIT_INTERRUPTED = 130
-"""Ctrl-C: 128 + SIGINT, as shells report it."""
+# A program that SIGINT (Ctrl-C), SIGTERM or SIGHUP ends returns 128 + the signal's number, as shells report it: 130,
+# 143 or 129, see `holoview.util.signals`.

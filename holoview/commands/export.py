@@ -8,26 +8,26 @@ A pixel holds one of three things: a grey value from 0 to the maximum for an opt
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from holoview.commands.number_options import whole
-from holoview.commands.output_files import make_folder
+from holoview.commands.output_files import add_input, add_output_folder
 from holoview.io.hologram import load_hologram
 from holoview.io.plm import CELL_MAPS, memory_cells
 from holoview.io.png import write_pattern, write_png
 from holoview.model.bench_parts import Modulator
 from holoview.optics.slm import level_numbers
 from holoview.util.errors import UserError
+from holoview.util.file_writer import make_folder
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    parser.add_argument("hologram", help="a hologram file")
-    parser.add_argument("--png", metavar="DIR", type=Path, required=True, help="folder to write to; made if missing")
+    add_input(parser, "hologram", help="a hologram file")
+    add_output_folder(parser, "--png", metavar="DIR", required=True, help="folder to write to; made if missing")
     parser.add_argument(
         "--bits", type=whole(1), choices=(8, 16), default=8, help="grey levels: 0…max stands for 0…stroke"
     )

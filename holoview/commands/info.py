@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 from itertools import groupby
 
 from holoview.commands.arguments import add_system, system_from_args
+from holoview.commands.console import print_json
 from holoview.commands.system_info import info_rows
 from holoview.model import preset
 
@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
         table: dict[str, dict[str, str]] = {}
         for row in rows:
             table.setdefault(row.heading, {})[row.name] = row.text
-        print(json.dumps(table, indent=2, ensure_ascii=False))
+        print_json(table)
         return 0
     print(f"{system.name}: {system.description}")
     for heading, group in groupby(rows, key=lambda row: row.heading):

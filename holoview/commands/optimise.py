@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from holoview.colour import to_srgb8
 from holoview.commands.arguments import system_from_args, warn_of_camera_effects, warn_of_limits
-from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
-from holoview.commands.exit_codes import EXIT_INTERRUPTED
+from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
+from holoview.commands.default_output import default_output
 from holoview.commands.optimise_options import (
     RunOptions,
     add_options,
@@ -26,7 +26,7 @@ from holoview.commands.optimise_options import (
 )
 from holoview.commands.optimise_score import format_scores, render_for_score, score_hologram
 from holoview.commands.optimise_target import TargetSource
-from holoview.commands.output_files import check_output_file
+from holoview.commands.output_files import ResultSaver, check_files
 from holoview.commands.place_scores import format_place_scores, score_places, target_at_places
 from holoview.commands.pupil_places import parse_places
 from holoview.io.hologram import Hologram, load_hologram
@@ -44,6 +44,7 @@ from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
 from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
+from holoview.util.signals import Interruption
 
 _PREVIEW_INTERVAL_S = 2.0
 
@@ -58,8 +59,8 @@ def run(args: argparse.Namespace) -> int:
     system = system_from_args(args)
     warn_of_camera_effects(system)
     require_scores(args.score)
-    output = args.output or Path(f"{system.name or 'hologram'}-{Path(args.target).stem}.safetensors")
-    check_output_file(output, ".safetensors")
+    output = args.output or default_output(system.name, Path(args.target).stem, ".safetensors")
+    check_files(args, {"-o": [output], "--resume": [args.resume] if args.resume and not args.checkpoint else []})
     require_optimisation_memory(system)
     pupils = parse_places(args.pupils, system)
     settings, options = settings_from_args(args, system, pupils), run_options_from_args(args)
@@ -70,12 +71,13 @@ def run(args: argparse.Namespace) -> int:
         result = optimise_hologram(aimed, stack, settings, options, group)
     result = replace(result, hologram=_seen_by_eye_of(system, result.hologram))
     if not group.is_main:
-        return EXIT_INTERRUPTED if result.interrupted else 0
-    result.hologram.save(output, as_uint8=args.drive_type == "uint8")
+        return result.interruption.exit_code
+    saver = ResultSaver()
+    output = saver.save(output, partial(result.hologram.save, as_uint8=args.drive_type == "uint8"))
     warn_of_limits(exceeded_limits(make_plan(system)))
-    if result.interrupted:
+    if result.interruption():
         print_stderr(f"interrupted after iteration {result.state.iteration}: the best so far is kept in {output}")
-        return EXIT_INTERRUPTED
+        return result.interruption.exit_code
     saved = load_hologram(output)
     images = render_for_score(saved, source)
     try:
@@ -85,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
         print_stderr(f"note: {output} is saved but can't be scored: {error}")
         scores = {}
     _print_result(args, output, result, scores)
-    return 0
+    return saver.exit_code
 
 
 def _aimed_system(args: argparse.Namespace, system: System) -> System:
@@ -103,11 +105,11 @@ def _seen_by_eye_of(system: System, hologram: Hologram) -> Hologram:
 
 @dataclass(frozen=True)
 class OptimisationResult:
-    """The best hologram, the last state, and whether Ctrl-C ended the optimisation."""
+    """The best hologram, the last state, and what Ctrl-C or another signal did to the optimisation."""
 
     hologram: Hologram
     state: IterationState
-    interrupted: bool
+    interruption: Interruption
 
 
 _DEFAULT_RUN_OPTIONS = RunOptions()
@@ -132,26 +134,27 @@ def optimise_hologram(
     start = None if options.initial_hologram is None else options.initial_hologram.drive
     files = _IntermediateFiles(options)
     state: IterationState | None = None
-    interrupted = False
-    with deferred_interrupt() as is_interrupted, _main_process_progress(system, process_group) as progress:
+    with deferred_interrupt() as interruption, _main_process_progress(system, process_group) as progress:
         for state in iterate(
             optimised_system, stack, settings, start, options.resume, device=options.device, team=process_group
         ):
             progress(state.iteration, state.iterations, _progress_note(state))
-            interrupted = process_group.any_rank(is_interrupted())
+            is_interrupted = process_group.any_rank(interruption())  # the same in all, whatever comes in the meantime
             stops = (
-                interrupted
+                is_interrupted
                 or state.best_psnr_db >= options.stop_psnr_db
                 or process_group.any_rank(state.seconds >= options.time_limit_s)
             )
             if process_group.is_main:
                 files.write_due(state, is_last=stops or state.iteration == state.iterations)
+            if is_interrupted:
+                interruption.ask()
             if stops:
                 break
     if state is None:
         raise UserError("--resume", "the checkpoint is of a finished optimisation", expected="one with iterations left")
     best = state.best.system.edit({"propagation": system.sampling.propagation})
-    return OptimisationResult(Hologram(state.best.drive, best), state, interrupted)
+    return OptimisationResult(Hologram(state.best.drive, best), state, interruption)
 
 
 def _main_process_progress(system: System, group: ProcessGroup) -> AbstractContextManager[ProgressCallback]:
@@ -205,7 +208,7 @@ def _print_result(args: argparse.Namespace, output: Path, result: OptimisationRe
     if args.json:
         table = {"preset": system.name, "file": str(output), "iterations": state.iteration}
         table |= {"seconds": round(state.seconds, 2), "loss": state.loss, "wavelengths_nm": wavelengths}
-        print(json.dumps(table | scores, indent=2))
+        print_json(table | scores)
         return
     print(f"{output}: {state.iteration} iterations in {state.seconds:.1f} s")
     if "wavelengths" in args.free:

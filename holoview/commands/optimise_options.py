@@ -9,7 +9,7 @@ from pathlib import Path
 
 from holoview.commands.arguments import add_system, parse_duration, parse_region, parse_seed
 from holoview.commands.number_options import number, whole
-from holoview.commands.output_files import check_output_file
+from holoview.commands.output_files import add_input, add_output
 from holoview.commands.pupil_places import PupilPlaces
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES
@@ -59,13 +59,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_target(group: argparse._ArgumentGroup) -> None:
-    group.add_argument(
+    add_input(
+        group,
         "target",
         metavar="TARGET",
         help="a picture (PNG, JPEG, TIFF, EXR), a focal stack (a folder, TIFF pages, EXR), or a light field (a folder "
         "with views.toml)",
     )
-    group.add_argument("--depth", metavar="FILE", help="depth map of the picture's size (PNG, NPY, EXR): 0 is nearest")
+    add_input(group, "--depth", metavar="FILE", help="depth map of the picture's size (PNG, NPY, EXR): 0 is nearest")
     group.add_argument(
         "--at",
         metavar="DISTANCE",
@@ -139,7 +140,7 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--begin", choices=INITIAL_PATTERNS, default="random", help="smooth: less speckle, an emptier eyebox"
     )
-    group.add_argument("--start", metavar="FILE", help="a hologram file whose patterns to begin with")
+    add_input(group, "--start", metavar="FILE", help="a hologram file whose patterns to begin with")
     group.add_argument(
         "--grid",
         choices=("compact", "preset"),
@@ -159,11 +160,21 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--time", metavar="TIME", type=parse_duration, default=math.inf, help="stop after this long, e.g. 90s, 10min"
     )
-    group.add_argument("--checkpoint", metavar="FILE", type=Path, help="write all that goes on from here, now and then")
+    add_output(
+        group,
+        "--checkpoint",
+        metavar="FILE",
+        suffix=".safetensors",
+        help="write all that goes on from here, now and then",
+    )
     group.add_argument("--checkpoint-every", metavar="TIME", type=parse_duration, default=30.0, help="default 30s")
-    group.add_argument("--resume", metavar="FILE", type=Path, help="go on from a checkpoint, and keep writing to it")
-    group.add_argument("--preview", metavar="FILE", type=Path, help="PNG of the middle plane, rewritten while it runs")
-    group.add_argument("-o", "--output", metavar="FILE", type=Path, help="hologram file to write (.safetensors)")
+    add_input(group, "--resume", metavar="FILE", type=Path, help="go on from a checkpoint, and keep writing to it")
+    add_output(
+        group, "--preview", metavar="FILE", suffix=".png", help="PNG of the middle plane, rewritten while it runs"
+    )
+    add_output(
+        group, "-o", "--output", metavar="FILE", suffix=".safetensors", help="hologram file to write (.safetensors)"
+    )
     group.add_argument(
         "--drive-type",
         choices=("float32", "uint8"),
@@ -230,9 +241,6 @@ def run_options_from_args(args: argparse.Namespace) -> RunOptions:
     if args.resume and args.start:
         raise UserError("--resume with --start", "contradict each other", expected="one of them")
     checkpoint = args.checkpoint or args.resume
-    for path, suffix in ((checkpoint, ".safetensors"), (args.preview, ".png")):
-        if path is not None:
-            check_output_file(path, suffix)
     device = resolve_torch_device(args.device)
     return RunOptions(
         grid=args.grid,

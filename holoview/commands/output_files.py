@@ -1,39 +1,175 @@
-"""Checks that files and folders can be written, before time is spent on their content."""
+"""The files that a command reads and writes: declared with its arguments, checked before any work, saved at the end.
+
+`cli` checks the arguments of every command (`check_files`). A command that derives further names from them, such as
+that of each focal plane, checks these as soon as it knows them. No output may be one of the inputs or another output,
+also by way of a link, and every output must be possible to write.
+"""
 
 from __future__ import annotations
 
+import argparse
+import os
 import tempfile
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from holoview.commands.console import print_stderr
+from holoview.commands.exit_codes import EXIT_FAILED
 from holoview.util.errors import UserError
+from holoview.util.file_writer import WriteError, check_writable
+from holoview.util.rescue import save_elsewhere
+
+_FILES = "files"  # the destination in argparse's namespace of all `FileArgument`s
+_TOGETHER = ({"--checkpoint", "--resume"}, {"--resume"})  # a run that goes on from a checkpoint goes on writing to it
+_MAX_BASES = 30  # that are followed; no sensible preset is based on more
 
 
-def check_output_file(path: Path, suffix: str) -> None:
-    """Raises UserError unless a file of this suffix (such as ".png") can be written at `path`."""
+@dataclass(frozen=True)
+class FileArgument:
+    """An argument that names files: its destination in argparse's namespace, its flag, and what it is for.
+
+    kind: "input", "output" or "folder" (to write to). suffix: that an output must have; "" if the command checks it.
+    """
+
+    dest: str
+    flag: str
+    kind: str
+    suffix: str = ""
+
+
+def add_input(parser: argparse._ActionsContainer, *names: str, **options: Any) -> None:
+    """Adds an argument with the name of a file to read, or several; it may also be something else, such as a preset."""
+    _declare(parser, parser.add_argument(*names, **options), "input")
+
+
+def add_output(parser: argparse._ActionsContainer, *names: str, suffix: str, **options: Any) -> None:
+    """Adds an argument with the name of a file to write, which must have this suffix, such as ".png".
+
+    With the suffix "", the command itself knows what it may be, and checks it by `check_suffix` and `check_files`.
+    """
+    _declare(parser, parser.add_argument(*names, type=Path, **options), "output", suffix)
+
+
+def add_output_folder(parser: argparse._ActionsContainer, *names: str, **options: Any) -> None:
+    """Adds an argument with the name of a folder to write to; it is made if it is missing."""
+    _declare(parser, parser.add_argument(*names, type=Path, **options), "folder")
+
+
+def _declare(parser: argparse._ActionsContainer, action: argparse.Action, kind: str, suffix: str = "") -> None:
+    flag = action.option_strings[0] if action.option_strings else str(action.metavar or action.dest)
+    declared: tuple[FileArgument, ...] = parser.get_default(_FILES) or ()
+    parser.set_defaults(**{_FILES: (*declared, FileArgument(action.dest, flag, kind, suffix))})
+
+
+def check_files(args: argparse.Namespace, derived: Mapping[str, Iterable[Path]] | None = None) -> None:
+    """Raises UserError unless all outputs can be written and are neither inputs nor one another.
+
+    derived: outputs by the flag that they follow from, in place of the argument's own value.
+    """
+    arguments: tuple[FileArgument, ...] = getattr(args, _FILES, ())
+    given = [(argument, path) for argument in arguments for path in _paths(getattr(args, argument.dest))]
+    inputs = [
+        (argument.flag if file == path else f"a file of {argument.flag}", file)
+        for argument, path in given
+        if argument.kind == "input" and os.path.exists(path)  # noqa: PTH110 (it takes any name)
+        for file in (path, *_named_by_preset(path))
+    ]
+    for argument, path in given:
+        if argument.kind == "folder":
+            _check_folder(path)
+        elif argument.suffix:
+            check_suffix(path, argument.suffix)
+    derived = derived or {}
+    declared = [(argument.flag, path) for argument, path in given if argument.suffix]
+    outputs = [(flag, path) for flag, path in declared if flag not in derived]
+    outputs += [(flag, path) for flag, paths in derived.items() for path in paths]
+    for number, (flag, path) in enumerate(outputs):
+        check_writable(path)
+        others = [(f"would overwrite {name}", name, other) for name, other in inputs]
+        others += [(f"is the file of {name} too", name, other) for name, other in outputs[:number]]
+        for found, name, other in others:
+            if {flag, name} not in _TOGETHER and _is_same_or_inside(path, other):
+                raise UserError(f"{flag} {path}", found, expected="a file of its own", remedy="choose another name")
+
+
+def _paths(value: Any) -> Iterator[Path]:
+    """The paths of an argument's value: none, one or several."""
+    for name in value if isinstance(value, list | tuple) else [value]:
+        if isinstance(name, str | Path):
+            yield Path(name)
+
+
+def _named_by_preset(path: Path, depth: int = 0) -> Iterator[Path]:
+    """The files that a preset names: the one that it is based on, and those of its effects; none for other files."""
+    if path.suffix.lower() != ".toml" or depth > _MAX_BASES:
+        return
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        effects = table.get("effects", {}).values()
+        files = [path.parent / values["file"] for values in effects if isinstance(values, dict) and "file" in values]
+        base = path.parent / table["base"] if str(table.get("base", "")).endswith(".toml") else None
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+        return  # the command says what is wrong with it
+    yield from files
+    if base is not None and base.is_file():
+        yield base
+        yield from _named_by_preset(base, depth + 1)
+
+
+def _is_same_or_inside(path: Path, other: Path) -> bool:
+    """Whether two names mean one file, or `path` is one that is there already in the folder `other`."""
+    with suppress(OSError):
+        if path.exists() and other.exists():
+            return path.samefile(other) or (other.is_dir() and path.parent.samefile(other))
+    return os.path.normcase(os.path.realpath(path)) == os.path.normcase(os.path.realpath(other))
+
+
+def check_suffix(path: Path, suffix: str) -> None:
+    """Raises UserError unless the path can be the name of a file with this suffix."""
     if path.suffix.lower() != suffix:
         raise UserError(str(path), f'the suffix "{path.suffix}"', expected=suffix)
     if path.is_dir():
         raise UserError(str(path), "is a folder", expected=f"the name of a {suffix} file to write")
-    if not path.parent.is_dir():
-        raise UserError(str(path), f"the folder {path.parent} doesn't exist", remedy="create it or choose another")
+
+
+def _check_folder(path: Path) -> None:
+    """Raises UserError unless the folder can be written to, or made in the nearest folder above it that there is."""
+    if os.path.lexists(path) and not path.is_dir():
+        remedy = "choose another folder"
+        raise UserError(str(path), "can't be made: it is a file", expected="a folder to write to", remedy=remedy)
     try:
-        tempfile.TemporaryFile(dir=path.parent).close()
-    except OSError as error:
-        raise UserError(str(path), f"can't be written: {error.strerror}", remedy="choose another folder") from error
+        there = next((folder for folder in (path, *path.absolute().parents) if os.path.lexists(folder)), Path())
+        tempfile.TemporaryFile(dir=there).close()
+        with suppress(FileNotFoundError):
+            path.lstat()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise UserError(str(path), f"can't be written: {reason}", remedy="choose another folder") from error
 
 
-def check_folder(path: Path) -> None:
-    """Raises UserError if `path` is a file, where a folder is to be created."""
-    if path.exists() and not path.is_dir():
-        raise UserError(
-            str(path), "can't be made: it is a file", expected="a folder to write to", remedy="choose another folder"
-        )
+class ResultSaver:
+    """Saves the results of a command; what can't be written where it was wanted is kept at another place.
 
+    exit_code: 0, or EXIT_FAILED once a result had to go elsewhere.
+    """
 
-def make_folder(path: Path) -> None:
-    """Creates a folder and its parents unless it exists. Raises UserError when that fails."""
-    check_folder(path)
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(str(path), f"can't be made: {error.strerror}", remedy="choose another folder") from error
+    def __init__(self) -> None:
+        self.exit_code = 0
+
+    def save(self, path: Path, save: Callable[[Path], object]) -> Path:
+        """Saves by `save(path)`; returns the path where it is. Raises WriteError if no place takes it."""
+        try:
+            save(path)
+            return path
+        except WriteError as error:
+            kept = save_elsewhere(path, save)
+            if kept is None:
+                raise
+            print_stderr(f"holoview: {error}")
+            print_stderr(f"kept at another place: {kept}")
+            self.exit_code = EXIT_FAILED
+            return kept

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import json
 
+from holoview.commands.console import print_json
 from holoview.model import preset
 
 
@@ -17,7 +17,7 @@ def run(args: argparse.Namespace) -> int:
     """Prints name and description of every shipped preset."""
     descriptions = {name: preset.load(name).description for name in preset.names()}
     if args.json:
-        print(json.dumps(descriptions, indent=2, ensure_ascii=False))
+        print_json(descriptions)
         return 0
     width = max(map(len, descriptions))
     for name, description in descriptions.items():

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +23,10 @@ from holoview.commands.arguments import (
     with_changes,
     with_effects,
 )
-from holoview.commands.console import print_stderr, progress_bar
-from holoview.commands.number_options import number
-from holoview.commands.output_files import check_output_file
+from holoview.commands.console import print_json, print_stderr, progress_bar
+from holoview.commands.default_output import default_output
+from holoview.commands.number_options import number, whole
+from holoview.commands.output_files import ResultSaver, add_input, add_output, check_files, check_suffix
 from holoview.commands.render_path import check_exposure, render_path
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.io.png import path_with_suffix, read_pattern, write_png
@@ -42,12 +43,12 @@ from holoview.view import View, random_drive, simulate
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
     add_system(parser, optional=True)
-    parser.add_argument("--hologram", metavar="FILE", help="a hologram file; alone, its own bench is used")
+    add_input(parser, "--hologram", metavar="FILE", help="a hologram file; alone, its own bench is used")
     several: dict[str, Any] = {"nargs": "+", "action": "extend"}
-    parser.add_argument(
-        "--slm1", metavar="PNG", **several, help="pattern of modulator 1, one a frame (0…max is 0…stroke)"
+    add_input(
+        parser, "--slm1", metavar="PNG", **several, help="pattern of modulator 1, one a frame (0…max is 0…stroke)"
     )
-    parser.add_argument("--slm2", metavar="PNG", **several, help="pattern of modulator 2, one a frame")
+    add_input(parser, "--slm2", metavar="PNG", **several, help="pattern of modulator 2, one a frame")
     parser.add_argument(
         "--random", metavar="SEED", type=parse_seed, help="random patterns: speckle (the default, with seed 0)"
     )
@@ -57,20 +58,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
         **several,
         help='e.g. 10mm 11mm, with an eye also 0.5D, or "all"; the middle plane if absent',
     )
-    parser.add_argument(
+    add_input(
+        parser,
         "--pupil-path",
         metavar="CSV",
         type=Path,
         help="with an eye: what it sees while its pupil moves along a path, as the viewer saves it",
     )
-    parser.add_argument("--frames", metavar="N", type=int, help="with --pupil-path: how many pictures (24)")
+    parser.add_argument("--frames", metavar="N", type=whole(1), help="with --pupil-path: how many pictures (24)")
     parser.add_argument("--exposure", metavar="STOPS", type=number(), default=0.0, help="brighten by 2^STOPS")
     add_backend(parser)
-    parser.add_argument(
+    add_output(
+        parser,
         "-o",
         "--output",
         metavar="PNG",
-        type=Path,
+        suffix="",
         help="several planes are numbered: OUT-10mm.png; with --pupil-path a PNG, GIF or MP4 that moves, or a folder",
     )
     parser.add_argument("--json", action="store_true", help="print what was made as JSON")
@@ -85,8 +88,10 @@ def run(args: argparse.Namespace) -> int:
         return render_path(args, system, drive, planes_m)
     if args.frames is not None:
         raise UserError("--frames", "without --pupil-path", expected="both, or neither")
-    output = args.output or Path(f"{system.name or 'holoview'}.png")
-    check_output_file(output, ".png")
+    output = args.output or default_output(system.name, "", ".png")
+    check_suffix(output, ".png")
+    paths = _plane_paths(output, planes_m)
+    check_files(args, {"-o": paths})
     check_adapter_applies(args)
     check_exposure(args.exposure)
     started = time.perf_counter()
@@ -101,18 +106,18 @@ def run(args: argparse.Namespace) -> int:
         )
     seconds = time.perf_counter() - started
     warn_of_limits(view.notes)
-    files = _write_planes(view.exposed(args.exposure), system, output, args.exposure)
+    saver = ResultSaver()
+    files = _write_planes(view.exposed(args.exposure), system, paths, args.exposure, saver)
     if args.json:
         result = {"preset": system.name, "backend": view.backend, "seconds": round(seconds, 3), "planes": files}
-        result["notes"] = view.notes
-        print(json.dumps(result, indent=2))
+        print_json(result | {"notes": view.notes})
     else:
         print(f"backend: {view.backend} ({seconds:.2f} s)")
         for entry in files:
             contrast = entry["speckle_contrast"]
             speckle = "" if contrast is None else f"  speckle contrast {contrast:.3f} (central half)"
             print(f"{entry['plane']}: {entry['file']}{speckle}")
-    return 0
+    return saver.exit_code
 
 
 def _system_and_drive(args: argparse.Namespace) -> tuple[System, NDArray[np.float32]]:
@@ -184,15 +189,23 @@ def _parse_planes(texts: list[str] | None, system: System) -> NDArray[np.float64
     return np.array(list(dict.fromkeys(planes_m)))
 
 
-def _write_planes(view: View, system: System, output: Path, exposure: float) -> list[dict[str, Any]]:
+def _plane_paths(output: Path, planes_m: NDArray[np.floating]) -> list[Path]:
+    """The file of each plane."""
+    if len(planes_m) == 1:
+        return [output]
+    return [path_with_suffix(output, units.format_exact(z, "mm").replace(" ", "")) for z in planes_m.tolist()]
+
+
+def _write_planes(
+    view: View, system: System, paths: list[Path], exposure: float, saver: ResultSaver
+) -> list[dict[str, Any]]:
     """Writes a PNG for each plane of a view; returns plane, file, contrast and mean luminance of each, for JSON.
 
     exposure: stops by which the view was brightened, for the file's metadata.
     """
     files = []
-    for i, plane_m in enumerate(view.focus_m.tolist()):
-        name, plane = units.format_exact(plane_m, "mm"), plane_label(system, plane_m)
-        path = output if len(view.focus_m) == 1 else path_with_suffix(output, name.replace(" ", ""))
+    for i, (plane_m, wanted) in enumerate(zip(view.focus_m.tolist(), paths, strict=True)):
+        plane = plane_label(system, plane_m)
         texts = {
             "holoview.preset": system.name,
             "holoview.plane": plane,
@@ -201,7 +214,7 @@ def _write_planes(view: View, system: System, output: Path, exposure: float) -> 
             "holoview.system": preset.dumps(system),
         }
         luminance = view.xyz[i, ..., 1]
-        write_png(path, view.srgb8[i], texts)
+        path = saver.save(wanted, partial(write_png, pixels=view.srgb8[i], texts=texts))
         figures = {"speckle_contrast": _speckle_contrast(luminance), "mean_luminance": float(luminance.mean())}
         files.append({"plane": plane, "file": str(path), **figures})
     if np.all(view.srgb8 == 0):

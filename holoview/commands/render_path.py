@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -14,8 +13,9 @@ from numpy.typing import NDArray
 
 from holoview.colour import to_srgb8, xyz_to_linear_srgb
 from holoview.commands.arguments import check_adapter_applies
-from holoview.commands.console import progress_bar
-from holoview.commands.output_files import check_output_file, make_folder
+from holoview.commands.console import print_json, progress_bar
+from holoview.commands.default_output import default_output
+from holoview.commands.output_files import check_files, check_suffix
 from holoview.io.animation import MAX_FRAMES, SUFFIXES, Encoder, Pixels, open_encoder
 from holoview.io.png import write_png
 from holoview.io.pupil_path_file import load_pupil_path
@@ -25,6 +25,7 @@ from holoview.model.pupil_path import views_along
 from holoview.model.system import System
 from holoview.session.rendering import render_each
 from holoview.util.errors import UserError
+from holoview.util.file_writer import make_folder
 
 _FRAMES = 24
 _SHORTEST_S = 0.1
@@ -47,8 +48,8 @@ def render_path(
     path, count = load_pupil_path(args.pupil_path), _FRAMES if args.frames is None else args.frames
     _check(args, path.accommodation_dpt is not None, planes_m, count)
     times_s, views = views_along(system, path, count, float(planes_m[0]))
-    output = args.output or Path(f"{system.name or 'holoview'}-path.png")
-    write = _open_output(output, count, max(path.duration_s, _SHORTEST_S))
+    output = args.output or default_output(system.name, "path", ".png")
+    write = _open_output(args, output, count, max(path.duration_s, _SHORTEST_S))
     texts = {"holoview.preset": system.name, "holoview.path": args.pupil_path.name}
     texts |= {"holoview.exposure": f"{args.exposure:g} stops", "holoview.system": preset.dumps(system)}
     started = time.perf_counter()
@@ -76,11 +77,12 @@ def _check(args: argparse.Namespace, tells_focus: bool, planes_m: NDArray[np.flo
         raise UserError("--plane", f"{len(planes_m)} planes", expected="one, with --pupil-path")
 
 
-def _open_output(output: Path, count: int, duration_s: float) -> Encoder | None:
+def _open_output(args: argparse.Namespace, output: Path, count: int, duration_s: float) -> Encoder | None:
     """What writes an animation; None for a folder, which is made. Raises UserError for what can't be written."""
     suffix = output.suffix.lower()
     if suffix in SUFFIXES:
-        check_output_file(output, suffix)
+        check_suffix(output, suffix)
+        check_files(args, {"-o": [output]})
         return open_encoder(output, count, duration_s)
     if suffix and not output.is_dir():
         raise UserError(str(output), f'the suffix "{suffix}"', expected=f"{', '.join(SUFFIXES)}, or a folder")
@@ -127,8 +129,4 @@ def _report(
         pupil_mm = system.eye.pupil_diameter_m(system.field_m) * 1e3
         place = {"y_mm": system.eye.pupil_y_m * 1e3, "x_mm": system.eye.pupil_x_m * 1e3, "pupil_mm": pupil_mm}
         states.append({"time_s": time_s, **place, "plane": plane_label(system, plane_m, digits=7)})
-    print(
-        json.dumps(
-            {"preset": views[0][0].name, "seconds": round(seconds, 3), "files": files, "states": states}, indent=2
-        )
-    )
+    print_json({"preset": views[0][0].name, "seconds": round(seconds, 3), "files": files, "states": states})

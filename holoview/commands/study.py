@@ -9,9 +9,8 @@ from typing import Any
 
 from holoview.commands.arguments import parse_seed
 from holoview.commands.console import print_stderr, progress_bar
-from holoview.commands.exit_codes import EXIT_INTERRUPTED
 from holoview.commands.number_options import number, whole
-from holoview.commands.output_files import make_folder
+from holoview.commands.output_files import add_output_folder
 from holoview.model.field_types import Shape
 from holoview.report.figure import require_matplotlib
 from holoview.study.registry import find_study, studies_by_name
@@ -20,6 +19,8 @@ from holoview.study.runner import ExecutionTarget, run_jobs
 from holoview.study.scale import QUICK, SCALES, TARGETS, StudyScale
 from holoview.study.store import ResultStore
 from holoview.util.errors import UserError
+from holoview.util.file_writer import make_folder
+from holoview.util.signals import exit_code_of
 
 _MAX_WORKERS = 1024
 
@@ -43,8 +44,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=number(0),
         help="penalty on an unevenly lit eyebox for all holograms (0: none)",
     )
-    parser.add_argument("--jobs", metavar="DIR", type=Path, help="folder of finished jobs, which studies can share")
-    parser.add_argument("-o", "--output", metavar="DIR", type=Path, help="folder for the report; out/study-NAME")
+    add_output_folder(parser, "--jobs", metavar="DIR", help="folder of finished jobs, which studies can share")
+    add_output_folder(parser, "-o", "--output", metavar="DIR", help="folder for the report; out/study-NAME")
     parser.add_argument("--workers", metavar="N", default="1", help="processes of this machine that share the work")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler's address: tcp://host:8786")
 
@@ -68,12 +69,12 @@ def run(args: argparse.Namespace) -> int:
     try:
         with progress_bar(study.name) as progress:
             results = run_jobs(study, jobs, store, target, progress)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
         done = sum(store.load(job) is not None for job in jobs)
         print_stderr(
             f"interrupted: {done} of {len(jobs)} jobs are done and kept in {store.folder}; run it again for the rest"
         )
-        return EXIT_INTERRUPTED
+        return exit_code_of(error)
     findings = study.analyse(results)
     path = write_report(folder, study, scale, args.seed, findings)
     print(

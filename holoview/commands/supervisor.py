@@ -13,11 +13,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from types import FrameType
 from typing import Any
 
 from holoview.commands.exit_codes import EXIT_DEVICE_LOST
-from holoview.util.signals import end_with_parent
+from holoview.util.signals import end_with_parent, handled_signals
 
 Program = Callable[[Sequence[str]], int]
 
@@ -26,7 +25,6 @@ MOST_CRASHES = 3
 CRASH_WINDOW_S = 60.0
 _UNSUPERVISED = ("-h", "--help", "--offscreen", "--until-image")
 _CRASHES = tuple(getattr(signal, f"SIG{name}", 0) for name in ("ABRT", "BUS", "FPE", "ILL", "SEGV", "SYS", "TRAP"))
-_PASSED_ON = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _WINDOWS_EXCEPTIONS, _WINDOWS_CTRL_C = 0xC0000000, 0xC000013A
 
 
@@ -75,17 +73,13 @@ def _run(program: Program, words: Sequence[str]) -> None:
 
 @contextmanager
 def _signals_passed_on(process: Any) -> Iterator[None]:
-    def pass_on(number: int, _: FrameType | None) -> None:
+    def pass_on(number: int) -> None:
         if sys.platform != "win32" and process.pid is not None:  # Windows sends Ctrl-C to both
             with suppress(ProcessLookupError):
                 os.kill(process.pid, number)
 
-    before = {number: signal.signal(number, pass_on) for number in _PASSED_ON}
-    try:
+    with handled_signals(pass_on):
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _how(code: int) -> str:

@@ -10,8 +10,8 @@ from holoview.app.serve_options import CLIENTS, ServeOptions
 from holoview.commands.arguments import add_changes, with_changes
 from holoview.commands.console import print_stderr
 from holoview.commands.exit_codes import EXIT_DEVICE_LOST
-from holoview.commands.number_options import whole
-from holoview.commands.output_files import check_output_file
+from holoview.commands.number_options import number, whole
+from holoview.commands.output_files import add_input, add_output
 from holoview.model import preset
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
@@ -26,7 +26,8 @@ _REMEDY = "install the library that is missing; on Debian and Ubuntu: apt-get in
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    parser.add_argument(
+    add_input(
+        parser,
         "names",
         nargs="*",
         metavar="PRESET|FILE",
@@ -46,18 +47,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="end when the first image is displayed, and say so",
     )
     parser.add_argument("--recover", type=whole(0, 2**31), metavar="PID", help=argparse.SUPPRESS)  # of `supervisor`
-    parser.add_argument("--script", metavar="FILE", type=Path, help="actions to do, a line each; with --offscreen")
-    parser.add_argument("--screenshot", metavar="PNG", type=Path, help="a picture of the window; with --offscreen")
+    add_input(parser, "--script", metavar="FILE", type=Path, help="actions to do, a line each; with --offscreen")
+    add_output(parser, "--screenshot", metavar="PNG", suffix=".png", help="a picture of the window; with --offscreen")
 
 
 def _add_serve_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("with --serve")
     group.add_argument("--look", action="store_true", help="to look at: no files are opened, saved or exported")
     group.add_argument(
-        "--clients", metavar="N", type=int, help=f"the most pages that are connected at a time; {CLIENTS} if absent"
+        "--clients",
+        metavar="N",
+        type=whole(1),
+        help=f"the most pages that are connected at a time; {CLIENTS} if absent",
     )
     group.add_argument(
-        "--idle", metavar="MINUTES", type=float, help="a page without input is disconnected; 60 if absent, 0: never"
+        "--idle", metavar="MINUTES", type=number(0), help="a page without input is disconnected; 60 if absent, 0: never"
     )
     group.add_argument(
         "--host-name",
@@ -65,10 +69,8 @@ def _add_serve_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         help="a further name that it answers to, such as that of a reverse proxy; may be given several times",
     )
-    group.add_argument(
-        "--certificate", metavar="PEM", type=Path, help="encrypts connections (TLS) with this certificate"
-    )
-    group.add_argument("--key", metavar="PEM", type=Path, help="key of the certificate, if it isn't in the same file")
+    add_input(group, "--certificate", metavar="PEM", type=Path, help="encrypts connections (TLS) with this certificate")
+    add_input(group, "--key", metavar="PEM", type=Path, help="key of the certificate, if it isn't in the same file")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -127,8 +129,6 @@ def _check(args: argparse.Namespace) -> None:
     for flag, value in others.items():
         if args.until_image and value is not None:
             raise UserError("--until-image", f"with {flag}", expected="one of them")
-    if args.screenshot is not None:
-        check_output_file(args.screenshot, ".png")
 
 
 def _serve_options(args: argparse.Namespace) -> ServeOptions:

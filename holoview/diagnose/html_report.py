@@ -14,7 +14,7 @@ from holoview.diagnose.display_gain import DisplayGain
 from holoview.diagnose.formatting import format_value
 from holoview.diagnose.verdict import Verdict
 from holoview.report.figure import figure_bytes
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import write_file
 from holoview.util.progress import ProgressCallback
 
 _MEANINGS = {
@@ -55,11 +55,9 @@ def write_report(
     if gain is not None:
         pictures["display"] = gain.sheet
     for name, data in pictures.items():
-        with atomic_write(folder / f"{name}.png") as temporary:
-            temporary.write_bytes(data)
+        write_file(folder / f"{name}.png", data)
     path = folder / "report.html"
-    with atomic_write(path) as temporary:
-        temporary.write_text(_render_html(title, diagnosis, pictures, gain), encoding="utf-8")
+    write_file(path, _render_html(title, diagnosis, pictures, gain))
     if progress is not None:
         progress(len(figures) + 1, len(figures) + 1, "report.html")
     return path

@@ -29,7 +29,7 @@ from typing import Any, TypeVar
 
 from holoview.diagnose.shared_arrays import ArrayStore, SharedObjects
 from holoview.util.errors import UserError
-from holoview.util.signals import leave_signals_to_parent, sigint_blocked
+from holoview.util.signals import leave_signals_to_parent, signals_blocked
 
 T = TypeVar("T")
 FinishedCallback = Callable[[int], None]
@@ -108,7 +108,7 @@ class WorkerPool:
             return
         while kill or not self._ready.done():
             for process in list((self._executor._processes or {}).values()):
-                process.terminate()
+                process.kill()
             kill = not wait([self._ready], timeout=_POLL_S).done
         self._executor.shutdown(cancel_futures=True)
 
@@ -129,7 +129,7 @@ class WorkerPool:
     def _start_processes(self, shared: SharedObjects, ready: Future[None]) -> None:
         """Starts the processes, in a thread of its own since a fork server answers only once it has imported."""
         try:
-            with sigint_blocked():  # this process hears Ctrl-C and ends them
+            with signals_blocked():  # this process hears Ctrl-C and ends them
                 context = _process_context()
                 if sys.platform == "linux":
                     first_process = context.Process(target=os.getpid)  # type: ignore[attr-defined]

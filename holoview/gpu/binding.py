@@ -27,7 +27,8 @@ import wgpu
 from cffi import FFI
 
 from holoview.util.errors import UserError
-from holoview.util.files import atomic_write, cache_dir
+from holoview.util.file_writer import write_file
+from holoview.util.files import cache_dir
 
 TESTED_VERSIONS = ((0, 32),)
 """Versions (major, minor) of wgpu whose backend is known to work with stored declarations."""
@@ -93,8 +94,7 @@ def load_declarations(header: str, folder: Path | None = None) -> Any:
         text = _parse(header)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_file(path, text, is_durable=False)
     except (OSError, UserError):
         pass  # the folder isn't writable or the disk is full: the next start parses again
     return _execute(text)

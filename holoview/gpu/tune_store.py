@@ -17,7 +17,8 @@ from typing import Any, cast
 from holoview.gpu.adapter import AdapterInfo
 from holoview.gpu.line_fft import STRATEGIES, Strategy
 from holoview.util.errors import UserError
-from holoview.util.files import atomic_write, cache_dir
+from holoview.util.file_writer import write_file
+from holoview.util.files import cache_dir
 
 FORMAT = 1
 """Version of the entries; to be increased when shaders become faster or slower, or the layout of the file changes."""
@@ -77,8 +78,7 @@ class TuningStore:
         entries = {**self._entries(), _key(info, shape): entry}
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with atomic_write(self.path) as temporary:
-                temporary.write_text(json.dumps(entries, indent=1, sort_keys=True), encoding="utf-8")
+            write_file(self.path, json.dumps(entries, indent=1, sort_keys=True), is_durable=False)
         except (OSError, UserError):
             return  # the folder isn't writable or the disk is full: the next run measures again
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +13,14 @@ from PIL import Image
 
 from holoview.io.png import png_chunks
 from holoview.util.errors import UserError
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import write_file
 from holoview.util.optional_library import import_optional
 
 SUFFIXES = (".png", ".gif", ".mp4")
 MAX_FRAMES = 1200
 Pixels = NDArray[np.uint8]
 Encoder = Callable[[Sequence[Pixels], Mapping[str, str]], None]
-_Encode = Callable[[Path, list[Pixels], float, Mapping[str, str]], None]
+_Encode = Callable[[list[Pixels], float, Mapping[str, str]], bytes]
 
 
 def open_encoder(path: Path, frames: int, seconds: float) -> Encoder:
@@ -36,8 +38,7 @@ def open_encoder(path: Path, frames: int, seconds: float) -> Encoder:
     encode = _encoder(path.suffix.lower())
 
     def write(pixels: Sequence[Pixels], texts: Mapping[str, str]) -> None:
-        with atomic_write(path) as temporary:
-            encode(temporary, list(pixels), seconds, texts)
+        write_file(path, encode(list(pixels), seconds, texts))
 
     return write
 
@@ -52,17 +53,19 @@ def _encoder(suffix: str) -> _Encode:
     raise UserError("animation", f'the suffix "{suffix}"', expected=" or ".join(SUFFIXES))
 
 
-def _encode_png(path: Path, frames: list[Pixels], seconds: float, texts: Mapping[str, str]) -> None:
-    first, *others = map(Image.fromarray, frames)
-    each_ms = 1000.0 * seconds / len(frames)
-    first.save(
-        path, format="PNG", save_all=True, append_images=others, duration=each_ms, loop=0, pnginfo=png_chunks(texts)
-    )
+def _encode_png(frames: list[Pixels], seconds: float, texts: Mapping[str, str]) -> bytes:
+    return _encode_by_pillow("PNG", frames, seconds, pnginfo=png_chunks(texts))
 
 
-def _encode_gif(path: Path, frames: list[Pixels], seconds: float, texts: Mapping[str, str]) -> None:
+def _encode_gif(frames: list[Pixels], seconds: float, texts: Mapping[str, str]) -> bytes:
+    return _encode_by_pillow("GIF", frames, seconds)
+
+
+def _encode_by_pillow(name: str, frames: list[Pixels], seconds: float, **options: Any) -> bytes:
     first, *others = map(Image.fromarray, frames)
-    first.save(path, format="GIF", save_all=True, append_images=others, duration=1000.0 * seconds / len(frames), loop=0)
+    buffer, each_ms = io.BytesIO(), 1000.0 * seconds / len(frames)
+    first.save(buffer, format=name, save_all=True, append_images=others, duration=each_ms, loop=0, **options)
+    return buffer.getvalue()
 
 
 def _mp4_encoder() -> _Encode:
@@ -70,9 +73,11 @@ def _mp4_encoder() -> _Encode:
     import_optional("av", "an .mp4 file")
     writer = import_optional("imageio.v3", "an .mp4 file")
 
-    def encode(path: Path, frames: list[Pixels], seconds: float, texts: Mapping[str, str]) -> None:
+    def encode(frames: list[Pixels], seconds: float, texts: Mapping[str, str]) -> bytes:
         stack = np.stack([_crop_to_even(frame) for frame in frames])
-        writer.imwrite(path, stack, plugin="pyav", codec="libx264", fps=len(frames) / seconds)
+        rate = len(frames) / seconds
+        encoded: bytes = writer.imwrite("<bytes>", stack, extension=".mp4", plugin="pyav", codec="libx264", fps=rate)
+        return encoded
 
     return encode
 

@@ -9,6 +9,7 @@ metadata     format, version, system (TOML with units)
 from __future__ import annotations
 
 import os
+import tomllib
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,7 @@ from holoview.model import preset
 from holoview.model.system import System
 from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema
-from holoview.util.safetensors_file import TensorFormat
+from holoview.util.safetensors_file import TensorFormat, metadata_of
 
 FORMAT, VERSION = "holoview-hologram", "1"
 _MAX_CODE = np.float32(255.0)  # of a drive in 8 bits
@@ -122,3 +123,14 @@ def load_hologram(path: str | os.PathLike[str]) -> Hologram:
         return Hologram(drive.astype(np.float32) / scale, system)
     except UserError as error:
         raise error.inside(f"{path}: ") from error
+
+
+def system_name_of(path: str | os.PathLike[str]) -> str | None:
+    """The name of the bench in a hologram file; None for any other file. Only the header is read."""
+    metadata = metadata_of(path)
+    if metadata.get("format") != FORMAT:
+        return None
+    try:
+        return str(tomllib.loads(metadata["system"]).get("name", ""))
+    except (KeyError, ValueError, RecursionError):
+        return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +14,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from holoview.targets.image_reader import file_format, read_raster
 from holoview.util.errors import UserError
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import write_file
 from holoview.util.version import __version__
 
 
@@ -24,8 +25,9 @@ def write_png(path: str | os.PathLike[str], pixels: NDArray[np.uint8 | np.uint16
 
     Raises UserError when the file can't be written.
     """
-    with atomic_write(path) as temporary:
-        Image.fromarray(pixels).save(temporary, format="PNG", pnginfo=png_chunks(texts))
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, format="PNG", pnginfo=png_chunks(texts))
+    write_file(path, buffer.getbuffer())
 
 
 def png_chunks(texts: Mapping[str, str]) -> PngInfo:
@@ -76,6 +78,16 @@ def read_pattern(path: str | os.PathLike[str], shape: tuple[int, int]) -> NDArra
         found, expected = (f"{columns} x {rows} pixels" for rows, columns in (raster.values.shape[:2], shape))
         raise UserError(str(path), found, expected=f"{expected}, one a modulator pixel", remedy="or change the preset")
     return raster.values[..., 0].astype(np.float32)
+
+
+def png_texts(path: str | os.PathLike[str]) -> dict[str, str]:
+    """The text chunks of a PNG that holoview wrote; none for any other file."""
+    try:
+        with Image.open(path, formats=["PNG"]) as image:
+            texts = {str(key): str(value) for key, value in image.info.items() if isinstance(value, str)}
+    except (OSError, ValueError, SyntaxError):
+        return {}
+    return texts if texts.get("Software", "").startswith("holoview") else {}
 
 
 def path_with_suffix(path: Path, suffix: str) -> Path:

@@ -19,7 +19,7 @@ from pathlib import Path
 from holoview.model.pupil_path import COLUMNS, MAX_POINTS, PupilPath
 from holoview.util import units
 from holoview.util.errors import UserError, suggest_matches
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import write_file
 
 SUFFIX = ".csv"
 _UNITS = {"times_s": "s", "y_m": "mm", "x_m": "mm", "pupil_m": "mm", "accommodation_dpt": "D"}
@@ -36,8 +36,7 @@ def save_pupil_path(path: str | os.PathLike[str], pupil_path: PupilPath) -> None
     writer.writerow([_HEADINGS[field] for field in fields])
     columns = [[_format(value, _UNITS[field]) for value in getattr(pupil_path, field)] for field in fields]
     writer.writerows(zip(*columns, strict=True))
-    with atomic_write(path) as temporary:
-        temporary.write_text(table.getvalue(), encoding="utf-8")
+    write_file(path, table.getvalue())
 
 
 def load_pupil_path(path: str | os.PathLike[str]) -> PupilPath:

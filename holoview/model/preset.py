@@ -19,7 +19,8 @@ from holoview.model.shorthand import expand_table
 from holoview.model.system import System
 from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError, suggest_matches
-from holoview.util.files import atomic_write, data_dir
+from holoview.util.file_writer import write_file
+from holoview.util.files import data_dir
 from holoview.util.input_file import read_text, require_file
 
 _FILE, _REMEDY = "a preset's TOML file", "`holoview presets` lists names"
@@ -76,8 +77,7 @@ def dumps(system: System) -> str:
 def save(system: System, path: str | os.PathLike[str]) -> None:
     """Writes the system as a preset file, atomically. Paths of effects' files become relative to its folder."""
     table = _map_file_paths(_to_table(system), Path(path).resolve().parent, _relative_path)
-    with atomic_write(path) as temporary:
-        temporary.write_text(tomli_w.dumps(table, multiline_strings=False), encoding="utf-8")
+    write_file(path, tomli_w.dumps(table, multiline_strings=False))
 
 
 def _to_table(system: System) -> dict[str, Any]:

@@ -11,8 +11,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import write_file
 from holoview.util.optional_library import import_optional
+from holoview.util.text import printable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,8 +45,14 @@ def new_figure(
 def figure_bytes(figure: Figure, file_format: str = "png", dpi: float | None = None) -> bytes:
     """The content of a file that shows the figure. file_format: "png" or "pdf". dpi: the figure's own when None."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format=file_format, dpi="figure" if dpi is None else dpi)
+    metadata = {"Creator" if file_format == "pdf" else "Software": "holoview"}
+    figure.savefig(buffer, format=file_format, dpi="figure" if dpi is None else dpi, metadata=metadata)
     return buffer.getvalue()
+
+
+def label(text: str) -> str:
+    """A name or title from a file as text for a figure: one line, in which matplotlib finds no formula."""
+    return printable(text).replace("$", r"\$")
 
 
 @contextmanager
@@ -57,5 +64,4 @@ def png_figure(path: str | os.PathLike[str], size_in: tuple[float, float]) -> It
     """
     figure = new_figure(size_in)
     yield figure
-    with atomic_write(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=120)
+    write_file(path, figure_bytes(figure, dpi=120))

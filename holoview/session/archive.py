@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import weakref
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,21 +26,37 @@ from holoview.model.system import System
 from holoview.session.document import Document, as_readonly_drive
 from holoview.session.history import HistoryStep
 from holoview.session.target_spec import TargetSpec, example_target
-from holoview.session.view_settings import ComparisonSide, ViewSettings
+from holoview.session.view_settings import ViewSettings
+from holoview.session.view_settings_table import (
+    finite,
+    index,
+    pupil_path_from_table,
+    text,
+    view_settings_from_table,
+    view_settings_table,
+)
 from holoview.targets.picture import Picture
 from holoview.targets.target import Placement
 from holoview.util.data_text import parse_json_table
 from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema
-from holoview.util.files import atomic_write, fsync
+from holoview.util.file_writer import make_folder, write_file
 from holoview.util.input_file import read_text
 from holoview.util.safetensors_file import TensorFormat
 
 FORMAT, VERSION = "holoview-session", 1
-_FILE = "session.json"
+SESSION_FILE = "session.json"
 _WHAT, _MOST_BYTES = "a saved session", 1 << 28  # of session.json: a history of a thousand steps has about a million
 _TABLE_TYPES = {"steps": list, "position": int, "snapshots": dict, "systems": dict, "targets": dict}
-_TARGET_FIELDS = ("title", "brightness", "saturation", "space", "is_example")
+_TARGET_READERS: dict[str, Callable[[Any], Any]] = {
+    "title": text,
+    "brightness": finite,
+    "saturation": finite,
+    "space": text,
+    "is_example": bool,
+}
+_DAMAGE = (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
+"""What reading a file raises that isn't as it was written; UserError is a ValueError."""
 _ARRAY = TensorFormat(
     "holoview-object",
     "1",
@@ -79,11 +95,11 @@ class SessionArchive:
         self._systems: dict[System, str] = {}
 
     def write(self, data: SessionData, metadata: Mapping[str, Any]) -> None:
-        """Writes the data, with `metadata` in session.json. Raises UserError or OSError when the disk can't be written.
+        """Writes the data, with `metadata` in session.json. Raises WriteError when the disk can't be written.
 
         Objects that no step refers to any more are deleted.
         """
-        self._objects.mkdir(parents=True, exist_ok=True)
+        make_folder(self._objects)
         systems: dict[str, str] = {}
         targets: dict[str, Any] = {}
         paths: dict[str, Any] = {}
@@ -105,14 +121,12 @@ class SessionArchive:
             "targets": targets,
             "pupil_paths": paths,
         }
-        text = json.dumps(table)
-        with atomic_write(self.folder / _FILE) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-            fsync(temporary)
-        fsync(self.folder)
+        content = json.dumps(table)
+        write_file(self.folder / SESSION_FILE, content)
         for path in self._objects.glob("*.safetensors"):
-            if path.stem not in text:
-                path.unlink(missing_ok=True)
+            if path.stem not in content:
+                with suppress(OSError):  # on a disk that is read-only by now
+                    path.unlink(missing_ok=True)
 
     def _document_table(self, document: Document, systems: dict[str, str], targets: dict[str, Any]) -> dict[str, Any]:
         """The JSON of a document but its view; system and target are added to the tables that all documents share."""
@@ -134,7 +148,7 @@ class SessionArchive:
         }
 
     def _target_table(self, target_spec: TargetSpec) -> dict[str, Any]:
-        table = {key: getattr(target_spec, key) for key in _TARGET_FIELDS}
+        table = {key: getattr(target_spec, key) for key in _TARGET_READERS}
         if target_spec.is_example:  # its files are shipped, and lie elsewhere in another installation
             return table
         placement = asdict(target_spec.placement)
@@ -153,14 +167,21 @@ class SessionArchive:
         path = self._objects / f"{entry[1]}.safetensors"
         if not path.is_file():
             _ARRAY.write(path, {"array": array}, {})
-            fsync(path)
-            fsync(self._objects)
         return entry[1]
+
+
+def _view_table(view: ViewSettings, paths: dict[str, Any]) -> dict[str, Any]:
+    """The JSON of view settings; their path of the pupil is added to the table that all share."""
+    if view.pupil_path is None:
+        return view_settings_table(view)
+    key = str(id(view.pupil_path))
+    paths.setdefault(key, asdict(view.pupil_path))
+    return view_settings_table(view) | {"pupil_path": key}
 
 
 def read_metadata(folder: Path) -> dict[str, Any]:
     """The content of a folder's session.json. Raises UserError when it is missing, damaged, or of another version."""
-    path = folder / _FILE
+    path = folder / SESSION_FILE
     table = parse_json_table(read_text(path, _WHAT, most=_MOST_BYTES), str(path), _WHAT, finite=True)
     if (table.get("format"), table.get("version")) != (FORMAT, VERSION):
         raise UserError(str(path), f"version {table.get('version')}", expected=f"{FORMAT}, version {VERSION}")
@@ -170,21 +191,40 @@ def read_metadata(folder: Path) -> dict[str, Any]:
     return table
 
 
+def is_of_other_version(folder: Path) -> bool:
+    """Whether the session in a folder is whole, but written by another version of holoview."""
+    path = folder / SESSION_FILE
+    try:
+        table = parse_json_table(read_text(path, _WHAT, most=_MOST_BYTES), str(path), _WHAT)
+        return bool(table["format"] == FORMAT and isinstance(table["version"], int) and table["version"] != VERSION)
+    except _DAMAGE:
+        return False
+
+
 def read_session(folder: Path) -> tuple[SessionData, list[str]]:
     """The session in a folder, and a sentence for each part that couldn't be read.
 
     Raises UserError when session.json or every step of the history is unreadable.
     """
     table = read_metadata(folder)
+    try:
+        return _read_table(folder, table)
+    except _DAMAGE as error:
+        if isinstance(error, UserError):
+            raise
+        raise UserError(str(folder), f"is damaged: {_reason(error)}", expected="a saved session") from error
+
+
+def _read_table(folder: Path, table: Mapping[str, Any]) -> tuple[SessionData, list[str]]:
     reader = _Reader(folder, table)
     steps: list[HistoryStep] = []
-    position = 0
-    for index, entry in enumerate(table["steps"]):
-        label, when = _label(entry), _seconds(entry)
+    position, present = 0, index(table["position"])
+    for number, entry in enumerate(table["steps"]):
+        label = text(entry["label"])
         document = reader.document(entry, f'step "{label}"')
         if document is not None:
-            steps.append(HistoryStep(label, document, when))
-        if index <= table["position"]:
+            steps.append(HistoryStep(label, document, finite(entry["when"])))
+        if number <= present:
             position = max(len(steps) - 1, 0)
     if not steps:
         raise UserError(str(folder), "no step of it can be read", expected="a saved session")
@@ -195,14 +235,9 @@ def read_session(folder: Path) -> tuple[SessionData, list[str]]:
     return SessionData(tuple(steps), position, readable, unfinished), reader.unreadable
 
 
-def _label(entry: Any) -> str:
-    return str(entry.get("label", "")) if isinstance(entry, dict) else ""
-
-
-def _seconds(entry: Any) -> float:
-    """When a step was made, as `time.time`; 0 where that can't be read."""
-    when = entry.get("when") if isinstance(entry, dict) else None
-    return float(when) if isinstance(when, int | float) and math.isfinite(when) else 0.0
+def _reason(error: Exception) -> str:
+    """What is wrong, in words."""
+    return f"{error} is missing" if isinstance(error, KeyError) else str(error)
 
 
 class _Reader:
@@ -224,11 +259,11 @@ class _Reader:
                 self._array(entry["drive"]),
                 self._view(entry["look"]),
                 None if entry["wanted"] is None else self._target(entry["wanted"]),
-                entry["origin"],
-                None if entry["path"] is None else Path(entry["path"]),
+                text(entry["origin"]),
+                None if entry["path"] is None else Path(text(entry["path"])),
             )
-        except (UserError, KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
-            self.unreadable.append(f"{what}: {error}")
+        except _DAMAGE as error:
+            self.unreadable.append(f"{what}: {_reason(error)}")
             return None
 
     def _system(self, key: str) -> System:
@@ -237,6 +272,8 @@ class _Reader:
         return self._systems[key]
 
     def _array(self, name: str) -> NDArray[np.float32]:
+        if not name.isalnum():
+            raise ValueError(f'"{name}" is no name of an object')
         if name not in self._arrays:
             if not (isinstance(name, str) and name.isalnum()):
                 raise UserError("object", f"{name!r}", expected="a name of letters and digits")
@@ -247,7 +284,7 @@ class _Reader:
     def _target(self, key: str) -> TargetSpec:
         if key not in self._targets:
             table = self._table["targets"][key]
-            fields = {name: table[name] for name in _TARGET_FIELDS if name in table}
+            fields = {name: read(table[name]) for name, read in _TARGET_READERS.items() if name in table}
             self._targets[key] = (
                 replace(example_target(), **fields)
                 if fields.get("is_example")
@@ -258,35 +295,10 @@ class _Reader:
     def _view(self, table: Mapping[str, Any]) -> ViewSettings:
         key = table.get("pupil_path")
         if key is not None and key not in self._paths:
-            stored: dict[str, Any] = self._table["pupil_paths"][key]
-            columns: dict[str, Any] = {name: None if c is None else tuple(c) for name, c in stored.items()}
-            self._paths[key] = PupilPath(**columns)
-        return _view_from_table(table, None if key is None else self._paths[key])
+            self._paths[key] = pupil_path_from_table(self._table["pupil_paths"][key])
+        return view_settings_from_table(table, None if key is None else self._paths[key])
 
     def _target_source(self, table: Mapping[str, Any]) -> Picture | Path:
-        return Path(table["stack"]) if "stack" in table else Picture(self._array(table["picture"]), table["source"])
-
-
-# --- view settings --------------------------------------------------------------------------------------------------
-
-
-def _view_table(view: ViewSettings, paths: dict[str, Any]) -> dict[str, Any]:
-    """The JSON of view settings; their path of the pupil is added to the table that all share."""
-    table = asdict(replace(view, pupil_path=None)) | {"muted": sorted(view.muted)}
-    if view.pupil_path is None:
-        return table
-    key = str(id(view.pupil_path))
-    paths.setdefault(key, {field.name: getattr(view.pupil_path, field.name) for field in fields(PupilPath)})
-    return table | {"pupil_path": key}
-
-
-def _view_from_table(table: Mapping[str, Any], pupil_path: PupilPath | None) -> ViewSettings:
-    """The view settings of a table; a field that is missing gets its default."""
-    values: dict[str, Any] = {}
-    for field in fields(ViewSettings):
-        if field.name in table:
-            value = table[field.name]
-            values[field.name] = tuple(value) if isinstance(value, list) else value
-    values |= {key: ComparisonSide(**values[key]) for key in ("a", "b") if key in values}
-    values["muted"] = frozenset(values.get("muted", ()))
-    return ViewSettings(**values | {"pupil_path": pupil_path})
+        if "stack" in table:
+            return Path(text(table["stack"]))
+        return Picture(self._array(table["picture"]), text(table["source"]))

@@ -37,7 +37,8 @@ class EditingSession:
     """A document with undo, snapshots to compare with, background jobs, and messages to the user.
 
     drive: patterns (frame, modulator, y, x) in 0…1; random patterns of `seed` when None. wake: may be called on any
-    thread. `version` rises with each change. Raises UserError when the drive doesn't fit the system.
+    thread. `version` rises with each change. save_problem: why the session isn't saved at present, or "". Raises
+    UserError when the drive doesn't fit the system.
     """
 
     def __init__(
@@ -67,7 +68,7 @@ class EditingSession:
         return session
 
     def _set_up(self, history: History, snapshots: Mapping[str, Document], wake: Callable[[], None]) -> None:
-        self.wake, self.version = wake, 0
+        self.wake, self.version, self.save_problem = wake, 0, ""
         self._history, self._snapshots = history, dict(snapshots)
         self._inbox, self._listeners = CallQueue(), Listeners()
         self._preview: tuple[Document, Document] | None = None

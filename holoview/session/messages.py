@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from holoview.util.errors import UserError
+from holoview.util.text import printable
 
 MAX_MESSAGES = 200
 
@@ -41,8 +42,8 @@ class MessageLog:
         return tuple(message for message in self._messages if message.when >= since)
 
     def post(self, text: str, kind: str = "info", details: str = "") -> None:
-        """Adds a message."""
-        self._messages.append(Message(text, kind, details, self._clock()))
+        """Adds a message; its text may quote a file."""
+        self._messages.append(Message(printable(text), kind, details, self._clock()))
         self._on_change()
 
     def post_error(self, error: BaseException, where: str = "") -> None:

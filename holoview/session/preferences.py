@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import platformdirs
 
-from holoview.util.errors import UserError
-from holoview.util.files import atomic_write
+from holoview.session.damaged_state import set_aside
+from holoview.util.file_writer import WriteError, make_folder, write_file
 
 MAX_RECENT_FILES = 20
+_REMEDY = "preferences are kept until the viewer is closed"
+
+T = TypeVar("T")
 
 
 def state_folder() -> Path:
@@ -20,45 +23,62 @@ def state_folder() -> Path:
 
 
 class Preferences:
-    """JSON values by name in one file, such as the theme and the recent files. A damaged file counts as empty."""
+    """JSON values by name in one file, such as the theme and the recent files.
+
+    A file that can't be read counts as empty; a damaged one is kept aside. problem: a line about that, or "".
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._values: dict[str, Any] = {}
+        self.problem = ""
         try:
-            read = json.loads(path.read_text(encoding="utf-8"))
-            self._values = dict(read)
-        except (OSError, ValueError, TypeError):
+            self._values = dict(json.loads(path.read_text(encoding="utf-8")))
+        except FileNotFoundError:
             pass
+        except OSError as error:
+            self.problem = f"preferences: {path} can't be read: {error.strerror}; the usual ones are used"
+        except (ValueError, TypeError, RecursionError):
+            self.problem = f"preferences: {set_aside(path)}; the usual ones are used"
 
-    def get(self, key: str, default: Any = None) -> Any:
-        """The value of a name, or the default."""
-        return self._values.get(key, default)
+    def get(self, key: str, default: T) -> T:
+        """The value of a name; the default for a name that isn't stored, or with a value of another type."""
+        value = self._values.get(key, default)
+        return value if isinstance(value, type(default)) else default
 
     def set(self, key: str, value: Any) -> None:
         """Stores a value that JSON can represent, immediately.
 
-        Raises UserError when the file can't be written; the value is kept for this process then.
+        Raises WriteError when the file can't be written; the value is kept for this process then.
         """
         if self._values.get(key) == value and key in self._values:
             return
         text = json.dumps(self._values | {key: value}, indent=1)
         self._values[key] = value
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:  # a home folder that is missing or read-only
-            where, found = str(self._path.parent), f"can't be made: {error.strerror}"
-            raise UserError(where, found, remedy="preferences are kept until the viewer is closed") from error
-        with atomic_write(self._path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+            make_folder(self._path.parent)
+            write_file(self._path, text, is_durable=False)
+        except WriteError as error:  # a home folder that is missing or read-only, a full disk
+            raise WriteError(error.where, error.found, expected=error.expected, remedy=_REMEDY) from error
 
     @property
     def recent_files(self) -> tuple[Path, ...]:
         """The files that were opened last and still exist, newest first."""
-        return tuple(path for path in map(Path, self.get("recent", [])) if path.exists())
+        return tuple(path for path in map(Path, self._recent_names()) if _exists(path))
 
     def add_recent_file(self, path: Path) -> None:
         """Puts a file first in the list of recent files."""
         name = str(path.resolve())
-        others = [other for other in self.get("recent", []) if other != name]
+        others = [other for other in self._recent_names() if other != name]
         self.set("recent", [name, *others][:MAX_RECENT_FILES])
+
+    def _recent_names(self) -> list[str]:
+        stored: list[Any] = self.get("recent", [])
+        return [name for name in stored if isinstance(name, str)]
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # a name that is too long, a folder that can't be looked into
+        return False

@@ -11,22 +11,28 @@ import os
 import shutil
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import psutil
 
-from holoview.session.archive import read_metadata, read_session
+from holoview.session.archive import SESSION_FILE, is_of_other_version, read_metadata, read_session
 from holoview.session.autosave import Autosave
+from holoview.session.damaged_state import is_aside, set_aside
 from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession
 from holoview.session.history import History
 from holoview.session.preferences import Preferences, state_folder
+from holoview.session.view_settings_table import finite, text
 from holoview.util.errors import UserError
+from holoview.util.file_writer import WriteError, make_folder, write_file
 
 _LOCK = "lock.json"
 _MAX_FOLDERS_A_SECOND = 10_000
+_UNREADABLE = (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError)  # of a damaged lock
 
 
 @dataclass(frozen=True)
@@ -77,14 +83,8 @@ class SessionStore:
 
     def saved_sessions(self) -> list[SavedSession]:
         """All sessions that were saved at least once, newest first."""
-        sessions = []
-        for folder in self._sessions.glob("*/"):
-            try:
-                table = read_metadata(folder)
-                sessions.append(SavedSession(folder, str(table["title"]), float(table["when"]), len(table["steps"])))
-            except (UserError, KeyError, TypeError, ValueError):
-                continue  # never saved, or written by another version: can't be offered
-        return sorted(sessions, key=lambda saved: -saved.when)
+        found = map(self._saved_session, self._folders())
+        return sorted((saved for saved in found if saved is not None), key=lambda saved: -saved.when)
 
     def crashed_sessions(self) -> list[SavedSession]:
         """Sessions whose process ended without closing them, newest first."""
@@ -99,37 +99,83 @@ class SessionStore:
 
         It stays saved until the session that continues it is closed. Raises UserError when nothing can be read.
         """
-        saved = next((saved for saved in self.crashed_sessions() if _owner(saved.folder)["pid"] == pid), None)
+        saved = next((saved for saved in self.crashed_sessions() if _owner_pid(saved.folder) == pid), None)
         if saved is None:
             return None
         session = saved.restore()
-        _lock(saved.folder)
+        with suppress(WriteError):  # on a full disk; it is offered again if this process crashes too
+            _lock(saved.folder)
         self._taken_over.append(saved)
         session.messages.post(f"The viewer crashed. This is your work, with {len(session.history) - 1} edits to undo.")
         return session
+
+    def set_damaged_aside(self) -> list[str]:
+        """Renames sessions whose description can't be read, of programs that have ended; a line about each."""
+        lines = []
+        for folder in self._folders():
+            is_damaged = (folder / SESSION_FILE).exists() and not is_of_other_version(folder)
+            if is_damaged and self._saved_session(folder) is None and not _is_owner_alive(folder):
+                lines.append(self.set_aside(folder))
+        return lines
+
+    def set_aside(self, folder: Path) -> str:
+        """Renames the folder of a session that can't be restored, so that it is kept and not offered; says so."""
+        return f"saved session: {set_aside(folder)}"
 
     def discard(self, saved: SavedSession) -> None:
         """Deletes a saved session."""
         shutil.rmtree(saved.folder, ignore_errors=True)
 
     def start_autosave(self, session: EditingSession) -> Autosave:
-        """Saves the session whenever it changes, until the autosave is closed. Raises UserError if it can't."""
+        """Saves the session whenever it changes, until the autosave is closed."""
+        folder = self._new_folder()
+        return Autosave(session, folder, partial(_open_folder, folder), partial(self._on_closed, folder))
+
+    def _new_folder(self) -> Path:
+        """A name for a folder; another session of this process may have got it within this second."""
         name = f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
         numbers = range(_MAX_FOLDERS_A_SECOND)
         folder = next(path for n in numbers if not (path := self._sessions / f"{name}-{n}").exists())
-        try:
+        with suppress(OSError):  # each save tries again
             folder.mkdir(parents=True)
-            _lock(folder)
-        except OSError as error:
-            raise UserError(str(folder), f"can't be made: {error.strerror}", remedy="free space there") from error
-        return Autosave(session, folder, self._on_closed)
+        return folder
 
-    def _on_closed(self, folder: Path) -> None:
-        """Unlocks the folder of a session that was closed, and deletes sessions that were closed earlier."""
-        (folder / _LOCK).unlink(missing_ok=True)
+    def _folders(self) -> list[Path]:
+        try:
+            return [folder for folder in self._sessions.iterdir() if folder.is_dir() and not is_aside(folder)]
+        except OSError:  # there are none, or it can't be looked into
+            return []
+
+    def _saved_session(self, folder: Path) -> SavedSession | None:
+        """The session in a folder; None where there is none that can be offered."""
+        try:
+            table = read_metadata(folder)
+            title, when, steps = text(table["title"]), finite(table["when"]), table["steps"]
+            time.localtime(when)
+            return SavedSession(folder, title, when, len(steps))
+        except (UserError, KeyError, TypeError, ValueError, OverflowError, OSError):
+            return None
+
+    def _on_closed(self, folder: Path, has_edits: bool) -> None:
+        """Unlocks the folder of a session that was closed, and deletes sessions that were closed earlier.
+
+        A session without edits is deleted itself, and the earlier ones stay.
+        """
+        if not has_edits:
+            shutil.rmtree(folder, ignore_errors=True)
+            return
+        with suppress(OSError):
+            (folder / _LOCK).unlink(missing_ok=True)
         for saved in self.saved_sessions():
             if saved.folder != folder and (saved in self._taken_over or not _is_locked(saved.folder)):
                 self.discard(saved)
+
+
+def _open_folder(folder: Path) -> None:
+    """Makes the folder of a session and locks it. Raises WriteError."""
+    make_folder(folder)
+    if not _is_locked(folder):
+        _lock(folder)
 
 
 def _is_locked(folder: Path) -> bool:
@@ -137,9 +183,8 @@ def _is_locked(folder: Path) -> bool:
 
 
 def _lock(folder: Path) -> None:
-    """Notes that this process writes to a folder."""
-    owner = {"pid": os.getpid(), "since": psutil.Process().create_time()}
-    (folder / _LOCK).write_text(json.dumps(owner), encoding="utf-8")
+    """Notes that this process writes to a folder. Raises WriteError."""
+    write_file(folder / _LOCK, json.dumps({"pid": os.getpid(), "since": psutil.Process().create_time()}))
 
 
 def _owner(folder: Path) -> dict[str, Any]:
@@ -150,10 +195,18 @@ def _owner(folder: Path) -> dict[str, Any]:
     return owner
 
 
+def _owner_pid(folder: Path) -> Any:
+    """The id of that process; None where it can't be read."""
+    try:
+        return _owner(folder).get("pid")
+    except _UNREADABLE:
+        return None
+
+
 def _is_owner_alive(folder: Path) -> bool:
     """Whether the process that locked a folder still runs; the start time tells apart a later process with its id."""
     try:
         owner = _owner(folder)
         return bool(abs(psutil.Process(owner["pid"]).create_time() - owner["since"]) < 1.0)
-    except (OSError, ValueError, KeyError, TypeError, psutil.Error):
+    except (*_UNREADABLE, psutil.Error):
         return False

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 from holoview.util.optional_library import import_optional
-from holoview.util.signals import leave_signals_to_parent, sigint_blocked
+from holoview.util.signals import leave_signals_to_parent, signals_blocked
 from holoview.util.version import __version__
 
 CONNECT_TIMEOUT_S = 10.0
@@ -88,7 +88,7 @@ class ProcessExecutor:
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
         """Runs function(resources, *arguments) in an idle process."""
         resources, pool = self._idle_pools.pop()
-        with sigint_blocked():  # a process that is started now inherits the blocked signal
+        with signals_blocked():  # a process that is started now inherits the blocked signal
             future = pool.submit(function, resources, *arguments)
         self._busy[future] = resources, pool
         return future
@@ -98,7 +98,7 @@ class ProcessExecutor:
         pools = [pool for _, pool in (*self._idle_pools, *self._busy.values())]
         for pool in pools if kill else []:
             for process in list((pool._processes or {}).values()):  # Python 3.14 has `kill_workers` for this
-                process.terminate()
+                process.kill()
         for pool in pools:
             pool.shutdown(cancel_futures=True)
 

@@ -19,7 +19,7 @@ from holoview.io.png import write_png
 from holoview.study.plots import data_uri, render_figure
 from holoview.study.scale import QUICK, StudyScale
 from holoview.study.study import Claim, Findings, Study, StudyPicture
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import write_file
 from holoview.util.version import __version__
 
 _LIBRARIES = ("numpy", "torch", "colour-science")
@@ -33,14 +33,12 @@ def write_report(folder: Path, study: Study, scale: StudyScale, seed: int, findi
     figures = {plot.name: render_figure(plot) for plot in findings.plots}
     for name, kinds in figures.items():
         for kind, content in kinds.items():
-            with atomic_write(folder / f"{name}.{kind}") as temporary:
-                temporary.write_bytes(content)
+            write_file(folder / f"{name}.{kind}", content)
     for picture in findings.pictures:
         write_png(folder / f"{picture.name}.png", picture.pixels, {"holoview.caption": picture.caption})
     _write_numbers(folder, findings.rows)
     path = folder / "report.html"
-    with atomic_write(path) as temporary:
-        temporary.write_text(_render_html(study, scale, seed, findings, figures), encoding="utf-8")
+    write_file(path, _render_html(study, scale, seed, findings, figures))
     return path
 
 
@@ -102,13 +100,15 @@ def _format_cell(value: Any) -> str:
 def _write_numbers(folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     if not rows:
         return
-    with atomic_write(folder / "numbers.csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, fieldnames=list(rows[0]))
+    writer.writeheader()
+    writer.writerows(rows)
+    write_file(folder / "numbers.csv", text.getvalue())
     try:
         from pyarrow import Table, parquet  # optional library
     except ImportError:
         return
-    with atomic_write(folder / "numbers.parquet") as temporary:
-        parquet.write_table(Table.from_pylist([dict(row) for row in rows]), temporary)
+    buffer = io.BytesIO()
+    parquet.write_table(Table.from_pylist([dict(row) for row in rows]), buffer)
+    write_file(folder / "numbers.parquet", buffer.getbuffer())

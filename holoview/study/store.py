@@ -14,7 +14,7 @@ from holoview.study.study import JobResult, StudyJob
 from holoview.targets.image_reader import read_raster
 from holoview.util.data_text import parse_json_table
 from holoview.util.errors import UserError
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import make_folder, write_file
 from holoview.util.input_file import read_text
 
 _FORMAT, _WHAT = "holoview-result", "the result of a study's job"
@@ -22,15 +22,11 @@ _MOST_BYTES = 1 << 28  # of its numbers
 
 
 class ResultStore:
-    """The results in a folder, by the keys of their jobs. Raises UserError when the folder can't be made."""
+    """The results in a folder, by the keys of their jobs. Raises WriteError when the folder can't be made."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            remedy = "choose another folder"
-            raise UserError(str(folder), f"can't be made: {error.strerror}", remedy=remedy) from error
+        make_folder(folder)
 
     def load(self, job: StudyJob) -> JobResult | None:
         """The result of a job; None when it is missing, incomplete or damaged, so that the job is to be done again."""
@@ -58,8 +54,7 @@ class ResultStore:
             "numbers": result.numbers,
             "pictures": files,
         }
-        with atomic_write(self._path(job)) as temporary:
-            temporary.write_text(json.dumps(content, indent=1), encoding="utf-8")
+        write_file(self._path(job), json.dumps(content, indent=1))
 
     def _read_pixels(self, name: Any) -> NDArray[np.uint8]:
         """The pixels of a picture of this folder, (y, x, 3)."""

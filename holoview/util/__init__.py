@@ -6,12 +6,15 @@ input_file        regular files as input, and text of a limited size
 data_text         TOML and JSON from unknown sources
 file_schema       what the arrays, numbers and records of a file may be
 memory_limit      how much memory may be taken, and the refusal of more
-files             folders of shaders, presets and assets; atomic writing of files
+files             folders of shaders, presets and assets
+file_writer       files written whole or not at all; `WriteError` for whatever a disk refuses
+rescue            another place for a result that can't be written where it was wanted
+text              text from files: a line that is safe to show, a plain name of a file
 optional_library  imports of libraries that a plain installation leaves out
 safetensors_file  named tensors with metadata in safetensors files, checked when they are read
 progress          types of functions that report progress
 checkpoint        comparison of a checkpoint with the run that is to continue from it
-signals           Ctrl-C while processes are started
+signals           signals that ask the program to end; processes that end with their parent
 threads           the end of a program whose threads may still be at work
 cpu_count         number of CPUs that this process may use
 openmp            how torch's threads wait for each other

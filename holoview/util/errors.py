@@ -9,7 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 from functools import partial
-from typing import Any
+from typing import Any, Self
+
+from holoview.util.text import printable
 
 
 class UserError(ValueError):
@@ -20,8 +22,8 @@ class UserError(ValueError):
     expected: what would be right.
     remedy: what to do about it.
 
-    The message joins them: "where: found; expected …; remedy". All four are attributes of the exception, which is a
-    ValueError and can be pickled.
+    The message joins them: "where: found; expected …; remedy", in one line that is safe to show (`printable`), since
+    they may quote a file. All four are attributes of the exception, which is a ValueError and can be pickled.
 
     >>> import holoview as hv
     >>> try:
@@ -38,13 +40,13 @@ class UserError(ValueError):
             parts.append(f"expected {expected}")
         if remedy:
             parts.append(remedy)
-        super().__init__("; ".join(parts))
+        super().__init__(printable("; ".join(parts)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickling, so that the exception can be passed between processes."""
-        return partial(UserError, expected=self.expected, remedy=self.remedy), (self.where, self.found)
+        return partial(type(self), expected=self.expected, remedy=self.remedy), (self.where, self.found)
 
-    def inside(self, outer: str) -> UserError:
+    def inside(self, outer: str) -> Self:
         """The same mistake with a longer description of its place.
 
         outer: what comes before `where`, with its own punctuation.
@@ -53,7 +55,7 @@ class UserError(ValueError):
         >>> hv.UserError("gap", "is missing").inside("bench.toml: ").where
         'bench.toml: gap'
         """
-        return UserError(outer + self.where, self.found, expected=self.expected, remedy=self.remedy)
+        return type(self)(outer + self.where, self.found, expected=self.expected, remedy=self.remedy)
 
 
 def suggest_matches(word: str, known: Iterable[str]) -> str:

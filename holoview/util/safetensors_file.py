@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
+from safetensors.numpy import save
 
 from holoview.util.errors import UserError
 from holoview.util.file_schema import ArraySchema
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import write_file
 from holoview.util.input_file import require_file
 from holoview.util.memory_limit import require_memory
 
@@ -64,10 +64,9 @@ class TensorFormat:
     def write(
         self, path: str | os.PathLike[str], tensors: Mapping[str, NDArray[Any]], texts: Mapping[str, str]
     ) -> None:
-        """Writes the tensors of this format and the metadata `texts` atomically. Raises UserError when it fails."""
+        """Writes the tensors of this format and the metadata `texts` atomically. Raises WriteError when it fails."""
         contiguous = {name: np.ascontiguousarray(tensors[name]) for name in (schema.name for schema in self.tensors)}
-        with atomic_write(path) as temporary:
-            save_file(contiguous, temporary, metadata={"format": self.name, "version": self.version, **texts})
+        write_file(path, save(contiguous, metadata={"format": self.name, "version": self.version, **texts}))
 
     @contextmanager
     def open(self, path: str | os.PathLike[str]) -> Iterator[TensorFile]:
@@ -140,8 +139,13 @@ class TensorFile:
 
 def format_of(path: str | os.PathLike[str]) -> str:
     """The name of the format that a file's metadata declares, "" for any other file. Only the header is read."""
+    return metadata_of(path).get("format", "")
+
+
+def metadata_of(path: str | os.PathLike[str]) -> dict[str, str]:
+    """The metadata of a safetensors file, none for any other file. Only the header is read."""
     try:
         with safe_open(require_file(path, "a file"), framework="numpy") as file:
-            return str((file.metadata() or {}).get("format", ""))
+            return dict(file.metadata() or {})
     except (SafetensorError, OSError, ValueError, TypeError, AttributeError):
-        return ""
+        return {}

@@ -1,4 +1,4 @@
-"""Ctrl-C while processes are started, and the end of processes whose parent is gone."""
+"""Signals that ask the program to end (Ctrl-C, SIGTERM, SIGHUP), and the end of processes whose parent is gone."""
 
 from __future__ import annotations
 
@@ -6,21 +6,91 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import wait
+from types import FrameType
+
+ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+"""Ctrl-C, what `kill` and batch systems send, and what a closed terminal sends."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Raised in the main thread by one of the signals `ENDING`; `signal` is its number."""
+
+    def __init__(self, number: int = signal.SIGINT) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.signal = number
+
+
+def exit_code_of(error: KeyboardInterrupt) -> int:
+    """128 + the number of the signal, as shells report it; that of SIGINT for Python's own KeyboardInterrupt."""
+    return 128 + (error.signal if isinstance(error, Interrupted) else signal.SIGINT)
+
+
+class Interruption:
+    """Whether a signal has asked a loop to end; calling it tells. signal: its number, 0 if none has."""
+
+    def __init__(self) -> None:
+        self.signal = 0
+
+    def __call__(self) -> bool:
+        return self.signal != 0
+
+    def ask(self, number: int = signal.SIGINT) -> None:
+        """Asks the loop to end, as the signal of that number does. The first one counts."""
+        self.signal = self.signal or number
+
+    @property
+    def exit_code(self) -> int:
+        """What the program returns when it has ended so: 128 + the signal, or 0."""
+        return 128 + self.signal if self.signal else 0
 
 
 @contextmanager
-def sigint_blocked() -> Iterator[None]:
-    """Holds Ctrl-C back in this thread until the block ends, and for good in processes that the block starts.
+def handled_signals(handle: Callable[[int], None]) -> Iterator[Callable[[], None]]:
+    """Calls `handle(number)` in the main thread for each of the signals `ENDING` while the block runs.
 
-    Where there are no signal masks (Windows) it does nothing; such a process can ignore Ctrl-C only once it runs.
+    A signal that is ignored (by `nohup`, or in the background of a shell) stays so. Yields a function that installs the
+    handlers again, for where a library has replaced them. In another thread than the main one it does nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: None
+        return
+    before = {number: signal.getsignal(number) for number in ENDING}
+    numbers = [number for number, handler in before.items() if handler not in (signal.SIG_IGN, None)]
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        handle(number)
+
+    def install() -> None:
+        for number in numbers:
+            signal.signal(number, on_signal)
+
+    install()
+    try:
+        yield install
+    finally:
+        for number in numbers:
+            signal.signal(number, before[number])
+
+
+def raise_interrupted(number: int) -> None:
+    """A handler for `handled_signals`: all signals end the program as Ctrl-C does."""
+    raise Interrupted(number)
+
+
+@contextmanager
+def signals_blocked() -> Iterator[None]:
+    """Holds the signals `ENDING` back in this thread until the block ends, and for good in processes that it starts.
+
+    Such a process is ended by `kill`. Where there are no signal masks (Windows) it does nothing; such a process can
+    ignore signals only once it runs.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:
         yield
     finally:
@@ -28,8 +98,9 @@ def sigint_blocked() -> Iterator[None]:
 
 
 def leave_signals_to_parent() -> None:
-    """What a worker process does first: it ignores Ctrl-C, which its parent handles, and ends with its parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """What a worker process does first: it ignores signals that its parent handles, and ends with its parent."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)
     end_with_parent()
 
 
@@ -39,8 +110,8 @@ def end_with_parent() -> None:
     Without it, workers of a killed program wait for work for ever, with all their memory.
     """
     parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_exit_after, args=(parent.sentinel,), name="holoview: parent", daemon=True).start()
+    if parent is not None:  # the thread isn't named as one with work to wait for (`util.threads`)
+        threading.Thread(target=_exit_after, args=(parent.sentinel,), name="parent of holoview", daemon=True).start()
 
 
 def _exit_after(sentinel: int) -> None:

@@ -35,6 +35,7 @@ SLOW = "starting: it takes a second to import, and what needs none of it shouldn
 OPTIONAL = "an optional library: the rest works without it"
 CHOICE = "importing a rendercanvas backend chooses the window system, and may need what isn't installed"
 BACKEND = "importing it loads wgpu's backend, which is for `holoview.gpu.binding` to do"
+FIRST = "before it, Ctrl-C is made to leave without a traceback"
 LATE: dict[tuple[str, str], str] = {
     ("holoview.colour", "colour"): SLOW,
     ("holoview.engine.backend", "holoview.engine.torch_executor"): SLOW,
@@ -42,6 +43,9 @@ LATE: dict[tuple[str, str], str] = {
     ("holoview.engine.backend", "holoview.engine.wgpu_executor"): OPTIONAL,
     ("holoview.engine.backend", "holoview.gpu.device"): OPTIONAL,
     ("holoview.engine.incremental", "holoview.optics.frame_inputs"): SLOW,
+    ("holoview.__main__", "holoview.cli"): FIRST,
+    ("holoview.__main__", "logging"): FIRST,
+    ("holoview.__main__", "warnings"): FIRST,
     ("holoview.commands.console", "rich.console"): SLOW,
     ("holoview.commands.console", "rich.progress"): SLOW,
     ("holoview.session.derived_images", "torch"): SLOW,

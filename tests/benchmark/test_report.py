@@ -23,6 +23,7 @@ from holoview.cli import main
 from holoview.commands import bench_report
 from holoview.gpu.device import TIMESTAMPS, Device
 from holoview.gpu.tune import TuningResult
+from holoview.util.signals import Interruption
 
 gpu = pytest.mark.gpu
 TORCH = ("numpy", "torch", "torchgen", "functorch", "typing_extensions", "sympy", "mpmath", "networkx", "filelock")
@@ -89,8 +90,10 @@ def test_ctrl_c_keeps_what_was_measured(
     device: Device, report: Callable[..., tuple[int, str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     @contextmanager
-    def pressed(step: str) -> Iterator[Callable[[], bool]]:
-        yield lambda: True
+    def pressed(step: str) -> Iterator[Interruption]:
+        interruption = Interruption()
+        interruption.ask()
+        yield interruption
 
     monkeypatch.setattr(bench_report, "deferred_interrupt", pressed)
     code, text = report()

@@ -20,7 +20,8 @@ SHAPE = (24, 32)
 # The real program, with a progress line at every step to wait for rather than one every ten seconds.
 PROGRAM = "import sys; from holoview.commands import console; console.LINE_INTERVAL_S = 0.0; from holoview import cli; "
 # A test run in the background of a shell ignores interrupts, and so would what it starts.
-PROGRAM += "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); sys.exit(cli.main())"
+PROGRAM += "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+PROGRAM += "signal.signal(signal.SIGHUP, signal.SIG_DFL); sys.exit(cli.main())"
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,9 @@ def holoview(
 
 @pytest.fixture
 def interrupted(tmp_path: Path) -> Callable[..., Outcome]:
-    """`interrupted("rendering: 1/", "render", …)` runs the program in tmp_path until a line starts so; then SIGINT."""
+    """`interrupted("rendering: 1/", "render", …)` runs the program in tmp_path until a line starts so, then SIGINT."""
 
-    def run(line: str, *arguments: object) -> Outcome:
+    def run(line: str, *arguments: object, number: int = signal.SIGINT) -> Outcome:
         command = [sys.executable, "-c", PROGRAM, *(str(argument) for argument in arguments)]
         pipe = subprocess.PIPE
         with subprocess.Popen(command, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True) as process:
@@ -61,7 +62,7 @@ def interrupted(tmp_path: Path) -> Callable[..., Outcome]:
             while not seen.startswith(line):
                 seen = process.stderr.readline()
                 assert seen, f"ended without the line {line!r}"
-            process.send_signal(signal.SIGINT)
+            process.send_signal(number)
             out, err = process.communicate(timeout=60)
         return Outcome(process.returncode, out, err)
 

@@ -17,6 +17,7 @@ from PIL import Image
 import holoview as hv
 from holoview.gpu.device import Device
 from holoview.io.hologram import Hologram
+from tests.file_limits import limit_of_file_size
 
 Run = Callable[..., Any]
 Files = dict[str, tuple[int, int]]
@@ -238,10 +239,6 @@ def test_a_picture_that_can_not_be_aimed_at_is_refused(
     _assert_refused(holoview, folder, [*OPTIMISE, *arguments], fragments)
 
 
-def _full_disk(*_: Any, **__: Any) -> NoReturn:
-    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
 @pytest.mark.parametrize("command", [RENDER, [*OPTIMISE, "colour.png"]], ids=["render", "optimise"])
 def test_a_folder_that_takes_no_files_is_refused_before_any_work(
     holoview: Run, folder: Path, command: list[str], monkeypatch: pytest.MonkeyPatch
@@ -253,12 +250,12 @@ def test_a_folder_that_takes_no_files_is_refused_before_any_work(
     _assert_refused(holoview, folder, command, ["can't be written", os.strerror(errno.EACCES), "choose another folder"])
 
 
-def test_a_disk_that_fills_up_leaves_no_half_file(holoview: Run, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("PIL.Image.Image.save", _full_disk)
+def test_a_disk_that_fills_up_leaves_no_half_file(holoview: Run, folder: Path) -> None:
     before = _files(folder)
-    outcome = holoview(*RENDER)
+    with limit_of_file_size(1000):
+        outcome = holoview(*RENDER)
     assert outcome.code == 2
-    assert outcome.err.splitlines()[-1].startswith("holoview: seen.png: writing failed: ")
+    assert outcome.err.splitlines()[-1].startswith("holoview: seen.png: can't be written: File too large; free ")
     assert _files(folder) == before
 
 

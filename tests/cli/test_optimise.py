@@ -78,12 +78,12 @@ def test_optimize_is_the_same_command(holoview: Run, tmp_path: Path, picture: Pa
 
 def test_more_iterations_and_a_start_come_closer_to_the_picture(holoview: Run, picture: Path) -> None:
     def psnr_db(*arguments: str) -> float:
-        out = holoview("optimise", "holochrome-8", picture, *QUICK, *arguments, "-o", "h.safetensors", "--json").out
+        out = holoview("optimise", "holochrome-8", picture, *QUICK, *arguments, "--json").out
         return float(json.loads(out)["psnr_db"])
 
-    first = psnr_db()
-    assert psnr_db("--start", "h.safetensors", "--step", "0.3") > first
-    assert psnr_db("--iterations", "12") > first
+    first = psnr_db("-o", "h.safetensors")
+    assert psnr_db("--start", "h.safetensors", "--step", "0.3", "-o", "better.safetensors") > first
+    assert psnr_db("--iterations", "12", "-o", "h.safetensors") > first
 
 
 def test_a_depth_map_spreads_the_picture_over_the_planes(holoview: Run, tmp_path: Path, picture: Path) -> None:

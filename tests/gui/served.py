@@ -44,8 +44,8 @@ class Served:
 
 
 @contextmanager
-def serving(folder: Path, *options: str) -> Iterator[Served]:
-    """Runs `holoview view --serve` with its state in `folder`. It ends in good order, unless it was killed."""
+def serving(folder: Path, *options: str, end: int = signal.SIGINT) -> Iterator[Served]:
+    """Runs `holoview view --serve` with its state in `folder`; the signal `end` ends it in good order."""
     command = [sys.executable, "-m", "holoview.cli", "view", "--serve", "127.0.0.1:0", "--set", "shape=[32, 48]"]
     folders = {key: str(folder) for key in ("XDG_STATE_HOME", "XDG_CACHE_HOME")}
     process = subprocess.Popen(
@@ -59,9 +59,10 @@ def serving(folder: Path, *options: str) -> Iterator[Served]:
             if found := re.search(r"http://(\S+)/\?token=(\S+)", line):
                 yield Served(process, found[1], found[2], folder)
                 break
-        process.send_signal(signal.SIGINT)
+        process.send_signal(end)
         rest, _ = process.communicate(timeout=SECONDS)
-        assert process.returncode in (0, -signal.SIGKILL) and "Traceback" not in rest, said + rest
+        usual = 0 if end == signal.SIGINT else 128 + end
+        assert process.returncode in (usual, -signal.SIGKILL) and "Traceback" not in rest, said + rest
     finally:
         process.kill()
         process.communicate()

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,8 @@ from holoview.session.session_store import SessionStore
 from holoview.session.target_spec import TargetSpec
 from holoview.session.view_settings import TARGET, ComparisonSide, ViewSettings
 from holoview.util.errors import UserError
+from holoview.util.file_writer import WriteError
+from tests.file_limits import limit_of_file_size
 
 _PROGRAM = """
 import sys, time
@@ -169,34 +172,121 @@ def test_only_what_is_referred_to_stays_on_the_disk(tmp_path: Path, session: Edi
     autosave.close()
 
 
-def test_a_full_disk_is_told_once_and_the_session_goes_on(
+def test_a_full_disk_is_told_once_and_all_is_saved_when_there_is_space(
     tmp_path: Path, session: EditingSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("holoview.session.autosave.RETRY_S", 0.02)
     autosave = SessionStore(tmp_path).start_autosave(session)
     assert autosave.flush()
-
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(SessionArchive, "write", full)
-    for gap in (2e-3, 3e-3):
-        session.change("Gap", {"gap": gap})
-        assert autosave.flush()
+    with limit_of_file_size(600):  # a smaller file, such as a lock, can still be written
+        for gap in (2e-3, 3e-3):
+            session.change("Gap", {"gap": gap})
+            session.end_gesture()
+            assert not autosave.flush()
+        session.poll()
+        (message,) = session.messages.all
+        assert message.kind == "error" and message.text.startswith("autosave: your work isn't saved")
+        assert "can't be written: File too large; free" in message.text and "can't be written" in session.save_problem
+    _wait_until(lambda: autosave.flush(0.1))  # by itself, without an edit
     session.poll()
-    assert [message.text.split(":")[0] for message in session.messages.all] == ["autosave"]
+    assert session.messages.all[-1].text == "autosave: your work is saved again" and session.save_problem == ""
+    (saved,) = SessionStore(tmp_path).saved_sessions()
+    assert [step.document.system.gap_m for step in saved.restore().history] == [
+        session.history[0].document.system.gap_m,
+        2e-3,
+        3e-3,
+    ]
+    assert autosave.close() is None
+
+
+def test_whatever_fails_the_autosave_goes_on(
+    tmp_path: Path, session: EditingSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("holoview.session.autosave.RETRY_S", 0.02)
+    autosave = SessionStore(tmp_path).start_autosave(session)
+
+    def fail(*_: object) -> None:
+        raise RuntimeError("a library's own error")
+
+    monkeypatch.setattr(SessionArchive, "write", fail)
+    session.change("Gap", {"gap": 2e-3})
+    assert not autosave.flush()
+    session.poll()
+    assert "RuntimeError: a library's own error" in session.messages.all[0].text and session.messages.all[0].details
     monkeypatch.undo()
-    session.change("Gap", {"gap": 4e-3})
-    autosave.close()
-    last = SessionStore(tmp_path).last_session()
-    assert last is not None and last.restore().system.gap_m == 4e-3
+    _wait_until(lambda: autosave.flush(0.1))
+    assert autosave.close() is None
+
+
+def test_a_session_that_can_t_be_saved_at_the_end_says_so_and_keeps_what_was_saved(
+    tmp_path: Path, session: EditingSession
+) -> None:
+    store = SessionStore(tmp_path)
+    autosave = store.start_autosave(session)
+    session.change("Gap", {"gap": 2e-3})
+    assert autosave.flush()
+    session.change("Gap", {"gap": 3e-3})
+    with limit_of_file_size(600):
+        failure = autosave.close()
+    assert isinstance(failure, WriteError)
+    (saved,) = store.saved_sessions()
+    assert saved.restore().system.gap_m == 2e-3 and store.last_session() is None, "as after a crash"
+
+
+@pytest.mark.skipif(sys.platform == "win32" or os.geteuid() == 0, reason="the superuser may write everywhere")
+def test_a_state_folder_that_is_read_only_is_told_and_saved_to_once_it_isn_t(
+    tmp_path: Path, session: EditingSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _assert_saved_once_possible(
+        tmp_path, session, monkeypatch, lambda: tmp_path.chmod(0o500), lambda: tmp_path.chmod(0o700)
+    )
+
+
+def test_a_state_folder_that_can_t_be_made_is_told_and_saved_to_once_it_can(
+    tmp_path: Path, session: EditingSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    in_the_way = tmp_path / "sessions"
+    _assert_saved_once_possible(tmp_path, session, monkeypatch, in_the_way.touch, in_the_way.unlink)
+
+
+def _assert_saved_once_possible(
+    folder: Path,
+    session: EditingSession,
+    monkeypatch: pytest.MonkeyPatch,
+    forbid: Callable[[], None],
+    allow: Callable[[], None],
+) -> None:
+    monkeypatch.setattr("holoview.session.autosave.RETRY_S", 0.02)
+    forbid()
+    autosave = SessionStore(folder).start_autosave(session)
+    session.change("Gap", {"gap": 2e-3})
+    assert not autosave.flush()
+    session.poll()
+    assert session.save_problem and SessionStore(folder).saved_sessions() == []
+    allow()
+    _wait_until(lambda: autosave.flush(0.1))
+    assert autosave.close() is None
+    last = SessionStore(folder).last_session()
+    assert last is not None and last.restore().system.gap_m == 2e-3
+
+
+def _wait_until(is_true: Callable[[], bool], timeout_s: float = 60.0) -> None:
+    until = time.monotonic() + timeout_s
+    while not is_true():
+        assert time.monotonic() < until
+        time.sleep(0.02)
 
 
 def test_preferences_are_kept_and_damaged_ones_begun_anew(tmp_path: Path) -> None:
     path = tmp_path / "preferences.json"
     Preferences(path).set("theme", "light")
-    assert Preferences(path).get("theme") == "light" and Preferences(path).get("layout", "x") == "x"
+    assert Preferences(path).get("theme", "") == "light" and Preferences(path).get("layout", "x") == "x"
     path.write_text("{{{")
-    assert Preferences(path).get("theme") is None
+    damaged = Preferences(path)
+    assert damaged.get("theme", "") == "" and "preferences.json.damaged" in damaged.problem
+    assert [p.name for p in tmp_path.iterdir()] == ["preferences.json.damaged"]
+    assert (tmp_path / "preferences.json.damaged").read_text() == "{{{"
+    assert Preferences(path).problem == ""
 
 
 def test_preferences_that_cant_be_kept_hold_for_the_process(tmp_path: Path) -> None:
@@ -204,7 +294,7 @@ def test_preferences_that_cant_be_kept_hold_for_the_process(tmp_path: Path) -> N
     preferences = Preferences(tmp_path / "home" / "state" / "preferences.json")
     with pytest.raises(UserError, match="state: can't be made"):
         preferences.set("theme", "light")
-    assert preferences.get("theme") == "light"
+    assert preferences.get("theme", "") == "light"
 
 
 def test_recent_files_are_newest_first_and_those_that_are_there(tmp_path: Path) -> None:

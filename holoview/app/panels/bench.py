@@ -14,6 +14,7 @@ from holoview.model import dataclass_fields as describe
 from holoview.model.field_types import Integer, Number, Shape
 from holoview.model.system import System
 from holoview.util import units
+from holoview.util.text import printable_lines
 
 _ELSEWHERE = ("wavelengths", "amplitudes", "name", "description", "modulators", "source", "eye")
 _LEVELS = {"continuous": None, "2": 2, "4": 4, "8": 8, "16": 16, "64": 64, "256": 256}
@@ -44,7 +45,7 @@ class BenchPanel(Panel):
         if self._name != system.name or self._reset is None:
             self._reset, self._name = system, system.name
         imgui.push_item_width(imgui.get_content_region_avail().x * 0.56)
-        imgui.text_wrapped(system.description or system.name or "a bench of your own")
+        imgui.text_wrapped(printable_lines(system.description or system.name or "a bench of your own"))
         draw_fields(context, system, self._reset, "", without=_ELSEWHERE)
         _draw_frames(context, system, self._reset)
         self._draw_modulators(context, system)

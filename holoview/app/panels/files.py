@@ -27,6 +27,7 @@ from holoview.session.jobs import format_job
 from holoview.session.tone_mapping import compose_comparison
 from holoview.session.view_settings import DERIVED_PAGES, displayed_side
 from holoview.util.errors import UserError
+from holoview.util.text import plain_name
 
 _OPEN_SUFFIXES = (".safetensors", ".toml", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".csv")
 
@@ -149,7 +150,7 @@ class FilesPanel(Panel):
         self.dialog.ask(FileRequest("Open", _OPEN_SUFFIXES, lambda path: context.loader.open(path), takes_folders=True))
 
     def _save(self, context: AppContext, save: _Save) -> None:
-        name = f"{context.session.system.name or 'hologram'}{save.suffixes[0]}"
+        name = f"{plain_name(context.session.system.name, 'hologram')}{save.suffixes[0]}"
         self.dialog.ask(FileRequest(save.name, save.suffixes, save.write, name, is_save=True))
 
 

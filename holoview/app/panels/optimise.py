@@ -25,6 +25,7 @@ from holoview.session.optimisation_job import (
     start_quick_optimisation,
 )
 from holoview.util.errors import UserError
+from holoview.util.text import printable
 
 _AS_IT_IS = "the bench as it is"
 _SCHEMES = (
@@ -126,7 +127,7 @@ def _draw_target(context: AppContext) -> None:
     target_spec = context.session.target_spec
     if target_spec is None:
         return
-    imgui.text_wrapped(f"target: {target_spec.title}")
+    imgui.text_wrapped(f"target: {printable(target_spec.title)}")
     changed, brightness = imgui.slider_float("brightness", target_spec.brightness, 0.1, 2.0, "%.2f")
     tooltip(_TIPS["brightness"])
     if changed and brightness > 0:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.report.figure import new_figure, require_matplotlib
+from holoview.report.figure import figure_bytes, label, new_figure, require_matplotlib
 from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession
 from holoview.session.export.suffix import check_suffix
@@ -18,8 +18,11 @@ from holoview.session.measure import RegionMetrics, measure_region
 from holoview.session.rendering import render_planes
 from holoview.session.tone_mapping import tone_map
 from holoview.util import units
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import write_file
 from holoview.util.optional_library import import_optional
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SUFFIXES = (".png", ".pdf")
 _WIDTH_IN, _DPI = 6.4, 200
@@ -37,14 +40,14 @@ def save_figure(session: EditingSession, path: Path) -> BackgroundJob:
         (xyz,) = render_planes(document.system, document.drive, [document.view_settings.plane_m], control.check)
         control.report(1, 2, "drawing")
         metrics = measure_region(xyz, document.measured_region, target)
-        with atomic_write(path) as temporary:
-            _draw(temporary, document, tone_map(xyz, document.view_settings), metrics)
+        figure = _draw(document, tone_map(xyz, document.view_settings), metrics)
+        write_file(path, figure_bytes(figure, path.suffix.lower().removeprefix(".")))
         return path
 
     return session.jobs.start("Figure", work, lambda written: session.messages.post(f"figure written to {written}"))
 
 
-def _draw(path: Path, document: Document, pixels: NDArray[np.uint8], metrics: RegionMetrics) -> None:
+def _draw(document: Document, pixels: NDArray[np.uint8], metrics: RegionMetrics) -> Figure:
     rows, columns = pixels.shape[:2]
     caption_in = 0.55
     figure = new_figure((_WIDTH_IN, _WIDTH_IN * rows / columns + caption_in), dpi=_DPI, layout=None)
@@ -61,10 +64,8 @@ def _draw(path: Path, document: Document, pixels: NDArray[np.uint8], metrics: Re
         linewidth=0.8,
         alpha=0.8,
     )
-    figure.text(0.015, 0.012, "\n".join(caption(document, metrics)), fontsize=7.5, va="bottom")
-    figure.savefig(
-        path, metadata={"Creator": "holoview"} if path.suffix.lower() == ".pdf" else {"Software": "holoview"}
-    )
+    figure.text(0.015, 0.012, "\n".join(map(label, caption(document, metrics))), fontsize=7.5, va="bottom")
+    return figure
 
 
 def _draw_bar(axes: Any, document: Document, rows: int, columns: int) -> None:

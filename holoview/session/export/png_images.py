@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.io.png import path_with_suffix, write_png
+from holoview.io.png import path_with_suffix, png_texts, write_png
 from holoview.model import preset
 from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession
@@ -18,6 +18,7 @@ from holoview.session.jobs import BackgroundJob, JobControl
 from holoview.session.rendering import render_planes
 from holoview.session.tone_mapping import tone_map
 from holoview.util import units
+from holoview.util.errors import UserError
 
 
 def png_metadata(document: Document, plane_m: float | None = None) -> dict[str, str]:
@@ -41,20 +42,23 @@ def save_view(session: EditingSession, path: Path, pixels: NDArray[np.uint8]) ->
 
 
 def save_planes(session: EditingSession, path: Path) -> BackgroundJob:
-    """Writes each focal plane of the system as PATH-10mm.png …, tone-mapped by the view settings, in the background."""
+    """Writes each focal plane of the system as PATH-10mm.png …, tone-mapped by the view settings, in the background.
+
+    Raises UserError where one of these files is there already and isn't holoview's.
+    """
     document, path = session.displayed_document, with_default_suffix(path, ".png")
+    planes_m = [float(z) for z in np.unique(document.system.planes_m)]
+    files = [path_with_suffix(path, units.format_exact(z, "mm").replace(" ", "")) for z in planes_m]
+    for file in files:
+        if file.exists() and not png_texts(file):
+            raise UserError(str(file), "is there already, and isn't holoview's", remedy="choose another name")
 
     def work(control: JobControl) -> list[Path]:
-        planes_m = [float(z) for z in np.unique(document.system.planes_m)]
-        written = []
-        for xyz, plane_m in zip(
-            render_planes(document.system, document.drive, planes_m, control.check), planes_m, strict=True
-        ):
-            plane = units.format_exact(plane_m, "mm").replace(" ", "")
-            written.append(path_with_suffix(path, plane))
-            write_png(written[-1], tone_map(xyz, document.view_settings), png_metadata(document, plane_m))
-            control.report(len(written), len(planes_m), written[-1].name)
-        return written
+        rendered = render_planes(document.system, document.drive, planes_m, control.check)
+        for number, (xyz, plane_m, file) in enumerate(zip(rendered, planes_m, files, strict=True), start=1):
+            write_png(file, tone_map(xyz, document.view_settings), png_metadata(document, plane_m))
+            control.report(number, len(planes_m), file.name)
+        return files
 
     def report(written: list[Path]) -> None:
         session.messages.post(f"{len(written)} planes written to {path.parent}")

@@ -1,0 +1,173 @@
+"""Writes files whole or not at all; every failure of a disk becomes one error.
+
+A library that writes a format makes the content in memory and never sees the disk: what it does when a disk is full
+(exceptions of its own, half files, crashes) can't happen then.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from holoview.util.errors import UserError
+
+_NOT_SUPPORTED = (errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
+_NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_PREFIX, _SUFFIX = ".holoview-", ".part"  # of files that aren't complete yet
+Content = bytes | bytearray | memoryview | str
+
+
+class WriteError(UserError):
+    """A file or folder that can't be written: the disk is full, read-only or gone, or the name isn't possible."""
+
+
+def write_file(path: str | os.PathLike[str], content: Content, *, is_durable: bool = True) -> None:
+    """Writes a file beside the one of that name, if any, and puts it in its place when it is complete.
+
+    A reader sees the old file or the whole new one. When it fails, the old file stays and nothing else is left; a
+    program that is killed leaves nothing either where the file system has files without a name (Linux). A link is
+    followed. content: bytes, or text for UTF-8. is_durable: waits until the disk has it, so that it outlives a power
+    cut.
+
+    Raises WriteError whatever fails.
+    """
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    with _disk_errors(path, len(data)):
+        target = _check_target(path)
+        temporary = _write_beside(target, data, is_durable)
+        try:
+            temporary.replace(target)
+        except BaseException:
+            _remove(temporary)
+            raise
+        if is_durable:
+            _fsync_folder(target.parent)
+
+
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Raises WriteError unless `write_file` could write here now: before time is spent on the content."""
+    with _disk_errors(path):
+        target = _check_target(path)
+        if target.exists() and not os.access(target, os.W_OK):
+            raise PermissionError(errno.EACCES, "the file is write-protected")
+        tempfile.TemporaryFile(dir=target.parent).close()
+
+
+def make_folder(path: str | os.PathLike[str]) -> None:
+    """Creates a folder and its parents, unless it exists. Raises WriteError when it can't be made or written to."""
+    with _disk_errors(path, what="made"):
+        if os.path.lexists(path) and not Path(path).is_dir():
+            where, remedy = str(path), "choose another folder"
+            raise WriteError(where, "can't be made: it is a file", expected="a folder to write to", remedy=remedy)
+        Path(path).mkdir(parents=True, exist_ok=True)
+    with _disk_errors(path):
+        tempfile.TemporaryFile(dir=path).close()
+
+
+@contextmanager
+def _disk_errors(path: str | os.PathLike[str], size: int = 0, what: str = "written") -> Iterator[None]:
+    """Turns what a disk refuses into WriteError. size: of the content in bytes; 0: unknown."""
+    try:
+        yield
+    except (OSError, ValueError) as error:  # ValueError: a name with a NUL
+        if isinstance(error, UserError):
+            raise
+        code = error.errno if isinstance(error, OSError) else None
+        found = f"can't be {what}: {(error.strerror if isinstance(error, OSError) else None) or error}"
+        remedy = "choose another folder"
+        if code in _NO_SPACE:
+            remedy = f"free {_format_size(size)} there, or choose another folder" if size else f"free space or {remedy}"
+        if code == errno.ENAMETOOLONG:
+            remedy = "choose a shorter name"
+        raise WriteError(os.fspath(path), found, remedy=remedy) from error
+
+
+def _check_target(path: str | os.PathLike[str]) -> Path:
+    """The path with links followed. Raises WriteError unless it can be a file's, and OSError for impossible names."""
+    with suppress(FileNotFoundError, NotADirectoryError):
+        os.lstat(path)  # realpath accepts names that no file can have, such as one that is too long
+    target = Path(os.path.realpath(path))
+    if target.is_dir():
+        raise WriteError(str(path), "is a folder", expected="the name of a file to write")
+    if target.exists() and not target.is_file():
+        raise WriteError(str(path), "is a device or a pipe", expected="the name of a file to write")
+    if not target.parent.is_dir():
+        remedy = "create it or choose another"
+        raise WriteError(str(path), f"the folder {Path(path).parent} doesn't exist", remedy=remedy)
+    return target
+
+
+def _write_beside(target: Path, data: bytes | bytearray | memoryview, is_durable: bool) -> Path:
+    """Writes data to a file in the folder of `target`; where that is possible, it has no name until it is complete."""
+    if hasattr(os, "O_TMPFILE"):
+        with suppress(OSError):  # not on this file system; any other reason is found again below
+            return _write_without_name(target, data, is_durable)
+    handle, name = tempfile.mkstemp(prefix=_PREFIX, suffix=_SUFFIX, dir=target.parent)
+    temporary = Path(name)
+    try:
+        _write(handle, data, is_durable)
+        temporary.chmod(0o666 & ~_umask())
+    except BaseException:
+        _remove(temporary)
+        raise
+    return temporary
+
+
+def _write_without_name(target: Path, data: bytes | bytearray | memoryview, is_durable: bool) -> Path:
+    handle = os.open(target.parent, os.O_TMPFILE | os.O_WRONLY | os.O_CLOEXEC, 0o666)
+    folder = os.open(target.parent, os.O_RDONLY)
+    try:
+        _write(os.dup(handle), data, is_durable)
+        temporary = target.with_name(f"{_PREFIX}{secrets.token_hex(8)}{_SUFFIX}")
+        os.link(f"/proc/self/fd/{handle}", temporary, src_dir_fd=folder)  # so that linkat follows the link in /proc
+    finally:
+        os.close(folder)
+        os.close(handle)
+    return temporary
+
+
+def _write(handle: int, data: bytes | bytearray | memoryview, is_durable: bool) -> None:
+    """Writes data to an open file and closes it."""
+    with os.fdopen(handle, "wb") as file:
+        file.write(data)
+        file.flush()
+        if is_durable:
+            _fsync(handle)
+
+
+def _remove(temporary: Path) -> None:
+    with suppress(OSError):
+        temporary.unlink(missing_ok=True)
+
+
+def _fsync(handle: int) -> None:
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in _NOT_SUPPORTED:  # of some network file systems; what they lack is no failure
+            raise
+
+
+def _fsync_folder(folder: Path) -> None:
+    """Flushes a folder's entries; folders can't be opened on Windows."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _format_size(size: int) -> str:
+    return f"{size / 1e6:.3g} MB" if size >= 1e5 else f"{max(size, 1000) / 1e3:.0f} kB"
