@@ -47,10 +47,18 @@ def _count_passing(support: Integers) -> int:
 LIGHT_LEFT = Limit(
     name="light left",
     quantity="frequencies that the stops of a relay pass, at the wavelength that passes best",
-    reason="no frequency is darkness, and one a uniform picture whatever the patterns",
+    reason="no frequency is darkness",
+    measure=_light_left,
+    at_least=1.0,
+    refuses=True,
+)
+
+STOPS_RESOLVED = Limit(
+    name="stops on the grid",
+    quantity="frequencies that the stops of a relay pass, at the wavelength that passes best",
+    reason="a single one is a uniform picture whatever the patterns, and its brightness depends on the grid",
     measure=_light_left,
     at_least=2.0,
-    refuses=True,
 )
 
 LIMITS: tuple[Limit, ...] = (
@@ -59,6 +67,7 @@ LIMITS: tuple[Limit, ...] = (
     BAND_LIMIT,
     WRAP_AROUND,
     SAMPLES_A_PIXEL,
+    STOPS_RESOLVED,
     STOPS,
     OBLIQUE_LIGHT,
     SINGLE_PRECISION,
