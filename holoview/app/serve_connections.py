@@ -1,6 +1,7 @@
 """The server of the viewer: uvicorn with deadlines for connections that are slow, silent or don't read.
 
-Imported only with the extra "serve".
+uvicorn belongs to the extra "serve": what is added to its classes is written without them, and joined to them when a
+server is made.
 """
 
 from __future__ import annotations
@@ -9,12 +10,8 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
-import h11
-import uvicorn
-from uvicorn.protocols.http.h11_impl import H11Protocol
-from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
-
 from holoview.app.serve_guard import Application
+from holoview.util.optional_library import import_optional
 
 _REQUEST_S = 10.0
 _PING_S = 20.0
@@ -22,31 +19,38 @@ _LARGEST_MESSAGE = 1 << 18  # bytes of an event, such as text that is pasted
 _SPARE_CONNECTIONS = 32  # of requests for pages and scripts, beside those of the clients
 
 
-class TimedRequests(H11Protocol):  # type: ignore[misc]
-    """Closes a connection on which no whole request arrives in time, or whose answer isn't read."""
+class TimedRequests:
+    """Closes a connection on which no whole request arrives in time, or whose answer isn't read.
+
+    To be joined to uvicorn's `H11Protocol`. done: the state of h11 in which a request has arrived.
+    """
 
     request_s = _REQUEST_S
+    done: Any = None
+    loop: Any
+    conn: Any
+    transport: Any
     _deadline: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: Any) -> None:
         """Starts the time for the first request."""
-        super().connection_made(transport)
+        super().connection_made(transport)  # type: ignore[misc]
         self._start_deadline()
 
     def on_response_complete(self) -> None:
         """Starts the time for the next request."""
-        super().on_response_complete()
+        super().on_response_complete()  # type: ignore[misc]
         self._start_deadline()
 
     def handle_websocket_upgrade(self, event: Any) -> None:
         """Ends the time: pings watch over WebSockets."""
         self._end_deadline()
-        super().handle_websocket_upgrade(event)
+        super().handle_websocket_upgrade(event)  # type: ignore[misc]
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Ends the time."""
         self._end_deadline()
-        super().connection_lost(exc)
+        super().connection_lost(exc)  # type: ignore[misc]
 
     def _start_deadline(self) -> None:
         self._end_deadline()
@@ -57,16 +61,21 @@ class TimedRequests(H11Protocol):  # type: ignore[misc]
             self._deadline.cancel()
 
     def _close_if_late(self) -> None:
-        if self.conn.their_state is not h11.DONE:  # a request that is being answered is done
+        if self.conn.their_state is not self.done:  # a request that is being answered is done
             self.transport.abort()
 
 
-class WatchedWebSocket(WebSocketsSansIOProtocol):  # type: ignore[misc]
-    """Drops a client that doesn't answer pings at once, rather than when it has read all that it was sent."""
+class WatchedWebSocket:
+    """Drops a client that doesn't answer pings at once, rather than when it has read all that it was sent.
+
+    To be joined to uvicorn's `WebSocketsSansIOProtocol`.
+    """
+
+    transport: Any
 
     def keepalive_timeout(self) -> None:
         """Called when a ping wasn't answered in time."""
-        super().keepalive_timeout()
+        super().keepalive_timeout()  # type: ignore[misc]
         self.transport.abort()
 
 
@@ -78,16 +87,20 @@ def make_server(
     *,
     request_s: float = _REQUEST_S,
     ping_s: float = _PING_S,
-) -> uvicorn.Server:
-    """A server of an application for a number of clients, with TLS if there is a certificate.
+) -> Any:
+    """A `uvicorn.Server` of an application for a number of clients, with TLS if there is a certificate.
 
     request_s: in which a request has to arrive. ping_s: after which a WebSocket is pinged, and in which it has to
-    answer.
+    answer. Raises UserError without the extra "serve".
     """
+    uvicorn = import_optional("uvicorn", "--serve")
+    requests = import_optional("uvicorn.protocols.http.h11_impl", "--serve")
+    sockets = import_optional("uvicorn.protocols.websockets.websockets_sansio_impl", "--serve")
+    timed = {"request_s": request_s, "done": requests.h11.DONE}
     config = uvicorn.Config(
         application,
-        http=type("TimedRequests", (TimedRequests,), {"request_s": request_s}),
-        ws=WatchedWebSocket,
+        http=type("TimedHttp", (TimedRequests, requests.H11Protocol), timed),
+        ws=type("WatchedHttp", (WatchedWebSocket, sockets.WebSocketsSansIOProtocol), {}),
         ws_max_size=_LARGEST_MESSAGE,
         ws_ping_interval=ping_s,
         ws_ping_timeout=ping_s,

@@ -84,11 +84,13 @@ def check_files(args: argparse.Namespace, derived: Mapping[str, Iterable[Path]] 
         elif argument.suffix:
             check_suffix(path, argument.suffix)
     derived = derived or {}
-    declared = [(argument.flag, path) for argument, path in given if argument.suffix]
+    declared = [(argument.flag, path) for argument, path in given if argument.kind == "output"]
     outputs = [(flag, path) for flag, path in declared if flag not in derived]
     outputs += [(flag, path) for flag, paths in derived.items() for path in paths]
+    left_to_command = {argument.flag for argument, _ in given if not argument.suffix} - derived.keys()
     for number, (flag, path) in enumerate(outputs):
-        check_writable(path)
+        if flag not in left_to_command:
+            check_writable(path)
         others = [(f"would overwrite {name}", name, other) for name, other in inputs]
         others += [(f"is the file of {name} too", name, other) for name, other in outputs[:number]]
         for found, name, other in others:

@@ -65,7 +65,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="with an eye: what it sees while its pupil moves along a path, as the viewer saves it",
     )
-    parser.add_argument("--frames", metavar="N", type=whole(1), help="with --pupil-path: how many pictures (24)")
+    parser.add_argument("--frames", metavar="N", type=whole(0), help="with --pupil-path: how many pictures (24)")
     parser.add_argument("--exposure", metavar="STOPS", type=number(), default=0.0, help="brighten by 2^STOPS")
     add_backend(parser)
     add_output(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import MISSING, asdict, fields, replace
 from typing import Any
 
 from holoview.model.pupil_path import PupilPath
@@ -27,8 +27,12 @@ def view_settings_from_table(table: Mapping[str, Any], pupil_path: PupilPath | N
 
 def pupil_path_from_table(table: Mapping[str, Any]) -> PupilPath:
     """The path whose columns a table holds. Raises as `view_settings_from_table` does."""
-    read = _optional(_several(finite))
-    return PupilPath(**{field.name: read(table.get(field.name)) for field in fields(PupilPath)})
+    read = _several(finite)
+    columns = {field.name: read(table[field.name]) for field in fields(PupilPath) if field.default is MISSING}
+    further = {
+        field.name: _optional(read)(table[field.name]) for field in fields(PupilPath) if field.name not in columns
+    }
+    return PupilPath(**columns, **further)
 
 
 def finite(value: Any) -> float:

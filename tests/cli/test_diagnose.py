@@ -231,7 +231,7 @@ WRONG: dict[str, tuple[Edit, str]] = {
     "missing": (_dataset("camera/images", None), "camera/images: is missing"),
     "shape": (_changed("camera/images", lambda a: a[:, 0]), "camera/images: an array of shape"),
     "dtype": (_changed("slm1/levels", lambda a: a.astype(np.float32)), "slm1/levels: numbers of type float32"),
-    "nan": (_changed("wavelength", lambda a: a * np.nan), "wavelength: nan"),
+    "nan": (_changed("wavelength", lambda a: a * np.nan), "wavelength: holds nan"),
     "levels": (_attribute("slm1", "num_levels", 4), "slm1/levels: level 15; expected 0 to 3"),
     "dark": (_changed("camera/images", lambda a: np.full_like(a, 64)), "camera/images: all are dark"),
     "saturated": (_changed("camera/images", lambda a: np.full_like(a, 4095)), "camera/images: all are saturated"),

@@ -260,7 +260,11 @@ def test_a_result_that_can_t_be_written_is_kept_at_another_place(
     _full_from_now_on(monkeypatch, folder / "full")
     outcome = holoview(*arguments)
     assert outcome.code == 1 and (folder / name).stat().st_size > 0 and not list((folder / "full").iterdir())
-    lines = [line for line in outcome.err.splitlines() if not line.startswith(("measuring", "rendering", "optimising"))]
+    lines = [
+        line
+        for line in outcome.err.splitlines()
+        if not line.startswith(("measuring", "rendering", "optimising", "note: "))
+    ]
     assert lines[0].startswith(f"holoview: full/{name}: can't be written: No space left on device; free ")
     assert lines[1] == f"kept at another place: {folder / name}" and len(lines) == 2
     assert name in outcome.out

@@ -174,12 +174,12 @@ def test_a_black_picture_is_written_with_a_note(holoview: Run, tmp_path: Path) -
     assert not _pixels(tmp_path / "seen.png").any()
 
 
-def test_without_any_light_there_is_no_speckle_to_speak_of(holoview: Run, tmp_path: Path) -> None:
+def test_a_bench_that_no_light_passes_is_refused(holoview: Run, tmp_path: Path) -> None:
     write_pattern(tmp_path / "flat.png", np.zeros(SHAPE, np.float32))
     blocked = ("--set", "relay2.square=none", "--set", "relay2.dc_block_na=0.9", "--set", "relay2.iris_na=0.91")
     arguments = ("render", "simultaneous-1slm", *TORCH, *blocked, "--slm1", "flat.png", "-o", "seen.png")
-    assert "speckle" not in holoview(*arguments).out
-    assert json.loads(holoview(*arguments, "--json").out)["planes"][0]["speckle_contrast"] is None
+    refused = holoview(*arguments)
+    assert refused.code == 2 and "light" in refused.err and not (tmp_path / "seen.png").exists()
 
 
 def test_auto_says_that_it_took_torch_and_why(holoview: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,7 +64,7 @@ def test_an_animation_holds_the_same_pictures_for_as_long_as_the_path_takes(fold
         (["--pupil-path", "places.csv", "--plane", "10mm", "11mm"], "2 planes"),
         (["--pupil-path", "path.csv", "-o", "seen.jpg"], 'suffix ".jpg"'),
         (["--pupil-path", "path.csv", "-o", "none/seen.png"], "doesn't exist"),
-        (["--pupil-path", "path.csv", "-o", "path.csv"], 'suffix ".csv"'),
+        (["--pupil-path", "path.csv", "-o", "path.csv"], "would overwrite --pupil-path"),
         (["--pupil-path", "path.csv", "--set", "eye=none"], "there is no eye"),
         (["--pupil-path", "path.csv", "--exposure", "99"], "--exposure"),
         (["--frames", "3"], "without --pupil-path"),
