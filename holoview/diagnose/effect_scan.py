@@ -62,6 +62,23 @@ def fit_from_scan(
     return CandidateFit((*base, effect.id), best.values, best.cost)
 
 
+def fit_rival_parameters(
+    effect: Effect, comparison: Comparison, base: FittedValues, fits: Sequence[CandidateFit], config: FitConfig
+) -> CandidateFit:
+    """The best local fit of one effect, its base unchanged, of all parameters together from the best of one alone.
+
+    Each parameter is fitted alone from its best point of a scan.
+    """
+    identity, alone = identity_values(effect), []
+    for p in effect.parameters:
+        own = [f for f in fits if _off_identity(f.values[effect.id], identity).keys() == {p.name}]
+        fixed = frozenset((effect.id, other.name) for other in effect.parameters if other is not p)
+        alone += [local_fit([effect], f.values, comparison, config, fixed=fixed) for f in own[:1]]
+    best = min(alone, key=lambda f: f.cost)
+    together = local_fit([effect], best.values, comparison, config)
+    return CandidateFit((*base, effect.id), together.values, together.cost)
+
+
 def find_hard_edges(effect: Effect, fit: CandidateFit, comparison: Comparison, config: FitConfig) -> CandidateFit:
     """A point of a scan with the effect's hard edges found by a simplex; unchanged where the effect has none."""
     free = free_parameters_of([effect], fit.values)

@@ -19,7 +19,13 @@ from holoview.diagnose.capture_split import spread_over_wavelengths
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.displacement_starts import DisplacementStarts, StartProvider
 from holoview.diagnose.effect_fit import CandidateFit, cost_or_inf, effect_jacobian, local_fit
-from holoview.diagnose.effect_scan import cost_at_identity, find_hard_edges, fit_from_scan, scan_effect
+from holoview.diagnose.effect_scan import (
+    cost_at_identity,
+    find_hard_edges,
+    fit_from_scan,
+    fit_rival_parameters,
+    scan_effect,
+)
 from holoview.diagnose.field_count import is_costly_effect, max_field_count
 from holoview.diagnose.free_parameters import FittedValues, identity_values
 from holoview.diagnose.fringe_starts import FringeStarts
@@ -92,9 +98,14 @@ class _EffectFitter:
     scan_comparison: Comparison
 
     def local_fit(self, effect: Effect, *, with_base: bool = False) -> CandidateFit:
-        """A local fit from the identity; of a costly effect, from the best of a few points. with_base: fit it too."""
+        """A local fit from the identity; of an effect that is costly, or has rival parameters, of a scan.
+
+        with_base: fit the base too, where no scan is needed.
+        """
         if is_costly_effect(self.context, effect):
             return self._fit_costly(effect, 1.0)
+        if effect.has_rival_parameters:
+            return self.scan_and_fit(_no_starts, effect)
         start = {**self.base, effect.id: identity_values(effect)}
         config, varied = self.context.config, [*(self._base_effects() if with_base else []), effect]
         fit = local_fit(varied, start, self.comparison, config.fits, iterations=config.screening.local_iterations)
@@ -135,6 +146,8 @@ class _EffectFitter:
         config = self.context.config.fits
         points = [*starts(effect), *effect.starting_points(self.context.system)]
         scan = scan_effect(effect, self.scan_comparison, self.base, points, config)
+        if effect.has_rival_parameters:
+            return fit_rival_parameters(effect, self.comparison, self.base, scan, config)
         first = find_hard_edges(effect, scan[0], self.scan_comparison, config)
         return fit_from_scan(effect, self.comparison, self.base, [first, *scan[1:]], config)
 

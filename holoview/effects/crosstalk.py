@@ -47,6 +47,7 @@ class Crosstalk(Effect):
     )
     acts_on = ("modulator 1", "modulator 2")
     order = 1
+    has_rival_parameters = True
 
     def stroke_response(self, share: Tensor, context: ModulatorContext, v: Values) -> Tensor:
         return context.averaged_pixels(share, v["coupling"]) if v["coupling"] else share

@@ -105,6 +105,8 @@ class Effect:
     needs: what captures must contain for it to be seen.
     order: effects with smaller numbers are applied first where several have the same hook.
     varies_over_field: whether it shows more towards the edges of the pictures than in their middle.
+    has_rival_parameters: whether one parameter nearly does what another does, so that a fit from the identity may
+    divide between them what is one's alone; a diagnosis searches the range of each then.
     listed: whether it is offered as a cause and in the viewer; otherwise it is known by its id only.
 
     Hooks get the values of the parameters, in SI units, as `v`.
@@ -120,6 +122,7 @@ class Effect:
     needs: ClassVar[Needs] = Needs()
     order: ClassVar[int] = 0
     varies_over_field: ClassVar[bool] = False
+    has_rival_parameters: ClassVar[bool] = False
     listed: ClassVar[bool] = True
 
     def __init_subclass__(cls) -> None:
