@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from holoview.colour import TABLES, import_colour_science
-from holoview.util.files import atomic_write
+from holoview.util.file_writer import write_file
 
 FOLDER = Path(__file__).parent / "observers"
 
@@ -30,8 +30,7 @@ def main() -> None:
     """Write every table."""
     FOLDER.mkdir(exist_ok=True)
     for name, (source, columns) in TABLES.items():
-        with atomic_write(FOLDER / f"{name}.csv") as path:
-            path.write_text(table(source, columns), encoding="utf-8")
+        write_file(FOLDER / f"{name}.csv", table(source, columns))
 
 
 if __name__ == "__main__":

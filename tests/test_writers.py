@@ -37,8 +37,10 @@ JOB = StudyJob("gamut", "label", {"a": 1})
 
 def _checkpoint(path: Path) -> None:
     moments = dict.fromkeys(("drive", "first", "second", "best_drive"), DRIVE)
-    amplitudes = dict.fromkeys(("amplitudes", "best_amplitudes", "amplitude_moments"), SYSTEM.amplitudes)
-    waves = dict.fromkeys(("wavelengths", "best_wavelengths", "wavelength_moments", "steps"), SYSTEM.wavelengths_m)
+    amplitudes = dict.fromkeys(("amplitudes", "best_amplitudes"), SYSTEM.amplitudes)
+    amplitudes |= {"amplitude_moments": np.stack([SYSTEM.amplitudes] * 2)}
+    waves = dict.fromkeys(("wavelengths", "best_wavelengths", "steps"), SYSTEM.wavelengths_m)
+    waves |= {"wavelength_moments": np.stack([SYSTEM.wavelengths_m] * 2)}
     Checkpoint(SYSTEM, hv.Settings(), "", CheckpointProgress(1, 1.0, 1.0, 1.0, 1.0), moments | amplitudes | waves).save(
         path
     )
@@ -126,7 +128,8 @@ _WRITES = {"write_text", "write_bytes", "savefig", "save_file", "imwrite", "mkst
 _ALLOWED = {
     "util/file_writer.py",  # the one that does
     "report/figure.py",  # into memory
-    "session/export/sweep.py",  # into memory
+    "io/animation.py",  # into memory
+    "diagnose/shared_arrays.py",  # memory that processes share, or a temporary file
     "app/clipboard.py",  # a file for another program, in a folder for temporary files
     "benchmark/first_image.py",  # in a folder for temporary files
 }

@@ -57,11 +57,11 @@ def _add_serve_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--clients",
         metavar="N",
-        type=whole(1),
+        type=whole(0),
         help=f"the most pages that are connected at a time; {CLIENTS} if absent",
     )
     group.add_argument(
-        "--idle", metavar="MINUTES", type=number(0), help="a page without input is disconnected; 60 if absent, 0: never"
+        "--idle", metavar="MINUTES", type=number(), help="a page without input is disconnected; 60 if absent, 0: never"
     )
     group.add_argument(
         "--host-name",

@@ -95,7 +95,7 @@ def test_jobs_run_here_until_the_processes_are_ready(processes: WorkerPool) -> N
 
 def test_processes_do_not_depend_on_the_threads_of_this_one(processes: WorkerPool) -> None:
     """They are not copies of it. Each has one thread beside its own, which waits for the end of its parent."""
-    assert processes.run([_thread_names] * 2) == [["MainThread", "holoview: parent"]] * 2
+    assert processes.run([_thread_names] * 2) == [["MainThread", "parent of holoview"]] * 2
 
 
 def test_what_is_shared_is_one_object_in_each_process(processes: WorkerPool) -> None:

@@ -87,7 +87,7 @@ def _press(browser: ClientConnection, key: str, modifiers: list[str]) -> None:
         (["--host-name", "a.example"], "--host-name: without --serve"),
         (["--serve", ":0", "--clients", "0"], "--clients: 0; expected from 1 to 1000"),
         (["--serve", ":0", "--idle", "-1"], "--idle: -1"),
-        (["--serve", ":0", "--idle", "nan"], "--idle: nan"),
+        (["--serve", ":0", "--idle", "nan"], "--idle: 'nan'"),
         (["--serve", ":0", "--host-name", "http://a.example"], '--host-name: "http://a.example"'),
         (["--serve", ":0", "--key", "k.pem"], "--key: without --certificate"),
         (["--serve", ":0", "--certificate", "none.pem"], "--certificate: none.pem isn't a file"),

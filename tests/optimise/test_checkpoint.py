@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -150,11 +151,12 @@ def test_a_checkpoint_that_fails_to_be_written_leaves_the_one_before(
     _stopped_after(2).save(path)
     before = path.read_bytes()
 
-    def full(tensors: dict[str, np.ndarray], file: Path, metadata: dict[str, str]) -> None:
-        Path(file).write_bytes(b"half")
+    def full(handle: int, data: bytes, is_durable: bool) -> None:
+        os.write(handle, bytes(data[:4]))
+        os.close(handle)
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("holoview.util.safetensors_file.save_file", full)
+    monkeypatch.setattr("holoview.util.file_writer._write", full)
     with pytest.raises(UserError, match="No space left"):
         _stopped_after(4).save(path)
     assert path.read_bytes() == before
