@@ -43,7 +43,8 @@ def draw_status(context: AppContext) -> None:
 
 def _draw_limits(context: AppContext) -> None:
     """Says that the model isn't true of the bench, and in a tooltip in what respect."""
-    notes = context.limit_notes.notes()
+    limits = context.limit_notes
+    notes = limits.known if imgui.is_any_item_active() else limits.notes()  # milliseconds for each new bench
     if not notes:
         return
     imgui.same_line(spacing=20)

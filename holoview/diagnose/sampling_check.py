@@ -114,7 +114,8 @@ def _find_dispensable_cause(
         sampling, chi2 = alternative
         if (left - chi2) * comparison.pixel_count < config.verdict.min_delta_chi2:
             continue
-        with_cause = alternatives[sampling].chi2_per_pixel(best.fit.values)
-        if chi2 - with_cause < config.sampling_check.max_left_share * (chi2 - 1.0):
+        gain = chi2 - alternatives[sampling].chi2_per_pixel(best.fit.values)
+        needed_gain = config.sampling_check.max_left_share * (chi2 - 1.0)
+        if gain < max(needed_gain, config.verdict.min_delta_chi2 / comparison.pixel_count):
             return name
     return None

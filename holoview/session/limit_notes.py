@@ -17,6 +17,11 @@ class LimitNotes:
         self._known: tuple[System, float] | None = None
         self._notes: tuple[str, ...] = ()
 
+    @property
+    def known(self) -> tuple[str, ...]:
+        """The notes that were found last, which may be of the bench before it was dragged."""
+        return self._notes
+
     def notes(self) -> tuple[str, ...]:
         """Each limit as a sentence; for a bench that can't be computed at all, that alone."""
         document = self._session.displayed_document

@@ -16,6 +16,7 @@ progress          types of functions that report progress
 checkpoint        comparison of a checkpoint with the run that is to continue from it
 signals           signals that ask the program to end; processes that end with their parent
 threads           the end of a program whose threads may still be at work
+control_groups    Linux's control groups, which limit processes
 cpu_count         number of CPUs that this process may use
 openmp            how torch's threads wait for each other
 version           version of the installed package

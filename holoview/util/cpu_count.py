@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
-_GROUPS = Path("proc/self/cgroup")
-_MOUNT = Path("sys/fs/cgroup")
+from holoview.util.control_groups import MEMBERSHIP, MOUNT, group_folders
 
 
 def process_cpu_count() -> int:
@@ -28,27 +26,14 @@ def affine_cpu_count() -> int:
 def cpu_quota(root: Path = Path("/")) -> float | None:
     """How many CPUs' time Linux grants this process's control groups, the least of all; None without a limit.
 
-    root: of the file system. Reads cgroup 2 (`cpu.max`) and cgroup 1 (`cpu.cfs_quota_us`); in a container, the groups'
-    folders above its own aren't seen, and its own is the root of the mount.
+    root: of the file system. Reads cgroup 2 (`cpu.max`) and cgroup 1 (`cpu.cfs_quota_us`).
     """
-    quotas = [quota for folder in _group_folders(root) if (quota := _quota_of(folder)) is not None]
+    quotas = [
+        quota
+        for folder in group_folders(root / MOUNT, root / MEMBERSHIP, "cpu")
+        if (quota := _quota_of(folder)) is not None
+    ]
     return min(quotas, default=None)
-
-
-def _group_folders(root: Path) -> Iterator[Path]:
-    """The folders of this process's groups and of those that contain them."""
-    try:
-        lines = (root / _GROUPS).read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return
-    for line in lines:
-        _, controllers, group = line.split(":", 2)
-        if controllers and "cpu" not in controllers.split(","):
-            continue
-        mount = root / _MOUNT / controllers
-        inside = mount / group.lstrip("/")
-        yield mount
-        yield from (folder for folder in (inside, *inside.parents) if mount in folder.parents)
 
 
 def _quota_of(folder: Path) -> float | None:

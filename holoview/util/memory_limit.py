@@ -15,6 +15,7 @@ from pathlib import Path
 
 import psutil
 
+from holoview.util.control_groups import MEMBERSHIP, MOUNT, group_folders, read_lines
 from holoview.util.errors import UserError
 
 FREE_SHARE = 0.75
@@ -27,7 +28,12 @@ _UNITS = {"": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _UNITS |= {"KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
 _SIZE = re.compile(r"\s*(\d{1,18}(?:\.\d{0,18})?)\s*([kmgt]i?b|)\s*", re.IGNORECASE)
 _EXPECTED = "a size such as 8GB or 500MiB"
-_CGROUP_ROOT = Path("/sys/fs/cgroup")
+_ROOT = Path("/")
+_GROUP_FILES = (
+    ("memory.max", "memory.current", "inactive_file"),
+    ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+)
+"""The limit and the use of a control group, and its cache in memory.stat, in versions 2 and 1."""
 
 
 def parse_size(text: str, where: str) -> int:
@@ -78,7 +84,7 @@ def allowed_bytes() -> int:
 
 def free_bytes() -> int:
     """The memory that new allocations can have: of the machine, or of the control group where that leaves less."""
-    return min([psutil.virtual_memory().available, *_cgroup_left(_CGROUP_ROOT, Path("/proc/self/cgroup"))])
+    return min([psutil.virtual_memory().available, *_cgroup_left(_ROOT / MOUNT, _ROOT / MEMBERSHIP)])
 
 
 def require_memory(where: str, needed: float, remedy: str = "make it smaller") -> None:
@@ -102,31 +108,11 @@ def _round_up(needed: float) -> str:
     return f"{int((needed + psutil.Process().memory_info().rss) * 1.1 / 1e9) + 1}GB"
 
 
-def _cgroup_left(root: Path, membership: Path) -> Iterator[int]:
-    """What each limit on the memory of this process's control groups (version 1 and 2) leaves, in bytes."""
-    for line in _lines(membership):
-        _, controllers, name = line.split(":", 2)
-        if controllers == "":
-            yield from _left_in(root, root / name.lstrip("/"), "memory.max", "memory.current", "inactive_file")
-        elif "memory" in controllers.split(","):
-            top = root / "memory"
-            files = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
-            yield from _left_in(top, top / name.lstrip("/"), *files)
-
-
-def _left_in(root: Path, folder: Path, limit: str, usage: str, cache: str) -> Iterator[int]:
-    """What the limits of a group and of those that hold it leave; the cache of files can be given back."""
-    for group in (folder, *folder.parents):
-        most, used = _lines(group / limit), _lines(group / usage)
-        if most and used and most[0].isdecimal():
-            statistics = dict(line.split(" ", 1) for line in _lines(group / "memory.stat") if " " in line)
-            yield max(int(most[0]) - int(used[0]) + int(statistics.get(cache, 0)), 0)
-        if group == root:
-            return
-
-
-def _lines(path: Path) -> list[str]:
-    try:
-        return path.read_text(encoding="ascii").splitlines()
-    except (OSError, UnicodeDecodeError):
-        return []
+def _cgroup_left(mount: Path, membership: Path) -> Iterator[int]:
+    """What each limit on the memory of this process's control groups leaves, in bytes; files' caches can be freed."""
+    for group in group_folders(mount, membership, "memory"):
+        for limit, usage, cache in _GROUP_FILES:
+            most, used = read_lines(group / limit), read_lines(group / usage)
+            if most and used and most[0].isdecimal():
+                statistics = dict(line.split(" ", 1) for line in read_lines(group / "memory.stat") if " " in line)
+                yield max(int(most[0]) - int(used[0]) + int(statistics.get(cache, 0)), 0)
