@@ -29,7 +29,6 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -38,15 +37,14 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from holoview.captures.capture_file import camera_from_attributes, slm_from_attributes
+from holoview.captures.bench_tables import BenchTables, parse_bench_tables
 from holoview.captures.dataset import Captures
-from holoview.captures.nominal_stops import STOP_KEYS, stops_from_attributes
 from holoview.captures.validation import check_captures
-from holoview.model.field_types import FieldType, Number
+from holoview.model.field_types import Number
 from holoview.targets.raster import require_picture_memory
 from holoview.targets.tiff import naming_missing_codecs, require_page_memory
 from holoview.util.data_text import parse_toml
-from holoview.util.errors import UserError, suggest_matches
+from holoview.util.errors import UserError
 from holoview.util.input_file import read_text, require_file
 from holoview.util.progress import StepCallback
 
@@ -57,25 +55,6 @@ _VALUE_COLUMNS: dict[str, Number] = {
     "distance": Number("mm", low=-1.0, high=1.0),
     "power": Number(low=0.0),
     "exposure": Number(low=0.0),
-}
-_SLM_KEYS: dict[str, Number] = {"pitch": Number("um"), "num_levels": Number(), "opd_range": Number("nm")}
-_CAMERA_KEYS: dict[str, Number] = {
-    "pitch": Number("um"),
-    "bit_depth": Number(),
-    "electrons_per_count": Number(),
-    "read_noise": Number(),
-    "black_level": Number(),
-}
-_GEOMETRY_KEYS: dict[str, FieldType] = {
-    "gap": Number("mm"),
-    "focal_length": Number("mm"),
-    **STOP_KEYS,
-}
-_TABLES: dict[str, Mapping[str, FieldType]] = {
-    "slm1": _SLM_KEYS,
-    "slm2": _SLM_KEYS,
-    "camera": _CAMERA_KEYS,
-    "geometry": _GEOMETRY_KEYS,
 }
 
 
@@ -89,8 +68,7 @@ def import_folder(path: str | os.PathLike[str], progress: StepCallback | None = 
     if not folder.is_dir():
         raise UserError(str(folder), "no such folder", expected=f"a folder with {TABLE_FILE} and {BENCH_FILE}")
     bench = _read_bench_toml(folder / BENCH_FILE)
-    slms = tuple(slm_from_attributes(bench[name]) for name in ("slm1", "slm2") if name in bench)
-    file_columns = ["image", *(f"slm{n + 1}" for n in range(len(slms)))]
+    file_columns = ["image", *(f"slm{n + 1}" for n in range(len(bench.slms)))]
     rows = _read_table(folder / TABLE_FILE, file_columns)
     images, levels = [], []
     for number, row in enumerate(rows):
@@ -99,7 +77,6 @@ def import_folder(path: str | os.PathLike[str], progress: StepCallback | None = 
         if progress is not None:
             progress(number + 1, len(rows))
     columns = {name: np.array([row[name] for row in rows], dtype=np.float64) for name in _VALUE_COLUMNS}
-    geometry, where = bench.get("geometry", {}), f"{folder / BENCH_FILE}: geometry"
     captures = Captures(
         levels=_stack([_stack(patterns, "patterns of one capture") for patterns in levels], "patterns"),
         images=_stack(images, "pictures").astype(np.uint16),
@@ -107,37 +84,15 @@ def import_folder(path: str | os.PathLike[str], progress: StepCallback | None = 
         distance_m=columns["distance"],
         power=columns["power"],
         exposure_s=columns["exposure"],
-        slms=slms,
-        camera=camera_from_attributes(bench["camera"]),
-        gap_m=geometry.get("gap"),
-        relay1=stops_from_attributes(geometry, 1, f"{where}."),
-        relay2=stops_from_attributes(geometry, 2, f"{where}."),
-        focal_length_m=geometry.get("focal_length"),
+        **bench.as_fields(),
     )
     check_captures(captures)
     return captures
 
 
-def _read_bench_toml(path: Path) -> dict[str, dict[str, Any]]:
-    """The tables of bench.toml as {table: {key: SI value}}; UserError where one is unknown or missing."""
+def _read_bench_toml(path: Path) -> BenchTables:
     expected = "a description of the bench in TOML"
-    tables = parse_toml(read_text(path, expected), str(path), expected)
-    bench: dict[str, dict[str, Any]] = {}
-    for name, table in tables.items():
-        if name not in _TABLES or not isinstance(table, Mapping):
-            raise UserError(f"{path}: {name}", "unknown table", remedy=suggest_matches(name, _TABLES))
-        bench[name] = {key: _bench_value(_TABLES[name], key, value, f"{path}: {name}") for key, value in table.items()}
-    for name in ("slm1", "camera", *(["slm2"] if "slm2" in bench else [])):
-        for key in _TABLES[name]:
-            if key not in bench.get(name, {}):
-                raise UserError(f"{path}: {name}.{key}", "is missing")
-    return bench
-
-
-def _bench_value(known: Mapping[str, FieldType], key: str, value: Any, where: str) -> Any:
-    if key not in known:
-        raise UserError(f"{where}.{key}", "unknown key", remedy=suggest_matches(key, known))
-    return known[key].parse(value, f"{where}.{key}")
+    return parse_bench_tables(parse_toml(read_text(path, expected), str(path), expected), str(path))
 
 
 def _read_table(path: Path, file_columns: list[str]) -> list[dict[str, Any]]:

@@ -106,7 +106,7 @@ def make_captures(
     camera = _CameraSimulator(captures, settings, rng)
     images, exposures = captures.images.copy(), captures.exposure_s.copy()
     for k in range(len(captures)):
-        prediction = predictor([k], _jittered_effects(table, settings.nuisances, rng))
+        prediction = predictor([k], jittered_effects(table, settings.nuisances, rng))
         ambient = 0.0 if prediction.ambient is None else prediction.ambient[0].double().numpy()
         signal = prediction.signal[0].double().numpy()
         images[k], exposures[k] = camera.expose(k, signal, ambient, prediction.black_level)
@@ -179,13 +179,20 @@ class _CameraSimulator:
         exposure_s = float(np.clip(float(f"{target / brightest:.2g}"), _MIN_EXPOSURE_S, _MAX_EXPOSURE_S))
         actual_s = exposure_s * (1 + self._nuisances.exposure_jitter * float(self._rng.standard_normal()))
         light = (scale * signal + ambient) * actual_s * self._sensitivity
-        electrons = np.maximum(light, 0) * camera.electrons_per_count
-        electrons = self._rng.poisson(electrons) + camera.read_noise * self._rng.standard_normal(signal.shape)
-        counts = np.rint(electrons / camera.electrons_per_count + black_level)
-        return np.clip(counts, 0, camera.saturation).astype(np.uint16), exposure_s
+        return read_out(camera, light, black_level, self._rng), exposure_s
 
 
-def _jittered_effects(table: EffectValues, nuisances: Nuisances, rng: np.random.Generator) -> dict[str, dict[str, Any]]:
+def read_out(
+    camera: Camera, light: NDArray[np.float64], black_level: float, rng: np.random.Generator
+) -> NDArray[np.uint16]:
+    """Raw counts (y, x) of a picture: shot noise, read noise and digitisation. light: expected counts above black."""
+    electrons = np.maximum(light, 0) * camera.electrons_per_count
+    electrons = rng.poisson(electrons) + camera.read_noise * rng.standard_normal(light.shape)
+    counts = np.rint(electrons / camera.electrons_per_count + black_level)
+    return np.clip(counts, 0, camera.saturation).astype(np.uint16)
+
+
+def jittered_effects(table: EffectValues, nuisances: Nuisances, rng: np.random.Generator) -> dict[str, dict[str, Any]]:
     """The effects of one capture: those of the bench, with random shifts of camera and wavelength added."""
     jittered = {name: dict(values) for name, values in table.items()}
     y, x, λ = rng.standard_normal(3)

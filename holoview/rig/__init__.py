@@ -1,0 +1,14 @@
+"""A bench of real devices, or a virtual one: it shows patterns, takes captures, and chooses the next ones.
+
+devices       what a modulator, a camera, lasers and a stage can do; `Devices`, which are closed safely
+description   reads rig.toml: devices, their facts, safety limits, nominal geometry
+limits        lasers, camera and stage that can't leave the safety limits
+open_rig      opens the devices that a description names
+virtual       a virtual bench in a process of its own
+measure       a session of captures by a plan, each on the disk at once
+"""
+
+from holoview.rig.description import RigDescription, read_rig
+from holoview.rig.open_rig import open_rig
+
+__all__ = ["RigDescription", "open_rig", "read_rig"]

@@ -1,0 +1,193 @@
+"""Reads a rig's description: which devices it has, their facts, the safety limits, and the nominal bench.
+
+rig.toml has the tables of `bench.toml` (`captures.bench_tables`) with the devices' own keys, and three of its own:
+
+    name = "left arm"
+    [slm1]                          # and [slm2]
+    device = "slmsuite"             # kind of device, see `open_rig`; further keys are that kind's options
+    class = "slmsuite.hardware.slms.holoeye.Holoeye"
+    shape = [1080, 1920]            # rows, columns
+    pitch = "8 um"
+    num_levels = 256
+    opd_range = "633 nm"
+    [camera]
+    device = "slmsuite"
+    class = "slmsuite.hardware.cameras.thorlabs.ThorCam"
+    shape = [1080, 1440]            # of a raw picture
+    pitch = "3.45 um"               # and bit_depth, electrons_per_count, read_noise, black_level
+    [lasers]
+    device = "manual"
+    wavelengths = ["450 nm", "520 nm", "638 nm"]
+    [stage]
+    device = "manual"
+    range = ["0 mm", "20 mm"]
+    [limits]
+    power = 1.0                     # highest, relative
+    exposure = [1e-4, 0.5]          # s
+    stage = ["1 mm", "15 mm"]       # default: the stage's range
+    [geometry]
+    gap = "1 mm"
+
+Where camera and modulators are is written beside it by `holoview rig align` (`placement`).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from holoview.captures.bench_tables import KEYS, BenchTables, parse_bench_tables
+from holoview.model.field_types import Array, FieldType, Number
+from holoview.rig.limits import SafetyLimits
+from holoview.util.data_text import parse_toml
+from holoview.util.errors import UserError, suggest_matches
+from holoview.util.input_file import read_text
+
+_EXPECTED = "a description of a rig in TOML"
+_SHAPE = Array(Number(low=1, high=65536))
+_LENGTHS = Array(Number("mm", low=-1.0, high=10.0))
+_LASERS: dict[str, FieldType] = {"wavelengths": Array(Number("nm", low=100e-9, high=10e-6))}
+_STAGE: dict[str, FieldType] = {"range": _LENGTHS}
+_LIMITS: dict[str, FieldType] = {
+    "power": Number(low=0.0),
+    "exposure": Array(Number(low=0.0)),
+    "stage": _LENGTHS,
+}
+_DEVICES = ("slm1", "slm2", "camera", "lasers", "stage")
+_TABLES = ("limits", "geometry", "virtual", *_DEVICES)
+
+
+@dataclass(frozen=True)
+class DeviceSpec:
+    """A device that is to be opened. name: its table in rig.toml. kind: who drives it. options: of that kind."""
+
+    name: str
+    kind: str
+    options: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class RigDescription:
+    """A rig. All lengths in m, times in s.
+
+    path: of rig.toml. bench: the nominal bench. slm_shape, camera_shape: rows and columns.
+    wavelengths_m: of the lasers, ascending. stage_m: what the stage reaches.
+    devices: by their tables. virtual: the table of the virtual bench, empty where no device is virtual.
+    """
+
+    path: Path
+    name: str
+    bench: BenchTables
+    slm_shape: tuple[int, int]
+    camera_shape: tuple[int, int]
+    wavelengths_m: tuple[float, ...]
+    stage_m: tuple[float, float]
+    limits: SafetyLimits
+    devices: Mapping[str, DeviceSpec]
+    virtual: Mapping[str, Any]
+
+
+def read_rig(path: str | os.PathLike[str]) -> RigDescription:
+    """Reads rig.toml. Raises UserError that names the key of what is missing, unknown or wrong."""
+    file = Path(path)
+    tables = parse_toml(read_text(file, _EXPECTED), str(file), _EXPECTED)
+    where = str(file)
+    name = tables.pop("name", file.stem)
+    if not isinstance(name, str):
+        raise UserError(f"{where}: name", f"{name!r}", expected="a text")
+    for key, table in tables.items():
+        if key not in _TABLES or not isinstance(table, Mapping):
+            raise UserError(f"{where}: {key}", "unknown table", remedy=suggest_matches(key, _TABLES))
+    for key in ("slm1", "camera", "lasers", "stage", "limits"):
+        if key not in tables:
+            raise UserError(f"{where}: {key}", "is missing", expected=f"a table [{key}]")
+    facts, options = _split(tables, where)
+    slm_shape, camera_shape = _equal_shapes(facts, where), _shape(facts["camera"], f"{where}: camera")
+    stage_m = _pair(facts["stage"], "range", f"{where}: stage")
+    limits = facts["limits"]
+    return RigDescription(
+        path=file,
+        name=name,
+        bench=parse_bench_tables({key: facts[key] for key in KEYS if key in facts}, where),
+        slm_shape=slm_shape,
+        camera_shape=camera_shape,
+        wavelengths_m=_wavelengths(facts["lasers"], f"{where}: lasers"),
+        stage_m=stage_m,
+        limits=SafetyLimits(
+            power=float(_required(limits, "power", f"{where}: limits")),
+            exposures_s=_pair(limits, "exposure", f"{where}: limits"),
+            stage_m=_pair(limits, "stage", f"{where}: limits") if "stage" in limits else stage_m,
+        ),
+        devices={key: _device(key, options[key], where) for key in _DEVICES if key in tables},
+        virtual=dict(tables.get("virtual", {})),
+    )
+
+
+def _split(tables: Mapping[str, Any], where: str) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
+    """The facts of each table, parsed where they aren't the bench's, and what is left: options of the devices."""
+    known: dict[str, Mapping[str, FieldType]] = {"lasers": _LASERS, "stage": _STAGE, "limits": _LIMITS}
+    facts: dict[str, dict[str, Any]] = {}
+    options: dict[str, dict[str, Any]] = {}
+    for name, table in tables.items():
+        if name == "virtual":
+            continue
+        if name in known:
+            types = known[name]
+            facts[name] = {
+                key: types[key].parse(v, f"{where}: {name}.{key}") for key, v in table.items() if key in types
+            }
+        else:
+            keys = {*KEYS[name], "shape"} if name != "geometry" else set(table)
+            facts[name] = {key: v for key, v in table.items() if key in keys}
+        options[name] = {key: v for key, v in table.items() if key not in facts[name]}
+        if name == "limits" and options[name]:
+            key = next(iter(options[name]))
+            raise UserError(f"{where}: limits.{key}", "unknown key", remedy=suggest_matches(key, _LIMITS))
+    return facts, options
+
+
+def _equal_shapes(facts: dict[str, dict[str, Any]], where: str) -> tuple[int, int]:
+    """Rows and columns of the modulators, which are taken from their facts."""
+    shapes = [_shape(facts[name], f"{where}: {name}") for name in ("slm1", "slm2") if name in facts]
+    if len(set(shapes)) > 1:
+        raise UserError(f"{where}: slm2.shape", str(list(shapes[1])), expected=f"that of slm1, {list(shapes[0])}")
+    return shapes[0]
+
+
+def _shape(table: dict[str, Any], where: str) -> tuple[int, int]:
+    """Takes `shape` out of a table."""
+    _required(table, "shape", where)
+    value = _SHAPE.parse(table.pop("shape"), f"{where}.shape")
+    if value is None or len(value) != 2 or any(value != value.round()):
+        raise UserError(f"{where}.shape", str(value), expected="rows and columns, such as [1080, 1920]")
+    return int(value[0]), int(value[1])
+
+
+def _wavelengths(table: Mapping[str, Any], where: str) -> tuple[float, ...]:
+    values = tuple(sorted(float(λ) for λ in _required(table, "wavelengths", where)))
+    if len(set(values)) != len(values):
+        raise UserError(f"{where}.wavelengths", "one is listed twice", expected="distinct wavelengths")
+    return values
+
+
+def _pair(table: Mapping[str, Any], key: str, where: str) -> tuple[float, float]:
+    values = [float(value) for value in _required(table, key, where)]
+    if len(values) != 2 or values[0] > values[1]:
+        raise UserError(f"{where}.{key}", str(values), expected="two values, the lower one first")
+    return values[0], values[1]
+
+
+def _required(table: Mapping[str, Any], key: str, where: str) -> Any:
+    if key not in table:
+        raise UserError(f"{where}.{key}", "is missing")
+    return table[key]
+
+
+def _device(name: str, options: Mapping[str, Any], where: str) -> DeviceSpec:
+    kind = options.get("device")
+    if not isinstance(kind, str):
+        raise UserError(f"{where}: {name}.device", "is missing" if kind is None else f"{kind!r}", expected="a text")
+    return DeviceSpec(name, kind, {key: value for key, value in options.items() if key != "device"})

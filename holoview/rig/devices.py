@@ -1,0 +1,132 @@
+"""What a modulator, a camera, lasers and a stage can do, whoever made them.
+
+Every kind of device is a class with these methods. All quantities are in SI units; patterns are raw grey levels, never
+phases.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.util.errors import UserError
+
+Levels = NDArray[np.unsignedinteger]
+Counts = NDArray[np.uint16]
+
+
+class DeviceError(UserError):
+    """A device that doesn't answer, or answers wrongly. `where` names the device, the remedy says what to do."""
+
+
+class ModulatorDevice(Protocol):
+    """Shows patterns. shape: rows and columns. settle_s: from sending a pattern until it is shown."""
+
+    @property
+    def shape(self) -> tuple[int, int]: ...
+    @property
+    def settle_s(self) -> float: ...
+    def show(self, levels: Levels) -> None:
+        """Sends grey levels (y, x) and doesn't wait until they have settled."""
+
+    def close(self) -> None: ...
+
+
+class CameraDevice(Protocol):
+    """Takes pictures. shape: rows and columns of a raw picture. exposures_s: shortest and longest exposure."""
+
+    @property
+    def shape(self) -> tuple[int, int]: ...
+    @property
+    def exposures_s(self) -> tuple[float, float]: ...
+    def set_exposure(self, exposure_s: float) -> float:
+        """Sets the exposure time; returns the one that the camera took."""
+
+    def take(self) -> Counts:
+        """Raw counts (y, x) of one picture that was exposed after the call. Raises DeviceError if none comes."""
+
+    def close(self) -> None: ...
+
+
+class LasersDevice(Protocol):
+    """Lasers of several wavelengths, one on at a time. wavelengths_m: ascending."""
+
+    @property
+    def wavelengths_m(self) -> tuple[float, ...]: ...
+    def switch_on(self, wavelength_m: float, power: float) -> None:
+        """Switches one laser on, at a power relative to its nominal one, and all others off."""
+
+    def switch_off(self) -> None:
+        """Switches all lasers off. Must work at any time, twice too."""
+
+    def close(self) -> None: ...
+
+
+class StageDevice(Protocol):
+    """Moves the camera along the axis. range_m: nearest and farthest distance from the last modulator."""
+
+    @property
+    def range_m(self) -> tuple[float, float]: ...
+    def move_to(self, distance_m: float) -> float:
+        """Moves there and waits until it has arrived; returns the position that the stage reports."""
+
+    def close(self) -> None: ...
+
+
+class BenchClock(Protocol):
+    """Time on the bench, which a virtual bench simulates."""
+
+    def now(self) -> float:
+        """Seconds since some beginning."""
+
+    def wait(self, seconds: float) -> None:
+        """Returns after so many seconds on the bench."""
+
+
+@dataclass(frozen=True)
+class Devices:
+    """The open devices of a rig. As a context manager it switches the lasers off and closes all at the end.
+
+    The lasers are switched off first, whatever ends the block: the end, an error, Ctrl-C or another signal.
+    """
+
+    modulators: tuple[ModulatorDevice, ...]
+    camera: CameraDevice
+    lasers: LasersDevice
+    stage: StageDevice
+    clock: BenchClock
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Switches the lasers off and closes all devices, each even if another one fails; the first failure counts."""
+        with ExitStack() as stack:
+            parts: tuple[Any, ...] = (*self.modulators, self.camera, self.stage, self.lasers)
+            for device in parts:
+                stack.callback(device.close)
+            stack.callback(self.lasers.switch_off)  # last in, first out
+
+
+def call_device(name: str, action: str, remedy: str, call: Callable[[], Any]) -> Any:
+    """What `call` returns; whatever a device's library raises becomes a DeviceError.
+
+    name: the device in rig.toml, such as "camera". action: what was asked of it, as in "didn't …".
+    """
+    try:
+        return call()
+    except UserError:
+        raise
+    except Exception as error:  # each vendor's library raises exceptions of its own
+        raise DeviceError(name, f"didn't {action}: {error or type(error).__name__}", remedy=remedy) from error

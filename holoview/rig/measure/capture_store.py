@@ -1,0 +1,74 @@
+"""Captures one by one in a folder beside the session's file, and the whole session as one capture file.
+
+Each capture is a capture file of its own, written whole or not at all. So whatever ends a session, at most the capture
+in flight is lost, and what is there can be read by everything that reads capture files.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from holoview.captures.capture_file import read_captures, write_captures
+from holoview.captures.dataset import Captures
+from holoview.rig.measure.capture_plan import CapturePlan
+from holoview.util.data_text import parse_json_table
+from holoview.util.errors import UserError
+from holoview.util.file_writer import make_folder, write_file
+from holoview.util.input_file import read_text
+
+_SESSION = "session.json"
+_EXPECTED = "the state of a measurement session"
+
+
+class CaptureStore:
+    """The captures of one session. output: the capture file that they will be."""
+
+    def __init__(self, output: Path, plan: CapturePlan, rig_text: str) -> None:
+        self.output, self.folder = output, output.with_name(f"{output.name}.captures")
+        self._count = len(plan.requests)
+        self._fingerprint = hashlib.sha256((repr(plan.requests) + rig_text).encode()).hexdigest()
+
+    def open(self) -> None:
+        """Makes the folder, or goes on with one of the same plan and rig. Raises UserError for another one's."""
+        file = self.folder / _SESSION
+        if not file.exists():
+            make_folder(self.folder)
+            write_file(file, json.dumps({"fingerprint": self._fingerprint}))
+        elif parse_json_table(read_text(file, _EXPECTED), str(file), _EXPECTED).get("fingerprint") != self._fingerprint:
+            remedy = "choose another output, or remove the folder if it isn't wanted"
+            raise UserError(str(self.folder), "holds captures of another plan or rig", remedy=remedy)
+
+    @property
+    def missing(self) -> list[int]:
+        """Numbers of the captures that aren't on the disk, ascending."""
+        return [k for k in range(self._count) if not self._file(k).exists()]
+
+    def add(self, number: int, capture: Captures) -> None:
+        """Writes one capture, a session of one."""
+        write_captures(self._file(number), capture)
+
+    def join(self) -> Captures:
+        """All captures that are there, in the order of the plan, as one session. Raises UserError if there is none."""
+        parts = [read_captures(self._file(k)) for k in range(self._count) if self._file(k).exists()]
+        if not parts:
+            raise UserError(str(self.folder), "holds no capture yet")
+        names = ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s")
+        joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        return dataclasses.replace(parts[0], **joined)
+
+    def finish(self) -> Captures:
+        """Writes the session's file, then removes the folder; returns the session."""
+        captures = self.join()
+        write_captures(self.output, captures)
+        shutil.rmtree(self.folder)
+        return captures
+
+    def _file(self, number: int) -> Path:
+        return self.folder / f"{number:05d}.h5"

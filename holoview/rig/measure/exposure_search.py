@@ -1,0 +1,37 @@
+"""Exposure times that use the camera's range without saturation, found from picture to picture."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from holoview.captures.dataset import Camera
+from holoview.rig.devices import CameraDevice, Counts
+
+BRIGHT_QUANTILE = 0.999
+"""This quantile of the pixels counts as a picture's brightest; single ones may be dust or hot pixels."""
+
+_TARGET, _ENOUGH, _TOO_MUCH = 0.8, 0.4, 0.95  # of the range above black
+_STEP, _TRIES = 8.0, 12
+
+
+def take_exposed(camera: CameraDevice, facts: Camera, start_s: float) -> tuple[Counts, float]:
+    """A picture whose brightest pixels reach 0.4 to 0.95 of the range, or as near as exposures reach; and its exposure.
+
+    start_s: the first exposure that is tried.
+    """
+    low, high = camera.exposures_s
+    exposure = camera.set_exposure(float(np.clip(start_s, low, high)))
+    picture = camera.take()
+    for _ in range(_TRIES):
+        share = (float(np.quantile(picture, BRIGHT_QUANTILE)) - facts.black_level) / (
+            facts.saturation - facts.black_level
+        )
+        if _ENOUGH <= share <= _TOO_MUCH:
+            break
+        factor = 1 / _STEP if share > _TOO_MUCH else float(np.clip(_TARGET / max(share, 1e-6), 1 / _STEP, _STEP))
+        wanted = float(np.clip(exposure * factor, low, high))
+        if wanted == exposure:
+            break
+        exposure = camera.set_exposure(wanted)
+        picture = camera.take()
+    return picture, exposure

@@ -1,0 +1,90 @@
+"""Opens the devices that a rig's description names.
+
+A kind of device is a function from the rig and the device's table to the device; `KINDS` lists them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import Any
+
+from holoview.rig.description import DeviceSpec, RigDescription
+from holoview.rig.devices import BenchClock, Devices
+from holoview.rig.limits import limit_devices
+from holoview.rig.virtual.client import (
+    VirtualBenchProcess,
+    VirtualCamera,
+    VirtualClock,
+    VirtualLasers,
+    VirtualModulator,
+    VirtualStage,
+)
+from holoview.util.errors import UserError, suggest_matches
+
+
+@dataclass
+class OpeningRig:
+    """What the devices of one rig share while they are opened."""
+
+    rig: RigDescription
+    stack: ExitStack
+    bench: VirtualBenchProcess | None = field(default=None)
+
+    def virtual_bench(self) -> VirtualBenchProcess:
+        """The process of the virtual bench, which the first of its devices starts."""
+        if self.bench is None:
+            self.bench = VirtualBenchProcess(self.rig.path)
+            self.stack.callback(self.bench.close)
+        return self.bench
+
+
+Opener = Callable[[OpeningRig, DeviceSpec], Any]
+
+
+class SystemClock:
+    """The time that passes."""
+
+    def now(self) -> float:
+        return time.monotonic()
+
+    def wait(self, seconds: float) -> None:
+        time.sleep(max(seconds, 0.0))
+
+
+def open_rig(rig: RigDescription) -> Devices:
+    """Opens all devices of a rig, within its safety limits; use the result in a `with` statement.
+
+    Raises UserError for a kind that is unknown or that the table can't have, and DeviceError for a device that doesn't
+    answer; those that were open by then are closed.
+    """
+    with ExitStack() as stack:
+        opening = OpeningRig(rig, stack)
+        opened: dict[str, Any] = {}
+        for name, spec in rig.devices.items():
+            opened[name] = _opener(rig, spec)(opening, spec)
+            stack.callback(opened[name].close)
+        clock: BenchClock = SystemClock() if opening.bench is None else VirtualClock(opening.bench)
+        modulators = tuple(opened[name] for name in ("slm1", "slm2") if name in opened)
+        devices = Devices(modulators, opened["camera"], opened["lasers"], opened["stage"], clock)
+        stack.pop_all()  # they stay open
+    return limit_devices(devices, rig.limits)
+
+
+def _open_virtual(opening: OpeningRig, spec: DeviceSpec) -> Any:
+    bench, rig = opening.virtual_bench(), opening.rig
+    if spec.name in ("slm1", "slm2"):
+        return VirtualModulator(bench, rig, int(spec.name[3]) - 1, float(spec.options.get("settle", 0.0)))
+    return {"camera": VirtualCamera, "lasers": VirtualLasers, "stage": VirtualStage}[spec.name](bench, rig)
+
+
+KINDS: Mapping[str, Opener] = {"virtual": _open_virtual}
+
+
+def _opener(rig: RigDescription, spec: DeviceSpec) -> Opener:
+    if spec.kind not in KINDS:
+        where = f"{rig.path}: {spec.name}.device"
+        raise UserError(where, f'"{spec.kind}"', remedy=suggest_matches(spec.kind, KINDS))
+    return KINDS[spec.kind]

@@ -1,0 +1,111 @@
+"""The process of a virtual bench: `python -m holoview.rig.virtual.server RIG.toml`.
+
+It reads a token from stdin, prints the port of a local socket that it listens on, and serves whoever sends the token
+first. It ends when stdin is closed, which is when the process that started it ends, however that ended.
+"""
+
+from __future__ import annotations
+
+import hmac
+import os
+import socket
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import torch
+
+from holoview.rig.description import read_rig
+from holoview.rig.virtual.virtual_bench import VirtualBench
+from holoview.rig.virtual.virtual_settings import read_virtual_settings
+from holoview.rig.virtual.wire import Connection, Disconnected, Message
+from holoview.util.errors import UserError
+
+
+class BenchServer:
+    """Answers messages {"do": …}; an answer has the key "error" if it couldn't be done."""
+
+    def __init__(self, bench: VirtualBench) -> None:
+        self._bench, self._lock = bench, threading.Lock()
+        self._actions: dict[str, Callable[[Message], Message]] = {
+            "show": self._show,
+            "take": lambda _: Message({}, bench.take()),
+            "expose": self._expose,
+            "laser": self._laser,
+            "move": lambda m: Message({"distance": bench.move_to(float(m.table["distance"]))}),
+            "wait": self._wait,
+            "time": lambda _: Message({"time": bench.time_s}),
+        }
+
+    def answer(self, message: Message) -> Message:
+        """The answer to one message; messages of several connections are answered one after the other."""
+        action = self._actions.get(str(message.table.get("do")))
+        if action is None:
+            return Message({"error": "unknown message"})
+        try:
+            with self._lock:
+                return action(message)
+        except UserError as error:
+            return Message({"error": str(error)})
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            return Message({"error": f"not understood: {error}"})
+
+    def serve(self, connection: Connection, token: str) -> None:
+        """Answers messages until the other side is gone; without the right token the connection is closed."""
+        try:
+            if not hmac.compare_digest(str(connection.receive().table.get("token", "")).encode(), token.encode()):
+                return
+            connection.send(Message({}))
+            while True:
+                connection.send(self.answer(connection.receive()))
+        except Disconnected:
+            pass
+        finally:
+            connection.close()
+
+    def _show(self, message: Message) -> Message:
+        if message.array is None:
+            raise ValueError("no levels")
+        self._bench.show(int(message.table["slm"]), message.array)
+        return Message({})
+
+    def _expose(self, message: Message) -> Message:
+        self._bench.exposure_s = float(message.table["exposure"])
+        return Message({"exposure": self._bench.exposure_s})
+
+    def _laser(self, message: Message) -> Message:
+        wavelength: Any = message.table.get("wavelength")
+        self._bench.laser = None if wavelength is None else (float(wavelength), float(message.table["power"]))
+        return Message({})
+
+    def _wait(self, message: Message) -> Message:
+        self._bench.wait(float(message.table["seconds"]))
+        return Message({})
+
+
+def main() -> int:
+    """Serves the rig of the first argument."""
+    token = sys.stdin.readline().strip()
+    torch.set_num_threads(1)
+    try:
+        rig = read_rig(sys.argv[1])
+        server = BenchServer(VirtualBench(rig, read_virtual_settings(rig)))
+    except UserError as error:
+        print(f"error {error}", flush=True)
+        return 2
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        print(f"port {listening.getsockname()[1]}", flush=True)
+        threading.Thread(target=_end_with_stdin, daemon=True).start()
+        while True:
+            connected, _ = listening.accept()
+            threading.Thread(target=server.serve, args=(Connection(connected), token), daemon=True).start()
+
+
+def _end_with_stdin() -> None:
+    sys.stdin.read()
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,128 @@
+"""The light of a virtual bench: patterns, lasers, stage and camera to counts, in simulated time.
+
+It has a clock of its own, which only waiting, moving and exposing advance, so that a session in which a real bench
+would wait for minutes takes as long as its light takes to compute.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.captures.dataset import Captures
+from holoview.captures.predictor import Predictor
+from holoview.captures.virtual_measurement import jittered_effects, read_out
+from holoview.rig.description import RigDescription
+from holoview.rig.devices import Counts, Levels
+from holoview.rig.virtual.virtual_settings import VirtualSettings
+
+_BRIGHT_QUANTILE, _FULL_EXPOSURE_S = 0.999, 1 / 60
+_MIN_SHARE = 1e-4  # of a pattern before, below which it is gone
+_STAGE_SPEED = 5e-3  # m/s
+
+
+@dataclass
+class _Shown:
+    """A modulator: its pattern, the one before, and when the pattern was sent."""
+
+    levels: Levels
+    before: Levels
+    since_s: float
+
+
+class VirtualBench:
+    """A bench with hidden effects. Sizes and nominal facts are those of the rig's description."""
+
+    def __init__(self, rig: RigDescription, settings: VirtualSettings) -> None:
+        self._rig, self._settings = rig, settings
+        self._rng = np.random.default_rng(settings.seed)
+        self._sensitivity = 1 + settings.nuisances.prnu * self._rng.standard_normal(rig.camera_shape)
+        lasers = rig.wavelengths_m
+        self._brightness = dict(zip(lasers, self._rng.uniform(0.7, 1.3, len(lasers)), strict=True))
+        self._scale: dict[float, float] = {}
+        dark = [np.zeros(rig.slm_shape, _levels_type(slm.num_levels)) for slm in rig.bench.slms]
+        self._shown = [_Shown(levels, levels, -math.inf) for levels in dark]
+        self.time_s, self.exposure_s, self.distance_m = 0.0, max(rig.limits.exposures_s[0], 1e-3), rig.stage_m[0]
+        self.laser: tuple[float, float] | None = None
+
+    def show(self, slm: int, levels: Levels) -> None:
+        """Sends a pattern (y, x) to modulator 0 or 1."""
+        shown = self._shown[slm]
+        self._shown[slm] = _Shown(levels.copy(), shown.levels, self.time_s)
+
+    def wait(self, seconds: float) -> None:
+        """Lets time pass."""
+        self.time_s += max(seconds, 0.0)
+
+    def move_to(self, distance_m: float) -> float:
+        """Moves the camera; returns the position that the stage reports."""
+        self.wait(abs(distance_m - self.distance_m) / _STAGE_SPEED)
+        self.distance_m = distance_m
+        return distance_m
+
+    def take(self) -> Counts:
+        """Raw counts (y, x) of a picture, dark where no laser is on."""
+        begin = self.time_s
+        self.wait(self.exposure_s + self._settings.readout_s)
+        return self._dark_picture() if self.laser is None else self._lit_picture(*self.laser, begin)
+
+    def _dark_picture(self) -> Counts:
+        captures, camera = self._one_capture(self._rig.wavelengths_m[0], 0.0), self._rig.bench.camera
+        dark = Predictor(captures, finer=self._settings.finer).counts_without_lasers([0], self._settings.effects)
+        light = np.broadcast_to(dark.astype(np.float64), (1, *self._rig.camera_shape))[0]
+        return read_out(camera, light * self._sensitivity, camera.black_level, self._rng)
+
+    def _lit_picture(self, wavelength_m: float, power: float, begin: float) -> Counts:
+        settings, camera = self._settings, self._rig.bench.camera
+        effects = self._with_settling(jittered_effects(settings.effects, settings.nuisances, self._rng), begin)
+        prediction = Predictor(self._one_capture(wavelength_m, power), finer=settings.finer)([0], effects)
+        signal = prediction.signal[0].double().numpy()
+        light = self._scale_of(wavelength_m, signal, power) * signal * self._exposure_error()
+        if prediction.ambient is not None:
+            light = light + prediction.ambient[0].double().numpy()
+        return read_out(camera, light * self._sensitivity, prediction.black_level, self._rng)
+
+    def _one_capture(self, wavelength_m: float, power: float) -> Captures:
+        """A session of one capture: what is shown, and where the camera is."""
+        return Captures(
+            levels=np.stack([shown.levels for shown in self._shown])[None],
+            images=np.zeros((1, *self._rig.camera_shape), np.uint16),
+            wavelength_m=np.array([wavelength_m]),
+            distance_m=np.array([self.distance_m]),
+            power=np.array([power]),
+            exposure_s=np.array([self.exposure_s]),
+            lasers_m=self._rig.wavelengths_m,
+            levels_before=np.stack([shown.before for shown in self._shown])[None],
+            **self._rig.bench.as_fields(),
+        )
+
+    def _with_settling(self, effects: dict[str, dict[str, float]], now_s: float) -> dict[str, dict[str, float]]:
+        """The effects, with the share of the patterns before that remains."""
+        τ = self._settings.settle_s
+        own = dict(effects.get("settling", {}))
+        for number, shown in enumerate(self._shown, start=1):
+            share = math.exp(-(now_s - shown.since_s) / τ) if τ > 0 else 0.0
+            if share > _MIN_SHARE:
+                own[f"share{number}"] = min(own.get(f"share{number}", 0.0) + share, 0.95)
+        return {**effects, "settling": own} if own else effects
+
+    def _scale_of(self, wavelength_m: float, signal: NDArray[np.float64], power: float) -> float:
+        """Counts per unit of signal, fixed by the first light of each laser: a full picture takes a frame's time."""
+        if wavelength_m not in self._scale:
+            camera = self._rig.bench.camera
+            bright = float(np.quantile(signal, _BRIGHT_QUANTILE)) / max(power * self.exposure_s, 1e-12)
+            target = camera.saturation - camera.black_level
+            self._scale[wavelength_m] = (
+                self._brightness[wavelength_m] * target / (max(bright, 1e-30) * _FULL_EXPOSURE_S)
+            )
+        return self._scale[wavelength_m]
+
+    def _exposure_error(self) -> float:
+        return 1 + self._settings.nuisances.exposure_jitter * float(self._rng.standard_normal())
+
+
+def _levels_type(num_levels: int) -> type[np.unsignedinteger]:
+    return np.uint8 if num_levels <= 256 else np.uint16

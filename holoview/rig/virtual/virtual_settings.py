@@ -1,0 +1,84 @@
+"""What is really there on a virtual bench, which its user needn't know.
+
+rig.toml names a file of secrets, or holds them itself:
+
+    [virtual]
+    bench = "hidden.toml"
+
+    # hidden.toml
+    seed = 3
+    settle = 0.02                 # s, time constant of the modulators
+    prnu = 0.01                   # and exposure_jitter, camera_jitter, wavelength_jitter: standard deviations
+    [effects.gap]
+    gap_error = "0.1 mm"
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from holoview.captures.virtual_measurement import Nuisances
+from holoview.model.effects.effect_table import EffectTable
+from holoview.model.field_types import FieldType, Number
+from holoview.rig.description import RigDescription
+from holoview.util.data_text import parse_toml
+from holoview.util.errors import UserError, suggest_matches
+from holoview.util.input_file import read_text
+
+_EXPECTED = "what a virtual bench really is, in TOML"
+_SHARE = Number(low=0.0, high=1.0)
+_KEYS: dict[str, FieldType] = {
+    "seed": Number(low=0, high=2**31),
+    "settle": Number(low=0.0, high=100.0),
+    "finer": Number(low=1, high=8),
+    "readout": Number(low=0.0, high=100.0),
+    "exposure_jitter": _SHARE,
+    "prnu": _SHARE,
+    "camera_jitter": Number("um", low=0.0, high=1e-3),
+    "wavelength_jitter": Number("nm", low=0.0, high=1e-7),
+    "effects": EffectTable(),
+}
+
+
+@dataclass(frozen=True)
+class VirtualSettings:
+    """effects: {id: {parameter: value}}. settle_s: time constant of the modulators. readout_s: of a picture.
+
+    finer: factor by which light is computed finer than a model of the captures would. seed: of all that is random.
+    """
+
+    effects: Mapping[str, Mapping[str, Any]]
+    nuisances: Nuisances
+    seed: int = 0
+    settle_s: float = 0.0
+    readout_s: float = 0.02
+    finer: int = 1
+
+
+def read_virtual_settings(rig: RigDescription) -> VirtualSettings:
+    """The settings of a rig's virtual bench. Raises UserError that names the key of what is unknown or wrong."""
+    table, where = dict(rig.virtual), f"{rig.path}: virtual"
+    if "bench" in table:
+        if len(table) > 1 or not isinstance(table["bench"], str):
+            raise UserError(f"{where}.bench", "isn't the only key, or no text", expected="the name of a file alone")
+        file = rig.path.parent / table["bench"]
+        table, where = parse_toml(read_text(file, _EXPECTED), str(file), _EXPECTED), str(file)
+    for key in table:
+        if key not in _KEYS:
+            raise UserError(f"{where}.{key}", "unknown key", remedy=suggest_matches(key, _KEYS))
+    values = {key: _KEYS[key].parse(value, f"{where}.{key}") for key, value in table.items()}
+    return VirtualSettings(
+        effects={name: dict(pairs) for name, pairs in values.get("effects", ())},
+        nuisances=Nuisances(
+            values.get("exposure_jitter", 0.0),
+            values.get("prnu", 0.0),
+            values.get("camera_jitter", 0.0),
+            values.get("wavelength_jitter", 0.0),
+        ),
+        seed=int(values.get("seed", 0)),
+        settle_s=values.get("settle", 0.0),
+        readout_s=values.get("readout", 0.02),
+        finer=int(values.get("finer", 1)),
+    )
