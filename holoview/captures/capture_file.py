@@ -55,12 +55,18 @@ def read_captures(path: str | os.PathLike[str], check: Callable[[Captures], obje
     return captures
 
 
-def write_captures(path: str | os.PathLike[str], captures: Captures) -> None:
+def write_captures(
+    path: str | os.PathLike[str],
+    captures: Captures,
+    check: Callable[[Captures], object] = check_captures,
+    extend: Callable[[h5py.File], object] = lambda _: None,
+) -> None:
     """Writes a capture file completely or not at all; what was corrected is noted in it.
 
-    Raises UserError for an impossible session (`check_captures`), and WriteError.
+    check: raises UserError for sessions that mustn't be written. extend: adds what readers of captures ignore.
+    Raises what `check` does, and WriteError.
     """
-    check_captures(captures)
+    check(captures)
     buffer = io.BytesIO()
     with h5py.File(buffer, "w") as h5:
         h5.attrs["format"], h5.attrs["version"] = FORMAT_NAME, FORMAT_VERSION
@@ -83,6 +89,7 @@ def write_captures(path: str | os.PathLike[str], captures: Captures) -> None:
             if value is not None:
                 geometry.attrs[name] = value
         geometry.attrs.update(stop_attributes(captures.relay1, 1) | stop_attributes(captures.relay2, 2))
+        extend(h5)
     write_file(path, buffer.getbuffer())
 
 

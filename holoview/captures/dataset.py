@@ -90,7 +90,7 @@ class Captures:
     frame: (rows, columns) of the pictures that these are the middle of; None for whole pictures.
     slm_frame: the same of the modulators.
     levels_before: as `levels`, those of the capture that was taken before, for the first its own; None if they follow
-    from the order of these.
+    from the order of these. Between whole levels where a modulator hadn't settled.
     levels_first: (modulator, y, x), those of the first capture of the session that these were taken from; None if that
     is the first of these.
     """
@@ -111,7 +111,7 @@ class Captures:
     lasers_m: tuple[float, ...] = ()
     frame: tuple[int, int] | None = None
     slm_frame: tuple[int, int] | None = None
-    levels_before: NDArray[np.unsignedinteger] | None = None
+    levels_before: NDArray[np.unsignedinteger] | Floats | None = None
     levels_first: NDArray[np.unsignedinteger] | None = None
 
     def __len__(self) -> int:
@@ -186,7 +186,7 @@ class Captures:
     def _highest_levels(self) -> Floats:
         return np.array([slm.num_levels - 1 for slm in self.slms], dtype=np.float64)[:, None, None]
 
-    def _levels_before(self, capture: int) -> NDArray[np.unsignedinteger]:
+    def _levels_before(self, capture: int) -> NDArray[np.unsignedinteger] | Floats:
         if self.levels_before is not None:
             return self.levels_before[capture]
         return self.levels[max(capture % len(self) - 1, 0)]

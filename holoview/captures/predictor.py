@@ -118,13 +118,17 @@ class Predictor:
             signals = [self._signal(int(k), active, *caches) for k in indices]
             return Prediction(torch.stack(signals), self._black_level(active), self._ambient(indices, active))
 
+    def without_lasers(self, indices: Sequence[int] | NDArray[np.integer], effects: EffectValues) -> Prediction:
+        """As a call, with no laser on: the signal is nothing."""
+        active = TorchEffects(effects, self.extra_effects)
+        nothing = torch.zeros((), dtype=self.real_dtype).expand(len(indices), *self.captures.shape)
+        return Prediction(nothing, self._black_level(active), self._ambient(indices, active))
+
     def counts_without_lasers(
         self, indices: Sequence[int] | NDArray[np.integer], effects: EffectValues
     ) -> NDArray[np.float32]:
         """As of `Prediction`, beyond the captures' black level; computes no light."""
-        active = TorchEffects(effects, self.extra_effects)
-        dark = Prediction(torch.zeros(0), self._black_level(active), self._ambient(indices, active))
-        return dark.counts_without_lasers(self.captures.camera.black_level)
+        return self.without_lasers(indices, effects).counts_without_lasers(self.captures.camera.black_level)
 
     def _black_level(self, active: TorchEffects) -> float:
         return float(self.captures.camera.black_level + active.black_level_offset())

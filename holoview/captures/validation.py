@@ -36,12 +36,18 @@ _MAX_SATURATED = 0.5  # fraction of the pixels of the least saturated image
 
 def check_captures(captures: Captures) -> None:
     """Raises UserError unless the session is consistent and plausible as measured data in SI units."""
+    check_settings(captures)
+    _check_images(captures)
+
+
+def check_settings(captures: Captures) -> None:
+    """As `check_captures`, whatever the pictures show: they may all be dark, as those of a bench not yet measured."""
     _check_columns(captures)
     check_lengths(captures)
     _check_geometry(captures)
     _check_levels(captures)
     _check_camera(captures)
-    _check_images(captures)
+    _check_orientation(captures)
 
 
 def check_lengths(captures: Captures) -> None:
@@ -182,7 +188,6 @@ def _check_images(captures: Captures) -> None:
         )
     if float((images >= camera.saturation).mean(axis=(1, 2)).min()) > _MAX_SATURATED:
         raise UserError("camera/images", "all are saturated", expected="a shorter exposure or less laser power")
-    _check_orientation(captures)
 
 
 def _check_orientation(captures: Captures) -> None:

@@ -39,9 +39,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from holoview.captures.bench_tables import KEYS, BenchTables, parse_bench_tables
+from holoview.captures.dataset import Captures
+from holoview.captures.validation import check_settings
 from holoview.model.field_types import Array, FieldType, Number
 from holoview.rig.limits import SafetyLimits
+from holoview.util import units
 from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.input_file import read_text
@@ -89,6 +94,18 @@ class RigDescription:
     devices: Mapping[str, DeviceSpec]
     virtual: Mapping[str, Any]
 
+    def blank_capture(self) -> Captures:
+        """A capture that wasn't taken: dark patterns and no light, with the shortest wavelength at the near end."""
+        return Captures(
+            levels=np.zeros((1, len(self.bench.slms), *self.slm_shape), np.uint8),
+            images=np.zeros((1, *self.camera_shape), np.uint16),
+            wavelength_m=np.array(self.wavelengths_m[:1]),
+            distance_m=np.array(self.limits.stage_m[:1]),
+            power=np.array([self.limits.power]),
+            exposure_s=np.array(self.limits.exposures_s[:1]),
+            **self.bench.as_fields(),
+        )
+
 
 def read_rig(path: str | os.PathLike[str]) -> RigDescription:
     """Reads rig.toml. Raises UserError that names the key of what is missing, unknown or wrong."""
@@ -107,8 +124,8 @@ def read_rig(path: str | os.PathLike[str]) -> RigDescription:
     facts, options = _split(tables, where)
     slm_shape, camera_shape = _equal_shapes(facts, where), _shape(facts["camera"], f"{where}: camera")
     stage_m = _pair(facts["stage"], "range", f"{where}: stage")
-    limits = facts["limits"]
-    return RigDescription(
+    limits = _limits(facts["limits"], stage_m, f"{where}: limits")
+    rig = RigDescription(
         path=file,
         name=name,
         bench=parse_bench_tables({key: facts[key] for key in KEYS if key in facts}, where),
@@ -116,14 +133,15 @@ def read_rig(path: str | os.PathLike[str]) -> RigDescription:
         camera_shape=camera_shape,
         wavelengths_m=_wavelengths(facts["lasers"], f"{where}: lasers"),
         stage_m=stage_m,
-        limits=SafetyLimits(
-            power=float(_required(limits, "power", f"{where}: limits")),
-            exposures_s=_pair(limits, "exposure", f"{where}: limits"),
-            stage_m=_pair(limits, "stage", f"{where}: limits") if "stage" in limits else stage_m,
-        ),
+        limits=limits,
         devices={key: _device(key, options[key], where) for key in _DEVICES if key in tables},
         virtual=dict(tables.get("virtual", {})),
     )
+    try:
+        check_settings(rig.blank_capture())
+    except UserError as error:
+        raise error.inside(f"{where}: ") from error
+    return rig
 
 
 def _split(tables: Mapping[str, Any], where: str) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
@@ -168,6 +186,8 @@ def _shape(table: dict[str, Any], where: str) -> tuple[int, int]:
 
 def _wavelengths(table: Mapping[str, Any], where: str) -> tuple[float, ...]:
     values = tuple(sorted(float(λ) for λ in _required(table, "wavelengths", where)))
+    if not values:
+        raise UserError(f"{where}.wavelengths", "is empty", expected="at least one wavelength")
     if len(set(values)) != len(values):
         raise UserError(f"{where}.wavelengths", "one is listed twice", expected="distinct wavelengths")
     return values
@@ -184,6 +204,21 @@ def _required(table: Mapping[str, Any], key: str, where: str) -> Any:
     if key not in table:
         raise UserError(f"{where}.{key}", "is missing")
     return table[key]
+
+
+def _limits(table: Mapping[str, Any], reach_m: tuple[float, float], where: str) -> SafetyLimits:
+    """The safety limits. reach_m: of the stage, beyond which they can't go."""
+    power = float(_required(table, "power", where))
+    if power == 0:
+        raise UserError(f"{where}.power", "0", expected="a number greater than 0")
+    exposures_s = _pair(table, "exposure", where)
+    if exposures_s[0] == 0:
+        raise UserError(f"{where}.exposure", "0 s", expected="exposures greater than 0")
+    stage_m = _pair(table, "stage", where) if "stage" in table else reach_m
+    if not reach_m[0] <= stage_m[0] <= stage_m[1] <= reach_m[1]:
+        expected = f"a range within {' … '.join(units.format_rounded(z, 'mm') for z in reach_m)}, that of the stage"
+        raise UserError(f"{where}.stage", " … ".join(units.format_rounded(z, "mm") for z in stage_m), expected=expected)
+    return SafetyLimits(power, exposures_s, stage_m)
 
 
 def _device(name: str, options: Mapping[str, Any], where: str) -> DeviceSpec:

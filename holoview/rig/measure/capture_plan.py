@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.patterns import BLUR_SIGMAS_PX, random_levels
-from holoview.model.field_types import Array, FieldType, Number
+from holoview.model.field_types import Array, FieldType, Integer, Number
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Levels
 from holoview.util.data_text import parse_toml
@@ -32,13 +32,13 @@ from holoview.util.input_file import read_text
 _EXPECTED = "a plan of captures in TOML"
 _MARGIN = 0.1  # of the stage's range, left free by the default planes
 _KEYS: dict[str, FieldType] = {
-    "each": Number(low=1, high=100_000),
+    "each": Integer(low=1, high=100_000),
     "wavelengths": Array(Number("nm", low=100e-9, high=10e-6)),
     "distances": Array(Number("mm", low=-1.0, high=10.0)),
     "power": Array(Number(low=0.0)),
     "blur": Array(Number(low=0.0, high=1000.0)),
     "exposure": Number(low=0.0, high=1e4),
-    "seed": Number(low=0, high=2**31),
+    "seed": Integer(low=0, high=2**31),
 }
 
 
@@ -73,6 +73,8 @@ class CapturePlan:
                 known = ", ".join(f"{λ * 1e9:g} nm" for λ in rig.wavelengths_m)
                 raise UserError("plan: wavelengths", f"{request.wavelength_m * 1e9:g} nm", expected=f"one of {known}")
             rig.limits.require_power(request.power)
+            if request.power == 0:
+                raise UserError("plan: power", "0", expected="powers greater than 0")
             rig.limits.require_distance(request.distance_m)
             if request.exposure_s is not None:
                 rig.limits.require_exposure(request.exposure_s)
@@ -90,7 +92,11 @@ def read_plan(path: str | os.PathLike[str], rig: RigDescription) -> CapturePlan:
     for key in table:
         if key not in _KEYS:
             raise UserError(f"{file}: {key}", "unknown key", remedy=suggest_matches(key, _KEYS))
-    plan = _plan(rig, {key: _KEYS[key].parse(value, f"{file}: {key}") for key, value in table.items()})
+    values = {key: _KEYS[key].parse(value, f"{file}: {key}") for key, value in table.items()}
+    for key, value in values.items():
+        if np.size(value) == 0:
+            raise UserError(f"{file}: {key}", "is empty", expected="at least one number")
+    plan = _plan(rig, values)
     plan.check(rig)
     return plan
 
@@ -108,7 +114,7 @@ def _plan(rig: RigDescription, values: Mapping[str, Any]) -> CapturePlan:
         request = CaptureRequest(
             wavelength_m=float(wavelength),
             distance_m=float(distance),
-            power=round(float(rng.uniform(powers.min(), powers.max())), 3),
+            power=float(np.clip(round(rng.uniform(powers.min(), powers.max()), 3), powers.min(), powers.max())),
             sigma_px=float(sigmas[number % len(sigmas)]),
             seed=(seed, len(requests)),
             exposure_s=values.get("exposure"),

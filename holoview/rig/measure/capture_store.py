@@ -17,6 +17,7 @@ import numpy as np
 
 from holoview.captures.capture_file import read_captures, write_captures
 from holoview.captures.dataset import Captures
+from holoview.captures.validation import check_settings
 from holoview.rig.measure.capture_plan import CapturePlan
 from holoview.util.data_text import parse_json_table
 from holoview.util.errors import UserError
@@ -32,33 +33,45 @@ class CaptureStore:
 
     def __init__(self, output: Path, plan: CapturePlan, rig_text: str) -> None:
         self.output, self.folder = output, output.with_name(f"{output.name}.captures")
-        self._count = len(plan.requests)
+        self._finished = output.with_name(f"{output.name}.finished")
+        self._count, self._there = len(plan.requests), set[int]()
         self._fingerprint = hashlib.sha256((repr(plan.requests) + rig_text).encode()).hexdigest()
 
-    def open(self) -> None:
-        """Makes the folder, or goes on with one of the same plan and rig. Raises UserError for another one's."""
+    def open(self) -> list[int]:
+        """Makes the folder, or goes on with one of the same plan and rig; returns damaged captures, which are missing.
+
+        Raises UserError for a folder of another plan or rig, and for an output that is there already.
+        """
+        shutil.rmtree(self._finished, ignore_errors=True)  # of a program that was killed while it removed it
         file = self.folder / _SESSION
         if not file.exists():
+            if self.output.exists():
+                remedy = "choose another output, or remove the file if it isn't wanted"
+                raise UserError(str(self.output), "is there already", remedy=remedy)
             make_folder(self.folder)
             write_file(file, json.dumps({"fingerprint": self._fingerprint}))
         elif parse_json_table(read_text(file, _EXPECTED), str(file), _EXPECTED).get("fingerprint") != self._fingerprint:
             remedy = "choose another output, or remove the folder if it isn't wanted"
             raise UserError(str(self.folder), "holds captures of another plan or rig", remedy=remedy)
+        written = [k for k in range(self._count) if self._file(k).exists()]
+        self._there = {k for k in written if self._is_whole(k)}
+        return [k for k in written if k not in self._there]
 
     @property
     def missing(self) -> list[int]:
         """Numbers of the captures that aren't on the disk, ascending."""
-        return [k for k in range(self._count) if not self._file(k).exists()]
+        return [k for k in range(self._count) if k not in self._there]
 
     def add(self, number: int, capture: Captures) -> None:
         """Writes one capture, a session of one."""
-        write_captures(self._file(number), capture)
+        write_captures(self._file(number), capture, check_settings)
+        self._there.add(number)
 
     def join(self) -> Captures:
         """All captures that are there, in the order of the plan, as one session. Raises UserError if there is none."""
-        parts = [read_captures(self._file(k)) for k in range(self._count) if self._file(k).exists()]
-        if not parts:
+        if not self._there:
             raise UserError(str(self.folder), "holds no capture yet")
+        parts = [self._read(k) for k in sorted(self._there)]
         names = ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s")
         joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
         return dataclasses.replace(parts[0], **joined)
@@ -67,8 +80,18 @@ class CaptureStore:
         """Writes the session's file, then removes the folder; returns the session."""
         captures = self.join()
         write_captures(self.output, captures)
-        shutil.rmtree(self.folder)
+        self.folder.rename(self._finished)  # at once, so that no session goes on with a folder half removed
+        shutil.rmtree(self._finished)
         return captures
+
+    def _is_whole(self, number: int) -> bool:
+        try:
+            return len(self._read(number)) == 1
+        except UserError:
+            return False
+
+    def _read(self, number: int) -> Captures:
+        return read_captures(self._file(number), check_settings)
 
     def _file(self, number: int) -> Path:
         return self.folder / f"{number:05d}.h5"

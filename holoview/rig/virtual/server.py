@@ -31,7 +31,7 @@ class BenchServer:
         self._actions: dict[str, Callable[[Message], Message]] = {
             "show": self._show,
             "take": lambda _: Message({}, bench.take()),
-            "expose": self._expose,
+            "expose": lambda m: Message({"exposure": bench.expose(float(m.table["exposure"]))}),
             "laser": self._laser,
             "move": lambda m: Message({"distance": bench.move_to(float(m.table["distance"]))}),
             "wait": self._wait,
@@ -70,13 +70,12 @@ class BenchServer:
         self._bench.show(int(message.table["slm"]), message.array)
         return Message({})
 
-    def _expose(self, message: Message) -> Message:
-        self._bench.exposure_s = float(message.table["exposure"])
-        return Message({"exposure": self._bench.exposure_s})
-
     def _laser(self, message: Message) -> Message:
         wavelength: Any = message.table.get("wavelength")
-        self._bench.laser = None if wavelength is None else (float(wavelength), float(message.table["power"]))
+        if wavelength is None:
+            self._bench.switch_off()
+        else:
+            self._bench.switch_on(float(wavelength), float(message.table["power"]))
         return Message({})
 
     def _wait(self, message: Message) -> Message:

@@ -18,23 +18,28 @@ from holoview.captures.virtual_measurement import jittered_effects, read_out
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Counts, Levels
 from holoview.rig.virtual.virtual_settings import VirtualSettings
+from holoview.util.errors import UserError
 
 _BRIGHT_QUANTILE, _FULL_EXPOSURE_S = 0.999, 1 / 60
-_MIN_SHARE = 1e-4  # of a pattern before, below which it is gone
+_MIN_SHARE, _MAX_SHARE = 1e-4, 0.95  # of a pattern before: below it is gone; the most that the effect takes
 _STAGE_SPEED = 5e-3  # m/s
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Shown:
-    """A modulator: its pattern, the one before, and when the pattern was sent."""
+    """A modulator: its pattern, what was there when that was sent (in levels, not only whole ones), and when."""
 
     levels: Levels
-    before: Levels
+    before: NDArray[np.float64]
     since_s: float
 
 
 class VirtualBench:
-    """A bench with hidden effects. Sizes and nominal facts are those of the rig's description."""
+    """A bench with hidden effects. Sizes and nominal facts are those of the rig's description.
+
+    Raises UserError for what no device can be asked. time_s: of the bench. exposure_s: of the next picture.
+    distance_m: where the camera is. laser: wavelength (m) and power of the one that is on, None if none is.
+    """
 
     def __init__(self, rig: RigDescription, settings: VirtualSettings) -> None:
         self._rig, self._settings = rig, settings
@@ -44,21 +49,59 @@ class VirtualBench:
         self._brightness = dict(zip(lasers, self._rng.uniform(0.7, 1.3, len(lasers)), strict=True))
         self._scale: dict[float, float] = {}
         dark = [np.zeros(rig.slm_shape, _levels_type(slm.num_levels)) for slm in rig.bench.slms]
-        self._shown = [_Shown(levels, levels, -math.inf) for levels in dark]
+        self._shown = [_Shown(levels, levels.astype(np.float64), -math.inf) for levels in dark]
         self.time_s, self.exposure_s, self.distance_m = 0.0, max(rig.limits.exposures_s[0], 1e-3), rig.stage_m[0]
         self.laser: tuple[float, float] | None = None
 
     def show(self, slm: int, levels: Levels) -> None:
         """Sends a pattern (y, x) to modulator 0 or 1."""
+        if not 0 <= slm < len(self._shown):
+            raise UserError("modulator", f"no modulator {slm}")
+        num_levels = self._rig.bench.slms[slm].num_levels
+        if levels.shape != self._rig.slm_shape:
+            expected = f"{self._rig.slm_shape}"
+            raise UserError(f"slm{slm + 1}", f"a pattern of shape {levels.shape}", expected=expected)
+        if int(levels.max()) >= num_levels:
+            raise UserError(f"slm{slm + 1}", f"level {int(levels.max())}", expected=f"0 to {num_levels - 1}")
+        own = levels.astype(_levels_type(num_levels))
+        self._shown[slm] = _Shown(own, self.levels_now(slm), self.time_s)
+
+    def levels_now(self, slm: int) -> NDArray[np.float64]:
+        """What a modulator really shows (y, x), in levels, while it relaxes exponentially to its pattern."""
         shown = self._shown[slm]
-        self._shown[slm] = _Shown(levels.copy(), shown.levels, self.time_s)
+        share = self._share_before(shown, self.time_s)
+        return (1 - share) * shown.levels + share * shown.before
+
+    def expose(self, exposure_s: float) -> float:
+        """Sets the exposure time; returns it."""
+        if not (math.isfinite(exposure_s) and exposure_s > 0):
+            raise UserError("exposure", f"{exposure_s:g} s", expected="a finite time greater than 0")
+        self.exposure_s = exposure_s
+        return exposure_s
+
+    def switch_on(self, wavelength_m: float, power: float) -> None:
+        """Switches one laser on and all others off."""
+        if wavelength_m not in self._brightness:
+            raise UserError("lasers", f"no laser of {wavelength_m * 1e9:g} nm")
+        if not (math.isfinite(power) and power >= 0):
+            raise UserError("power", f"{power:g}", expected="a finite number of at least 0")
+        self.laser = wavelength_m, power
+
+    def switch_off(self) -> None:
+        """Switches all lasers off."""
+        self.laser = None
 
     def wait(self, seconds: float) -> None:
         """Lets time pass."""
+        if not math.isfinite(seconds):
+            raise UserError("time", f"{seconds:g} s", expected="a finite time")
         self.time_s += max(seconds, 0.0)
 
     def move_to(self, distance_m: float) -> float:
         """Moves the camera; returns the position that the stage reports."""
+        low, high = self._rig.stage_m
+        if not low <= distance_m <= high:
+            raise UserError("stage", f"{distance_m * 1e3:g} mm is out of reach")
         self.wait(abs(distance_m - self.distance_m) / _STAGE_SPEED)
         self.distance_m = distance_m
         return distance_m
@@ -70,10 +113,10 @@ class VirtualBench:
         return self._dark_picture() if self.laser is None else self._lit_picture(*self.laser, begin)
 
     def _dark_picture(self) -> Counts:
-        captures, camera = self._one_capture(self._rig.wavelengths_m[0], 0.0), self._rig.bench.camera
-        dark = Predictor(captures, finer=self._settings.finer).counts_without_lasers([0], self._settings.effects)
-        light = np.broadcast_to(dark.astype(np.float64), (1, *self._rig.camera_shape))[0]
-        return read_out(camera, light * self._sensitivity, camera.black_level, self._rng)
+        captures, settings = self._one_capture(self._rig.wavelengths_m[0], 0.0), self._settings
+        dark = Predictor(captures, finer=settings.finer).without_lasers([0], settings.effects)
+        light = np.zeros(self._rig.camera_shape) if dark.ambient is None else dark.ambient[0].double().numpy()
+        return read_out(self._rig.bench.camera, light * self._sensitivity, dark.black_level, self._rng)
 
     def _lit_picture(self, wavelength_m: float, power: float, begin: float) -> Counts:
         settings, camera = self._settings, self._rig.bench.camera
@@ -100,14 +143,18 @@ class VirtualBench:
         )
 
     def _with_settling(self, effects: dict[str, dict[str, float]], now_s: float) -> dict[str, dict[str, float]]:
-        """The effects, with the share of the patterns before that remains."""
-        τ = self._settings.settle_s
+        """The effects, with the share of the patterns before that remains when an exposure begins."""
         own = dict(effects.get("settling", {}))
         for number, shown in enumerate(self._shown, start=1):
-            share = math.exp(-(now_s - shown.since_s) / τ) if τ > 0 else 0.0
+            share = self._share_before(shown, now_s)
             if share > _MIN_SHARE:
-                own[f"share{number}"] = min(own.get(f"share{number}", 0.0) + share, 0.95)
+                own[f"share{number}"] = min(own.get(f"share{number}", 0.0) + share, _MAX_SHARE)
         return {**effects, "settling": own} if own else effects
+
+    def _share_before(self, shown: _Shown, now_s: float) -> float:
+        """How much of what was there before a pattern remains, 1 when it is sent."""
+        τ = self._settings.settle_s
+        return math.exp(-(now_s - shown.since_s) / τ) if τ > 0 else 0.0
 
     def _scale_of(self, wavelength_m: float, signal: NDArray[np.float64], power: float) -> float:
         """Counts per unit of signal, fixed by the first light of each laser: a full picture takes a frame's time."""

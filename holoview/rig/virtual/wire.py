@@ -63,7 +63,7 @@ class Connection:
                 raise Disconnected("closed" if not line else "too long a line")
             table = parse_json_table(line.decode("utf-8", "replace"), "message", _EXPECTED)
             return Message(table, self._array(table) if "shape" in table else None)
-        except (OSError, UserError, ValueError) as error:
+        except (OSError, UserError, KeyError, TypeError, ValueError, OverflowError) as error:
             raise Disconnected(str(error) or type(error).__name__) from error
 
     def close(self) -> None:

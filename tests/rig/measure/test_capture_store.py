@@ -1,0 +1,161 @@
+"""Captures on the disk one by one: what interrupts a session takes none of them, and nothing foreign is mixed in."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from holoview.captures import Captures, read_captures
+from holoview.rig import RigDescription
+from holoview.rig.measure.capture_plan import CapturePlan, default_plan
+from holoview.rig.measure.capture_store import CaptureStore
+from holoview.util.errors import UserError
+from holoview.util.file_writer import WriteError
+from tests.file_limits import limit_of_file_size
+
+MakeRig = Callable[..., RigDescription]
+
+
+def _plan(rig: RigDescription, count: int = 4) -> CapturePlan:
+    return CapturePlan(default_plan(rig).requests[:count])
+
+
+def _capture(rig: RigDescription, plan: CapturePlan, number: int) -> Captures:
+    """As if taken: the picture holds its number."""
+    request = plan.requests[number]
+    picture = np.full((1, *rig.camera_shape), 1000 + number, np.uint16)
+    settings = {"wavelength_m": request.wavelength_m, "distance_m": request.distance_m, "power": request.power}
+    arrays = {name: np.array([value]) for name, value in settings.items()}
+    return dataclasses.replace(rig.blank_capture(), levels=request.levels(rig)[None], images=picture, **arrays)
+
+
+def _store(rig: RigDescription, plan: CapturePlan, tmp_path: Path, text: str = "rig") -> CaptureStore:
+    return CaptureStore(tmp_path / "X.h5", plan, text)
+
+
+def _names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_captures_are_joined_in_the_order_of_the_plan_whenever_they_came(make_rig: MakeRig, tmp_path: Path) -> None:
+    rig = make_rig()
+    plan = _plan(rig)
+    store = _store(rig, plan, tmp_path)
+    assert store.open() == [] and store.missing == [0, 1, 2, 3]
+    for number in (3, 1):
+        store.add(number, _capture(rig, plan, number))
+    again = _store(rig, plan, tmp_path)
+    assert again.open() == [] and again.missing == [0, 2]
+    for number in again.missing:
+        again.add(number, _capture(rig, plan, number))
+    captures = again.finish()
+    assert captures.images[:, 0, 0].tolist() == [1000, 1001, 1002, 1003]
+    assert captures.power.tolist() == [request.power for request in plan.requests]
+    assert np.array_equal(captures.levels, np.stack([request.levels(rig) for request in plan.requests]))
+    assert np.array_equal(read_captures(tmp_path / "X.h5").images, captures.images)
+    assert _names(tmp_path) == ["X.h5", "rig.toml"]
+
+
+def test_another_plan_or_rig_is_refused_and_nothing_is_touched(make_rig: MakeRig, tmp_path: Path) -> None:
+    rig = make_rig()
+    plan = _plan(rig)
+    first = _store(rig, plan, tmp_path)
+    first.open()
+    first.add(0, _capture(rig, plan, 0))
+    for other in (_store(rig, _plan(rig, 3), tmp_path), _store(rig, plan, tmp_path, "another rig")):
+        with pytest.raises(UserError, match=r"X\.h5\.captures: holds captures of another plan or rig"):
+            other.open()
+    assert _store(rig, plan, tmp_path).open() == [] and read_captures(first.folder / "00000.h5").power[0] > 0
+
+
+def test_a_finished_session_isnt_overwritten(make_rig: MakeRig, tmp_path: Path) -> None:
+    rig = make_rig()
+    (tmp_path / "X.h5").write_bytes(b"precious")
+    with pytest.raises(UserError, match=r"X\.h5: is there already"):
+        _store(rig, _plan(rig), tmp_path).open()
+    assert (tmp_path / "X.h5").read_bytes() == b"precious" and not (tmp_path / "X.h5.captures").exists()
+
+
+@pytest.mark.parametrize("keep", [0, 1, 100, -1])
+def test_a_damaged_capture_is_taken_again(make_rig: MakeRig, tmp_path: Path, keep: int) -> None:
+    rig = make_rig()
+    plan = _plan(rig)
+    store = _store(rig, plan, tmp_path)
+    store.open()
+    for number in range(4):
+        store.add(number, _capture(rig, plan, number))
+    file = store.folder / "00002.h5"
+    file.write_bytes(file.read_bytes()[:keep])
+    again = _store(rig, plan, tmp_path)
+    assert again.open() == [2] and again.missing == [2]
+    again.add(2, _capture(rig, plan, 2))
+    assert len(again.finish()) == 4
+
+
+def test_a_damaged_state_is_named(make_rig: MakeRig, tmp_path: Path) -> None:
+    rig = make_rig()
+    store = _store(rig, _plan(rig), tmp_path)
+    store.open()
+    (store.folder / "session.json").write_text("{", encoding="utf-8")
+    with pytest.raises(UserError, match=r"session\.json: can't be read"):
+        store.open()
+
+
+def test_pictures_that_are_all_dark_are_kept_one_by_one_but_no_session(make_rig: MakeRig, tmp_path: Path) -> None:
+    rig = make_rig()
+    plan = _plan(rig, 2)
+    store = _store(rig, plan, tmp_path)
+    store.open()
+    for number in range(2):
+        store.add(number, dataclasses.replace(_capture(rig, plan, number), images=rig.blank_capture().images))
+    with pytest.raises(UserError, match="all are dark"):
+        store.finish()
+    assert _store(rig, plan, tmp_path).open() == [] and not (tmp_path / "X.h5").exists()
+
+
+def test_without_captures_there_is_no_session(make_rig: MakeRig, tmp_path: Path) -> None:
+    rig = make_rig()
+    store = _store(rig, _plan(rig), tmp_path)
+    store.open()
+    with pytest.raises(UserError, match="holds no capture yet"):
+        store.finish()
+
+
+def test_a_full_disk_costs_the_capture_in_flight_only(make_rig: MakeRig, tmp_path: Path) -> None:
+    rig = make_rig()
+    plan = _plan(rig)
+    store = _store(rig, plan, tmp_path)
+    store.open()
+    store.add(0, _capture(rig, plan, 0))
+    with limit_of_file_size(2000), pytest.raises(WriteError, match=r"00001\.h5: can't be written.*free .* kB there"):
+        store.add(1, _capture(rig, plan, 1))
+    assert store.missing == [1, 2, 3] and _names(store.folder) == ["00000.h5", "session.json"]
+    again = _store(rig, plan, tmp_path)
+    assert again.open() == [] and again.missing == [1, 2, 3]
+
+
+def test_a_program_killed_while_it_clears_up_leaves_a_whole_session(
+    make_rig: MakeRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = make_rig()
+    plan = _plan(rig, 2)
+    store = _store(rig, plan, tmp_path)
+    store.open()
+    for number in range(2):
+        store.add(number, _capture(rig, plan, number))
+
+    def end(path: Path) -> None:
+        (path / "00000.h5").unlink()
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr("shutil.rmtree", end)
+        store.finish()
+    assert len(read_captures(tmp_path / "X.h5")) == 2
+    with pytest.raises(UserError, match="is there already"):
+        _store(rig, plan, tmp_path).open()
+    assert _names(tmp_path) == ["X.h5", "rig.toml"]
