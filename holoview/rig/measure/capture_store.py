@@ -10,6 +10,7 @@ import dataclasses
 import hashlib
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,10 +72,7 @@ class CaptureStore:
         """All captures that are there, in the order of the plan, as one session. Raises UserError if there is none."""
         if not self._there:
             raise UserError(str(self.folder), "holds no capture yet")
-        parts = [self._read(k) for k in sorted(self._there)]
-        names = ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s")
-        joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-        return dataclasses.replace(parts[0], **joined)
+        return join_captures([self._read(k) for k in sorted(self._there)])
 
     def finish(self) -> Captures:
         """Writes the session's file, then removes the folder; returns the session."""
@@ -95,3 +93,10 @@ class CaptureStore:
 
     def _file(self, number: int) -> Path:
         return self.folder / f"{number:05d}.h5"
+
+
+def join_captures(parts: Sequence[Captures]) -> Captures:
+    """Sessions of one bench as one session, in their order."""
+    names = ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s")
+    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return dataclasses.replace(parts[0], **joined)

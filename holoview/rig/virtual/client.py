@@ -110,19 +110,21 @@ class VirtualCamera:
 
 
 class VirtualLasers:
-    """The lasers of a virtual bench."""
+    """The lasers of a virtual bench, with a connection of their own: they go off while the camera exposes."""
 
     def __init__(self, bench: VirtualBenchProcess, rig: RigDescription) -> None:
         self._bench, self.wavelengths_m = bench, rig.wavelengths_m
+        self._connection = connect(bench.address, bench.token)
 
     def switch_on(self, wavelength_m: float, power: float) -> None:
-        self._bench.ask({"do": "laser", "wavelength": wavelength_m, "power": power})
+        ask(self._connection, {"do": "laser", "wavelength": wavelength_m, "power": power})
 
     def switch_off(self) -> None:
-        self._bench.ask({"do": "laser", "wavelength": None})
+        ask(self._connection, {"do": "laser", "wavelength": None})
 
     def close(self) -> None:
         self._bench.close()
+        self._connection.close()
 
 
 class VirtualStage:
