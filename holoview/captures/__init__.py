@@ -6,6 +6,7 @@ capture_schema        what the datasets and attributes of that file may be
 plain_hdf5            HDF5 files that hold all of their data themselves
 bench_tables          a measured bench as tables of TOML
 folder_import         imports a folder of images with captures.csv and bench.toml
+turns                 mirroring and turning pictures without resampling
 nominal_stops         irises and square stops as attributes of the file and keys of bench.toml
 validation            refuses impossible sessions and hints at wrong units
 summary               a session as numbers and as a contact sheet

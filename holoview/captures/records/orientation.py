@@ -3,30 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.captures.records.correction import Correction, with_levels
+from holoview.captures.turns import KEEP_SHAPE, TURNS, undone
 
 Images = NDArray[Any]
 
-_UNDO: dict[str, Callable[[Images], Images]] = {
-    "flip_x": lambda a: a[..., :, ::-1],
-    "flip_y": lambda a: a[..., ::-1, :],
-    "rotate_180": lambda a: a[..., ::-1, ::-1],
-    "transpose": lambda a: np.swapaxes(a, -1, -2),
-    "rotate_90": lambda a: np.rot90(a, -1, (-2, -1)),
-    "rotate_270": lambda a: np.rot90(a, 1, (-2, -1)),
-    "anti_transpose": lambda a: np.swapaxes(a, -1, -2)[..., ::-1, ::-1],
-}
-"""What puts images (…, y, x) right that were recorded so. `rotate_90` is anticlockwise, the first row being the top."""
-
-_WORDS = {
+TURN_WORDS = {
     "flip_x": "mirrored left to right",
     "flip_y": "upside down (mirrored top to bottom)",
     "rotate_180": "turned by 180°",
@@ -35,8 +23,7 @@ _WORDS = {
     "rotate_270": "turned by 90° clockwise",
     "anti_transpose": "mirrored at the other diagonal",
 }
-
-_KEEP_SHAPE = ("flip_x", "flip_y", "rotate_180")
+"""What a turn does, in words."""
 
 
 @dataclass(frozen=True)
@@ -56,10 +43,10 @@ class SlmOrientation(Correction):
 
     @property
     def sentence(self) -> str:
-        return f"The patterns of modulator {self.slm + 1} are recorded {_WORDS[self.turn]}."
+        return f"The patterns of modulator {self.slm + 1} are recorded {TURN_WORDS[self.turn]}."
 
     def apply(self, captures: Captures) -> Captures:
-        return with_levels(captures, self.slm, _UNDO[self.turn](captures.levels[:, self.slm]))
+        return with_levels(captures, self.slm, undone(captures.levels[:, self.slm], self.turn))
 
 
 @dataclass(frozen=True)
@@ -78,14 +65,14 @@ class CameraOrientation(Correction):
 
     @property
     def sentence(self) -> str:
-        return f"The camera's pictures are recorded {_WORDS[self.turn]}."
+        return f"The camera's pictures are recorded {TURN_WORDS[self.turn]}."
 
     def apply(self, captures: Captures) -> Captures:
         return dataclasses.replace(captures, images=self.undone(captures.images))
 
     def undone(self, images: Images) -> Images:
         """Images (…, y, x) the right way up."""
-        return _UNDO[self.turn](images)
+        return undone(images, self.turn)
 
 
 def orientation_candidates(captures: Captures) -> list[Correction]:
@@ -95,8 +82,8 @@ def orientation_candidates(captures: Captures) -> list[Correction]:
     and on a Fourier bench, where the camera's shape has nothing to do with the modulator's.
     """
     rows, columns = captures.levels.shape[2:]
-    of_slms = tuple(_UNDO) if rows == columns else _KEEP_SHAPE
+    of_slms = TURNS[1:] if rows == columns else KEEP_SHAPE[1:]
     square_camera = captures.shape[0] == captures.shape[1]
-    of_camera = tuple(_UNDO) if rows == columns or square_camera or captures.is_fourier else _KEEP_SHAPE
+    of_camera = TURNS[1:] if rows == columns or square_camera or captures.is_fourier else KEEP_SHAPE[1:]
     slms = [SlmOrientation(slm, turn) for slm in range(len(captures.slms)) for turn in of_slms]
     return [*slms, *(CameraOrientation(turn) for turn in of_camera)]

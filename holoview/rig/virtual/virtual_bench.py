@@ -7,13 +7,16 @@ would wait for minutes takes as long as its light takes to compute.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor
+from holoview.captures.turns import inverse_turn, turned, turned_shape
 from holoview.captures.virtual_measurement import jittered_effects, read_out
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Counts, Levels
@@ -48,6 +51,7 @@ class VirtualBench:
         lasers = rig.wavelengths_m
         self._brightness = dict(zip(lasers, self._rng.uniform(0.7, 1.3, len(lasers)), strict=True))
         self._scale: dict[float, float] = {}
+        self._picture_shape = turned_shape(rig.camera_shape, inverse_turn(settings.camera_turn))
         dark = [np.zeros(rig.slm_shape, _levels_type(slm.num_levels)) for slm in rig.bench.slms]
         self._shown = [_Shown(levels, levels.astype(np.float64), -math.inf) for levels in dark]
         self.time_s, self.exposure_s, self.distance_m = 0.0, max(rig.limits.exposures_s[0], 1e-3), rig.stage_m[0]
@@ -115,32 +119,42 @@ class VirtualBench:
     def _dark_picture(self) -> Counts:
         captures, settings = self._one_capture(self._rig.wavelengths_m[0], 0.0), self._settings
         dark = Predictor(captures, finer=settings.finer).without_lasers([0], settings.effects)
-        light = np.zeros(self._rig.camera_shape) if dark.ambient is None else dark.ambient[0].double().numpy()
-        return read_out(self._rig.bench.camera, light * self._sensitivity, dark.black_level, self._rng)
+        light = np.zeros(self._picture_shape) if dark.ambient is None else dark.ambient[0].double().numpy()
+        return self._recorded(light, dark.black_level)
 
     def _lit_picture(self, wavelength_m: float, power: float, begin: float) -> Counts:
-        settings, camera = self._settings, self._rig.bench.camera
+        settings = self._settings
         effects = self._with_settling(jittered_effects(settings.effects, settings.nuisances, self._rng), begin)
         prediction = Predictor(self._one_capture(wavelength_m, power), finer=settings.finer)([0], effects)
         signal = prediction.signal[0].double().numpy()
         light = self._scale_of(wavelength_m, signal, power) * signal * self._exposure_error()
         if prediction.ambient is not None:
             light = light + prediction.ambient[0].double().numpy()
-        return read_out(camera, light * self._sensitivity, prediction.black_level, self._rng)
+        return self._recorded(light, prediction.black_level)
+
+    def _recorded(self, light: NDArray[np.float64], black_level: float) -> Counts:
+        """Raw counts of light (y, x) that falls on the bench's picture, which the camera records turned."""
+        on_pixels = turned(light, self._settings.camera_turn) * self._sensitivity
+        return read_out(self._rig.bench.camera, on_pixels, black_level, self._rng)
 
     def _one_capture(self, wavelength_m: float, power: float) -> Captures:
         """A session of one capture: what is shown, and where the camera is."""
         return Captures(
-            levels=np.stack([shown.levels for shown in self._shown])[None],
-            images=np.zeros((1, *self._rig.camera_shape), np.uint16),
+            levels=self._on_the_bench([shown.levels for shown in self._shown]),
+            images=np.zeros((1, *self._picture_shape), np.uint16),
             wavelength_m=np.array([wavelength_m]),
             distance_m=np.array([self.distance_m]),
             power=np.array([power]),
             exposure_s=np.array([self.exposure_s]),
             lasers_m=self._rig.wavelengths_m,
-            levels_before=np.stack([shown.before for shown in self._shown])[None],
+            levels_before=self._on_the_bench([shown.before for shown in self._shown]),
             **self._rig.bench.as_fields(),
         )
+
+    def _on_the_bench(self, displayed: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        """Patterns as they arrive on the bench (1, modulator, y, x)."""
+        turns = self._settings.slm_turns
+        return np.stack([turned(own, turn) for own, turn in zip(displayed, turns, strict=True)])[None]
 
     def _with_settling(self, effects: dict[str, dict[str, float]], now_s: float) -> dict[str, dict[str, float]]:
         """The effects, with the share of the patterns before that remains when an exposure begins."""

@@ -11,6 +11,11 @@ rig.toml names a file of secrets, or holds them itself:
     prnu = 0.01                   # and exposure_jitter, camera_jitter, wavelength_jitter: standard deviations
     [effects.gap]
     gap_error = "0.1 mm"
+    [placement]                   # how modulators and camera are turned: one of `captures.turns`
+    slm1 = "rotate_180"           # what modulator 1 displays arrives on the bench turned so
+    camera = "flip_x"             # the picture on the bench is recorded turned so
+
+Where they are beside that is an effect: `camera_alignment`, `slm_alignment`, `distance`, `stage`.
 """
 
 from __future__ import annotations
@@ -19,6 +24,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from holoview.captures.turns import TURNS, turned_shape
 from holoview.captures.virtual_measurement import Nuisances
 from holoview.model.effects.effect_table import EffectTable
 from holoview.model.field_types import FieldType, Number
@@ -28,7 +34,27 @@ from holoview.util.errors import UserError, suggest_matches
 from holoview.util.input_file import read_text
 
 _EXPECTED = "what a virtual bench really is, in TOML"
+_TURNED = ("slm1", "slm2", "camera")
 _SHARE = Number(low=0.0, high=1.0)
+
+
+class PlacementTable:
+    """Field type of hidden orientations: a table {device: turn}."""
+
+    def parse(self, value: Any, where: str) -> dict[str, str]:
+        if not isinstance(value, Mapping):
+            raise UserError(where, f"{value!r}", expected='a table such as [placement] camera = "flip_x"')
+        for key, turn in value.items():
+            if key not in _TURNED:
+                raise UserError(f"{where}.{key}", "unknown device", remedy=suggest_matches(key, _TURNED))
+            if turn not in TURNS:
+                raise UserError(f"{where}.{key}", f"{turn!r}", remedy=suggest_matches(str(turn), TURNS))
+        return {key: str(turn) for key, turn in value.items()}
+
+    def to_toml(self, value: dict[str, str]) -> dict[str, str]:
+        return value
+
+
 _KEYS: dict[str, FieldType] = {
     "seed": Number(low=0, high=2**31),
     "settle": Number(low=0.0, high=100.0),
@@ -39,6 +65,7 @@ _KEYS: dict[str, FieldType] = {
     "camera_jitter": Number("um", low=0.0, high=1e-3),
     "wavelength_jitter": Number("nm", low=0.0, high=1e-7),
     "effects": EffectTable(),
+    "placement": PlacementTable(),
 }
 
 
@@ -47,6 +74,7 @@ class VirtualSettings:
     """effects: {id: {parameter: value}}. settle_s: time constant of the modulators. readout_s: of a picture.
 
     finer: factor by which light is computed finer than a model of the captures would. seed: of all that is random.
+    slm_turns: how what each modulator displays arrives on the bench. camera_turn: how its picture is recorded.
     """
 
     effects: Mapping[str, Mapping[str, Any]]
@@ -55,6 +83,8 @@ class VirtualSettings:
     settle_s: float = 0.0
     readout_s: float = 0.02
     finer: int = 1
+    slm_turns: tuple[str, ...] = ("none", "none")
+    camera_turn: str = "none"
 
 
 def read_virtual_settings(rig: RigDescription) -> VirtualSettings:
@@ -69,6 +99,11 @@ def read_virtual_settings(rig: RigDescription) -> VirtualSettings:
         if key not in _KEYS:
             raise UserError(f"{where}.{key}", "unknown key", remedy=suggest_matches(key, _KEYS))
     values = {key: _KEYS[key].parse(value, f"{where}.{key}") for key, value in table.items()}
+    turns = values.get("placement", {})
+    slm_turns = tuple(turns.get(f"slm{n}", "none") for n in range(1, len(rig.bench.slms) + 1))
+    if len({turned_shape(rig.slm_shape, turn) for turn in slm_turns}) > 1:
+        expected = "turns that leave both modulators the same shape"
+        raise UserError(f"{where}.placement", f"{slm_turns[0]} and {slm_turns[1]}", expected=expected)
     return VirtualSettings(
         effects={name: dict(pairs) for name, pairs in values.get("effects", ())},
         nuisances=Nuisances(
@@ -81,4 +116,6 @@ def read_virtual_settings(rig: RigDescription) -> VirtualSettings:
         settle_s=values.get("settle", 0.0),
         readout_s=values.get("readout", 0.02),
         finer=int(values.get("finer", 1)),
+        slm_turns=slm_turns,
+        camera_turn=turns.get("camera", "none"),
     )
