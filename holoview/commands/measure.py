@@ -3,22 +3,34 @@
 from __future__ import annotations
 
 import argparse
+import shutil
+from pathlib import Path
 
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.output_files import add_input, add_output
 from holoview.rig import open_rig, read_rig
-from holoview.rig.measure.capture_plan import default_plan, read_plan
+from holoview.rig.description import RigDescription
+from holoview.rig.measure.capture_plan import CapturePlan, default_plan, read_plan
 from holoview.rig.measure.capture_store import CaptureStore
-from holoview.rig.measure.session import MeasurementSession
+from holoview.rig.measure.forecast import Forecast, forecast_lines, make_forecast
+from holoview.rig.measure.session import MeasurementSession, is_complete
 from holoview.util.errors import UserError
 from holoview.util.input_file import read_text
+from holoview.util.memory_limit import format_size
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
     add_input(parser, "rig", metavar="RIG.toml", help="description of the rig")
-    add_input(parser, "--plan", metavar="PLAN.toml", help="which captures (default: 8 of every laser and three planes)")
+    add_input(
+        parser,
+        "--plan",
+        metavar="PLAN",
+        help="which captures, in TOML, or a CSV of `captures plan` (default: 8 of every laser and three planes)",
+    )
     add_output(parser, "-o", "--output", metavar="FILE.h5", suffix=".h5", required=True)
+    parser.add_argument("--dry-run", action="store_true", help="print all that would happen; nothing is opened")
+    parser.add_argument("--finish", action="store_true", help="write the session of the captures that are there")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -26,14 +38,41 @@ def run(args: argparse.Namespace) -> int:
     rig = read_rig(args.rig)
     plan = default_plan(rig) if args.plan is None else read_plan(args.plan, rig)
     store = CaptureStore(args.output, plan, read_text(args.rig, "a rig"))
-    store.open()
+    damaged = store.inspect()
+    forecast = make_forecast(rig, plan, store.missing)
+    if args.dry_run:
+        print("\n".join(forecast_lines(rig, forecast)))
+        return 0
+    forecast.require_memory()
+    for number in damaged:
+        print_stderr(f"capture {number} is damaged; it is taken again")
+    if not args.finish:
+        _note_disk(args.output, forecast)
+        store.open()
+        if not is_complete(store):
+            _measure(rig, plan, store)
+    captures = store.finish()
+    left = f" of {len(plan.requests)}" if store.missing else ""
+    print(f"{args.output}: {len(captures)}{left} captures of {len(captures.wavelengths_m)} wavelengths")
+    return 0
+
+
+def _measure(rig: RigDescription, plan: CapturePlan, store: CaptureStore) -> None:
+    """Takes what is missing; says what is there if anything interrupts it."""
     try:
         with open_rig(rig) as devices, progress_bar("measuring") as report:
-            MeasurementSession(rig, devices).run(plan, store, report)
+            MeasurementSession(rig, devices, print_stderr).run(plan, store, report)
     except (UserError, KeyboardInterrupt):
         count = len(plan.requests) - len(store.missing)
         print_stderr(f"{count} of {len(plan.requests)} captures are in {store.folder}; the same command goes on")
         raise
-    captures = store.finish()
-    print(f"{args.output}: {len(captures)} captures of {len(captures.wavelengths_m)} wavelengths")
-    return 0
+
+
+def _note_disk(output: Path, forecast: Forecast) -> None:
+    """Says so if the disk may not hold the captures one by one and the file of all of them."""
+    free = shutil.disk_usage(output.parent).free
+    if free < 2 * forecast.data_bytes:
+        print_stderr(
+            f"{output.parent}: {format_size(free)} are free; "
+            f"captures one by one and in one file may take up to {format_size(2 * forecast.data_bytes)}"
+        )

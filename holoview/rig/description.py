@@ -10,6 +10,7 @@ rig.toml has the tables of `bench.toml` (`captures.bench_tables`) with the devic
     pitch = "8 um"
     num_levels = 256
     opd_range = "633 nm"
+    settle = "auto"                 # s until a pattern is shown; "auto": `holoview measure` finds out
     [camera]
     device = "slmsuite"
     class = "slmsuite.hardware.cameras.thorlabs.ThorCam"
@@ -52,6 +53,7 @@ from holoview.util.errors import UserError, suggest_matches
 from holoview.util.input_file import read_text
 
 _EXPECTED = "a description of a rig in TOML"
+_LONG_SETTLE_S = 0.5  # longer than most liquid crystals need
 _SHAPE = Array(Number(low=1, high=65536))
 _LENGTHS = Array(Number("mm", low=-1.0, high=10.0))
 _LASERS: dict[str, FieldType] = {"wavelengths": Array(Number("nm", low=100e-9, high=10e-6))}
@@ -67,11 +69,15 @@ _TABLES = ("limits", "geometry", "virtual", *_DEVICES)
 
 @dataclass(frozen=True)
 class DeviceSpec:
-    """A device that is to be opened. name: its table in rig.toml. kind: who drives it. options: of that kind."""
+    """A device that is to be opened. name: its table in rig.toml. kind: who drives it. options: of that kind.
+
+    measures_settling: whether the time that a modulator needs is to be measured; until then its option is a long one.
+    """
 
     name: str
     kind: str
     options: Mapping[str, Any]
+    measures_settling: bool = False
 
 
 @dataclass(frozen=True)
@@ -225,4 +231,6 @@ def _device(name: str, options: Mapping[str, Any], where: str) -> DeviceSpec:
     kind = options.get("device")
     if not isinstance(kind, str):
         raise UserError(f"{where}: {name}.device", "is missing" if kind is None else f"{kind!r}", expected="a text")
-    return DeviceSpec(name, kind, {key: value for key, value in options.items() if key != "device"})
+    own = {key: value for key, value in options.items() if key != "device"}
+    is_auto = name in ("slm1", "slm2") and own.get("settle") == "auto"
+    return DeviceSpec(name, kind, own | {"settle": _LONG_SETTLE_S} if is_auto else own, is_auto)

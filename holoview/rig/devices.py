@@ -25,6 +25,10 @@ class DeviceError(UserError):
     """A device that doesn't answer, or answers wrongly. `where` names the device, the remedy says what to do."""
 
 
+class DeviceGone(DeviceError):
+    """A device that is gone: asking again is of no use."""
+
+
 class ModulatorDevice(Protocol):
     """Shows patterns. shape: rows and columns. settle_s: from sending a pattern until it is shown."""
 
@@ -49,7 +53,10 @@ class CameraDevice(Protocol):
         """Sets the exposure time; returns the one that the camera took."""
 
     def take(self) -> Counts:
-        """Raw counts (y, x) of one picture that was exposed after the call. Raises DeviceError if none comes."""
+        """Raw counts (y, x) of one picture that was exposed after the call.
+
+        Raises DeviceError if none comes, and DeviceGone if none can come any more.
+        """
 
     def close(self) -> None: ...
 

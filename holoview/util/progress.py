@@ -9,3 +9,6 @@ ProgressCallback = Callable[[int, int, str], None]
 
 StepCallback = Callable[[int, int], None]
 """Called with the number of steps done and the number of steps in all."""
+
+TextCallback = Callable[[str], None]
+"""Called with a sentence that a user should read."""

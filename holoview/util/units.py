@@ -85,6 +85,13 @@ def format_rounded(value: float, unit: str, digits: int = 4) -> str:
     return f"{value * 10.0 ** -_exponent(unit):.{digits}g} {unit}"
 
 
+def format_duration(seconds: float) -> str:
+    """A time in words of two digits or so: "0.24 s", "35 s", "4 min", "2.5 h"."""
+    if seconds < 99.5:
+        return f"{seconds:.2g} s"
+    return f"{seconds / 60:.2g} min" if seconds < 5970 else f"{seconds / 3600:.2g} h"
+
+
 def _exponent(unit: str) -> int:
     """The power of ten of a unit."""
     return next(table[unit] for table in _EXPONENT.values() if unit in table)

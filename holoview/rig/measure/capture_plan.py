@@ -7,6 +7,8 @@ power = [0.5, 1.0]                # drawn uniformly
 blur = [6, 3, 1.5, 0]             # of the random patterns, pixels; captures cycle through them
 exposure = 0.01                   # s; default: searched
 seed = 0
+
+A table in CSV as `holoview captures plan` writes it gives the default set a power and an exposure for each laser.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,7 @@ from holoview.captures.patterns import BLUR_SIGMAS_PX, random_levels
 from holoview.model.field_types import Array, FieldType, Integer, Number
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Levels
+from holoview.rig.measure.exposure_table import LaserSetting, read_exposure_table
 from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.input_file import read_text
@@ -86,8 +89,15 @@ def default_plan(rig: RigDescription) -> CapturePlan:
 
 
 def read_plan(path: str | os.PathLike[str], rig: RigDescription) -> CapturePlan:
-    """Reads a plan. Raises UserError for unknown keys, wrong values, and what the rig can't or mustn't do."""
+    """Reads a plan in TOML, or the default captures with the powers and exposures of a table (CSV).
+
+    Raises UserError for unknown keys, wrong values, and what the rig can't or mustn't do.
+    """
     file = Path(path)
+    if file.suffix.lower() == ".csv":
+        plan = _with_settings(default_plan(rig), read_exposure_table(file, rig.wavelengths_m))
+        plan.check(rig)
+        return plan
     table = parse_toml(read_text(file, _EXPECTED), str(file), _EXPECTED)
     for key in table:
         if key not in _KEYS:
@@ -120,6 +130,16 @@ def _plan(rig: RigDescription, values: Mapping[str, Any]) -> CapturePlan:
             exposure_s=values.get("exposure"),
         )
         requests.append(request)
+    return CapturePlan(tuple(requests))
+
+
+def _with_settings(plan: CapturePlan, settings: Mapping[float, LaserSetting]) -> CapturePlan:
+    """The captures of the lasers that have settings, with these."""
+    requests = (
+        replace(request, power=own.power, exposure_s=own.exposure_s)
+        for request in plan.requests
+        if (own := settings.get(request.wavelength_m)) is not None
+    )
     return CapturePlan(tuple(requests))
 
 

@@ -23,9 +23,7 @@ def take_exposed(camera: CameraDevice, facts: Camera, start_s: float) -> tuple[C
     exposure = camera.set_exposure(float(np.clip(start_s, low, high)))
     picture = camera.take()
     for _ in range(_TRIES):
-        share = (float(np.quantile(picture, BRIGHT_QUANTILE)) - facts.black_level) / (
-            facts.saturation - facts.black_level
-        )
+        share = range_share(picture, facts)
         if _ENOUGH <= share <= _TOO_MUCH:
             break
         factor = 1 / _STEP if share > _TOO_MUCH else float(np.clip(_TARGET / max(share, 1e-6), 1 / _STEP, _STEP))
@@ -35,3 +33,17 @@ def take_exposed(camera: CameraDevice, facts: Camera, start_s: float) -> tuple[C
         exposure = camera.set_exposure(wanted)
         picture = camera.take()
     return picture, exposure
+
+
+def range_share(picture: Counts, facts: Camera) -> float:
+    """What the brightest pixels reach of the range above the black level."""
+    bright = float(np.quantile(picture, BRIGHT_QUANTILE))
+    return (bright - facts.black_level) / (facts.saturation - facts.black_level)
+
+
+def exposure_note(picture: Counts, facts: Camera) -> str:
+    """In words, how a picture is exposed badly; "" if it isn't."""
+    share = range_share(picture, facts)
+    if share > _TOO_MUCH:
+        return "too bright"
+    return "too dark" if share < _ENOUGH else ""

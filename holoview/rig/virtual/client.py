@@ -10,11 +10,22 @@ from pathlib import Path
 from typing import Any
 
 from holoview.rig.description import RigDescription
-from holoview.rig.devices import Counts, DeviceError, Levels
+from holoview.rig.devices import Counts, DeviceError, DeviceGone, Levels
 from holoview.rig.virtual.wire import Connection, Disconnected, Message
 
-_TIMEOUT_S = 120.0
+_TIMEOUT_S, _END_S = 120.0, 10.0
 _REMEDY = "run the command again; it goes on where it was"
+
+
+def start_server(rig_path: Path) -> subprocess.Popen[str]:
+    """The process of `server`, in a session of its own: what a terminal sends to the program doesn't reach it."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "holoview.rig.virtual.server", str(rig_path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
 
 
 class VirtualBenchProcess:
@@ -22,13 +33,7 @@ class VirtualBenchProcess:
 
     def __init__(self, rig_path: Path) -> None:
         token = secrets.token_hex(16)
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "holoview.rig.virtual.server", str(rig_path)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
+        self._process = start_server(rig_path)
         assert self._process.stdin is not None and self._process.stdout is not None
         self._process.stdin.write(token + "\n")
         self._process.stdin.flush()
@@ -48,8 +53,11 @@ class VirtualBenchProcess:
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
                 stream.close()
-        self._process.kill()
-        self._process.wait()
+        try:
+            self._process.wait(_END_S)  # it sees the end of its stdin
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
         if hasattr(self, "_connection"):
             self._connection.close()
 
@@ -65,12 +73,12 @@ def connect(address: tuple[str, int], token: str) -> Connection:
 
 
 def ask(connection: Connection, table: dict[str, Any], array: Levels | None = None) -> Message:
-    """Sends a message and returns the answer. Raises DeviceError where the bench is gone or refuses."""
+    """Sends a message and returns the answer. Raises DeviceGone where the bench is gone, DeviceError if it refuses."""
     try:
         connection.send(Message(table, array))
         answer = connection.receive()
     except Disconnected as error:
-        raise DeviceError("virtual bench", f"is gone ({error})", remedy=_REMEDY) from error
+        raise DeviceGone("virtual bench", f"is gone ({error})", remedy=_REMEDY) from error
     if "error" in answer.table:
         raise DeviceError("virtual bench", str(answer.table["error"]))
     return answer

@@ -13,22 +13,25 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import nullcontext
+from pathlib import Path
 from typing import Any
 
 import torch
 
 from holoview.rig.description import read_rig
+from holoview.rig.virtual.faults import FaultInjector
 from holoview.rig.virtual.virtual_bench import VirtualBench
 from holoview.rig.virtual.virtual_settings import read_virtual_settings
 from holoview.rig.virtual.wire import Connection, Disconnected, Message
 from holoview.util.errors import UserError
+from holoview.util.file_writer import write_file
 
 
 class BenchServer:
     """Answers messages {"do": …}; an answer has the key "error" if it couldn't be done."""
 
-    def __init__(self, bench: VirtualBench) -> None:
-        self._bench, self._lock = bench, threading.Lock()
+    def __init__(self, bench: VirtualBench, faults: FaultInjector) -> None:
+        self._bench, self._faults, self._lock = bench, faults, threading.Lock()
         self._actions: dict[str, Callable[[Message], Message]] = {
             "show": self._show,
             "take": lambda _: Message({}, bench.take()),
@@ -60,7 +63,7 @@ class BenchServer:
                 return
             connection.send(Message({}))
             while True:
-                connection.send(self.answer(connection.receive()))
+                connection.send(self._faults.answer(connection.receive(), self.answer))
         except Disconnected:
             pass
         finally:
@@ -85,26 +88,50 @@ class BenchServer:
         return Message({})
 
 
+class LaserLog:
+    """A file with a line for each switching of a laser. path: None for no file."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path, self._lines, self._lock = path, list[str](), threading.Lock()
+
+    def note(self, line: str) -> None:
+        """Adds a line."""
+        if self._path is not None:
+            with self._lock:
+                self._lines.append(line)
+                write_file(self._path, "\n".join([*self._lines, ""]), is_durable=False)
+
+
 def main() -> int:
     """Serves the rig of the first argument."""
     token = sys.stdin.readline().strip()
     torch.set_num_threads(1)
     try:
         rig = read_rig(sys.argv[1])
-        server = BenchServer(VirtualBench(rig, read_virtual_settings(rig)))
+        settings = read_virtual_settings(rig)
+        log = LaserLog(settings.laser_log)
+        bench = VirtualBench(rig, settings, log.note)
     except UserError as error:
         print(f"error {error}", flush=True)
         return 2
+    server = BenchServer(bench, FaultInjector(settings.faults, lambda: _end(bench, log, "off: no power")))
     with socket.create_server(("127.0.0.1", 0)) as listening:
         print(f"port {listening.getsockname()[1]}", flush=True)
-        threading.Thread(target=_end_with_stdin, daemon=True).start()
+        threading.Thread(target=_end_with_stdin, args=(bench, log), daemon=True).start()
         while True:
             connected, _ = listening.accept()
             threading.Thread(target=server.serve, args=(Connection(connected), token), daemon=True).start()
 
 
-def _end_with_stdin() -> None:
+def _end_with_stdin(bench: VirtualBench, log: LaserLog) -> None:
+    """Ends with the program that started this one; a laser that is on goes off by an interlock for signs of life."""
     sys.stdin.read()
+    _end(bench, log, "off: interlock")
+
+
+def _end(bench: VirtualBench, log: LaserLog, line: str) -> None:
+    if bench.laser is not None:
+        log.note(line)
     os._exit(0)
 
 

@@ -7,7 +7,7 @@ would wait for minutes takes as long as its light takes to compute.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,7 @@ from holoview.captures.turns import inverse_turn, turned, turned_shape
 from holoview.captures.virtual_measurement import jittered_effects, read_out
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Counts, Levels
+from holoview.rig.virtual.drift import Drift
 from holoview.rig.virtual.virtual_settings import VirtualSettings
 from holoview.util.errors import UserError
 
@@ -42,11 +43,15 @@ class VirtualBench:
 
     Raises UserError for what no device can be asked. time_s: of the bench. exposure_s: of the next picture.
     distance_m: where the camera is. laser: wavelength (m) and power of the one that is on, None if none is.
+    on_laser: called with "on" or "off" whenever one is switched.
     """
 
-    def __init__(self, rig: RigDescription, settings: VirtualSettings) -> None:
-        self._rig, self._settings = rig, settings
+    def __init__(
+        self, rig: RigDescription, settings: VirtualSettings, on_laser: Callable[[str], None] = lambda _: None
+    ) -> None:
+        self._rig, self._settings, self._on_laser = rig, settings, on_laser
         self._rng = np.random.default_rng(settings.seed)
+        self._drift = Drift(settings.drift, np.random.default_rng((settings.seed, 1)))
         self._sensitivity = 1 + settings.nuisances.prnu * self._rng.standard_normal(rig.camera_shape)
         lasers = rig.wavelengths_m
         self._brightness = dict(zip(lasers, self._rng.uniform(0.7, 1.3, len(lasers)), strict=True))
@@ -90,10 +95,12 @@ class VirtualBench:
         if not (math.isfinite(power) and power >= 0):
             raise UserError("power", f"{power:g}", expected="a finite number of at least 0")
         self.laser = wavelength_m, power
+        self._on_laser("on")
 
     def switch_off(self) -> None:
         """Switches all lasers off."""
         self.laser = None
+        self._on_laser("off")
 
     def wait(self, seconds: float) -> None:
         """Lets time pass."""
@@ -112,8 +119,10 @@ class VirtualBench:
 
     def take(self) -> Counts:
         """Raw counts (y, x) of a picture, dark where no laser is on."""
-        begin = self.time_s
-        self.wait(self.exposure_s + self._settings.readout_s)
+        late_s = self._settings.trigger_jitter_s * abs(float(self._rng.standard_normal()))
+        begin = self.time_s + late_s
+        self._drift.advance(begin)
+        self.wait(late_s + self.exposure_s + self._settings.readout_s)
         return self._dark_picture() if self.laser is None else self._lit_picture(*self.laser, begin)
 
     def _dark_picture(self) -> Counts:
@@ -124,10 +133,11 @@ class VirtualBench:
 
     def _lit_picture(self, wavelength_m: float, power: float, begin: float) -> Counts:
         settings = self._settings
-        effects = self._with_settling(jittered_effects(settings.effects, settings.nuisances, self._rng), begin)
+        jittered = jittered_effects(settings.effects, settings.nuisances, self._rng)
+        effects = self._with_settling(self._with_drift(jittered), begin)
         prediction = Predictor(self._one_capture(wavelength_m, power), finer=settings.finer)([0], effects)
         signal = prediction.signal[0].double().numpy()
-        light = self._scale_of(wavelength_m, signal, power) * signal * self._exposure_error()
+        light = self._scale_of(wavelength_m, signal, power) * signal * self._exposure_error() * self._drift.power
         if prediction.ambient is not None:
             light = light + prediction.ambient[0].double().numpy()
         return self._recorded(light, prediction.black_level)
@@ -164,6 +174,14 @@ class VirtualBench:
             if share > _MIN_SHARE:
                 own[f"share{number}"] = min(own.get(f"share{number}", 0.0) + share, _MAX_SHARE)
         return {**effects, "settling": own} if own else effects
+
+    def _with_drift(self, effects: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
+        """The effects, with the shift of the camera that has come over time."""
+        shifts = dict(zip(("shift_y", "shift_x"), self._drift.camera_m, strict=True))
+        if not any(shifts.values()):
+            return effects
+        own = dict(effects.get("camera_alignment", {}))
+        return {**effects, "camera_alignment": own | {key: own.get(key, 0.0) + m for key, m in shifts.items()}}
 
     def _share_before(self, shown: _Shown, now_s: float) -> float:
         """How much of what was there before a pattern remains, 1 when it is sent."""

@@ -9,8 +9,13 @@ rig.toml names a file of secrets, or holds them itself:
     seed = 3
     settle = 0.02                 # s, time constant of the modulators
     prnu = 0.01                   # and exposure_jitter, camera_jitter, wavelength_jitter: standard deviations
+    trigger_jitter = 0.001        # s: exposures begin late by the absolute value of a normal number
+    camera_drift = "0.5 um"       # and power_drift: random walks, standard deviations after an hour
+    laser_log = "lasers.txt"      # a line for each switching of a laser, for tests
     [effects.gap]
     gap_error = "0.1 mm"
+    [faults]                      # what devices do wrong, see `faults`
+    timeout = 0.01
     [placement]                   # how modulators and camera are turned: one of `captures.turns`
     slm1 = "rotate_180"           # what modulator 1 displays arrives on the bench turned so
     camera = "flip_x"             # the picture on the bench is recorded turned so
@@ -21,14 +26,17 @@ Where they are beside that is an effect: `camera_alignment`, `slm_alignment`, `d
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from holoview.captures.turns import TURNS, turned_shape
 from holoview.captures.virtual_measurement import Nuisances
 from holoview.model.effects.effect_table import EffectTable
-from holoview.model.field_types import FieldType, Number
+from holoview.model.field_types import Choice, FieldType, Number
 from holoview.rig.description import RigDescription
+from holoview.rig.virtual.drift import DriftSettings
+from holoview.rig.virtual.faults import FaultSettings, FaultTable
 from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError, suggest_matches
 from holoview.util.input_file import read_text
@@ -64,6 +72,11 @@ _KEYS: dict[str, FieldType] = {
     "prnu": _SHARE,
     "camera_jitter": Number("um", low=0.0, high=1e-3),
     "wavelength_jitter": Number("nm", low=0.0, high=1e-7),
+    "trigger_jitter": Number(low=0.0, high=100.0),
+    "camera_drift": Number("um", low=0.0, high=1e-3),
+    "power_drift": _SHARE,
+    "laser_log": Choice(),
+    "faults": FaultTable(),
     "effects": EffectTable(),
     "placement": PlacementTable(),
 }
@@ -83,6 +96,10 @@ class VirtualSettings:
     settle_s: float = 0.0
     readout_s: float = 0.02
     finer: int = 1
+    trigger_jitter_s: float = 0.0
+    drift: DriftSettings = field(default_factory=DriftSettings)
+    faults: FaultSettings = field(default_factory=FaultSettings)
+    laser_log: Path | None = None
     slm_turns: tuple[str, ...] = ("none", "none")
     camera_turn: str = "none"
 
@@ -116,6 +133,10 @@ def read_virtual_settings(rig: RigDescription) -> VirtualSettings:
         settle_s=values.get("settle", 0.0),
         readout_s=values.get("readout", 0.02),
         finer=int(values.get("finer", 1)),
+        trigger_jitter_s=values.get("trigger_jitter", 0.0),
+        drift=DriftSettings(values.get("camera_drift", 0.0), values.get("power_drift", 0.0)),
+        faults=values.get("faults", FaultSettings()),
+        laser_log=rig.path.parent / values["laser_log"] if "laser_log" in values else None,
         slm_turns=slm_turns,
         camera_turn=turns.get("camera", "none"),
     )
