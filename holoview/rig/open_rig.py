@@ -9,10 +9,17 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from holoview.rig.description import DeviceSpec, RigDescription
 from holoview.rig.devices import BenchClock, Devices
+from holoview.rig.kinds.manual import open_manual
+from holoview.rig.kinds.micromanager import SharedCore, open_micromanager
+from holoview.rig.kinds.python_file import open_python
+from holoview.rig.kinds.serial_line import open_serial
+from holoview.rig.kinds.slmsuite_kind import open_slmsuite
 from holoview.rig.limits import limit_devices
 from holoview.rig.virtual.client import (
     VirtualBenchProcess,
@@ -27,11 +34,17 @@ from holoview.util.errors import UserError, suggest_matches
 
 @dataclass
 class OpeningRig:
-    """What the devices of one rig share while they are opened."""
+    """What the devices of one rig share while they are opened.
+
+    bench: the process of the virtual bench. modules: Python files that have been run. cores: configurations of
+    Micro-Manager that are loaded.
+    """
 
     rig: RigDescription
     stack: ExitStack
     bench: VirtualBenchProcess | None = field(default=None)
+    modules: dict[Path, ModuleType] = field(default_factory=dict)
+    cores: dict[Path, SharedCore] = field(default_factory=dict)
 
     def virtual_bench(self) -> VirtualBenchProcess:
         """The process of the virtual bench, which the first of its devices starts."""
@@ -80,7 +93,15 @@ def _open_virtual(opening: OpeningRig, spec: DeviceSpec) -> Any:
     return {"camera": VirtualCamera, "lasers": VirtualLasers, "stage": VirtualStage}[spec.name](bench, rig)
 
 
-KINDS: Mapping[str, Opener] = {"virtual": _open_virtual}
+KINDS: Mapping[str, Opener] = {
+    "virtual": _open_virtual,
+    "slmsuite": lambda opening, spec: open_slmsuite(opening.rig, spec),
+    "manual": lambda opening, spec: open_manual(opening.rig, spec),
+    "serial": lambda opening, spec: open_serial(opening.rig, spec),
+    "micromanager": lambda opening, spec: open_micromanager(opening.rig, spec, opening.cores),
+    "python": lambda opening, spec: open_python(opening.rig, spec, opening.modules),
+}
+"""Who drives a device, by the word that its table in rig.toml has for `device`."""
 
 
 def _opener(rig: RigDescription, spec: DeviceSpec) -> Opener:

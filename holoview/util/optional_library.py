@@ -16,6 +16,9 @@ EXTRAS = {
     "imageio": "export",
     "matplotlib": "plots",
     "pycvvdp": "perceptual",
+    "pymmcore_plus": "rig",
+    "serial": "rig",
+    "slmsuite": "rig",
     "uvicorn": "serve",
     "websockets": "serve",
 }

@@ -33,7 +33,12 @@ COMMANDS: dict[str, tuple[str, str]] = {
 }
 """Commands whose files don't exist, with the module that each needs before it reads them, and its extra."""
 
-DISTRIBUTIONS = {"flip_evaluator": "flip-evaluator", "pycvvdp": "cvvdp"}
+DISTRIBUTIONS = {
+    "flip_evaluator": "flip-evaluator",
+    "pycvvdp": "cvvdp",
+    "pymmcore_plus": "pymmcore-plus",
+    "serial": "pyserial",
+}
 """Distributions that aren't called as their modules are."""
 
 
