@@ -6,5 +6,6 @@ drift             slow random walks of the camera's place and the lasers' power
 faults            devices that fail at random moments
 wire              messages over a local socket: a line of JSON and an array
 server            the process
+slmsuite_devices  modulator and camera as slmsuite's own classes
 client            starts the process; devices that talk to it
 """

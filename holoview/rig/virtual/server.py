@@ -11,8 +11,8 @@ import os
 import socket
 import sys
 import threading
+import time
 from collections.abc import Callable
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +28,14 @@ from holoview.util.file_writer import write_file
 
 
 class BenchServer:
-    """Answers messages {"do": …}; an answer has the key "error" if it couldn't be done."""
+    """Answers messages {"do": …}; an answer has the key "error" if it couldn't be done.
+
+    Where a message has "live": true, the time since the last answer has passed on the bench.
+    """
 
     def __init__(self, bench: VirtualBench, faults: FaultInjector) -> None:
         self._bench, self._faults, self._lock = bench, faults, threading.Lock()
+        self._idle_since = time.monotonic()
         self._actions: dict[str, Callable[[Message], Message]] = {
             "show": self._show,
             "take": lambda _: Message({}, bench.take()),
@@ -49,12 +53,22 @@ class BenchServer:
             return Message({"error": "unknown message"})
         is_off = message.table.get("do") == "laser" and message.table.get("wavelength") is None
         try:
-            with nullcontext() if is_off else self._lock:
+            if is_off:
                 return action(message)
+            with self._lock:
+                return self._act(action, message)
         except UserError as error:
             return Message({"error": str(error)})
         except (KeyError, TypeError, ValueError, IndexError) as error:
             return Message({"error": f"not understood: {error}"})
+
+    def _act(self, action: Callable[[Message], Message], message: Message) -> Message:
+        if message.table.get("live") is True:
+            self._bench.wait(time.monotonic() - self._idle_since)
+        try:
+            return action(message)
+        finally:
+            self._idle_since = time.monotonic()
 
     def serve(self, connection: Connection, token: str) -> None:
         """Answers messages until the other side is gone; without the right token the connection is closed."""

@@ -59,7 +59,8 @@ class VirtualBench:
         self._picture_shape = turned_shape(rig.camera_shape, inverse_turn(settings.camera_turn))
         dark = [np.zeros(rig.slm_shape, _levels_type(slm.num_levels)) for slm in rig.bench.slms]
         self._shown = [_Shown(levels, levels.astype(np.float64), -math.inf) for levels in dark]
-        self.time_s, self.exposure_s, self.distance_m = 0.0, max(rig.limits.exposures_s[0], 1e-3), rig.stage_m[0]
+        self.time_s, self.exposure_s = 0.0, max(rig.limits.exposures_s[0], 1e-3)
+        self.distance_m = min(max(0.0, rig.stage_m[0]), rig.stage_m[1])
         self.laser: tuple[float, float] | None = None
 
     def show(self, slm: int, levels: Levels) -> None:

@@ -1,0 +1,174 @@
+"""Modulator and camera of a virtual bench as slmsuite's own classes, so that slmsuite's code runs on our light.
+
+    slm = VirtualSLM("rig.toml")                                          # starts the bench
+    camera = VirtualCamera("rig.toml", address=slm.address, token=slm.token)
+    FourierSLM(camera, slm).fourier_calibrate(array_shape=5, array_pitch=5)
+
+slmsuite knows no lasers, no stage and no clock of its own. The modulator switches a laser on while it is open, and time
+on the bench goes on with the time that passes between calls, so that what slmsuite waits for happens; computing the
+light takes no time there.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview.rig.description import RigDescription, read_rig
+from holoview.rig.devices import Counts, DeviceError, Levels
+from holoview.rig.virtual.client import VirtualBenchProcess, ask, connect
+from holoview.rig.virtual.wire import Message
+from holoview.util.errors import UserError
+from holoview.util.optional_library import import_optional
+
+try:
+    from slmsuite.hardware.cameras.camera import Camera
+    from slmsuite.hardware.slms.slm import SLM
+except (ImportError, OSError):  # the classes below name the extra that brings it
+    Camera = SLM = object
+
+_FIRST_EXPOSURE_S = 1e-3
+Address = tuple[str, int]
+
+
+class VirtualBenchLink:
+    """A connection to a virtual bench. rig: its rig.toml. address, token: of one that runs; None starts one."""
+
+    def __init__(self, rig: str | os.PathLike[str], address: Address | None, token: str | None) -> None:
+        import_optional("slmsuite", "the virtual bench's devices for slmsuite")
+        self.rig: RigDescription = read_rig(rig)
+        if (address is None) != (token is None):
+            raise UserError("virtual bench", "address or token alone", expected="both, or neither")
+        self._process = VirtualBenchProcess(Path(rig)) if address is None else None
+        if self._process is not None:
+            address, token = self._process.address, self._process.token
+        assert address is not None and token is not None
+        self.address: Address = (str(address[0]), int(address[1]))
+        self.token = token
+        self._connection = connect(self.address, token)
+
+    def ask(self, table: dict[str, Any], array: Levels | None = None) -> Message:
+        """Sends a message and returns the answer; the time since the last one has passed on the bench."""
+        return ask(self._connection, {**table, "live": True}, array)
+
+    def close(self) -> None:
+        """Ends the connection, and the bench that it started."""
+        self._connection.close()
+        if self._process is not None:
+            self._process.close()
+
+
+class VirtualSLM(SLM):  # type: ignore[misc]
+    """A modulator of a virtual bench. It switches a laser on, and off when it is closed.
+
+    rig: rig.toml. number: 1 or 2. wavelength_nm: of the laser; None: the shortest. power: relative, within the limits.
+    address, token: of a bench that runs; None starts one, which the SLM's own address and token then name.
+
+    A phase is shown as the optical path that delays the light by so much: `gamma` is the nominal response of rig.toml.
+    """
+
+    _gamma_sign = +1
+
+    def __init__(
+        self,
+        rig: str | os.PathLike[str],
+        *,
+        number: int = 1,
+        wavelength_nm: float | None = None,
+        power: float = 1.0,
+        address: Address | None = None,
+        token: str | None = None,
+        **arguments: Any,
+    ) -> None:
+        self._link = VirtualBenchLink(rig, address, token)
+        self.address, self.token = self._link.address, self._link.token
+        self._number, facts = number - 1, self._link.rig
+        self._wavelength_m = _laser(facts, wavelength_nm)
+        if not 1 <= number <= len(facts.bench.slms):
+            raise UserError("number", f"{number}", expected=f"1 … {len(facts.bench.slms)}, as {rig} has modulators")
+        facts.limits.require_power(power)
+        slm = facts.bench.slms[self._number]
+        bits = (slm.num_levels - 1).bit_length()
+        if slm.num_levels != 2**bits:
+            where = f"{rig}: slm{number}.num_levels"
+            raise UserError(where, f"{slm.num_levels}", expected="a power of two, which slmsuite's modulators have")
+        self._link.ask({"do": "laser", "wavelength": self._wavelength_m, "power": power})
+        super().__init__(
+            facts.slm_shape[::-1],
+            bitdepth=bits,
+            name=f"virtual slm{number}",
+            wav_um=self._wavelength_m * 1e6,
+            pitch_um=slm.pitch_m * 1e6,
+            **arguments,
+        )
+        self.set_gamma(np.linspace(0.0, slm.opd_range_m / self._wavelength_m, slm.num_levels))
+        self.set_phase(None)
+
+    def close(self) -> None:
+        """Switches the laser off and ends the connection, and the bench that it started."""
+        try:
+            self._link.ask({"do": "laser", "wavelength": None})
+        finally:
+            self._link.close()
+
+    def _set_phase_hw(self, display: NDArray[Any]) -> None:
+        self._link.ask({"do": "show", "slm": self._number}, display)
+
+
+class VirtualCamera(Camera):  # type: ignore[misc]
+    """The camera of a virtual bench. rig: rig.toml. address, token: of a bench that runs; None starts one."""
+
+    def __init__(
+        self,
+        rig: str | os.PathLike[str],
+        *,
+        address: Address | None = None,
+        token: str | None = None,
+        **arguments: Any,
+    ) -> None:
+        self._link = VirtualBenchLink(rig, address, token)
+        facts = self._link.rig
+        self._set_exposure_hw(float(np.clip(_FIRST_EXPOSURE_S, *facts.limits.exposures_s)))
+        super().__init__(
+            facts.camera_shape[::-1],
+            bitdepth=facts.bench.camera.bit_depth,
+            pitch_um=facts.bench.camera.pitch_m * 1e6,
+            name="virtual camera",
+            exposure_bounds_s=facts.limits.exposures_s,
+            **arguments,
+        )
+
+    def flush(self, timeout_s: float = 1.0) -> None:
+        """Nothing waits in a buffer: each picture is exposed after it is asked for."""
+
+    def close(self) -> None:
+        """Ends the connection, and the bench that it started."""
+        self._link.close()
+
+    def _get_exposure_hw(self) -> float:
+        return self._exposure_hw_s
+
+    def _set_exposure_hw(self, exposure_s: float) -> None:
+        self._link.rig.limits.require_exposure(exposure_s)
+        self._exposure_hw_s = float(self._link.ask({"do": "expose", "exposure": exposure_s}).table["exposure"])
+
+    def _get_image_hw(self, timeout_s: float) -> Counts:
+        picture = self._link.ask({"do": "take"}).array
+        if picture is None:
+            raise DeviceError("camera", "sent no picture")
+        return picture
+
+
+def _laser(rig: RigDescription, wavelength_nm: float | None) -> float:
+    """The wavelength (m) of the laser that is meant."""
+    if wavelength_nm is None:
+        return rig.wavelengths_m[0]
+    for wavelength_m in rig.wavelengths_m:
+        if abs(wavelength_m * 1e9 - wavelength_nm) < 1e-6 * wavelength_nm:
+            return wavelength_m
+    known = ", ".join(f"{λ * 1e9:g}" for λ in rig.wavelengths_m)
+    raise UserError("wavelength_nm", f"{wavelength_nm:g}", expected=f"one of {known}, the lasers of {rig.path}")
