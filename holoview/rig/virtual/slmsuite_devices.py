@@ -6,7 +6,7 @@
 
 slmsuite knows no lasers, no stage and no clock of its own. The modulator switches a laser on while it is open, and time
 on the bench goes on with the time that passes between calls, so that what slmsuite waits for happens; computing the
-light takes no time there.
+light takes no time there. With `live=False` only exposures and `wait` take time.
 """
 
 from __future__ import annotations
@@ -36,11 +36,17 @@ Address = tuple[str, int]
 
 
 class VirtualBenchLink:
-    """A connection to a virtual bench. rig: its rig.toml. address, token: of one that runs; None starts one."""
+    """A connection to a virtual bench. rig: its rig.toml. address, token: of one that runs; None starts one.
 
-    def __init__(self, rig: str | os.PathLike[str], address: Address | None, token: str | None) -> None:
+    live: whether the time that passes between messages passes on the bench as well.
+    """
+
+    def __init__(
+        self, rig: str | os.PathLike[str], address: Address | None, token: str | None, live: bool = True
+    ) -> None:
         import_optional("slmsuite", "the virtual bench's devices for slmsuite")
         self.rig: RigDescription = read_rig(rig)
+        self._live = live
         if (address is None) != (token is None):
             raise UserError("virtual bench", "address or token alone", expected="both, or neither")
         self._process = VirtualBenchProcess(Path(rig)) if address is None else None
@@ -52,8 +58,8 @@ class VirtualBenchLink:
         self._connection = connect(self.address, token)
 
     def ask(self, table: dict[str, Any], array: Levels | None = None) -> Message:
-        """Sends a message and returns the answer; the time since the last one has passed on the bench."""
-        return ask(self._connection, {**table, "live": True}, array)
+        """Sends a message and returns the answer."""
+        return ask(self._connection, {**table, "live": self._live}, array)
 
     def close(self) -> None:
         """Ends the connection, and the bench that it started."""
@@ -67,6 +73,7 @@ class VirtualSLM(SLM):  # type: ignore[misc]
 
     rig: rig.toml. number: 1 or 2. wavelength_nm: of the laser; None: the shortest. power: relative, within the limits.
     address, token: of a bench that runs; None starts one, which the SLM's own address and token then name.
+    live: whether time on the bench goes on between calls.
 
     A phase is shown as the optical path that delays the light by so much: `gamma` is the nominal response of rig.toml.
     """
@@ -82,9 +89,10 @@ class VirtualSLM(SLM):  # type: ignore[misc]
         power: float = 1.0,
         address: Address | None = None,
         token: str | None = None,
+        live: bool = True,
         **arguments: Any,
     ) -> None:
-        self._link = VirtualBenchLink(rig, address, token)
+        self._link = VirtualBenchLink(rig, address, token, live)
         self.address, self.token = self._link.address, self._link.token
         self._number, facts = number - 1, self._link.rig
         self._wavelength_m = _laser(facts, wavelength_nm)
@@ -108,6 +116,10 @@ class VirtualSLM(SLM):  # type: ignore[misc]
         self.set_gamma(np.linspace(0.0, slm.opd_range_m / self._wavelength_m, slm.num_levels))
         self.set_phase(None)
 
+    def wait(self, seconds: float) -> None:
+        """Lets time pass on the bench."""
+        self._link.ask({"do": "wait", "seconds": seconds})
+
     def close(self) -> None:
         """Switches the laser off and ends the connection, and the bench that it started."""
         try:
@@ -120,7 +132,7 @@ class VirtualSLM(SLM):  # type: ignore[misc]
 
 
 class VirtualCamera(Camera):  # type: ignore[misc]
-    """The camera of a virtual bench. rig: rig.toml. address, token: of a bench that runs; None starts one."""
+    """The camera of a virtual bench. rig, address, token, live: as of `VirtualSLM`."""
 
     def __init__(
         self,
@@ -128,9 +140,10 @@ class VirtualCamera(Camera):  # type: ignore[misc]
         *,
         address: Address | None = None,
         token: str | None = None,
+        live: bool = True,
         **arguments: Any,
     ) -> None:
-        self._link = VirtualBenchLink(rig, address, token)
+        self._link = VirtualBenchLink(rig, address, token, live)
         facts = self._link.rig
         self._set_exposure_hw(float(np.clip(_FIRST_EXPOSURE_S, *facts.limits.exposures_s)))
         super().__init__(
