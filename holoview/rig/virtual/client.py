@@ -68,7 +68,11 @@ def connect(address: tuple[str, int], token: str) -> Connection:
         connection = Connection(socket.create_connection(address, timeout=_TIMEOUT_S))
     except OSError as error:
         raise DeviceError("virtual bench", f"can't be reached: {error}", remedy=_REMEDY) from error
-    ask(connection, {"token": token})
+    try:
+        ask(connection, {"token": token})
+    except DeviceError:
+        connection.close()
+        raise
     return connection
 
 

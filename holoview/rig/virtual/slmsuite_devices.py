@@ -55,7 +55,12 @@ class VirtualBenchLink:
         assert address is not None and token is not None
         self.address: Address = (str(address[0]), int(address[1]))
         self.token = token
-        self._connection = connect(self.address, token)
+        try:
+            self._connection = connect(self.address, token)
+        except DeviceError:
+            if self._process is not None:
+                self._process.close()
+            raise
 
     def ask(self, table: dict[str, Any], array: Levels | None = None) -> Message:
         """Sends a message and returns the answer."""
