@@ -38,7 +38,7 @@ Address = tuple[str, int]
 class VirtualBenchLink:
     """A connection to a virtual bench. rig: its rig.toml. address, token: of one that runs; None starts one.
 
-    live: whether the time that passes between messages passes on the bench as well.
+    live: whether the time that passes between messages passes on the bench as well. is_open: until it is closed.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class VirtualBenchLink:
     ) -> None:
         import_optional("slmsuite", "the virtual bench's devices for slmsuite")
         self.rig: RigDescription = read_rig(rig)
-        self._live = live
+        self._live, self.is_open = live, True
         if (address is None) != (token is None):
             raise UserError("virtual bench", "address or token alone", expected="both, or neither")
         self._process = VirtualBenchProcess(Path(rig)) if address is None else None
@@ -67,7 +67,8 @@ class VirtualBenchLink:
         return ask(self._connection, {**table, "live": self._live}, array)
 
     def close(self) -> None:
-        """Ends the connection, and the bench that it started."""
+        """Ends the connection, and the bench that it started; twice is once."""
+        self.is_open = False
         self._connection.close()
         if self._process is not None:
             self._process.close()
@@ -126,7 +127,9 @@ class VirtualSLM(SLM):  # type: ignore[misc]
         self._link.ask({"do": "wait", "seconds": seconds})
 
     def close(self) -> None:
-        """Switches the laser off and ends the connection, and the bench that it started."""
+        """Switches the laser off and ends the connection, and the bench that it started; twice is once."""
+        if not self._link.is_open:  # slmsuite closes what it forgets once more
+            return
         try:
             self._link.ask({"do": "laser", "wavelength": None})
         finally:
