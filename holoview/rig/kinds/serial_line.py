@@ -133,8 +133,10 @@ class SerialLasers:
     def __init__(self, rig: RigDescription, options: Mapping[str, Any], line: SerialLine) -> None:
         self.wavelengths_m, self._line = rig.wavelengths_m, line
         self._on, self._off, self._full = options["on"], options["off"], options.get("full_power", 1.0)
-        line.command(options.get("start", ()), {})
-        self.switch_off()
+        try:
+            line.command(options.get("start", ()), {})
+        finally:
+            self.switch_off()
 
     def switch_on(self, wavelength_m: float, power: float) -> None:
         """Switches all off, then one on."""

@@ -163,6 +163,11 @@ class VirtualCamera(Camera):  # type: ignore[misc]
             **arguments,
         )
 
+    @staticmethod
+    def info(verbose: bool = True) -> list[str]:
+        """The cameras that can be opened: each bench has its own, which its rig.toml names, and none is listed."""
+        return []
+
     def flush(self, timeout_s: float = 1.0) -> None:
         """Nothing waits in a buffer: each picture is exposed after it is asked for."""
 

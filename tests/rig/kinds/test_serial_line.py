@@ -97,6 +97,13 @@ def test_a_refusal_is_named_and_the_lasers_are_off_then(write_rig: WriteRig, ins
     assert device.received[-1] == "ALL:OFF"
 
 
+def test_lasers_whose_start_is_refused_are_off_too(write_rig: WriteRig, instrument: MakeInstrument) -> None:
+    device = instrument(lambda line: "ERR\n" if "CLS" in line else "OK\n")
+    with pytest.raises(DeviceError, match=r"lasers: refused '\*CLS\\n': ERR"):
+        open_rig(write_rig(lasers=_lasers(device.port)))
+    assert device.received == ["*CLS", "ALL:OFF"]
+
+
 def test_lasers_that_cannot_be_switched_off_say_to_do_it_by_hand(
     write_rig: WriteRig, instrument: MakeInstrument
 ) -> None:

@@ -81,7 +81,7 @@ def _open_bench(folder: Path, hidden: str) -> Iterator[FourierSLM]:
     (folder / "hidden.toml").write_text(f"seed = 3\n{hidden}", encoding="utf-8")
     slm = VirtualSLM(file, live=False)
     camera = VirtualCamera(file, address=slm.address, token=slm.token, live=False)
-    with pytest.MonkeyPatch.context() as patch, closing(slm), closing(camera):
+    with closing(slm), closing(camera), pytest.MonkeyPatch.context() as patch:
         patch.setattr(time, "sleep", slm.wait)
         fourier = FourierSLM(camera, slm)
         slm.settle_time_s = 10 * TIME_CONSTANT_S
@@ -211,6 +211,14 @@ def test_a_blaze_goes_where_its_vector_points_and_the_laser_is_off_when_the_modu
     slm.close()
     assert camera.get_image().max() < 20 < lit.max()  # read noise is 3 electrons, less than a count
     camera.close()
+
+
+def test_slmsuites_own_checks_of_hardware_pass(bench: tuple[Path, VirtualBenchProcess]) -> None:
+    file, process = bench
+    there: dict[str, Any] = {"address": process.address, "token": process.token}
+    with closing(VirtualSLM(file, **there)) as slm, closing(VirtualCamera(file, **there)) as camera:
+        camera.set_exposure(1e-5)  # so that it isn't saturated
+        assert slm.test() and camera.test()
 
 
 def test_raw_levels_are_shown_as_they_are(bench: tuple[Path, VirtualBenchProcess]) -> None:
