@@ -6,6 +6,8 @@
     class = "MyLasers"
     arguments = { address = 7 }     # of the class
 
+A modulator's `settle` in rig.toml, in s, stands before its own `settle_s`.
+
 The class has the methods and attributes of the device's protocol in `rig.devices`; what it raises is reported as the
 device's failure. It needs nothing of holoview.
 """
@@ -19,6 +21,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from holoview.model.field_types import Number
 from holoview.rig.description import DeviceSpec, RigDescription
 from holoview.rig.devices import Counts, DeviceError, Levels, call_device
 from holoview.rig.kinds.answers import require_counts, require_levels, require_shape
@@ -26,6 +29,7 @@ from holoview.rig.kinds.options import option_place, parse_options, require_devi
 from holoview.util.errors import UserError, suggest_matches
 
 _OPTIONS = {"file": text, "class": text, "arguments": table}
+_SLM_OPTIONS = {**_OPTIONS, "settle": Number(low=0.0, high=1000.0).parse}
 _MEMBERS = {
     "slm": ("shape", "settle_s", "show", "close"),
     "camera": ("shape", "exposures_s", "set_exposure", "take", "close"),
@@ -39,7 +43,8 @@ def open_python(rig: RigDescription, spec: DeviceSpec, modules: MutableMapping[P
 
     Raises UserError for wrong options and a file or class that fails, DeviceError for a device that doesn't open.
     """
-    options = parse_options(rig, spec, _OPTIONS, required=("file", "class"))
+    types = _SLM_OPTIONS if spec.name in ("slm1", "slm2") else _OPTIONS
+    options = parse_options(rig, spec, types, required=("file", "class"))
     where = option_place(rig, spec)
     file = (rig.path.parent / options["file"]).resolve()
     if file not in modules:
@@ -53,8 +58,10 @@ def open_python(rig: RigDescription, spec: DeviceSpec, modules: MutableMapping[P
     for member in require_device(rig, spec, _MEMBERS):
         if not hasattr(device, member):
             raise UserError(f"{where}.class", f"{name} has no `{member}`", expected="what holoview.rig.devices lists")
-    wrapped = require_device(rig, spec, _WRAPPERS)
-    return wrapped(rig, spec.name, device, remedy)
+    wrapped = require_device(rig, spec, _WRAPPERS)(rig, spec.name, device, remedy)
+    if "settle" in options:
+        wrapped.settle_s = options["settle"]
+    return wrapped
 
 
 class _Guarded:

@@ -33,6 +33,8 @@ def test_arguments_reach_the_class(write_rig: WriteRig, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(source, encoding="utf-8")
     with open_rig(write_rig(slm1=_python("Mine") + "\narguments = { settle = 0.25 }")) as devices:
         assert devices.modulators[0].settle_s == 0.25
+    with open_rig(write_rig(slm1=_python("Slm") + "\nsettle = 0.5")) as devices:
+        assert devices.modulators[0].settle_s == 0.5
 
 
 def test_safety_limits_hold(write_rig: WriteRig) -> None:

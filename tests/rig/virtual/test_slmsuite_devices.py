@@ -81,11 +81,12 @@ def _open_bench(folder: Path, hidden: str) -> Iterator[FourierSLM]:
     (folder / "hidden.toml").write_text(f"seed = 3\n{hidden}", encoding="utf-8")
     slm = VirtualSLM(file, live=False)
     camera = VirtualCamera(file, address=slm.address, token=slm.token, live=False)
-    with closing(slm), closing(camera), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(time, "sleep", slm.wait)
+    with closing(slm), closing(camera):
         fourier = FourierSLM(camera, slm)
         slm.settle_time_s = 10 * TIME_CONSTANT_S
-        fourier.fourier_calibrate(array_shape=8, array_pitch=8, autoexpose=True, verbose=False)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(time, "sleep", slm.wait)
+            fourier.fourier_calibrate(array_shape=8, array_pitch=8, autoexpose=True, verbose=False)
         yield fourier
 
 
@@ -131,7 +132,9 @@ def test_its_fourier_calibration_finds_where_the_camera_is(calibrated: FourierSL
     np.testing.assert_allclose(np.ravel(calibrated.kxyslm_to_ijcam([0, 0])), (127.5 - 3, 127.5 + 5), atol=0.5)
 
 
-def test_its_settling_calibration_finds_what_a_path_that_relaxes_exponentially_gives(calibrated: FourierSLM) -> None:
+def test_its_settling_calibration_finds_what_a_path_that_relaxes_exponentially_gives(
+    calibrated: FourierSLM, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Path = (1 − e^(−t/τ))·sawtooth: the first order of such a blaze has the efficiency sinc²(e^(−t/τ)).
 
     slmsuite fits an exponential to its power, in a window that sidelobes of the zeroth order reach, with about 2 %. The
@@ -139,6 +142,7 @@ def test_its_settling_calibration_finds_what_a_path_that_relaxes_exponentially_g
     """
     τ = TIME_CONSTANT_S
     times = np.linspace(0.0, 8 * τ, 17)
+    monkeypatch.setattr(time, "sleep", calibrated.slm.wait)
     found = calibrated.settle_calibrate(vector=(0.01, 0.01), times=times, plot=-1)
     efficiency = np.sinc(np.exp(-times / τ)) ** 2
 
