@@ -136,4 +136,5 @@ def call_device(name: str, action: str, remedy: str, call: Callable[[], Any]) ->
     except UserError:
         raise
     except Exception as error:  # each vendor's library raises exceptions of its own
-        raise DeviceError(name, f"didn't {action}: {error or type(error).__name__}", remedy=remedy) from error
+        found = str(error).strip().rstrip(".") or type(error).__name__
+        raise DeviceError(name, f"didn't {action}: {found}", remedy=remedy) from error

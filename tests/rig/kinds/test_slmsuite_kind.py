@@ -128,7 +128,7 @@ def test_slmsuites_own_modulator_for_cells_sets_the_same_cells(device: str) -> N
         ),
         (
             'device = "slmsuite"\nclass = "slmsuite.hardware.slms.holoeye.Holoeye"',
-            "slm1: didn't open: SDK HEDS not installed",
+            r"slm1: didn't open: SDK HEDS not installed\. Install to use Holoeye SLMs; see that it is on",
         ),
         ('device = "slmsuite"', r"slm1\.class: is missing"),
         (_device("FakeSlm", "argument = {}"), r"slm1\.argument: unknown option .*; did you mean arguments\?"),
