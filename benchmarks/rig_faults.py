@@ -68,8 +68,8 @@ RIG: dict[str, Any] = {
     "virtual": {"bench": "hidden.toml"},
 }
 PLANS = (
-    {"each": 3, "distances": ["2 mm", "5 mm"]},
-    {"each": 3, "distances": ["2 mm", "5 mm"], "exposure": 0.01},
+    {"each": 2, "distances": ["2 mm", "5 mm"]},
+    {"each": 2, "distances": ["2 mm", "5 mm"], "exposure": 0.01},
 )
 """With searched exposures, and with stated ones."""
 

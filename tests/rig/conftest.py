@@ -11,6 +11,14 @@ import pytest
 import tomli_w
 
 from holoview.rig import RigDescription, read_rig
+from holoview.rig.devices import DeviceError, DeviceGone, Devices
+from holoview.rig.limits import limit_devices
+from holoview.rig.virtual.client import VirtualCamera, VirtualClock, VirtualModulator, VirtualStage
+from holoview.rig.virtual.faults import FaultInjector
+from holoview.rig.virtual.server import BenchServer
+from holoview.rig.virtual.virtual_bench import VirtualBench
+from holoview.rig.virtual.virtual_settings import read_virtual_settings
+from holoview.rig.virtual.wire import Disconnected, Message
 
 SHAPE, CAMERA_SHAPE = (16, 24), (32, 48)
 LASERS_M = (450e-9, 638e-9)
@@ -67,3 +75,53 @@ def make_rig(tmp_path: Path) -> Callable[..., RigDescription]:
         return read_rig(write_rig(tmp_path / "rig.toml", changes))
 
     return make
+
+
+class DirectBench:
+    """A virtual bench in this process, asked as `VirtualBenchProcess` is; faults as its settings say."""
+
+    def __init__(self, rig: RigDescription) -> None:
+        settings = read_virtual_settings(rig)
+        self.light = VirtualBench(rig, settings)
+        self._faults = FaultInjector(settings.faults, lambda: None)
+        self._server = BenchServer(self.light, self._faults)
+
+    def ask(self, table: dict[str, Any], array: Any = None) -> Message:
+        """As of `VirtualBenchProcess`."""
+        try:
+            answer = self._faults.answer(Message(table, array), self._server.answer)
+        except Disconnected as error:
+            raise DeviceGone("virtual bench", "is gone") from error
+        if "error" in answer.table:
+            raise DeviceError("virtual bench", str(answer.table["error"]))
+        return answer
+
+    def close(self) -> None:
+        """As of `VirtualBenchProcess`."""
+
+
+class DirectLasers:
+    """The lasers of a bench in this process. log: "on" and "off" in turn."""
+
+    def __init__(self, bench: DirectBench, rig: RigDescription) -> None:
+        self._bench, self.wavelengths_m, self.log = bench, rig.wavelengths_m, list[str]()
+
+    def switch_on(self, wavelength_m: float, power: float) -> None:
+        self.log.append("on")
+        self._bench.light.switch_on(wavelength_m, power)
+
+    def switch_off(self) -> None:
+        self.log.append("off")
+        self._bench.light.switch_off()
+
+    def close(self) -> None:
+        pass
+
+
+def direct_devices(rig: RigDescription) -> Devices:
+    """The devices of a virtual rig in this process, within its limits."""
+    bench: Any = DirectBench(rig)
+    settles = [float(rig.devices[name].options.get("settle", 0.0)) for name in ("slm1", "slm2") if name in rig.devices]
+    modulators = tuple(VirtualModulator(bench, rig, number, settle_s) for number, settle_s in enumerate(settles))
+    camera, stage, clock = VirtualCamera(bench, rig), VirtualStage(bench, rig), VirtualClock(bench)
+    return limit_devices(Devices(modulators, camera, DirectLasers(bench, rig), stage, clock), rig.limits)

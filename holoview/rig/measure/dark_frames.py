@@ -59,26 +59,23 @@ def dark_exposures(exposures_s: Sequence[float], there_s: Sequence[float]) -> li
     return wanted
 
 
-def dark_notes(frames: Sequence[DarkFrame], facts: Camera) -> list[str]:
-    """In words, what rig.toml states otherwise than the dark frames show."""
+def dark_notes(frames: Sequence[DarkFrame], facts: Camera) -> dict[str, str]:
+    """In words, what rig.toml states otherwise than the dark frames show, by what it is of: level, noise, growth."""
+    notes: dict[str, str] = {}
     if not frames:
-        return []
+        return notes
     ordered = sorted(frames, key=lambda frame: frame.exposure_s)
     shortest, longest = ordered[0], ordered[-1]
-    notes = []
     if abs(shortest.level - facts.black_level) > _LEVEL_COUNTS:
-        notes.append(
-            f"dark pictures have {shortest.level:.2f} counts, but rig.toml states black_level = {facts.black_level:g}"
-        )
-    ratio = shortest.noise / facts.dark_noise
-    if not 1 / _NOISE_FACTOR <= ratio <= _NOISE_FACTOR:
+        stated = f"rig.toml states black_level = {facts.black_level:g}"
+        notes["level"] = f"dark pictures have {shortest.level:.1f} counts, but {stated}"
+    if not 1 / _NOISE_FACTOR <= shortest.noise / facts.dark_noise <= _NOISE_FACTOR:
         measured = math.sqrt(max(shortest.noise**2 - 1 / 12, 0.0)) * facts.electrons_per_count
-        notes.append(
-            f"dark pictures vary by {shortest.noise:.3g} counts, which is a read noise of {measured:.3g} electrons, "
-            f"but rig.toml states read_noise = {facts.read_noise:g}"
-        )
+        stated = f"a read noise of {measured:.2g} electrons, but rig.toml states read_noise = {facts.read_noise:g}"
+        notes["noise"] = f"dark pictures vary by {shortest.noise:.2g} counts, which is {stated}"
     grown = longest.level - shortest.level
     if abs(grown) > _RATE_COUNTS and longest.exposure_s > shortest.exposure_s:
         rate = grown / (longest.exposure_s - shortest.exposure_s)
-        notes.append(f"dark pictures grow by {rate:.3g} counts a second: dark current, or light beside the lasers'")
+        reason = "dark current, or light beside the lasers'"
+        notes["growth"] = f"dark pictures grow by {rate:.2g} counts a second: {reason}"
     return notes

@@ -35,6 +35,7 @@ class MeasurementSession:
         self._energy: dict[float, float] = {}  # power × exposure that suited each laser last
         self._distance_m: float | None = None
         self._settling: dict[str, Settling] = {}
+        self._told_of_dark: set[str] = set()
         self.notes: list[str] = []
 
     def run(
@@ -143,8 +144,10 @@ class MeasurementSession:
         for exposure_s in exposures_s:
             frame = take_dark_frame(self._camera, self._allowed(exposure_s), pictures)
             store.keep(dataclasses.replace(store.record, dark=(*store.record.dark, frame)))
-        for note in dark_notes(store.record.dark, self._rig.bench.camera):
-            self._note(note)
+        for kind, note in dark_notes(store.record.dark, self._rig.bench.camera).items():
+            if kind not in self._told_of_dark:
+                self._told_of_dark.add(kind)
+                self._note(note)
         self._keep(store)
 
     def _allowed(self, exposure_s: float) -> float:

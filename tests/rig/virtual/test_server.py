@@ -146,14 +146,6 @@ def test_the_process_ends_with_the_one_that_started_it(rig: RigDescription) -> N
         connection.close()
 
 
-def test_a_closed_bench_is_gone_and_can_be_closed_twice(rig: RigDescription) -> None:
-    process = VirtualBenchProcess(rig.path)
-    process.close()
-    process.close()
-    with pytest.raises(DeviceError, match="is gone"):
-        process.ask({"do": "time"})
-
-
 def test_wrong_settings_are_told_when_it_starts(tmp_path: Path) -> None:
     rig = read_rig(write_rig(tmp_path / "rig.toml", {"virtual": {"seede": 3}}))
     with pytest.raises(DeviceError, match=r"virtual\.seede: unknown key"):

@@ -1,0 +1,22 @@
+"""`benchmarks.rig_faults` in small: interruptions at random moments lose nothing and leave no laser on."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks the program")
+def test_ten_interrupted_sessions_are_those_that_nothing_interrupted() -> None:
+    command = [sys.executable, "-m", "benchmarks.rig_faults", "--runs", "10", "--seed", "1"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "wrong: 0\n" in done.stdout and done.stdout.startswith("10 runs, ")
+    for way in ("Ctrl-C", "SIGTERM", "device", "full disk", "kill -9"):
+        assert f"{way} " in done.stdout
