@@ -121,6 +121,7 @@ class ForkedServer:
 
 def start(folder: Path) -> int:
     """The process of `holoview measure` in a folder; what it says goes to said.txt."""
+    (folder.parent / "said.txt").write_text("", encoding="utf-8")  # it may be killed before it opens it
     pid = os.fork()
     if pid:
         return pid

@@ -232,5 +232,9 @@ def _device(name: str, options: Mapping[str, Any], where: str) -> DeviceSpec:
     if not isinstance(kind, str):
         raise UserError(f"{where}: {name}.device", "is missing" if kind is None else f"{kind!r}", expected="a text")
     own = {key: value for key, value in options.items() if key != "device"}
-    is_auto = name in ("slm1", "slm2") and own.get("settle") == "auto"
+    if name not in ("slm1", "slm2") or "settle" not in own:
+        return DeviceSpec(name, kind, own)
+    is_auto = own["settle"] == "auto"
+    if not is_auto:
+        Number(low=0.0, high=1000.0).parse(own["settle"], f"{where}: {name}.settle")
     return DeviceSpec(name, kind, own | {"settle": _LONG_SETTLE_S} if is_auto else own, is_auto)

@@ -14,12 +14,13 @@ from types import ModuleType
 from typing import Any
 
 from holoview.rig.description import DeviceSpec, RigDescription
-from holoview.rig.devices import BenchClock, Devices
+from holoview.rig.devices import BenchClock, Devices, LasersDevice
 from holoview.rig.kinds.manual import open_manual
 from holoview.rig.kinds.micromanager import SharedCore, open_micromanager
 from holoview.rig.kinds.python_file import open_python
 from holoview.rig.kinds.serial_line import open_serial
 from holoview.rig.kinds.slmsuite_kind import open_slmsuite
+from holoview.rig.laser_guard import GuardedLasers
 from holoview.rig.limits import limit_devices
 from holoview.rig.virtual.client import (
     VirtualBenchProcess,
@@ -55,6 +56,7 @@ class OpeningRig:
 
 
 Opener = Callable[[OpeningRig, DeviceSpec], Any]
+_NEED_NO_GUARD = ("virtual", "manual")  # the virtual bench has an interlock; a person has eyes
 
 
 class SystemClock:
@@ -78,12 +80,23 @@ def open_rig(rig: RigDescription) -> Devices:
         opened: dict[str, Any] = {}
         for name, spec in rig.devices.items():
             opened[name] = _opener(rig, spec)(opening, spec)
+            if name == "lasers" and spec.kind not in _NEED_NO_GUARD:
+                opened[name] = GuardedLasers(opened[name], rig.path)
             stack.callback(opened[name].close)
         clock: BenchClock = SystemClock() if opening.bench is None else VirtualClock(opening.bench)
         modulators = tuple(opened[name] for name in ("slm1", "slm2") if name in opened)
         devices = Devices(modulators, opened["camera"], opened["lasers"], opened["stage"], clock)
         stack.pop_all()  # they stay open
     return limit_devices(devices, rig.limits)
+
+
+def open_lasers(rig: RigDescription) -> LasersDevice:
+    """Opens the lasers of a rig alone, to switch them off. Raises what `open_rig` does."""
+    spec = rig.devices["lasers"]
+    with ExitStack() as stack:
+        lasers: LasersDevice = _opener(rig, spec)(OpeningRig(rig, stack), spec)
+        stack.pop_all()  # they stay open
+    return lasers
 
 
 def _open_virtual(opening: OpeningRig, spec: DeviceSpec) -> Any:

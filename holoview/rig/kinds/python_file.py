@@ -4,7 +4,7 @@
     device = "python"
     file = "my_lasers.py"           # beside rig.toml
     class = "MyLasers"
-    arguments = { address = 7 }     # of the class
+    arguments = { address = 7 }     # of the class; modulators take `settle` too, in place of the class's settle_s
 
 A modulator's `settle` in rig.toml, in s, stands before its own `settle_s`.
 
