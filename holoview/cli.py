@@ -27,6 +27,7 @@ COMMANDS = {
     "render": "render what an observer sees, to PNG",
     "optimise": "find patterns and laser amplitudes for a picture",
     "export": "write a hologram's patterns as PNG",
+    "rig": "show, test and align a rig of real or virtual devices",
     "measure": "take captures with a rig of real or virtual devices",
     "captures": "make, check, show and import measured captures",
     "diagnose": "name what the simulation of a measured bench gets wrong",

@@ -13,7 +13,7 @@ from holoview.captures import read_captures, write_captures
 from holoview.captures.effect_check import check_user_effects
 from holoview.captures.records import plausible_units
 from holoview.captures.records.correction import apply_corrections
-from holoview.commands.arguments import parse_duration
+from holoview.commands.arguments import parse_duration, parse_effects
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.number_options import whole
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder
@@ -29,6 +29,7 @@ from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import load_user_effects
 from holoview.model.system import System
 from holoview.report.figure import require_matplotlib
+from holoview.rig.placement import read_placement
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
@@ -46,6 +47,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--preset",
         metavar="PRESET",
         help="the nominal bench, in place of what the file says; its effects count as known",
+    )
+    add_input(
+        parser,
+        "--known",
+        metavar="NAME.KEY=VALUE|RIG.placement.toml",
+        nargs="+",
+        action="extend",
+        default=[],
+        help="effects that the bench is known to have, or the placement that `rig align` has written",
     )
     add_input(
         parser,
@@ -136,6 +146,7 @@ def run(args: argparse.Namespace) -> int:
     bench = None
     if args.preset is not None:
         captures, known, bench = with_preset_geometry(captures, preset.load(args.preset), args.preset)
+    known = _with_stated(known, args.known)
     sampling = SamplingConfig(args.finer, args.padding, args.points)
     with progress_bar("diagnosing") as progress, deferred_interrupt("prediction") as interruption:
         so_far = _SoFar(progress)
@@ -199,6 +210,16 @@ def _check_arguments(args: argparse.Namespace) -> None:
             raise UserError(f"--{name}", f"{given}", expected=f"{least} to {most}")
     if args.report is not None:
         require_matplotlib("--report")
+
+
+def _with_stated(known: dict[str, dict[str, float]], texts: list[str]) -> dict[str, dict[str, float]]:
+    """Known effects, with those that --known states."""
+    files = [text for text in texts if text.endswith(".toml") and "=" not in text]
+    stated = [read_placement(Path(file)).known_effects() for file in files]
+    stated.append(parse_effects([text for text in texts if text not in files]))
+    for table in stated:
+        known = known | {name: known.get(name, {}) | values for name, values in table.items()}
+    return known
 
 
 def _load_effects(file: str) -> list[Effect]:

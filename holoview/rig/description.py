@@ -29,14 +29,14 @@ rig.toml has the tables of `bench.toml` (`captures.bench_tables`) with the devic
     [geometry]
     gap = "1 mm"
 
-Where camera and modulators are is written beside it by `holoview rig align` (`placement`).
+Where camera and modulators are is written beside it by `holoview rig align` (`placement`), and read with it.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,7 @@ from holoview.captures.dataset import Captures
 from holoview.captures.validation import check_settings
 from holoview.model.field_types import Array, FieldType, Number
 from holoview.rig.limits import SafetyLimits
+from holoview.rig.placement import Placement, placement_path, read_placement
 from holoview.util import units
 from holoview.util.data_text import parse_toml
 from holoview.util.errors import UserError, suggest_matches
@@ -87,6 +88,8 @@ class RigDescription:
     path: of rig.toml. bench: the nominal bench. slm_shape, camera_shape: rows and columns.
     wavelengths_m: of the lasers, ascending. stage_m: what the stage reaches.
     devices: by their tables. virtual: the table of the virtual bench, empty where no device is virtual.
+    placement: where the devices are; None: where they should be. With one, camera_shape is that of the rectified
+    picture, bench has the measured pitch, and stage_m and limits are distances as measured. described: without it.
     """
 
     path: Path
@@ -99,6 +102,41 @@ class RigDescription:
     limits: SafetyLimits
     devices: Mapping[str, DeviceSpec]
     virtual: Mapping[str, Any]
+    placement: Placement | None = None
+    described: RigDescription | None = None
+
+    @property
+    def as_described(self) -> RigDescription:
+        """As rig.toml says, without a placement."""
+        return self.described or self
+
+    def placed(self, placement: Placement) -> RigDescription:
+        """With the devices where they are. Raises UserError for a placement of other devices."""
+        described = self.as_described
+        for name, found, own in (
+            ("slm_shape", placement.slm_shape, described.slm_shape),
+            ("camera_shape", placement.camera_shape, described.camera_shape),
+            ("modulators", 1 if placement.slm2_turn is None else 2, len(described.bench.slms)),
+        ):
+            if found != own:
+                where, remedy = f"{placement_path(self.path)}: found_for.{name}", "run `holoview rig align` again"
+                raise UserError(where, str(found), expected=f"{own}, as in {self.path}", remedy=remedy)
+        camera = replace(described.bench.camera, pitch_m=placement["pitch"])
+        return replace(
+            described,
+            bench=replace(described.bench, camera=camera),
+            camera_shape=placement.shape,
+            stage_m=described._distances_m(described.stage_m, placement),
+            limits=replace(described.limits, stage_m=described._distances_m(described.limits.stage_m, placement)),
+            placement=placement,
+            described=described,
+        )
+
+    def _distances_m(self, settings_m: tuple[float, float], placement: Placement) -> tuple[float, float]:
+        """Distances at settings of the stage; in the near field not behind the last modulator."""
+        low, high = (placement.distance_m(setting) for setting in settings_m)
+        least = 0.0 if self.bench.focal_length_m is None else low
+        return max(low, least), max(high, least)
 
     def blank_capture(self) -> Captures:
         """A capture that wasn't taken: dark patterns and no light, with the shortest wavelength at the near end."""
@@ -113,8 +151,18 @@ class RigDescription:
         )
 
 
-def read_rig(path: str | os.PathLike[str]) -> RigDescription:
-    """Reads rig.toml. Raises UserError that names the key of what is missing, unknown or wrong."""
+def read_rig(path: str | os.PathLike[str], *, is_placed: bool = True) -> RigDescription:
+    """Reads rig.toml, and the placement beside it if there is one.
+
+    is_placed: False for the rig without a placement. Raises UserError that names the key of what is missing, unknown or
+    wrong, and for a placement of other devices.
+    """
+    rig = _read_description(path)
+    file = placement_path(rig.path)
+    return rig.placed(read_placement(file)) if is_placed and file.exists() else rig
+
+
+def _read_description(path: str | os.PathLike[str]) -> RigDescription:
     file = Path(path)
     tables = parse_toml(read_text(file, _EXPECTED), str(file), _EXPECTED)
     where = str(file)

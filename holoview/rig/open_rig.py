@@ -22,6 +22,7 @@ from holoview.rig.kinds.serial_line import open_serial
 from holoview.rig.kinds.slmsuite_kind import open_slmsuite
 from holoview.rig.laser_guard import GuardedLasers
 from holoview.rig.limits import limit_devices
+from holoview.rig.placed_devices import place_devices
 from holoview.rig.virtual.client import (
     VirtualBenchProcess,
     VirtualCamera,
@@ -70,13 +71,13 @@ class SystemClock:
 
 
 def open_rig(rig: RigDescription) -> Devices:
-    """Opens all devices of a rig, within its safety limits; use the result in a `with` statement.
+    """Opens all devices of a rig, within its safety limits and where they are placed; use it in a `with` statement.
 
     Raises UserError for a kind that is unknown or that the table can't have, and DeviceError for a device that doesn't
     answer; those that were open by then are closed.
     """
     with ExitStack() as stack:
-        opening = OpeningRig(rig, stack)
+        opening = OpeningRig(rig.as_described, stack)
         opened: dict[str, Any] = {}
         for name, spec in rig.devices.items():
             opened[name] = _opener(rig, spec)(opening, spec)
@@ -87,7 +88,7 @@ def open_rig(rig: RigDescription) -> Devices:
         modulators = tuple(opened[name] for name in ("slm1", "slm2") if name in opened)
         devices = Devices(modulators, opened["camera"], opened["lasers"], opened["stage"], clock)
         stack.pop_all()  # they stay open
-    return limit_devices(devices, rig.limits)
+    return limit_devices(devices if rig.placement is None else place_devices(devices, rig.placement), rig.limits)
 
 
 def open_lasers(rig: RigDescription) -> LasersDevice:

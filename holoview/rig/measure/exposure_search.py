@@ -14,16 +14,18 @@ _TARGET, _ENOUGH, _TOO_MUCH = 0.8, 0.4, 0.95  # of the range above black
 _STEP, _TRIES = 8.0, 12
 
 
-def take_exposed(camera: CameraDevice, facts: Camera, start_s: float) -> tuple[Counts, float]:
+def take_exposed(
+    camera: CameraDevice, facts: Camera, start_s: float, bright_quantile: float = BRIGHT_QUANTILE
+) -> tuple[Counts, float]:
     """A picture whose brightest pixels reach 0.4 to 0.95 of the range, or as near as exposures reach; and its exposure.
 
-    start_s: the first exposure that is tried.
+    start_s: the first exposure that is tried. bright_quantile: of the pixels, those above are the brightest.
     """
     low, high = camera.exposures_s
     exposure = camera.set_exposure(float(np.clip(start_s, low, high)))
     picture = camera.take()
     for _ in range(_TRIES):
-        share = range_share(picture, facts)
+        share = range_share(picture, facts, bright_quantile)
         if _ENOUGH <= share <= _TOO_MUCH:
             break
         factor = 1 / _STEP if share > _TOO_MUCH else float(np.clip(_TARGET / max(share, 1e-6), 1 / _STEP, _STEP))
@@ -35,9 +37,9 @@ def take_exposed(camera: CameraDevice, facts: Camera, start_s: float) -> tuple[C
     return picture, exposure
 
 
-def range_share(picture: Counts, facts: Camera) -> float:
+def range_share(picture: Counts, facts: Camera, bright_quantile: float = BRIGHT_QUANTILE) -> float:
     """What the brightest pixels reach of the range above the black level."""
-    bright = float(np.quantile(picture, BRIGHT_QUANTILE))
+    bright = float(np.quantile(picture, bright_quantile))
     return (bright - facts.black_level) / (facts.saturation - facts.black_level)
 
 

@@ -1,0 +1,140 @@
+"""`holoview rig show | test | align RIG.toml`: what a rig is, whether its devices answer, and where they are."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+
+import numpy as np
+
+from holoview.commands.console import print_stderr, progress_bar
+from holoview.commands.output_files import add_input
+from holoview.model.effects.effect_table import EffectTable
+from holoview.rig import RigDescription, open_rig, read_rig
+from holoview.rig.align.alignment import find_geometry, laser_for_alignment
+from holoview.rig.align.record_check import check_rig_records
+from holoview.rig.align.result import placement_of, sentences
+from holoview.rig.devices import Counts, Devices
+from holoview.rig.limits import limit_devices
+from holoview.rig.measure.exposure_search import take_exposed
+from holoview.rig.placed_devices import place_devices
+from holoview.rig.placement import placement_path, write_placement
+from holoview.util.file_writer import check_writable
+from holoview.util.units import format_rounded
+
+_FIRST_EXPOSURE_S = 1e-2
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the subcommands."""
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    for name, summary, run_it in (
+        ("show", "what the description says", _show),
+        ("test", "whether the devices answer", _test),
+        ("align", "find where modulators and camera are", _align),
+    ):
+        command = commands.add_parser(name, help=summary, description=run_it.__doc__)
+        add_input(command, "rig", metavar="RIG.toml", help="description of the rig")
+        command.set_defaults(run=run_it)
+        if name == "align":
+            command.add_argument(
+                "--no-check", action="store_true", help="don't take captures afterwards to check their records"
+            )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Never called: each subcommand sets its own `run`."""
+    raise AssertionError
+
+
+def _show(args: argparse.Namespace) -> int:
+    """Says what rig.toml states, and where the devices are if `rig align` has found it."""
+    rig = read_rig(args.rig)
+    described = rig.as_described
+    camera, limits = described.bench.camera, described.limits
+    bench = "near field" if described.bench.focal_length_m is None else "Fourier bench"
+    print(f"{rig.name}: {bench}, {len(rig.bench.slms)} modulator{'s' if len(rig.bench.slms) > 1 else ''}")
+    for name, spec in rig.devices.items():
+        print(f"  {name}: {spec.kind}")
+    rows, columns = described.slm_shape
+    print(f"  modulators of {rows} × {columns} pixels of {_um(described.bench.slms[0].pitch_m)}")
+    rows, columns = described.camera_shape
+    print(f"  camera of {rows} × {columns} pixels of {_um(camera.pitch_m)}, {camera.bit_depth} bits")
+    print(f"  lasers of {', '.join(f'{λ * 1e9:g}' for λ in rig.wavelengths_m)} nm, power up to {limits.power:g}")
+    print(f"  exposures of {limits.exposures_s[0]:g} … {limits.exposures_s[1]:g} s")
+    print(f"  stage at {' … '.join(format_rounded(z, 'mm') for z in limits.stage_m)}")
+    if rig.placement is None:
+        print("  nominal places; `holoview rig align` finds the real ones")
+    for sentence in () if rig.placement is None else sentences(rig.placement):
+        print(f"  {sentence}")
+    return 0
+
+
+def _test(args: argparse.Namespace) -> int:
+    """Opens every device, takes a dark and a lit picture, and switches the lasers off."""
+    rig = read_rig(args.rig)
+    with open_rig(rig) as devices:
+        devices.lasers.switch_off()
+        low, high = devices.camera.exposures_s
+        devices.camera.set_exposure(float(np.clip(_FIRST_EXPOSURE_S, low, high)))
+        print(f"dark picture: {_counts(devices.camera.take())}")
+        lit, exposure_s = _lit_picture(rig, devices)
+        print(f"lit picture at {exposure_s:.3g} s: {_counts(lit)}")
+    print("all devices answer; the lasers are off")
+    return 0
+
+
+def _lit_picture(rig: RigDescription, devices: Devices) -> tuple[Counts, float]:
+    """A picture of flat modulators and its exposure time (s)."""
+    devices.stage.move_to(rig.limits.stage_m[0])
+    devices.lasers.switch_on(laser_for_alignment(rig), min(rig.limits.power, 1.0))
+    for modulator in devices.modulators:
+        modulator.show(np.zeros(modulator.shape, np.uint8))
+    devices.clock.wait(max(modulator.settle_s for modulator in devices.modulators))
+    return take_exposed(devices.camera, rig.bench.camera, _FIRST_EXPOSURE_S)
+
+
+def _align(args: argparse.Namespace) -> int:
+    """Finds orientation and place of modulators, camera and planes, from dots; writes RIG.placement.toml."""
+    rig = read_rig(args.rig, is_placed=False)
+    output = placement_path(rig.path)
+    check_writable(output)
+    with open_rig(rig) as devices:
+        with progress_bar("aligning") as report:
+            found = find_geometry(rig, devices, report)
+        assert found is not None  # nobody asks it to end: Ctrl-C interrupts
+        placement = placement_of(rig, found)
+        write_placement(output, placement)
+        used, of = found.geometry.used
+        print(f"{output}: {used} of {of} dots at {found.wavelength_m * 1e9:.0f} nm, ", end="")
+        print(f"{found.geometry.residual_px:.2g} pixels from where it puts them (r.m.s.)")
+        for sentence in sentences(placement):
+            print(sentence)
+        known = placement.known_effects()
+        if known:
+            print(f"a diagnosis knows by `--known {output}`: {_words(known)}")
+        if not args.no_check:
+            placed = rig.placed(placement)
+            at_their_places = limit_devices(place_devices(devices, placement), placed.limits)
+            with progress_bar("checking the records") as report:
+                findings = check_rig_records(placed, at_their_places, report)
+            assert findings is not None
+            for line in findings.lines:
+                print(f"records: {line}")
+            if findings.corrections:
+                print_stderr("the records of captures would be wrong: look at the levels and the lasers of rig.toml")
+    return 0
+
+
+def _words(known: Mapping[str, Mapping[str, float]]) -> str:
+    """Effects as options state them."""
+    table = EffectTable().to_toml(EffectTable().parse(known, "known"))
+    return " ".join(f"{name}.{key}={str(x).replace(' ', '')}" for name, own in table.items() for key, x in own.items())
+
+
+def _counts(picture: Counts) -> str:
+    return f"{int(picture.min())} to {int(picture.max())} counts, mean {picture.mean():.1f}"
+
+
+def _um(value_m: float) -> str:
+    return format_rounded(value_m, "um")

@@ -1,0 +1,114 @@
+"""From the geometry that was found to the placement of the devices, and to sentences."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from holoview.captures.records.orientation import TURN_WORDS
+from holoview.rig.align.alignment import FoundGeometry
+from holoview.rig.align.geometry import Geometry
+from holoview.rig.description import RigDescription
+from holoview.rig.devices import DeviceError
+from holoview.rig.placement import Measured, Placement
+from holoview.util.units import format_rounded
+
+_LEAST_SHARE = 0.5  # of the modulator's height and width that the camera has to see
+_COMMON_ERROR_PX = 0.03  # of all dots: pixels of unequal sensitivity, sampling of the picture
+_SECOND = {
+    "slm2_shift_y": "shift2_y",
+    "slm2_shift_x": "shift2_x",
+    "slm2_rotation": "rotation2",
+    "slm2_magnification": "magnification2",
+}
+
+
+def placement_of(rig: RigDescription, found: FoundGeometry) -> Placement:
+    """The placement of a rig's devices. Raises DeviceError where the camera sees too little of the modulator."""
+    g, rig = found.geometry, rig.as_described
+    pitch = math.exp(g["log_pitch"])
+    middle_m = g["offset"] + (1 + g["scale"]) * sum(rig.stage_m) / 2
+    first, shape, shift = [], [], []
+    for axis, name in enumerate("yx"):
+        centre = g[f"centre_{name}"]
+        wanted = found.picture_shape[axis]
+        if rig.bench.focal_length_m is None:
+            wanted = round(rig.slm_shape[axis] * rig.bench.slms[0].pitch_m / pitch)
+        begin, count = _crop(centre + g[f"walk_{name}"] * middle_m / pitch, found.picture_shape[axis], wanted)
+        first.append(begin)
+        shape.append(count)
+        shift.append((centre - begin - (count - 1) / 2) * pitch)
+    values = {
+        "pitch": Measured(pitch, pitch * g.uncertainty("log_pitch")),
+        "rotation": _measured(g, "rotation"),
+        **{f"shift_{n}": Measured(own, _centre_error(g, n) * pitch) for n, own in zip("yx", shift, strict=True)},
+        **{name: _measured(g, name) for name in ("walk_y", "walk_x")},
+        "stage_offset": _measured(g, "offset"),
+        "stage_scale": _measured(g, "scale"),
+    }
+    if found.slm2_turn is not None:
+        values |= {name: _measured(g, own) for name, own in _SECOND.items()}
+        values["gap_error"] = Measured(g["gap"] - (rig.bench.gap_m or 0.0), g.uncertainty("gap"))
+    return Placement(
+        found.camera_turn,
+        found.slm2_turn,
+        (first[0], first[1]),
+        (shape[0], shape[1]),
+        rig.slm_shape,
+        rig.camera_shape,
+        values,
+    )
+
+
+def _crop(centre: float, whole: int, wanted: int) -> tuple[int, int]:
+    """First pixel and number of pixels of the part around a centre, as much of the wanted ones as there are."""
+    count = min(wanted, math.floor(2 * min(centre + 0.5, whole - 0.5 - centre)))
+    if count < _LEAST_SHARE * min(wanted, whole):
+        found = f"has the middle of the modulators at pixel {centre:.0f} of {whole}"
+        raise DeviceError("camera", found, remedy="move the camera until it sees the whole modulator")
+    return int(np.clip(round(centre - (count - 1) / 2), 0, whole - count)), count
+
+
+def _measured(g: Geometry, name: str) -> Measured:
+    return Measured(g[name], g.uncertainty(name))
+
+
+def _centre_error(g: Geometry, axis: str) -> float:
+    """Pixels."""
+    return math.hypot(g.uncertainty(f"centre_{axis}"), _COMMON_ERROR_PX)
+
+
+def sentences(placement: Placement) -> list[str]:
+    """What a placement says, in words."""
+    p, second = placement, placement.slm2_turn
+    row, column = p.first
+    result = [
+        f"The camera's picture is {_turned(p.camera_turn)}.",
+        f"Turned back, rows {row} … {row + p.shape[0] - 1} and columns {column} … {column + p.shape[1] - 1} of it are "
+        f"centred on modulator 1, up to {_pm(p, 'shift_y', 'um')} (y) and {_pm(p, 'shift_x', 'um')} (x).",
+        f"A pixel of the camera is {_pm(p, 'pitch', 'um')} wide in the modulator's plane; the picture is turned by "
+        f"{_pm(p, 'rotation', 'mrad')}.",
+        f"Where the stage says 0, the camera is {_pm(p, 'stage_offset', 'mm')} behind the last modulator, and it moves "
+        f"by {1 + p['stage_scale']:.5f} ± {p.values['stage_scale'].uncertainty:.1g} of what is set.",
+        f"Its rail is {_pm(p, 'walk_y', 'mrad')} (y) and {_pm(p, 'walk_x', 'mrad')} (x) from the axis.",
+    ]
+    if second is not None:
+        result += [
+            f"What modulator 2 displays is {_turned(second)}, against modulator 1.",
+            f"It is shifted by {_pm(p, 'slm2_shift_y', 'um')} (y) and {_pm(p, 'slm2_shift_x', 'um')} (x), turned by "
+            f"{_pm(p, 'slm2_rotation', 'mrad')} and magnified by {100 * p['slm2_magnification']:.3g} ± "
+            f"{100 * p.values['slm2_magnification'].uncertainty:.1g} %.",
+            f"The gap between the modulators is {_pm(p, 'gap_error', 'mm')} longer than stated.",
+        ]
+    return result
+
+
+def _turned(turn: str) -> str:
+    return TURN_WORDS.get(turn, "the right way up")
+
+
+def _pm(placement: Placement, name: str, unit: str) -> str:
+    found = placement.values[name]
+    number, _ = format_rounded(found.value, unit, 5).split()
+    return f"{number} ± {format_rounded(found.uncertainty, unit, 2)}"
