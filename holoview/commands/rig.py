@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
@@ -49,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _show(args: argparse.Namespace) -> int:
     """Says what rig.toml states, and where the devices are if `rig align` has found it."""
-    rig = read_rig(args.rig)
+    rig = _read(args)
     described = rig.as_described
     camera, limits = described.bench.camera, described.limits
     bench = "near field" if described.bench.focal_length_m is None else "Fourier bench"
@@ -72,7 +73,7 @@ def _show(args: argparse.Namespace) -> int:
 
 def _test(args: argparse.Namespace) -> int:
     """Opens every device, takes a dark and a lit picture, and switches the lasers off."""
-    rig = read_rig(args.rig)
+    rig = _read(args)
     with open_rig(rig) as devices:
         devices.lasers.switch_off()
         low, high = devices.camera.exposures_s
@@ -82,6 +83,11 @@ def _test(args: argparse.Namespace) -> int:
         print(f"lit picture at {exposure_s:.3g} s: {_counts(lit)}")
     print("all devices answer; the lasers are off")
     return 0
+
+
+def _read(args: argparse.Namespace) -> RigDescription:
+    """The rig, placed if its placement is known."""
+    return read_rig(args.rig, is_placed=placement_path(Path(args.rig)).exists())
 
 
 def _lit_picture(rig: RigDescription, devices: Devices) -> tuple[Counts, float]:

@@ -154,12 +154,16 @@ class RigDescription:
 def read_rig(path: str | os.PathLike[str], *, is_placed: bool = True) -> RigDescription:
     """Reads rig.toml, and the placement beside it if there is one.
 
-    is_placed: False for the rig without a placement. Raises UserError that names the key of what is missing, unknown or
-    wrong, and for a placement of other devices.
+    is_placed: False for the rig without a placement, whose pictures needn't be rectified. Raises UserError that names
+    the key of what is missing, unknown or wrong, and for a placement of other devices.
     """
     rig = _read_description(path)
+    if not is_placed:
+        return rig
     file = placement_path(rig.path)
-    return rig.placed(read_placement(file)) if is_placed and file.exists() else rig
+    rig = rig.placed(read_placement(file)) if file.exists() else rig
+    _check(rig)
+    return rig
 
 
 def _read_description(path: str | os.PathLike[str]) -> RigDescription:
@@ -191,11 +195,16 @@ def _read_description(path: str | os.PathLike[str]) -> RigDescription:
         devices={key: _device(key, options[key], where) for key in _DEVICES if key in tables},
         virtual=dict(tables.get("virtual", {})),
     )
+    _check(replace(rig, camera_shape=rig.slm_shape))  # a raw picture may have any shape
+    return rig
+
+
+def _check(rig: RigDescription) -> None:
+    """Raises UserError for what no capture file can hold."""
     try:
         check_settings(rig.blank_capture())
     except UserError as error:
-        raise error.inside(f"{where}: ") from error
-    return rig
+        raise error.inside(f"{rig.path}: ") from error
 
 
 def _split(tables: Mapping[str, Any], where: str) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:

@@ -18,6 +18,7 @@ the rotation are known effects, with which a diagnosis begins.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -123,7 +124,8 @@ def write_placement(path: Path, placement: Placement) -> None:
         },
         "values": {name: _pair(placement.values[name], _UNITS[name]) for name in _UNITS if name in placement.values},
     }
-    write_file(path, _HEADER + tomli_w.dumps(table))
+    pairs_in_a_line = re.sub(r"\[\n +(.+),\n +(.+),\n\]", r"[\1, \2]", tomli_w.dumps(table))
+    write_file(path, _HEADER + pairs_in_a_line)
 
 
 def read_placement(path: Path) -> Placement:

@@ -100,7 +100,8 @@ class _Alignment:
     def _fitted(self, values: Floats, shots: Sequence[Shot], rounds: int) -> Geometry:
         """The geometry that explains the dots, where rays put them, then where the model of captures does."""
         before = geometry = fit_geometry(values, self._facts, [shot.dots() for shot in shots])
-        for _ in range(rounds):
+        for number in range(rounds):
+            self._pictures.report(f"comparing with simulated pictures, {number + 1} of up to {rounds}")
             values, before = geometry.values, geometry
             biases = [dot_bias(self._rig, self._facts, values, self._picture_shape, shot) for shot in shots]
             dots = [shot.dots(bias) for shot, bias in zip(shots, biases, strict=True)]

@@ -48,14 +48,18 @@ class PictureTaker:
         """Moves the stage; returns the setting that it reports."""
         return self._devices.stage.move_to(stage_m)
 
+    def report(self, note: str) -> None:
+        """Says what happens. Raises AlignmentCancelled if asked to end."""
+        if self._is_asked_to_end():
+            raise AlignmentCancelled
+        self._progress(self._done, self._total, note)
+
     def take(self, levels: Sequence[Levels], note: str) -> NDArray[np.float64]:
         """The picture (y, x) of these patterns, one of each modulator, in counts per second above the black level.
 
         Raises AlignmentCancelled if asked to end.
         """
-        if self._is_asked_to_end():
-            raise AlignmentCancelled
-        self._progress(self._done, self._total, note)
+        self.report(note)
         for modulator, own in zip(self._devices.modulators, levels, strict=True):
             modulator.show(own)
         self._devices.clock.wait(max(modulator.settle_s for modulator in self._devices.modulators))
