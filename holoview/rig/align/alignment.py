@@ -84,9 +84,10 @@ class _Alignment:
 
     def run(self) -> FoundGeometry:
         settings = stage_settings(self._rig, self._optics[-1])
+        first = settings[len(settings) // 2] if self._facts.focal_length_m else settings[-1]  # where dots are brightest
         self._pictures.light(self._λ)
-        values = self._rough_values(settings[len(settings) // 2])
-        values = self._fitted(values, self._shots_at(settings[len(settings) // 2], values), rounds=1).values
+        values = self._rough_values(first)
+        values = self._fitted(values, self._shots_at(first, values), rounds=1).values
         shots = [shot for setting in settings for shot in self._shots_at(setting, values)]
         return FoundGeometry(
             self._facts.slm2_turn if len(self._optics) == 2 else None,
