@@ -72,7 +72,9 @@ def main() -> None:
         error, pull = np.array(own).T / np.array([[UNITS.get(name, 1.0)], [1.0]])
         worst = f"{np.abs(error).max():.2g} | {np.sqrt((pull**2).mean()):.2f} | {np.abs(pull).max():.1f}"
         lines.append(f"| {kind} | {name} | {np.sqrt((error**2).mean()):.2g} | {worst} |")
-    lines.append(f"\n{(time.process_time() - began) / max(args.each * len(args.kinds), 1):.1f} processor seconds a bench")
+    lines.append(
+        f"\n{(time.process_time() - began) / max(args.each * len(args.kinds), 1):.1f} processor seconds a bench"
+    )
     print("\n".join(lines[-len(pulls) - 4 :]))
     if args.output is not None:
         args.output.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -46,7 +46,13 @@ class Hidden:
 
     def write(self, folder: Path) -> RigDescription:
         """Writes rig.toml with its hidden table; returns the description."""
-        slm = {"device": "virtual", "shape": list(self.shape), "pitch": "8 um", "num_levels": 256, "opd_range": "825 nm"}
+        slm = {
+            "device": "virtual",
+            "shape": list(self.shape),
+            "pitch": "8 um",
+            "num_levels": 256,
+            "opd_range": "825 nm",
+        }
         square = self.kind == "fourier"
         raw = (220, 240) if square else tuple(2 * n + 52 for n in turned_shape(self.shape, self.slm1))
         tables: dict[str, Any] = {
@@ -248,5 +254,3 @@ class _Clock:
 
     def wait(self, seconds: float) -> None:
         self.bench.wait(seconds)
-
-
