@@ -49,7 +49,7 @@ def sample_intensity(spectrum: Tensor, band: FrequencyBand, grid: Grid, pixel_gr
         return squared_magnitude(band.inverse(spectrum, grid.shape))
     point_grid = PixelGrid(pixel_grid.pitch_m / points, (pixel_grid.shape[0] * points, pixel_grid.shape[1] * points))
     field_at = _field_by_fourier_sum if pose.rotation_rad == 0 else _field_by_interpolation
-    image = _bin_pixels(squared_magnitude(field_at(spectrum, band, grid, point_grid, pose)), points)
+    image = mean_over_pixels(squared_magnitude(field_at(spectrum, band, grid, point_grid, pose)), points)
     if pose.softness and same_pitch:
         unshifted = squared_magnitude(band.inverse(spectrum, grid.shape))
         soft = affine_warp(unshifted, pose.inverse_affine(grid.pitch_m), shape=pixel_grid.shape)
@@ -128,7 +128,7 @@ def _without_nyquist(spectrum: Tensor, band: FrequencyBand) -> Tensor:
     return spectrum
 
 
-def _bin_pixels(image: Tensor, points: int) -> Tensor:
+def mean_over_pixels(image: Tensor, points: int) -> Tensor:
     """The mean of each square of `points` × `points` values."""
     if points == 1:
         return image

@@ -35,7 +35,7 @@ def check_effects(plan: Plan, settings: Settings) -> None:
     if not plan.nominal.effects:
         return
     table = plan.nominal.effect_values
-    if names := [name for name, values in table.items() if _changes_lasers(plan.nominal, {name: values})]:
+    if names := [name for name, values in table.items() if changes_lasers(plan.nominal, {name: values})]:
         raise UserError(
             f"effects.{' and '.join(names)}",
             "changes the lasers themselves, which patterns can't be optimised for",
@@ -46,7 +46,7 @@ def check_effects(plan: Plan, settings: Settings) -> None:
         raise UserError("free", "wavelengths on a bench with effects", remedy="free patterns and amplitudes only")
 
 
-def _changes_lasers(nominal: System, effects: EffectValues) -> bool:
+def changes_lasers(nominal: System, effects: EffectValues) -> bool:
     """Whether effects split a laser of a system into several, or change its frames or powers."""
     shown = ActiveEffects(effects).as_built(nominal)
     same_count = (len(shown.wavelengths_m), shown.frames) == (len(nominal.wavelengths_m), nominal.frames)

@@ -18,12 +18,13 @@ from holoview.optimise.amplitudes import AmplitudeLeastSquares
 from holoview.optimise.autograd_model import make_forward_model
 from holoview.optimise.drawn_pupils import Places
 from holoview.optimise.eyebox_penalty import EyeboxPenalty
+from holoview.optimise.forward_model import ProcessRows
 from holoview.optimise.lasers import check_effects, with_only_lasers
 from holoview.optimise.level_gradients import LevelSteps, gauss_newton_diagonal
 from holoview.optimise.memory import memory_guard, require_optimisation_memory
-from holoview.optimise.objective import channels_of_wavelengths, make_objective
+from holoview.optimise.objective import Objective, channels_of_wavelengths, make_objective
 from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, shard_lasers
-from holoview.optimise.row_evaluation import RowEvaluation
+from holoview.optimise.row_evaluation import RowEvaluation, RowResult
 from holoview.optimise.settings import Settings
 from holoview.optimise.threads import limit_torch_threads
 from holoview.optimise.wavelengths import channel_wavelength_derivatives, check_wavelength_search
@@ -110,8 +111,8 @@ class Problem:
         self.lasers = [laser for shard in shards for laser in shard]
         self._own_lasers = group.shard(len(self.lasers))
         plan = with_only_lasers(plan, shards[group.rank])
-        self.objective = make_objective(plan, stack, settings, device=device, double=double)
-        whole_planes = self.objective.needs_whole_planes
+        self.objective = self._make_objective(plan, stack, device, double)
+        whole_planes = self._needs_whole_planes
         self._memory_guard = partial(
             memory_guard,
             free_wavelengths=free_wavelengths,
@@ -160,16 +161,7 @@ class Problem:
         least_squares = AmplitudeLeastSquares(channels, self.group) if request.optimal_amplitudes else None
         weights = torch.as_tensor((channels * laser_amplitudes[:, None])[self._own_lasers]).to(objective.target)
         image_products = torch.zeros(objective.target.shape[1], len(self.lasers), dtype=torch.float64)
-        evaluate_rows = RowEvaluation(
-            objective=objective,
-            group=self.group,
-            weights=weights,
-            least_squares=least_squares,
-            needs_gradient=request.path_gradient,
-            needs_image_products=request.path_gradient and request.needs_image_products,
-            picture=self._middle_image,
-            pictured_plane=len(objective.target) // 2,
-        )
+        evaluate_rows = self._row_evaluation(weights, least_squares, request)
         planes = range(len(objective.target))
         results = self.model.process_planes(planes, evaluate_rows, carry_back=request.path_gradient)
         plane_losses = [objective.plane_loss(plane, [row.sums for row in results[plane]]) for plane in planes]
@@ -189,6 +181,29 @@ class Problem:
         if not request.path_gradient:
             return evaluation
         return self._with_gradients(evaluation, image_products, laser_amplitudes, opd_m, request)
+
+    @property
+    def _needs_whole_planes(self) -> bool:
+        """Whether all rows of a plane have to be evaluated at once."""
+        return self.objective.needs_whole_planes
+
+    def _make_objective(self, plan: Plan, stack: NDArray[np.floating], device: str, double: bool) -> Objective:
+        return make_objective(plan, stack, self.settings, device=device, double=double)
+
+    def _row_evaluation(
+        self, weights: Tensor, least_squares: AmplitudeLeastSquares | None, request: EvaluationRequest
+    ) -> ProcessRows[RowResult]:
+        """What evaluates rows of a plane. weights (own laser, channel): of unit intensities."""
+        return RowEvaluation(
+            objective=self.objective,
+            group=self.group,
+            weights=weights,
+            least_squares=least_squares,
+            needs_gradient=request.path_gradient,
+            needs_image_products=request.path_gradient and request.needs_image_products,
+            picture=self._middle_image,
+            pictured_plane=len(self.objective.target) // 2,
+        )
 
     def _with_eyebox(
         self, evaluation: LossEvaluation, amplitudes: Floats, request: EvaluationRequest

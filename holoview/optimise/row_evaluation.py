@@ -52,7 +52,7 @@ class RowEvaluation:
         parts = torch.view_as_real(fields)
         squares = parts.new_empty(parts.shape)
         torch.mul(parts, parts, out=squares)
-        beam_weights = self._beam_weights(fields.shape[1])
+        beam_weights = beam_weights_of(self.weights, fields.shape[1])
         image = _pair_sums((beam_weights.T @ squares.flatten(0, 1).flatten(1)).view(-1, *parts.shape[2:]))
         self.group.all_reduce_sum(image)
         if plane == self.pictured_plane:
@@ -68,15 +68,8 @@ class RowEvaluation:
         if self.needs_image_products and intensity is not None:
             products = (image.flatten(1) @ intensity.flatten(1).T).double().cpu()
         if self.needs_gradient:
-            # g·(1 − i): pairs (g, −g) for the real and the imaginary part of conj(E)
-            slopes = torch.view_as_real(image.to(fields.dtype).mul_(1 - 1j)).flatten(1)
-            torch.mm(2 * beam_weights, slopes, out=squares.view(len(beam_weights), -1))
-            parts.mul_(squares)
+            replace_by_adjoint(fields, beam_weights, image, squares)
         return RowResult(sums, normal_equations, products)
-
-    def _beam_weights(self, sources: int) -> Tensor:
-        """The share of each beam in the channels, (beam, channel)."""
-        return self.weights.repeat_interleave(sources, dim=0) / sources
 
     def _normal_equations(
         self, plane: int, rows: slice, intensity: Tensor, least_squares: AmplitudeLeastSquares
@@ -86,6 +79,22 @@ class RowEvaluation:
             return None
         inside, inside_target = cut
         return least_squares.normal_equations(intensity[inside], self.objective.target[plane][inside_target])
+
+
+def beam_weights_of(weights: Tensor, sources: int) -> Tensor:
+    """The share of each beam in the channels, (beam, channel). weights (own laser, channel): of unit intensities."""
+    return weights.repeat_interleave(sources, dim=0) / sources
+
+
+def replace_by_adjoint(fields: Tensor, beam_weights: Tensor, slopes: Tensor, scratch: Tensor) -> None:
+    """Replaces fields E (laser, source, row, x) by c_E = 2·g·conj(E), with g the slopes weighted for each beam.
+
+    slopes (channel, row, x): ∂L/∂image. scratch: of the shape of the fields' real and imaginary parts, overwritten.
+    """
+    # g·(1 − i): pairs (g, −g) for the real and the imaginary part of conj(E)
+    pairs = torch.view_as_real(slopes.to(fields.dtype).mul_(1 - 1j)).flatten(1)
+    torch.mm(2 * beam_weights, pairs, out=scratch.view(len(beam_weights), -1))
+    torch.view_as_real(fields).mul_(scratch)
 
 
 def _pair_sums(values: Tensor) -> Tensor:

@@ -116,7 +116,7 @@ def _plan(rig: RigDescription, values: Mapping[str, Any]) -> CapturePlan:
     seed, each = int(values.get("seed", 0)), int(values.get("each", 8))
     powers = values.get("power", np.array([0.5, 1.0]) * rig.limits.power)
     sigmas = values.get("blur", np.array(BLUR_SIGMAS_PX))
-    distances = values.get("distances", _default_distances(rig))
+    distances = values.get("distances", default_distances(rig))
     wavelengths = values.get("wavelengths", np.array(rig.wavelengths_m))
     rng = np.random.default_rng(seed)
     requests: list[CaptureRequest] = []
@@ -143,7 +143,8 @@ def _with_settings(plan: CapturePlan, settings: Mapping[float, LaserSetting]) ->
     return CapturePlan(tuple(requests))
 
 
-def _default_distances(rig: RigDescription) -> NDArray[np.float64]:
+def default_distances(rig: RigDescription) -> NDArray[np.float64]:
+    """Three distances (m) over the stage's range; one on a Fourier bench."""
     low, high = rig.limits.stage_m
     if rig.bench.focal_length_m is not None:
         return np.array([min(max(0.0, low), high)])
