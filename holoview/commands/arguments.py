@@ -123,10 +123,13 @@ def parse_effects(texts: list[str]) -> dict[str, dict[str, float]]:
     return {name: dict(values) for name, values in table}
 
 
-def system_from_args(args: argparse.Namespace) -> System:
-    """The preset with the effects of --effects, driven by --scheme, with the changes of --set."""
+def system_from_args(args: argparse.Namespace, base: System | None = None) -> System:
+    """The preset with the effects of --effects, driven by --scheme, with the changes of --set.
+
+    base: takes the place of the preset.
+    """
     effects = parse_effects(getattr(args, "switched_on", []))  # first: the preset may name effects of the user's files
-    system = with_effects(preset.load(args.preset), effects)
+    system = with_effects(base or preset.load(args.preset), effects)
     return with_changes(system if args.scheme is None else with_scheme(system, args.scheme), args.changes)
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,23 +12,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.colour import to_srgb8
 from holoview.commands.arguments import system_from_args, warn_of_camera_effects, warn_of_limits
 from holoview.commands.console import deferred_interrupt, print_json, print_stderr, progress_bar
 from holoview.commands.default_output import default_output
+from holoview.commands.optimise_files import IntermediateFiles
 from holoview.commands.optimise_options import (
     RunOptions,
     add_options,
+    require_no_rig_options,
     run_options_from_args,
     settings_from_args,
 )
+from holoview.commands.optimise_rig import run_on_rig
 from holoview.commands.optimise_score import format_scores, render_for_score, score_hologram
 from holoview.commands.optimise_target import TargetSource
 from holoview.commands.output_files import ResultSaver, check_files
 from holoview.commands.place_scores import format_place_scores, score_places, target_at_places
 from holoview.commands.pupil_places import parse_places
 from holoview.io.hologram import Hologram, load_hologram
-from holoview.io.png import write_png
 from holoview.metrics.perceptual_scores import require_scores
 from holoview.model.focus import required_eye
 from holoview.model.plan import make_plan
@@ -46,8 +45,6 @@ from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
 from holoview.util.signals import Interruption
 
-_PREVIEW_INTERVAL_S = 2.0
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
@@ -56,6 +53,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Optimises, saves and scores the hologram. After Ctrl-C it saves the best so far, without a score."""
+    if args.rig is not None:
+        return run_on_rig(args, _optimise_in_model)
+    require_no_rig_options(args)
     system = system_from_args(args)
     warn_of_camera_effects(system)
     require_scores(args.score)
@@ -132,7 +132,7 @@ def optimise_hologram(
     """
     optimised_system = with_compact_grid(system) if options.grid == "compact" else system
     start = None if options.initial_hologram is None else options.initial_hologram.drive
-    files = _IntermediateFiles(options)
+    files = IntermediateFiles(options)
     state: IterationState | None = None
     with deferred_interrupt() as interruption, _main_process_progress(system, process_group) as progress:
         for state in iterate(
@@ -157,6 +157,14 @@ def optimise_hologram(
     return OptimisationResult(Hologram(state.best.drive, best), state, interruption)
 
 
+def _optimise_in_model(
+    system: System, stack: NDArray[np.float32], settings: Settings, options: RunOptions
+) -> tuple[Hologram, Interruption]:
+    """The hologram that the model alone finds, and what Ctrl-C did meanwhile."""
+    result = optimise_hologram(system, stack, settings, options)
+    return result.hologram, result.interruption
+
+
 def _main_process_progress(system: System, group: ProcessGroup) -> AbstractContextManager[ProgressCallback]:
     """A progress bar in the main process, nothing in the others."""
     return progress_bar(f"optimising {system.name}") if group.is_main else nullcontext(lambda done, total, note: None)
@@ -164,41 +172,6 @@ def _main_process_progress(system: System, group: ProcessGroup) -> AbstractConte
 
 def _progress_note(state: IterationState) -> str:
     return f"loss {state.loss:.4g} PSNR {state.best_psnr_db:.2f} dB eyebox variation {state.eyebox:.2f}"
-
-
-class _IntermediateFiles:
-    """The checkpoint and the preview that are written from time to time while the optimisation runs."""
-
-    def __init__(self, options: RunOptions) -> None:
-        self._options = options
-        self._checkpoint_time = self._preview_time = time.monotonic()
-
-    def write_due(self, state: IterationState, *, is_last: bool) -> None:
-        """Writes the files whose interval is over, and all of them after the last iteration."""
-        now = time.monotonic()
-        if is_last or now - self._checkpoint_time >= self._options.checkpoint_interval_s:
-            _write_or_warn("checkpoint", self._options.checkpoint, state, lambda s, path: s.checkpoint().save(path))
-            self._checkpoint_time = now
-        if is_last or state.iteration == 0 or now - self._preview_time >= _PREVIEW_INTERVAL_S:
-            _write_or_warn("preview", self._options.preview, state, _write_preview)
-            self._preview_time = now
-
-
-def _write_or_warn(
-    what: str, path: Path | None, state: IterationState, write: Callable[[IterationState, Path], None]
-) -> None:
-    """Writes a file if it was asked for; a failure only prints a note, because the optimisation isn't affected."""
-    if path is None:
-        return
-    try:
-        write(state, path)
-    except UserError as error:
-        print_stderr(f"note: no {what} after iteration {state.iteration}: {error}")
-
-
-def _write_preview(state: IterationState, path: Path) -> None:
-    texts = {"holoview.iteration": str(state.iteration), "holoview.psnr_db": f"{state.psnr_db:.2f}"}
-    write_png(path, to_srgb8(state.picture()), texts)
 
 
 def _print_result(args: argparse.Namespace, output: Path, result: OptimisationResult, scores: dict[str, Any]) -> None:

@@ -56,6 +56,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     _add_target(parser.add_argument_group("target"))
     _add_objective(parser.add_argument_group("what is sought"))
     _add_running(parser.add_argument_group("running"))
+    _add_rig(parser.add_argument_group("camera in the loop"))
 
 
 def _add_target(group: argparse._ArgumentGroup) -> None:
@@ -134,7 +135,7 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
 def _add_running(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--iterations", type=whole(1), default=_DEFAULTS.iterations)
     group.add_argument(
-        "--step", metavar="RAD", type=number(), default=_DEFAULTS.step_rad, help="first step of the patterns' phase"
+        "--step", metavar="RAD", type=number(), help="first step of the patterns' phase (0.5; with the camera 0.1)"
     )
     group.add_argument("--seed", type=parse_seed, default=0, help="of the random phase to begin with")
     group.add_argument(
@@ -191,13 +192,43 @@ def _add_running(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--json", action="store_true", help="print the result as JSON")
 
 
+def _add_rig(group: argparse._ArgumentGroup) -> None:
+    add_input(
+        group,
+        "--rig",
+        metavar="RIG.toml",
+        help="optimise on this bench: pictures of its camera take the place of predicted ones; without --start the "
+        "model alone optimises first. PRESET may be the rig's file",
+    )
+    group.add_argument(
+        "--model-updates",
+        metavar="N",
+        type=whole(1),
+        help="every N iterations, diagnose the pictures taken so far and add what they show to the model",
+    )
+    group.add_argument(
+        "--update-effects",
+        metavar="NAME",
+        nargs="+",
+        default=[],
+        help="effects that these updates may add (default: all)",
+    )
+
+
+def require_no_rig_options(args: argparse.Namespace) -> None:
+    """Raises UserError for options that need --rig."""
+    for flag, value in (("--model-updates", args.model_updates), ("--update-effects", args.update_effects)):
+        if value:
+            raise UserError(flag, "without --rig", expected="a rig whose camera takes pictures")
+
+
 def settings_from_args(args: argparse.Namespace, system: System, pupils: PupilPlaces) -> Settings:
     """The settings of the optimiser. Raises UserError for values outside their ranges."""
     low, high = args.wavelength_range
     weights = None if args.plane_weights is None else tuple(_parse_numbers(args.plane_weights, "--plane-weights"))
     return Settings(
         iterations=args.iterations,
-        step_rad=args.step,
+        step_rad=_DEFAULTS.step_rad if args.step is None else args.step,
         seed=args.seed,
         free=tuple(name.strip() for name in args.free.split(",") if name.strip()),
         loss=args.loss,
@@ -247,7 +278,7 @@ def run_options_from_args(args: argparse.Namespace) -> RunOptions:
         device=device_for_rank(device) if args.sharded else device,
         sharded=args.sharded,
         initial_hologram=None if args.start is None else load_hologram(args.start),
-        resume=None if args.resume is None else load_checkpoint(args.resume),
+        resume=None if args.resume is None or args.rig is not None else load_checkpoint(args.resume),
         checkpoint=checkpoint,
         checkpoint_interval_s=args.checkpoint_every,
         preview=args.preview,

@@ -34,21 +34,24 @@ from holoview.util.safetensors_file import TensorFormat
 
 _F64 = ("float64",)
 _WAVELENGTHS_M = (100e-9, 10e-6)  # least and greatest
+VARIABLE_TENSORS = (
+    drive_schema("drive", "float32"),
+    drive_schema("drive", "float32").alike("first"),
+    drive_schema("drive", "float32").alike("second", low=0.0),
+    drive_schema("best_drive", "float32"),
+    *(ArraySchema(name, _F64, ("frame", "wavelength"), low=0.0) for name in ("amplitudes", "best_amplitudes")),
+    *(ArraySchema(name, _F64, ("wavelength",), *_WAVELENGTHS_M) for name in ("wavelengths", "best_wavelengths")),
+    ArraySchema("amplitude_moments", _F64, (2, "frame", "wavelength")),
+    ArraySchema("wavelength_moments", _F64, (2, "wavelength")),
+    ArraySchema("steps", _F64, (3,), low=0.0, high=1e9),
+)
+"""The tensors of the variables of an optimisation and of its best hologram."""
+
 _FORMAT = TensorFormat(
     name="holoview-checkpoint",
     version="2",
     what="a checkpoint that `holoview optimise` wrote",
-    tensors=(
-        drive_schema("drive", "float32"),
-        drive_schema("drive", "float32").alike("first"),
-        drive_schema("drive", "float32").alike("second", low=0.0),
-        drive_schema("best_drive", "float32"),
-        *(ArraySchema(name, _F64, ("frame", "wavelength"), low=0.0) for name in ("amplitudes", "best_amplitudes")),
-        *(ArraySchema(name, _F64, ("wavelength",), *_WAVELENGTHS_M) for name in ("wavelengths", "best_wavelengths")),
-        ArraySchema("amplitude_moments", _F64, (2, "frame", "wavelength")),
-        ArraySchema("wavelength_moments", _F64, (2, "wavelength")),
-        ArraySchema("steps", _F64, (3,), low=0.0, high=1e9),
-    ),
+    tensors=VARIABLE_TENSORS,
     metadata_keys=("system", "settings", "progress", "target"),
 )
 
