@@ -135,7 +135,7 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
 def _add_running(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--iterations", type=whole(1), default=_DEFAULTS.iterations)
     group.add_argument(
-        "--step", metavar="RAD", type=number(), help="first step of the patterns' phase (0.5; with the camera 0.1)"
+        "--step", metavar="RAD", type=number(), help="first step of the patterns' phase (0.5; with the camera 0.05)"
     )
     group.add_argument("--seed", type=parse_seed, default=0, help="of the random phase to begin with")
     group.add_argument(

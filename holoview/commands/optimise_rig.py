@@ -35,7 +35,7 @@ from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
 from holoview.util.signals import Interruption
 
-_STEP_RAD = 0.1  # a hologram that is nearly right isn't thrown away
+_STEP_RAD = 0.05  # a hologram that is nearly right isn't thrown away
 
 OptimiseInModel = Callable[[System, NDArray[np.float32], Settings, RunOptions], tuple[Hologram, Interruption]]
 
@@ -90,6 +90,8 @@ def run_on_rig(args: argparse.Namespace, optimise_in_model: OptimiseInModel) -> 
         except (UserError, KeyboardInterrupt):
             if outcome.latest is not None:
                 _keep_best(args, task, outcome.latest.best, outcome.latest)
+            elif args.start is None and task.start is not None:
+                _keep_best(args, task, task.start)
             raise
     assert outcome.latest is not None
     output = saver.save(task.output, task.save(outcome.latest.best, args.drive_type == "uint8"))

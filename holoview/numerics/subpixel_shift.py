@@ -41,6 +41,13 @@ def _convolve_separable(image: NDArray[np.float32], kernel_y: Floats, kernel_x: 
     return np.asarray(convolve1d(rows, kernel_x, axis=1, mode="nearest"))
 
 
+def interpolation_weights(position: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Indices and weights (n, tap) of the samples around n positions, which count in samples; the weights' sum is 1."""
+    nearest = np.rint(position)
+    kernels = np.stack([_sinc_kernel(float(offset)) for offset in position - nearest])
+    return (nearest[:, None] + _TAPS).astype(np.intp), kernels
+
+
 def _sinc_kernel(shift: float) -> Floats:
     kernel = np.sinc(_TAPS - shift) * _kaiser_window(_TAPS - shift)
     return np.asarray(kernel / kernel.sum())

@@ -44,7 +44,7 @@ def _drive_per_rad(system: System, phase_rad: float) -> NDArray[np.float64]:
 
 
 class PatternVariables:
-    """Drive patterns (frame, modulator, y, x) that Adam moves inside 0…1 of the stroke."""
+    """Drive patterns (frame, modulator, y, x) that Adam moves inside 0…1 of the stroke. step_factor: of all steps."""
 
     def __init__(self, system: System, settings: Settings, drive: Tensor) -> None:
         self.drive = drive
@@ -54,6 +54,7 @@ class PatternVariables:
         self._stroke_m = strokes.reshape(1, -1, 1, 1).to(drive.device)
         step_size = _drive_per_rad(system, settings.step_rad).astype(np.float32)
         self._step_size = torch.from_numpy(step_size).to(drive.device)
+        self.step_factor = 1.0
 
     def displayed_drive(self) -> Tensor:
         """The stroke fractions that the modulators show: the drive at its nearest level."""
@@ -69,7 +70,12 @@ class PatternVariables:
         steps = steps_to_neighbour_level(self.drive, self._modulators)
         return None if steps is None else steps * self._stroke_m
 
+    def go_back(self, drive: Tensor, factor: float) -> None:
+        """Begins again from another drive, with steps that are `factor` times those before."""
+        self.drive, self.step_factor = drive, self.step_factor * factor
+        self.adam.reset()
+
     def step(self, gradient: Tensor, scale: float) -> None:
         """One step against the gradient ∂L/∂opd, which it overwrites, `scale` times the first step's size."""
         step = self.adam.unit_step(gradient.mul_(self._stroke_m))
-        self.drive = (self.drive - scale * self._step_size * step).clamp_(0, 1)
+        self.drive = (self.drive - self.step_factor * scale * self._step_size * step).clamp_(0, 1)

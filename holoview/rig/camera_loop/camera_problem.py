@@ -3,10 +3,12 @@
 A picture is linear in the intensities of all lasers. With the measured intensities Ĩ_j of frames and wavelengths j, the
 operator C from the model's samples to camera pixels (`camera_view`), and the fields E_j of the model,
 
-    L = L(Σ_j a_j·Ĩ_j, C·T),   c_E = 2·Cᵀ[∂L/∂I_j at Ĩ]·conj(E_j)
+    L = L(Σ_j a_j·Ĩ_j, C·T),   c_E = 2·Cᵀ[∂L/∂I_j at Ĩ]·conj(E_j)·√(Ĩ_j/I_j)
 
-so that the residual is that of the bench, and the model only says how a field follows from the patterns (Peng et al.
-2020, eq. 8). Where model and bench are the same, Ĩ_j = C·|E_j|² and this is the gradient of the simulation.
+so that the residual is that of the bench (Peng et al. 2020, sec. 4), and the field has the measured amplitude and the
+model's phase. √(Ĩ/I) is brought from pixels to samples by the normalised transpose of C, and bounded. Where model and
+bench are the same it is 1, and this is the gradient of the simulation. Measured amplitudes make the gradient of a wrong
+model useful for longer: `benchmarks/rig_camera_loop.py` has a comparison.
 """
 
 from __future__ import annotations
@@ -33,6 +35,10 @@ from holoview.rig.description import RigDescription
 from holoview.util.errors import UserError
 
 Tensor = torch.Tensor
+
+_LEAST_INTENSITY = 0.01  # of the mean, added to both intensities of a ratio: phases are undefined in the dark
+_MAX_FACTOR = 4.0  # of an amplitude
+_LEAST_WEIGHT = 1e-6  # of a sample in the camera's pixels, below which no pixel sees it
 
 
 @dataclass(frozen=True)
@@ -78,6 +84,7 @@ class RecordedEvaluation:
         if self.request.path_gradient and self.request.needs_image_products:
             products = (image.flatten(1) @ intensity.flatten(1).T).double().cpu()
         if self.request.path_gradient:
+            _give_measured_amplitude(fields, recorded)
             slopes = recorded.view.transposed(image)
             beam_weights = beam_weights_of(self.weights, fields.shape[1])
             replace_by_adjoint(fields, beam_weights, slopes, torch.empty_like(torch.view_as_real(fields)))
@@ -87,6 +94,19 @@ class RecordedEvaluation:
         if self.least_squares is None:
             return None
         return self.least_squares.normal_equations(intensity * usable, target * usable)
+
+
+def _give_measured_amplitude(fields: Tensor, recorded: RecordedPlane) -> None:
+    """Multiplies fields (laser, source, y, x) by √(measured/predicted intensity); by 1 where nothing is known."""
+    view = recorded.view
+    predicted = torch.view_as_real(fields).square().sum(-1).mean(dim=1)
+    floor = _LEAST_INTENSITY * predicted.mean(dim=(1, 2), keepdim=True) + 1e-30
+    ratio = (recorded.intensity.clamp_min(0) + floor) / (view.picture(predicted) + floor)
+    ratio = torch.where(recorded.usable, ratio, 1.0)
+    if not view.is_identity:
+        weight = view.transposed(torch.ones_like(ratio[0]))
+        ratio = torch.where(weight > _LEAST_WEIGHT, view.transposed(ratio) / weight.clamp_min(_LEAST_WEIGHT), 1.0)
+    fields.mul_(ratio.clamp_(0.0, _MAX_FACTOR**2).sqrt_()[:, None])
 
 
 class CameraProblem(Problem):

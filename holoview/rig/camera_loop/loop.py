@@ -5,7 +5,9 @@ for state in camera_loop(system, stack, Settings(iterations=40), rig, camera, st
 hologram = state.best
 
 Patterns are rounded to the modulators' levels before they are shown, and gradients pass straight through the rounding
-(Bengio et al., arXiv:1308.3432; `optimise.level_gradients`).
+(Bengio et al., arXiv:1308.3432; `optimise.level_gradients`). A model that is wrong gives gradients that stop pointing
+downhill before the optimum is reached. So where the measured loss hasn't fallen for three iterations, the loop goes
+back to the best hologram and takes shorter steps.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -36,6 +38,7 @@ from holoview.rig.camera_loop.registration import Registration, probe_levels, re
 from holoview.rig.description import RigDescription
 from holoview.util.errors import UserError
 
+_PATIENCE, _SHORTER = 3, 0.5  # iterations in which the loss doesn't fall, and the factor of steps that follows them
 _KEPT_PICTURES = 48  # of earlier holograms, for updates of the model
 
 
@@ -116,14 +119,14 @@ class CameraLoop:
             shown = self.variables.patterns.displayed_drive()
             self._record(shown)
             evaluation = self._evaluate(shown, iteration)
-            best = (self.progress.best_loss, self.progress.best_psnr_db)
-            if evaluation.loss < best[0] or self.best is None:
-                best, self.best = (evaluation.loss, evaluation.psnr_db), self._hologram(shown)
-            if iteration < self.settings.iterations:
-                self.variables.step(evaluation, iteration)
-            taken = (before.pictures + self.camera.pictures, before.bench_s + self.camera.bench_s)
-            seconds = before.seconds + time.perf_counter() - began
-            self.progress = LoopProgress(iteration + 1, *taken, seconds, *best)
+            self._advance(evaluation, shown, iteration)
+            self.progress = replace(
+                self.progress,
+                iteration=iteration + 1,
+                pictures=before.pictures + self.camera.pictures,
+                bench_s=before.bench_s + self.camera.bench_s,
+                seconds=before.seconds + time.perf_counter() - began,
+            )
             yield self._state(evaluation, iteration)
             self._notes = []
 
@@ -152,6 +155,23 @@ class CameraLoop:
             checkpoint=self._checkpoint,
         )
 
+    def _advance(self, evaluation: LossEvaluation, shown: torch.Tensor, iteration: int) -> None:
+        """Keeps the best hologram and takes a step, or goes back to the best one if the loss has long not fallen."""
+        progress, patterns = self.progress, self.variables.patterns
+        if evaluation.loss < progress.best_loss or self.best is None:
+            self.best = self._hologram(shown)
+            loss, psnr_db = evaluation.loss, evaluation.psnr_db
+            progress = replace(progress, without_gain=0, best_loss=loss, best_psnr_db=psnr_db)
+        else:
+            progress = replace(progress, without_gain=progress.without_gain + 1)
+        if progress.without_gain >= _PATIENCE:
+            patterns.go_back(torch.as_tensor(self.best.drive).to(shown), _SHORTER)
+            self.variables.amplitudes = np.array(self.best.system.amplitudes)
+            progress = replace(progress, without_gain=-1)  # the best one is shown once more
+        elif iteration < self.settings.iterations:
+            self.variables.step(evaluation, iteration)
+        self.progress = replace(progress, step_factor=patterns.step_factor)
+
     def _evaluate(self, shown: torch.Tensor, iteration: int) -> LossEvaluation:
         """The evaluation of an iteration; in the first and the last one, its amplitudes are solved for before."""
         variables, path_m = self.variables, self._path_m(shown)
@@ -159,8 +179,9 @@ class CameraLoop:
         if iteration in (0, self.settings.iterations) and request.optimal_amplitudes:
             variables.amplitudes = self._solve_amplitudes(path_m)
         evaluation = self.problem.evaluate(path_m, variables.amplitudes, request)
-        if not math.isfinite(evaluation.loss):
-            found = f"the loss became {evaluation.loss}"
+        gradient = evaluation.path_gradient
+        if not math.isfinite(evaluation.loss) or (gradient is not None and not gradient.isfinite().all()):
+            found = f"the loss became {evaluation.loss}, or its gradient isn't finite"
             raise UserError("camera in the loop", found, remedy="lower --step or check the target")
         return evaluation
 
@@ -256,6 +277,7 @@ class CameraLoop:
         tensors = resume.tensors
         self.variables.load_state_dict(tensors)
         self.system, self.progress, self.registration = resume.present, resume.progress, resume.registration
+        self.variables.patterns.step_factor = resume.progress.step_factor
         best = self.system.edit({"amplitudes": tensors["best_amplitudes"]})
         self.best = Hologram(tensors["best_drive"].astype(np.float32), best)
         wavelengths = lasers_of(self.system, self.rig)

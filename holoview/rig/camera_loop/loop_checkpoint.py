@@ -53,7 +53,8 @@ class LoopProgress:
     """How far a loop has come.
 
     iteration: the next one. pictures, bench_s: taken so far, and seconds of bench time. seconds: that passed.
-    best_loss, best_psnr_db: of the smallest loss so far.
+    best_loss, best_psnr_db: of the smallest loss so far. step_factor: of the patterns' steps. without_gain: iterations
+    since the loss fell last.
     """
 
     iteration: int
@@ -62,6 +63,8 @@ class LoopProgress:
     seconds: float
     best_loss: float
     best_psnr_db: float
+    step_factor: float = 1.0
+    without_gain: int = 0
 
     def __post_init__(self) -> None:
         if min(self.iteration, self.pictures) < 0 or not 0 <= self.bench_s < math.inf:
