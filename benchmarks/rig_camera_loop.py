@@ -1,0 +1,239 @@
+"""What a camera in the loop gains on virtual benches that aren't as their nominal model, beside better models.
+
+    python -m benchmarks.rig_camera_loop                    # all benches, some minutes each
+    python -m benchmarks.rig_camera_loop --bench gap --iterations 20
+
+On each bench, holograms are optimised with the nominal model, with the diagnosed one, with the calibrated one, and with
+the camera in the loop from the nominal and from the diagnosed one, and from the nominal one with updates of the model.
+All are shown on the bench and scored by its camera in the same way: PSNR of the linear image against the target, mean
+over planes, each laser's power set by least squares from its own pictures, fresh pictures. What is really wrong is
+known to the bench's process alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from holoview import cli
+from holoview.captures import write_captures
+from holoview.captures.dataset import join_captures
+from holoview.diagnose.extended_model import extended_system
+from holoview.io.hologram import Hologram
+from holoview.model import preset
+from holoview.model.scheme import with_scheme
+from holoview.model.system import System
+from holoview.optimise.settings import Settings
+from holoview.optimise.solve import iterate
+from holoview.rig import RigDescription, open_rig, read_rig
+from holoview.rig.camera_loop.bench_camera import BenchCamera
+from holoview.rig.camera_loop.bench_match import on_rig, system_of_rig
+from holoview.rig.camera_loop.loop import CameraLoop
+from holoview.rig.camera_loop.model_update import ModelUpdates
+from holoview.rig.measure.capture_plan import default_plan
+from holoview.rig.measure.session import MeasurementSession
+from holoview.targets.picture import read_picture
+from holoview.targets.target import Placement, target_for
+
+PICTURE = Path(__file__).resolve().parent.parent / "assets" / "still-life.png"
+
+_SLM = """device = "virtual"
+shape = [96, 128]
+pitch = "8 um"
+num_levels = 256
+opd_range = "825 nm"
+settle = 0.1
+"""
+_REST = """[camera]
+device = "virtual"
+shape = [192, 256]
+pitch = "4 um"
+bit_depth = 12
+electrons_per_count = 4.0
+read_noise = 3.0
+black_level = 64
+[stage]
+device = "virtual"
+range = ["0 mm", "10 mm"]
+[limits]
+power = 1.0
+exposure = [1e-5, 0.5]
+[virtual]
+bench = "hidden.toml"
+[lasers]
+device = "virtual"
+"""
+_NOISE = "seed = 3\nsettle = 0.02\nprnu = 0.01\nexposure_jitter = 0.01\n"
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A rig and what is really there. wavelengths, geometry: TOML. planes: focal planes. scheme: of colour, or None."""
+
+    modulators: int
+    wavelengths: str
+    geometry: str
+    planes: tuple[str, ...]
+    hidden: str
+    scheme: str | None = None
+
+    def write(self, folder: Path) -> RigDescription:
+        """Writes rig.toml and hidden.toml, and reads the rig."""
+        slms = "".join(f"[slm{n}]\n{_SLM}" for n in range(1, self.modulators + 1))
+        text = f"{slms}{_REST}wavelengths = {self.wavelengths}\n[geometry]\n{self.geometry}"
+        (folder / "rig.toml").write_text(text, encoding="utf-8")
+        (folder / "hidden.toml").write_text(_NOISE + self.hidden, encoding="utf-8")
+        return read_rig(folder / "rig.toml")
+
+
+BENCHES = {
+    "gap": Bench(
+        modulators=2,
+        wavelengths='["520 nm"]',
+        geometry='gap = "2 mm"\niris1_na = 0.03\niris2_na = 0.03\n',
+        planes=("4 mm",),
+        hidden='[effects.gap]\ngap_error = "0.2 mm"\n[effects.stroke]\nstroke_error = -0.06\n'
+        '[effects.camera_alignment]\nshift_y = "6 um"\nshift_x = "-9 um"\n',
+    ),
+    "colour": Bench(
+        modulators=2,
+        wavelengths='["450 nm", "520 nm", "638 nm"]',
+        geometry='gap = "2 mm"\niris1_na = 0.03\niris2_na = 0.03\n',
+        planes=("4 mm",),
+        hidden='[effects.gap]\ngap_error = "-0.15 mm"\n[effects.slm_alignment]\nshift_x = "3 um"\n'
+        "[effects.vignetting]\nfall_y = 0.1\nfall_x = 0.15\n",
+        scheme="time-sequential",
+    ),
+    "one modulator": Bench(
+        modulators=1,
+        wavelengths='["520 nm"]',
+        geometry="iris2_na = 0.03\n",
+        planes=("3 mm", "6 mm"),
+        hidden='[effects.distance]\ndistance_error = "0.3 mm"\n[effects.stroke]\nstroke_error = 0.08\n'
+        "[effects.crosstalk]\nsigma = 0.4\n",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Pictures (captures, where a session takes them) and seconds of bench time."""
+
+    pictures: int = 0
+    bench_s: float = 0.0
+
+    def __add__(self, other: Cost) -> Cost:
+        return Cost(self.pictures + other.pictures, self.bench_s + other.bench_s)
+
+
+class Trial:
+    """One bench: its rig, nominal system and target."""
+
+    def __init__(self, bench: Bench, folder: Path, iterations: int) -> None:
+        self.folder, self.rig = folder, bench.write(folder)
+        system = system_of_rig(self.rig)
+        if bench.scheme is not None:
+            system = with_scheme(system, bench.scheme)
+        self.nominal = on_rig(system.edit({"planes": list(bench.planes), "propagation": "compact"}), self.rig)
+        self.stack = target_for(self.nominal, read_picture(PICTURE), Placement()).stack
+        self.iterations = iterations
+
+    def optimised(self, system: System) -> Hologram:
+        """The hologram that a model alone finds."""
+        *_, last = iterate(system, self.stack, Settings(iterations=60))
+        return last.best
+
+    def score(self, hologram: Hologram) -> float:
+        """PSNR on the bench, seen by a loop that ends with its first pictures."""
+        with self._loop(self.nominal, hologram.drive) as loop:
+            return next(iter(loop.states())).psnr_db
+
+    def in_loop(self, system: System, start: Hologram, updates: ModelUpdates | None = None) -> tuple[Hologram, Cost]:
+        """The best hologram of a camera loop with a model, and what it cost."""
+        with self._loop(system, start.drive, updates) as loop:
+            *_, last = loop.states()
+        return last.best, Cost(last.pictures, last.bench_s)
+
+    def measured(self) -> Cost:
+        """Takes the default session of captures, captures.h5."""
+        with open_rig(self.rig) as devices:
+            began, session = devices.clock.now(), MeasurementSession(self.rig, devices)
+            requests = default_plan(self.rig).requests
+            captures = [session.take(request, request.levels(self.rig)) for request in requests]
+            bench_s = devices.clock.now() - began
+        write_captures(self.folder / "captures.h5", join_captures(captures))
+        return Cost(len(captures), bench_s)
+
+    def found(self, *command: str, written: str) -> System:
+        """The nominal bench with the effects of the preset that a command wrote."""
+        with contextlib.redirect_stdout(sys.stderr):
+            assert cli.main([*command]) == 0
+        return extended_system(self.nominal, preset.load(str(self.folder / written)).effect_values)
+
+    @contextlib.contextmanager
+    def _loop(
+        self, system: System, start: NDArray[np.float32], updates: ModelUpdates | None = None
+    ) -> Iterator[CameraLoop]:
+        settings = Settings(iterations=self.iterations, step_rad=0.05)
+        with open_rig(self.rig) as devices:
+            camera = BenchCamera(self.rig, devices)
+            yield CameraLoop(system, self.stack, settings, self.rig, camera, start, updates=updates)
+
+
+def run(name: str, iterations: int, updates_every: int) -> None:
+    """Prints the rows of one bench."""
+    with tempfile.TemporaryDirectory() as text:
+        trial = Trial(BENCHES[name], Path(text), iterations)
+        captures = str(trial.folder / "captures.h5")
+        session = trial.measured()
+        diagnosed = trial.found(
+            *("diagnose", captures, "--workers", "1", "--save-preset", f"{text}/diagnosed.toml"),
+            written="diagnosed.toml",
+        )
+        calibrated = trial.found("calibrate", captures, "-o", f"{text}/calibrated.toml", written="calibrated.toml")
+        print(f"diagnosed: {diagnosed.effect_values}", file=sys.stderr)
+        of_nominal, of_diagnosed = trial.optimised(trial.nominal), trial.optimised(diagnosed)
+        rows = [
+            ("nominal model", of_nominal, Cost()),
+            ("diagnosed model", of_diagnosed, session),
+            ("calibrated model", trial.optimised(calibrated), session),
+            ("camera in the loop from nominal", *trial.in_loop(trial.nominal, of_nominal)),
+        ]
+        best, cost = trial.in_loop(trial.nominal, of_nominal, ModelUpdates(updates_every))
+        rows.append((f"the same, model updated every {updates_every}", best, cost))
+        best, cost = trial.in_loop(diagnosed, of_diagnosed)
+        rows.append(("camera in the loop from diagnosed", best, cost + session))
+        base = None
+        for what, hologram, cost in rows:
+            score = trial.score(hologram)
+            base = score if base is None else base
+            gain = f"{score - base:+.2f}"
+            print(f"| {name} | {what} | {score:.2f} | {gain} | {cost.pictures} | {cost.bench_s:.0f} |", flush=True)
+
+
+def main() -> None:
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bench", choices=[*BENCHES], nargs="+", default=[*BENCHES])
+    parser.add_argument("--iterations", type=int, default=40, help="of the camera's loop (40)")
+    parser.add_argument("--updates-every", type=int, default=20, help="iterations between updates of the model (20)")
+    args = parser.parse_args()
+    print("| bench | optimised with | measured PSNR, dB | gain, dB | pictures | bench time, s |")
+    print("| --- | --- | ---: | ---: | ---: | ---: |")
+    for name in args.bench:
+        began = time.process_time()
+        run(name, args.iterations, args.updates_every)
+        print(f"{name}: {time.process_time() - began:.0f} s of processor time", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
