@@ -125,11 +125,13 @@ def _place(rig: RigDescription, samples: Tensor, pitch_m: float, seen: Floats, s
     view = camera_view(rig, shape, pitch_m, (float(shift_m[0]), float(shift_m[1])))
     covered = view.covers(None)
     model = view.picture(samples).double().numpy() * covered
-    return _Placed(shift_m, _correlation(seen * covered, model), model, covered)
+    return _Placed(shift_m, _correlation(seen, model, covered), model, covered)
 
 
-def _correlation(first: Floats, second: Floats) -> float:
-    """The mean correlation coefficient of pairs of images (…, y, x)."""
-    a, b = (values - values.mean(axis=(-2, -1), keepdims=True) for values in (first, second))
-    power = np.sqrt((a**2).sum((-2, -1)) * (b**2).sum((-2, -1)))
-    return float(np.mean((a * b).sum((-2, -1)) / np.maximum(power, 1e-30)))
+def _correlation(first: Floats, second: Floats, covered: NDArray[np.bool_]) -> float:
+    """The mean correlation coefficient of pairs of images (…, y, x) over the pixels that are covered; 0 without any."""
+    if not covered.any():
+        return 0.0
+    a, b = (values[..., covered] - values[..., covered].mean(axis=-1, keepdims=True) for values in (first, second))
+    power = np.sqrt((a**2).sum(-1) * (b**2).sum(-1))
+    return float(np.mean((a * b).sum(-1) / np.maximum(power, 1e-30)))
