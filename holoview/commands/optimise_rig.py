@@ -28,6 +28,7 @@ from holoview.optimise.settings import Settings
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.rig.camera_loop.bench_camera import BenchCamera
 from holoview.rig.camera_loop.bench_match import on_rig, system_of_rig
+from holoview.rig.camera_loop.camera_problem import require_camera_settings
 from holoview.rig.camera_loop.loop import CameraLoop, LoopState
 from holoview.rig.camera_loop.loop_checkpoint import LoopCheckpoint, load_loop_checkpoint
 from holoview.rig.camera_loop.model_update import ModelUpdates
@@ -117,13 +118,15 @@ def _task(args: argparse.Namespace) -> _Task:
     checkpoint = args.checkpoint or args.resume or output.with_name(f"{output.stem}.loop.safetensors")
     check_files(args, {"-o": [output], "--checkpoint": [checkpoint]})
     require_optimisation_memory(system)
+    settings = settings_from_args(args, system, parse_places(None, system))
+    require_camera_settings(settings)
     options = replace(run_options_from_args(args), checkpoint=checkpoint)
     resume = None if args.resume is None else load_loop_checkpoint(args.resume)
     return _Task(
         rig=rig,
         system=system,
         stack=TargetSource(args, system).build().stack,
-        settings=settings_from_args(args, system, parse_places(None, system)),
+        settings=settings,
         options=options,
         updates=_updates(args),
         start=options.initial_hologram,

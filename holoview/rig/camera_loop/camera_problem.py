@@ -109,20 +109,25 @@ def _give_measured_amplitude(fields: Tensor, recorded: RecordedPlane) -> None:
     fields.mul_(ratio.clamp_(0.0, _MAX_FACTOR**2).sqrt_()[:, None])
 
 
+def require_camera_settings(settings: Settings) -> None:
+    """Raises UserError for settings that a camera behind a rig can't serve: free wavelengths, pupils."""
+    if "wavelengths" in settings.free:
+        raise UserError("--free", "wavelengths with --rig", expected="patterns and amplitudes: lasers have theirs")
+    if settings.pupil_places_m or settings.drawn_pupils:
+        raise UserError("--pupils", "with --rig", expected="no pupils: the camera stands in the focal planes")
+
+
 class CameraProblem(Problem):
     """A system, a target and a loss, evaluated at what a rig's camera saw.
 
     Call `register` first, and `set_pictures` before `evaluate`, with the pictures of the patterns that are evaluated.
-    Arguments as of `Problem`. Raises UserError for settings that a camera can't serve: free wavelengths, pupils.
+    Arguments as of `Problem`. Raises UserError as `require_camera_settings` does.
     """
 
     def __init__(
         self, system: System, stack: NDArray[np.floating], settings: Settings, rig: RigDescription, device: str = "cpu"
     ) -> None:
-        if "wavelengths" in settings.free:
-            raise UserError("--free", "wavelengths with --rig", expected="patterns and amplitudes: lasers have theirs")
-        if settings.pupil_places_m or settings.drawn_pupils:
-            raise UserError("--pupils", "with --rig", expected="no pupils: the camera stands in the focal planes")
+        require_camera_settings(settings)
         self._rig, self._planes = rig, list[RecordedPlane]()
         super().__init__(system, stack, settings, device)
         self._sampled_objective = self.objective
