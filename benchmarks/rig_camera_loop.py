@@ -47,7 +47,7 @@ from holoview.targets.target import Placement, target_for
 PICTURE = Path(__file__).resolve().parent.parent / "assets" / "still-life.png"
 
 _SLM = """device = "virtual"
-shape = [96, 128]
+shape = [48, 64]
 pitch = "8 um"
 num_levels = 256
 opd_range = "825 nm"
@@ -55,7 +55,7 @@ settle = 0.1
 """
 _REST = """[camera]
 device = "virtual"
-shape = [192, 256]
+shape = [96, 128]
 pitch = "4 um"
 bit_depth = 12
 electrons_per_count = 4.0
@@ -63,7 +63,7 @@ read_noise = 3.0
 black_level = 64
 [stage]
 device = "virtual"
-range = ["0 mm", "10 mm"]
+range = ["0 mm", "5 mm"]
 [limits]
 power = 1.0
 exposure = [1e-5, 0.5]
@@ -99,16 +99,16 @@ BENCHES = {
     "gap": Bench(
         modulators=2,
         wavelengths='["520 nm"]',
-        geometry='gap = "2 mm"\niris1_na = 0.03\niris2_na = 0.03\n',
-        planes=("4 mm",),
+        geometry='gap = "1 mm"\niris1_na = 0.03\niris2_na = 0.03\n',
+        planes=("2 mm",),
         hidden='[effects.gap]\ngap_error = "0.2 mm"\n[effects.stroke]\nstroke_error = -0.06\n'
         '[effects.camera_alignment]\nshift_y = "6 um"\nshift_x = "-9 um"\n',
     ),
     "colour": Bench(
         modulators=2,
         wavelengths='["450 nm", "520 nm", "638 nm"]',
-        geometry='gap = "2 mm"\niris1_na = 0.03\niris2_na = 0.03\n',
-        planes=("4 mm",),
+        geometry='gap = "1 mm"\niris1_na = 0.03\niris2_na = 0.03\n',
+        planes=("2 mm",),
         hidden='[effects.gap]\ngap_error = "-0.15 mm"\n[effects.slm_alignment]\nshift_x = "3 um"\n'
         "[effects.vignetting]\nfall_y = 0.1\nfall_x = 0.15\n",
         scheme="time-sequential",
@@ -117,8 +117,8 @@ BENCHES = {
         modulators=1,
         wavelengths='["520 nm"]',
         geometry="iris2_na = 0.03\n",
-        planes=("3 mm", "6 mm"),
-        hidden='[effects.distance]\ndistance_error = "0.3 mm"\n[effects.stroke]\nstroke_error = 0.08\n'
+        planes=("1 mm", "3 mm"),
+        hidden='[effects.distance]\ndistance_error = "0.15 mm"\n[effects.stroke]\nstroke_error = 0.08\n'
         "[effects.crosstalk]\nsigma = 0.4\n",
     ),
 }
@@ -196,7 +196,7 @@ def run(name: str, iterations: int, updates_every: int) -> None:
         captures = str(trial.folder / "captures.h5")
         session = trial.measured()
         diagnosed = trial.found(
-            *("diagnose", captures, "--workers", "1", "--save-preset", f"{text}/diagnosed.toml"),
+            *("diagnose", captures, "--workers", "1", "--thorough", "--save-preset", f"{text}/diagnosed.toml"),
             written="diagnosed.toml",
         )
         calibrated = trial.found("calibrate", captures, "-o", f"{text}/calibrated.toml", written="calibrated.toml")

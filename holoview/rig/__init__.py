@@ -12,6 +12,7 @@ kinds         devices of slmsuite, Micro-Manager and serial lines, manual ones, 
 align         finds where they are, from patterns that it sends
 virtual       a virtual bench in a process of its own
 measure       a session of captures by a plan, each on the disk at once
+camera_loop   holograms optimised at what the camera sees
 """
 
 from holoview.rig.description import RigDescription, read_rig
