@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -221,10 +221,3 @@ class Captures:
             observer="mono",
             sampling=Sampling(upsample=self.upsample),
         )
-
-
-def join_captures(parts: Sequence[Captures]) -> Captures:
-    """The captures of several sessions on one bench, in order, as one session."""
-    names = ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s")
-    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    return dataclasses.replace(parts[0], **joined)

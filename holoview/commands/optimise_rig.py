@@ -155,7 +155,7 @@ def _run_loop(args: argparse.Namespace, task: _Task, outcome: _Outcome, interrup
             task.stack,
             settings,
             task.rig,
-            BenchCamera(task.rig, devices),
+            BenchCamera(task.rig, devices, tell=lambda text: print_stderr(f"note: {text}")),
             start,
             task.resume,
             task.updates,

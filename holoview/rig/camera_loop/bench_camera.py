@@ -17,8 +17,10 @@ from holoview.captures.dataset import Captures
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import CameraDevice, Counts, Devices, Levels
 from holoview.rig.measure.capture_plan import CaptureRequest
-from holoview.rig.measure.exposure_search import bright_share
+from holoview.rig.measure.dark_frames import take_dark_frame
+from holoview.rig.measure.exposure_search import range_share
 from holoview.rig.measure.session import MeasurementSession
+from holoview.util.progress import TextCallback
 
 _TOO_BRIGHT, _TOO_DARK = 0.95, 0.2  # of the camera's range, beyond which an exposure is searched anew
 _DARK_PICTURES = 4  # whose mean is the dark level of an exposure
@@ -98,19 +100,20 @@ class BenchCamera:
     """Takes pictures on open devices, which the caller closes.
 
     exposures_s: of each wavelength; searched for the first picture, and anew when one is too bright or all of a
-    hologram are much too dark.
+    hologram are much too dark. tell: called with what a user should know at once, as of `MeasurementSession`.
     """
 
     rig: RigDescription
     devices: Devices
     exposures_s: dict[float, float] = field(default_factory=dict)
+    tell: TextCallback = lambda _: None
     _distance_m: float | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         self._camera = _CountingCamera(self.devices.camera)
         devices = dataclasses.replace(self.devices, camera=self._camera)
-        self._session = MeasurementSession(self.rig, devices)
-        self._dark: dict[float, NDArray[np.float64]] = {}
+        self._session = MeasurementSession(self.rig, devices, self.tell)
+        self._dark: dict[float, NDArray[np.float32]] = {}
         self._began_s = devices.clock.now()
 
     @property
@@ -127,7 +130,7 @@ class BenchCamera:
         taken = {k: self._capture(narrow[shots[k].frame], shots[k]) for k in self._order(shots)}
         for λ in {shot.wavelength_m for shot in shots}:
             own = [taken[k].images[0] for k, shot in enumerate(shots) if shot.wavelength_m == λ]
-            if max(bright_share(image, self.rig.bench.camera) for image in own) < _TOO_DARK:
+            if max(range_share(image, self.rig.bench.camera) for image in own) < _TOO_DARK:
                 del self.exposures_s[λ]  # searched for the next picture
         return [self._picture(taken[k]) for k in range(len(shots))]
 
@@ -153,7 +156,7 @@ class BenchCamera:
         power = self.rig.limits.power
         request = CaptureRequest(shot.wavelength_m, shot.distance_m, power, 0.0, _NO_SEED, exposure_s)
         capture = self._session.take(request, levels)
-        share = bright_share(capture.images[0], self.rig.bench.camera)
+        share = range_share(capture.images[0], self.rig.bench.camera)
         if exposure_s is not None and share > _TOO_BRIGHT:
             capture = self._session.take(dataclasses.replace(request, exposure_s=None), levels)
         self.exposures_s[shot.wavelength_m] = float(capture.exposure_s[0])
@@ -164,11 +167,9 @@ class BenchCamera:
         light = (counts - self._dark_level(exposure_s)) / (exposure_s * float(capture.power[0]))
         return Picture(light, counts >= self.rig.bench.camera.saturation, capture)
 
-    def _dark_level(self, exposure_s: float) -> NDArray[np.float64]:
+    def _dark_level(self, exposure_s: float) -> NDArray[np.float32]:
         """Counts (y, x) without lasers at an exposure."""
         if exposure_s not in self._dark:
             self.devices.lasers.switch_off()
-            self._camera.set_exposure(exposure_s)
-            pictures = [self._camera.take() for _ in range(_DARK_PICTURES)]
-            self._dark[exposure_s] = np.mean(pictures, axis=0, dtype=np.float64)
+            self._dark[exposure_s] = take_dark_frame(self._camera, exposure_s, _DARK_PICTURES).mean
         return self._dark[exposure_s]

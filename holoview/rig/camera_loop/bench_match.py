@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.captures.dataset import Captures
 from holoview.captures.nominal_stops import stated_keys
 from holoview.model.bench_parts import Source
 from holoview.model.system import System
@@ -22,20 +21,12 @@ _EYE_M = (390e-9, 830e-9)
 _WHITE_LASERS = 3  # fewer can't be balanced to white
 
 
-def blank_captures(rig: RigDescription, count: int = 0) -> Captures:
-    """A session on a rig's nominal bench whose captures are empty."""
-    levels = np.zeros((count, len(rig.bench.slms), *rig.slm_shape), np.uint16)
-    images = np.zeros((count, *rig.camera_shape), np.uint16)
-    zeros = np.zeros(count)
-    return Captures(levels, images, zeros, zeros, zeros, zeros, lasers_m=rig.wavelengths_m, **rig.bench.as_fields())
-
-
 def system_of_rig(rig: RigDescription) -> System:
     """The nominal bench with all lasers, at three planes within the stage's limits.
 
     Three lasers or more are balanced to white and seen by an eye, fewer by a mono camera.
     """
-    system = blank_captures(rig).nominal_system(list(rig.wavelengths_m), default_distances(rig).tolist())
+    system = rig.blank_capture().nominal_system(list(rig.wavelengths_m), default_distances(rig).tolist())
     low, high = _EYE_M
     if len(rig.wavelengths_m) >= _WHITE_LASERS and low <= rig.wavelengths_m[0] and rig.wavelengths_m[-1] <= high:
         system = system.edit({"observer": "eye", "amplitudes": "white"})

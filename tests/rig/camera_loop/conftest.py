@@ -16,7 +16,7 @@ from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.rig import RigDescription, read_rig
 from holoview.rig.camera_loop.bench_camera import Picture, Shot
-from holoview.rig.camera_loop.bench_match import blank_captures, on_rig, system_of_rig
+from holoview.rig.camera_loop.bench_match import on_rig, system_of_rig
 from holoview.rig.camera_loop.camera_problem import CameraProblem
 from holoview.rig.camera_loop.camera_view import camera_view
 from holoview.rig.devices import Counts, DeviceError, Devices, Levels
@@ -118,7 +118,7 @@ class ModelCamera:
         if self._noise:  # the same for the same pattern, whenever it is shown
             rng = np.random.default_rng([int(levels.sum()), laser])
             light = light + self._noise * rng.standard_normal(light.shape)
-        capture = blank_captures(self._rig, 1)
+        capture = self._rig.blank_capture()
         return Picture(light, np.zeros(light.shape, bool), capture)
 
 
@@ -143,9 +143,8 @@ class BenchHere:
         return limit_devices(Devices(modulators, self, self, self, self), self.rig.limits)
 
     def set_exposure(self, exposure_s: float) -> float:
-        self.bench.exposure_s = exposure_s
         self.exposures.append(exposure_s)
-        return exposure_s
+        return self.bench.expose(exposure_s)
 
     def take(self) -> Counts:
         self.taken += 1
@@ -154,10 +153,12 @@ class BenchHere:
         return self.bench.take()
 
     def switch_on(self, wavelength_m: float, power: float) -> None:
-        self.bench.laser, self.was_off = (wavelength_m, power), False
+        self.bench.switch_on(wavelength_m, power)
+        self.was_off = False
 
     def switch_off(self) -> None:
-        self.bench.laser, self.was_off = None, True
+        self.bench.switch_off()
+        self.was_off = True
 
     def move_to(self, distance_m: float) -> float:
         return self.bench.move_to(distance_m)
