@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from holoview import cli
 from holoview.captures import write_captures
+from holoview.captures.dataset import join_captures
 from holoview.diagnose.extended_model import extended_system
 from holoview.io.hologram import Hologram
 from holoview.model import preset
@@ -39,7 +40,6 @@ from holoview.rig.camera_loop.bench_match import on_rig, system_of_rig
 from holoview.rig.camera_loop.loop import CameraLoop
 from holoview.rig.camera_loop.model_update import ModelUpdates
 from holoview.rig.measure.capture_plan import default_plan
-from holoview.rig.measure.capture_store import join_captures
 from holoview.rig.measure.session import MeasurementSession
 from holoview.targets.picture import read_picture
 from holoview.targets.target import Placement, target_for

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -221,3 +221,10 @@ class Captures:
             observer="mono",
             sampling=Sampling(upsample=self.upsample),
         )
+
+
+def join_captures(parts: Sequence[Captures]) -> Captures:
+    """Captures of one bench as one session, in their order."""
+    names = ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s")
+    together: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return dataclasses.replace(parts[0], **together)

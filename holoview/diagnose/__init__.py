@@ -5,6 +5,7 @@ config              all settings of a diagnosis, with units and evidence
 sampling_config     how predictions sample light
 diagnosis           the result and its JSON
 
+search_preparation  what a search works with, from captures
 search_context      what all stages share: captures, bench, effects, predictors, workers, settings
 worker_pool         jobs in several processes
 shared_arrays       objects for several processes whose large arrays exist once

@@ -16,15 +16,12 @@ from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
 from holoview.captures.patterns import pattern_roughness
-from holoview.captures.prepared_captures import prepare_captures
 from holoview.diagnose.bad_captures import BadCapture, find_useless_captures
-from holoview.diagnose.capture_split import split_captures
 from holoview.diagnose.cause_description import describe_causes, describe_power_law
 from holoview.diagnose.comparison import Values
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.diagnosis import CandidateResult, Cause, Diagnosis
 from holoview.diagnose.excess_breakdown import break_down_excess
-from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.fit_statistics import explained_variance, fit_quality, held_out_groups, sample_captures
 from holoview.diagnose.free_maps import FreeMapFit, fit_free_maps, likely_fits
 from holoview.diagnose.held_out_ranking import SearchResult
@@ -37,19 +34,16 @@ from holoview.diagnose.record_errors import CheckedRecords, check_records
 from holoview.diagnose.region_search import search_region_first, with_region
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
 from holoview.diagnose.search_context import (
-    NeighbourVariances,
-    PerThreadPredictor,
     SearchContext,
-    equivalent_effects,
     field_samples,
 )
 from holoview.diagnose.search_end import BestSoFar, SearchEnd, describe_so_far
+from holoview.diagnose.search_preparation import prepare_search
 from holoview.diagnose.simplest_name import wider_names
 from holoview.diagnose.verdict import Decision, Verdict, with_further_cause
 from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import is_user_effect, listed_effects, load_user_effects
-from holoview.util.errors import UserError
 from holoview.util.progress import ProgressCallback
 
 _OPEN = (Verdict.UNEXPLAINED, Verdict.PARTLY)
@@ -144,7 +138,7 @@ def _search(records: CheckedRecords, request: _Request, pool: WorkerPool, share:
     config = request.config
     captures, cut_notes = within_limits(records.captures, request.sampling, config.region)
     useless = find_useless_captures(captures, config.judgement)
-    context, notes = _prepare(captures, useless, request, pool)
+    context, notes = prepare_search(captures, useless, request.library, request.known, request.sampling, config, pool)
     time_s = config.budget.time_for(field_samples(captures)) if request.time_s is None else request.time_s
     end = SearchEnd(share * time_s, request.is_asked_to_end, config.budget.last_begin)
     context = _limited(context, request.thorough, end, request.so_far)
@@ -204,41 +198,6 @@ def _prepare_worker(effect_files: Sequence[str]) -> None:
 
 def _user_effect_files(effects: Sequence[Effect]) -> list[str]:
     return sorted({inspect.getfile(type(effect)) for effect in effects if is_user_effect(effect)})
-
-
-def _prepare(
-    captures: Captures, useless: Sequence[BadCapture], request: _Request, pool: WorkerPool
-) -> tuple[SearchContext, list[str]]:
-    """What a search works with, and notes on what these captures can't show."""
-    effects, config, sampling = request.library, request.config, request.sampling
-    left_out = tuple(bad.index for bad in useless)
-    kept = [k for k in range(len(captures)) if k not in left_out]
-    if not kept:
-        raise UserError("captures", "every one is dark or saturated", remedy="check shutter and exposures")
-    properties = (captures.subset(kept) if left_out else captures).data_properties()
-    unmet = {e.id: e.needs.unmet_by(properties) for e in effects}
-    visible = {e.id: e for e in effects if not unmet[e.id]}
-    notes = [f"{name} can't be seen in these captures: {why}." for name, why in unmet.items() if why]
-    if properties.wavelengths == 1:
-        notes.append("With one wavelength, errors of the wavelength and of distances can't be told apart.")
-    if properties.planes == 1 and not properties.is_fourier:
-        notes.append("With one plane, a wrong wavelength looks much like a wrong distance.")
-    options = {"captures": captures, "known_values": request.known, **dataclasses.asdict(sampling)}
-    data = prepare_captures(captures)
-    context = SearchContext(
-        data=data,
-        system=captures.nominal_system(),
-        effects=visible,
-        split=split_captures(captures, pattern_roughness(captures), config.split, left_out),
-        predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, **options)),
-        workers=pool,
-        variances=NeighbourVariances(data),
-        config=config,
-        sampling=sampling,
-        equivalents=equivalent_effects(visible, properties),
-        left_out=left_out,
-    )
-    return context, notes
 
 
 def _evaluate(outcome: SearchOutcome, notes: list[str], progress: ProgressCallback) -> _Findings:

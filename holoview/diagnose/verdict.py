@@ -50,8 +50,7 @@ def decide(result: SearchResult, equivalents: Equivalents, config: VerdictConfig
     if not (result.candidates and gain > config.min_delta_chi2 and share >= config.min_explained_share):
         is_consistent = excess < jitter_excess(n, config)
         return Decision(Verdict.CONSISTENT if is_consistent else Verdict.UNEXPLAINED, None)
-    max_excess = min(config.explained_excess, config.explained_max_share * excess)
-    if best.excess > max(chance_excess(n, config), max_excess):
+    if best.excess > explained_excess(excess, n, config):
         return Decision(Verdict.PARTLY, best)
     rivals = _rivals_of(best, result, equivalents, config)
     return Decision(Verdict.AMBIGUOUS if rivals else Verdict.EXPLAINED, best, rivals)
@@ -77,6 +76,12 @@ def with_further_cause(verdict: Verdict) -> Verdict:
 def chance_excess(pixels: float, config: VerdictConfig) -> float:
     """The excess χ²/n − 1 that so many pixels reach by chance; its standard deviation is √(2/n)."""
     return float(config.chance_sigmas * (2.0 / pixels) ** 0.5)
+
+
+def explained_excess(nominal_excess: float, pixels: float, config: VerdictConfig) -> float:
+    """The excess χ²/n − 1 that causes may leave and count as an explanation."""
+    max_excess = min(config.explained_excess, config.explained_max_share * nominal_excess)
+    return max(chance_excess(pixels, config), max_excess)
 
 
 def jitter_excess(pixels: float, config: VerdictConfig) -> float:

@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from holoview.captures.dataset import join_captures
 from holoview.captures.patterns import BLUR_SIGMAS_PX
 from holoview.captures.records import RecordFindings, find_record_errors
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Devices
 from holoview.rig.measure.capture_plan import CapturePlan, default_plan
-from holoview.rig.measure.capture_store import join_captures
 from holoview.rig.measure.session import MeasurementSession
 from holoview.util.progress import ProgressCallback
 

@@ -6,13 +6,12 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from holoview.captures.dataset import Captures
+from holoview.captures.dataset import Captures, join_captures
 from holoview.diagnose.extended_model import extended_system
 from holoview.diagnose.pipeline import diagnose
 from holoview.model.effects.registry import get_effect, listed_effects
 from holoview.model.system import System
 from holoview.optimise.lasers import changes_lasers
-from holoview.rig.measure.capture_store import join_captures
 
 
 @dataclass(frozen=True)

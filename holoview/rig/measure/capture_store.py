@@ -6,18 +6,13 @@ in flight is lost, and what is there can be read by everything that reads captur
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import shutil
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from holoview.captures.capture_file import read_captures, write_captures
-from holoview.captures.dataset import Captures
+from holoview.captures.dataset import Captures, join_captures
 from holoview.captures.validation import check_settings
 from holoview.rig.measure.bench_record import BenchRecord, read_bench_record
 from holoview.rig.measure.capture_plan import CapturePlan
@@ -120,10 +115,3 @@ class CaptureStore:
 
     def _file(self, number: int) -> Path:
         return self.folder / f"{number:05d}.h5"
-
-
-def join_captures(parts: Sequence[Captures]) -> Captures:
-    """Sessions of one bench as one session, in their order."""
-    names = ("levels", "images", "wavelength_m", "distance_m", "power", "exposure_s")
-    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    return dataclasses.replace(parts[0], **joined)

@@ -9,10 +9,10 @@ import pytest
 
 from holoview.calibrate.exposure import ExposureLimits, plan_exposures
 from holoview.captures import read_captures, write_captures
+from holoview.captures.dataset import join_captures
 from holoview.cli import main
 from holoview.rig import RigDescription
 from holoview.rig.measure.capture_plan import default_plan, read_plan
-from holoview.rig.measure.capture_store import join_captures
 from holoview.rig.measure.session import MeasurementSession
 from holoview.util.errors import UserError
 from tests.rig.conftest import LASERS_M, direct_devices

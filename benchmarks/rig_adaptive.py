@@ -1,0 +1,193 @@
+"""Measures how many captures and bench seconds a closed loop needs until it names what a virtual bench hides.
+
+    python -m benchmarks.rig_adaptive --first 0 --count 12 -o out/rig_adaptive.jsonl
+    python -m benchmarks.rig_adaptive --summary out/rig_adaptive.jsonl
+
+Each bench is drawn from a seed and runs in a process of its own, from which counts alone come. It is measured by the
+closed loop (`informed`), by captures drawn as the loop's proposals are (`random`), and by the default plan of
+`holoview measure` in its order (`fixed`). All end by the same rule: the posterior probability of the leader reaches
+0.99, and the diagnosis of the captures is sure of the same causes. Kinds: one effect (single), two (pair), effects
+that look alike on a bench with one plane or one laser (alike), none (nothing).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import tempfile
+import time
+from collections import defaultdict
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+import torch
+
+from benchmarks.diagnosis import bench
+from holoview.diagnose.config import SearchConfig
+from holoview.model.effects.registry import get_effect
+from holoview.rig.adaptive.closed_loop import ClosedLoop, LoopSettings
+from holoview.rig.adaptive.planners import FixedPlanner, InformedPlanner, Planner, RandomPlanner
+from holoview.rig.description import RigDescription, read_rig
+from holoview.rig.open_rig import open_rig
+from tests.diagnose.effect_sampling import sample_effect
+
+CANDIDATES = [
+    "aberration1",
+    "ambient",
+    "camera_alignment",
+    "camera_blur",
+    "crosstalk",
+    "distance",
+    "dispersion",
+    "gap",
+    "slm_alignment",
+    "stage",
+    "stroke",
+    "tilt",
+    "undiffracted",
+    "wavelength_offset",
+]
+ALIKE = ("gap", "distance", "wavelength_offset", "stage", "aberration1", "dispersion")
+SIZES = (0.03, 0.1, 0.3, 0.7)  # of the edge of the range that a diagnosis scans
+PLANNERS = ("informed", "random", "fixed")
+MAX_CAPTURES, MAX_FIELDS = 32, 4000
+BENCH = """
+[slm1]
+device = "virtual"
+shape = [32, 40]
+pitch = "8 um"
+num_levels = 256
+opd_range = "825 nm"
+settle = 0.1
+[slm2]
+device = "virtual"
+shape = [32, 40]
+pitch = "8 um"
+num_levels = 256
+opd_range = "825 nm"
+settle = 0.1
+[camera]
+device = "virtual"
+shape = [64, 80]
+pitch = "4 um"
+bit_depth = 12
+electrons_per_count = 4.0
+read_noise = 3.0
+black_level = 64
+[lasers]
+device = "virtual"
+wavelengths = {wavelengths}
+[stage]
+device = "virtual"
+range = {range}
+[limits]
+power = 1.0
+exposure = [1e-5, 0.5]
+[geometry]
+gap = "1 mm"
+iris1_na = 0.03
+iris2_na = 0.03
+[virtual]
+bench = "hidden.toml"
+"""
+
+
+def draw_case(seed: int) -> dict[str, Any]:
+    """Kind and hidden effects of a bench: of four benches two with one effect, one with a pair, one of look-alikes."""
+    rng = np.random.default_rng(seed)
+    kind = "nothing" if seed % 16 == 15 else ("single", "alike", "single", "pair")[seed % 4]
+    size = SIZES[int(rng.integers(len(SIZES)))]
+    one_plane = kind == "alike" and bool(rng.random() < 0.5)
+    among = [n for n in ALIKE if not one_plane or n != "stage"] if kind == "alike" else CANDIDATES
+    count = {"nothing": 0, "pair": 2}.get(kind, 1)
+    names = sorted(rng.choice(among, size=count, replace=False).tolist())
+    system = replace(bench(32, 40), wavelengths_m=np.array([450e-9, 638e-9]), amplitudes=np.ones((1, 2)))
+    effects = {name: sample_effect(get_effect(name), system, size, rng) for name in names}
+    return {"seed": seed, "kind": kind, "size": size, "one_plane": one_plane, "truth": effects}
+
+
+def make_rig(case: dict[str, Any], folder: Path) -> RigDescription:
+    """The rig of a case, with what is hidden in a file that the bench's process alone reads."""
+    ends = '["5 mm", "5 mm"]' if case["one_plane"] else '["0 mm", "10 mm"]'
+    hidden = {"seed": case["seed"], "settle": 0.005, "prnu": 0.005, "effects": case["truth"]}
+    (folder / "hidden.toml").write_text(tomli_w.dumps(hidden), encoding="utf-8")
+    text = BENCH.format(wavelengths='["450 nm", "638 nm"]', range=ends)
+    (folder / "rig.toml").write_text(text, encoding="utf-8")
+    return read_rig(folder / "rig.toml")
+
+
+def run_case(case: dict[str, Any], name: str) -> dict[str, Any]:
+    """One bench measured by one planner."""
+    planners = {"informed": InformedPlanner, "random": RandomPlanner, "fixed": FixedPlanner}
+    config = SearchConfig()
+    settings = LoopSettings(
+        max_captures=MAX_CAPTURES, config=replace(config, budget=replace(config.budget, max_fields=MAX_FIELDS))
+    )
+    began = time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        rig = make_rig(case, Path(folder))
+        planner: Planner = planners[name](rig)
+        with open_rig(rig) as devices:
+            effects = [get_effect(effect) for effect in CANDIDATES]
+            result = ClosedLoop(rig, devices, effects, planner, settings, free_maps=False).run()
+            seconds = devices.clock.now()
+    named = sorted(result.diagnosis.values)
+    return case | {
+        "planner": name,
+        "named": named,
+        "verdict": str(result.diagnosis.verdict),
+        "rivals": [list(causes) for causes in result.diagnosis.rivals],
+        "certain": result.is_certain,
+        "right": named == sorted(case["truth"]),
+        "captures": len(result.parts),
+        "bench_seconds": round(seconds, 3),
+        "processor_seconds": round(time.process_time() - began, 1),
+        "reasons": [step.sentence for step in result.steps],
+    }
+
+
+def summarise(file: Path) -> None:
+    """Prints a table: for each kind and planner how often the right causes were named, and at what price."""
+    rows = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
+    for row in rows:
+        groups[row["kind"], row["planner"]].append(row)
+        groups["all", row["planner"]].append(row)
+    print("| benches | captures by | certain and right | certain and wrong | captures | bench seconds | processor s |")
+    print("| --- | --- | --- | --- | --- | --- | --- |")
+    for (kind, planner), own in sorted(groups.items()):
+        right = sum(r["certain"] and r["right"] for r in own)
+        wrong = sum(r["certain"] and not r["right"] for r in own)
+        medians = [statistics.median(r[key] for r in own) for key in ("captures", "bench_seconds", "processor_seconds")]
+        cells = f"{medians[0]:g} | {medians[1]:.3g} | {medians[2]:.3g}"
+        print(f"| {kind} | {planner} | {right} of {len(own)} | {wrong} | {cells} |")
+
+
+def main() -> None:
+    """Measures, or prints a summary of what was measured."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first bench")
+    parser.add_argument("--count", type=int, default=12, help="benches")
+    parser.add_argument("--planners", nargs="+", choices=PLANNERS, default=list(PLANNERS))
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/rig_adaptive.jsonl"))
+    parser.add_argument("--summary", type=Path, help="print the table of such a file, and measure nothing")
+    args = parser.parse_args()
+    if args.summary is not None:
+        summarise(args.summary)
+        return
+    torch.set_num_threads(1)
+    args.output.parent.mkdir(parents=True, exist_ok=True)
+    for seed in range(args.first, args.first + args.count):
+        for planner in args.planners:
+            row = run_case(draw_case(seed), planner)
+            with args.output.open("a", encoding="utf-8") as lines:
+                lines.write(json.dumps(row) + "\n")
+            print({key: value for key, value in row.items() if key != "reasons"}, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,44 @@
+"""The captures so far as fits need them: all of them fitted, large modulators cut to their middle."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+from holoview.captures.dataset import Captures
+from holoview.captures.records.central_region import central_region
+from holoview.diagnose.bad_captures import find_useless_captures
+from holoview.diagnose.capture_split import CaptureSplit
+from holoview.diagnose.config import SearchConfig
+from holoview.diagnose.record_errors import check_records
+from holoview.diagnose.sampling_config import PLAIN
+from holoview.diagnose.search_context import SearchContext, field_samples
+from holoview.diagnose.search_end import SearchEnd
+from holoview.diagnose.search_preparation import prepare_search
+from holoview.diagnose.worker_pool import WorkerPool
+from holoview.model.effects.effect import Effect
+
+_SEARCH_SHARE = 0.25  # of the fields of a diagnosis; the loop searches several times
+
+
+def loop_context(captures: Captures, effects: Sequence[Effect], config: SearchConfig, end: SearchEnd) -> SearchContext:
+    """What fits to all captures work with, wrong records put right. Raises UserError when no capture shows anything.
+
+    end: when fits have to end.
+    """
+    cut = middle_of(check_records(captures, {}, config).captures, config)
+    useless = find_useless_captures(cut, config.judgement)
+    context, _ = prepare_search(cut, useless, effects, {}, PLAIN, config, WorkerPool(1))
+    everything = context.kept
+    budget = _SEARCH_SHARE * config.budget.fields_for(field_samples(cut))
+    split = CaptureSplit(context.split.coarse, everything, everything, everything)
+    context.predictor.end = end
+    return dataclasses.replace(context, split=split, field_budget=budget, end=end)
+
+
+def middle_of(captures: Captures, config: SearchConfig) -> Captures:
+    """The captures, or their middle where that saves much."""
+    region = config.region
+    cut = central_region(captures, region.side_px, 0 if captures.is_fourier else region.further_px)
+    parts = (captures.images, cut.images) if captures.is_fourier else (captures.levels, cut.levels)
+    return captures if parts[0].size < region.min_saving * parts[1].size else cut
