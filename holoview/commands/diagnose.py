@@ -1,4 +1,8 @@
-"""`holoview diagnose CAPTURES.h5`: what the simulation gets wrong about a real bench, and by how much."""
+"""`holoview diagnose CAPTURES.h5`: what the simulation gets wrong about a real bench, and by how much.
+
+With `--rig RIG.toml` in place of a file it takes the captures itself, each chosen by what is still open, until the
+cause is certain.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +10,19 @@ import argparse
 import json
 import math
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
-from holoview.captures import read_captures, write_captures
+from holoview.captures import Captures, read_captures, write_captures
 from holoview.captures.effect_check import check_user_effects
 from holoview.captures.records import plausible_units
 from holoview.captures.records.correction import apply_corrections
 from holoview.commands.arguments import parse_duration, parse_effects
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
+from holoview.commands.diagnose_rig import add_rig_options, check_rig_options, diagnose_rig, loop_as_json, print_loop
 from holoview.commands.number_options import whole
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder
 from holoview.diagnose.comparison import Values
@@ -30,6 +38,7 @@ from holoview.model.effects.registry import load_user_effects
 from holoview.model.system import System
 from holoview.report.figure import require_matplotlib
 from holoview.rig.placement import read_placement
+from holoview.rig.adaptive.closed_loop import LoopResult
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
@@ -41,7 +50,10 @@ _MAX_DEFAULT_WORKERS = 8  # each worker keeps a cache of a quarter of a gigabyte
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments."""
-    add_input(parser, "captures", metavar="CAPTURES.h5", help="a capture file, see docs/captures.md")
+    add_input(
+        parser, "file", metavar="CAPTURES.h5", nargs="?", help="a capture file, see docs/captures.md; or take --rig"
+    )
+    add_rig_options(parser)
     add_input(
         parser,
         "--preset",
@@ -135,11 +147,48 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Diagnosed:
+    """A diagnosis. recorded: the captures as their file or the rig has them. bench: the nominal one; None if that is
+    what the corrected captures say. known: its effects. loop: how captures were taken; None of a file's."""
+
+    found: Diagnosis
+    recorded: Captures
+    known: Values
+    bench: System | None
+    exit_code: int
+    loop: LoopResult | None = None
+
+
 def run(args: argparse.Namespace) -> int:
     """Diagnoses, then writes the files that were asked for, each whole or not at all."""
     _check_arguments(args)
     user_effects = [effect for file in args.effects for effect in _load_effects(file)]
-    captures = recorded = read_captures(args.captures, plausible_units)
+    done = _diagnose_file(args, user_effects) if args.rig is None else _diagnose_rig(args, user_effects)
+    found = done.found
+    corrected = found.records.corrected(done.recorded)
+    bench = done.bench or corrected.nominal_system()
+    told = found.as_json() if done.loop is None else found.as_json() | {"loop": loop_as_json(done.loop)}
+    text = json.dumps(told, indent=2, ensure_ascii=False) + "\n"
+    extended = extended_system(bench, found.values)
+    saver, written = ResultSaver(), [] if args.save is None else [args.save]
+    for path, save in (
+        (args.report, partial(_write_report, args, bench, corrected.is_fourier, done.known, found)),
+        (args.json, partial(write_file, content=text)),
+        (args.save_preset, partial(preset.save, extended)),
+        (args.save_corrected, partial(write_captures, captures=corrected)),
+    ):
+        if path is not None:
+            written.append(saver.save(path, save))
+    if done.loop is not None:
+        print_loop(done.loop)
+    _print_diagnosis(found, _source(args), written)
+    return done.exit_code or saver.exit_code
+
+
+def _diagnose_file(args: argparse.Namespace, user_effects: Sequence[Effect]) -> _Diagnosed:
+    """The diagnosis of a file."""
+    captures = recorded = read_captures(args.file, plausible_units)
     plausible = apply_corrections(recorded, plausible_units(recorded))
     check_user_effects(plausible, user_effects)
     known: dict[str, dict[str, float]] = {}
@@ -147,35 +196,36 @@ def run(args: argparse.Namespace) -> int:
     if args.preset is not None:
         captures, known, bench = with_preset_geometry(captures, preset.load(args.preset), args.preset)
     known = _with_stated(known, args.known)
-    sampling = SamplingConfig(args.finer, args.padding, args.points)
     with progress_bar("diagnosing") as progress, deferred_interrupt("prediction") as interruption:
         so_far = _SoFar(progress)
         found = diagnose(
             captures,
             known=known,
-            workers=args.workers,
             progress=so_far.progress,
-            thorough=args.thorough or args.time is not None,
             time_s=math.inf if args.thorough else args.time,
             is_asked_to_end=interruption,
             so_far=so_far.note,
-            sampling=sampling,
+            **_search_options(args),
         )
-    corrected = found.records.corrected(recorded)
-    bench = bench or corrected.nominal_system()
-    text = json.dumps(found.as_json(), indent=2, ensure_ascii=False) + "\n"
-    extended = extended_system(bench, found.values)
-    saver, written = ResultSaver(), []
-    for path, save in (
-        (args.report, partial(_write_report, args, bench, captures.is_fourier, known, found)),
-        (args.json, partial(write_file, content=text)),
-        (args.save_preset, partial(preset.save, extended)),
-        (args.save_corrected, partial(write_captures, captures=corrected)),
-    ):
-        if path is not None:
-            written.append(saver.save(path, save))
-    _print_diagnosis(found, args, written)
-    return interruption.exit_code or saver.exit_code
+    return _Diagnosed(found, recorded, known, bench, interruption.exit_code)
+
+
+def _diagnose_rig(args: argparse.Namespace, user_effects: Sequence[Effect]) -> _Diagnosed:
+    """The diagnosis of captures that are taken one by one."""
+    time_s = math.inf if args.thorough else args.time
+    captures, result, exit_code = diagnose_rig(args, user_effects, time_s=time_s, **_search_options(args))
+    return _Diagnosed(result.diagnosis, captures, {}, None, exit_code, result)
+
+
+def _search_options(args: argparse.Namespace) -> dict[str, Any]:
+    """How a diagnosis searches, in the options of `diagnose`."""
+    sampling = SamplingConfig(args.finer, args.padding, args.points)
+    return {"workers": args.workers, "thorough": args.thorough or args.time is not None, "sampling": sampling}
+
+
+def _source(args: argparse.Namespace) -> str:
+    """What is diagnosed."""
+    return str(args.rig or args.file)
 
 
 class _SoFar:
@@ -202,6 +252,7 @@ class _SoFar:
 
 def _check_arguments(args: argparse.Namespace) -> None:
     """Raises UserError for numbers out of range and for outputs that can't be written."""
+    check_rig_options(args)
     if args.workers < 1:
         raise UserError("--workers", f"{args.workers}", expected="1 or more")
     for name, least, most in (("finer", 1, 8), ("padding", 2, 8), ("points", 1, 16)):
@@ -244,14 +295,14 @@ def _write_report(
                 bench.edit({"effects": {}}), known, found.values, iterations=iterations, progress=progress
             )
     with progress_bar("drawing") as progress:
-        write_report(folder, Path(args.captures).name, found, gain, progress)
+        write_report(folder, Path(_source(args)).name, found, gain, progress)
 
 
-def _print_diagnosis(found: Diagnosis, args: argparse.Namespace, written: list[Path]) -> None:
+def _print_diagnosis(found: Diagnosis, source: str, written: list[Path]) -> None:
     """The diagnosis in a few lines."""
     before, after = found.before, found.after
     of_how_many = f" ({found.captures - len(found.bad_captures)} of {found.captures} captures)"
-    print(f"{args.captures}: {found.verdict}{of_how_many if found.bad_captures else ''}")
+    print(f"{source}: {found.verdict}{of_how_many if found.bad_captures else ''}")
     print(
         f"  held-out captures: χ²/n {before.chi2_per_pixel:.4g} → {after.chi2_per_pixel:.4g} (noise: 1), "
         f"{before.psnr_db:.1f} → {after.psnr_db:.1f} dB"

@@ -32,6 +32,11 @@ class FreeParameters:
     def __len__(self) -> int:
         return len(self.entries)
 
+    @property
+    def identity(self) -> Vector:
+        """The vector at which no effect changes anything."""
+        return np.array([p.to_fit(p.identity) / _scale(p) for _, p in self.entries])
+
     def pack(self, values: Mapping[str, Mapping[str, Any]]) -> Vector:
         """The vector of values; parameters that aren't given are at their identity."""
         return np.array([p.to_fit(p.read(values.get(e, {}))) / _scale(p) for e, p in self.entries])

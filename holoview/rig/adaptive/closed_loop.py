@@ -30,10 +30,8 @@ from holoview.rig.measure.session import MeasurementSession
 from holoview.util.errors import UserError
 
 _SETTLED = (Verdict.EXPLAINED, Verdict.CONSISTENT)
-_BETWEEN_CHECKS, _CHECK_SHARE = (
-    2,
-    3,
-)  # captures, and a share of them, from a diagnosis that didn't agree to the next one
+# captures, and a share of them, from a diagnosis that didn't agree to the next one
+_BETWEEN_CHECKS, _CHECK_SHARE = 2, 3
 _EVERY_FROM = 12  # captures; from here the hypotheses are fitted after every fourth one
 _EVERY = 4
 
@@ -128,7 +126,10 @@ class ClosedLoop:
             ended = self._budget_end(len(parts), began)
             if ended:
                 break
-            choice = self._choose(parts)
+            try:
+                choice = self._choose(parts)
+            except SearchEnded:
+                continue  # the next round says why
             if choice is None:
                 ended = "the plan is at its end"
                 break

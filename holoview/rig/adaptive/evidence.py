@@ -37,9 +37,13 @@ def covariance_root(normal: Floats, temperature: float) -> Floats:
     return np.asarray(vectors / np.sqrt(np.maximum(values, 1e-12)))
 
 
+FURTHER_CAUSE = 0.1
+"""Odds of one cause more, before any capture."""
+
+
 def log_prior(cause_count: int, effect_count: int) -> float:
-    """Of a set of causes: every number of causes is as likely, and of so many causes every set."""
-    return -cause_count * float(np.log(max(effect_count, 1)))
+    """Of a set of causes: each cause more is less likely, and of so many causes every set is as likely."""
+    return cause_count * float(np.log(FURTHER_CAUSE / max(effect_count, 1)))
 
 
 def probabilities(log_weights: Sequence[float]) -> Floats:

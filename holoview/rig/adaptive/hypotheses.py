@@ -97,7 +97,7 @@ def fitted_hypothesis(
     free = free_parameters_of(effects, fit.values)
     x, slopes = free.pack(fit.values), slopes_of(free, fit.values, comparison, context)
     normal = (slopes @ slopes.T).astype(np.float64)
-    away = x - free.pack({e.id: identity_values(e) for e in effects})
+    away = x - free.identity
     weight = log_evidence(fit.cost, normal, np.where(np.isfinite(away), away, 0.0), temperature)
     root = covariance_root(normal, temperature)
     return Hypothesis(fit.causes, fit.values, free, root, weight + log_prior(len(fit.causes), len(context.effects)))
@@ -118,6 +118,8 @@ def open_hypotheses(
     for name in names:
         values = {**leader.values, name: identity_values(context.effects[name])}
         added = free_parameters_of([context.effects[name]], values)
+        if not len(added):
+            continue  # a list, which is empty until something shows
         free = FreeParameters((*leader.free.entries, *added.entries))
         try:
             slopes = np.vstack([own, slopes_of(added, values, comparison, context)])

@@ -110,7 +110,7 @@ class Hidden:
         return camera, second if self.kind == "two" else None
 
     def expected_values(self) -> dict[str, float]:
-        """As seen from modulator 1; centre_y and centre_x: on the picture turned back, in its pixels from its middle."""
+        """As seen from modulator 1; centre_y, centre_x: on the picture turned back, in its pixels from its middle."""
         to_own = turn_matrix(self.slm1).T
         sign = float(np.linalg.det(to_own))
         centre = to_own @ np.array(self.shift_m) / self.camera_pitch_m

@@ -115,7 +115,7 @@ def test_an_alignment_can_be_ended(tmp_path: Path) -> None:
 def test_a_stage_that_is_too_near_is_told(tmp_path: Path) -> None:
     rig = Hidden("one", (40, 48)).write(tmp_path)
     near = dataclasses.replace(rig, limits=dataclasses.replace(rig.limits, stage_m=(0.0, 0.2e-3)))
-    with pytest.raises(ValueError, match="stage: goes no farther than 0.2 mm"):
+    with pytest.raises(ValueError, match=r"stage: goes no farther than 0\.2 mm"):
         find_geometry(near, devices_of(rig)[0])
 
 
