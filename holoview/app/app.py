@@ -41,7 +41,8 @@ class App:
     the transforms for this device is searched for in the background. renderer: of the session's document, if it has
     been started already. is_read_only: whether the user can't open, save or export files nor end the viewer.
 
-    awaits_frame: whether a new image hasn't been drawn yet. has_shown_image: whether one was ever drawn.
+    awaits_frame: whether a new image hasn't been drawn yet. has_shown_image: whether one was ever drawn. danger: why
+    lasers of a rig may be on after `close`, or "".
     """
 
     def __init__(
@@ -71,6 +72,7 @@ class App:
         self._overlays = [DrawGuard(overlay.title, overlay.draw, session.messages) for overlay in self.context.overlays]
         self._is_stale = True
         self.awaits_frame = self.has_shown_image = False
+        self.danger = ""
         self._measured: tuple[object, ...] = ()
         params = runner_params(self.panels, self._callbacks(), None if store is None else store.folder)
         if register_tests is not None:
@@ -101,11 +103,11 @@ class App:
         commands = self.context.commands
         self.session.poll()
         self.context.wants_measurement = False
-        if not imgui.get_io().want_text_input:
-            for command in list(commands.pressed()):
-                self.context.attempt(command.action)
-            if commands.is_repeating():
-                self.window.wake()
+        is_typing = imgui.get_io().want_text_input
+        for command in list(commands.pressed(is_typing=is_typing)):
+            self.context.attempt(command.action)
+        if commands.is_repeating() and not is_typing:
+            self.window.wake()
         self._move_pupil()
         self._update_requests()
 
@@ -133,7 +135,8 @@ class App:
 
     def redraw_if_due(self) -> None:
         """Requests a frame for what changes with time: tooltips, the text cursor, expiring messages. Call it often."""
-        if self.window.needs_redraw() or self.toasts.has_changed():
+        has_changed = any(guarded.panel.has_changed(self.context) for guarded in self.panels)
+        if self.window.needs_redraw() or self.toasts.has_changed() or has_changed:
             self.window.wake()
 
     @property
@@ -155,8 +158,9 @@ class App:
         raise UserError("viewer", f"the image wasn't ready in {timeout_s:g} s", remedy="choose a smaller bench")
 
     def close(self) -> None:
-        """Ends the session's jobs and threads, and closes the window."""
+        """Switches the lasers of a rig off, ends the session's jobs and threads, and closes the window."""
         self._stop_listening()
+        self.danger = self.context.close_rig()
         self.context.close()
         self.session.close()
         self.window.close()

@@ -15,7 +15,8 @@ Action = Callable[[], None]
 class Command:
     """A command: a unique name, the action, the group (menu) it belongs to, its keys and a sentence of help.
 
-    repeats: whether the action is called again while a key is held down.
+    repeats: whether the action is called again while a key is held down. is_urgent: whether its keys work while text is
+    typed, too.
     """
 
     name: str
@@ -25,6 +26,7 @@ class Command:
     help: str = ""
     repeats: bool = False
     is_enabled: Callable[[], bool] = field(default=lambda: True)
+    is_urgent: bool = False
 
 
 class CommandRegistry:
@@ -46,8 +48,9 @@ class CommandRegistry:
         *,
         repeats: bool = False,
         is_enabled: Callable[[], bool] = lambda: True,
+        is_urgent: bool = False,
     ) -> Command:
-        """Adds a command. keys: chords such as "Ctrl+Z", separated by spaces. repeats: see `Command`.
+        """Adds a command. keys: chords such as "Ctrl+Z", separated by spaces. repeats, is_urgent: see `Command`.
 
         Raises ValueError when the name or one of the keys belongs to another command.
         """
@@ -56,7 +59,7 @@ class CommandRegistry:
         clash = next((taken[chord.code] for chord in chords if chord.code in taken), None)
         if name in self._by_name or clash is not None:
             raise ValueError(f"command {name}: {clash or 'its name'} is taken")
-        command = Command(name, action, group, chords, help, repeats, is_enabled)
+        command = Command(name, action, group, chords, help, repeats, is_enabled, is_urgent)
         self._by_name[name] = command
         return command
 
@@ -68,12 +71,19 @@ class CommandRegistry:
         if command.is_enabled():
             command.action()
 
+    def of_group(self, group: str) -> list[Command]:
+        """The commands of a group; none while none of them can be used."""
+        found = [command for command in self if command.group == group]
+        return found if any(command.is_enabled() for command in found) else []
+
     def is_repeating(self) -> bool:
         """Whether a key of a repeating command is held down."""
         return any(chord.is_down() for command in self if command.repeats for chord in command.keys)
 
-    def pressed(self) -> Iterator[Command]:
-        """The enabled commands whose keys were pressed since the last frame."""
+    def pressed(self, *, is_typing: bool = False) -> Iterator[Command]:
+        """The enabled commands whose keys were pressed since the last frame. is_typing: only the urgent ones."""
         for command in self:
+            if is_typing and not command.is_urgent:
+                continue
             if any(chord.was_pressed(command.repeats) for chord in command.keys) and command.is_enabled():
                 yield command

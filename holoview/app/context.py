@@ -7,7 +7,7 @@ panel: panels import it, and `App` owns both.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from imgui_bundle import hello_imgui, imgui
@@ -30,6 +30,9 @@ from holoview.session.live_score import LiveScore
 from holoview.session.pupil_motion import PupilMotion
 from holoview.session.retinal_curve import RetinalCurves
 from holoview.session.session_store import SessionStore
+
+if TYPE_CHECKING:
+    from holoview.session.rig.rig_session import RigSession
 
 Rect = tuple[float, float, float, float]
 """Left, top, right, bottom in logical pixels of the window."""
@@ -79,6 +82,7 @@ class AppContext:
         self.live_score = LiveScore("score", session, window.wake)
         self.limit_notes = LimitNotes(session)
         self.pupil_motion = PupilMotion(session)
+        self._rig: RigSession | None = None
         self.retinal_curves = RetinalCurves(session)
         remember = store.preferences.add_recent_file if store is not None else lambda path: None
         self.loader = FileLoader(session, remember=remember)
@@ -100,6 +104,20 @@ class AppContext:
             or self.live_psnr.is_busy
             or self.live_score.is_busy
         )
+
+    @property
+    def rig(self) -> RigSession:
+        """The rig of the session, which may not have been opened; `opened_rig` tells whether it has."""
+        if self._rig is None:
+            from holoview.session.rig.rig_session import RigSession  # slow start: most sessions open no rig
+
+            self._rig = RigSession(self.session)
+        return self._rig
+
+    @property
+    def opened_rig(self) -> RigSession | None:
+        """The rig that was opened; None while there is none."""
+        return None if self._rig is None or self._rig.rig is None else self._rig
 
     def attempt(self, edit: Callable[..., Any], *arguments: Any, **keywords: Any) -> None:
         """Calls `edit`; an error becomes a message to the user, and the document stays as it was."""
@@ -134,6 +152,10 @@ class AppContext:
         theme.apply(name)
         if self.store is not None:
             self.attempt(self.store.preferences.set, "theme", name)
+
+    def close_rig(self) -> str:
+        """Switches the lasers off and closes the devices; returns why lasers may be on, or ""."""
+        return "" if self._rig is None else self._rig.close()
 
     def close(self) -> None:
         """Ends the threads of the renderers, the loader and the measurement."""

@@ -35,13 +35,12 @@ class FileRequest:
 class FileDialog:
     """Lists a folder, with a field for a name; a typed path may be in any folder.
 
-    folder: the folder that is listed. name: the content of the field. problem: a sentence for the user, or "".
+    title: of the dialog among the overlays. folder: the folder that is listed. name: the content of the field.
+    problem: a sentence for the user, or "".
     """
 
-    title = "File dialog"
-
-    def __init__(self, session: EditingSession) -> None:
-        self._session = session
+    def __init__(self, session: EditingSession, title: str = "File dialog") -> None:
+        self._session, self.title = session, title
         self._request: FileRequest | None = None
         self._is_new = False
         self.folder = Path.cwd()

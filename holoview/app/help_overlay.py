@@ -64,7 +64,8 @@ class HelpOverlay:
         return sorted(matches, key=lambda c: not c.name.lower().startswith(self.query.lower()))
 
     def _draw_sheet(self) -> None:
-        commands = sorted((c for c in self._commands if c.keys), key=lambda c: c.group)
+        shown = (c for c in self._commands if c.keys and self._commands.of_group(c.group))
+        commands = sorted(shown, key=lambda c: c.group)
         groups = [(name, list(some)) for name, some in groupby(commands, key=lambda c: c.group)]
         columns = 3 if imgui.get_content_region_avail().x > 700 else 2
         if not imgui.begin_table("keys", columns, imgui.TableFlags_.sizing_stretch_same):

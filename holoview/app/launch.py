@@ -30,7 +30,8 @@ class LaunchOptions:
     serve_options: to whom it is served; where that is to look at only, nothing is stored and no session restored.
     is_offscreen: draws without a screen, runs `script` (its text) and writes `screenshot`; script_name names the script
     in errors. until_image: whether the viewer ends when its first image is displayed, and prints that. recovers: id of
-    the process of a viewer that crashed, whose session is opened if it was saved; None for none.
+    the process of a viewer that crashed, whose session is opened if it was saved; None for none. rig: rig.toml of the
+    devices to open; None for none.
     """
 
     system: System
@@ -47,6 +48,7 @@ class LaunchOptions:
     until_image: bool = False
     recovers: int | None = None
     serve_options: ServeOptions = field(default_factory=ServeOptions)
+    rig: Path | None = None
 
 
 IMAGE_DISPLAYED = "the first image is displayed"
@@ -81,13 +83,13 @@ def launch(options: LaunchOptions, startup: Startup, report: Callable[[str], Non
     on_image = partial(print, IMAGE_DISPLAYED, flush=True) if options.until_image else None
     window = (session, device, renderer, options.size)
     if address is not None:
-        run_in_browser(*window, store, names, address, options.serve_options, report)
+        run_in_browser(*window, store, names, address, options.serve_options, report, options.rig)
     elif store is None and on_image is not None:
         run_until_image(*window, on_image)
     elif store is None:
-        run_offscreen(*window, options.script, options.script_name, options.screenshot, names)
+        run_offscreen(*window, options.script, options.script_name, options.screenshot, names, options.rig)
     else:
-        run_on_screen(*window, store, names, on_image)
+        run_on_screen(*window, store, names, on_image, options.rig)
 
 
 def open_session(options: LaunchOptions, store: SessionStore | None) -> tuple[EditingSession, list[str]]:

@@ -9,13 +9,13 @@ from holoview.app.parameter_widgets import tooltip
 from holoview.app.theme import THEMES
 from holoview.model import preset
 
-MENUS = ("File", "Edit", "Image", "Compare", "Focal plane", "Eye", "Lasers", "Speckle", "Optimise", "Help")
+MENUS = ("File", "Edit", "Image", "Compare", "Focal plane", "Eye", "Lasers", "Speckle", "Optimise", "Rig", "Help")
 
 
 def draw_menus(context: AppContext) -> None:
     """Draws all menus; commands of a group without a menu are reached by keys and the command palette."""
     for group in MENUS:
-        commands = [command for command in context.commands if command.group == group]
+        commands = context.commands.of_group(group)
         if not commands or not imgui.begin_menu(group):
             continue
         if group == "File":

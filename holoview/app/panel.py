@@ -25,6 +25,10 @@ class Panel(ABC):
     def set_up(self, context: AppContext) -> None:  # noqa: B027 (most panels have nothing to set up)
         """Called once, before the first frame: adds commands and overlays."""
 
+    def has_changed(self, context: AppContext) -> bool:
+        """Whether it has to be drawn again though nothing has happened, as for a time that it shows."""
+        return False
+
     @abstractmethod
     def draw(self, context: AppContext) -> None:
         """Draws the content of the window; called in every frame in which it is visible."""

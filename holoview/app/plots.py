@@ -27,12 +27,14 @@ def plot(
     legend: int = implot.Location_.north_east,
     *,
     has_flat_legend: bool = False,
+    height_em: float = HEIGHT_EM,
 ) -> Iterator[bool]:
     """A context that draws a plot over the panel's width with fixed ranges; yields whether it is visible.
 
     legend: its place, where there are no data. has_flat_legend: whether its entries stand beside each other.
+    height_em: its height, in heights of the font.
     """
-    size = imgui.ImVec2(-1, HEIGHT_EM * imgui.get_font_size())
+    size = imgui.ImVec2(-1, height_em * imgui.get_font_size())
     is_open = implot.begin_plot(f"##{name}", size, _FLAGS | implot.Flags_.no_inputs)
     try:
         if is_open:

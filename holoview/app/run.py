@@ -15,6 +15,7 @@ from rendercanvas.utils.asyncs import sleep
 from holoview.app.app import App
 from holoview.app.desktop import connect_desktop
 from holoview.app.input_driver import InputDriver
+from holoview.app.panels.rig import open_rig
 from holoview.app.progressive_renderer import ProgressiveRenderer
 from holoview.app.script import run_script, screenshot, wait_until_idle
 from holoview.app.serve import Address, ServeOptions, serve
@@ -68,10 +69,12 @@ def run_offscreen(
     where: str = "script",
     picture: Path | None = None,
     names: Sequence[str] = (),
+    rig: Path | None = None,
 ) -> None:
     """Draws an off-screen window of `size` (x, y) pixels, opens `names`, runs a script and writes a screenshot.
 
-    where: names the script in errors. picture: the path of the screenshot; None for none.
+    where: names the script in errors. picture: the path of the screenshot; None for none. rig: rig.toml of the devices
+    to open. Raises UserError also where the lasers of these may be on at the end.
     """
     from rendercanvas.offscreen import OffscreenRenderCanvas
 
@@ -81,6 +84,8 @@ def run_offscreen(
         driver.draw_frames(3)
         if names:
             app.context.loader.open(list(names))
+        if rig is not None:
+            open_rig(app.context, rig)
         wait_until_idle(driver)
         run_script(driver, script, where)
         if picture is not None:
@@ -88,6 +93,8 @@ def run_offscreen(
             screenshot(driver, picture)
     finally:
         app.close()
+    if app.danger:
+        raise UserError("rig", app.danger)
 
 
 def run_on_screen(
@@ -98,10 +105,11 @@ def run_on_screen(
     store: SessionStore,
     names: Sequence[str] = (),
     on_image: Callable[[], None] | None = None,
+    rig: Path | None = None,
 ) -> None:
     """Runs a window until it is closed, or with `on_image` until it shows an image. Raises UserError without a screen.
 
-    on_image: called when the first image is displayed.
+    on_image: called when the first image is displayed. rig: rig.toml of the devices to open.
     """
     try:  # here: glfw can't be imported on a machine without its libraries
         import glfw
@@ -111,7 +119,7 @@ def run_on_screen(
     if not glfw.init():
         raise _no_screen(None)
     canvas = RenderCanvas(size=size, title=_TITLE, max_fps=60)
-    app = open_app(session, device, canvas, store, names, renderer)
+    app = open_app(session, device, canvas, store, names, renderer, rig=rig)
     connect_desktop(app.context, glfw, canvas._window)
     if on_image is not None:
         loop.add_task(_close_after_image, app, on_image, name="until image")
@@ -128,15 +136,16 @@ def run_in_browser(
     address: Address,
     options: ServeOptions,
     began: Callable[[str], None],
+    rig: Path | None = None,
 ) -> None:
     """Serves the viewer to a browser until it is interrupted; `began` is called with the address.
 
-    store: None where the viewer is served to look at only.
+    store: None where the viewer is served to look at only. rig: rig.toml of the devices to open.
     """
     from holoview.app.served_canvas import ServedCanvas, loop
 
     canvas = ServedCanvas(size=size, title=_TITLE, max_fps=30)
-    app = open_app(session, device, canvas, store, names, renderer, is_read_only=options.is_read_only)
+    app = open_app(session, device, canvas, store, names, renderer, options.is_read_only, rig)
     _run_loop(app, store, loop, lambda: serve(address, began, canvas.get_closed, options=options))
 
 
@@ -148,18 +157,21 @@ def open_app(
     names: Sequence[str],
     renderer: ProgressiveRenderer | None = None,
     is_read_only: bool = False,
+    rig: Path | None = None,
 ) -> App:
     """The viewer with the user's preferences, opening `names`; a user who hasn't seen the tour gets it or a hint.
 
     The tour is of the example; who begins with something else is told where help is. store: None where nothing is
-    stored, nor the tour remembered. is_read_only: see `App`.
+    stored, nor the tour remembered. is_read_only: see `App`. rig: rig.toml of devices to open, without the tour.
     """
     app = App(
         session, device, canvas, store=store, tunes=not is_read_only, renderer=renderer, is_read_only=is_read_only
     )
     if names:
         app.context.attempt(app.context.loader.open, list(names))
-    if store is None or app.tour.was_seen:
+    if rig is not None:
+        app.context.attempt(open_rig, app.context, rig)
+    if store is None or app.tour.was_seen or rig is not None:
         return app
     if shows_example(session) and not names:
         app.tour.start()
@@ -194,6 +206,8 @@ def _run_loop(app: App, store: SessionStore | None, loop: Any, run: Callable[[],
         raise failed
     if isinstance(failed, UserError):
         raise UserError(failed.where, failed.found, remedy="start again: your work is saved and will be offered")
+    if app.danger:
+        raise UserError("rig", app.danger)
     if unsaved is not None:
         raise _unsaved_error(app.session, unsaved)
     if interruption.signal not in (0, signal.SIGINT):

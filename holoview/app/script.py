@@ -10,13 +10,14 @@ type 550                     text, into what has the focus
 click image 0.5 0.5          a marked item, and where in it; 0.5 0.5 if absent
 drag image 0.2 0.2 0.8 0.8   from there to there
 wheel image 0.5 0.5 2        the wheel, by notches
-wait                         until everything is computed and all jobs have ended
+wait                         until everything is computed, all jobs have ended, and a rig has obeyed
 screenshot FILE.png          the whole window
 """
 
 from __future__ import annotations
 
 import shlex
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from holoview.util.data_text import parse_toml_value
 from holoview.util.errors import UserError, suggest_matches
 
 _TIMEOUT_S = 600.0
+_POLL_S = 0.02
 
 
 def run_script(driver: InputDriver, text: str, where: str = "script") -> None:
@@ -71,7 +73,18 @@ def wait_until_idle(driver: InputDriver) -> None:
     driver.draw_until_idle(_TIMEOUT_S)
     if not driver.app.session.wait_until_idle(_TIMEOUT_S):
         raise UserError("wait", f"jobs still run after {_TIMEOUT_S:g} s")
+    _wait_for_rig(driver)
     driver.draw_until_idle(_TIMEOUT_S)
+
+
+def _wait_for_rig(driver: InputDriver) -> None:
+    """Draws until the devices of a rig have done what they were asked for, and the picture is of that."""
+    until = time.monotonic() + _TIMEOUT_S
+    while (rig := driver.context.opened_rig) is not None and rig.is_busy:
+        if time.monotonic() > until:
+            raise UserError("wait", rig.waiting or "the rig is busy")
+        time.sleep(_POLL_S)
+        driver.draw_frames()
 
 
 def screenshot(driver: InputDriver, path: Path) -> None:

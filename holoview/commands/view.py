@@ -34,6 +34,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help=f"a preset, a hologram file, pattern PNGs or a picture to show; a hologram for {_PRESET} if absent",
     )
     add_changes(parser)
+    add_input(
+        parser, "--rig", metavar="RIG.toml", type=Path, help="opens the devices of a rig; its bench, if none is named"
+    )
     parser.add_argument("--size", default="1280x800", metavar="WxH", help="of the window, in pixels")
     parser.add_argument("--adapter", metavar="NAME", help="part of the name of the WebGPU adapter to use")
     parser.add_argument("--new", action="store_true", help="begin anew instead of with the last session")
@@ -97,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
         names=names,
         size=size,
         adapter=args.adapter,
-        restores=not (args.new or args.random or args.names or args.changes or args.scheme),
+        restores=not (args.new or args.random or args.names or args.changes or args.scheme or args.rig),
         serve=args.serve,
         is_offscreen=args.offscreen,
         script=script,
@@ -106,6 +109,7 @@ def run(args: argparse.Namespace) -> int:
         until_image=args.until_image,
         recovers=args.recover,
         serve_options=serve_options,
+        rig=args.rig,
     )
     try:
         launch(options, startup, print_stderr)
@@ -144,11 +148,16 @@ def _serve_options(args: argparse.Namespace) -> ServeOptions:
 
 
 def _system(args: argparse.Namespace) -> System:
-    """The system to open: the preset among the names, else the default one, with the changes of the options."""
+    """The system to open: the preset among the names, else the rig's or the default one, with the options' changes."""
     presets = [name for name in args.names if _is_preset(name)]
     if len(presets) > 1:
         raise UserError(presets[1], "a second preset", expected="one preset", remedy="choose others in the window")
-    system = preset.load(presets[0] if presets else _PRESET)
+    if args.rig is not None and not args.names:
+        from holoview.session.rig.rig_bench import read_rig_system  # slow start: only a rig needs it
+
+        system = read_rig_system(args.rig)
+    else:
+        system = preset.load(presets[0] if presets else _PRESET)
     return with_changes(system if args.scheme is None else with_scheme(system, args.scheme), args.changes)
 
 

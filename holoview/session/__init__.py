@@ -37,4 +37,5 @@ autosave              saves a session whenever it changes
 session_store         finds and restores saved sessions
 preferences           the user's preferences and recent files
 export                writes images, animations, figures and holograms
+rig                   a rig: live pictures beside their prediction, captures, plans, diagnosis
 """

@@ -47,6 +47,11 @@ class JobControl:
         if self._is_cancelled.is_set():
             raise Cancelled
 
+    @property
+    def is_cancelled(self) -> bool:
+        """Whether the job was cancelled."""
+        return self._is_cancelled.is_set()
+
     def sleep(self, seconds: float) -> None:
         """Waits for some time, or until the job is cancelled. Raises Cancelled then."""
         self._is_cancelled.wait(seconds)

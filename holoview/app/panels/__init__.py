@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from holoview.app.panel import Panel
 from holoview.app.panels.bench import BenchPanel
+from holoview.app.panels.camera import CameraPanel
 from holoview.app.panels.effects import EffectsPanel
 from holoview.app.panels.eye import EyePanel
 from holoview.app.panels.files import FilesPanel
@@ -13,6 +14,8 @@ from holoview.app.panels.history import HistoryPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.lasers import LasersPanel
 from holoview.app.panels.optimise import OptimisePanel
+from holoview.app.panels.rig import RigPanel
+from holoview.app.panels.rig_diagnosis import RigDiagnosisPanel
 from holoview.app.panels.speckle import SpecklePanel
 from holoview.app.panels.view_settings import ViewPanel
 
@@ -29,4 +32,7 @@ ALL: tuple[type[Panel], ...] = (
     FilesPanel,
     HistoryPanel,
     FocusPanel,
+    RigPanel,
+    CameraPanel,
+    RigDiagnosisPanel,
 )

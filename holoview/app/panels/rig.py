@@ -1,0 +1,98 @@
+"""The panel that controls a rig: lasers with a big switch that turns them off, patterns, camera, stage, captures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imgui_bundle import imgui
+
+from holoview.app.context import AppContext
+from holoview.app.file_dialog import FileDialog, FileRequest
+from holoview.app.panel import Panel
+
+if TYPE_CHECKING:
+    from holoview.app.rig.controls import RigControls
+
+_GROUP = "Rig"
+_PANELS = ("Rig", "Rig diagnosis", "Camera")
+
+
+class RigPanel(Panel):
+    """Controls the devices of a rig; in a viewer to look at, it only shows what they do."""
+
+    title = "Rig"
+    dock = "Left"
+    starts_open = False
+
+    def __init__(self) -> None:
+        self._controls: RigControls | None = None
+        self._drawn = ("", "")
+
+    def set_up(self, context: AppContext) -> None:
+        """Adds the commands, which a viewer to look at doesn't have."""
+        self.dialog = FileDialog(context.session, "Rig files")
+        context.overlays.append(self.dialog)
+        if not context.is_read_only:
+            context.commands.add(
+                "Open a rig…", lambda: self._ask_rig(context), "File", help="The devices of a bench: rig.toml."
+            )
+            self._add_commands(context)
+
+    def _add_commands(self, context: AppContext) -> None:
+        add, is_there = context.commands.add, lambda: context.opened_rig is not None
+        add(
+            "Lasers off",
+            lambda: context.rig.lasers_off(),
+            _GROUP,
+            "F9",
+            "All lasers, at once, whatever the devices do; ends a plan.",
+            is_enabled=is_there,
+            is_urgent=True,
+        )
+        for name, action, keys, help in (
+            ("Take a capture", lambda: self.controls.captures.take(context), "F8", "As the devices are set."),
+            ("Send the viewer's pattern", lambda: self.controls.patterns.send_drive(context), "F7", "In its levels."),
+            ("Live camera", lambda: context.rig.set_live(not context.rig.is_live), "", "Pictures all the time."),
+            ("Run the default plan", lambda: context.rig.run_plan(None), "", "Captures of every laser and plane."),
+            ("Diagnose the captures", lambda: context.rig.diagnose(), "", "What is wrong with the bench."),
+            ("Bench of the rig", lambda: self.controls.patterns.take_bench(context), "", "The viewer shows it."),
+            ("Connect again", lambda: context.rig.reconnect(), "", "Closes and opens the devices, lasers off."),
+            ("Close the rig", lambda: context.rig.close_rig(), "", "Lasers off, devices closed."),
+        ):
+            add(name, action, _GROUP, keys, help, is_enabled=is_there)
+
+    @property
+    def controls(self) -> RigControls:
+        """What is shown of an open rig, and its choices."""
+        if self._controls is None:
+            from holoview.app.rig.controls import RigControls  # slow start: most sessions open no rig
+
+            self._controls = RigControls(self.dialog)
+        return self._controls
+
+    def has_changed(self, context: AppContext) -> bool:
+        """Whether the time that has been waited for a device has, or what is said of the lasers."""
+        rig = context.opened_rig
+        return rig is not None and self._drawn != (rig.waiting, rig.off_problem)
+
+    def draw(self, context: AppContext) -> None:
+        """Draws the controls, or how a rig is opened."""
+        rig = context.opened_rig
+        if rig is not None:
+            self._drawn = (rig.waiting, rig.off_problem)
+            self.controls.draw(context, rig)
+            return
+        imgui.text_wrapped("No rig is open. A rig is a bench whose devices rig.toml describes.")
+        if not context.is_read_only and imgui.button("Open a rig…##rig", imgui.ImVec2(-1, 0)):
+            self._ask_rig(context)
+
+    def _ask_rig(self, context: AppContext) -> None:
+        self.dialog.ask(FileRequest("Open a rig", (".toml",), lambda path: open_rig(context, path)))
+
+
+def open_rig(context: AppContext, path: Path) -> None:
+    """Opens a rig and shows its panels. Raises UserError for a wrong description."""
+    context.rig.open(path)
+    for title in _PANELS:
+        context.show_panel(title)

@@ -1,0 +1,68 @@
+"""The diagnosis that follows a rig's captures: verdict, causes with intervals, what looks alike."""
+
+from __future__ import annotations
+
+from imgui_bundle import imgui
+
+from holoview.app import theme
+from holoview.app.context import AppContext
+from holoview.app.parameter_widgets import tooltip
+from holoview.diagnose.diagnosis import Diagnosis
+from holoview.session.rig.live_diagnosis import FIRST, cause_text
+from holoview.session.rig.rig_session import RigSession
+
+_TIMES_S = (5.0, 600.0)
+
+
+def draw_live_diagnosis(context: AppContext, rig: RigSession) -> None:
+    """Draws the controls, the progress, and the last diagnosis."""
+    live, count = rig.diagnosis, len(rig.captures)
+    imgui.begin_disabled(context.is_read_only)
+    _, live.is_on = imgui.checkbox("by itself", live.is_on)
+    tooltip("Begins after a few captures, and again when there are more.")
+    imgui.same_line()
+    imgui.set_next_item_width(5 * imgui.get_font_size())
+    _, seconds = imgui.input_float("s at most", live.time_s, 0.0, 0.0, "%.0f")
+    live.time_s = min(max(seconds, _TIMES_S[0]), _TIMES_S[1])
+    imgui.same_line()
+    imgui.begin_disabled(count == 0)
+    if imgui.button("Now", imgui.ImVec2(-1, 0)):
+        context.attempt(rig.diagnose)
+    context.record_item_rect("diagnose now")
+    imgui.end_disabled()
+    job = live.job
+    if job is not None:
+        imgui.progress_bar(job.fraction, imgui.ImVec2(-1, 0), job.note)
+        if live.so_far:
+            imgui.text_wrapped(f"so far: {live.so_far}")
+        if imgui.button("Cancel##diagnosis"):
+            live.cancel()
+    imgui.end_disabled()
+    if live.diagnosis is not None:
+        _draw_diagnosis(live.diagnosis, live.count, count)
+    elif job is None:
+        imgui.text_wrapped(f"It begins with {FIRST} captures; there are {count}.")
+
+
+def _draw_diagnosis(found: Diagnosis, of: int, count: int) -> None:
+    """The verdict, quality before and after, causes, and notes. of: captures that it knew; count: those there are."""
+    imgui.separator_text(f"of {of} captures" + (f"; {count - of} came since" if count > of else ""))
+    imgui.text(str(found.verdict))
+    before, after = found.before.chi2_per_pixel, found.after.chi2_per_pixel
+    imgui.text_disabled(f"χ²/n {before:.3g} → {after:.3g} (noise: 1)")
+    for cause in found.causes:
+        text = cause_text(cause)
+        imgui.push_style_color(imgui.Col_.text, theme.ACCENT)
+        imgui.text_wrapped(text.sentence)
+        imgui.pop_style_color()
+        for line in text.intervals:
+            imgui.bullet()
+            imgui.text_wrapped(line)
+        for line in text.doubts:
+            imgui.push_style_color(imgui.Col_.text, imgui.get_style_color_vec4(imgui.Col_.text_disabled))
+            imgui.text_wrapped(line)
+            imgui.pop_style_color()
+    for rival in found.rivals:
+        imgui.text_wrapped(f"can't be excluded: {' and '.join(rival)}")
+    for bad in found.bad_captures:
+        imgui.text_wrapped(f"left out: capture {bad.index}, {bad.why}")
