@@ -158,7 +158,9 @@ class App:
         raise UserError("viewer", f"the image wasn't ready in {timeout_s:g} s", remedy="choose a smaller bench")
 
     def close(self) -> None:
-        """Switches the lasers of a rig off, ends the session's jobs and threads, and closes the window."""
+        """Switches the lasers of a rig off, ends the session's jobs and threads, closes the window; twice is once."""
+        if self.window.closed:
+            return
         self._stop_listening()
         self.danger = self.context.close_rig()
         self.context.close()

@@ -37,8 +37,8 @@ from holoview.model.effects.effect import Effect
 from holoview.model.effects.registry import load_user_effects
 from holoview.model.system import System
 from holoview.report.figure import require_matplotlib
-from holoview.rig.placement import read_placement
 from holoview.rig.adaptive.closed_loop import LoopResult
+from holoview.rig.placement import read_placement
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file

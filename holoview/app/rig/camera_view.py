@@ -14,10 +14,8 @@ from holoview.session.rig.rig_session import MODELS
 _SPANS = (3.0, 5.0, 10.0, 30.0, 100.0)
 _TIPS = {
     "show": "Difference: camera − prediction, in standard deviations of the noise. Blue: too dark, red: too bright.",
-    "predicted by": "rig.toml: the nominal bench. The viewer's bench: with its gap, stops and effects. As diagnosed: "
-    "the nominal bench with what the last diagnosis found.",
-    "χ²/n": "Mean squared difference in σ, with the brightness fitted; noise alone gives 1. Saturated pixels and the "
-    "picture's border are left out.",
+    "predicted by": "rig.toml: the nominal bench. The viewer's bench: with its gap, stops and effects. The "
+    "diagnosis: the nominal bench with what the last diagnosis found.",
 }
 
 
@@ -88,7 +86,7 @@ class CameraView:
         """Values of the pixel under the pointer, else a hint."""
         view, area = context.rig.view, picture.area
         if view.picture is None or area is None or not imgui.is_item_hovered():
-            return context.rig.waiting or _TIPS["χ²/n"].split(";")[0]
+            return context.rig.waiting or "χ²/n: mean squared difference in σ; noise alone gives 1"
         scale, at = imgui.get_io().display_framebuffer_scale.x, imgui.get_io().mouse_pos
         x, y = (at.x - corner.x) * scale, (at.y - corner.y) * scale
         is_pair = picture.view_settings.compare == "side-by-side" and view.prediction is not None

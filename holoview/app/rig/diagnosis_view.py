@@ -8,7 +8,7 @@ from holoview.app import theme
 from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
 from holoview.diagnose.diagnosis import Diagnosis
-from holoview.session.rig.live_diagnosis import FIRST, cause_text
+from holoview.session.rig.live_diagnosis import FIRST, MOST, cause_text
 from holoview.session.rig.rig_session import RigSession
 
 _TIMES_S = (5.0, 600.0)
@@ -19,7 +19,7 @@ def draw_live_diagnosis(context: AppContext, rig: RigSession) -> None:
     live, count = rig.diagnosis, len(rig.captures)
     imgui.begin_disabled(context.is_read_only)
     _, live.is_on = imgui.checkbox("by itself", live.is_on)
-    tooltip("Begins after a few captures, and again when there are more.")
+    tooltip(f"Begins after a few captures, and again when there are more, with at most {MOST} of them.")
     imgui.same_line()
     imgui.set_next_item_width(5 * imgui.get_font_size())
     _, seconds = imgui.input_float("s at most", live.time_s, 0.0, 0.0, "%.0f")
@@ -29,6 +29,7 @@ def draw_live_diagnosis(context: AppContext, rig: RigSession) -> None:
     if imgui.button("Now", imgui.ImVec2(-1, 0)):
         context.attempt(rig.diagnose)
     context.record_item_rect("diagnose now")
+    tooltip("With all captures; more of them take longer.")
     imgui.end_disabled()
     job = live.job
     if job is not None:
@@ -39,14 +40,15 @@ def draw_live_diagnosis(context: AppContext, rig: RigSession) -> None:
             live.cancel()
     imgui.end_disabled()
     if live.diagnosis is not None:
-        _draw_diagnosis(live.diagnosis, live.count, count)
+        _draw_diagnosis(live.diagnosis, live.seen, count)
     elif job is None:
         imgui.text_wrapped(f"It begins with {FIRST} captures; there are {count}.")
 
 
-def _draw_diagnosis(found: Diagnosis, of: int, count: int) -> None:
-    """The verdict, quality before and after, causes, and notes. of: captures that it knew; count: those there are."""
-    imgui.separator_text(f"of {of} captures" + (f"; {count - of} came since" if count > of else ""))
+def _draw_diagnosis(found: Diagnosis, seen: int, count: int) -> None:
+    """The verdict, quality before and after, and causes. seen: captures there were; count: those there are."""
+    of_all = f"{found.captures} captures" if found.captures == seen else f"{found.captures} of {seen} captures"
+    imgui.separator_text(of_all + (f"; {count - seen} came since" if count > seen else ""))
     imgui.text(str(found.verdict))
     before, after = found.before.chi2_per_pixel, found.after.chi2_per_pixel
     imgui.text_disabled(f"χ²/n {before:.3g} → {after:.3g} (noise: 1)")

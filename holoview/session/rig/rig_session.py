@@ -24,7 +24,7 @@ from holoview.session.rig.taken_captures import TakenCaptures
 from holoview.util.errors import UserError
 
 _PLAN = "Plan"
-MODELS = ("rig.toml", "the viewer's bench", "as diagnosed")
+MODELS = ("rig.toml", "the viewer's bench", "the diagnosis")
 """What pictures can be predicted with: the nominal bench, the document's with its effects, the nominal one as found."""
 
 
