@@ -8,11 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from holoview.captures.dataset import Captures
+from holoview.captures.dataset import Captures, join_captures
 from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.formatting import format_value
 from holoview.diagnose.pipeline import diagnose
-from holoview.rig.measure.capture_store import join_captures
 from holoview.session.editing_session import EditingSession
 from holoview.session.jobs import BackgroundJob, JobControl
 

@@ -6,8 +6,7 @@ import shutil
 from pathlib import Path
 
 from holoview.captures.capture_file import write_captures
-from holoview.captures.dataset import Captures
-from holoview.rig.measure.capture_store import join_captures
+from holoview.captures.dataset import Captures, join_captures
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
 
