@@ -63,8 +63,8 @@ def _measure(rig: RigDescription, plan: CapturePlan, store: CaptureStore) -> Non
         with open_rig(rig) as devices, progress_bar("measuring") as report:
             MeasurementSession(rig, devices, print_stderr).run(plan, store, report)
     except (UserError, KeyboardInterrupt):
-        count = len(plan.requests) - len(store.missing)
-        print_stderr(f"{count} of {len(plan.requests)} captures are in {store.folder}; the same command goes on")
+        where = f"captures are in {store.folder}; the same command goes on"
+        print_stderr(f"{store.written} of {len(plan.requests)} {where}")
         raise
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.util.errors import UserError
+from holoview.util.signals import Interrupted, Interruption, handled_signals
 
 Levels = NDArray[np.unsignedinteger]
 Counts = NDArray[np.uint16]
@@ -123,7 +124,21 @@ class Devices:
             parts: tuple[Any, ...] = (*self.modulators, self.camera, self.stage, self.lasers)
             for device in parts:
                 stack.callback(device.close)
-            stack.callback(self.lasers.switch_off)  # last in, first out
+            stack.callback(self._switch_lasers_off)  # last in, first out
+
+    def _switch_lasers_off(self) -> None:
+        """Before a signal that comes meanwhile ends the program; a second one does so at once."""
+        asked = Interruption()
+
+        def handle(number: int) -> None:
+            if asked():
+                raise Interrupted(number)
+            asked.ask(number)
+
+        with handled_signals(handle):
+            self.lasers.switch_off()
+        if asked():
+            raise Interrupted(asked.signal)
 
 
 def call_device(name: str, action: str, remedy: str, call: Callable[[], Any]) -> Any:

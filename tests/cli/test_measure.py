@@ -84,7 +84,7 @@ def test_a_device_that_fails_ends_with_one_line_and_the_way_on(holoview: Run, hi
     outcome = holoview(*MEASURE)
     last = outcome.err.splitlines()
     assert outcome.code == 2 and last[-2] == "0 of 6 captures are in X.h5.captures; the same command goes on"
-    assert last[-1].startswith("holoview: camera: camera: no picture within 1 s, 4 times in a row; check its cable")
+    assert last[-1].startswith("holoview: camera: no picture within 1 s, 4 times in a row; check its cable")
     assert (tmp_path / "lasers.txt").read_text(encoding="utf-8").splitlines()[-1] == "off"
 
 

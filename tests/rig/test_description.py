@@ -31,6 +31,13 @@ def test_lasers_are_sorted_and_the_name_is_that_of_the_file_by_default(make_rig:
     assert rig.limits.stage_m == (1e-3, 2e-3)
 
 
+def test_settling_that_is_to_be_measured_is_waited_for_long_until_then(make_rig: MakeRig) -> None:
+    rig = make_rig({"slm1.settle": "auto", "slm2.settle": 0.2})
+    first, second = rig.devices["slm1"], rig.devices["slm2"]
+    assert first.measures_settling and first.options["settle"] == 0.5
+    assert not second.measures_settling and second.options["settle"] == 0.2
+
+
 def test_one_modulator_is_enough(make_rig: MakeRig) -> None:
     rig = make_rig({"slm2": None, "geometry.gap": None, "geometry.iris1_na": None})
     assert len(rig.bench.slms) == 1 and "slm2" not in rig.devices
@@ -77,6 +84,8 @@ def test_what_is_missing_is_named(make_rig: MakeRig, key: str) -> None:
         ("limits.exposure", [0.0, 0.1], "limits.exposure", "greater than 0"),
         ("limits.power", -1.0, "limits.power", "at least 0"),
         ("limits.power", 0.0, "limits.power", "greater than 0"),
+        ("slm1.settle", "slow", "slm1.settle", "is not a number"),
+        ("slm1.settle", -0.1, "slm1.settle", "out of range"),
         ("slm1.num_levels", 1, "slm1 attribute num_levels", "2 to 65536"),
         ("slm1.pitch", "8 mm", "slm1 attribute pitch", "8e-6"),
         ("camera.bit_depth", 20, "camera attribute bit_depth", "1 to 16"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -105,6 +106,26 @@ def test_a_device_that_cant_be_closed_keeps_no_other_one_open() -> None:
     with pytest.raises(DeviceError, match="can't be closed"), _devices(lasers=lasers, stage=stage, camera=camera):
         pass
     assert lasers.asked == ["off", "close"] and stage.asked == ["close"] and camera.asked == ["close"]
+
+
+@pytest.mark.parametrize(("signals", "asked"), [(0, ["off"]), (1, ["off"]), (2, [])])
+def test_an_impatient_second_interrupt_comes_after_the_lasers_are_off(signals: int, asked: list[str]) -> None:
+    """Not so a third one, for a laser that doesn't answer."""
+
+    class Slow(Recorder):
+        def switch_off(self) -> None:
+            for _ in range(signals):
+                signal.raise_signal(signal.SIGINT)
+            super().switch_off()
+
+    lasers, stage = Slow(), Recorder()
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt), _devices(lasers=lasers, stage=stage):
+            raise KeyboardInterrupt
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert lasers.asked == [*asked, "close"] and stage.asked == ["close"]
 
 
 def test_what_a_library_raises_names_the_device_and_a_remedy() -> None:

@@ -6,8 +6,6 @@
     class = "MyLasers"
     arguments = { address = 7 }     # of the class; modulators take `settle` too, in place of the class's settle_s
 
-A modulator's `settle` in rig.toml, in s, stands before its own `settle_s`.
-
 The class has the methods and attributes of the device's protocol in `rig.devices`; what it raises is reported as the
 device's failure. It needs nothing of holoview.
 """

@@ -84,6 +84,11 @@ class CaptureStore:
         """Numbers of the captures that aren't on the disk, ascending."""
         return [k for k in range(self._count) if k not in self._exposures]
 
+    @property
+    def written(self) -> int:
+        """How many captures are on the disk, also one that was written while an interruption came."""
+        return sum(self._file(k).exists() for k in range(self._count))
+
     def add(self, number: int, capture: Captures) -> None:
         """Writes one capture, a session of one."""
         write_captures(self._file(number), capture, check_settings)

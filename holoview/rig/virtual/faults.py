@@ -76,7 +76,7 @@ class FaultInjector:
         fault = next((name for name in PICTURE_FAULTS if self._happens(name)), None)
         if fault == "timeout":
             answer(Message({"do": "wait", "seconds": _TIMEOUT_S}))
-            return Message({"error": f"camera: no picture within {_TIMEOUT_S:g} s"})
+            return Message({"error": f"no picture within {_TIMEOUT_S:g} s"})
         self._before = self._spoilt(found.array, fault)
         return Message(found.table, self._before)
 

@@ -197,6 +197,19 @@ def test_the_forecast_of_time_is_near_what_the_bench_takes(make_rig: MakeRig, tm
     assert took / 2 < make_forecast(rig, plan, range(len(plan.requests))).bench_s < took * 2
 
 
+def test_a_fourier_bench_is_measured_and_its_settling_too(make_rig: MakeRig, tmp_path: Path) -> None:
+    changes: dict[str, Any] = {"slm2": None, "geometry": {"focal_length": "50 mm"}, "stage.range": ["-2 mm", "2 mm"]}
+    rig = make_rig({**changes, "slm1.settle": "auto", "virtual.settle": 0.03})
+    plan = CapturePlan(default_plan(rig).requests[6:10])
+    store = _store(plan, tmp_path)
+    with direct_devices(rig) as devices:
+        assert MeasurementSession(rig, devices).run(plan, store, _ignore)
+    captures = store.finish()
+    assert captures.is_fourier and len(captures) == 4
+    found = read_bench_record(tmp_path / "X.h5").settling["slm1"]
+    assert found.constant_s == pytest.approx(0.03, rel=0.02, abs=5 * found.deviation_s)
+
+
 def test_patterns_are_levels_and_never_changed(make_rig: MakeRig) -> None:
     """What is sent is what is stored."""
     rig = make_rig()
