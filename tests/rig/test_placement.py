@@ -93,5 +93,6 @@ def test_placed_devices_turn_crop_and_go_to_distances(tmp_path: Path) -> None:
     pattern[3, 7] = 9
     for modulator in placed.modulators:
         modulator.show(pattern)
-    assert np.array_equal(bench._shown[0].levels, pattern)
-    assert np.array_equal(np.rot90(bench._shown[1].levels), pattern)
+    bench.wait(1.0)
+    assert np.array_equal(bench.levels_now(0), pattern)
+    assert np.array_equal(np.rot90(bench.levels_now(1)), pattern)

@@ -41,6 +41,7 @@ def test_a_hidden_placement_is_found(kind: str, tmp_path: Path) -> None:
     check(draw(kind, 1, (40, 48)), tmp_path)
 
 
+@pytest.mark.slow
 def test_a_pitch_that_is_three_per_cent_off_is_found(tmp_path: Path) -> None:
     check(Hidden("one", (40, 40), magnification=0.03), tmp_path)
 
