@@ -3,7 +3,7 @@
     python -m benchmarks.rig_adaptive --first 0 --count 12 -o out/rig_adaptive.jsonl
     python -m benchmarks.rig_adaptive --summary out/rig_adaptive.jsonl
 
-Each bench is drawn from a seed and runs in a process of its own, from which counts alone come. It is measured by the
+Each bench is drawn from a seed and sealed behind the devices, from which counts alone come. It is measured by the
 closed loop (`informed`), by captures drawn as the loop's proposals are (`random`), and by the default plan of
 `holoview measure` in its order (`fixed`). All end by the same rule: the posterior probability of the leader reaches
 0.99, and the diagnosis of the captures is sure of the same causes. Kinds: one effect (single), two (pair), effects
@@ -32,8 +32,8 @@ from holoview.model.effects.registry import get_effect
 from holoview.rig.adaptive.closed_loop import ClosedLoop, LoopSettings
 from holoview.rig.adaptive.planners import FixedPlanner, InformedPlanner, Planner, RandomPlanner
 from holoview.rig.description import RigDescription, read_rig
-from holoview.rig.open_rig import open_rig
 from tests.diagnose.effect_sampling import sample_effect
+from tests.rig.adaptive.benches import BenchInProcess
 
 CANDIDATES = (
     "ambient",
@@ -47,9 +47,9 @@ CANDIDATES = (
     "wavelength_offset",
 )
 ALIKE = ("gap", "distance", "wavelength_offset", "stage", "dispersion")
-SIZES = (0.03, 0.1, 0.3, 0.7)  # of the edge of the range that a diagnosis scans
+SIZES = (0.01, 0.03, 0.1)  # of the edge of the range that a diagnosis scans
 PLANNERS = ("informed", "random", "fixed")
-MAX_CAPTURES, MAX_FIELDS = 24, 1200
+MAX_CAPTURES, MAX_FIELDS = 20, 1200
 BENCH = """
 [slm1]
 device = "virtual"
@@ -106,7 +106,7 @@ def draw_case(seed: int) -> dict[str, Any]:
 
 
 def make_rig(case: dict[str, Any], folder: Path) -> RigDescription:
-    """The rig of a case, with what is hidden in a file that the bench's process alone reads."""
+    """The rig of a case, with what is hidden in a file that the bench alone reads."""
     ends = '["5 mm", "5 mm"]' if case["one_plane"] else '["0 mm", "10 mm"]'
     hidden = {"seed": case["seed"], "settle": 0.005, "prnu": 0.005, "effects": case["truth"]}
     (folder / "hidden.toml").write_text(tomli_w.dumps(hidden), encoding="utf-8")
@@ -126,8 +126,8 @@ def run_case(case: dict[str, Any], name: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         rig = make_rig(case, Path(folder))
         planner: Planner = planners[name](rig)
-        with open_rig(rig) as devices:
-            effects = [get_effect(effect) for effect in CANDIDATES]
+        effects = [get_effect(effect) for effect in CANDIDATES]
+        with BenchInProcess(rig).devices() as devices:
             result = ClosedLoop(rig, devices, effects, planner, settings, free_maps=False).run()
             seconds = devices.clock.now()
     named = sorted(result.diagnosis.values)
