@@ -52,7 +52,12 @@ class RigPanel(Panel):
         )
         for name, action, keys, help in (
             ("Take a capture", lambda: self.controls.captures.take(context), "F8", "As the devices are set."),
-            ("Send the viewer's pattern", lambda: self.controls.patterns.send_drive(context), "F7", "In its levels."),
+            (
+                "Send the viewer's pattern",
+                lambda: self.controls.patterns.send_drive(context),
+                "F7",
+                "To the modulators, in their levels.",
+            ),
             ("Live camera", lambda: context.rig.set_live(not context.rig.is_live), "", "Pictures all the time."),
             ("Run the default plan", lambda: context.rig.run_plan(None), "", "Captures of every laser and plane."),
             ("Diagnose the captures", lambda: context.rig.diagnose(), "", "What is wrong with the bench."),
