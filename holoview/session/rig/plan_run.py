@@ -33,10 +33,16 @@ class PlannedRun:
 
 
 class PlanRun:
-    """A run of a plan. on_capture: called on the devices' thread with each capture that is on the disk."""
+    """A run of a plan.
 
-    def __init__(self, rig: RigDescription, run: PlannedRun, on_capture: Callable[[Captures], None]) -> None:
-        self._rig, self._run, self._on_capture = rig, run, on_capture
+    on_capture: called on the devices' thread with each capture that is on the disk. tell: there, with what the user
+    should know at once.
+    """
+
+    def __init__(
+        self, rig: RigDescription, run: PlannedRun, on_capture: Callable[[Captures], None], tell: Callable[[str], None]
+    ) -> None:
+        self._rig, self._run, self._on_capture, self._tell = rig, run, on_capture, tell
         self._control: JobControl | None = None
         self._ended, self._is_complete = Event(), False
 
@@ -54,7 +60,7 @@ class PlanRun:
             store = _HandingStore(self._run, self._rig, self._on_capture)
             store.open()
             try:
-                session = MeasurementSession(self._rig, devices)
+                session = MeasurementSession(self._rig, devices, self._tell)
                 is_complete = session.run(self._run.plan, store, self._report, self._is_cancelled)
             finally:
                 devices.lasers.switch_off()

@@ -65,7 +65,7 @@ class RigSession(RigDevices):
         pattern = state.pattern
 
         def take(devices: Devices) -> Captures:
-            capture = MeasurementSession(rig, devices).take(request, pattern.levels)
+            capture = MeasurementSession(rig, devices, self._tell).take(request, pattern.levels)
             store.write(capture)
             return capture
 
@@ -93,7 +93,9 @@ class RigSession(RigDevices):
         name = f"{rig.path.stem}-{time.strftime('%Y%m%d-%H%M%S')}.h5"
         planned = PlannedRun.prepare(rig, plan, output or rig.path.with_name(name))
         offs = self._off_count
-        run = PlanRun(rig, planned, lambda c: self._session.call_on_owner(lambda: self._add("of the plan", offs, c)))
+        run = PlanRun(
+            rig, planned, lambda c: self._session.call_on_owner(lambda: self._add("of the plan", offs, c)), self._tell
+        )
         self._plan_job = self._session.jobs.start(
             _PLAN, run.wait, lambda _: self._on_plan_done(planned), on_end=self._on_plan_end
         )
@@ -136,6 +138,10 @@ class RigSession(RigDevices):
         self._show(taken, capture.images[0])
         self.captures.add(capture)
         self.diagnosis.offer(self.captures.all)
+
+    def _tell(self, text: str) -> None:
+        """Posts a message. May be called on any thread."""
+        self._session.call_on_owner(partial(self._session.messages.post, text))
 
     def _on_plan_end(self) -> None:
         self._set(wavelength_m=None)

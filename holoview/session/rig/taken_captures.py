@@ -7,6 +7,7 @@ from pathlib import Path
 
 from holoview.captures.capture_file import write_captures
 from holoview.captures.dataset import Captures, join_captures
+from holoview.captures.validation import check_settings
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
 
@@ -35,7 +36,7 @@ class TakenCaptures:
         if self.folder is None:
             return
         make_folder(self.folder)
-        write_captures(self.folder / f"{self._written:05d}.h5", capture)
+        write_captures(self.folder / f"{self._written:05d}.h5", capture, check_settings)
         self._written += 1
 
     def add(self, capture: Captures) -> None:
