@@ -82,7 +82,7 @@ def test_a_device_that_fails_leaves_the_best_and_a_checkpoint_from_which_it_goes
     opened.fail_after = 15
     failed = _optimise(holoview, picture, iterations=8)
     assert failed.code == 2 and opened.benches[0].was_off
-    assert "camera: sent no picture; look at its cable" in failed.err
+    assert "camera: sent no picture" in failed.err
     assert "--resume best.loop.safetensors" in failed.err
     assert load_hologram("best.safetensors").drive.shape == (1, 2, 24, 32)
     opened.fail_after = 10**9
