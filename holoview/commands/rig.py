@@ -1,4 +1,4 @@
-"""`holoview rig show | test | align RIG.toml`: what a rig is, whether its devices answer, and where they are."""
+"""`holoview rig new | show | test | align`: an example to start from, what a rig is, whether it answers, where it is."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from holoview.commands.console import print_stderr, progress_bar
-from holoview.commands.output_files import add_input
+from holoview.commands.output_files import add_input, add_output_folder
 from holoview.model.effects.effect_table import EffectTable
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.rig.align.alignment import find_geometry, laser_for_alignment
@@ -20,7 +20,9 @@ from holoview.rig.limits import limit_devices
 from holoview.rig.measure.exposure_search import take_exposed
 from holoview.rig.placed_devices import place_devices
 from holoview.rig.placement import placement_path, write_placement
-from holoview.util.file_writer import check_writable
+from holoview.util.errors import UserError
+from holoview.util.file_writer import check_writable, make_folder, write_file
+from holoview.util.files import data_dir
 from holoview.util.units import format_rounded
 
 _FIRST_EXPOSURE_S = 1e-2
@@ -29,6 +31,9 @@ _FIRST_EXPOSURE_S = 1e-2
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the subcommands."""
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    new = commands.add_parser("new", help="a virtual rig to start from", description=_new.__doc__)
+    add_output_folder(new, "folder", metavar="FOLDER", help="where rig.toml is written")
+    new.set_defaults(run=_new)
     for name, summary, run_it in (
         ("show", "what the description says", _show),
         ("test", "whether the devices answer", _test),
@@ -46,6 +51,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Never called: each subcommand sets its own `run`."""
     raise AssertionError
+
+
+def _new(args: argparse.Namespace) -> int:
+    """Writes rig.toml of a small virtual rig, and hidden.toml with what is really there; overwrites nothing."""
+    for file in sorted(data_dir("assets").joinpath("rig").glob("*.toml")):
+        target = args.folder / file.name
+        if target.exists():
+            raise UserError(str(target), "is there already", remedy="choose another folder")
+    make_folder(args.folder)
+    for file in sorted(data_dir("assets").joinpath("rig").glob("*.toml")):
+        write_file(args.folder / file.name, file.read_bytes())
+    print(args.folder / "rig.toml")
+    return 0
 
 
 def _show(args: argparse.Namespace) -> int:
