@@ -29,6 +29,7 @@ NAMES = (
 """All that may be unknown, in SI units; the centre in pixels."""
 
 _UNITS = np.array([1, 1, 1e-3, 1e-3, 1e-4, 1e-2, 1e-3, 1e-3, 1e-6, 1e-6, 1e-3, 1e-3, 1e-4])
+COMMON_COUNT = 16
 _OUTLIER = 4.0  # times the robust standard deviation
 _MAD = 1.4826
 
@@ -106,8 +107,11 @@ def predicted_px(
     return np.asarray(point / np.exp(v["log_pitch"]) + np.array([v["centre_y"], v["centre_x"]]))
 
 
-def fit_geometry(start: Floats, facts: BenchFacts, dots: Sequence[Dots]) -> Geometry:
+def fit_geometry(start: Floats, facts: BenchFacts, dots: Sequence[Dots], common_px: float = 0.0) -> Geometry:
     """The geometry that explains dots best, without outliers. start: values of `NAMES`.
+
+    common_px: standard deviation of an error that neighbouring dots share, which more dots don't average out: it
+    counts as if only COMMON_COUNT coordinates had been measured.
 
     What the dots can't tell stays as it is: walk and the stage's scale at one setting, modulator 2 where there is none.
     """
@@ -131,9 +135,10 @@ def fit_geometry(start: Floats, facts: BenchFacts, dots: Sequence[Dots]) -> Geom
     solved = least_squares(lambda x: residuals(x)[kept].ravel(), x)
     freedom = max(2 * int(kept.sum()) - len(x), 1)
     variance = float(2 * solved.cost) / freedom
+    stated = variance + common_px**2 * max(2 * int(kept.sum()) / COMMON_COUNT, 1.0)
     covariance = np.zeros((len(NAMES), len(NAMES)))
     covariance[np.ix_(free, free)] = (
-        variance * np.linalg.pinv(solved.jac.T @ solved.jac) * np.outer(_UNITS[free], _UNITS[free])
+        stated * np.linalg.pinv(solved.jac.T @ solved.jac) * np.outer(_UNITS[free], _UNITS[free])
     )
     values[free] = solved.x * _UNITS[free]
     return Geometry(values, covariance, (int(kept.sum()), len(kept)), variance**0.5)
