@@ -39,7 +39,7 @@ class HypothesisFits:
 
     def __init__(self) -> None:
         self._fits: list[CandidateFit] = [NOMINAL_FIT]
-        self._searched = 0
+        self._searched, self._allows_movements = 0, False
         self._excluded: dict[tuple[str, ...], set[str]] = {}
 
     def include(self, context: SearchContext, sets: Sequence[Sequence[str]]) -> None:
@@ -63,6 +63,9 @@ class HypothesisFits:
             found = select_causes(context, _searched_effects(context), _no_progress)
             self._fits = first_per_cause_set([*(c.fit for c in found.candidates[:_MAX_FITTED]), *self._fits])
             context, comparison = self._fit_all(context)
+            if not self._allows_movements and not self._is_explained(context, comparison):
+                self._allows_movements = True  # of few captures they explain what a cause would, so it is sought first
+                context, comparison = self._fit_all(context)
         belief = self._believe(context, comparison)
         shows = [h for h in belief.hypotheses if h.is_open and (h.gain or 0.0) > _SHOWS]
         if not shows:
@@ -74,7 +77,7 @@ class HypothesisFits:
         """Fits the best again and orders all by χ², with weights of the best; forgets those far behind."""
         rough = context.data_weighted_comparison(context.kept, 0.0)
         best = min(self._fits, key=lambda f: cost_or_inf(rough, f.values))
-        context = _with_nuisances(context, best)
+        context = _with_nuisances(context, best, self._allows_movements)
         comparison = context.model_weighted_comparison(context.kept, best.values)
         fits = _by_cost(self._fits, comparison)
         again = [_refit(context, fit, comparison) for fit in fits[:_REFITTED]]
@@ -129,11 +132,11 @@ def _refit(context: SearchContext, fit: CandidateFit, comparison: Comparison) ->
     return refit(effects, fit.values, comparison, context.config.fits) if fit.causes else fit
 
 
-def _with_nuisances(context: SearchContext, fit: CandidateFit) -> SearchContext:
-    """The context with PRNU and movements of the camera, which two disjoint sets of captures have to show."""
+def _with_nuisances(context: SearchContext, fit: CandidateFit, allows_movements: bool) -> SearchContext:
+    """The context with PRNU, and movements of the camera if allowed, which two disjoint sets of captures show."""
     split = replace(context.split, fine=context.kept[::2], held_out=context.kept[1::2])
     found = detect_nuisances(replace(context, split=split), fit.values)
-    return replace(found, split=context.split)
+    return replace(found, split=context.split, has_camera_jitter=found.has_camera_jitter and allows_movements)
 
 
 def _searched_effects(context: SearchContext) -> list[Effect]:
