@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
+from holoview.captures.patterns import BLUR_SIGMAS_PX
 from holoview.io.hologram import Hologram
 from holoview.model.system import System
 from holoview.optimise.checkpoint import target_digest
@@ -34,11 +35,12 @@ from holoview.rig.camera_loop.bench_match import lasers_of, levels_of_drive, on_
 from holoview.rig.camera_loop.camera_problem import CameraProblem
 from holoview.rig.camera_loop.loop_checkpoint import LoopCheckpoint, LoopProgress
 from holoview.rig.camera_loop.model_update import ModelUpdates, update_model
-from holoview.rig.camera_loop.registration import Registration, probe_levels, register
+from holoview.rig.camera_loop.registration import PROBE_SIGMAS_PX, Registration, probe_levels, register
 from holoview.rig.description import RigDescription
 from holoview.util.errors import UserError
 
 _PATIENCE, _SHORTER = 3, 0.5  # iterations in which the loss doesn't fall, and the factor of steps that follows them
+_UPDATE_SIGMAS_PX = BLUR_SIGMAS_PX * 2  # of the random patterns that updates of the model see beside holograms
 _KEPT_PICTURES = 48  # of earlier holograms, for updates of the model
 
 
@@ -103,6 +105,7 @@ class CameraLoop:
         self.progress = LoopProgress(0, 0, 0.0, 0.0, math.inf, -math.inf)
         self.registration: Registration | None = None
         self._probes: list[Picture] = []
+        self._random: list[Captures] = []
         self._kept: list[Captures] = []
         self._notes: list[str] = []
         if resume is not None:
@@ -211,9 +214,9 @@ class CameraLoop:
         assert self.registration is not None
         self.problem.register(self.registration)
 
-    def _take_probes(self) -> list[Picture]:
-        """Pictures of the probe patterns, by plane, wavelength and probe."""
-        levels = probe_levels(self.rig, self.settings.seed)
+    def _take_probes(self, sigmas_px: Sequence[float] = PROBE_SIGMAS_PX) -> list[Picture]:
+        """Pictures of random patterns, by plane, wavelength and pattern."""
+        levels = probe_levels(self.rig, self.settings.seed, sigmas_px)
         wavelengths, planes = lasers_of(self.system, self.rig), self.system.planes_m
         shots = [Shot(p, λ, float(z)) for z in planes for λ in wavelengths for p in range(len(levels))]
         return self.camera.record(levels, shots)
@@ -233,12 +236,13 @@ class CameraLoop:
 
     def _update_model(self, updates: ModelUpdates) -> None:
         """Adds to the model what the pictures taken so far show, and registers them anew."""
-        self.camera.rest()
         if not self._probes:  # they aren't in checkpoints
             self._probes = self._take_probes()
-            self.camera.rest()
+        if not self._random:
+            self._random = [picture.capture for picture in self._take_probes(_UPDATE_SIGMAS_PX)]
+        self.camera.rest()
         self._kept = [*self._kept, *self._latest][-_KEPT_PICTURES:]
-        captures = [*(probe.capture for probe in self._probes), *self._kept]
+        captures = [*self._random, *self._kept]
         updated = update_model(self.system, captures, updates, self._is_asked_to_end)
         self._notes.append(f"the model is updated: {updated.note}")
         self.system = updated.system

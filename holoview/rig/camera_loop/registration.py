@@ -57,13 +57,13 @@ class Registration:
         ]
 
 
-def probe_levels(rig: RigDescription, seed: int) -> NDArray[np.uint16]:
-    """Grey levels (probe, modulator, y, x) of the probe patterns."""
+def probe_levels(rig: RigDescription, seed: int, sigmas_px: Sequence[float] = PROBE_SIGMAS_PX) -> NDArray[np.uint16]:
+    """Grey levels (probe, modulator, y, x) of random patterns with these blurs, those of the probes by default."""
     rng = np.random.default_rng(seed)
     return np.array(
         [
             [random_levels(rng, rig.slm_shape, slm.num_levels, sigma_px) for slm in rig.bench.slms]
-            for sigma_px in PROBE_SIGMAS_PX
+            for sigma_px in sigmas_px
         ],
         np.uint16,
     )

@@ -121,7 +121,7 @@ def test_where_the_loss_doesnt_fall_it_goes_back_and_takes_shorter_steps(
     assert states[-1].checkpoint().progress.step_factor == 0.5
 
 
-def test_updates_of_the_model_see_probes_and_latest_pictures_and_change_the_model(
+def test_updates_of_the_model_see_random_patterns_and_holograms_and_change_the_model(
     rig: RigDescription, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     system = system_on(rig)
@@ -133,7 +133,7 @@ def test_updates_of_the_model_see_probes_and_latest_pictures_and_change_the_mode
 
     monkeypatch.setattr(loop_module, "update_model", update)
     states: list[LoopState] = [*_loop(rig, camera, 4, updates=ModelUpdates(2)).states()]
-    assert seen == [2 + 1, 2 + 2] and camera.rested == 2
+    assert seen == [8 + 1, 8 + 2] and camera.rested == 2
     assert states[2].notes == ("the model is updated: found it",) and states[3].notes == ()
     assert states[-1].checkpoint().present.effect_values == system.edit(WRONG).effect_values
     assert states[-1].checkpoint().begun == system
