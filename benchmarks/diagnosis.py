@@ -15,8 +15,8 @@ import argparse
 import json
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,7 @@ from tests.diagnose.effect_sampling import sample_effect
 UNSEEN = 1.02  # χ²/n below which a hidden effect can't be told from nothing
 SIZES = {"small": 0.15, "medium": 0.45, "large": 0.9}
 PLANES = (4e-3, 6e-3)  # where a hidden effect needs more than one
+PLANES_OF_THEIR_OWN = (3e-3, 4e-3, 5e-3, 6e-3)  # where each has its own error
 FAMILIES = ("singles", "pairs", "nothing", "nuisances", "deleted", "sampling")
 
 
@@ -75,7 +76,7 @@ def bench(rows: int = 96, columns: int = 128) -> System:
 def cases(families: list[str], sizes: list[str], only: list[str], repeats: int, first_seed: int) -> Iterator[Case]:
     """The cases, in an order in which all effects come early."""
     names = [n for n in listed_effects() if not only or n in only]
-    facts_of = bench()
+    system = bench()
     for repeat in range(repeats):
         for family in families:
             for size in sizes if family in ("singles", "pairs", "deleted") else ["-"]:
@@ -87,8 +88,16 @@ def cases(families: list[str], sizes: list[str], only: list[str], repeats: int, 
                     )
                     rng = np.random.default_rng(seed)
                     hidden = _hidden(family, name, names, rng)
-                    truth = {n: sample_effect(listed_effects()[n], facts_of, SIZES.get(size, 0.3), rng) for n in hidden}
+                    facts = replace(system, planes_m=np.array(_planes(hidden) or system.planes_m))
+                    truth = {n: sample_effect(listed_effects()[n], facts, SIZES.get(size, 0.3), rng) for n in hidden}
                     yield Case(family, size, seed, truth)
+
+
+def _planes(hidden: Iterable[str]) -> tuple[float, ...] | None:
+    """The planes of a session with these effects; None where the bench's are enough."""
+    if "plane_errors" in hidden:
+        return PLANES_OF_THEIR_OWN
+    return PLANES if any(listed_effects()[name].needs.planes > 1 for name in hidden) else None
 
 
 def _count(family: str, names: list[str]) -> int:
@@ -112,7 +121,7 @@ def _hidden(family: str, name: Any, names: list[str], rng: np.random.Generator) 
 def measure(case: Case, each: int, shape: list[int]) -> Captures:
     """The captures of a case."""
     jitter = Nuisances(0.003, 0.01, 0.5e-6, 0.05e-9) if case.family == "nuisances" else Nuisances()
-    planes = PLANES if any(listed_effects()[name].needs.planes > 1 for name in case.truth) else None
+    planes = _planes(case.truth)
     finer = 2 if case.family == "sampling" else 1
     return make_captures(
         bench(*shape),

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import time
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
@@ -49,6 +50,7 @@ class Case:
     rivals: list[list[Name]] = field(default_factory=list)
     correlation: tuple[float, float] = (0.0, 0.0)
     seconds: float = 0.0
+    cpu_seconds: float = 0.0
 
     @property
     def right(self) -> bool:
@@ -121,7 +123,10 @@ def run(case: Case) -> Case | None:
     except UserError:
         return None
     known = all_mistakes(len(WAVELENGTHS_M), len(PLANES_M[planes]))
-    found = find_record_errors(spoiled(captures, *(known[name] for name in case.truth)))
+    wrong = spoiled(captures, *(known[name] for name in case.truth))
+    began = time.process_time()
+    found = find_record_errors(wrong)
+    case.cpu_seconds = time.process_time() - began
     case.named = [(c.effect, c.choice) for c in found.corrections]
     case.rivals = [[(c.effect, c.choice) for c in rival] for rival in found.rivals]
     case.correlation, case.seconds = found.correlation, found.seconds
@@ -139,7 +144,7 @@ def summary(done: list[Case]) -> str:
         if case.family == "faulty":
             groups[f"faulty, size {case.size:g}"].append(case)
     for name, group in groups.items():
-        seconds = np.array([case.seconds for case in group])
+        seconds = np.array([case.cpu_seconds for case in group])
         right, exact = (sum(getattr(case, what) for case in group) for what in ("right", "exact"))
         rows.append([name, f"{right} of {len(group)}", f"{exact}", f"{np.median(seconds):.1f} ({seconds.max():.1f})"])
     misses = [
@@ -148,7 +153,7 @@ def summary(done: list[Case]) -> str:
         for c in done
         if not c.right
     ]
-    header = ("cases", "right", "named exactly", "seconds, median (most)")
+    header = ("cases", "right", "named exactly", "processor seconds, median (most)")
     return "\n".join([markdown_table(header, rows), *misses])
 
 

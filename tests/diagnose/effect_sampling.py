@@ -14,6 +14,7 @@ from holoview.model.system import System
 _REACH = 1.5  # of the prior, where a parameter is never scanned
 _MOST_TERMS = 2
 _MOST_LINES = 6
+_MOST_PLANE_ERROR_M = 0.6e-3
 _WHOLE = ("camera_fringes", "slm1_fringes", "slm2_fringes")  # effects whose many parameters show together only
 
 
@@ -22,6 +23,8 @@ def sample_effect(effect: Effect, system: System, size: float, rng: np.random.Ge
 
     An effect with many independent terms gets one or two of them.
     """
+    if effect.id == "plane_errors":
+        return _sample_planes(system, size, rng)
     if any(isinstance(p, ListParameter) for p in effect.parameters):
         return _sample_lines(effect, system, size, rng)
     open_ones = [p for p in effect.parameters if not p.fine]
@@ -41,6 +44,14 @@ def _sample_lines(effect: Effect, system: System, size: float, rng: np.random.Ge
         places.name: tuple(int(column) for column in chosen),
         levels.name: tuple(float(x) for x in rng.uniform(0.0, 1.0, count)),
     }
+
+
+def _sample_planes(system: System, size: float, rng: np.random.Generator) -> dict[str, Any]:
+    """Some planes of the system, but not all, each with an error of its own."""
+    count = int(rng.integers(1, max(2, len(system.planes_m))))
+    chosen = np.sort(rng.choice(system.planes_m, size=count, replace=False))
+    errors = rng.choice([-1.0, 1.0], count) * rng.uniform(0.8, 1.1, count) * size * _MOST_PLANE_ERROR_M
+    return {"distances": tuple(chosen.tolist()), "errors": tuple(errors.tolist())}
 
 
 def _scan_extents(effect: Effect, system: System) -> dict[str, float]:

@@ -5,6 +5,7 @@ compare  the best ones on several captures, mixed-up columns with their best ord
 decide   named only if it beats the records as they are beyond chance, and other captures don't contradict
 pairs    where one correction leaves the captures badly predicted
 repeat   on the corrected records, until nothing more is found
+exchange one that nearly was the best takes the place of what was found, with another beside it
 """
 
 from __future__ import annotations
@@ -61,6 +62,10 @@ def _without_ends(correction: Correction) -> Correction:
     return correction.without_ends() if isinstance(correction, PatternOffset) else correction
 
 
+def _labels(score: TrialScore) -> list[str]:
+    return [correction.label for correction in score.hypothesis]
+
+
 class _Search:
     """The search on one session, whose units are plausible."""
 
@@ -69,6 +74,7 @@ class _Search:
         self._chosen = choose_captures(captures, self.trials.coarseness, settings)
         self._singles = single_corrections(captures, self._chosen.screened, settings)
         self._tried = 1
+        self._runners_up: list[Hypothesis] = []
 
     def run(self) -> RecordFindings:
         before = best = self.trials.score([()], self._chosen.tested)[0]
@@ -77,6 +83,7 @@ class _Search:
             found = self._best_of(best, self._extended(best.hypothesis))
             if not best.hypothesis and (found or [best])[0].correlation < self._settings.well_predicted:
                 found = self._best_of(found[0] if found else best, pairs(self._singles, self._settings)) or found
+            found = found or self._best_of(best, self._exchanged(best.hypothesis))
             if not found:
                 break
             added = [c for c in found[0].hypothesis if c not in best.hypothesis]
@@ -95,6 +102,15 @@ class _Search:
         kinds = {c.effect for c in base}
         return [hypothesis([*base, c]) for c in self._singles if c.effect not in kinds]
 
+    def _exchanged(self, base: Hypothesis) -> list[Hypothesis]:
+        """Those that came next to a base, with one more correction of another kind.
+
+        Of two wrong records, one that puts a part of both right may come before each alone: patterns out of step with
+        their settings where patterns alone are, and distances are mixed up.
+        """
+        near = [one for one in self._runners_up if len(one) == len(base)][: self._settings.exchanged]
+        return [wider for one in near for wider in self._extended(one) if not {*base} <= {*wider}]
+
     def _best_of(self, base: TrialScore, hypotheses: Sequence[Hypothesis]) -> list[TrialScore]:
         """The best hypothesis and those that predict the same, if it beats the base beyond chance; else nothing."""
         self._tried += len(hypotheses)
@@ -107,7 +123,11 @@ class _Search:
         first = max(scores, key=lambda s: float(s.significance.max()))
         alike = sorted((s for s in scores if self._are_alike(s, first)), key=lambda s: preference(s.hypothesis))
         fewest = self._told_apart([s for s in alike if len(s.hypothesis) == len(alike[0].hypothesis)])
-        return fewest if self._is_confirmed(fewest[0].hypothesis, base.hypothesis) else []
+        if not self._is_confirmed(fewest[0].hypothesis, base.hypothesis):
+            return []
+        ranked = sorted(scores, key=lambda s: -s.significance.max())
+        self._runners_up = [s.hypothesis for s in ranked if s is not fewest[0]]
+        return fewest
 
     def _told_apart(self, alike: Sequence[TrialScore]) -> list[TrialScore]:
         """Those of some hypotheses that stay alike on captures for which they differ, which weren't tested."""
@@ -115,6 +135,8 @@ class _Search:
         for other in alike[1:]:
             pair = [best[0].hypothesis, other.hypothesis]
             differing = self.trials.differing(*pair)
+            if not differing and _labels(other) == _labels(best[0]):
+                continue  # exchanged values may be those of the column from its end
             if not differing or set(differing) & set(self._chosen.tested):
                 best.append(other)
                 continue
@@ -176,17 +198,19 @@ class _Search:
         gain, sigmas = score.gain_over(base)
         if gain < self._settings.min_gain or sigmas < self._chance_sigmas(score):
             return False
-        return all(self._improves_every_value(score, base, c) for c in score.hypothesis if isinstance(c, ValueOrder))
+        return all(self._improves_every_value(score, c) for c in score.hypothesis if isinstance(c, ValueOrder))
 
     def _chance_sigmas(self, score: TrialScore) -> float:
         trials = self._tried * score.z.shape[1] * self.trials.shift_count
         return float(norm.isf(self._settings.false_alarms / trials))
 
-    def _improves_every_value(self, score: TrialScore, base: TrialScore, order: ValueOrder) -> bool:
-        """Whether the captures of every value that an order moves are predicted better.
+    def _improves_every_value(self, score: TrialScore, order: ValueOrder) -> bool:
+        """Whether the captures of every value that an order moves are predicted better with it than without it.
 
         Another error, such as a wrong distance, may make some of them look better under a wrong order, but never all.
         """
+        without = hypothesis([c for c in score.hypothesis if c is not order])
+        base = self.trials.score([without], self._chosen.tested)[0]
         recorded = np.array(value_indices(self.trials.captures, order.column, self._chosen.tested))
         gain = score.z[:, score.best_blur] - base.z[:, score.best_blur]
         moved = [i for i, p in enumerate(order.permutation) if i != p]

@@ -68,6 +68,10 @@ class RecordSettings:
     """[1] Mean correlation from which no pair of corrections is tried. Evidence: one of two wrong records, put right
     alone, leaves the speckle of the other."""
 
+    exchanged: int = 4
+    """[corrections] Of those next to what was found, how many are tried in its place with another beside it. Evidence:
+    measured: of patterns out of step and distances mixed up, the patterns alone came second."""
+
     equal_gain: float = 0.05
     """[z] Predictions that differ by less are alike. Evidence: a third of `min_gain`."""
 

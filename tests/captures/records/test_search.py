@@ -86,6 +86,14 @@ def test_two_mistakes_are_named(right: Captures, pair: tuple[Name, Name]) -> Non
     assert names(found) == sorted(pair)
 
 
+@pytest.mark.parametrize("offset", ["offset:+1", "offset:+2"])
+def test_patterns_out_of_step_and_distances_mixed_up_are_two_mistakes(right: Captures, offset: str) -> None:
+    """Patterns that are out of step with their settings put most captures right at once, but not all."""
+    pair = [("capture_order", offset), ("distance_order", "permutation:1,2,0")]
+    found = find_record_errors(spoiled(right, *(MISTAKES[name] for name in pair)))
+    assert names(found) == pair and found.rivals == ()
+
+
 @pytest.mark.parametrize("effect", taken(list(EFFECTS), 2))
 def test_an_effect_is_no_mistake_and_hides_none(effect: str) -> None:
     captures = measured({effect: EFFECTS[effect]})
