@@ -33,8 +33,9 @@ def single_corrections(captures: Captures, screened: Sequence[int], settings: Re
 
 
 def pairs(singles: Sequence[Correction], settings: RecordSettings) -> list[Hypothesis]:
-    """Two corrections of different kinds; of the offsets the smaller ones."""
-    few = [c for c in singles if not (isinstance(c, PatternOffset) and abs(c.offset) > settings.paired_offset)]
+    """Two corrections of different kinds; of the offsets those of all patterns alone, and the smaller ones."""
+    most = settings.paired_offset
+    few = [c for c in singles if not isinstance(c, PatternOffset) or c.is_plain or abs(c.offset) <= most]
     return [hypothesis(pair) for pair in combinations(few, 2) if pair[0].effect != pair[1].effect]
 
 
@@ -44,6 +45,6 @@ def preference(corrections: Hypothesis) -> tuple[object, ...]:
     The last part makes the order of equals definite.
     """
     kinds = sorted(ORDER.index(c.effect) for c in corrections)
-    plain = sum(isinstance(c, PatternOffset) and (c.with_settings or len(c.slms) < c.modulators) for c in corrections)
+    involved = sum(isinstance(c, PatternOffset) and not c.is_plain for c in corrections)
     reversal = sum(isinstance(c, ColumnReversal) for c in corrections)
-    return len(corrections), plain, reversal, kinds, [c.choice for c in corrections]
+    return len(corrections), involved, reversal, kinds, [c.choice for c in corrections]

@@ -32,6 +32,11 @@ class PatternOffset(Correction):
     effect = "capture_order"
 
     @property
+    def is_plain(self) -> bool:
+        """Whether it concerns the patterns of all modulators, and nothing else."""
+        return not self.with_settings and len(self.slms) == self.modulators
+
+    @property
     def choice(self) -> str:
         which = f" of modulator {self.slms[0] + 1}" if len(self.slms) < self.modulators else ""
         return f"offset:{self.offset:+d}{which}{' with settings' * self.with_settings}"

@@ -34,7 +34,7 @@ class RecordSettings:
     """[captures] Largest offset between patterns and pictures that is tried. Evidence: none recorded."""
 
     paired_offset: int = 3
-    """[captures] … together with another correction. Evidence: the cost."""
+    """[captures] … together with another correction, where it isn't of all patterns alone. Evidence: the cost."""
 
     blurs_px: tuple[float, ...] = (0.7, 1.5, 3.0)
     """[px] Blurs of the compared pictures, which have about `side_px` rows. Evidence: factors of two from the pixel to

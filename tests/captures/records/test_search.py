@@ -94,6 +94,12 @@ def test_patterns_out_of_step_and_distances_mixed_up_are_two_mistakes(right: Cap
     assert names(found) == pair and found.rivals == ()
 
 
+def test_patterns_far_out_of_step_are_found_beside_another_mistake(right: Captures) -> None:
+    pair = [("camera_orientation", "rotate_180"), ("capture_order", "offset:+5")]
+    found = find_record_errors(spoiled(right, *(MISTAKES[name] for name in pair)))
+    assert names(found) == pair
+
+
 @pytest.mark.parametrize("effect", taken(list(EFFECTS), 2))
 def test_an_effect_is_no_mistake_and_hides_none(effect: str) -> None:
     captures = measured({effect: EFFECTS[effect]})
