@@ -6,6 +6,7 @@ the true cause from others is how close it comes to the noise floor on captures 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -85,8 +86,8 @@ def explained_excess(nominal_excess: float, pixels: float, config: VerdictConfig
 
 
 def jitter_excess(pixels: float, config: VerdictConfig) -> float:
-    """The excess χ²/n − 1 that jitter of an ordinary laboratory and chance may leave."""
-    return max(config.jitter_excess, chance_excess(pixels, config))
+    """The excess χ²/n − 1 that jitter of an ordinary laboratory and chance, which don't depend on each other, leave."""
+    return math.hypot(config.jitter_excess, chance_excess(pixels, config))
 
 
 def _share_explained(nominal: HeldOutScore, best: HeldOutScore) -> float:

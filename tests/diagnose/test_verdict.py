@@ -21,8 +21,8 @@ def _score(causes: str, chi2: float) -> HeldOutScore:
     return HeldOutScore(CandidateFit(names, {n: {"x": 1.0} for n in names}, chi2 * PIXELS), chi2, chi2)
 
 
-def _decided(nominal: float, *tried: tuple[str, float]) -> Decision:
-    comparison: Any = SimpleNamespace(pixel_count=PIXELS)
+def _decided(nominal: float, *tried: tuple[str, float], pixels: float = PIXELS) -> Decision:
+    comparison: Any = SimpleNamespace(pixel_count=pixels)
     result = SearchResult(_score("", nominal), tuple(_score(*t) for t in tried), comparison, comparison)
     return decide(result, EQUIVALENTS, VerdictConfig())
 
@@ -54,3 +54,10 @@ def test_the_verdict(
 def test_of_a_large_error_nine_tenths_arent_enough_to_name_with_confidence() -> None:
     """χ²/n 1000 → 50 explains 95 %, as a blur would; it stays far from the floor."""
     assert _decided(1000.0, ("camera_blur", 50.0)).verdict is Verdict.PARTLY
+
+
+def test_of_few_pixels_jitter_and_chance_add() -> None:
+    """Of 20 000 pixels, 0.025 is 2.5 σ of chance: as much and jitter of 0.02 leave 0.032; of 10⁶ pixels 0.020."""
+    assert _decided(1.031, pixels=2e4).verdict is Verdict.CONSISTENT
+    assert _decided(1.033, pixels=2e4).verdict is Verdict.UNEXPLAINED
+    assert _decided(1.021, pixels=1e6).verdict is Verdict.UNEXPLAINED
