@@ -36,6 +36,7 @@ effect_scan         scans of one effect's range
 effect_fit          local least-squares fits
 fit_improvements    longer steps, hard edges, axes, fewer parameters
 refine              joint fits of several causes
+last_fit            the best ones fitted until nothing is gained
 held_out_ranking    candidates ranked on captures that no fit has used
 forward_selection   one cause after another
 

@@ -17,6 +17,7 @@ from holoview.diagnose.capture_reasons import explain_suspects
 from holoview.diagnose.forward_selection import select_causes
 from holoview.diagnose.free_parameters import FittedValues
 from holoview.diagnose.held_out_ranking import SearchResult, rank_on_held_out
+from holoview.diagnose.last_fit import fit_to_the_end
 from holoview.diagnose.nuisances import detect_nuisances, excuse_laser_drift
 from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.refine import refine_fit
@@ -130,7 +131,7 @@ def _search_causes(context: SearchContext, progress: ProgressCallback) -> tuple[
         if decision.verdict is Verdict.CONSISTENT:
             return context, nothing
     result = select_causes(context, [e for e in context.effects.values() if not changes_only_power(e)], progress)
-    result = prefer_fewer_numbers(context, result)
+    result = fit_to_the_end(context, prefer_fewer_numbers(context, result))
     settled = _with_nuisances(context, result.best.fit.values)
     if settled is context:
         return context, result

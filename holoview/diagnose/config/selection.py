@@ -68,6 +68,10 @@ class SelectionConfig:
     """[1] … of which the second follows if the first left less than this share of the excess. Evidence: a round for two
     causes takes a tenth of a minute; the value: none recorded."""
 
+    last_fits: int = 3
+    """[candidates] Fitted to the end at most, where they are near the floor. Evidence: the cost; the best and two
+    rivals."""
+
     near_error_share: float = 0.2
     """[1] A candidate is polished if its error is below this share of the nominal model's. Evidence: what stays far
     off lacks a cause, with which other values would be best; the value: none recorded."""
