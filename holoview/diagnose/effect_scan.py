@@ -56,8 +56,16 @@ def fit_from_scan(
     config: FitConfig,
     max_starts: int | None = None,
 ) -> CandidateFit:
-    """The best local fit of one effect, its base unchanged, from the best points of a scan."""
-    starts = _separated_starts(fits, effect, config, config.starts if max_starts is None else max_starts)
+    """The best local fit of one effect, its base unchanged, from the best points of a scan.
+
+    Of an effect with many parameters from one, which is the best on all captures of the comparison: a few of them can't
+    tell opposite wedges apart.
+    """
+    if sum(not p.fine for p in effect.parameters) >= config.single_start_parameters:
+        best_few = [f for f in fits if np.isfinite(f.cost)][: config.compared_starts]
+        starts = sorted(best_few, key=lambda s: cost_or_inf(comparison, s.values))[:1]
+    else:
+        starts = _separated_starts(fits, effect, config, config.starts if max_starts is None else max_starts)
     best = min((local_fit([effect], s.values, comparison, config) for s in starts), key=lambda f: f.cost)
     return CandidateFit((*base, effect.id), best.values, best.cost)
 
@@ -109,14 +117,13 @@ def _off_identity(point: Mapping[str, float], identity: Mapping[str, float]) -> 
 def _separated_starts(
     fits: Sequence[CandidateFit], effect: Effect, config: FitConfig, max_starts: int
 ) -> list[CandidateFit]:
-    """The best points of a scan with finite costs that aren't neighbours; one for effects with many parameters."""
+    """The best points of a scan with finite costs that aren't neighbours."""
     chosen: list[CandidateFit] = []
-    many = sum(not p.fine for p in effect.parameters) >= config.single_start_parameters
     for fit in fits:
         separate = all(_scan_distance(fit, other, effect) > config.start_separation for other in chosen)
         if np.isfinite(fit.cost) and separate:
             chosen.append(fit)
-        if len(chosen) == (1 if many else max_starts):
+        if len(chosen) == max_starts:
             break
     return chosen
 

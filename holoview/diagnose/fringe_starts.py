@@ -3,7 +3,7 @@
 Fringes are found by the length of path that grows over the picture, whose phase in wavelengths is the same for all
 lasers, so that the spectra of all wavelengths add up at one peak. They are known by their parameters, not by their
 name: an effect with a path (y, x) and with a cosine and a sine for each laser. Fringes on a modulator are seen in the
-picture, blurred by what the light spreads on its way, with the same phase in the centre.
+picture, blurred by what the light spreads on its way, with the same phase in the centre, or with the opposite one.
 """
 
 from __future__ import annotations
@@ -56,7 +56,8 @@ class FringeStarts:
             starts = [_over(start, self._frame_over_picture) for start in starts]
         else:  # there, opposite wedges have the same light and opposite wavefronts
             scaled = [_over(start, self._modulator_over_picture) for start in starts]
-            starts = [both for start in scaled for both in (start, _opposite(start))]
+            both = [one for start in scaled for one in (start, _opposite(start))]
+            starts = [*both, *map(_reversed, both)]
         return [
             {name: float(np.clip(value, *bounds[name])) for name, value in start.items() if name in bounds}
             for start in starts
@@ -79,6 +80,12 @@ def _over(start: dict[str, float], scale: tuple[float, ...]) -> dict[str, float]
 def _opposite(start: dict[str, float]) -> dict[str, float]:
     """The other wedge with the same fringes."""
     turned = {name: -value for name, value in start.items() if name.startswith(("path", "sin"))}
+    return {**start, **turned}
+
+
+def _reversed(start: dict[str, float]) -> dict[str, float]:
+    """Bright for dark: on its way, light turns the contrast of narrow fringes round (Talbot)."""
+    turned = {name: -value for name, value in start.items() if name.startswith(("cos", "sin"))}
     return {**start, **turned}
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from holoview.diagnose.fringe_starts import FringeStarts
+from holoview.diagnose.screening import fit_over_range
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.conftest import MakeContext
 
@@ -57,3 +58,12 @@ def test_other_effects_get_no_starts_of_fringes(make_context: MakeContext) -> No
         "slm1_fringes",
         "slm2_fringes",
     ]
+
+
+def test_narrow_fringes_on_a_modulator_are_found_though_their_contrast_is_reversed(make_context: MakeContext) -> None:
+    """Over 7 fringes of 35 µm, 5 mm away, what is bright on the modulator is dark in the picture."""
+    fringes = {"cos1": 0.0094, "sin1": 0.0141, "cos2": 0.0098, "sin2": -0.0114}
+    context = make_context({"slm1_fringes": {"path_y": 1.83e-6, "path_x": -2.33e-6, **fringes}})
+    found = fit_over_range(context, {}, context.effects["slm1_fringes"], []).values["slm1_fringes"]
+    assert (found["path_y"], found["path_x"]) == pytest.approx((1.83e-6, -2.33e-6), rel=0.02)
+    assert {name: found[name] for name in fringes} == pytest.approx(fringes, abs=0.003)

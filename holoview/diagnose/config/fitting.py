@@ -149,6 +149,10 @@ class FitConfig:
     single_start_parameters: int = 4
     """[parameters] Effects with so many or more are fitted from one point. Evidence: none recorded."""
 
+    compared_starts: int = 4
+    """[1] … the best of so many, on all captures that it is fitted to. Evidence: measured: of fringes on a modulator,
+    two captures took the opposite wedge for the better one."""
+
     start_separation: float = 1.5
     """[scan steps] Points this near to a better one aren't starts of their own. Evidence: they are neighbours in
     the scan."""
