@@ -1,4 +1,4 @@
-"""`holoview rig new | show | test | align`: an example to start from, what a rig is, whether it answers, where it is."""
+"""`holoview rig new | show | test | align`: a rig to start from, what a rig is, whether it answers, where it is."""
 
 from __future__ import annotations
 
