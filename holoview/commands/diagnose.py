@@ -20,9 +20,10 @@ from holoview.captures import Captures, read_captures, write_captures
 from holoview.captures.effect_check import check_user_effects
 from holoview.captures.records import plausible_units
 from holoview.captures.records.correction import apply_corrections
-from holoview.commands.arguments import parse_duration, parse_effects
+from holoview.commands.arguments import parse_duration
 from holoview.commands.console import deferred_interrupt, print_stderr, progress_bar
 from holoview.commands.diagnose_rig import add_rig_options, check_rig_options, diagnose_rig, loop_as_json, print_loop
+from holoview.commands.known_effects import read_known
 from holoview.commands.number_options import whole
 from holoview.commands.output_files import ResultSaver, add_input, add_output, add_output_folder
 from holoview.diagnose.comparison import Values
@@ -38,7 +39,6 @@ from holoview.model.effects.registry import load_user_effects
 from holoview.model.system import System
 from holoview.report.figure import require_matplotlib
 from holoview.rig.adaptive.closed_loop import LoopResult
-from holoview.rig.placement import read_placement
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder, write_file
@@ -170,7 +170,7 @@ def run(args: argparse.Namespace) -> int:
     bench = done.bench or corrected.nominal_system()
     told = found.as_json() if done.loop is None else found.as_json() | {"loop": loop_as_json(done.loop)}
     text = json.dumps(told, indent=2, ensure_ascii=False) + "\n"
-    extended = extended_system(bench, found.values)
+    extended = extended_system(bench.edit({"effects": done.known}), found.values)
     saver, written = ResultSaver(), [] if args.save is None else [args.save]
     for path, save in (
         (args.report, partial(_write_report, args, bench, corrected.is_fourier, done.known, found)),
@@ -195,7 +195,8 @@ def _diagnose_file(args: argparse.Namespace, user_effects: Sequence[Effect]) -> 
     bench = None
     if args.preset is not None:
         captures, known, bench = with_preset_geometry(captures, preset.load(args.preset), args.preset)
-    known = _with_stated(known, args.known)
+    stated = read_known(args.known)
+    known = stated.added_to(known)
     with progress_bar("diagnosing") as progress, deferred_interrupt("prediction") as interruption:
         so_far = _SoFar(progress)
         found = diagnose(
@@ -207,7 +208,7 @@ def _diagnose_file(args: argparse.Namespace, user_effects: Sequence[Effect]) -> 
             so_far=so_far.note,
             **_search_options(args),
         )
-    return _Diagnosed(found, recorded, known, bench, interruption.exit_code)
+    return _Diagnosed(stated.with_notes(found), recorded, known, bench, interruption.exit_code)
 
 
 def _diagnose_rig(args: argparse.Namespace, user_effects: Sequence[Effect]) -> _Diagnosed:
@@ -261,16 +262,6 @@ def _check_arguments(args: argparse.Namespace) -> None:
             raise UserError(f"--{name}", f"{given}", expected=f"{least} to {most}")
     if args.report is not None:
         require_matplotlib("--report")
-
-
-def _with_stated(known: dict[str, dict[str, float]], texts: list[str]) -> dict[str, dict[str, float]]:
-    """Known effects, with those that --known states."""
-    files = [text for text in texts if text.endswith(".toml") and "=" not in text]
-    stated = [read_placement(Path(file)).known_effects() for file in files]
-    stated.append(parse_effects([text for text in texts if text not in files]))
-    for table in stated:
-        known = known | {name: known.get(name, {}) | values for name, values in table.items()}
-    return known
 
 
 def _load_effects(file: str) -> list[Effect]:

@@ -14,7 +14,7 @@ from holoview.model.effects.effect_table import EffectTable
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.rig.align.alignment import find_geometry, laser_for_alignment
 from holoview.rig.align.record_check import check_rig_records
-from holoview.rig.align.result import placement_of, sentences
+from holoview.rig.align.result import doubt, placement_of, sentences
 from holoview.rig.devices import Counts, Devices
 from holoview.rig.limits import limit_devices
 from holoview.rig.measure.exposure_search import take_exposed
@@ -134,6 +134,8 @@ def _align(args: argparse.Namespace) -> int:
         print(f"{found.geometry.residual_px:.2g} pixels from where it puts them (r.m.s.)")
         for sentence in sentences(placement):
             print(sentence)
+        if doubtful := doubt(found):
+            print(doubtful)
         known = placement.known_effects()
         if known:
             print(f"a diagnosis knows by `--known {output}`: {_words(known)}")

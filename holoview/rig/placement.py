@@ -44,7 +44,7 @@ _UNITS = {
     "slm2_shift_y": "um", "slm2_shift_x": "um", "slm2_rotation": "mrad", "slm2_magnification": "", "gap_error": "mm",
 }  # fmt: skip
 _SECOND = ("slm2_shift_y", "slm2_shift_x", "slm2_rotation", "slm2_magnification", "gap_error")
-_EFFECTS = {
+EFFECT_PARAMETERS = {
     "shift_y": "camera_alignment.shift_y", "shift_x": "camera_alignment.shift_x",
     "rotation": "camera_alignment.rotation", "walk_y": "stage.walk_y", "walk_x": "stage.walk_x",
     "slm2_shift_y": "slm_alignment.shift_y", "slm2_shift_x": "slm_alignment.shift_x",
@@ -61,6 +61,11 @@ class Measured:
 
     value: float
     uncertainty: float
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the value is farther from zero than chance puts it."""
+        return abs(self.value) > _SIGNIFICANT * self.uncertainty
 
 
 @dataclass(frozen=True)
@@ -96,9 +101,9 @@ class Placement:
     def known_effects(self) -> dict[str, dict[str, float]]:
         """What the rectified pictures still have, {effect: {parameter: value}}; without what may as well be zero."""
         known: dict[str, dict[str, float]] = {}
-        for name, effect in _EFFECTS.items():
+        for name, effect in EFFECT_PARAMETERS.items():
             found = self.values.get(name)
-            if found is not None and abs(found.value) > _SIGNIFICANT * found.uncertainty:
+            if found is not None and found.is_significant:
                 identity, parameter = effect.split(".")
                 known.setdefault(identity, {})[parameter] = rounded_to(found.value, found.uncertainty)
         return known

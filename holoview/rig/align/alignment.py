@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from holoview.captures.turns import inverse_turn, turned_shape
 from holoview.rig.align.dot_bias import Shot, dot_bias
 from holoview.rig.align.dots import find_dots
-from holoview.rig.align.geometry import NAMES, BenchFacts, Geometry, fit_geometry, predicted_px
+from holoview.rig.align.geometry import NAMES, BenchFacts, DotErrors, Geometry, fit_geometry, predicted_px
 from holoview.rig.align.pictures import AlignmentCancelled, PictureTaker
 from holoview.rig.align.planes import COUNT, stage_settings
 from holoview.rig.align.probes import Optics, Probes, flat_levels, grating, lens_array, optics_of
@@ -25,7 +25,8 @@ _LEAST_CONTRAST = 8.0  # over the noise
 _MOST_ROUNDS, _CONVERGED = 4, 1.0  # of simulated pictures; standard deviations between two of them
 # Errors that dots share, of simulated beside measured pictures, on 36 hidden placements (benchmarks/rig_alignment.py).
 # On a Fourier bench they are those of interpolating the picture of a rotated camera.
-_COMMON_PX, _FOURIER_COMMON_PX = 0.005, 0.03
+# The second number is the scatter of dots there, the largest but for one of 17 Fourier benches with 0.047.
+NEAR_FIELD_ERRORS, FOURIER_ERRORS = DotErrors(0.005, 0.018), DotErrors(0.03, 0.036)
 _FEWEST_DOTS = 3  # of a modulator at one setting
 _CARRIERS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 _DIAGONALS = ((1, 1), (-1, 1), (1, -1), (-1, -1))
@@ -38,6 +39,7 @@ class FoundGeometry:
 
     slm2_turn: of what modulator 2 displays; None with one modulator. camera_turn: of the recorded picture. geometry: in
     the picture turned back. picture_shape: of that picture. wavelength_m: of the laser. settings_m: of the stage.
+    excess_px: how far dots lie from where the geometry puts them, beyond what noise explains (r.m.s. along an axis).
     """
 
     slm2_turn: str | None
@@ -46,6 +48,7 @@ class FoundGeometry:
     picture_shape: tuple[int, int]
     wavelength_m: float
     settings_m: tuple[float, ...]
+    excess_px: float = 0.0
 
 
 def find_geometry(
@@ -92,13 +95,15 @@ class _Alignment:
         values = self._rough_values(first)
         values = self._fitted(values, self._shots_at(first, values), rounds=1).values
         shots = [shot for setting in settings for shot in self._shots_at(setting, values)]
+        geometry = self._fitted(values, shots, _MOST_ROUNDS)
         return FoundGeometry(
             self._facts.slm2_turn if len(self._optics) == 2 else None,
             self._pictures.camera_turn,
-            self._fitted(values, shots, _MOST_ROUNDS),
+            geometry,
             self._picture_shape,
             self._λ,
             tuple(settings),
+            self._errors.excess_px(geometry.residual_px),
         )
 
     def _fitted(self, values: Floats, shots: Sequence[Shot], rounds: int) -> Geometry:
@@ -109,14 +114,14 @@ class _Alignment:
             values, before = geometry.values, geometry
             biases = [dot_bias(self._rig, self._facts, values, self._picture_shape, shot) for shot in shots]
             dots = [shot.dots(bias) for shot, bias in zip(shots, biases, strict=True)]
-            geometry = fit_geometry(values, self._facts, dots, self._common_px)
+            geometry = fit_geometry(values, self._facts, dots, self._errors)
             if geometry.is_near(before, _CONVERGED):
                 break
         return geometry.uncertain_by(before)
 
     @property
-    def _common_px(self) -> float:
-        return _COMMON_PX if self._facts.focal_length_m is None else _FOURIER_COMMON_PX
+    def _errors(self) -> DotErrors:
+        return FOURIER_ERRORS if _is_fourier(self._rig) else NEAR_FIELD_ERRORS
 
     @property
     def _picture_shape(self) -> tuple[int, int]:

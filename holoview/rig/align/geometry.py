@@ -32,6 +32,9 @@ _UNITS = np.array([1, 1, 1e-3, 1e-3, 1e-4, 1e-2, 1e-3, 1e-3, 1e-6, 1e-6, 1e-3, 1
 COMMON_COUNT = 16
 _OUTLIER = 4.0  # times the robust standard deviation
 _MAD = 1.4826
+# Of the error that dots share over the scatter beyond noise: blur, crosstalk, wrong strokes and look-up tables moved
+# planes by one to four times what this states with 1 (benchmarks/rig_alignment.py --faults).
+_SHARED_PER_EXCESS = 3.0
 
 
 @dataclass(frozen=True)
@@ -107,11 +110,30 @@ def predicted_px(
     return np.asarray(point / np.exp(v["log_pitch"]) + np.array([v["centre_y"], v["centre_x"]]))
 
 
-def fit_geometry(start: Floats, facts: BenchFacts, dots: Sequence[Dots], common_px: float = 0.0) -> Geometry:
-    """The geometry that explains dots best, without outliers. start: values of `NAMES`.
+@dataclass(frozen=True)
+class DotErrors:
+    """How well the places of dots are known, standard deviations in pixels.
 
-    common_px: standard deviation of an error that neighbouring dots share, which more dots don't average out: it
-    counts as if only COMMON_COUNT coordinates had been measured.
+    common_px: of an error that neighbouring dots share, which more dots don't average out: it counts as if only
+    COMMON_COUNT coordinates had been measured. noise_px: what noise and unequal pixels leave of dots whose pictures are
+    as the model has them. More than that means that modulators or camera aren't as described, which moves dots together
+    by several times what it scatters them.
+    """
+
+    common_px: float = 0.0
+    noise_px: float = float("inf")
+
+    def shared_px(self, residual_px: float) -> float:
+        """The shared error of dots with this residual (r.m.s. along an axis)."""
+        return float(np.hypot(self.common_px, _SHARED_PER_EXCESS * self.excess_px(residual_px)))
+
+    def excess_px(self, residual_px: float) -> float:
+        """How much of a residual noise doesn't explain."""
+        return max(residual_px - self.noise_px, 0.0)
+
+
+def fit_geometry(start: Floats, facts: BenchFacts, dots: Sequence[Dots], errors: DotErrors | None = None) -> Geometry:
+    """The geometry that explains dots best, without outliers. start: values of `NAMES`. errors: none without them.
 
     What the dots can't tell stays as it is: walk and the stage's scale at one setting, modulator 2 where there is none.
     """
@@ -135,7 +157,8 @@ def fit_geometry(start: Floats, facts: BenchFacts, dots: Sequence[Dots], common_
     solved = least_squares(lambda x: residuals(x)[kept].ravel(), x)
     freedom = max(2 * int(kept.sum()) - len(x), 1)
     variance = float(2 * solved.cost) / freedom
-    stated = variance + common_px**2 * max(2 * int(kept.sum()) / COMMON_COUNT, 1.0)
+    shared_px = (errors or DotErrors()).shared_px(variance**0.5)
+    stated = variance + shared_px**2 * max(2 * int(kept.sum()) / COMMON_COUNT, 1.0)
     covariance = np.zeros((len(NAMES), len(NAMES)))
     covariance[np.ix_(free, free)] = (
         stated * np.linalg.pinv(solved.jac.T @ solved.jac) * np.outer(_UNITS[free], _UNITS[free])

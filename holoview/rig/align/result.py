@@ -28,7 +28,8 @@ def placement_of(rig: RigDescription, found: FoundGeometry) -> Placement:
     """The placement of a rig's devices. Raises DeviceError where the camera sees too little of the modulator."""
     g, rig = found.geometry, rig.as_described
     pitch = math.exp(g["log_pitch"])
-    middle_m = g["offset"] + (1 + g["scale"]) * sum(rig.stage_m) / 2
+    offset, scale = (_unless_nominal(g, name) for name in ("offset", "scale"))
+    middle_m = offset.value + (1 + scale.value) * sum(rig.stage_m) / 2
     first, shape, shift = [], [], []
     for axis, name in enumerate("yx"):
         centre = g[f"centre_{name}"]
@@ -44,8 +45,8 @@ def placement_of(rig: RigDescription, found: FoundGeometry) -> Placement:
         "rotation": _measured(g, "rotation"),
         **{f"shift_{n}": Measured(own, _centre_error(g, n) * pitch) for n, own in zip("yx", shift, strict=True)},
         **{name: _measured(g, name) for name in ("walk_y", "walk_x")},
-        "stage_offset": _measured(g, "offset"),
-        "stage_scale": _measured(g, "scale"),
+        "stage_offset": offset,
+        "stage_scale": scale,
     }
     if found.slm2_turn is not None:
         values |= {name: _measured(g, own) for name, own in _SECOND.items()}
@@ -74,9 +75,25 @@ def _measured(g: Geometry, name: str) -> Measured:
     return Measured(g[name], g.uncertainty(name))
 
 
+def _unless_nominal(g: Geometry, name: str) -> Measured:
+    """A value that is measured; the nominal zero, as uncertain, where that is as likely."""
+    found = _measured(g, name)
+    return found if found.is_significant else Measured(0.0, found.uncertainty)
+
+
 def _centre_error(g: Geometry, axis: str) -> float:
     """Pixels."""
     return math.hypot(g.uncertainty(f"centre_{axis}"), _COMMON_ERROR_PX)
+
+
+def doubt(found: FoundGeometry) -> str | None:
+    """A sentence where dots show that modulators or camera aren't what the description says."""
+    if found.excess_px == 0:
+        return None
+    return (
+        f"Dots lie {found.geometry.residual_px:.2g} pixels from where they should (r.m.s.), more than noise makes: "
+        "modulators or camera aren't what rig.toml says, which makes distances less certain. A diagnosis tells more."
+    )
 
 
 def sentences(placement: Placement) -> list[str]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,10 @@ PITCH_M, GAP_M, FOCAL_LENGTH_M = 8e-6, 1e-3, 0.1
 
 @dataclass(frozen=True)
 class Hidden:
-    """What is hidden, in SI units, in the bench's own orientation. kind: "two", "one" (modulators) or "fourier"."""
+    """What is hidden, in SI units, in the bench's own orientation. kind: "two", "one" (modulators) or "fourier".
+
+    faults: effects that an alignment doesn't look for.
+    """
 
     kind: str = "one"
     shape: tuple[int, int] = (48, 64)
@@ -38,6 +42,7 @@ class Hidden:
     offset_m: float = 0.0
     scale: float = 0.0
     seed: int = 0
+    faults: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def camera_pitch_m(self) -> float:
@@ -98,7 +103,7 @@ class Hidden:
                 "shift_x": self.slm2_shift_m[1],
                 "rotation": self.slm2_rotation,
             }
-        return effects
+        return effects | {name: dict(values) for name, values in self.faults.items()}
 
     def _placement(self) -> dict[str, str]:
         return {"slm1": self.slm1, "camera": self.camera} | ({"slm2": self.slm2} if self.kind == "two" else {})

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from holoview.captures.turns import TURNS
+from holoview.rig import read_rig
 from holoview.rig.align.alignment import find_geometry
 from holoview.rig.align.probes import flat_levels, optics_of
-from holoview.rig.align.result import placement_of, sentences
+from holoview.rig.align.result import doubt, placement_of, sentences
 from holoview.rig.align.rough import find_roughly
 from holoview.rig.devices import Counts, DeviceError, Devices
 from tests.rig.align.hidden_bench import Hidden, devices_of, draw, found_values
@@ -47,6 +48,21 @@ def test_a_pitch_that_is_three_per_cent_off_is_found(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["one", "two", "fourier"])
 def test_many_hidden_placements_are_found(kind: str, seed: int, tmp_path: Path) -> None:
     check(draw(kind, seed, (48, 64)), tmp_path)
+
+
+def test_a_modulator_that_is_not_as_described_makes_distances_doubtful(tmp_path: Path) -> None:
+    """Crosstalk of half a pixel moves planes by tens of µm; where the camera is doesn't depend on it."""
+    hidden = Hidden("two", (40, 48), camera="flip_x", faults={"crosstalk": {"sigma": 0.5}})
+    found = find_geometry(hidden.write(tmp_path), devices_of(read_rig(tmp_path / "rig.toml", is_placed=False))[0])
+    assert found is not None and found.excess_px > 0
+    sentence = doubt(found)
+    assert sentence is not None and "aren't what rig.toml says" in sentence
+    placement = placement_of(read_rig(tmp_path / "rig.toml", is_placed=False), found)
+    assert (placement.camera_turn, placement.slm2_turn) == hidden.expected_turns()
+    for name in ("stage_offset", "gap_error"):
+        own = placement.values[name]
+        assert abs(own.value) <= 3 * own.uncertainty
+        assert own.uncertainty > 20e-6
 
 
 @pytest.mark.parametrize("kind", ["one", "fourier"])

@@ -1,0 +1,43 @@
+"""`--known` of a diagnosis: effects that the bench is known to have, and the placement that `rig align` has found."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from holoview.commands.arguments import parse_effects
+from holoview.diagnose.comparison import Values
+from holoview.diagnose.diagnosis import Diagnosis
+from holoview.rig.placement import Placement, read_placement
+from holoview.rig.placement_doubt import refinement_note, within_alignment
+
+
+@dataclass(frozen=True)
+class KnownEffects:
+    """What was stated: effects by name, and placements."""
+
+    effects: Values
+    placements: Sequence[Placement]
+
+    def added_to(self, known: Values) -> dict[str, dict[str, float]]:
+        """Known effects with the stated ones; these count where both have a parameter."""
+        result = {name: dict(values) for name, values in known.items()}
+        for table in (*(placement.known_effects() for placement in self.placements), self.effects):
+            for name, values in table.items():
+                result[name] = result.get(name, {}) | dict(values)
+        return result
+
+    def with_notes(self, found: Diagnosis) -> Diagnosis:
+        """The diagnosis, with a note on causes that lie within what a placement has left open."""
+        within = [name for placement in self.placements for name in within_alignment(placement, found.values)]
+        notes = (*found.notes, refinement_note(within)) if within else found.notes
+        return dataclasses.replace(found, notes=notes)
+
+
+def read_known(texts: Sequence[str]) -> KnownEffects:
+    """Reads NAME.KEY=VALUE and files of placements. Raises UserError that names what is wrong."""
+    files = [text for text in texts if text.endswith(".toml") and "=" not in text]
+    effects: Mapping[str, Mapping[str, float]] = parse_effects([text for text in texts if text not in files])
+    return KnownEffects(effects, [read_placement(Path(file)) for file in files])
