@@ -21,13 +21,15 @@ from holoview.model.bench_parts import Relay
 from holoview.model.effects.effect import MODULATOR_HOOKS
 from holoview.model.effects.hook_contexts import Pose
 from holoview.model.plan import Plan
+from holoview.numerics.band_limited_warp import band_limited_warp
 from holoview.numerics.chirp_z import chirp_z_transform
-from holoview.numerics.resample import affine_warp, centred_indices
+from holoview.numerics.resample import centred_indices
 from holoview.optics.slm import phasor
 from holoview.optics.torch_effects import TorchEffects
 
 Tensor = torch.Tensor
 _SAMPLES_PER_SPECKLE = 4  # for the interpolation that a rotated camera needs
+_SPARE_SAMPLES = 14  # that interpolation needs at the edges
 _SPARE_WIDTH = 1.05  # of the finer grid, against the circle around the camera
 
 
@@ -89,7 +91,7 @@ class FourierBenchModel:
         (a, b, c), (d, e, f) = pose.inverse_affine(finer.pitch_m)
         scale = self.pixel_grid.pitch_m / finer.pitch_m
         source = ((a * scale, b * scale, c), (d * scale, e * scale, f))
-        return affine_warp(unrotated, source, mode="bicubic", shape=self.pixel_grid.shape)
+        return band_limited_warp(unrotated, source, self.pixel_grid.shape)
 
     def _field(self, drive: Tensor, component: IncoherentComponent) -> Tensor:
         """The field behind the modulator, of pixels or samples."""
@@ -148,5 +150,5 @@ class FourierBenchModel:
         speckle_m = λ * self.focal_length_m / modulator_width_m
         pitch_m = min(self.pixel_grid.pitch_m, speckle_m / _SAMPLES_PER_SPECKLE)
         reach_m = math.hypot(*self.pixel_grid.shape) * self.pixel_grid.pitch_m + 2 * math.hypot(*pose.shift_m)
-        samples = math.ceil(_SPARE_WIDTH * reach_m / pose.magnification / pitch_m)
+        samples = math.ceil(_SPARE_WIDTH * reach_m / pose.magnification / pitch_m) + _SPARE_SAMPLES
         return PixelGrid(pitch_m, (samples, samples))
