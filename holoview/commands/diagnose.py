@@ -150,11 +150,10 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
 @dataclass(frozen=True, eq=False)
 class _Diagnosed:
     """A diagnosis. recorded: the captures as their file or the rig has them. bench: the nominal one; None if that is
-    what the corrected captures say. known: its effects. loop: how captures were taken; None of a file's."""
+    what the corrected captures say. loop: how captures were taken; None of a file's."""
 
     found: Diagnosis
     recorded: Captures
-    known: Values
     bench: System | None
     exit_code: int
     loop: LoopResult | None = None
@@ -170,10 +169,10 @@ def run(args: argparse.Namespace) -> int:
     bench = done.bench or corrected.nominal_system()
     told = found.as_json() if done.loop is None else found.as_json() | {"loop": loop_as_json(done.loop)}
     text = json.dumps(told, indent=2, ensure_ascii=False) + "\n"
-    extended = extended_system(bench.edit({"effects": done.known}), found.values)
+    extended = extended_system(bench.edit({"effects": found.known}), found.values)
     saver, written = ResultSaver(), [] if args.save is None else [args.save]
     for path, save in (
-        (args.report, partial(_write_report, args, bench, corrected.is_fourier, done.known, found)),
+        (args.report, partial(_write_report, args, bench, corrected.is_fourier, found.known, found)),
         (args.json, partial(write_file, content=text)),
         (args.save_preset, partial(preset.save, extended)),
         (args.save_corrected, partial(write_captures, captures=corrected)),
@@ -202,20 +201,21 @@ def _diagnose_file(args: argparse.Namespace, user_effects: Sequence[Effect]) -> 
         found = diagnose(
             captures,
             known=known,
+            uncertain=stated.uncertain,
             progress=so_far.progress,
             time_s=math.inf if args.thorough else args.time,
             is_asked_to_end=interruption,
             so_far=so_far.note,
             **_search_options(args),
         )
-    return _Diagnosed(stated.with_notes(found), recorded, known, bench, interruption.exit_code)
+    return _Diagnosed(stated.with_notes(found), recorded, bench, interruption.exit_code)
 
 
 def _diagnose_rig(args: argparse.Namespace, user_effects: Sequence[Effect]) -> _Diagnosed:
     """The diagnosis of captures that are taken one by one."""
     time_s = math.inf if args.thorough else args.time
     captures, result, exit_code = diagnose_rig(args, user_effects, time_s=time_s, **_search_options(args))
-    return _Diagnosed(result.diagnosis, captures, {}, None, exit_code, result)
+    return _Diagnosed(result.diagnosis, captures, None, exit_code, result)
 
 
 def _search_options(args: argparse.Namespace) -> dict[str, Any]:

@@ -29,6 +29,11 @@ class KnownEffects:
                 result[name] = result.get(name, {}) | dict(values)
         return result
 
+    @property
+    def uncertain(self) -> dict[str, dict[str, float]]:
+        """Standard deviations of what placements know."""
+        return {name: own for one in self.placements for name, own in one.uncertain_effects().items()}
+
     def with_notes(self, found: Diagnosis) -> Diagnosis:
         """The diagnosis, with a note on causes that lie within what a placement has left open."""
         within = [name for placement in self.placements for name in within_alignment(placement, found.values)]

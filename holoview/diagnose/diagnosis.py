@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -95,6 +96,7 @@ class Diagnosis:
     the pixels' relative sensitivity. gain_spread: of the logarithm of the gains about those of their wavelength.
     captures: how many there are. bad_captures: those of them that aren't what their records say; no fit used them, and
     all else speaks of the others.
+    known: the effects of the nominal model, corrected where they were uncertain.
     records: what was wrong with the records. Everything else is about the captures with these put right.
     """
 
@@ -120,6 +122,7 @@ class Diagnosis:
     seconds: float
     records: RecordFindings = field(default_factory=RecordFindings)
     pixel_maps: tuple[PixelMap, ...] = ()
+    known: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def lives_in(self) -> dict[str, float]:
@@ -144,6 +147,7 @@ class Diagnosis:
             ],
             "rivals": [list(causes) for causes in self.rivals],
             "captures": self.captures,
+            "known": {name: dict(own) for name, own in self.known.items()},
             "bad_captures": [dataclasses.asdict(bad) for bad in self.bad_captures],
             "unexplained": {
                 "share": _json_number(self.unexplained),

@@ -21,6 +21,12 @@ def format_value(effect_id: str, parameter: str, interval: Interval) -> str:
     return f"{value:.{decimals}f} ± {half:.{decimals}f} {p.shown}".rstrip()
 
 
+def format_number(effect_id: str, parameter: str, value: float) -> str:
+    """A value to three digits, and its unit."""
+    p = next(p for p in get_effect(effect_id).parameters if p.name == parameter)
+    return f"{_number(p, value):.3g} {p.shown}".rstrip()
+
+
 def _number(p: Parameter, value: float) -> float:
     """The value in the unit that the parameter is written in."""
     if not p.is_quantity or not math.isfinite(value):

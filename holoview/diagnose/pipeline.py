@@ -22,10 +22,13 @@ from holoview.diagnose.comparison import Values
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.diagnosis import CandidateResult, Cause, Diagnosis
 from holoview.diagnose.excess_breakdown import break_down_excess
+from holoview.diagnose.extended_model import add_effect_values
 from holoview.diagnose.fit_statistics import explained_variance, fit_quality, held_out_groups, sample_captures
 from holoview.diagnose.free_maps import FreeMapFit, fit_free_maps, likely_fits
+from holoview.diagnose.free_parameters import FittedValues
 from holoview.diagnose.held_out_ranking import SearchResult
 from holoview.diagnose.judged_search import SearchOutcome
+from holoview.diagnose.known_refinement import Uncertainties, correction_notes, known_corrections
 from holoview.diagnose.one_picture import ONE_PICTURE_NOTE, with_one_picture
 from holoview.diagnose.picture_limit import within_limits
 from holoview.diagnose.pixel_maps import find_pixel_maps, line_notes
@@ -33,10 +36,7 @@ from holoview.diagnose.power_law import PowerLawFit, changes_only_power, fit_pow
 from holoview.diagnose.record_errors import CheckedRecords, check_records
 from holoview.diagnose.region_search import search_region_first, with_region
 from holoview.diagnose.sampling_config import PLAIN, SamplingConfig
-from holoview.diagnose.search_context import (
-    SearchContext,
-    field_samples,
-)
+from holoview.diagnose.search_context import SearchContext, field_samples
 from holoview.diagnose.search_end import BestSoFar, SearchEnd, describe_so_far
 from holoview.diagnose.search_preparation import prepare_search
 from holoview.diagnose.simplest_name import wider_names
@@ -54,6 +54,7 @@ def diagnose(
     effects: Iterable[Effect] | None = None,
     *,
     known: Values | None = None,
+    uncertain: Uncertainties | None = None,
     workers: int = 1,
     progress: ProgressCallback | None = None,
     free_maps: bool = True,
@@ -68,6 +69,8 @@ def diagnose(
 
     effects: the candidates; all of the registry when None.
     known: effects that the nominal model has, {id: {parameter: value}}; what is found adds to them.
+    uncertain: standard deviations of known effects that were measured, {id: {parameter: value}}; their errors are
+    fitted first, within these. `Diagnosis.known` has the known effects as they were used.
     workers: processes; results don't depend on their number. With more than one, a script needs the usual
     `if __name__ == "__main__":` of Python's multiprocessing.
     progress: called with (done, total, what).
@@ -90,21 +93,26 @@ def diagnose(
     began, known = time.monotonic(), known or {}
     library = list(listed_effects().values() if effects is None else effects)
     options = (workers, progress or _no_progress, free_maps, thorough, time_s, is_asked_to_end, so_far, sampling)
-    request = _Request(library, known, *options, config or SearchConfig())
+    request = _Request(library, known, uncertain or {}, *options, config or SearchConfig())
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        with request.start_workers() as pool:
-            records = check_records(captures, known, request.config)
-            share = 0.5 if records.are_doubtful else 1.0
-            diagnosis = _search(records, request, pool, share)
+        records = check_records(captures, known, request.config)
+        share = 0.5 if records.are_doubtful else 1.0
+        request, corrections = _with_corrected_known(records, request)
+        diagnosis = _search(records, request, share)
         if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
-            with request.start_workers() as pool:
-                as_recorded = _search(records.as_recorded(captures), request, pool, share)
+            as_recorded = _search(records.as_recorded(captures), request, share)
             diagnosis = records.or_as_recorded(diagnosis, as_recorded, request.config.verdict)
     finally:
         torch.set_num_threads(threads)
-    return dataclasses.replace(diagnosis, captures=len(captures), seconds=time.monotonic() - began)
+    return dataclasses.replace(
+        diagnosis,
+        captures=len(captures),
+        known=request.known,
+        notes=(*diagnosis.notes, *correction_notes(corrections, request.uncertain)),
+        seconds=time.monotonic() - began,
+    )
 
 
 @dataclass(frozen=True)
@@ -113,6 +121,7 @@ class _Request:
 
     library: list[Effect]
     known: Values
+    uncertain: Uncertainties
     workers: int
     progress: ProgressCallback
     free_maps: bool
@@ -133,8 +142,18 @@ class _Request:
         return self.is_asked_to_end is not None and self.is_asked_to_end()
 
 
-def _search(records: CheckedRecords, request: _Request, pool: WorkerPool, share: float) -> Diagnosis:
-    """The diagnosis of captures whose records have been checked, within a share of the time."""
+@dataclass(frozen=True)
+class _Prepared:
+    """A search before it begins. useless: captures that it leaves out. only: those that it doesn't."""
+
+    context: SearchContext
+    useless: Sequence[BadCapture]
+    only: set[int]
+    notes: list[str]
+
+
+def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share: float) -> _Prepared:
+    """What a search within a share of the time works with."""
     config = request.config
     captures, cut_notes = within_limits(records.captures, request.sampling, config.region)
     useless = find_useless_captures(captures, config.judgement)
@@ -145,13 +164,35 @@ def _search(records: CheckedRecords, request: _Request, pool: WorkerPool, share:
     only = {*range(len(captures))} - {bad.index for bad in useless}
     if len(only) == 1:
         context, notes = with_one_picture(context, min(only)), [*notes, ONE_PICTURE_NOTE]
-    notes = [*notes, *cut_notes]
     pool.share(context.shared_objects(), partial(_prepare_worker, _user_effect_files(request.library)))
-    outcome = search_region_first(context, useless, len(captures), request.progress)
-    findings = _evaluate(outcome, notes, request.progress)
-    diagnosis = _assemble_diagnosis(findings, request.free_maps and not end.was_asked, request.progress)
-    if len(only) == 1:  # its picture was split into two
-        samples = tuple(dataclasses.replace(sample, capture=min(only)) for sample in diagnosis.samples)
+    return _Prepared(context, useless, only, [*notes, *cut_notes])
+
+
+def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_Request, FittedValues]:
+    """The request with known effects corrected within their uncertainties, and the corrections."""
+    if not request.uncertain:
+        return request, {}
+    share, silent = request.config.budget.corrections_share, dataclasses.replace(request, so_far=None)
+    with request.start_workers() as pool:
+        context = _prepare(records, silent, pool, share).context
+        corrections = known_corrections(context.region or context, request.uncertain, request.progress)
+    known = add_effect_values(request.known, corrections)
+    return dataclasses.replace(request, known=known), corrections
+
+
+def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnosis:
+    """The diagnosis of captures whose records have been checked, within a share of the time."""
+    with request.start_workers() as pool:
+        prepared = _prepare(records, request, pool, share)
+        outcome = search_region_first(
+            prepared.context, prepared.useless, len(prepared.context.data.captures), request.progress
+        )
+        findings = _evaluate(outcome, prepared.notes, request.progress)
+        was_asked = prepared.context.end.was_asked
+        diagnosis = _assemble_diagnosis(findings, request.free_maps and not was_asked, request.progress)
+    if len(prepared.only) == 1:  # its picture was split into two
+        only = min(prepared.only)
+        samples = tuple(dataclasses.replace(sample, capture=only) for sample in diagnosis.samples)
         diagnosis = dataclasses.replace(diagnosis, samples=samples)
     return records.added_to(diagnosis)
 

@@ -44,13 +44,14 @@ _UNITS = {
     "slm2_shift_y": "um", "slm2_shift_x": "um", "slm2_rotation": "mrad", "slm2_magnification": "", "gap_error": "mm",
 }  # fmt: skip
 _SECOND = ("slm2_shift_y", "slm2_shift_x", "slm2_rotation", "slm2_magnification", "gap_error")
-EFFECT_PARAMETERS = {
+_EFFECTS = {
     "shift_y": "camera_alignment.shift_y", "shift_x": "camera_alignment.shift_x",
     "rotation": "camera_alignment.rotation", "walk_y": "stage.walk_y", "walk_x": "stage.walk_x",
     "slm2_shift_y": "slm_alignment.shift_y", "slm2_shift_x": "slm_alignment.shift_x",
     "slm2_rotation": "slm_alignment.rotation", "slm2_magnification": "slm_alignment.magnification",
     "gap_error": "gap.gap_error",
 }  # fmt: skip
+_MEASURED = _EFFECTS | {"stage_offset": "distance.distance_error", "stage_scale": "stage.scale"}
 _SIGNIFICANT = 2.0  # standard deviations from zero, from which on a value counts as known
 _SPARE_DIGITS = 1
 
@@ -101,12 +102,24 @@ class Placement:
     def known_effects(self) -> dict[str, dict[str, float]]:
         """What the rectified pictures still have, {effect: {parameter: value}}; without what may as well be zero."""
         known: dict[str, dict[str, float]] = {}
-        for name, effect in EFFECT_PARAMETERS.items():
+        for name, effect in _EFFECTS.items():
             found = self.values.get(name)
             if found is not None and found.is_significant:
                 identity, parameter = effect.split(".")
                 known.setdefault(identity, {})[parameter] = rounded_to(found.value, found.uncertainty)
         return known
+
+    def uncertain_effects(self) -> dict[str, dict[str, float]]:
+        """How well the placement is known, {effect: {parameter: standard deviation}}, in SI units."""
+        sigmas = {effect: self.values[name].uncertainty for name, effect in _MEASURED.items() if name in self.values}
+        if "pitch" in self.values:
+            sigmas["camera_alignment.magnification"] = self.values["pitch"].uncertainty / self["pitch"]
+        result: dict[str, dict[str, float]] = {}
+        for effect, sigma in sigmas.items():
+            identity, parameter = effect.split(".")
+            if sigma > 0:
+                result.setdefault(identity, {})[parameter] = sigma
+        return result
 
 
 def placement_path(rig_path: Path) -> Path:

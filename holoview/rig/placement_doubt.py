@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from holoview.rig.placement import EFFECT_PARAMETERS, Placement
+from holoview.rig.placement import Placement
 
 _MOST_DEVIATIONS = 3.0
 
@@ -26,28 +26,12 @@ def refinement_note(effects: Sequence[str]) -> str:
 
 
 def _is_within(placement: Placement, effect: str, values: Mapping[str, Any]) -> bool:
-    if effect == "distance":
-        return _is_small(values["distance_error"], _sigma(placement, "stage_offset"))
+    sigmas = placement.uncertain_effects()
     if effect == "plane_errors":
-        planes = zip(values["distances"], values["errors"], strict=True)
-        return all(_is_small(error, _plane_sigma(placement, z)) for z, error in planes)
-    sigmas = {parameter: _sigma(placement, name) for name, parameter in EFFECT_PARAMETERS.items()}
-    sigmas["stage.scale"] = _sigma(placement, "stage_scale")
-    names = [f"{effect}.{parameter}" for parameter in values]
-    return all(n in sigmas for n in names) and all(
-        _is_small(value, sigmas[n]) for n, value in zip(names, values.values(), strict=True)
-    )
-
-
-def _plane_sigma(placement: Placement, distance_m: float) -> float:
-    """Standard deviation of a distance (m), its zero and its scale taken as independent."""
-    setting = placement.setting_m(distance_m)
-    return math.hypot(_sigma(placement, "stage_offset"), setting * _sigma(placement, "stage_scale"))
-
-
-def _sigma(placement: Placement, name: str) -> float:
-    return placement.values[name].uncertainty if name in placement.values else 0.0
-
-
-def _is_small(value: float, sigma: float) -> bool:
-    return abs(value) <= _MOST_DEVIATIONS * sigma
+        offset, scale = sigmas["distance"]["distance_error"], sigmas["stage"]["scale"]
+        allowed = [math.hypot(offset, placement.setting_m(z) * scale) for z in values["distances"]]
+        errors = list(values["errors"])
+    else:
+        own = sigmas.get(effect, {})
+        allowed, errors = [own.get(name, 0.0) for name in values], list(values.values())
+    return all(abs(error) <= _MOST_DEVIATIONS * sigma for error, sigma in zip(errors, allowed, strict=True))

@@ -25,7 +25,8 @@ Z = 10.2e-3 + 0.25e-3  # the stage at 10 mm
         ("plane_errors", {"distances": (Z,), "errors": (4.3e-6,)}, False),
         ("plane_errors", {"distances": (0.25e-3, Z), "errors": (3.1e-6, 0.0)}, False),
         ("camera_alignment", {"shift_y": 2e-7, "shift_x": -2e-7}, True),
-        ("camera_alignment", {"shift_y": 2e-7, "magnification": 1e-9}, False),  # the pitch has it
+        ("camera_alignment", {"magnification": 7e-4}, True),  # the pitch is known to 1 nm of 3.9 µm
+        ("camera_alignment", {"magnification": 8e-4}, False),
         ("gap", {"gap_error": 1e-9}, False),  # one modulator: no gap was aligned
         ("camera_blur", {"sigma": 1e-9}, False),
     ],

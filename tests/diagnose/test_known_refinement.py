@@ -1,0 +1,67 @@
+"""Errors of known effects are no causes, and hide none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from holoview.captures import Captures
+from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.diagnose.pipeline import diagnose
+from holoview.diagnose.verdict import Verdict
+from holoview.model.bench_parts import Modulator
+from holoview.model.effects.registry import get_effect
+from holoview.model.system import System
+
+KNOWN = {"gap": {"gap_error": 80e-6}}
+UNCERTAIN = {
+    "gap": {"gap_error": 3e-6},
+    "distance": {"distance_error": 4e-6},
+    "camera_alignment": {"rotation": 2e-4, "magnification": 2e-4},
+}
+ERRORS = {
+    "gap": {"gap_error": 4e-6},
+    "distance": {"distance_error": -5e-6},
+    "camera_alignment": {"rotation": 1e-4, "magnification": -3e-4},
+}
+NAMES = ("gap", "distance", "camera_alignment", "stroke", "vignetting", "camera_gamma", "wavelength_offset")
+
+
+def _measured(fault: dict[str, dict[str, float]], errors: dict[str, dict[str, float]]) -> Captures:
+    """A bench with the known gap, errors of what was measured, and a fault."""
+    panel = Modulator(pitch_m=8e-6, shape=(32, 40), stroke_m=825e-9, levels=256)
+    system = System(
+        wavelengths_m=np.array([450e-9, 600e-9]),
+        amplitudes=np.ones((1, 2)),
+        modulators=(panel, panel),
+        gap_m=1e-3,
+        planes_m=np.array([3e-3, 6e-3]),
+        observer="mono",
+    )
+    true = errors | {"gap": {"gap_error": KNOWN["gap"]["gap_error"] + errors.get("gap", {}).get("gap_error", 0.0)}}
+    return make_captures(system, true | fault, AcquisitionSettings(captures_per_condition=4, seed=2))
+
+
+@pytest.mark.parametrize("fault", [{}, {"stroke": {"stroke_error": -0.03}}])
+def test_errors_of_a_measurement_are_corrected_and_only_the_fault_is_named(fault: dict[str, dict[str, float]]) -> None:
+    effects = [get_effect(name) for name in NAMES]
+    found = diagnose(_measured(fault, ERRORS), effects, known=KNOWN, uncertain=UNCERTAIN)
+    assert found.verdict == (Verdict.EXPLAINED if fault else Verdict.CONSISTENT)
+    assert [cause.effect for cause in found.causes] == list(fault)
+    for name, own in UNCERTAIN.items():
+        for parameter, sigma in own.items():
+            true = KNOWN.get(name, {}).get(parameter, 0.0) + ERRORS[name][parameter]
+            assert abs(found.known[name][parameter] - true) < 0.25 * sigma, (name, parameter)
+    assert any(note.startswith("Known effects were corrected") for note in found.notes)
+
+
+def test_an_error_beyond_the_uncertainty_is_a_cause() -> None:
+    errors = {"gap": {"gap_error": 30e-6}}
+    found = diagnose(_measured({}, errors), [get_effect(name) for name in NAMES], known=KNOWN, uncertain=UNCERTAIN)
+    assert [cause.effect for cause in found.causes] == ["gap"]
+    assert found.values["gap"]["gap_error"] == pytest.approx(30e-6, abs=1e-6)
+
+
+def test_where_nothing_asks_for_it_nothing_is_corrected() -> None:
+    found = diagnose(_measured({}, {}), [get_effect(name) for name in NAMES], known=KNOWN, uncertain=UNCERTAIN)
+    assert found.verdict is Verdict.CONSISTENT and found.known == KNOWN
