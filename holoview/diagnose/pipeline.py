@@ -25,7 +25,6 @@ from holoview.diagnose.excess_breakdown import break_down_excess
 from holoview.diagnose.extended_model import add_effect_values
 from holoview.diagnose.fit_statistics import explained_variance, fit_quality, held_out_groups, sample_captures
 from holoview.diagnose.free_maps import FreeMapFit, fit_free_maps, likely_fits
-from holoview.diagnose.free_parameters import FittedValues
 from holoview.diagnose.held_out_ranking import SearchResult
 from holoview.diagnose.judged_search import SearchOutcome
 from holoview.diagnose.known_refinement import Uncertainties, correction_notes, known_corrections
@@ -97,22 +96,10 @@ def diagnose(
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        records = check_records(captures, known, request.config)
-        share = 0.5 if records.are_doubtful else 1.0
-        request, corrections = _with_corrected_known(records, request)
-        diagnosis = _search(records, request, share)
-        if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
-            as_recorded = _search(records.as_recorded(captures), request, share)
-            diagnosis = records.or_as_recorded(diagnosis, as_recorded, request.config.verdict)
+        diagnosis = _diagnose(captures, request)
     finally:
         torch.set_num_threads(threads)
-    return dataclasses.replace(
-        diagnosis,
-        captures=len(captures),
-        known=request.known,
-        notes=(*diagnosis.notes, *correction_notes(corrections, request.uncertain)),
-        seconds=time.monotonic() - began,
-    )
+    return dataclasses.replace(diagnosis, captures=len(captures), seconds=time.monotonic() - began)
 
 
 @dataclass(frozen=True)
@@ -142,6 +129,18 @@ class _Request:
         return self.is_asked_to_end is not None and self.is_asked_to_end()
 
 
+def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
+    """Puts records right, corrects what was measured, and searches."""
+    records = check_records(captures, request.known, request.config)
+    share = 0.5 if records.are_doubtful else 1.0
+    request, notes = _with_corrected_known(records, request)
+    diagnosis = _search(records, request, share)
+    if records.are_doubtful and diagnosis.verdict in _OPEN and not request.is_asked:
+        as_recorded = _search(records.as_recorded(captures), request, share)
+        diagnosis = records.or_as_recorded(diagnosis, as_recorded, request.config.verdict)
+    return dataclasses.replace(diagnosis, known=request.known, notes=(*diagnosis.notes, *notes))
+
+
 @dataclass(frozen=True)
 class _Prepared:
     """A search before it begins. useless: captures that it leaves out. only: those that it doesn't."""
@@ -168,16 +167,16 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
     return _Prepared(context, useless, only, [*notes, *cut_notes])
 
 
-def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_Request, FittedValues]:
-    """The request with known effects corrected within their uncertainties, and the corrections."""
+def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_Request, tuple[str, ...]]:
+    """The request with known effects corrected within their uncertainties, and notes on that."""
     if not request.uncertain:
-        return request, {}
+        return request, ()
     share, silent = request.config.budget.corrections_share, dataclasses.replace(request, so_far=None)
     with request.start_workers() as pool:
         context = _prepare(records, silent, pool, share).context
         corrections = known_corrections(context.region or context, request.uncertain, request.progress)
     known = add_effect_values(request.known, corrections)
-    return dataclasses.replace(request, known=known), corrections
+    return dataclasses.replace(request, known=known), correction_notes(corrections, request.uncertain)
 
 
 def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnosis:
