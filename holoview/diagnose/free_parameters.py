@@ -80,10 +80,14 @@ def free_parameters_of(
     return FreeParameters(tuple((e, free) for e, p in listed for free in p.free_entries(p.read(given.get(e, {})))))
 
 
+def has_list(effect: Effect) -> bool:
+    """Whether an effect states lists of numbers."""
+    return any(isinstance(p, ListParameter) for p in effect.parameters)
+
+
 def number_count(effect: Effect) -> float:
     """How many numbers an effect states; infinitely many with a list, which has any number of them."""
-    has_list = any(isinstance(p, ListParameter) for p in effect.parameters)
-    return math.inf if has_list else len(free_parameters_of([effect]))
+    return math.inf if has_list(effect) else len(free_parameters_of([effect]))
 
 
 def identity_values(effect: Effect) -> dict[str, Any]:

@@ -12,10 +12,11 @@ from functools import partial
 
 import numpy as np
 
+from holoview.diagnose.config import KnownConfig
 from holoview.diagnose.effect_fit import CandidateFit, residual_function
 from holoview.diagnose.field_count import without_costly_fits
 from holoview.diagnose.formatting import format_number
-from holoview.diagnose.free_parameters import FittedValues, FreeParameters, free_parameters_of
+from holoview.diagnose.free_parameters import FittedValues, FreeParameters, free_parameters_of, has_list
 from holoview.diagnose.held_out_ranking import NOMINAL_FIT, first_per_cause_set, rank_on_held_out
 from holoview.diagnose.power_law import changes_only_power
 from holoview.diagnose.screening import screen_effects
@@ -26,11 +27,6 @@ from holoview.util.progress import ProgressCallback
 
 Uncertainties = Mapping[str, Mapping[str, float]]
 """{effect id: {parameter: standard deviation}}, SI units."""
-
-_BASES = 3  # single causes beside which the errors are fitted
-_AS_GOOD_COST = 1.5  # of such a cause, over the best one's
-_LISTED = 3  # corrections in a note
-_MOST_DEVIATIONS = 3.0  # a larger correction is no error of the measurement, but a cause to be named
 
 
 def known_corrections(context: SearchContext, uncertain: Uncertainties, progress: ProgressCallback) -> FittedValues:
@@ -50,10 +46,14 @@ def known_corrections(context: SearchContext, uncertain: Uncertainties, progress
         return {}
     finally:
         context.predictor.end = end
-    return {name: own for name, own in best.values.items() if name in placed and _is_within(own, placed[name])}
+    return {
+        name: own
+        for name, own in best.values.items()
+        if name in placed and _is_within(own, placed[name], context.config.known)
+    }
 
 
-def correction_notes(corrections: FittedValues, uncertain: Uncertainties) -> tuple[str, ...]:
+def correction_notes(corrections: FittedValues, uncertain: Uncertainties, config: KnownConfig) -> tuple[str, ...]:
     """A sentence on the corrections, if there are any, with the largest ones in standard deviations."""
     deviations = {
         (name, parameter): abs(value) / uncertain[name][parameter]
@@ -62,7 +62,7 @@ def correction_notes(corrections: FittedValues, uncertain: Uncertainties) -> tup
     }
     if not deviations:
         return ()
-    largest = sorted(deviations, key=lambda one: -deviations[one])[:_LISTED]
+    largest = sorted(deviations, key=lambda one: -deviations[one])[: config.listed]
     texts = [f"{name}.{p} by {format_number(name, p, corrections[name][p])}" for name, p in largest]
     return (f"Known effects were corrected within their uncertainties: {', '.join(texts)}, others by less.",)
 
@@ -70,12 +70,13 @@ def correction_notes(corrections: FittedValues, uncertain: Uncertainties) -> tup
 def _single_causes(context: SearchContext, placed: Uncertainties, progress: ProgressCallback) -> list[CandidateFit]:
     """The best single causes at a first look, but for those that are the physics of an uncertain effect."""
     alike = {other for name in placed for other in (name, *context.equivalents.get(name, ()))}
-    effects = [e for name, e in context.effects.items() if name not in alike and not changes_only_power(e)]
+    effects = [e for e in context.effects.values() if not (e.id in alike or changes_only_power(e) or has_list(e))]
     first_look = next(iter(screen_effects(context, {}, effects, progress, "known effects")))
     fits = first_per_cause_set(sorted((fit for batch in first_look for fit in batch), key=lambda f: f.cost))
     unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
-    cheap = without_costly_fits(context, fits, unbiased)[:_BASES]
-    return [fit for fit in cheap if fit.cost < _AS_GOOD_COST * cheap[0].cost]
+    config = context.config.known
+    cheap = without_costly_fits(context, fits, unbiased)[: config.bases]
+    return [fit for fit in cheap if fit.cost < config.as_good_cost * cheap[0].cost]
 
 
 def _fit_beside(context: SearchContext, base: CandidateFit, placed: Uncertainties) -> CandidateFit:
@@ -109,5 +110,5 @@ def _with_prior(function: ResidualFunction, free: FreeParameters, placed: Uncert
     return extended
 
 
-def _is_within(values: Mapping[str, float], sigmas: Mapping[str, float]) -> bool:
-    return all(abs(value) <= _MOST_DEVIATIONS * sigmas[name] for name, value in values.items())
+def _is_within(values: Mapping[str, float], sigmas: Mapping[str, float], config: KnownConfig) -> bool:
+    return all(abs(value) <= config.max_deviations * sigmas[name] for name, value in values.items())

@@ -143,9 +143,10 @@ def _diagnose(captures: Captures, request: _Request) -> Diagnosis:
 
 @dataclass(frozen=True)
 class _Prepared:
-    """A search before it begins. useless: captures that it leaves out. only: those that it doesn't."""
+    """A search before it begins. count: of all captures. useless: those that it leaves out. only: the others."""
 
     context: SearchContext
+    count: int
     useless: Sequence[BadCapture]
     only: set[int]
     notes: list[str]
@@ -164,28 +165,28 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
     if len(only) == 1:
         context, notes = with_one_picture(context, min(only)), [*notes, ONE_PICTURE_NOTE]
     pool.share(context.shared_objects(), partial(_prepare_worker, _user_effect_files(request.library)))
-    return _Prepared(context, useless, only, [*notes, *cut_notes])
+    return _Prepared(context, len(captures), useless, only, [*notes, *cut_notes])
 
 
 def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_Request, tuple[str, ...]]:
     """The request with known effects corrected within their uncertainties, and notes on that."""
     if not request.uncertain:
         return request, ()
-    share, silent = request.config.budget.corrections_share, dataclasses.replace(request, so_far=None)
+    share, silent = request.config.known.time_share, dataclasses.replace(request, so_far=None)
     with request.start_workers() as pool:
         context = _prepare(records, silent, pool, share).context
         corrections = known_corrections(context.region or context, request.uncertain, request.progress)
     known = add_effect_values(request.known, corrections)
-    return dataclasses.replace(request, known=known), correction_notes(corrections, request.uncertain)
+    return dataclasses.replace(request, known=known), correction_notes(
+        corrections, request.uncertain, request.config.known
+    )
 
 
 def _search(records: CheckedRecords, request: _Request, share: float) -> Diagnosis:
     """The diagnosis of captures whose records have been checked, within a share of the time."""
     with request.start_workers() as pool:
         prepared = _prepare(records, request, pool, share)
-        outcome = search_region_first(
-            prepared.context, prepared.useless, len(prepared.context.data.captures), request.progress
-        )
+        outcome = search_region_first(prepared.context, prepared.useless, prepared.count, request.progress)
         findings = _evaluate(outcome, prepared.notes, request.progress)
         was_asked = prepared.context.end.was_asked
         diagnosis = _assemble_diagnosis(findings, request.free_maps and not was_asked, request.progress)

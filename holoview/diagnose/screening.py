@@ -27,7 +27,7 @@ from holoview.diagnose.effect_scan import (
     scan_effect,
 )
 from holoview.diagnose.field_count import is_costly_effect, max_field_count
-from holoview.diagnose.free_parameters import FittedValues, identity_values
+from holoview.diagnose.free_parameters import FittedValues, has_list, identity_values
 from holoview.diagnose.fringe_starts import FringeStarts
 from holoview.diagnose.ghost_starts import GhostStarts
 from holoview.diagnose.plane_starts import PlaneStarts
@@ -215,18 +215,23 @@ class _Screening:
             yield self._improving(fit, effects[first : first + size], note)
 
     def nearby_fits(self, effects: Sequence[Effect]) -> FitBatches:
-        """Fits of what the residuals show without derivatives, then of the effects whose derivatives promise most."""
-        seen, others = self._fits_of_seen(effects)
+        """Fits of what the residuals show without derivatives, then of the effects whose derivatives promise most.
+
+        Stuck pixels come last, since it takes longest to see them.
+        """
+        seen, others = self._fits_of_seen(effects, self._quick_starts)
         yield seen
         promising, size = self._best_by_tangent(others), self._context.config.screening.tangent_fits_at_once
         imitated = {name for effect in promising for name in effect.imitates} - {effect.id for effect in promising}
         promising = [*(effect for effect in others if effect.id in imitated), *promising]
         for first in range(0, len(promising), size):
             yield self._improving(self.fitter.nearby_fit, promising[first : first + size], "")
+        if any(has_list(effect) for effect in others):
+            yield self._fits_of_seen(others, self._stuck_starts)[0]
 
     def local_fits(self, effects: Sequence[Effect]) -> FitBatches:
         """Fits of what the residuals show without derivatives, then of all other effects from their identity."""
-        seen, others = self._fits_of_seen(effects)
+        seen, others = self._fits_of_seen(effects, self._residual_starts)
         yield seen
         yield from self.in_batches(self.fitter.local_fit, others, "")
 
@@ -235,32 +240,40 @@ class _Screening:
         displaced = DisplacementStarts(self._base, self.fitter.comparison, self._context.config.starts)
         return partial(_all_starts, (displaced, self._residual_starts))
 
-    @cached_property
-    def list_starts(self) -> StartProvider:
+    def list_starts(self, effect: Effect) -> list[dict[str, float]]:
         """Starting values of stuck pixels and of planes that are off. Where there are any, much less error is left."""
-        stuck = StuckStarts(self._context, self._base, self.fitter.comparison)
-        return partial(_all_starts, (PlaneStarts(self._context, self._base), stuck))
+        return _all_starts((self._plane_starts, self._stuck_starts), effect)
 
-    def _fits_of_seen(self, effects: Sequence[Effect]) -> tuple[list[CandidateFit], list[Effect]]:
-        """Fits of the effects that the residuals show without derivatives, and the other effects."""
-        starts = self._residual_starts
+    @cached_property
+    def _plane_starts(self) -> StartProvider:
+        return PlaneStarts(self._context, self._base)
+
+    @cached_property
+    def _stuck_starts(self) -> StartProvider:
+        return StuckStarts(self._context, self._base, self.fitter.comparison)
+
+    def _fits_of_seen(
+        self, effects: Sequence[Effect], starts: StartProvider
+    ) -> tuple[list[CandidateFit], list[Effect]]:
+        """Fits of the effects for which residuals show starting values, and the other effects."""
         seen = [e for e in effects if starts(e)]
         fits = self._improving(partial(self.fitter.scan_and_fit, starts), seen, "")
         return fits, [e for e in effects if e not in seen]
 
-    @cached_property
-    def _residual_starts(self) -> StartProvider:
-        """Starting values of what has no derivative at its identity, and shows in the residuals.
+    def _residual_starts(self, effect: Effect) -> list[dict[str, float]]:
+        """Starting values of what has no derivative at its identity, and shows in the residuals."""
+        return _all_starts((self._quick_starts, self._stuck_starts), effect)
 
-        These are ghosts, fringes, smears, errors of planes and stuck pixels.
-        """
+    @cached_property
+    def _quick_starts(self) -> StartProvider:
+        """Those of ghosts, fringes, smears and errors of planes; without stuck pixels."""
         config, comparison = self._context.config.starts, self.fitter.comparison
         fitted = comparison.fit_gains(self._base)
         providers = (
             GhostStarts(fitted, comparison, config),
             FringeStarts(fitted, comparison, config),
             SmearStarts(fitted, comparison),
-            self.list_starts,
+            self._plane_starts,
         )
         return partial(_all_starts, providers)
 

@@ -3,6 +3,7 @@
 judgement     captures that aren't what their records say; one picture alone
 preparation   split of the captures, budget, residuals, nuisances, drift of the lasers
 fitting       screening of single effects, starting values, least-squares fits
+known         corrections of known effects that were measured
 stuck         stuck columns, rows and pixels of a modulator
 planes        errors of single planes
 selection     ranking on held-out captures, forward selection of causes
@@ -38,6 +39,7 @@ from holoview.diagnose.config.decision import (
 )
 from holoview.diagnose.config.fitting import FitConfig, ScreeningConfig, StartConfig, StepConfig
 from holoview.diagnose.config.judgement import JudgementConfig, OnePictureConfig
+from holoview.diagnose.config.known import KnownConfig
 from holoview.diagnose.config.planes import PlaneConfig
 from holoview.diagnose.config.preparation import (
     BudgetConfig,
@@ -60,6 +62,7 @@ __all__ = [
     "FreeMapConfig",
     "IntervalConfig",
     "JudgementConfig",
+    "KnownConfig",
     "LaserDriftConfig",
     "NuisanceConfig",
     "OnePictureConfig",
@@ -88,6 +91,7 @@ class SearchConfig:
     judgement: JudgementConfig = field(default_factory=JudgementConfig)
     one_picture: OnePictureConfig = field(default_factory=OnePictureConfig)
     budget: BudgetConfig = field(default_factory=BudgetConfig)
+    known: KnownConfig = field(default_factory=KnownConfig)
     region: RegionConfig = field(default_factory=RegionConfig)
     comparison: ComparisonConfig = field(default_factory=ComparisonConfig)
     nuisances: NuisanceConfig = field(default_factory=NuisanceConfig)

@@ -51,10 +51,6 @@ class BudgetConfig:
     """[1] After this share of the time nothing new is begun, so that what is underway ends in time. Evidence: the
     longest step of a pair, its causes fitted without each other, took 20 of 80 s."""
 
-    corrections_share: float = 0.7
-    """[1] Of a search's time, which it may take before to correct known effects. Evidence: 20 s of one core on the
-    virtual rig (48 × 64 pixels, 24 captures)."""
-
     max_fields: int = 16_000
     """[fields] After so many a search begins nothing new unless it is thorough. Evidence: measured: about a minute
     for 128 × 96 modulator pixels."""
