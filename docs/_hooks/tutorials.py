@@ -246,8 +246,8 @@ def working_in(folder: Path) -> Iterator[None]:
 
 
 def pages() -> list[Path]:
-    """The tutorials' pages."""
-    return sorted(path for path in FOLDER.glob("*.md") if path.name != "index.md")
+    """The tutorials' pages, with that of the live bench."""
+    return [*sorted(path for path in FOLDER.glob("*.md") if path.name != "index.md"), FOLDER.parent / "rig.md"]
 
 
 def write(page: Path) -> None:
