@@ -240,9 +240,10 @@ class _Screening:
         displaced = DisplacementStarts(self._base, self.fitter.comparison, self._context.config.starts)
         return partial(_all_starts, (displaced, self._residual_starts))
 
-    def list_starts(self, effect: Effect) -> list[dict[str, float]]:
+    @cached_property
+    def list_starts(self) -> StartProvider:
         """Starting values of stuck pixels and of planes that are off. Where there are any, much less error is left."""
-        return _all_starts((self._plane_starts, self._stuck_starts), effect)
+        return partial(_all_starts, (self._plane_starts, self._stuck_starts))
 
     @cached_property
     def _plane_starts(self) -> StartProvider:
@@ -260,9 +261,10 @@ class _Screening:
         fits = self._improving(partial(self.fitter.scan_and_fit, starts), seen, "")
         return fits, [e for e in effects if e not in seen]
 
-    def _residual_starts(self, effect: Effect) -> list[dict[str, float]]:
+    @cached_property
+    def _residual_starts(self) -> StartProvider:
         """Starting values of what has no derivative at its identity, and shows in the residuals."""
-        return _all_starts((self._quick_starts, self._stuck_starts), effect)
+        return partial(_all_starts, (self._quick_starts, self._stuck_starts))
 
     @cached_property
     def _quick_starts(self) -> StartProvider:
