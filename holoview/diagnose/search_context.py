@@ -109,16 +109,16 @@ class Leads:
 class SearchContext:
     """What the stages of a search work with.
 
-    data: the captures, prepared. system: the nominal bench. effects: the candidates by id. split: which captures are
-    for what. predictor: predicts captures, sampled as `sampling` says. workers: run jobs in parallel. variances: of the
-    noise, from the captures. config: settings of all stages. field_budget: after so many fields a search begins nothing
-    new that takes long. prnu: standard deviation of the pixels' relative sensitivity. has_camera_jitter: whether the
-    camera moves from capture to capture, so that comparisons fit its movements. equivalents: for each effect the others
-    that are the same physics on this bench. left_out: captures that no fit uses, by index. end: when the search has to
-    end. best_so_far: what it has found until then. region: the same session cut to its middle, which was searched
-    before, for what needs no full size. leads: what was found there. cut_error: (capture,), r.m.s. error over mean
-    light of predictions that lack the light from beyond modulators that were cut; None for whole ones. is_region:
-    whether this is the middle alone, which whole pictures judge.
+    data: the captures, prepared. system: the nominal bench, with what is known. effects: the candidates by id. split:
+    which captures are for what. predictor: predicts captures, sampled as `sampling` says. workers: run jobs in
+    parallel. variances: of the noise, from the captures. config: settings of all stages. field_budget: after so many
+    fields a search begins nothing new that takes long. prnu: standard deviation of the pixels' relative sensitivity.
+    has_camera_jitter: whether the camera moves from capture to capture, so that comparisons fit its movements.
+    equivalents: for each effect the others that are the same physics on this bench. left_out: captures that no fit
+    uses, by index. end: when the search has to end. best_so_far: what it has found until then. region: the same session
+    cut to its middle, which was searched before, for what needs no full size. leads: what was found there. cut_error:
+    (capture,), r.m.s. error over mean light of predictions that lack the light from beyond modulators that were cut;
+    None for whole ones. is_region: whether this is the middle alone, which whole pictures judge.
     """
 
     data: PreparedCaptures

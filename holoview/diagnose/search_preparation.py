@@ -17,6 +17,7 @@ from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.sampling_config import SamplingConfig
 from holoview.diagnose.search_context import NeighbourVariances, PerThreadPredictor, SearchContext, equivalent_effects
 from holoview.diagnose.worker_pool import WorkerPool
+from holoview.model.effects.active_effects import ActiveEffects
 from holoview.model.effects.effect import Effect
 from holoview.util.errors import UserError
 
@@ -51,7 +52,7 @@ def prepare_search(
     data = prepare_captures(captures)
     context = SearchContext(
         data=data,
-        system=captures.nominal_system(),
+        system=ActiveEffects(known).bench(captures.nominal_system()),
         effects=visible,
         split=split_captures(captures, pattern_roughness(captures), config.split, left_out),
         predictor=PerThreadPredictor(partial(PredictorWithKnownEffects, **options)),

@@ -60,6 +60,7 @@ def test_an_error_beyond_the_uncertainty_is_a_cause() -> None:
     found = diagnose(_measured({}, errors), [get_effect(name) for name in NAMES], known=KNOWN, uncertain=UNCERTAIN)
     assert [cause.effect for cause in found.causes] == ["gap"]
     assert found.values["gap"]["gap_error"] == pytest.approx(30e-6, abs=1e-6)
+    assert found.causes[0].sentence == "The gap is 1.11 mm, not 1.08 mm."
 
 
 def test_where_nothing_asks_for_it_nothing_is_corrected() -> None:
