@@ -15,6 +15,7 @@ from holoview.captures.fit_quality import FitQuality
 from holoview.captures.records import RecordFindings
 from holoview.diagnose.bad_captures import BadCapture
 from holoview.diagnose.excess_breakdown import ExcessBreakdown
+from holoview.diagnose.extended_model import add_effect_values
 from holoview.diagnose.free_maps import FreeMapFit
 from holoview.diagnose.free_parameters import FittedValues
 from holoview.diagnose.pixel_maps import PixelMap
@@ -123,6 +124,11 @@ class Diagnosis:
     records: RecordFindings = field(default_factory=RecordFindings)
     pixel_maps: tuple[PixelMap, ...] = ()
     known: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @property
+    def all_values(self) -> dict[str, dict[str, Any]]:
+        """What is known, and what was found beside it."""
+        return add_effect_values(self.known, self.values)
 
     @property
     def lives_in(self) -> dict[str, float]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from holoview.captures.dataset import Captures, join_captures
+from holoview.diagnose.comparison import Values
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.pipeline import diagnose
@@ -111,6 +112,8 @@ class ClosedLoop:
         self._rig, self._devices, self._effects, self._planner = rig, devices, list(effects), planner
         self._settings, self._keep, self._tell, self._is_asked = settings, keep, tell, is_asked_to_end
         self._options = options
+        self._known: Values = {} if rig.placement is None else rig.placement.known_effects()
+        self._uncertain = {} if rig.placement is None else rig.placement.uncertain_effects()
         self._session, self._time = MeasurementSession(rig, devices), BenchTime.of(devices)
         self._fits, self._here_m, self._next_check = HypothesisFits(), rig.stage_m[0], START_COUNT
         self._belief: Belief | None = None
@@ -183,7 +186,7 @@ class ClosedLoop:
             return None
         end = SearchEnd(is_asked=self._is_asked)
         try:
-            context = loop_context(join_captures(parts), self._effects, self._settings.config, end)
+            context = loop_context(join_captures(parts), self._effects, self._settings.config, end, self._known)
             self._belief = belief = self._fits.update(context)
             is_certain = belief.explains and belief.certainty >= self._settings.certainty
             if not is_certain or count < self._next_check:
@@ -206,7 +209,11 @@ class ClosedLoop:
         return len(named) == len(led) and all(n in led or equal.get(n, frozenset()) & {*led} for n in named)
 
     def _diagnose(self, parts: Sequence[Captures], effects: Sequence[Effect], **options: Any) -> Diagnosis:
-        return diagnose(join_captures(parts), effects, config=self._settings.config, **{**self._options, **options})
+        """A diagnosis; it corrects what is known of a rig that was aligned."""
+        options = {**self._options, **options, "known": self._known, "uncertain": self._uncertain}
+        found = diagnose(join_captures(parts), effects, config=self._settings.config, **options)
+        self._known = found.known
+        return found
 
     def _last_diagnosis(self, parts: Sequence[Captures]) -> Diagnosis:
         """The diagnosis at the end of a budget; after an interruption, of the hypotheses that are left alone."""

@@ -9,6 +9,7 @@ from holoview.captures.dataset import Captures
 from holoview.captures.records.central_region import central_region
 from holoview.diagnose.bad_captures import find_useless_captures
 from holoview.diagnose.capture_split import CaptureSplit
+from holoview.diagnose.comparison import Values
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.record_errors import check_records
 from holoview.diagnose.sampling_config import PLAIN
@@ -21,14 +22,16 @@ from holoview.model.effects.effect import Effect
 _SEARCH_SHARE = 0.25  # of the fields of a diagnosis; the loop searches several times
 
 
-def loop_context(captures: Captures, effects: Sequence[Effect], config: SearchConfig, end: SearchEnd) -> SearchContext:
+def loop_context(
+    captures: Captures, effects: Sequence[Effect], config: SearchConfig, end: SearchEnd, known: Values
+) -> SearchContext:
     """What fits to all captures work with, wrong records put right. Raises UserError when no capture shows anything.
 
-    end: when fits have to end.
+    end: when fits have to end. known: effects that the nominal model has.
     """
-    cut = middle_of(check_records(captures, {}, config).captures, config)
+    cut = middle_of(check_records(captures, known, config).captures, config)
     useless = find_useless_captures(cut, config.judgement)
-    context, _ = prepare_search(cut, useless, effects, {}, PLAIN, config, WorkerPool(1))
+    context, _ = prepare_search(cut, useless, effects, known, PLAIN, config, WorkerPool(1))
     everything = context.kept
     budget = _SEARCH_SHARE * config.budget.fields_for(field_samples(cut))
     split = CaptureSplit(context.split.coarse, everything, everything, everything)

@@ -12,6 +12,7 @@ from holoview.captures.dataset import Captures, join_captures
 from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.formatting import format_value
 from holoview.diagnose.pipeline import diagnose
+from holoview.rig.placement import Placement
 from holoview.session.editing_session import EditingSession
 from holoview.session.jobs import BackgroundJob, JobControl
 
@@ -40,6 +41,7 @@ class LiveDiagnosis:
 
     time_s: how long a search may take. diagnosis: the last result, None before the first. seen: captures that were
     there when it was begun. so_far: a sentence of the running one, or "". is_on: whether it begins by itself.
+    placement: of the rig, if it was aligned; what it knows isn't named as a cause.
     """
 
     def __init__(self, session: EditingSession, run: Diagnose = diagnose) -> None:
@@ -47,6 +49,7 @@ class LiveDiagnosis:
         self.time_s, self.is_on = TIME_S, True
         self.diagnosis: Diagnosis | None = None
         self.seen, self.so_far = 0, ""
+        self.placement: Placement | None = None
         self._job: BackgroundJob | None = None
         self._next: tuple[list[Captures], int] | None = None
         self._begun = 0
@@ -93,8 +96,11 @@ class LiveDiagnosis:
         self._job = self._session.jobs.start("Diagnosis", work, show, on_end=self._start_next)
 
     def _work(self, captures: list[Captures], time_s: float, control: JobControl) -> Diagnosis:
+        placement = self.placement
         found = self._run(
             join_captures(captures),
+            known={} if placement is None else placement.known_effects(),
+            uncertain={} if placement is None else placement.uncertain_effects(),
             progress=control.report,
             time_s=time_s,
             is_asked_to_end=lambda: control.is_cancelled,

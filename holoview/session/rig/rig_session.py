@@ -41,6 +41,7 @@ class RigSession(RigDevices):
         """Reads rig.toml and opens its devices in the background. Raises UserError for a wrong description."""
         super().open(path)
         assert self.rig is not None
+        self.diagnosis.placement = self.rig.placement
         started = time.strftime("%Y%m%d-%H%M%S")
         self.captures = TakenCaptures(self.rig.path.with_name(f"{self.rig.path.stem}-{started}.captures"))
 
@@ -123,10 +124,10 @@ class RigSession(RigDevices):
         models = {
             MODELS[0]: PictureModel(name),
             MODELS[1]: PictureModel(name, system=self._session.system),
-            MODELS[2]: PictureModel(name, values=None if found is None else found.values),
+            MODELS[2]: PictureModel(name, values=None if found is None else found.all_values),
         }
         new, old = models[name], self.view.model
-        if new.name != old.name or new.system is not old.system or new.values is not old.values:
+        if new.name != old.name or new.system is not old.system or new.values != old.values:
             self.view.set_model(new)
 
     # --- results ----------------------------------------------------------------------------------------------------

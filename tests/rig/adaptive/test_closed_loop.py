@@ -136,7 +136,7 @@ def test_it_goes_on_with_captures_that_were_kept(
 def belief(found: tuple[LoopResult, list[str]]) -> Belief:
     """What the captures of the gap say, with the distance as a rival that is kept."""
     captures = join_captures(found[0].parts[:START_COUNT])
-    context = loop_context(captures, [get_effect(name) for name in CANDIDATES], SearchConfig(), NEVER)
+    context = loop_context(captures, [get_effect(name) for name in CANDIDATES], SearchConfig(), NEVER, {})
     fits = HypothesisFits()
     fits.include(context, [("distance",)])
     return fits.update(context)
