@@ -66,15 +66,12 @@ def add_effect_values(known: Values, found: Values) -> dict[str, dict[str, Any]]
     return result
 
 
-FREE_MAP_PREFIX = "free_"
-"""Of the ids of free maps, which aren't in the registry and have no known values to add to."""
-
-
 class PredictorWithKnownEffects:
     """A predictor with known effects always on. options: keywords of `Predictor`."""
 
     def __init__(self, captures: Captures, known_values: Values, **options: Any) -> None:
         self._predict, self._known = Predictor(captures, **options), known_values
+        self._extra = {effect.id for effect in options.get("extra_effects", ())}  # nothing is known of these
 
     @property
     def fields_requested(self) -> int:
@@ -84,9 +81,9 @@ class PredictorWithKnownEffects:
     def __call__(self, indices: Any, values: Values, *, grad: bool = False) -> Prediction:
         """As `Predictor`; `values` add to what is known."""
         if self._known:
-            free = {name: own for name, own in values.items() if name.startswith(FREE_MAP_PREFIX)}
-            listed = {name: own for name, own in values.items() if name not in free}
-            values = {**add_effect_values(self._known, listed), **free}
+            extra = {name: own for name, own in values.items() if name in self._extra}
+            listed = {name: own for name, own in values.items() if name not in extra}
+            values = {**add_effect_values(self._known, listed), **extra}
         return self._predict(indices, values, grad=grad)
 
 

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
 from holoview.captures import Captures
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.diagnose.extended_model import PredictorWithKnownEffects
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.verdict import Verdict
 from holoview.model.bench_parts import Modulator
+from holoview.model.effects.effect import Effect
+from holoview.model.effects.hook_contexts import CameraContext
+from holoview.model.effects.parameter import Parameter, Values
 from holoview.model.effects.registry import get_effect
 from holoview.model.system import System
 
@@ -66,3 +71,23 @@ def test_an_error_beyond_the_uncertainty_is_a_cause() -> None:
 def test_where_nothing_asks_for_it_nothing_is_corrected() -> None:
     found = diagnose(_measured({}, {}), [get_effect(name) for name in NAMES], known=KNOWN, uncertain=UNCERTAIN)
     assert found.verdict is Verdict.CONSISTENT and found.known == KNOWN
+
+
+class _Brighter(Effect):
+    """One that no registry has."""
+
+    id, cause, finding, acts_on = "brighter", "Brighter.", "Brighter by {factor}.", ("camera",)
+    parameters = (Parameter("factor", "Of all light.", low=0.0, prior=1.0),)
+
+    def image(self, image: torch.Tensor, at: CameraContext, v: Values) -> torch.Tensor:
+        return image * (1 + v["factor"])
+
+
+def test_effects_of_ones_own_may_stand_beside_known_ones() -> None:
+    captures = _measured({}, {})
+    plain, extended = (
+        PredictorWithKnownEffects(captures, KNOWN),
+        PredictorWithKnownEffects(captures, KNOWN, extra_effects=[_Brighter()]),
+    )
+    first = plain([0], {}).signal
+    assert torch.equal(extended([0], {"brighter": {"factor": 1.0}}).signal, 2 * first)
