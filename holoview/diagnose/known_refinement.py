@@ -29,10 +29,12 @@ Uncertainties = Mapping[str, Mapping[str, float]]
 """{effect id: {parameter: standard deviation}}, SI units."""
 
 
-def known_corrections(context: SearchContext, uncertain: Uncertainties, progress: ProgressCallback) -> FittedValues:
+def known_corrections(
+    context: SearchContext, uncertain: Uncertainties, progress: ProgressCallback
+) -> FittedValues | None:
     """What known effects are to be corrected by, {effect: {parameter: value}}; empty where nothing asks for it.
 
-    context: with the known effects in its nominal bench. Ends early, with no corrections, when the context's time ends.
+    context: with the known effects in its nominal bench. None where the context's time ended before.
     """
     placed = {name: own for name, own in uncertain.items() if name in context.effects}
     end, context.predictor.end = context.predictor.end, context.end
@@ -43,7 +45,7 @@ def known_corrections(context: SearchContext, uncertain: Uncertainties, progress
         fits = context.run_parallel([partial(_fit_beside, context, base, placed) for base in bases])
         best = rank_on_held_out(context, fits).best.fit
     except SearchEnded:
-        return {}
+        return None
     finally:
         context.predictor.end = end
     return {
@@ -53,8 +55,12 @@ def known_corrections(context: SearchContext, uncertain: Uncertainties, progress
     }
 
 
-def correction_notes(corrections: FittedValues, uncertain: Uncertainties, config: KnownConfig) -> tuple[str, ...]:
+def correction_notes(
+    corrections: FittedValues | None, uncertain: Uncertainties, config: KnownConfig
+) -> tuple[str, ...]:
     """A sentence on the corrections, if there are any, with the largest ones in standard deviations."""
+    if corrections is None:
+        return ("Known effects stayed as they were measured: the time for their correction was over; give it more.",)
     deviations = {
         (name, parameter): abs(value) / uncertain[name][parameter]
         for name, own in corrections.items()

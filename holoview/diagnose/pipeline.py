@@ -176,7 +176,7 @@ def _with_corrected_known(records: CheckedRecords, request: _Request) -> tuple[_
     with request.start_workers() as pool:
         context = _prepare(records, silent, pool, share).context
         corrections = known_corrections(context.region or context, request.uncertain, request.progress)
-    known = add_effect_values(request.known, corrections)
+    known = add_effect_values(request.known, corrections or {})
     return dataclasses.replace(request, known=known), correction_notes(
         corrections, request.uncertain, request.config.known
     )

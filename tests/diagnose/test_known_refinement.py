@@ -68,6 +68,15 @@ def test_an_error_beyond_the_uncertainty_is_a_cause() -> None:
     assert found.causes[0].sentence == "The gap is 1.11 mm, not 1.08 mm."
 
 
+def test_a_correction_that_takes_too_long_is_told() -> None:
+    found = diagnose(_measured({}, ERRORS), [get_effect("stroke")], known=KNOWN, uncertain=UNCERTAIN, time_s=0.0)
+    assert found.known == KNOWN
+    found = diagnose(
+        _measured({}, ERRORS), [get_effect(name) for name in NAMES], known=KNOWN, uncertain=UNCERTAIN, time_s=0.0
+    )
+    assert any("stayed as they were measured" in note for note in found.notes)
+
+
 def test_where_nothing_asks_for_it_nothing_is_corrected() -> None:
     found = diagnose(_measured({}, {}), [get_effect(name) for name in NAMES], known=KNOWN, uncertain=UNCERTAIN)
     assert found.verdict is Verdict.CONSISTENT and found.known == KNOWN
