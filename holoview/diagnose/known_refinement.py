@@ -51,7 +51,7 @@ def known_corrections(
     return {
         name: own
         for name, own in best.values.items()
-        if name in placed and _is_within(own, placed[name], context.config.known)
+        if name in placed and is_within(own, placed[name], context.config.known.max_deviations)
     }
 
 
@@ -116,5 +116,6 @@ def _with_prior(function: ResidualFunction, free: FreeParameters, placed: Uncert
     return extended
 
 
-def _is_within(values: Mapping[str, float], sigmas: Mapping[str, float], config: KnownConfig) -> bool:
-    return all(abs(value) <= config.max_deviations * sigmas[name] for name, value in values.items())
+def is_within(values: Mapping[str, float], sigmas: Mapping[str, float], deviations: float) -> bool:
+    """Whether all values are within so many standard deviations of zero; one without a deviation only where it is 0."""
+    return all(abs(value) <= deviations * sigmas.get(name, 0.0) for name, value in values.items())

@@ -90,9 +90,9 @@ def diagnose(
     picture, blocks of pixels are held out. Raises UserError when no capture is left that shows anything.
     """
     began, known = time.monotonic(), known or {}
-    library = list(listed_effects().values() if effects is None else effects)
+    candidates = list(listed_effects().values() if effects is None else effects)
     options = (workers, progress or _no_progress, free_maps, thorough, time_s, is_asked_to_end, so_far, sampling)
-    request = _Request(library, known, uncertain or {}, *options, config or SearchConfig())
+    request = _Request(candidates, known, uncertain or {}, *options, config or SearchConfig())
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -106,7 +106,7 @@ def diagnose(
 class _Request:
     """The arguments of `diagnose` but for the captures."""
 
-    library: list[Effect]
+    candidates: list[Effect]
     known: Values
     uncertain: Uncertainties
     workers: int
@@ -157,14 +157,16 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
     config = request.config
     captures, cut_notes = within_limits(records.captures, request.sampling, config.region)
     useless = find_useless_captures(captures, config.judgement)
-    context, notes = prepare_search(captures, useless, request.library, request.known, request.sampling, config, pool)
+    context, notes = prepare_search(
+        captures, useless, request.candidates, request.known, request.sampling, config, pool
+    )
     time_s = config.budget.time_for(field_samples(captures)) if request.time_s is None else request.time_s
     end = SearchEnd(share * time_s, request.is_asked_to_end, config.budget.last_begin)
     context = _limited(context, request.thorough, end, request.so_far)
     only = {*range(len(captures))} - {bad.index for bad in useless}
     if len(only) == 1:
         context, notes = with_one_picture(context, min(only)), [*notes, ONE_PICTURE_NOTE]
-    pool.share(context.shared_objects(), partial(_prepare_worker, _user_effect_files(request.library)))
+    pool.share(context.shared_objects(), partial(_prepare_worker, _user_effect_files(request.candidates)))
     return _Prepared(context, len(captures), useless, only, [*notes, *cut_notes])
 
 

@@ -92,15 +92,12 @@ def _filtered(values: Tensor, margin: int, gain: Callable[[Tensor, Tensor], Tens
     return filtered[margin : margin + rows, margin : margin + columns]
 
 
-def affine_warp(
-    values: Tensor, source: AffineRows, mode: str = "bilinear", shape: tuple[int, int] | None = None
-) -> Tensor:
-    """A map whose entry at r = (y, x) is that of `values` at the affine image of r.
+def affine_warp(values: Tensor, source: AffineRows, shape: tuple[int, int] | None = None) -> Tensor:
+    """A map whose entry at r = (y, x) is that of `values` at the affine image of r, bilinear between samples.
 
     values: (y, x) real or complex.
     source: rows that take (y, x, 1), in samples from the centre of the result, to the position in `values`, in samples
-    from its centre.
-    mode: "bilinear" or "bicubic". For shifts below a sample, "bilinear" is the mean over a sample of shifted squares.
+    from its centre. For shifts below a sample the result is the mean over a sample of shifted squares.
     shape: (rows, columns) of the result, that of `values` when None.
     """
     rows, columns = shape or values.shape
@@ -108,13 +105,13 @@ def affine_warp(
     y = centred_indices(rows, real, values.device)[:, None]
     x = centred_indices(columns, real, values.device)[None, :]
     position_y, position_x = (a * y + b * x + c for a, b, c in source)
-    return interpolate_at(values, position_y, position_x, mode)
+    return interpolate_at(values, position_y, position_x)
 
 
-def interpolate_at(values: Tensor, position_y: Tensor, position_x: Tensor, mode: str = "bilinear") -> Tensor:
-    """A map (y, x), real or complex, at positions (rows, columns) that count in samples from its centre."""
+def interpolate_at(values: Tensor, position_y: Tensor, position_x: Tensor) -> Tensor:
+    """A map (y, x), real or complex, at positions (rows, columns) in samples from its centre, bilinear between them."""
     parts = torch.view_as_real(values).movedim(-1, 0) if values.is_complex() else values[None]
     scale_y, scale_x = (2.0 / n for n in values.shape)
     normalised = torch.stack([position_x * scale_x, position_y * scale_y], dim=-1)[None]
-    read = grid_sample(parts[None].contiguous(), normalised, mode=mode, padding_mode="border", align_corners=False)[0]
+    read = grid_sample(parts[None].contiguous(), normalised, padding_mode="border", align_corners=False)[0]
     return torch.view_as_complex(read.movedim(0, -1).contiguous()) if values.is_complex() else read[0]

@@ -192,14 +192,6 @@ def test_its_report_needs_no_other_file(diagnosed: Diagnosed) -> None:
             assert min(picture.size) > 100
 
 
-def test_a_preset_keeps_what_is_known_beside_what_is_found(holoview: Run, file: Path, tmp_path: Path) -> None:
-    outcome = holoview(
-        "diagnose", file, "--known", f"gap.gap_error={GAP_ERROR_M}", "--workers", 1, "--save-preset", "p.toml"
-    )
-    assert outcome.code == 0 and ": consistent" in outcome.out, outcome.err
-    assert preset.load(str(tmp_path / "p.toml")).effect_values == {"gap": {"gap_error": GAP_ERROR_M}}
-
-
 def test_a_preset_with_the_fault_leaves_nothing_to_explain(diagnosed: Diagnosed, holoview: Run) -> None:
     outcome = holoview("diagnose", diagnosed.folder / "c.h5", "--preset", diagnosed.folder / "p.toml", "--workers", 1)
     assert outcome.code == 0 and ": consistent" in outcome.out

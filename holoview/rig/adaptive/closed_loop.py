@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from holoview.captures.dataset import Captures, join_captures
-from holoview.diagnose.comparison import Values
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.diagnosis import Diagnosis
 from holoview.diagnose.pipeline import diagnose
@@ -28,6 +27,7 @@ from holoview.rig.adaptive.proposals import START_COUNT
 from holoview.rig.description import RigDescription
 from holoview.rig.devices import Devices
 from holoview.rig.measure.session import MeasurementSession
+from holoview.rig.placement_doubt import diagnosis_options
 from holoview.util.errors import UserError
 
 _SETTLED = (Verdict.EXPLAINED, Verdict.CONSISTENT)
@@ -111,9 +111,7 @@ class ClosedLoop:
     ) -> None:
         self._rig, self._devices, self._effects, self._planner = rig, devices, list(effects), planner
         self._settings, self._keep, self._tell, self._is_asked = settings, keep, tell, is_asked_to_end
-        self._options = options
-        self._known: Values = {} if rig.placement is None else rig.placement.known_effects()
-        self._uncertain = {} if rig.placement is None else rig.placement.uncertain_effects()
+        self._options = options | diagnosis_options(rig.placement)
         self._session, self._time = MeasurementSession(rig, devices), BenchTime.of(devices)
         self._fits, self._here_m, self._next_check = HypothesisFits(), rig.stage_m[0], START_COUNT
         self._belief: Belief | None = None
@@ -186,7 +184,9 @@ class ClosedLoop:
             return None
         end = SearchEnd(is_asked=self._is_asked)
         try:
-            context = loop_context(join_captures(parts), self._effects, self._settings.config, end, self._known)
+            context = loop_context(
+                join_captures(parts), self._effects, self._settings.config, end, self._options["known"]
+            )
             self._belief = belief = self._fits.update(context)
             is_certain = belief.explains and belief.certainty >= self._settings.certainty
             if not is_certain or count < self._next_check:
@@ -210,9 +210,8 @@ class ClosedLoop:
 
     def _diagnose(self, parts: Sequence[Captures], effects: Sequence[Effect], **options: Any) -> Diagnosis:
         """A diagnosis; it corrects what is known of a rig that was aligned."""
-        options = {**self._options, **options, "known": self._known, "uncertain": self._uncertain}
-        found = diagnose(join_captures(parts), effects, config=self._settings.config, **options)
-        self._known = found.known
+        found = diagnose(join_captures(parts), effects, config=self._settings.config, **{**self._options, **options})
+        self._options["known"] = found.known
         return found
 
     def _last_diagnosis(self, parts: Sequence[Captures]) -> Diagnosis:

@@ -29,7 +29,7 @@ NAMES = (
 """All that may be unknown, in SI units; the centre in pixels."""
 
 _UNITS = np.array([1, 1, 1e-3, 1e-3, 1e-4, 1e-2, 1e-3, 1e-3, 1e-6, 1e-6, 1e-3, 1e-3, 1e-4])
-COMMON_COUNT = 16
+_COMMON_COUNT = 16
 _OUTLIER = 4.0  # times the robust standard deviation
 _MAD = 1.4826
 # Of the error that dots share over the scatter beyond noise: blur, crosstalk, wrong strokes and look-up tables moved
@@ -114,8 +114,8 @@ def predicted_px(
 class DotErrors:
     """How well the places of dots are known, standard deviations in pixels.
 
-    common_px: of an error that neighbouring dots share, which more dots don't average out: it counts as if only
-    COMMON_COUNT coordinates had been measured. noise_px: what noise and unequal pixels leave of dots whose pictures are
+    common_px: of an error that neighbouring dots share, which more dots don't average out: it counts as if only 16
+    coordinates had been measured. noise_px: what noise and unequal pixels leave of dots whose pictures are
     as the model has them. More than that means that modulators or camera aren't as described, which moves dots together
     by several times what it scatters them.
     """
@@ -158,7 +158,7 @@ def fit_geometry(start: Floats, facts: BenchFacts, dots: Sequence[Dots], errors:
     freedom = max(2 * int(kept.sum()) - len(x), 1)
     variance = float(2 * solved.cost) / freedom
     shared_px = (errors or DotErrors()).shared_px(variance**0.5)
-    stated = variance + shared_px**2 * max(2 * int(kept.sum()) / COMMON_COUNT, 1.0)
+    stated = variance + shared_px**2 * max(2 * int(kept.sum()) / _COMMON_COUNT, 1.0)
     covariance = np.zeros((len(NAMES), len(NAMES)))
     covariance[np.ix_(free, free)] = (
         stated * np.linalg.pinv(solved.jac.T @ solved.jac) * np.outer(_UNITS[free], _UNITS[free])

@@ -13,6 +13,7 @@ from holoview.diagnose.diagnosis import Cause, Diagnosis
 from holoview.diagnose.formatting import format_value
 from holoview.diagnose.pipeline import diagnose
 from holoview.rig.placement import Placement
+from holoview.rig.placement_doubt import diagnosis_options
 from holoview.session.editing_session import EditingSession
 from holoview.session.jobs import BackgroundJob, JobControl
 
@@ -96,11 +97,9 @@ class LiveDiagnosis:
         self._job = self._session.jobs.start("Diagnosis", work, show, on_end=self._start_next)
 
     def _work(self, captures: list[Captures], time_s: float, control: JobControl) -> Diagnosis:
-        placement = self.placement
         found = self._run(
             join_captures(captures),
-            known={} if placement is None else placement.known_effects(),
-            uncertain={} if placement is None else placement.uncertain_effects(),
+            **diagnosis_options(self.placement),
             progress=control.report,
             time_s=time_s,
             is_asked_to_end=lambda: control.is_cancelled,
