@@ -1,4 +1,4 @@
-"""Runs users' own effects once before a search.
+"""Checks effects before a search: known ones, and users' own, which are run once.
 
 A search treats a parameter value at which a hook raises UserError as an impossible bench and goes on, so a mistake in
 an effect's file would stay unnoticed. Here it is reported.
@@ -6,17 +6,29 @@ an effect's file would stay unnoticed. Here it is reported.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import torch
 
 from holoview.captures.dataset import Captures
 from holoview.captures.predictor import Predictor
+from holoview.model.effects.active_effects import unmet_by_bench
 from holoview.model.effects.effect import Effect
+from holoview.model.effects.effect_table import EffectTable
+from holoview.model.effects.registry import get_effect
 from holoview.util.errors import UserError
 
 _REMEDY = "mend the file that defines it"
 _PROBE_STEP = 0.5  # of the prior of each parameter
+
+
+def check_known_effects(captures: Captures, known: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raises UserError for known effects {id: {parameter: value}} that the bench can't have, or values out of range."""
+    EffectTable().parse(known, "effects")
+    for name in known:
+        if missing := unmet_by_bench(get_effect(name), captures.data_properties()):
+            raise UserError(f"effects.{name}", missing, expected="known effects of the bench that took these captures")
 
 
 def check_user_effects(captures: Captures, effects: Iterable[Effect]) -> None:

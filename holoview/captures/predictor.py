@@ -35,6 +35,7 @@ _SAMPLE_BYTES = 48  # of a padded sample in complex64; 20 to 40 were measured
 _MAX_PLANS = 256  # a few for each wavelength and plane
 _IMAGE_CACHE_MB = 128  # of finished intensities, which many intermediate fields would push out of a shared cache
 _DRIVE_CACHE_MB = 64  # of patterns
+_CACHE_MB = 256
 _LIGHT_HOOKS = (
     "bench",
     *MODULATOR_HOOKS,
@@ -68,6 +69,16 @@ class Prediction:
         return np.asarray(offset) if self.ambient is None else offset + self.ambient.numpy().astype(np.float32)
 
 
+CACHE_BYTES = (_CACHE_MB + _IMAGE_CACHE_MB + _DRIVE_CACHE_MB) * _MB
+"""What a `Predictor` keeps for later calls unless it is told otherwise, at most."""
+
+
+def prediction_bytes(captures: Captures, *, finer: int = 1, padding: int = 2, double_precision: bool = False) -> int:
+    """Memory that a prediction takes, without what a `Predictor` keeps for later ones."""
+    samples = math.prod(captures.levels.shape[2:]) * (captures.upsample * finer * padding) ** 2
+    return _SAMPLE_BYTES * (1 + double_precision) * samples
+
+
 class Predictor:
     """Predicts captures of one session for many values of effect parameters.
 
@@ -86,14 +97,13 @@ class Predictor:
         extra_effects: Iterable[Effect] = (),
         *,
         double_precision: bool = False,
-        cache_mb: int = 256,
+        cache_mb: int = _CACHE_MB,
         finer: int = 1,
         padding: int = 2,
         points: int | None = None,
     ) -> None:
         self.captures, self.extra_effects, self.finer, self.padding = captures, tuple(extra_effects), finer, padding
-        samples = math.prod(captures.levels.shape[2:]) * (captures.upsample * finer * padding) ** 2
-        needed = _SAMPLE_BYTES * (1 + double_precision) * samples
+        needed = prediction_bytes(captures, finer=finer, padding=padding, double_precision=double_precision)
         require_memory("prediction of captures", needed, remedy="lower --finer or --padding, or use smaller modulators")
         self.dtype = torch.complex128 if double_precision else torch.complex64
         self.real_dtype = torch.float64 if double_precision else torch.float32

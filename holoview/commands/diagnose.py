@@ -90,7 +90,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="TIME",
         type=parse_duration,
         help="search for at most so long, e.g. 10min, then tell the best that was found (default: a minute, up to five "
-        "minutes for large modulators)",
+        "minutes for large modulators; up to four times as long beside other programs that use the processor)",
     )
     duration.add_argument("--thorough", action="store_true", help="search to the end, however long that takes")
     _add_sampling(parser)

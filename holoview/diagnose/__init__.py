@@ -28,14 +28,18 @@ displacement_starts starting values where the image has moved
 ghost_starts        starting values where a copy lies over the image
 smear_starts        starting values where the image is smeared along a line
 fringe_starts       starting values where plane fringes lie over the image
+modulator_fringe_starts  the same where they lie over a modulator
+fringe_spectrum     fringes as peaks of a spectrum that all wavelengths share
 stuck_starts        starting values where columns, rows or pixels of a modulator are stuck
 plane_starts        starting values where planes are off, each by its own error
 dead_places         columns, rows, parts of them and pixels that are stuck
 replacement_gains   what pixels of a modulator would gain if they showed one level, by an adjoint pass
+transmission_slopes that adjoint pass: derivatives by the transmission of every pixel
 effect_scan         scans of one effect's range
 effect_fit          local least-squares fits
 fit_improvements    longer steps, hard edges, axes, fewer parameters
 refine              joint fits of several causes
+polishing           the best candidates polished near the floor
 last_fit            the best ones fitted until nothing is gained
 held_out_ranking    candidates ranked on captures that no fit has used
 forward_selection   one cause after another

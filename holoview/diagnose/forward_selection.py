@@ -8,12 +8,14 @@ cause that the others make superfluous is dropped again. Once the budget of fiel
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
+from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.effect_fit import CandidateFit, cost_or_inf, local_fit
-from holoview.diagnose.field_count import is_costly, is_costly_effect, is_very_costly, without_costly_fits
+from holoview.diagnose.field_count import is_costly, is_costly_effect, without_costly_fits
 from holoview.diagnose.held_out_ranking import (
     HeldOutScore,
     SearchResult,
@@ -21,7 +23,14 @@ from holoview.diagnose.held_out_ranking import (
     rank_on_held_out,
     score_on_held_out,
 )
-from holoview.diagnose.refine import RefinementQueue, refine_along_axes, refine_fit
+from holoview.diagnose.polishing import (
+    explains_everything,
+    free_fine_parameters,
+    is_at_floor,
+    is_settled,
+    refine_leaders_along_axes,
+)
+from holoview.diagnose.refine import RefinementQueue, refine_fit
 from holoview.diagnose.screening import screen_effects
 from holoview.diagnose.search_context import Leads, SearchContext
 from holoview.diagnose.verdict import jitter_excess
@@ -35,7 +44,7 @@ def select_causes(context: SearchContext, effects: Sequence[Effect], progress: P
     With leads from the middle of the pictures, only what varies over the field is searched beside them.
     """
     if context.leads is None:
-        result = _free_fine_parameters(context, _search_single_causes(context, effects, progress))
+        result = free_fine_parameters(context, _search_single_causes(context, effects, progress))
     else:
         effects = [e for e in effects if e.varies_over_field and context.leads.explains]
         result = _follow_leads(context, context.leads, effects, progress)
@@ -45,7 +54,7 @@ def select_causes(context: SearchContext, effects: Sequence[Effect], progress: P
         wider = _drop_superfluous_causes(context, _search_further_causes(context, result, number, effects, progress))
         if not _is_better(context, wider, result):
             break
-        result = _free_fine_parameters(context, wider)
+        result = free_fine_parameters(context, wider)
     return result
 
 
@@ -79,18 +88,51 @@ def _search_single_causes(
             as_good = [f for f in batch[: config.short_list] if f.cost < config.as_good_cost * batch[0].cost]
             if queue.refine_new(as_good):
                 result = rank_on_held_out(context, queue.fits)
-            if _explains_everything(context, result):
+            if explains_everything(context, result):
                 return result
         queue.refine_new(_short_list(context, without_costly_fits(context, screened, unbiased)))
-        result = _refine_leaders_along_axes(context, rank_on_held_out(context, queue.fits))
-        if _is_settled(context, result):
-            break
-        if number == 0 and result.best.excess < config.promising_share * result.nominal.excess:
-            result = _search_further_causes(context, result, 2, effects, progress)
-            if result.best.chi2_per_pixel < config.floor_chi2:
-                break
+        result = rank_on_held_out(context, queue.fits)
+        if number == 0 and not is_settled(context, result) and _is_promising(context, result):
+            result = _search_second_causes_early(context, result, effects, progress)
             queue.fits += [c.fit for c in result.candidates if len(c.causes) > 1]
+        else:
+            result = refine_leaders_along_axes(context, result)
+        if is_settled(context, result) or (len(result.best.causes) > 1 and is_at_floor(context, result)):
+            break
     return result
+
+
+def _search_second_causes_early(
+    context: SearchContext, result: SearchResult, effects: Sequence[Effect], progress: ProgressCallback
+) -> SearchResult:
+    """Second causes before ranges are scanned; before that the single ones are polished, and costly ones behind it.
+
+    To polish a costly cause that lacks another one takes a part of the budget, and gains nothing. One that has come
+    near the floor is polished like all others.
+    """
+    result = free_fine_parameters(context, refine_leaders_along_axes(context, result, is_costly_far=False))
+    if is_settled(context, result):
+        return result
+    result = _search_further_causes(context, result, 2, effects, progress)
+    return result if is_at_floor(context, result) else refine_leaders_along_axes(context, result)
+
+
+def _is_promising(context: SearchContext, result: SearchResult) -> bool:
+    """Whether a candidate explains much of the held-out captures, or of the smooth ones.
+
+    Where a second cause spoils the speckle of rough patterns, the first one alone gains nothing there.
+    """
+    share = context.config.selection.promising_share
+    if result.best.excess < share * result.nominal.excess:
+        return True
+    smooth = _smooth_comparison(context)
+    costs = [cost_or_inf(smooth, c.fit.values) for c in result.candidates]
+    return min(costs, default=math.inf) < share * cost_or_inf(smooth, {})
+
+
+def _smooth_comparison(context: SearchContext) -> Comparison:
+    """The coarse captures, tolerant of the nominal model's error."""
+    return context.tolerant_comparison(context.split.coarse, context.relative_model_error({}))
 
 
 def _search_further_causes(
@@ -105,8 +147,8 @@ def _search_further_causes(
         wider = _with_one_more_cause(context, base, compatible, progress, f"{number} causes")
         fits += context.run_parallel([partial(refine_fit, context, f) for f in wider])
         most_causes_first = first_per_cause_set(sorted(fits, key=lambda f: -len(f.causes)))
-        result = _refine_leaders_along_axes(context, rank_on_held_out(context, most_causes_first))
-        if _explains_everything(context, result) or _is_settled(context, result):
+        result = refine_leaders_along_axes(context, rank_on_held_out(context, most_causes_first))
+        if explains_everything(context, result) or is_settled(context, result):
             break
         bases = _with_exchanged_base(base, result.best.fit) + bases
     return result
@@ -125,8 +167,12 @@ def _with_one_more_cause(
     """The best with one cause more than a base, fitted together; the first that nearly explains all ends the search."""
     config = context.config.selection
     unbiased = context.data_weighted_comparison(context.split.coarse, 0.0)
-    base_cost = cost_or_inf(unbiased, base.values)
-    best = config.worthwhile_cost * base_cost
+    base_cost, noise = cost_or_inf(unbiased, base.values), float(unbiased.pixel_count)
+    best = (
+        noise + config.worthwhile_cost * (base_cost - noise)
+        if base_cost > noise
+        else config.worthwhile_cost * base_cost
+    )
     screened, joint = list[CandidateFit](), list[CandidateFit]()
     for stage in screen_effects(context, base.values, effects, progress, note):
         for batch in stage:
@@ -134,16 +180,23 @@ def _with_one_more_cause(
             if batch and (cost := cost_or_inf(unbiased, batch[0].values)) < best:
                 best = cost
                 joint = _joint_fits(context, batch[:1])
-                if joint[0].cost < context.config.ranking.near_chi2 * unbiased.pixel_count:
+                if joint[0].cost < noise * _near_chi2(context, base_cost / noise):
                     return joint
         best_first = first_per_cause_set(sorted(screened, key=lambda f: f.cost))
         promising = without_costly_fits(context, best_first, unbiased)[: config.joint_fits]
         joint = _joint_fits(context, promising)[: config.refined_joint_fits]
-        enough = max(config.joint_no_scan_chi2 * unbiased.pixel_count, config.promising_share * base_cost)
+        enough = max(config.joint_no_scan_chi2 * noise, config.promising_share * base_cost)
         settled = joint and joint[0].cost < enough
         if context.budget_exhausted or settled:
             break
     return joint
+
+
+def _near_chi2(context: SearchContext, base_chi2: float) -> float:
+    """χ²/n of smooth captures below which a cause beside a base, whose own is given, leaves nearly nothing."""
+    config = context.config.selection
+    least = config.floor_chi2 - 1
+    return 1 + min(context.config.ranking.near_chi2 - 1, max(least, config.settled_share * (base_chi2 - 1)))
 
 
 def _joint_fits(context: SearchContext, fits: Sequence[CandidateFit]) -> list[CandidateFit]:
@@ -167,67 +220,8 @@ def _short_list(context: SearchContext, fits: list[CandidateFit]) -> list[Candid
     return fits[: config.short_list] + close[: config.close_fits]
 
 
-def _free_fine_parameters(context: SearchContext, result: SearchResult) -> SearchResult:
-    """The best candidate with its fine parameters freed, where it is near but not at the floor, and they help."""
-    best = result.best
-    effects = [context.effects[name] for name in best.causes]
-    has_fine = any(p.fine for e in effects for p in e.parameters)
-    if _explains_everything(context, result) or not has_fine or not _is_near(context, best.fit):
-        return result
-    freed = refine_fit(context, best.fit, include_fine=True)
-    score = score_on_held_out(freed, result.comparison, result.tolerant_comparison)
-    gained = (best.chi2_per_pixel - score.chi2_per_pixel) * result.pixel_count
-    max_excess = context.config.selection.max_fine_excess_share * best.excess
-    if gained < context.config.verdict.min_delta_chi2 or score.excess > max_excess:
-        return result
-    return rank_on_held_out(context, [freed, *(c.fit for c in result.candidates[1:])])
-
-
-def _refine_leaders_along_axes(context: SearchContext, result: SearchResult) -> SearchResult:
-    """The best candidates searched along their axes, where they are near the floor but not at it.
-
-    What is far off lacks a cause: with it, other values of the causes that it has would be best.
-    """
-    config = context.config.selection
-    for _ in range(config.axis_rounds):
-        if result.best.chi2_per_pixel < config.floor_chi2:
-            break
-        max_excess = config.explains_nothing_share * result.nominal.excess
-        helpful = [c.fit for c in result.candidates[: config.axis_candidates] if c.excess < max_excess]
-        leaders = [f for f in helpful if not is_very_costly(context, f) and _is_near(context, f)]
-        if not leaders:
-            break
-        refined = context.run_parallel([partial(refine_along_axes, context, f) for f in leaders])
-        better = [new for new, old in zip(refined, leaders, strict=True) if new.values != old.values]
-        if not better:
-            break
-        before = result.best.excess
-        result = rank_on_held_out(context, [*better, *(c.fit for c in result.candidates)])
-        if result.best.excess > config.axis_gain_share * before:
-            break
-    return result
-
-
-def _is_near(context: SearchContext, fit: CandidateFit) -> bool:
-    """Whether a fit leaves a small error, or a small part of the nominal bench's error."""
-    config = context.config.selection
-    limit = min(config.near_error_share * context.relative_model_error({}), config.max_near_error)
-    return context.relative_model_error(fit.values) < max(config.near_error, limit)
-
-
-def _explains_everything(context: SearchContext, result: SearchResult) -> bool:
-    return result.best.chi2_per_pixel < context.config.verdict.jitter_chi2
-
-
-def _is_settled(context: SearchContext, result: SearchResult) -> bool:
-    """Whether so little is left that other causes can't leave much less."""
-    config = context.config.selection
-    return result.best.excess < min(config.settled_excess, config.settled_share * result.nominal.excess)
-
-
 def _is_done(context: SearchContext, result: SearchResult) -> bool:
-    at_floor = result.best.chi2_per_pixel < context.config.selection.floor_chi2
-    return at_floor or not result.candidates or context.budget_exhausted
+    return is_at_floor(context, result) or not result.candidates or context.budget_exhausted
 
 
 def _bases(context: SearchContext, result: SearchResult, causes: int) -> list[HeldOutScore]:
@@ -239,7 +233,7 @@ def _bases(context: SearchContext, result: SearchResult, causes: int) -> list[He
     count = context.config.selection.bases if causes == 1 else 1
     same = [c for c in result.candidates if len(c.causes) == causes and not _has_shorter_name(context, c, result)]
     if result.best.chi2_per_pixel > context.config.ranking.near_chi2:
-        smooth = context.tolerant_comparison(context.split.coarse, context.relative_model_error({}))
+        smooth = _smooth_comparison(context)
         same.sort(key=lambda c: cost_or_inf(smooth, c.fit.values))
     affordable = without_costly_fits(context, [c.fit for c in same], result.tolerant_comparison)
     chosen = {id(f) for f in affordable}

@@ -15,7 +15,9 @@ import torch
 from numpy.typing import NDArray
 
 from holoview.captures.dataset import Captures
+from holoview.captures.effect_check import check_known_effects
 from holoview.captures.patterns import pattern_roughness
+from holoview.captures.predictor import CACHE_BYTES, prediction_bytes
 from holoview.diagnose.bad_captures import BadCapture, find_useless_captures
 from holoview.diagnose.cause_description import describe_causes, describe_power_law
 from holoview.diagnose.comparison import Values
@@ -77,7 +79,7 @@ def diagnose(
     thorough: search to the end; without it a search begins nothing new once `config.budget.max_fields` are computed,
     about a minute for 128 × 96 modulator pixels.
     time_s: the search ends after so long, with the best that it has found; records, intervals and notes take a little
-    longer. None: what `config.budget` allows such captures.
+    longer. None: what `config.budget` allows such captures, and more where other programs use the processor too.
     is_asked_to_end: asked now and then; the search ends in the same way once it returns True.
     so_far: called with a sentence when the search has found something better.
     sampling: how predictions sample light.
@@ -87,9 +89,11 @@ def diagnose(
     records, the captures are searched as recorded as well, each in half of the time; what explains them better counts.
 
     Every capture is judged: `Diagnosis.bad_captures` lists those that aren't what their records say. Of a single
-    picture, blocks of pixels are held out. Raises UserError when no capture is left that shows anything.
+    picture, blocks of pixels are held out. Raises UserError when no capture is left that shows anything, and for known
+    effects that such a bench can't have.
     """
     began, known = time.monotonic(), known or {}
+    check_known_effects(captures, known)
     candidates = list(listed_effects().values() if effects is None else effects)
     options = (workers, progress or _no_progress, free_maps, thorough, time_s, is_asked_to_end, so_far, sampling)
     request = _Request(candidates, known, uncertain or {}, *options, config or SearchConfig())
@@ -160,13 +164,19 @@ def _prepare(records: CheckedRecords, request: _Request, pool: WorkerPool, share
     context, notes = prepare_search(
         captures, useless, request.candidates, request.known, request.sampling, config, pool
     )
-    time_s = config.budget.time_for(field_samples(captures)) if request.time_s is None else request.time_s
-    end = SearchEnd(share * time_s, request.is_asked_to_end, config.budget.last_begin)
+    time_s, stretch = request.time_s, 1.0
+    if time_s is None:
+        time_s, stretch = config.budget.time_for(field_samples(captures)), config.budget.max_stretch
+    end = SearchEnd(share * time_s, request.is_asked_to_end, config.budget.last_begin, stretch)
     context = _limited(context, request.thorough, end, request.so_far)
     only = {*range(len(captures))} - {bad.index for bad in useless}
     if len(only) == 1:
         context, notes = with_one_picture(context, min(only)), [*notes, ONE_PICTURE_NOTE]
-    pool.share(context.shared_objects(), partial(_prepare_worker, _user_effect_files(request.candidates)))
+    prepare = partial(_prepare_worker, _user_effect_files(request.candidates))
+    needed = prediction_bytes(captures, finer=request.sampling.finer, padding=request.sampling.padding) + CACHE_BYTES
+    pool.share(context.shared_objects(), prepare, needed)
+    if pool.workers < request.workers:
+        cut_notes = [*cut_notes, f"{pool.workers} of {request.workers} processes worked: no more fit into the memory."]
     return _Prepared(context, len(captures), useless, only, [*notes, *cut_notes])
 
 

@@ -9,37 +9,14 @@ of one pixel, however far its phase is off.
 from __future__ import annotations
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from holoview.diagnose.comparison import Comparison
 from holoview.diagnose.free_parameters import FittedValues
 from holoview.diagnose.search_context import SearchContext
-from holoview.model.effects.effect import Effect
-from holoview.model.effects.hook_contexts import ModulatorContext
-from holoview.model.effects.parameter import Parameter, Values
+from holoview.diagnose.transmission_slopes import TransmissionSlope, transmission_slopes
 
 Floats = NDArray[np.float64]
-Tensor = torch.Tensor
-
-
-class _TransmissionProbe(Effect):
-    """Adds a zero to every transmission, of which the derivative is asked for."""
-
-    id = "free_transmission"
-    cause = "Something changes a modulator's transmission."
-    finding = "Derivatives are asked for."
-    parameters = (Parameter("on", "1: on."),)
-    acts_on = ("modulator 1", "modulator 2")
-    order = -1
-
-    def __init__(self) -> None:
-        self.seen: list[tuple[Tensor, Tensor, ModulatorContext]] = []
-
-    def transmission(self, transmission: Tensor, context: ModulatorContext, v: Values) -> Tensor:
-        zero = torch.zeros_like(transmission, requires_grad=True)
-        self.seen.append((zero, transmission.detach(), context))
-        return transmission + zero
 
 
 def replacement_gains(
@@ -50,21 +27,13 @@ def replacement_gains(
     levels (level,): shares of the stroke. earlier: two more, for pixels that show the first pattern of the session, and
     that of the capture before.
     """
-    probe = _TransmissionProbe()
-    probed = comparison.with_predictor(context.predictor.create(extra_effects=[probe]))
-    values: FittedValues = {**base, probe.id: {"on": 1.0}}
     gains: dict[int, Floats] = {}
-    for position in range(len(comparison.indices)):
-        probe.seen.clear()
-        squares = squared_residuals(probed, values, position)
-        slopes = torch.autograd.grad(squares, [zero for zero, _, _ in probe.seen])
-        for slope, (_, transmission, modulator) in zip(slopes, probe.seen, strict=True):
-            shares = levels[:, None, None]
-            if earlier:
-                patterns = _earlier_patterns(comparison, position, modulator.number)
-                shares = np.concatenate([np.broadcast_to(shares, (len(levels), *modulator.shape)), patterns])
-            gain = _gain_of_shares(slope.numpy(), transmission.numpy(), modulator, shares)
-            gains[modulator.number] = gains.get(modulator.number, 0.0) + gain
+    for found in transmission_slopes(context, base, comparison):
+        shares, modulator = levels[:, None, None], found.modulator
+        if earlier:
+            patterns = _earlier_patterns(comparison, found.position, modulator.number)
+            shares = np.concatenate([np.broadcast_to(shares, (len(levels), *modulator.shape)), patterns])
+        gains[modulator.number] = gains.get(modulator.number, 0.0) + _gain_of_shares(found, shares)
     return gains
 
 
@@ -94,17 +63,6 @@ def significance(gains: Floats) -> Floats:
     return np.asarray((above / scale).reshape(gains.shape))
 
 
-def squared_residuals(comparison: Comparison, values: FittedValues, position: int) -> Tensor:
-    """Σ residual² of one capture of a comparison, with its best gain, as a tensor with gradients."""
-    weight, light = (torch.from_numpy(a[position]) for a in (comparison.weight, comparison.light))
-    prediction = comparison.predictor(comparison.indices[position : position + 1], values, grad=True)
-    model = weight * prediction.signal[0]
-    dark = np.asarray(prediction.counts_without_lasers(comparison.data.camera.black_level))
-    data = weight * (light - torch.from_numpy(dark))
-    gain = (data * model).sum() / (model * model).sum().clamp_min(1e-30)
-    return (data - gain.detach() * model).square().sum(dtype=torch.float64)
-
-
 def _earlier_patterns(comparison: Comparison, position: int, modulator: int) -> Floats:
     """Shares of the stroke (pattern, y, x) that were sent first of all, and before a capture of a comparison."""
     captures = comparison.data.captures
@@ -112,15 +70,9 @@ def _earlier_patterns(comparison: Comparison, position: int, modulator: int) -> 
     return np.stack([captures.first_drive[modulator], before[modulator]])
 
 
-def _gain_of_shares(
-    slope: NDArray[np.complexfloating], transmission: NDArray[np.complexfloating], of: ModulatorContext, shares: Floats
-) -> Floats:
+def _gain_of_shares(found: TransmissionSlope, shares: Floats) -> Floats:
     """−Re[G*·(exp(2πi·s·stroke/λ) − t)] of each share s (share, y, x) and pixel; samples of a pixel are summed."""
-    rows, columns = of.shape
-    conjugate = slope.conj()
-    own, towards = (
-        np.asarray(a.reshape(rows, a.shape[0] // rows, columns, -1).sum(axis=(1, 3)))
-        for a in ((conjugate * transmission).real, conjugate)
-    )
+    conjugate, of = found.slope.conj(), found.modulator
+    own, towards = (found.of_pixels(a) for a in ((conjugate * found.transmission).real, conjugate))
     phasors = np.exp(2j * np.pi * of.stroke_m / of.wavelength_m * shares)
     return np.asarray(own - (towards * phasors).real, dtype=np.float64)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from holoview.diagnose.capture_split import spread_over_wavelengths
 from holoview.diagnose.comparison import Comparison
+from holoview.diagnose.dead_places import is_stuck_effect
 from holoview.diagnose.displacement_starts import DisplacementStarts, StartProvider
 from holoview.diagnose.effect_fit import CandidateFit, cost_or_inf, effect_jacobian, local_fit
 from holoview.diagnose.effect_scan import (
@@ -30,6 +31,7 @@ from holoview.diagnose.field_count import is_costly_effect, max_field_count
 from holoview.diagnose.free_parameters import FittedValues, has_list, identity_values
 from holoview.diagnose.fringe_starts import FringeStarts
 from holoview.diagnose.ghost_starts import GhostStarts
+from holoview.diagnose.modulator_fringe_starts import ModulatorFringeStarts
 from holoview.diagnose.plane_starts import PlaneStarts
 from holoview.diagnose.search_context import SearchContext
 from holoview.diagnose.smear_starts import SmearStarts
@@ -52,7 +54,7 @@ def screen_effects(
     """
     config = context.config.screening
     error = context.relative_model_error(base)
-    screening = _Screening(context, base, error, progress, note)
+    screening = _Screening(context, base, effects, error, progress, note)
     ordered = sorted(effects, key=lambda e: (search_cost(context, e), e.id))
     if error < (config.local_max_error if base else config.tangent_max_error):
         yield screening.nearby_fits(ordered)
@@ -70,7 +72,7 @@ def fit_over_range(
     context: SearchContext, base: FittedValues, effect: Effect, further_starts: Sequence[dict[str, float]]
 ) -> CandidateFit:
     """One effect on top of `base`, scanned over its range. further_starts: points beyond those that images suggest."""
-    screening = _Screening(context, base, context.relative_model_error(base), _no_progress, "")
+    screening = _Screening(context, base, [effect], context.relative_model_error(base), _no_progress, "")
     images = screening.image_starts()
     return screening.fitter.scan_and_fit(lambda one: [*further_starts, *images(one)], effect)
 
@@ -194,12 +196,19 @@ class _EffectFitter:
 
 
 class _Screening:
-    """One screening: what its stages have in common. error: relative error of the model with the base."""
+    """What the stages of one screening have in common. error: relative error of the model with the base."""
 
     def __init__(
-        self, context: SearchContext, base: FittedValues, error: float, progress: ProgressCallback, note: str
+        self,
+        context: SearchContext,
+        base: FittedValues,
+        effects: Sequence[Effect],
+        error: float,
+        progress: ProgressCallback,
+        note: str,
     ) -> None:
         self._context, self._base, self._progress, self._note = context, base, progress, note
+        self._has_stuck_pixels = any(is_stuck_effect(effect) for effect in effects)
         coarse = context.split.coarse
         comparison = context.tolerant_comparison(coarse, error)
         few = spread_over_wavelengths(context.data.captures, coarse, context.config.screening.scan_captures)
@@ -251,7 +260,8 @@ class _Screening:
 
     @cached_property
     def _stuck_starts(self) -> StartProvider:
-        return StuckStarts(self._context, self._base, self.fitter.comparison)
+        """It takes long to see stuck pixels: they are looked for only where an effect that is screened has them."""
+        return StuckStarts(self._context, self._base, self.fitter.comparison) if self._has_stuck_pixels else _no_starts
 
     def _fits_of_seen(
         self, effects: Sequence[Effect], starts: StartProvider
@@ -274,6 +284,7 @@ class _Screening:
         providers = (
             GhostStarts(fitted, comparison, config),
             FringeStarts(fitted, comparison, config),
+            ModulatorFringeStarts(self._context, self._base, comparison),
             SmearStarts(fitted, comparison),
             self._plane_starts,
         )

@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable
 from typing import Any, Generic, Protocol, TypeVar
 
+from holoview.util.processor_share import processor_share
+
 
 class _Score(Protocol):
     @property
@@ -37,15 +39,19 @@ class SearchEnd:
     """When a search has to end.
 
     time_s: after so long, counted from now. is_asked: whether somebody wants the search to end; only this process asks.
-    last_begin: share of the time after which nothing new is begun.
+    last_begin: share of the time after which nothing new is begun. max_stretch: where other programs use the processor
+    too, the time is divided by the share of it that the search gets, up to this factor.
     """
 
     def __init__(
-        self, time_s: float = math.inf, is_asked: Callable[[], bool] | None = None, last_begin: float = 1.0
+        self,
+        time_s: float = math.inf,
+        is_asked: Callable[[], bool] | None = None,
+        last_begin: float = 1.0,
+        max_stretch: float = 1.0,
     ) -> None:
         self._began = time.monotonic()  # the same clock in all processes of a machine
-        self.time_s, self._last_begin = time_s, last_begin
-        self._soon_at, self._at = self._began + last_begin * time_s, self._began + time_s
+        self.time_s, self._last_begin, self._max_stretch = time_s, last_begin, max_stretch
         self._is_asked = is_asked
 
     def __getstate__(self) -> dict[str, object]:
@@ -53,20 +59,26 @@ class SearchEnd:
 
     def after_share(self, share: float) -> SearchEnd:
         """The end of a part of the search that may take this share of the time, from the same beginning."""
-        part = SearchEnd(share * self.time_s, self._is_asked, self._last_begin)
-        passed = part._began - self._began
-        part._soon_at, part._at, part._began = part._soon_at - passed, part._at - passed, self._began
+        part = SearchEnd(share * self.time_s, self._is_asked, self._last_begin, self._max_stretch)
+        part._began = self._began
         return part
 
     def check(self) -> None:
         """Raises SearchEnded once the time is over or somebody asked for the end."""
-        if time.monotonic() > self._at or self.was_asked:
+        if self._is_after(self.time_s) or self.was_asked:
             raise SearchEnded
 
     @property
     def is_near(self) -> bool:
         """Whether too little time is left to begin something new."""
-        return time.monotonic() > self._soon_at
+        return self._is_after(self._last_begin * self.time_s)
+
+    def _is_after(self, time_s: float) -> bool:
+        """Whether this part of the time has passed, stretched where the processor is shared."""
+        passed = time.monotonic() - self._began
+        if passed <= time_s or self._max_stretch <= 1:
+            return passed > time_s
+        return passed > time_s * min(1 / processor_share(), self._max_stretch)
 
     @property
     def was_asked(self) -> bool:

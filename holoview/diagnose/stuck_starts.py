@@ -38,9 +38,9 @@ from holoview.diagnose.replacement_gains import (
     line_significance,
     replacement_gains,
     significance,
-    squared_residuals,
 )
 from holoview.diagnose.search_context import SearchContext
+from holoview.diagnose.transmission_slopes import squared_residuals
 from holoview.model.effects.effect import Effect
 from holoview.model.effects.list_parameter import MAX_FREE_ENTRIES
 

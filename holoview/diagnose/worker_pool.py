@@ -29,6 +29,7 @@ from typing import Any, TypeVar
 
 from holoview.diagnose.shared_arrays import ArrayStore, SharedObjects
 from holoview.util.errors import UserError
+from holoview.util.memory_limit import VARIABLE, worker_share, workers_within_memory
 from holoview.util.signals import leave_signals_to_parent, signals_blocked
 
 T = TypeVar("T")
@@ -65,9 +66,16 @@ class WorkerPool:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close(kill=kind is not None)
 
-    def share(self, objects: Mapping[str, Any], prepare: Callable[[], object] | None = None) -> None:
-        """Names large objects that jobs refer to: each process gets them once. prepare: what a process does first."""
+    def share(
+        self, objects: Mapping[str, Any], prepare: Callable[[], object] | None = None, needed: float = 0.0
+    ) -> None:
+        """Names large objects that jobs refer to: each process gets them once.
+
+        prepare: what a process does first. needed: bytes that its jobs take; there will be no more processes than fit
+        into the memory that may be taken.
+        """
         self._shared, self._prepare = dict(objects), prepare
+        self.workers = workers_within_memory(self.workers, needed)
 
     def run(
         self,
@@ -135,11 +143,12 @@ class WorkerPool:
                     first_process = context.Process(target=os.getpid)  # type: ignore[attr-defined]
                     first_process.start()  # waits until the fork server has imported
                     first_process.join()
+                initial = shared, self._prepare, worker_share(self.workers)
                 with self._closing:
                     if self._is_closed:
                         return
                     self._executor = ProcessPoolExecutor(
-                        self.workers, context, initializer=_prepare_process, initargs=(shared, self._prepare)
+                        self.workers, context, initializer=_prepare_process, initargs=initial
                     )
                 first = [self._executor.submit(os.getpid) for _ in range(self.workers)]
             for future in first:
@@ -209,8 +218,9 @@ def _dump_job(job: Callable[[], Any], names: Mapping[int, str]) -> bytes:
     return buffer.getvalue()
 
 
-def _prepare_process(shared: SharedObjects, prepare: Callable[[], object] | None) -> None:
+def _prepare_process(shared: SharedObjects, prepare: Callable[[], object] | None, memory: str) -> None:
     leave_signals_to_parent()
+    os.environ[VARIABLE] = memory
     if prepare is not None:
         prepare()
     _shared_objects.update(shared.load())

@@ -53,6 +53,7 @@ class CameraFringes(Effect):
         *depth_parameters("the picture's centre"),
     )
     acts_on = ("camera",)
+    imitates = ("vignetting",)
     order = 3
 
     def starting_points(self, system: System) -> Iterable[dict[str, float]]:

@@ -99,10 +99,30 @@ class Rail:
 
 
 @dataclass(frozen=True)
+class Shading:
+    """A lens before the camera, whose light falls off with cos⁴ of the angle to its axis.
+
+    focal_px: its focal length in camera pixels. axis_px: where its axis meets the camera, (y, x) from the middle.
+    """
+
+    focal_px: float
+    axis_px: tuple[float, float] = (0.0, 0.0)
+
+    def seen(self, light: Floats) -> Floats:
+        """The light (y, x) behind the lens."""
+        rows, columns = np.indices(light.shape)
+        away = np.hypot(
+            rows - (light.shape[0] - 1) / 2 - self.axis_px[0], columns - (light.shape[1] - 1) / 2 - self.axis_px[1]
+        )
+        return light * np.cos(np.arctan2(away, self.focal_px)) ** 4
+
+
+@dataclass(frozen=True)
 class CameraFaults:
     """What is wrong with the camera. blur_px: Gaussian σ of its picture, camera pixels."""
 
     blur_px: float = 0.0
+    shading: Shading | None = None
     fringes: Fringes | None = None
     motion: Motion | None = None
     room: Room = field(default_factory=Room)
@@ -120,6 +140,7 @@ class CameraFaults:
             margin = int(np.ceil(8 * self.blur_px))
             spectrum = fourier_gaussian(np.fft.fft2(np.pad(light, margin, mode="edge")), self.blur_px)
             light = np.maximum(np.fft.ifft2(spectrum).real, 0)[margin:-margin, margin:-margin]
+        light = light if self.shading is None else self.shading.seen(light)
         return light if self.fringes is None else self.fringes.seen(light, wavelength_m, ends_m)
 
 

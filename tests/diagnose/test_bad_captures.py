@@ -48,6 +48,13 @@ MISHAPS: list[tuple[Mishaps, dict[int, str]]] = [
     (Mishaps(dark=(4,), other_pattern=(11,)), {4: "dark", 11: "another pattern"}),
 ]
 
+AGAIN = (1, 6, 7, 11, 12)
+"""Those of a kind that another one in the list has as well: beside a fault of the bench, one of each kind will do."""
+BESIDE_A_FAULT = [
+    pytest.param(*one, id=", ".join(one[1].values()), marks=[pytest.mark.slow] if number in AGAIN else [])
+    for number, one in enumerate(MISHAPS)
+]
+
 
 def _session(folder: Path, mishaps: Mishaps, faults: Faults, seed: int = 0) -> Captures:
     laboratory = Laboratory(faults=faults, mishaps=mishaps, seed=seed, fine=2)
@@ -72,7 +79,7 @@ def test_a_bad_capture_is_named_and_the_others_are_consistent(
     assert f"The verdict speaks of {12 - len(reasons)} of 12 captures; the others are bad." in found.notes
 
 
-@pytest.mark.parametrize(("mishaps", "reasons"), MISHAPS, ids=[", ".join(r.values()) for _, r in MISHAPS])
+@pytest.mark.parametrize(("mishaps", "reasons"), BESIDE_A_FAULT)
 def test_beside_a_fault_of_the_bench_both_are_named(tmp_path: Path, mishaps: Mishaps, reasons: dict[int, str]) -> None:
     found = _diagnosed(_session(tmp_path, mishaps, Faults(gap_m=GAP)))
     assert _reasons(found) == reasons

@@ -119,10 +119,10 @@ def _without_seconds(value: Any) -> Any:
 def test_the_end_does_not_depend_on_workers() -> None:
     captures = make_captures(small_system(), TWO, AcquisitionSettings(captures_per_condition=6, seed=2))
     effects = [listed_effects()[name] for name in FEW]
-    processes: list[int] = []
+    processes, before = [0], {*multiprocessing.active_children()}
 
     def count_processes(done: int, total: int, what: str) -> None:
-        processes.append(len(multiprocessing.active_children()))
+        processes.append(len({*multiprocessing.active_children()} - before))
 
     with WorkerPool(2) as pool:
         pool.start()  # the fork server has imported then, and answers at once

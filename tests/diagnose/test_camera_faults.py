@@ -18,7 +18,7 @@ from holoview.diagnose.sampling_config import SamplingConfig
 from holoview.diagnose.verdict import Verdict
 from holoview.model.effects.registry import listed_effects
 from tests.diagnose.independent import Faults, Laboratory, write_session
-from tests.diagnose.independent_camera import CameraFaults, Fringes, Motion, Rail, Room
+from tests.diagnose.independent_camera import CameraFaults, Fringes, Motion, Rail, Room, Shading
 from tests.diagnose.sealed import taken
 
 SAME = SamplingConfig(padding=3)
@@ -57,6 +57,16 @@ def _room(room: Room) -> dict[str, float]:
     return {"level": middle, "slope_y": step * sine * SIDE[0] / 2, "slope_x": step * cosine * SIDE[1] / 2}
 
 
+def _shading(shading: Shading) -> dict[str, float]:
+    """cos⁴ = (1 + r²/f²)⁻², r from the axis; about the middle, up to a factor, q = 2·(r² − 2r·axis)/(f² + axis²)."""
+    scale = 2 / (shading.focal_px**2 + math.hypot(*shading.axis_px) ** 2)
+    halves = [side / 2 for side in SIDE]
+    falls = {f"fall_{axis}": scale * half**2 for axis, half in zip("yx", halves, strict=True)}
+    slopes = {f"slope_{a}": 2 * scale * at * h for a, at, h in zip("yx", shading.axis_px, halves, strict=True)}
+    return falls | slopes | {"bend": 1.5}
+
+
+SHADING = Shading(110.0, (-18.0, 25.0))
 ROOM = Room(0.02, 0.06, 0.6)
 CASES = [
     Case(
@@ -70,6 +80,7 @@ CASES = [
         {"length_y": 2 * math.sin(0.7), "length_x": 2 * math.cos(0.7)},
     ),
     Case(Faults(camera=CameraFaults(room=ROOM)), "ambient", _room(ROOM)),
+    Case(Faults(camera=CameraFaults(shading=SHADING)), "vignetting", _shading(SHADING)),
     Case(Faults(camera=CameraFaults(blur_px=0.6)), "camera_blur", {"sigma": 0.6}),
     Case(Faults(black=20.0), "camera_black", {"black": 20.0}),
     Case(

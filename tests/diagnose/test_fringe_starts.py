@@ -7,9 +7,10 @@ from dataclasses import replace
 import pytest
 
 from holoview.diagnose.fringe_starts import FringeStarts
+from holoview.diagnose.modulator_fringe_starts import ModulatorFringeStarts
 from holoview.diagnose.screening import fit_over_range
 from holoview.model.effects.registry import listed_effects
-from tests.diagnose.conftest import MakeContext
+from tests.diagnose.conftest import MakeContext, make_context_of
 
 TRUE = {"path_y": 3.7e-6, "path_x": -6.1e-6, "cos1": 0.02, "sin1": -0.01, "cos2": 0.0, "sin2": 0.03}
 
@@ -39,25 +40,37 @@ def test_the_path_is_over_the_whole_picture_where_only_its_middle_is_searched(ma
 
 
 @pytest.mark.parametrize("name", ["slm1_fringes", "slm2_fringes"])
-def test_fringes_of_a_modulator_start_at_both_wedges_that_have_them(make_context: MakeContext, name: str) -> None:
-    """Those of the picture, here as large as the modulator, and their opposite, whose path and sine change sign."""
-    context = make_context({"camera_fringes": TRUE})
+def test_the_strongest_start_is_the_fringes_that_lie_over_a_modulator(make_context: MakeContext, name: str) -> None:
+    """Paths as above; most of what the true values lower χ² by is lowered by the start, and nothing by the other's."""
+    context = make_context({name: TRUE})
     comparison = context.data_weighted_comparison(context.split.coarse, 0.0)
-    starts = FringeStarts(comparison.fit_gains({}), comparison, context.config.starts)
-    (seen, *_), (first, opposite, *_) = starts(listed_effects()["camera_fringes"]), starts(listed_effects()[name])
-    assert first == pytest.approx(seen)
-    assert opposite == pytest.approx({k: v if k.startswith("cos") else -v for k, v in seen.items()})
+    starts = ModulatorFringeStarts(context, {}, comparison)
+    found = starts(listed_effects()[name])[0]
+    for axis in ("path_y", "path_x"):
+        assert found[axis] == pytest.approx(TRUE[axis], abs=0.25 * 450e-9 * 1.01)
+    without, true, start = (comparison.chi2_per_pixel(v) for v in ({}, {name: TRUE}, {name: found}))
+    assert without - start > 0.7 * (without - true)
+
+
+def test_a_modulator_that_is_cut_to_its_middle_has_the_path_of_the_whole(make_context: MakeContext) -> None:
+    """Of a modulator three times as high and twice as wide, the path over the middle is a third, and half, of its."""
+    captures = make_context({"slm1_fringes": TRUE}).data.captures
+    rows, columns = captures.levels.shape[2:]
+    context = make_context_of(replace(captures, slm_frame=(3 * rows, 2 * columns)))
+    comparison = context.data_weighted_comparison(context.split.coarse, 0.0)
+    found = ModulatorFringeStarts(context, {}, comparison)(listed_effects()["slm1_fringes"])[0]
+    assert found["path_y"] == pytest.approx(3 * TRUE["path_y"], abs=3 * 0.25 * 450e-9 * 1.01)
+    assert found["path_x"] == pytest.approx(2 * TRUE["path_x"], abs=2 * 0.25 * 450e-9 * 1.01)
 
 
 def test_other_effects_get_no_starts_of_fringes(make_context: MakeContext) -> None:
     context = make_context()
     comparison = context.data_weighted_comparison(context.split.coarse, 0.0)
-    starts = FringeStarts(comparison.fit_gains({}), comparison, context.config.starts)
-    assert [name for name, effect in listed_effects().items() if starts(effect)] == [
-        "camera_fringes",
-        "slm1_fringes",
-        "slm2_fringes",
-    ]
+    over_picture = FringeStarts(comparison.fit_gains({}), comparison, context.config.starts)
+    over_modulator = ModulatorFringeStarts(context, {}, comparison)
+    effects = listed_effects().items()
+    assert [name for name, effect in effects if over_picture(effect)] == ["camera_fringes"]
+    assert [name for name, effect in effects if over_modulator(effect)] == ["slm1_fringes", "slm2_fringes"]
 
 
 def test_narrow_fringes_on_a_modulator_are_found_though_their_contrast_is_reversed(make_context: MakeContext) -> None:

@@ -81,7 +81,7 @@ def _check_causes(found: Diagnosis, truth: Truth) -> None:
     assert found.after.chi2_per_pixel < 1.05 < found.before.chi2_per_pixel
 
 
-@pytest.mark.parametrize("seed", taken(SINGLES, 4))
+@pytest.mark.parametrize("seed", taken(SINGLES, 2))
 def test_one_fault_is_named_and_measured(seed: int) -> None:
     _check_causes(*_diagnosed(Sealed(seed, small_system(), EVERY)))
 

@@ -6,11 +6,13 @@ import pickle
 import time
 from dataclasses import dataclass, replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from holoview.captures.virtual_measurement import AcquisitionSettings, make_captures
+from holoview.diagnose import search_end
 from holoview.diagnose.config import BudgetConfig, SearchConfig
 from holoview.diagnose.pipeline import diagnose
 from holoview.diagnose.search_end import NEVER, BestSoFar, SearchEnd, SearchEnded, describe_so_far
@@ -56,6 +58,22 @@ def test_time_over_raises_and_never_does_not() -> None:
     near = SearchEnd(3600.0, last_begin=0.0)
     near.check()
     assert near.is_near and not SearchEnd(3600.0, last_begin=1.0).is_near
+
+
+@pytest.mark.parametrize(
+    ("share", "passed_s", "is_over"), [(1.0, 11, True), (0.5, 19, False), (0.5, 21, True), (0.1, 41, True)]
+)
+def test_the_time_is_stretched_where_others_use_the_processor(
+    monkeypatch: pytest.MonkeyPatch, share: float, passed_s: float, is_over: bool
+) -> None:
+    """Ten seconds, divided by the share that the search gets, but fourfold at most; not without being asked for."""
+    now = [100.0]
+    monkeypatch.setattr(search_end, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(search_end, "processor_share", lambda: share)
+    plain, stretched = SearchEnd(10.0), SearchEnd(20.0, max_stretch=4.0).after_share(0.5)
+    now[0] += passed_s
+    assert stretched.is_near == is_over
+    assert plain.is_near
 
 
 def test_somebody_asks_in_this_process_only() -> None:

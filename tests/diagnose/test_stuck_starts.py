@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from holoview.diagnose import screening
 from holoview.diagnose.config import SearchConfig
 from holoview.diagnose.dead_places import DeadPlace, Shows, as_values, is_stuck_effect, likely_span, spans_near
 from holoview.diagnose.pixel_maps import find_pixel_maps, line_notes
@@ -85,6 +86,19 @@ def test_the_part_of_a_line_that_gains_ends_where_the_gain_does(first: int, last
 def test_ends_of_parts_are_moved_within_the_line() -> None:
     assert list(spans_near((15, 31), 32, (-2, 1, 20))) == [(13, 31), (16, 31)]
     assert list(spans_near((0, 13), 32, (-1, 18))) == [(0, 12)]  # (0, 31) is the whole line
+
+
+def test_stuck_pixels_are_looked_for_only_where_an_effect_has_them(
+    make_context: MakeContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Looking takes seconds, and a fit of another effect over its range made a fit of a moment long."""
+    context = make_context({"stroke": {"stroke_error": 0.3}})
+    looked: list[str] = []
+    monkeypatch.setattr(screening, "StuckStarts", lambda *_: looked.append("for stuck pixels") or (lambda effect: []))
+    screening.fit_over_range(context, {}, context.effects["camera_gamma"], [])
+    assert looked == []
+    screening.fit_over_range(context, {}, context.effects["slm1_stuck"], [])
+    assert looked == ["for stuck pixels"]
 
 
 def test_lists_hold_each_place_in_order_as_what_it_is() -> None:

@@ -21,6 +21,7 @@ from holoview.diagnose.worker_pool import WorkerPool
 from holoview.model.effects import registry
 from holoview.model.effects.effect import Effect
 from holoview.util.errors import UserError
+from holoview.util.memory_limit import VARIABLE, WORKER_BYTES, parse_size
 
 TABLE = {"answer": 42}
 
@@ -111,6 +112,18 @@ def test_objects_that_cannot_be_sent_keep_the_jobs_here() -> None:
         assert set(pool.run([os.getpid] * 2)) == {os.getpid()}
 
 
+def test_processes_share_the_memory_and_are_no_more_than_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    limit = psutil.Process().memory_info().rss + 6 * WORKER_BYTES
+    monkeypatch.setenv(VARIABLE, str(limit))
+    with WorkerPool(8) as pool:
+        pool.share({}, needed=WORKER_BYTES)
+        assert pool.workers in (2, 3)
+        pool.start()
+        shares = pool.run([partial(os.getenv, VARIABLE)] * 4)
+        (share,) = {parse_size(str(stated), "share") for stated in shares}
+        assert 5 * WORKER_BYTES < pool.workers * share <= 6 * WORKER_BYTES
+
+
 HAZE = """
 from holoview.effects import Effect, Parameter
 
@@ -149,10 +162,11 @@ def test_an_interrupt_ends_the_workers() -> None:
     def interrupted(done: int) -> None:
         raise KeyboardInterrupt
 
+    before = {*multiprocessing.active_children()}
     with pytest.raises(KeyboardInterrupt), WorkerPool(2) as pool:
         pool.start()
         pool.run([partial(time.sleep, 0.01), *[partial(time.sleep, 3600)] * 3], interrupted)
-    assert not multiprocessing.active_children()
+    assert {*multiprocessing.active_children()} <= before
 
 
 def test_workers_dont_hear_ctrl_c(processes: WorkerPool) -> None:

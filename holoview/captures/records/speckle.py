@@ -18,6 +18,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy.fft
+import torch
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
@@ -64,8 +65,8 @@ class SpeckleComparison:
         self._window_factor = w2.size * float(np.square(w2).sum()) / float(w2.sum()) ** 2
         reach = max(1, round(settings.max_shift * min(self.shape)))
         shifts = np.arange(-reach, reach + 1)
-        self._to_rows = np.exp(2j * np.pi * np.outer(shifts, fy)).astype(np.complex64)
-        self._to_columns = np.exp(2j * np.pi * np.outer(fx, shifts)).astype(np.complex64)
+        self._to_rows = torch.from_numpy(np.exp(2j * np.pi * np.outer(shifts, fy)).astype(np.complex64))
+        self._to_columns = torch.from_numpy(np.exp(2j * np.pi * np.outer(fx, shifts)).astype(np.complex64))
 
     def contrast(self, light: NDArray[np.floating]) -> Contrast:
         """The contrast of a picture of light (y, x) in any unit; without light it is zero."""
@@ -81,9 +82,13 @@ class SpeckleComparison:
         return Contrast((spectra / np.maximum(norm, 1e-30)).astype(np.complex64))
 
     def match(self, seen: Contrast, predicted: Contrast) -> Match:
-        """The correlation at every shift of the seen picture."""
-        cross = np.conj(predicted.spectra) * seen.spectra
-        correlation = (self._to_rows @ cross @ self._to_columns).real.astype(np.float64)
+        """The correlation at every shift of the seen picture.
+
+        torch multiplies the matrices, because its threads are chosen where the work is: numpy's, for as small ones as
+        these, wait for each other for most of the time where other programs run.
+        """
+        cross = torch.from_numpy(np.conj(predicted.spectra) * seen.spectra)
+        correlation = (self._to_rows @ cross @ self._to_columns).real.double().numpy()
         variance = self._window_factor * np.einsum("byx,byx->b", seen.powers, predicted.powers, dtype=np.float64)
         clipped = np.clip(correlation, -_MAX_CORRELATION, _MAX_CORRELATION)
         return Match(np.arctanh(clipped), 1.0 / np.maximum(variance, 1e-12))

@@ -47,6 +47,11 @@ class BudgetConfig:
     max_time_s: float = 300.0
     """[s] … which grows with the samples of a field, up to this. Evidence: the same."""
 
+    max_stretch: float = 4.0
+    """[1] Where other programs use the processor too, this time is divided by the share of it that the search gets, up
+    to this factor. Evidence: beside three other programs on two cores, a fault that takes 28 s of one core stayed
+    unexplained after a minute; the value: what a person waits for."""
+
     last_begin: float = 0.7
     """[1] After this share of the time nothing new is begun, so that what is underway ends in time. Evidence: the
     longest step of a pair, its causes fitted without each other, took 20 of 80 s."""

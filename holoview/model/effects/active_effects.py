@@ -134,9 +134,15 @@ def unmet_requirement(effect: Effect, system: System) -> str:
     properties = DataProperties(
         wavelengths=len(system.wavelengths_m),
         planes=len(system.planes_m),
-        powers=2,  # powers can be changed later
+        powers=1,
         modulators=len(system.modulators),
         irises=(system.relay1.has_aperture, system.relay2.has_aperture),
         is_fourier=False,
     )
-    return dataclasses.replace(effect.needs, wavelengths=1, planes=1).unmet_by(properties)
+    return unmet_by_bench(effect, properties)
+
+
+def unmet_by_bench(effect: Effect, properties: DataProperties) -> str:
+    """Why an effect can't be active on a bench, in words; how many captures of what were taken there doesn't matter."""
+    needs = dataclasses.replace(effect.needs, wavelengths=1, planes=1)
+    return needs.unmet_by(dataclasses.replace(properties, powers=2))
