@@ -13,6 +13,7 @@ from holoview.app.keys import Chord
 from holoview.util.errors import UserError, suggest_matches
 
 _SETTLING_FRAMES = 3
+_MOST_ROUNDS = 20
 Point = tuple[float, float]
 
 
@@ -35,13 +36,16 @@ class InputDriver:
         return np.asarray(image)[..., :3].copy()
 
     def draw_until_idle(self, timeout_s: float = 120.0) -> NDArray[np.uint8]:
-        """Draws until everything that is shown is computed; returns the last frame as `draw_frames` does."""
+        """Draws until everything that is shown is computed; returns the last frame as `draw_frames` does.
+
+        What never rests, such as a pupil that moves along its path, isn't waited for.
+        """
         self.draw_frames(2)
-        for _ in range(4):
+        for _ in range(_MOST_ROUNDS):  # what a frame shows for the first time, such as a score, is computed after it
             self.app.compute_until_idle(timeout_s)
             image = self.draw_frames(2)
             if not self.app.is_busy:
-                return image
+                break
         return image
 
     def item_position(self, name: str, x: float = 0.5, y: float = 0.5) -> Point:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.colour import SRGB_TO_XYZ
-from holoview.commands.arguments import parse_region, parse_seed, system_from_args, with_changes
+from holoview.commands.arguments import parse_lengths, parse_region, parse_seed, system_from_args, with_changes
 from holoview.commands.console import print_json
 from holoview.commands.contrast_by_pupil import contrast_by_pupil, format_rows
 from holoview.commands.output_files import add_input, add_output
@@ -27,7 +27,6 @@ from holoview.study.speckle_figure import speckle_figure
 from holoview.study.study import StudyFigure
 from holoview.targets.image_reader import read_raster
 from holoview.targets.picture import read_picture
-from holoview.util import units
 from holoview.util.errors import UserError
 from holoview.util.file_writer import write_file
 from holoview.view import random_drive, simulate
@@ -162,7 +161,7 @@ def _shown(hologram: Hologram, plane: str | None, name: str) -> _ShownHologram:
 
 
 def _parse_pupils(text: str | None, shown: _ShownHologram | None) -> list[float]:
-    """The diameters (m) of --pupils; a number without a unit has that of the last one.
+    """The diameters (m) of --pupils.
 
     Raises UserError for text of another kind, for a picture, and as `pupils_of` does.
     """
@@ -170,9 +169,7 @@ def _parse_pupils(text: str | None, shown: _ShownHologram | None) -> list[float]
         return []
     if shown is None:
         raise UserError("--pupils", "with a picture", expected="a preset or a hologram file")
-    parts = [part.strip() for part in text.split(",")]
-    unit = parts[-1].lstrip("+-.0123456789 ")
-    pupils_m = [units.parse(part if part[-1:].isalpha() else f"{part} {unit}", "--pupils") for part in parts]
+    pupils_m = parse_lengths(text, "--pupils")
     pupils_of(shown.hologram.system, pupils_m)
     return sorted(set(pupils_m))
 

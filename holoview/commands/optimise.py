@@ -27,17 +27,16 @@ from holoview.commands.optimise_rig import run_on_rig
 from holoview.commands.optimise_score import format_scores, render_for_score, score_hologram
 from holoview.commands.optimise_target import TargetSource
 from holoview.commands.output_files import ResultSaver, check_files
-from holoview.commands.place_scores import format_place_scores, score_places, target_at_places
-from holoview.commands.pupil_places import parse_places
+from holoview.commands.place_scores import format_place_scores, score_places
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.perceptual_scores import require_scores
-from holoview.model.focus import required_eye
 from holoview.model.plan import make_plan
 from holoview.model.system import System
 from holoview.model.validity.checks import exceeded_limits
 from holoview.optimise.drawn_pupils import StacksAt
 from holoview.optimise.iteration_state import IterationState
 from holoview.optimise.memory import require_optimisation_memory, with_compact_grid
+from holoview.optimise.optimised_eyes import OptimisedEyes, target_at_places
 from holoview.optimise.process_group import SINGLE_PROCESS, ProcessGroup, torchrun_group
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
@@ -62,10 +61,11 @@ def run(args: argparse.Namespace) -> int:
     output = args.output or default_output(system.name, Path(args.target).stem, ".safetensors")
     check_files(args, {"-o": [output], "--resume": [args.resume] if args.resume and not args.checkpoint else []})
     require_optimisation_memory(system)
-    pupils = parse_places(args.pupils, system)
+    eyes = OptimisedEyes.from_text(args.pupils, args.chromatic)
+    pupils = eyes.places_in(system)
     settings, options = settings_from_args(args, system, pupils), run_options_from_args(args)
     source = TargetSource(args, system, 0.0 if system.eye is None else pupils.reach_m(system.eye))
-    aimed = _aimed_system(args, system)
+    aimed = eyes.aimed(system)
     stack = target_at_places(source, aimed, pupils)
     with torchrun_group(options.device) if options.sharded else nullcontext(SINGLE_PROCESS) as group:
         result = optimise_hologram(aimed, stack, settings, options, group)
@@ -88,14 +88,6 @@ def run(args: argparse.Namespace) -> int:
         scores = {}
     _print_result(args, output, result, scores)
     return saver.exit_code
-
-
-def _aimed_system(args: argparse.Namespace, system: System) -> System:
-    """The system that is optimised for: with `--chromatic ignore`, as if its eye had no chromatic aberration."""
-    if args.chromatic == "compensate":
-        return system
-    required_eye(system, "--chromatic")
-    return system.edit({"eye.chromatic": False})
 
 
 def _seen_by_eye_of(system: System, hologram: Hologram) -> Hologram:

@@ -10,7 +10,6 @@ from pathlib import Path
 from holoview.commands.arguments import add_system, parse_duration, parse_region, parse_seed
 from holoview.commands.number_options import number, whole
 from holoview.commands.output_files import add_input, add_output
-from holoview.commands.pupil_places import PupilPlaces
 from holoview.io.hologram import Hologram, load_hologram
 from holoview.metrics.perceptual_scores import OPTIONAL_SCORES
 from holoview.model.plan import make_plan
@@ -18,7 +17,9 @@ from holoview.model.system import System
 from holoview.numerics.image_region import Region
 from holoview.optimise.checkpoint import Checkpoint, load_checkpoint
 from holoview.optimise.loss_spaces import LOSS_SPACES
+from holoview.optimise.optimised_eyes import CHROMATIC
 from holoview.optimise.process_group import device_for_rank
+from holoview.optimise.pupil_places import PupilPlaces
 from holoview.optimise.settings import INITIAL_PATTERNS, VARIABLES, Settings
 from holoview.optimise.torch_device import resolve_torch_device
 from holoview.targets.picture import COLOUR_SPACES
@@ -117,8 +118,8 @@ def _add_objective(group: argparse._ArgumentGroup) -> None:
     )
     group.add_argument(
         "--chromatic",
-        choices=("compensate", "ignore"),
-        default="compensate",
+        choices=CHROMATIC,
+        default=CHROMATIC[0],
         help="ignore: optimise as if the eye had no chromatic aberration; the score is always what the eye sees",
     )
     group.add_argument("--region", metavar="X,Y,W,H", help="samples of the simulated picture that count; all if absent")
@@ -226,7 +227,7 @@ def settings_from_args(args: argparse.Namespace, system: System, pupils: PupilPl
     """The settings of the optimiser. Raises UserError for values outside their ranges."""
     low, high = args.wavelength_range
     weights = None if args.plane_weights is None else tuple(_parse_numbers(args.plane_weights, "--plane-weights"))
-    return Settings(
+    settings = Settings(
         iterations=args.iterations,
         step_rad=_DEFAULTS.step_rad if args.step is None else args.step,
         seed=args.seed,
@@ -238,10 +239,8 @@ def settings_from_args(args: argparse.Namespace, system: System, pupils: PupilPl
         begin=args.begin,
         wavelength_range_m=(low * 1e-9, high * 1e-9),
         wavelength_spacing_m=args.wavelength_spacing * 1e-9,
-        pupil_places_m=pupils.fixed,
-        drawn_pupils=pupils.drawn,
-        drawn_radius_m=pupils.radius_m,
     )
+    return pupils.in_settings(settings)
 
 
 def _region_or_margin(args: argparse.Namespace, system: System) -> Region | None:

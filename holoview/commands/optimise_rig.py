@@ -20,10 +20,10 @@ from holoview.commands.optimise_files import IntermediateFiles
 from holoview.commands.optimise_options import RunOptions, run_options_from_args, settings_from_args
 from holoview.commands.optimise_target import TargetSource
 from holoview.commands.output_files import ResultSaver, check_files
-from holoview.commands.pupil_places import parse_places
 from holoview.io.hologram import Hologram
 from holoview.model.system import System
 from holoview.optimise.memory import require_optimisation_memory, with_compact_grid
+from holoview.optimise.pupil_places import PupilPlaces
 from holoview.optimise.settings import Settings
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.rig.camera_loop.bench_camera import BenchCamera
@@ -118,7 +118,7 @@ def _task(args: argparse.Namespace) -> _Task:
     checkpoint = args.checkpoint or args.resume or output.with_name(f"{output.stem}.loop.safetensors")
     check_files(args, {"-o": [output], "--checkpoint": [checkpoint]})
     require_optimisation_memory(system)
-    settings = settings_from_args(args, system, parse_places(None, system))
+    settings = settings_from_args(args, system, PupilPlaces())
     require_camera_settings(settings)
     options = replace(run_options_from_args(args), checkpoint=checkpoint)
     resume = None if args.resume is None else load_loop_checkpoint(args.resume)

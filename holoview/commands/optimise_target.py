@@ -113,17 +113,15 @@ class TargetSource:
             self._built[key] = target
         return self._built[key]
 
-    def moving(self, radius_m: float, system: System) -> StacksAt:
-        """The focal stacks from any places of the pupil within a radius.
+    def stack_for(self, system: System) -> NDArray[np.float32]:
+        """The focal stack (plane, y, x, 3) that the eye of a system is to see."""
+        return self.build(system=system).stack
 
-        Raises UserError for a focal stack, which is seen from one place.
-        """
+    def moving(self, radius_m: float, system: System) -> StacksAt:
+        """The focal stacks from any places of the pupil within a radius, of a picture or a light field."""
         if self._field is not None:
             return moving_target_from_views(system, self._field, self._args.brightness)
-        if self._picture is None:
-            raise UserError(
-                "--pupils", "with a focal stack", expected="a picture or a light field, which is seen from every place"
-            )
+        assert self._picture is not None
         args = self._args
         return moving_target(
             system, self._picture, self._placement(), radius_m, args.brightness, saturation=args.saturation

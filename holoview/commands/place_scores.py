@@ -1,4 +1,4 @@
-"""Targets and scores of a hologram for several places of the eye's pupil, at those that were used and at others."""
+"""Scores of a hologram for several places of the eye's pupil, at those that were used and at others."""
 
 from __future__ import annotations
 
@@ -8,15 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.commands.optimise_target import TargetSource
-from holoview.commands.pupil_places import PupilPlaces
 from holoview.io.hologram import Hologram
 from holoview.metrics.image_quality import plane_midpoints
 from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.focus import focused_planes, with_pupil_at
-from holoview.model.system import System
 from holoview.numerics.image_region import Region, region_slices
-from holoview.optimise.drawn_pupils import StacksAt
-from holoview.util.errors import UserError
+from holoview.optimise.pupil_places import PupilPlaces
 from holoview.view import simulate
 
 _HEADINGS = {
@@ -24,22 +21,6 @@ _HEADINGS = {
     "held_out_pupil_psnr_db": "from places that weren't used",
     "held_out_pupil_psnr_between_db": "from these, focused between the planes",
 }
-
-
-def target_at_places(source: TargetSource, system: System, pupils: PupilPlaces) -> NDArray[np.float32] | StacksAt:
-    """The focal stacks (place · plane, y, x, 3) as an eye at each place sees them; from its own place without any.
-
-    For places that are drawn, a function of the places that gives them.
-    """
-    if pupils.drawn:
-        return source.moving(pupils.radius_m, system)
-    if not pupils.fixed:
-        return source.build(system=system).stack
-    if source.is_stack:
-        raise UserError(
-            "--pupils", "with a focal stack", expected="a picture or a light field, which is seen from every place"
-        )
-    return np.concatenate([source.build(system=with_pupil_at(system, place)).stack for place in pupils.fixed])
 
 
 def score_places(

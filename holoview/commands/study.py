@@ -7,10 +7,11 @@ import time
 from pathlib import Path
 from typing import Any
 
-from holoview.commands.arguments import parse_seed
+from holoview.commands.arguments import parse_lengths, parse_seed
 from holoview.commands.console import print_stderr, progress_bar
 from holoview.commands.number_options import number, whole
-from holoview.commands.output_files import add_output_folder
+from holoview.commands.output_files import add_output_folder, hold_outputs
+from holoview.metrics.perceptual_scores import PERCEPTUAL_SCORES
 from holoview.model.field_types import Shape
 from holoview.report.figure import require_matplotlib
 from holoview.study.registry import find_study, studies_by_name
@@ -18,6 +19,7 @@ from holoview.study.report import format_claims, write_report
 from holoview.study.runner import ExecutionTarget, run_jobs
 from holoview.study.scale import QUICK, SCALES, TARGETS, StudyScale
 from holoview.study.store import ResultStore
+from holoview.study.study import Study
 from holoview.util.errors import UserError
 from holoview.util.file_writer import make_folder
 from holoview.util.signals import exit_code_of
@@ -44,7 +46,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=number(0),
         help="penalty on an unevenly lit eyebox for all holograms (0: none)",
     )
-    add_output_folder(parser, "--jobs", metavar="DIR", help="folder of finished jobs, which studies can share")
+    parser.add_argument(
+        "--pupils", metavar="LIST", help="diameters of the pupils that look, e.g. 2,3,4mm (eye, retinal-speckle)"
+    )
+    parser.add_argument(
+        "--scores",
+        nargs="*",
+        choices=tuple(PERCEPTUAL_SCORES),
+        help="perceptual scores, instead of all that are installed; none after it: PSNR alone (eye, pupil)",
+    )
+    add_output_folder(
+        parser, "--jobs", is_shared=True, metavar="DIR", help="folder of finished jobs, which studies can share"
+    )
     add_output_folder(parser, "-o", "--output", metavar="DIR", help="folder for the report; out/study-NAME")
     parser.add_argument("--workers", metavar="N", default="1", help="processes of this machine that share the work")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler's address: tcp://host:8786")
@@ -59,10 +72,12 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if args.name is None:
         raise UserError("study", "which one?", expected=", ".join(studies_by_name()), remedy="`holoview study --list`")
-    study, scale = find_study(args.name), _scale(args)
+    study = find_study(args.name)
+    scale = _scale(args, study)
     target = _execution_target(args)
     require_matplotlib(f"the report of the study {study.name}")
     folder = args.output or Path("out") / f"study-{study.name}"
+    hold_outputs(args, [folder])
     make_folder(folder)
     jobs, started = study.jobs(scale, args.seed), time.monotonic()
     store = ResultStore(args.jobs or folder / "jobs")
@@ -88,11 +103,19 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _scale(args: argparse.Namespace) -> StudyScale:
-    """The scale with what the arguments change of it."""
+def _scale(args: argparse.Namespace, study: Study) -> StudyScale:
+    """The scale with what the arguments change of it. Raises UserError for arguments that the study doesn't have."""
+    for option in ("pupils", "scores"):
+        if getattr(args, option) is not None and option not in study.options:
+            having = ", ".join(name for name, other in studies_by_name().items() if option in other.options)
+            raise UserError(f"--{option}", f"the study {study.name} doesn't have it", expected=f"one of {having}")
     changes: dict[str, Any] = {key: getattr(args, key) for key in ("iterations", "seeds", "eyebox")}
     if args.targets is not None:
         changes["targets"] = tuple(args.targets.split(","))
+    if args.pupils is not None:
+        changes["pupils_m"] = tuple(sorted(set(parse_lengths(args.pupils, "--pupils"))))
+    if args.scores is not None:
+        changes["scores"] = tuple(args.scores)
     if args.shape is not None:
         changes["shape"] = _parse_shape(args.shape)
     return SCALES[args.scale or "middle"].with_changes(**changes)

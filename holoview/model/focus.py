@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from holoview.model.eye import Eye
+from holoview.model.eye import VERGENCE, Eye
 from holoview.model.system import PLANE_DISTANCES, System
 from holoview.util import units
 from holoview.util.errors import UserError
@@ -64,7 +64,7 @@ def plane_label(system: System, plane_m: float, digits: int | None = None) -> st
 def parse_plane(system: System, text: str, where: str) -> float:
     """The distance (m) of a plane from text: "10 mm", or with an eye "0.5 D".
 
-    Raises UserError for text of another kind, for dioptres without an eye, and for a plane behind the last modulator.
+    Raises UserError for text of another kind, for dioptres without an eye, and for a plane before the last modulator.
     """
     if not text.rstrip().endswith("D"):
         plane_m = units.parse(text, where)
@@ -76,7 +76,7 @@ def parse_plane(system: System, text: str, where: str) -> float:
         plane_m = float(system.eye.plane_m(units.parse(text, where, "vergence"), system.planes_m))
     if plane_m < 0:
         raise UserError(
-            where, f"{text} is behind the modulator", expected="0 mm or more, measured the way that the light goes"
+            where, f"{text} lies before the last modulator", expected="0 mm or more behind it, where its light goes"
         )
     return plane_m
 
@@ -112,6 +112,7 @@ def _check_focus(
         return
     plane, wavelength = outside[0]
     ends = system.eye.dioptres(np.array([low - min(shift_m.min(), 0), high - max(shift_m.max(), 0)]), system.planes_m)
+    ends = np.clip(ends, VERGENCE.low, VERGENCE.high)
     raise UserError(
         "eye",
         f"focused at {float(system.eye.dioptres(planes_m[plane], system.planes_m)):.3g} D it sees the plane at "

@@ -9,6 +9,8 @@ level_gradients      secants to the neighbouring level, for modulators with few 
 wavelengths          projection onto the allowed range and spacing; derivatives of colour
 amplitudes           laser amplitudes by non-negative least squares
 adam                 Adam's moments and step, and two learning-rate schedules
+optimised_eyes       for which eyes a hologram is optimised: options of the command line and the viewer
+pupil_places         places of the pupil: a grid of them, or drawn ones
 drawn_pupils         places of the pupil that are drawn anew in each iteration
 problem              one evaluation of the loss and of the requested gradients
 row_evaluation       rows of a focal plane: image, loss and the gradients of the fields, in one pass

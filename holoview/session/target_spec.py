@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from holoview.model.plan import make_plan
 from holoview.model.system import System
-from holoview.targets.eye_targets import target_from_views
+from holoview.targets.eye_targets import StacksAt, moving_target, moving_target_from_views, target_from_views
 from holoview.targets.focal_stack import Target
 from holoview.targets.picture import Picture, read_picture
 from holoview.targets.rendered_stacks import target_from_stack
@@ -57,6 +57,20 @@ class TargetSpec:
         return target_for(
             system, self.source, self.placement, self.brightness, saturation=self.saturation, planes=planes_m
         )
+
+    def stack_for(self, system: System) -> NDArray[np.float32]:
+        """The focal stack (plane, y, x, 3) at the planes of a system, or on which its eye is focused."""
+        return self.build(system).stack
+
+    def moving(self, radius_m: float, system: System) -> StacksAt:
+        """The focal stacks from any places of the pupil within a radius; not of a rendered stack.
+
+        Raises UserError as `moving_target` and `moving_target_from_views` do.
+        """
+        if isinstance(self.source, Path):
+            field = read_light_field(system, self.source, saturation=self.saturation, space=self.space)
+            return moving_target_from_views(system, field, self.brightness)
+        return moving_target(system, self.source, self.placement, radius_m, self.brightness, saturation=self.saturation)
 
     def depth_at(self, system: System, row: int, column: int) -> float:
         """Distance (m) behind the last modulator of what the target shows at a sample of the simulation grid.

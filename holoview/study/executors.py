@@ -19,6 +19,13 @@ from typing import Any, Protocol
 
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
+from holoview.util.memory_limit import (
+    WORKER_BYTES,
+    allowed_bytes,
+    format_size,
+    worker_share,
+    workers_within_memory,
+)
 from holoview.util.optional_library import import_optional
 from holoview.util.signals import leave_signals_to_parent, signals_blocked
 from holoview.util.version import __version__
@@ -31,11 +38,13 @@ CONNECT_TIMEOUT_S = 10.0
 class WorkerResources:
     """What a worker may use of its machine.
 
-    threads: CPU threads. index: number among the workers of the machine, which selects its GPU.
+    threads: CPU threads. index: number among the workers of the machine, which selects its GPU. memory: as --memory
+    states it; None: as the process finds out itself.
     """
 
     threads: int = 1
     index: int = 0
+    memory: str | None = None
 
     def apply(self) -> None:
         """Limits torch, if it has been imported, to these resources."""
@@ -61,11 +70,12 @@ class JobExecutor(Protocol):
 
 
 class ProcessExecutor:
-    """Processes of this machine, each with one job at a time and an equal share of the CPU cores."""
+    """Processes of this machine, each with one job at a time and an equal share of the CPU cores and of the memory."""
 
     def __init__(self, workers: int) -> None:
-        threads = max(process_cpu_count() // workers, 1)
-        self._idle_pools = [(WorkerResources(threads, number), _single_process_pool()) for number in range(workers)]
+        threads, memory = max(process_cpu_count() // workers, 1), worker_share(workers)
+        resources = [WorkerResources(threads, number, memory) for number in range(workers)]
+        self._idle_pools = [(own, _single_process_pool()) for own in resources]
         self._idle_pools.reverse()
         self._busy: dict[Future[Any], tuple[WorkerResources, ProcessPoolExecutor]] = {}
 
@@ -119,7 +129,13 @@ class DaskExecutor:
 
 @contextmanager
 def process_executor(workers: int) -> Iterator[JobExecutor]:
-    """An executor of `workers` processes, which are killed when the block fails or is interrupted."""
+    """An executor of `workers` processes, which are killed when the block fails or is interrupted.
+
+    Raises UserError if so many don't fit into the memory that may be taken.
+    """
+    if workers > (most := workers_within_memory(workers)):
+        found = f"leave each process less than {format_size(WORKER_BYTES)} of memory, which it takes without a job"
+        raise UserError(f"--workers {workers}", found, expected=f"at most {most}", remedy="or allow more by --memory")
     executor = ProcessExecutor(workers)
     try:
         yield executor
@@ -167,20 +183,27 @@ def check_version(version: str, worker: str) -> None:
 
 @dataclass(frozen=True)
 class _WorkerInfo:
-    """Version and host of a Dask worker. host: name and CPU cores; workers with equal ones share cores and GPUs."""
+    """Version and host of a Dask worker, and the bytes that it may take if it is alone there.
+
+    host: name and CPU cores; workers with equal ones share cores, memory and GPUs.
+    """
 
     version: str
     host: tuple[str, tuple[int, ...]]
+    memory: int
 
 
 def _worker_info() -> _WorkerInfo:
     has_affinity = hasattr(os, "sched_getaffinity")
     cores = tuple(sorted(os.sched_getaffinity(0))) if has_affinity else tuple(range(process_cpu_count()))
-    return _WorkerInfo(__version__, (platform.node(), cores))
+    return _WorkerInfo(__version__, (platform.node(), cores), allowed_bytes())
 
 
 def _assign_resources(client: Any) -> dict[str, WorkerResources]:
-    """The resources of each worker by address: the cores of a host are divided by its number of simultaneous jobs."""
+    """The resources of each worker by address.
+
+    The cores and the memory of a host are divided by the number of jobs that it does at the same time.
+    """
     infos = client.run(_worker_info, on_error="return")
     for address, info in infos.items():
         if not isinstance(info, _WorkerInfo):
@@ -193,8 +216,9 @@ def _assign_resources(client: Any) -> dict[str, WorkerResources]:
         simultaneous_jobs[info.host] += workers[address]["nthreads"] if address in workers else 1
     resources, workers_on_host = {}, Counter[Any]()
     for address, info in sorted(infos.items()):
-        threads = max(len(info.host[1]) // simultaneous_jobs[info.host], 1)
-        resources[address] = WorkerResources(threads, workers_on_host[info.host])
+        jobs = simultaneous_jobs[info.host]
+        memory = worker_share(jobs, info.memory)
+        resources[address] = WorkerResources(max(len(info.host[1]) // jobs, 1), workers_on_host[info.host], memory)
         workers_on_host[info.host] += 1
     return resources
 

@@ -12,14 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from holoview.metrics.perceptual_quality import measure_perceptual_scores
-from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, usable_scores
+from holoview.metrics.perceptual_scores import OPTIONAL_SCORES, PERCEPTUAL_SCORES, require_scores, usable_scores
+from holoview.study.scale import StudyScale
 from holoview.study.study import Results
 from holoview.view import View
 
 
-def score_settings() -> dict[str, list[str]]:
-    """The setting of a job that names the scores that can be computed here."""
-    return {"scores": list(usable_scores(lambda problem: None))}
+def score_settings(scale: StudyScale) -> dict[str, list[str]]:
+    """The setting of a job that names the scores: those that the scale asks for, else all that can be computed here.
+
+    Raises UserError for a score whose library isn't installed or doesn't load.
+    """
+    if scale.scores is None:
+        return {"scores": list(usable_scores(lambda problem: None))}
+    require_scores(scale.scores)
+    return {"scores": list(scale.scores)}
 
 
 def score_numbers(view: View, target: NDArray[np.floating], settings: Mapping[str, Any]) -> dict[str, float]:
@@ -46,6 +53,6 @@ def notes_on_scores(results: Results) -> list[str]:
         return []
     verb = "isn't" if len(titles) == 1 else "aren't"
     return [
-        f"{' and '.join(titles)} {verb} in the table: the extra perceptual is missing or doesn't load "
-        '(pip install "holoview[perceptual]").'
+        f"{' and '.join(titles)} {verb} in the table: left out by --scores, or the extra perceptual is missing or "
+        'doesn\'t load (pip install "holoview[perceptual]").'
     ]

@@ -25,6 +25,7 @@ from holoview.study.executors import (
 from holoview.study.store import ResultStore
 from holoview.study.study import JobResult, StatusCallback, Study, StudyJob
 from holoview.util.errors import UserError
+from holoview.util.memory_limit import memory_setting
 from holoview.util.progress import ProgressCallback
 from holoview.util.version import __version__
 
@@ -93,8 +94,10 @@ def run_in_worker(
     """
     if version != __version__:
         check_version(version, "the run that this worker serves")
-    resources_of_worker(resources).apply()
-    return study.run_job(settings, lambda text: None)
+    own = resources_of_worker(resources)
+    own.apply()
+    with memory_setting(own.memory):
+        return study.run_job(settings, lambda text: None)
 
 
 class _RetryPolicy:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+from holoview.model.eye import PUPIL
 from holoview.util.errors import UserError, suggest_matches
 
 TARGETS = ("still-life", "night", "bright", "coffee", "resolution")
@@ -18,6 +19,8 @@ class StudyScale:
 
     shape: modulator pixels (y, x). iterations: of an optimisation. seeds: number of them. targets: names of pictures.
     planes: number of focal planes. eyebox: weight of the penalty on an unevenly lit eyebox, for all holograms.
+    pupils_m: diameters of the pupils through which a study looks that has several; empty for its own. scores: names of
+    the perceptual scores of a study that has them; None for all that are installed.
     """
 
     name: str
@@ -27,6 +30,8 @@ class StudyScale:
     targets: tuple[str, ...]
     planes: int
     eyebox: float = 0.0
+    pupils_m: tuple[float, ...] = ()
+    scores: tuple[str, ...] | None = None
 
     def with_changes(self, **changes: Any) -> StudyScale:
         """The scale with some fields changed; None leaves one as it is. Raises UserError for impossible values."""
@@ -40,6 +45,8 @@ class StudyScale:
                 raise UserError("--targets", f'"{name}"', expected=", ".join(TARGETS), remedy=remedy)
         if not 0 <= changed.eyebox < math.inf:
             raise UserError("--eyebox", f"{changed.eyebox:g}", expected="a weight of 0 or more")
+        for diameter_m in changed.pupils_m:
+            PUPIL.parse(diameter_m, "--pupils")
         return changed
 
     @property
@@ -54,7 +61,8 @@ class StudyScale:
         samples, seeds = format_size(self.shape, self.seeds)
         even = f", eyebox penalty {self.eyebox:g}" if self.eyebox else ""
         targets = "" if len(self.targets) == 1 else f", {len(self.targets)} targets"
-        return f"{samples}, {self.iterations} iterations, {seeds}{targets}, {self.planes} focal planes{even}"
+        planes = "one focal plane" if self.planes == 1 else f"{self.planes} focal planes"
+        return f"{samples}, {self.iterations} iterations, {seeds}{targets}, {planes}{even}"
 
 
 def format_size(shape: tuple[int, int], seeds: int) -> tuple[str, str]:

@@ -118,6 +118,9 @@ class Study(ABC):
     revision: int = 1
     """To be increased when `run_job` computes something else, so that stored results aren't used any more."""
 
+    options: tuple[str, ...] = ()
+    """What of a scale only some studies have, and this one does: "pupils", "scores"."""
+
     kind: str = ""
     """What `run_job` computes; studies of one kind can share results. Empty: something of this study's own."""
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import urllib.request
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,8 @@ from holoview.model import preset
 from tests.chromium import needs_chromium, started_browser, wait_until
 from tests.gui.conftest import Gui
 
-pytest.importorskip("jupyterlab", reason="JupyterLab shows the notebook")
+if find_spec("jupyterlab") is None:  # importing it takes seconds, and a process of its own runs it
+    pytest.skip("JupyterLab shows the notebook", allow_module_level=True)
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser")
 pytestmark = [pytest.mark.gpu, needs_chromium]
 SECONDS = 180  # for JupyterLab or a kernel to start on a busy machine

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,9 @@ import pytest
 
 from holoview.app.panels.image import ImagePanel
 from holoview.app.panels.optimise import OptimisePanel
+from holoview.session.eye_edits import toggle_eye
 from holoview.session.file_reader import target_from_pixels
-from holoview.session.optimisation_job import last_optimisation, running_optimisation
+from holoview.session.optimisation_job import chosen_optimisation, last_optimisation, running_optimisation
 from tests.gui.conftest import Gui
 
 pytestmark = pytest.mark.gpu
@@ -36,9 +38,19 @@ def _until(gui: Gui, condition: Callable[[], bool], timeout_s: float = 60.0) -> 
         assert time.monotonic() < until, "waited too long"
 
 
+def _choose(gui: Gui, **fields: Any) -> None:
+    gui.session.choose_optimisation(replace(gui.session.optimisation_choices, **fields))
+
+
+def _optimise(gui: Gui) -> None:
+    """Optimises as is chosen, to the end."""
+    gui.press_chord("Ctrl+Enter")
+    _until(gui, lambda: last_optimisation(gui.session) is not None and running_optimisation(gui.session) is None)
+
+
 def test_optimise_is_followed_kept_and_taken_back(gui: Gui) -> None:
     old = gui.session.drive
-    gui.app.panel(OptimisePanel).iterations = 5000
+    _choose(gui, iterations=5000)
     gui.engine(lambda ctx: ctx.item_click("Optimise/Optimise##start"))
     job = running_optimisation(gui.session)
     assert job is not None
@@ -55,7 +67,7 @@ def test_optimise_is_followed_kept_and_taken_back(gui: Gui) -> None:
 
 def test_cancel_leaves_the_old_patterns(gui: Gui) -> None:
     old = gui.session.drive
-    gui.app.panel(OptimisePanel).iterations = 5000
+    _choose(gui, iterations=5000)
     gui.press_chord("Ctrl+Enter")
     job = running_optimisation(gui.session)
     assert job is not None
@@ -66,8 +78,6 @@ def test_cancel_leaves_the_old_patterns(gui: Gui) -> None:
 
 
 def test_what_is_chosen_is_what_is_done(gui: Gui) -> None:
-    panel = gui.app.panel(OptimisePanel)
-
     def choose(ctx: Any) -> None:
         ctx.set_ref("Optimise")
         ctx.combo_click("scheme/holochrome-8")
@@ -75,11 +85,47 @@ def test_what_is_chosen_is_what_is_done(gui: Gui) -> None:
         ctx.item_input_value("iterations", 2)
 
     gui.engine(choose)
-    plan = panel.request()
+    plan = chosen_optimisation(gui.session.optimisation_choices, gui.session.system)
     assert (plan.scheme, plan.start_patterns, plan.settings.iterations) == ("holochrome-8", "smooth", 2)
-    gui.press_chord("Ctrl+Enter")
-    _until(gui, lambda: last_optimisation(gui.session) is not None and running_optimisation(gui.session) is None)
+    _optimise(gui)
     assert len(gui.session.system.wavelengths_m) == 8 and "2 iterations" in gui.session.document.origin
+
+
+def test_the_pupil_is_drawn_anew_or_moved_over_a_grid_as_is_chosen(gui: Gui) -> None:
+    toggle_eye(gui.session)
+    gui.draw_until_idle()
+
+    def draw_anew(ctx: Any) -> None:
+        ctx.set_ref("Optimise")
+        ctx.combo_click("pupil/drawn anew")
+        ctx.item_input_value("places", 2)
+        ctx.item_input_value("radius", 0.5)
+        ctx.combo_click("colour error/ignore")
+        ctx.item_input_value("iterations", 2)
+
+    gui.engine(draw_anew)
+    choices = gui.session.optimisation_choices
+    assert (choices.pupils, choices.chromatic) == ("random:2:0.5mm", "ignore")
+    _optimise(gui)
+    assert "for pupils random:2:0.5mm, an eye without colour error" in gui.session.document.origin
+    eye = gui.session.system.eye
+    assert eye is not None and eye.chromatic, "the eye itself stays as it is"
+
+    def move_over_a_grid(ctx: Any) -> None:
+        ctx.set_ref("Optimise")
+        ctx.combo_click("pupil/on a grid")
+        ctx.item_input_value("spacing", 0.3)
+
+    gui.engine(move_over_a_grid)
+    assert gui.session.optimisation_choices.pupils == "3x3:0.3mm"
+    gui.engine(lambda ctx: (ctx.set_ref("Optimise"), ctx.combo_click("pupil/where it is")))
+    assert gui.session.optimisation_choices.pupils == ""
+
+
+def test_without_an_eye_no_pupil_is_moved(gui: Gui) -> None:
+    _choose(gui, iterations=1, pupils="3x3:0.3mm", chromatic="ignore")
+    _optimise(gui)
+    assert "optimised, 1 iterations" in gui.session.document.origin
 
 
 def test_brightness_of_the_target_is_one_step_of_undo(gui: Gui) -> None:

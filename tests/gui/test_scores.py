@@ -27,7 +27,9 @@ def scored(gui: Gui) -> Gui:
 
 
 def _light(gui: Gui) -> tuple[np.ndarray, np.ndarray]:
-    return xyz_to_linear_srgb(gui.context.side_renderers.xyz(NOW)), gui.session.target_at()
+    target = gui.session.target_at()
+    assert target is not None, gui.last_message()
+    return xyz_to_linear_srgb(gui.context.side_renderers.xyz(NOW)), target
 
 
 def test_a_command_puts_a_score_beside_the_psnr(scored: Gui) -> None:

@@ -1,69 +1,78 @@
-"""Optimising for several places of the eye's pupil: the loss is the mean over them, and so is its gradient."""
+"""Places of the pupil: what a text describes, where the places lie, and what is refused."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
-import torch
 
 import holoview as hv
-from holoview.optimise.problem import EvaluationRequest, Problem
-from holoview.optimise.settings import Settings
+from holoview.model.system import System
+from holoview.optimise.optimised_eyes import OptimisedEyes
+from holoview.optimise.pupil_places import PupilPlaces, parse_pupils, places_between
 
-Bench = Callable[..., hv.System]
-
-EYE = {"eyepiece": "5 mm", "pupil": "0.5 mm", "accommodation": ["0 D", "4 D"]}
-PLACES = ((0.0, -0.1e-3), (0.05e-3, 0.1e-3), (-0.1e-3, 0.0))
+SYSTEM = hv.load("holochrome-8").with_(eye={"pupil_x": "1 mm"})
 
 
-def _stack(system: hv.System, seed: int) -> np.ndarray:
-    plan = hv.make_plan(system)
-    return np.random.default_rng(seed).random((len(plan.planes_m), *plan.grid.shape, 3), dtype=np.float32)
+def parse_places(text: str | None, system: System) -> PupilPlaces:
+    return OptimisedEyes.from_text(text, "compensate").places_in(system)
 
 
-def _evaluation(problem: Problem, system: hv.System, noise: Callable[..., torch.Tensor]) -> tuple[float, torch.Tensor]:
-    path_m = noise(3, *system.drive_shape) * 800e-9
-    found = problem.evaluate(path_m, system.amplitudes, EvaluationRequest(path_gradient=True))
-    assert found.path_gradient is not None
-    return found.loss, found.path_gradient
+def test_a_grid_lies_around_the_pupil() -> None:
+    places = parse_places("1x3:0.5mm", SYSTEM).fixed
+    assert np.array(places) == pytest.approx(np.array([[0, 0.5e-3], [0, 1e-3], [0, 1.5e-3]]))
+    assert np.array(places_between(places)) == pytest.approx(np.array([[0, 0.75e-3], [0, 1.25e-3]]))
+    assert len(parse_places("3x3:0.5mm", SYSTEM).held_out) == 4
+    assert parse_places(None, SYSTEM) == PupilPlaces() and parse_places("1x1:1mm", SYSTEM).held_out == ()
 
 
 @pytest.mark.parametrize(
-    "more", [{}, {"stiles_crawford": True, "chromatic_axis": "pupil"}], ids=["stop", "pupil function"]
+    "text", ["3", "3x3", "0x3:1mm", "99x99:1mm", "3x3:", "3x3:0mm", "3x3:-1mm", "3x3:1 kg", "axb:1mm"]
 )
-def test_the_loss_is_the_mean_over_the_places(
-    bench: Bench, noise: Callable[..., torch.Tensor], double_problem: Callable[..., Problem], more: dict[str, Any]
-) -> None:
-    system = bench(eye=EYE | more)
-    assert system.eye is not None
-    parts, stacks = [], []
-    for seed, place in enumerate(PLACES):
-        moved = system.with_(eye=system.eye.moved_to(place))
-        stacks.append(_stack(moved, seed))
-        parts.append(_evaluation(double_problem(moved, stacks[-1], Settings()), moved, noise))
-    together = double_problem(system, np.concatenate(stacks), Settings(pupil_places_m=PLACES))
-    loss, gradient = _evaluation(together, system, noise)
-    assert loss == pytest.approx(np.mean([part[0] for part in parts]), rel=1e-12)
-    expected = torch.stack([part[1] for part in parts]).mean(dim=0)
-    assert torch.linalg.vector_norm(gradient - expected) <= 1e-12 * torch.linalg.vector_norm(expected)
+def test_what_is_no_grid_of_places_is_refused(text: str) -> None:
+    with pytest.raises(hv.UserError, match="--pupils"):
+        parse_places(text, SYSTEM)
 
 
-def test_settings_with_places_survive_a_checkpoint() -> None:
-    assert Settings(pupil_places_m=([0.0, 1e-3],)) == Settings(pupil_places_m=((0.0, 1e-3),))  # type: ignore[arg-type]
+def test_places_need_an_eye() -> None:
+    with pytest.raises(hv.UserError, match="--pupils: without an eye"):
+        parse_places("3x3:1mm", SYSTEM.with_(eye=None))
 
 
-def test_places_without_an_eye_and_with_free_wavelengths_are_refused(bench: Bench) -> None:
-    system = bench()
-    with pytest.raises(hv.UserError, match="pupil places: without an eye"):
-        Problem(system, np.concatenate([_stack(system, 0)] * 3), Settings(pupil_places_m=PLACES))
-    with pytest.raises(hv.UserError, match="wavelengths with several places"):
-        Settings(free=("patterns", "wavelengths"), pupil_places_m=PLACES)
+def test_places_may_be_drawn_within_a_radius() -> None:
+    pupils = parse_places("random:4:0.8mm", SYSTEM)
+    assert (pupils.fixed, pupils.drawn, pupils.radius_m) == ((), 4, 0.8e-3)
+    held_out = np.array(pupils.held_out) - [0, 1e-3]
+    assert len(held_out) == 4 and np.abs(held_out) == pytest.approx(np.full((4, 2), 0.4e-3))
+    assert SYSTEM.eye is not None and pupils.reach_m(SYSTEM.eye) == pytest.approx(0.8e-3)
+    assert parse_places("1x3:0.5mm", SYSTEM).reach_m(SYSTEM.eye) == pytest.approx(0.5e-3)
 
 
-def test_a_stack_is_needed_for_every_place(bench: Bench) -> None:
-    system = bench(eye=EYE)
-    with pytest.raises(hv.UserError, match=r"\(plane, y, x, 3\) = \(6, "):
-        Problem(system, _stack(system, 0), Settings(pupil_places_m=PLACES))
+@pytest.mark.parametrize(
+    "text", ["random", "random:4", "random:0:1mm", "random:4:0mm", "random:4:1 kg", "random:99:1mm"]
+)
+def test_what_is_no_draw_is_refused(text: str) -> None:
+    with pytest.raises(hv.UserError, match="--pupils"):
+        parse_places(text, SYSTEM)
+
+
+def test_a_draw_that_the_eyepiece_cant_show_is_refused() -> None:
+    with pytest.raises(hv.UserError, match="eyepiece: 40 mm with a pupil that reaches"):
+        parse_places("random:4:60mm", SYSTEM)
+
+
+@pytest.mark.parametrize("text", ["3x3:0.8mm", "1x9:0.05mm", "random:4:0.8mm", "random:81:1.25mm"])
+def test_places_are_written_as_they_are_read(text: str) -> None:
+    assert str(parse_pupils(text)) == text
+
+
+def test_colour_error_is_ignored_only_by_an_eye() -> None:
+    eyes = OptimisedEyes.from_text("random:4:0.8mm", "ignore")
+    seen = eyes.aimed(SYSTEM).eye
+    assert seen is not None and SYSTEM.eye is not None and not seen.chromatic and SYSTEM.eye.chromatic
+    assert (
+        eyes.description == "pupils random:4:0.8mm, an eye without colour error" and OptimisedEyes().description == ""
+    )
+    with pytest.raises(hv.UserError, match="--chromatic: without an eye"):
+        eyes.aimed(SYSTEM.with_(eye=None))
+    with pytest.raises(hv.UserError, match='chromatic: "maybe"'):
+        OptimisedEyes(chromatic="maybe")

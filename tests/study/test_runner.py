@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 
 from holoview import cli
@@ -21,6 +22,8 @@ from holoview.study.store import ResultStore
 from holoview.study.study import StudyJob
 from holoview.util.cpu_count import process_cpu_count
 from holoview.util.errors import UserError
+from holoview.util.memory_limit import VARIABLE, WORKER_BYTES, parse_size
+from holoview.util.version import __version__
 from tests.study.probe import STUDY
 
 HERE = Path(__file__).resolve().parent
@@ -169,6 +172,20 @@ def test_processes_share_the_cores() -> None:
     assert sorted(worker.index for worker in executor.worker_resources) == [0, 1]
     assert all(worker.threads == max(process_cpu_count() // 2, 1) for worker in executor.worker_resources)
     executor.shutdown(kill=False)
+
+
+def test_processes_share_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    used = psutil.Process().memory_info().rss
+    monkeypatch.setenv(VARIABLE, str(used + 3 * WORKER_BYTES))
+    jobs = [_job(n) for n in range(2)]
+    with pytest.raises(UserError, match=r"--workers 4: leave each process less than 400 MB.*at most [23]"):
+        run_jobs(STUDY, jobs, ResultStore(tmp_path), ExecutionTarget(workers=4))
+    executor = ProcessExecutor(2)
+    shares = [parse_size(str(worker.memory), "share") for worker in executor.worker_resources]
+    executor.shutdown(kill=False)
+    assert len(shares) == 2 and 2.5 * WORKER_BYTES < sum(shares) <= 3 * WORKER_BYTES
+    with pytest.raises(UserError, match="none"):
+        run_in_worker(WorkerResources(memory="none"), STUDY, {"n": 1}, __version__)
 
 
 def test_a_share_keeps_torch_to_its_threads() -> None:

@@ -44,6 +44,8 @@ def test_every_target_is_a_picture_with_or_without_depth(name: str) -> None:
         (["--eyebox", "nan"], "--eyebox: 'nan'; expected a number from 0 to"),
         (["--shape", "96"], '--shape: "96"; expected rows and columns'),
         (["--shape", "1x16"], "--shape"),
+        (["--pupils", "3mm"], "--pupils: the study schemes doesn't have it; expected one of eye, retinal-speckle"),
+        (["--scores", "flip"], "--scores: the study schemes doesn't have it; expected one of eye, pupil"),
     ],
     ids=lambda value: str(value[0]) if isinstance(value, list) else "",
 )
@@ -53,6 +55,30 @@ def test_impossible_changes_are_named(
     assert main(["study", "schemes", *arguments, "-o", str(tmp_path / "out")]) == 2
     assert words in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "words"),
+    [
+        ("eye", ["--pupils", "2,0mm"], "--pupils: 0 mm is out of range; expected between 0.5 mm and 12 mm"),
+        ("eye", ["--pupils", "wide"], '--pupils: "wide'),
+        ("pupil", ["--pupils", "3mm"], "--pupils: the study pupil doesn't have it"),
+    ],
+)
+def test_impossible_pupils_are_named(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str, arguments: list[str], words: str
+) -> None:
+    assert main(["study", name, *arguments, "-o", str(tmp_path / "out")]) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_pupils_and_scores_are_chosen() -> None:
+    eye, speckle = (studies_by_name()[name] for name in ("eye", "retinal-speckle"))
+    chosen = QUICK.with_changes(pupils_m=(3e-3, 4e-3), scores=("ms_ssim",))
+    for job in eye.jobs(chosen, 0):
+        assert job.settings["pupils_mm"] == [3.0, 4.0] and job.settings["scores"] == ["ms_ssim"]
+    assert {job.settings["pupil_mm"] for job in speckle.jobs(chosen, 0)} == {3.0, 4.0}
 
 
 def test_studies_share_the_jobs_that_they_have_in_common() -> None:

@@ -20,7 +20,7 @@ from holoview.study.registry import studies_by_name
 from holoview.study.report import format_claims, write_report
 from holoview.study.runner import run_jobs
 from holoview.study.store import ResultStore
-from holoview.study.studies import eye, model_vs_capture, pupil
+from holoview.study.studies import eye, eye_spacing, model_vs_capture, pupil
 from holoview.study.study import Findings
 from holoview.util.files import data_dir
 from tests.chromium import check_document, needs_chromium
@@ -39,6 +39,7 @@ PICTURED = {
     "defocus",
     "contrast",
     "eye",
+    "eye-spacing",
     "model-vs-capture",
     "pupil",
 }
@@ -90,6 +91,7 @@ def tiny(small_assets: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(model_vs_capture, "diagnose", partial(diagnose, effects=[effects.listed_effects()["gap"]]))
     monkeypatch.setattr(eye, "_SCHEMES", {name: eye._SCHEMES[name] for name in ("simultaneous", "holochrome-8")})
     monkeypatch.setattr(eye, "_PUPILS_MM", (eye._PUPIL_MM,))
+    monkeypatch.setattr(eye_spacing, "_SPACINGS_NM", eye_spacing._SPACINGS_NM[::4])
     monkeypatch.setattr(pupil, "_PLACES_MM", pupil._PLACES_MM[:3])
 
 

@@ -11,14 +11,15 @@ from imgui_bundle import imgui
 
 from holoview.app import plots, theme
 from holoview.app.context import AppContext
+from holoview.app.optimised_eye_fields import draw_eye_fields
 from holoview.app.panel import Panel
 from holoview.app.parameter_widgets import tooltip
 from holoview.optimise.loss_spaces import LOSS_SPACES
-from holoview.optimise.settings import Settings
+from holoview.session.editing_session import EditingSession
+from holoview.session.optimisation_choices import MOST_ITERATIONS, SCHEMES, START_PATTERNS
 from holoview.session.optimisation_job import (
-    START_PATTERNS,
     OptimisationJob,
-    OptimisationRequest,
+    chosen_optimisation,
     last_optimisation,
     running_optimisation,
     start_optimisation,
@@ -27,11 +28,7 @@ from holoview.session.optimisation_job import (
 from holoview.util.errors import UserError
 from holoview.util.text import printable
 
-_AS_IT_IS = "the bench as it is"
-_SCHEMES = (
-    *(_AS_IT_IS, "simultaneous", "time-sequential", "multiplexed-3", "holochrome-8", "holochrome-8x3"),
-    *("holochrome-16", "holochrome-8+multisource-3x3"),
-)
+_AS_IT_IS, _BY_OBSERVER = "the bench as it is", "by the observer"
 _TIPS = {
     "scheme": "How the lasers are driven: which wavelengths, together or in turn, in how many frames.",
     "loss": "In which space the image is compared with the target.",
@@ -48,10 +45,6 @@ class OptimisePanel(Panel):
 
     title = "Optimise"
     dock = "Low right"
-
-    def __init__(self) -> None:
-        self.scheme, self.loss, self.start_patterns = _AS_IT_IS, "by the observer", "random"
-        self.iterations, self.eyebox = 60, 0.0
 
     def set_up(self, context: AppContext) -> None:
         """Adds the commands."""
@@ -96,31 +89,42 @@ class OptimisePanel(Panel):
 
     def start(self, context: AppContext) -> None:
         """Starts an optimisation with the chosen settings."""
-        context.attempt(lambda: start_optimisation(context.session, self.request()))
-
-    def request(self) -> OptimisationRequest:
-        """The chosen settings as a request. Raises UserError for invalid ones."""
-        loss = self.loss if self.loss in LOSS_SPACES else None
-        settings = Settings(iterations=self.iterations, loss=loss, eyebox=self.eyebox)
-        scheme = None if self.scheme == _AS_IT_IS else self.scheme
-        return OptimisationRequest(settings, scheme=scheme, start_patterns=self.start_patterns)
+        session = context.session
+        context.attempt(
+            lambda: start_optimisation(session, chosen_optimisation(session.optimisation_choices, session.system))
+        )
 
     def _draw_choices(self, context: AppContext) -> None:
-        self.scheme = _combo("scheme", self.scheme, _SCHEMES)
-        self.loss = _combo("loss", self.loss, ("by the observer", *LOSS_SPACES))
-        self.start_patterns = _combo("begin", self.start_patterns, START_PATTERNS)
-        _, count = imgui.input_int("iterations", self.iterations, 10, 100)
-        tooltip(_TIPS["iterations"])
-        self.iterations = min(max(count, 1), 100_000)
-        _, weight = imgui.input_float("eyebox", self.eyebox, 0.005, 0.05, "%.3g")
-        tooltip(_TIPS["eyebox"])
-        self.eyebox = max(weight, 0.0)
+        _draw_settings(context.session)
+        draw_eye_fields(context)
         imgui.begin_disabled(context.session.target_spec is None)
         if imgui.button("Optimise##start", imgui.ImVec2(-1, 1.4 * imgui.get_frame_height())):
             self.start(context)
         imgui.end_disabled()
         if context.session.target_spec is None:
             imgui.text_wrapped("Open a picture to optimise for, drop one on the window, or paste one.")
+
+
+def _draw_settings(session: EditingSession) -> None:
+    """Draws scheme, loss, start, iterations and the weight of the eyebox, and keeps what is chosen."""
+    choices = session.optimisation_choices
+    scheme = _combo("scheme", choices.scheme or _AS_IT_IS, (_AS_IT_IS, *SCHEMES))
+    loss = _combo("loss", choices.loss or _BY_OBSERVER, (_BY_OBSERVER, *LOSS_SPACES))
+    start_patterns = _combo("begin", choices.start_patterns, START_PATTERNS)
+    _, iterations = imgui.input_int("iterations", choices.iterations, 10, 100)
+    tooltip(_TIPS["iterations"])
+    is_weighed, weight = imgui.input_float("eyebox", choices.eyebox, 0.005, 0.05, "%.3g")
+    tooltip(_TIPS["eyebox"])
+    session.choose_optimisation(
+        replace(
+            choices,
+            scheme="" if scheme == _AS_IT_IS else scheme,
+            loss="" if loss == _BY_OBSERVER else loss,
+            start_patterns=start_patterns,
+            iterations=min(max(iterations, 1), MOST_ITERATIONS),
+            eyebox=max(float(f"{weight:.6g}"), 0.0) if is_weighed else choices.eyebox,
+        )
+    )
 
 
 def _draw_target(context: AppContext) -> None:

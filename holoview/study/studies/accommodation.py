@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,10 @@ class _Accommodation(Study):
         "fall with defocus as fast as that of an incoherent scene."
     )
     quick_note = "Quick: 128 x 96 samples and 40 iterations; the picture is 0.7° wide."
+
+    def describe_size(self, scale: StudyScale) -> str:
+        """A flat picture in one plane, at any scale."""
+        return replace(scale, planes=1).description
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
         return [

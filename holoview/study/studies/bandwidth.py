@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from holoview.study.claims import CONTRADICTS, DIRECTION_ONLY, REPRODUCES
 from holoview.study.hologram_jobs import mean_number
 from holoview.study.hologram_study import HologramStudy, result_table, targets_and_seeds
+from holoview.study.laser_sets import row_of_lasers
 from holoview.study.plots import heat_map
 from holoview.study.scale import StudyScale
 from holoview.study.study import Claim, Findings, Results, StudyFigure, StudyJob
 
 _COUNTS = (2, 4, 8, 16)
 _SPACINGS_NM = (2, 4, 8, 16)
-_MIDDLE_NM = 550.0
 
 
 class _Bandwidth(HologramStudy):
@@ -33,7 +31,7 @@ class _Bandwidth(HologramStudy):
                 {
                     **case,
                     "scheme": "simultaneous",
-                    "set": _lasers(count, spacing),
+                    "set": row_of_lasers(count, spacing),
                     "count": count,
                     "spacing_nm": spacing,
                 },
@@ -58,12 +56,6 @@ class _Bandwidth(HologramStudy):
             claims=[Claim("best spacing of 16 wavelengths", "16 nm", f"{best} nm ({values} dB)", verdict)],
             plots=[StudyFigure("bandwidth", "PSNR of a monochrome camera's picture", draw)],
         )
-
-
-def _lasers(count: int, spacing_nm: float) -> dict[str, Any]:
-    """Changes of the bench to lasers spaced evenly about the middle wavelength, and a monochrome camera."""
-    nm = _MIDDLE_NM + spacing_nm * (np.arange(count) - (count - 1) / 2)
-    return {"wavelengths": (nm * 1e-9).tolist(), "amplitudes": [[1.0] * count], "observer": "mono"}
 
 
 STUDY = _Bandwidth()

@@ -51,10 +51,12 @@ class _Eye(Study):
         "same eye sees it."
     )
     quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    options = ("pupils", "scores")
     revision = 2
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
-        return aimed_jobs(self, tuple(_SCHEMES), scale, seed, _OPTIMISED_FOR, **score_settings())
+        pupils = {"pupils_mm": [round(1e3 * d, 6) for d in scale.pupils_m]} if scale.pupils_m else {}
+        return aimed_jobs(self, tuple(_SCHEMES), scale, seed, _OPTIMISED_FOR, **score_settings(scale), **pupils)
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         system = job_system(settings)
@@ -64,7 +66,7 @@ class _Eye(Study):
         numbers: dict[str, Any] = {"psnr_db": state.best_psnr_db}
         pictures: dict[str, Any] = {}
         for name in _EYES:
-            for pupil_mm in _PUPILS_MM:
+            for pupil_mm in _pupils_mm(settings):
                 status(f"scoring, pupil {pupil_mm:g} mm")
                 seen_by = _with_eye(state.best.system, pupil_mm, chromatic=name == "chromatic")
                 view = simulate(seen_by, state.best.drive, planes_m, backend="torch")
@@ -72,7 +74,7 @@ class _Eye(Study):
                 psnr, case = psnr_linear_srgb(view.rgb, target), f"{name}_{pupil_mm:g}"
                 numbers |= {f"{case}_db": psnr.mean_db, f"{case}_planes_db": list(psnr.planes_db)}
                 numbers |= {f"{case}_{key}": value for key, value in score_numbers(view, target, settings).items()}
-                if pupil_mm == _PUPIL_MM:
+                if pupil_mm == _judged_mm(settings):
                     pictures |= {name: view.srgb8[1], f"{name} wanted": to_srgb8(np.asarray(target[1]))}
         numbers["eyebox_variation"] = state.eyebox
         return JobResult(numbers, pictures)
@@ -90,22 +92,32 @@ class _Eye(Study):
         )
 
 
+def _pupils_mm(settings: Mapping[str, Any]) -> tuple[float, ...]:
+    """Diameters of the pupils that look at the hologram of a job."""
+    return tuple(settings.get("pupils_mm", _PUPILS_MM))
+
+
+def _judged_mm(settings: Mapping[str, Any]) -> float:
+    """The one of these pupils that is most like the one that holograms are optimised for."""
+    return min(_pupils_mm(settings), key=lambda d: abs(d - _PUPIL_MM))
+
+
 def _with_eye(system: System, pupil_mm: float, *, chromatic: bool) -> System:
     return system.with_(eye={"pupil": pupil_mm * 1e-3, "chromatic": chromatic})
 
 
 def _claims(results: Results) -> list[Claim]:
     """The gain over 3 wavelengths without chromatic aberration, with it, and if it is optimised for: in dB and JOD."""
-    claims = []
+    claims, pupil_mm = [], _judged_mm(results[0][0].settings)
     for scheme, label in list(_SCHEMES.items())[1:]:
         for aim, eye, what in (
-            ("planes", "plain", f"seen by an eye without chromatic aberration, pupil {_PUPIL_MM:g} mm"),
+            ("planes", "plain", f"seen by an eye without chromatic aberration, pupil {pupil_mm:g} mm"),
             ("planes", "chromatic", "with chromatic aberration"),
             ("eye", "chromatic", "with chromatic aberration, optimised for it"),
         ):
             better, worse = ({"scheme": s, "optimised_for": aim} for s in (scheme, "simultaneous"))
             text = f"{label} gain over 3, {what}"
-            case = f"{eye}_{_PUPIL_MM:g}"
+            case = f"{eye}_{pupil_mm:g}"
             claims.append(gain_claim(results, text, None, better, worse, key=f"{case}_db"))
             if "jod" in score_names(results):
                 claims.append(gain_claim(results, text, None, better, worse, key=f"{case}_jod", unit="JOD"))
@@ -113,10 +125,11 @@ def _claims(results: Results) -> list[Claim]:
 
 
 def _plot(results: Results, aim: str, caption: str) -> StudyFigure:
+    pupils_mm = _pupils_mm(results[0][0].settings)
     curves = {
         f"{label}, {what}": (
-            _PUPILS_MM,
-            [mean_number(results, f"{eye}_{d:g}_db", scheme=scheme, optimised_for=aim) for d in _PUPILS_MM],
+            pupils_mm,
+            [mean_number(results, f"{eye}_{d:g}_db", scheme=scheme, optimised_for=aim) for d in pupils_mm],
         )
         for scheme, label in _SCHEMES.items()
         for eye, what in _EYES.items()

@@ -58,10 +58,11 @@ class _Pupil(Study):
         "and for nine. Places between those that were optimised show whether it holds there too."
     )
     quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
+    options = ("scores",)
     revision = 2
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
-        return aimed_jobs(self, ("holochrome-8",), scale, seed, _KINDS, **score_settings())
+        return aimed_jobs(self, ("holochrome-8",), scale, seed, _KINDS, **score_settings(scale))
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
         system, kind = job_system(settings), settings["optimised_for"]

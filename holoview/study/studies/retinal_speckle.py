@@ -36,6 +36,7 @@ class _RetinalSpeckle(Study):
         "retinal intensity at every sample, and of its means over foveal cones, which see only grains that are larger "
         "than they are. Grains are about λ/pupil wide, so that a small pupil makes coarse speckle and a large one fine."
     )
+    options = ("pupils",)
     quick_note = "Nothing is optimised; all lasers have the same power."
 
     def describe_size(self, scale: StudyScale) -> str:
@@ -49,7 +50,7 @@ class _RetinalSpeckle(Study):
                 {"shape": list(speckle_shape(scale)), "case": case, "pupil_mm": pupil_mm, "seed": number},
             )
             for case in _CASES
-            for pupil_mm in _PUPILS_MM
+            for pupil_mm in [round(1e3 * d, 6) for d in scale.pupils_m] or _PUPILS_MM
             for number in range(seed, seed + _SEEDS)
         ]
 
@@ -75,14 +76,14 @@ class _RetinalSpeckle(Study):
         )
 
     def analyse(self, results: Results) -> Findings:
-        plots = []
+        plots, pupils_mm = [], _pupils_mm(results)
         for key, caption in (
             ("contrast", "Contrast of the retinal intensity; 1/√(wavelengths · frames) is dashed"),
             ("contrast_of_cones", f"Contrast of means over discs of {CONE_ARCMIN:g} arcmin, the size of foveal cones"),
         ):
-            curves = {case: (_PUPILS_MM, _curve(results, key, case)) for case in _CASES}
+            curves = {case: (pupils_mm, _curve(results, key, case)) for case in _CASES}
             cases = {f"1/√{n * m}": case for case, (n, m) in _CASES.items()}
-            ends = (_PUPILS_MM[0], _PUPILS_MM[-1])
+            ends = (pupils_mm[0], pupils_mm[-1])
             laws = {
                 name: (ends, [1 / np.sqrt(np.prod(_CASES[case]))] * 2)
                 for name, case in cases.items()
@@ -97,13 +98,18 @@ class _RetinalSpeckle(Study):
         )
 
 
+def _pupils_mm(results: Results) -> list[float]:
+    """The diameters of all results, rising."""
+    return sorted({job.settings["pupil_mm"] for job, _ in results})
+
+
 def _curve(results: Results, key: str, case: str) -> list[float]:
-    return [mean_number(results, key, case=case, pupil_mm=pupil_mm) for pupil_mm in _PUPILS_MM]
+    return [mean_number(results, key, case=case, pupil_mm=pupil_mm) for pupil_mm in _pupils_mm(results)]
 
 
 def _claims(results: Results) -> list[Claim]:
     """Against 1/√N of N independent patterns, and what the cones see."""
-    claims = []
+    claims, pupils_mm = [], _pupils_mm(results)
     for case, (count, frames) in _CASES.items():
         curve, law = _curve(results, "contrast", case), 1 / np.sqrt(count * frames)
         departure = float(np.max(np.abs(np.array(curve) / law - 1)))
@@ -116,7 +122,7 @@ def _claims(results: Results) -> list[Claim]:
             )
         )
         cones = _curve(results, "contrast_of_cones", case)
-        text = f"{cones[0]:.3f} at {_PUPILS_MM[0]:g} mm, {cones[-1]:.3f} at {_PUPILS_MM[-1]:g} mm"
+        text = f"{cones[0]:.3f} at {pupils_mm[0]:g} mm, {cones[-1]:.3f} at {pupils_mm[-1]:g} mm"
         claims.append(Claim(f"{case}: contrast that cones see", "", text, SHOWN))
     return claims
 
