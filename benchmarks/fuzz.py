@@ -56,11 +56,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--families", nargs="+", metavar="NAME", help="of random cases; all if absent")
     parser.add_argument("--corpus", action="store_true", help="all inputs that are kept, however long that takes")
     args = parser.parse_args()
     os.environ[VARIABLE] = MEMORY
     preload()
-    cases = whole_corpus() if args.corpus else for_minutes(random_cases(args.seed), args.minutes)
+    cases = whole_corpus() if args.corpus else for_minutes(random_cases(args.seed, args.families), args.minutes)
     counts, bad = run_cases(cases, Limits())
     print(table(counts))
     raise SystemExit(1 if bad else 0)

@@ -1,86 +1,60 @@
 """Kills commands that write files, as `kill -9` does, at random moments; then looks at what is there, and goes on.
 
     python -m benchmarks.kills --kills 20
+    python -m benchmarks.kills --kills 100 --only optimise measure
 
 Each command is first run to its end, then started again and again in another folder and killed after a random time.
-After each kill every file in the folder has to be whole, and no other file may be there. At last the command may end,
-and its results have to be those of the run that nobody killed, bit for bit.
+After each kill every file in the folder has to be whole, no other file may be there, and no process of the command may
+go on. At last the command may end, and its results have to be those of the run that nobody killed, bit for bit.
+
+The commands run in processes that are forked from one that has imported everything: a kill falls into their work.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import hashlib
+import json
+import os
 import random
 import shutil
-import subprocess
+import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+import traceback
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
+import psutil
 from PIL import Image
 from safetensors import safe_open
 
+from benchmarks.kill_commands import COMMANDS, Command, make_inputs, restored_sessions
 from holoview.calibrate.checkpoint import load_checkpoint as load_calibration_checkpoint
 from holoview.captures import read_captures
+from holoview.cli import main as holoview
 from holoview.effects.calibration.calibration_file import read_calibration
 from holoview.io.hologram import load_hologram
 from holoview.model import preset
 from holoview.optimise.checkpoint import load_checkpoint
+from holoview.rig import read_rig
+from holoview.rig.camera_loop.loop_checkpoint import load_loop_checkpoint
+from holoview.util.data_text import parse_toml
 from holoview.util.safetensors_file import format_of, metadata_of
+from tests.fuzz.trial import preload
 
-SMALL = ("--set", "shape=[24,32]")
-_MOMENTS = (0.2, 1.0)  # of a run's duration, whose first part is imports
-_READERS: dict[str, Callable[[Path], object]] = {
+_FINISHED = ("of a finished", "is there already")
+"""What a command says that has nothing left to do: it was killed after it had written its result."""
+_LONGEST_S = 60.0  # that processes of a killed command may live on
+_READERS = {
     "holoview-hologram": load_hologram,
     "holoview-checkpoint": load_checkpoint,
+    "holoview-camera-loop": load_loop_checkpoint,
     "holoview-calibration-checkpoint": load_calibration_checkpoint,
     "holoview-calibration": read_calibration,
 }
-
-
-@dataclass(frozen=True)
-class Command:
-    """A command line.
-
-    checkpoint: the file from which it goes on by --resume, "" if it begins anew or goes on by itself. ignored: names of
-    results that tell times.
-    """
-
-    name: str
-    words: tuple[str, ...]
-    checkpoint: str = ""
-    ignored: frozenset[str] = frozenset()
-
-
-COMMANDS = (
-    Command(
-        "optimise",
-        (
-            *("optimise", "simultaneous", "picture.png", *SMALL, "--iterations", "60", "--preview", "preview.png"),
-            *("--checkpoint", "c.safetensors", "--checkpoint-every", "0.01s", "-o", "o.safetensors"),
-        ),
-        "c.safetensors",
-        frozenset(("c.safetensors",)),
-    ),
-    Command("captures make", ("captures", "make", "simultaneous", *SMALL, "--each", "30", "-o", "made.h5")),
-    Command(
-        "calibrate",
-        ("calibrate", "captures.h5", "--epochs", "6", "--checkpoint", "c.safetensors", "-o", "o.toml"),
-        "c.safetensors",
-        frozenset(("c.safetensors",)),
-    ),
-    Command(
-        "study",
-        ("study", "gamut", "--quick", "--shape", "24x32", "--iterations", "3", "-o", "."),
-        ignored=frozenset(("report.html", "numbers.parquet")),
-    ),
-    Command("render", ("render", "simultaneous", *SMALL, "--backend", "torch", "--plane", "all", "-o", "seen.png")),
-)
 
 
 @dataclass
@@ -93,27 +67,73 @@ class Outcome:
     different: list[str] = field(default_factory=list)
 
 
-def run(command: Command, folder: Path, limit_s: float | None = None) -> bool:
-    """Runs a command in a folder, killed after some seconds; returns whether it ended by itself.
+def run(command: Command, folder: Path, limit_s: float | None = None) -> str:
+    """Runs a command in a folder, killed after some seconds: "killed", "ended", or "finished": nothing was left.
 
-    Raises RuntimeError if it failed otherwise than by having nothing left to do.
+    Raises RuntimeError if it failed, or if a process of it lives on.
     """
-    words = [sys.executable, "-m", "holoview", *command.words]
+    words = list(command.words)
     if command.checkpoint and (folder / command.checkpoint).exists():
         words += ["--resume", command.checkpoint]
-    with (folder.parent / "said.txt").open("w+", encoding="utf-8") as said:
-        process = subprocess.Popen(words, cwd=folder, stdout=said, stderr=said)
-        try:
-            code = process.wait(limit_s)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-            return False
-        said.seek(0)
-        text = said.read()
-    if code != 0 and "of a finished" not in text:  # killed between the last checkpoint and the result
+    said = folder.parent / f"{folder.name}.txt"
+    child = os.fork()
+    if child == 0:
+        _run_in_child(command, words, folder, said)
+    code = _wait(child, limit_s)
+    _wait_for_group(child, command)
+    text = said.read_text(encoding="utf-8", errors="replace")
+    if code == -signal.SIGKILL:
+        return "killed"
+    if code != 0 and not any(phrase in text for phrase in _FINISHED):
         raise RuntimeError(f"{command.name} failed: {text}")
-    return code == 0
+    return "ended" if code == 0 else "finished"
+
+
+def _run_in_child(command: Command, words: list[str], folder: Path, said: Path) -> None:
+    """Runs the command with its streams in a file, and ends this process with its exit code."""
+    code = 70
+    try:
+        os.setsid()
+        os.chdir(folder)
+        file = os.open(said, os.O_CREAT | os.O_TRUNC | os.O_WRONLY, 0o600)
+        for number in (1, 2):
+            os.dup2(file, number)
+        code = holoview(words) if command.call is None else (command.call(), 0)[1]
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def _wait(child: int, limit_s: float | None) -> int:
+    """The exit code of a child, which is killed after some seconds."""
+    until = time.monotonic() + (float("inf") if limit_s is None else limit_s)
+    while True:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+        if time.monotonic() > until:
+            os.kill(child, signal.SIGKILL)
+            until = float("inf")
+        time.sleep(0.005)
+
+
+def _wait_for_group(leader: int, command: Command) -> None:
+    """Waits until the processes that a command has started are gone, as they have to be."""
+    until = time.monotonic() + _LONGEST_S
+    while left := [process for process in psutil.process_iter() if _session_of(process.pid) == leader]:
+        if time.monotonic() > until:
+            names = [" ".join(process.cmdline()) for process in left]
+            raise RuntimeError(f"{command.name}: {_LONGEST_S:g} s after its end, processes of it live on: {names}")
+        time.sleep(0.05)
+
+
+def _session_of(pid: int) -> int:
+    try:
+        return os.getsid(pid) if psutil.Process(pid).status() != psutil.STATUS_ZOMBIE else -1
+    except (OSError, psutil.Error):
+        return -1
 
 
 def check(folder: Path) -> list[str]:
@@ -121,10 +141,14 @@ def check(folder: Path) -> list[str]:
     wrong = []
     for path in folder.rglob("*"):
         try:
-            if path.is_file():
+            if path.is_file() and "state" not in path.relative_to(folder).parts:
                 _read(path)
         except Exception as error:
             wrong.append(f"{path.relative_to(folder)}: {error}")
+    try:
+        restored_sessions(folder / "state")
+    except Exception as error:
+        wrong.append(f"saved session: {error}")
     return wrong
 
 
@@ -133,13 +157,23 @@ def _read(path: Path) -> None:
         raise ValueError("is left over")
     if path.suffix == ".safetensors":
         _READERS[format_of(path)](path)
-    elif path.suffix == ".h5":
+    elif path.suffix == ".h5" and not path.parent.name.endswith(".captures"):
         read_captures(path)
     elif path.suffix == ".png":
         with Image.open(path) as image:
             image.load()
+    elif path.suffix == ".json":
+        json.loads(path.read_text(encoding="utf-8"))
+    elif path.suffix == ".csv":
+        list(csv.reader(path.read_text(encoding="utf-8").splitlines(), strict=True))
+    elif path.suffix == ".html" and not path.read_text(encoding="utf-8").rstrip().endswith("</html>"):
+        raise ValueError("isn't whole")
+    elif path.name == "rig.toml":
+        read_rig(path)
     elif path.suffix == ".toml":
-        preset.load(path)
+        table = parse_toml(path.read_text(encoding="utf-8"), str(path), "a table")
+        if "modulators" in table or "base" in table:
+            preset.load(path)
 
 
 def digests(command: Command, folder: Path) -> dict[str, str]:
@@ -152,7 +186,10 @@ def digests(command: Command, folder: Path) -> dict[str, str]:
 
 
 def _content(path: Path) -> bytes:
-    """What a file says; the order of metadata in a safetensors file is random."""
+    """What a file says, without how long it took; the order of metadata in a safetensors file is random."""
+    if path.suffix == ".json":
+        lines = path.read_text(encoding="utf-8").splitlines()
+        return "\n".join(line for line in lines if '"seconds"' not in line).encode()
     if path.suffix != ".safetensors":
         return path.read_bytes()
     with safe_open(path, framework="numpy") as file:
@@ -162,35 +199,37 @@ def _content(path: Path) -> bytes:
 
 def try_out(command: Command, kills: int, root: Path, chance: random.Random) -> Outcome:
     """Runs a command once whole, then killed `kills` times, then to its end."""
-    whole, killed = root / "whole" / command.name, root / "killed" / command.name
+    whole, killed = root / "whole" / command.name.replace(" ", "_"), root / "killed" / command.name.replace(" ", "_")
     for folder in (whole, killed):
-        folder.mkdir(parents=True)
-        _make_inputs(folder)
+        _renew(folder)
     started = time.monotonic()
-    run(command, whole)
+    run(command, whole, None if command.ends else 8.0)
     duration_s = time.monotonic() - started
-    inputs, outcome = set(killed.iterdir()), Outcome()
+    inputs, outcome = _names(killed), Outcome()
     while outcome.kills < kills:
-        if run(command, killed, chance.uniform(*_MOMENTS) * duration_s):
-            shutil.rmtree(killed)  # it was faster than the kill
-            killed.mkdir()
-            _make_inputs(killed)
+        if run(command, killed, chance.uniform(0.0, 1.0) * duration_s) != "killed":
+            _renew(killed)  # it was faster than the kill
             continue
         outcome.kills += 1
-        outcome.with_files += set(killed.iterdir()) != inputs
+        outcome.with_files += _names(killed) != inputs
         outcome.wrong += check(killed)
-    while not run(command, killed):  # a checkpoint of a finished run: only its result is missing
-        (killed / command.checkpoint).unlink()
-    found, expected = digests(command, killed), digests(command, whole)
-    outcome.different = [name for name in {**found, **expected} if found.get(name) != expected.get(name)]
+    if command.ends:
+        while run(command, killed) == "finished" and command.checkpoint:  # only its result is missing
+            (killed / command.checkpoint).unlink()
+        found, expected = digests(command, killed), digests(command, whole)
+        outcome.different = [name for name in {**found, **expected} if found.get(name) != expected.get(name)]
     return outcome
 
 
-def _make_inputs(folder: Path) -> None:
-    ramp = np.random.default_rng(0).integers(0, 255, (24, 32, 3), dtype=np.uint8)
-    Image.fromarray(ramp).save(folder / "picture.png")
-    words = ["captures", "make", "simultaneous", *SMALL, "--each", "4", "-o", "captures.h5"]
-    subprocess.run([sys.executable, "-m", "holoview", *words], cwd=folder, check=True, capture_output=True)
+def _names(folder: Path) -> set[Path]:
+    return {path for path in folder.rglob("*") if path.is_file()}
+
+
+def _renew(folder: Path) -> None:
+    """An empty folder with the inputs."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    make_inputs(folder)
 
 
 def main() -> None:
@@ -200,14 +239,19 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
     parser.add_argument("--only", nargs="+", help="names of commands")
     args = parser.parse_args()
-    print(f"{'command':<14} {'kills':>5} {'after something was written':>28} {'half or left over':>18}  same result")
+    preload()
+    print(f"{'command':<18} {'kills':>5} {'after something was written':>28} {'half or left over':>18}  same result")
     with tempfile.TemporaryDirectory() as root:
         for command in COMMANDS:
             if args.only is None or command.name in args.only:
-                outcome = try_out(command, args.kills, Path(root), random.Random(args.seed))
-                line = f"{command.name:<14} {outcome.kills:>5} {outcome.with_files:>28} {len(outcome.wrong):>18}"
+                try:
+                    outcome = try_out(command, args.kills, Path(root), random.Random(args.seed))
+                except RuntimeError as error:
+                    print(f"{command.name:<18} {error}", flush=True)
+                    continue
+                line = f"{command.name:<18} {outcome.kills:>5} {outcome.with_files:>28} {len(outcome.wrong):>18}"
                 different = f"no: {', '.join(outcome.different)}" if outcome.different else "yes"
-                print(f"{line}  {different}", *outcome.wrong, sep="\n  ", flush=True)
+                print(f"{line}  {different if command.ends else '-'}", *outcome.wrong, sep="\n  ", flush=True)
 
 
 if __name__ == "__main__":

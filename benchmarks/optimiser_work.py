@@ -28,6 +28,11 @@ def colour_work(size: Sequence[int], target: str = "still-life", seed: int = 0) 
     return _work(system, target, seed)
 
 
+def full_work(shape: Sequence[int], target: str = "still-life", seed: int = 0) -> Work:
+    """All that `holochrome-8` is, with its stops and padding, for a modulator of `shape` (y, x) pixels."""
+    return _work(hv.load("holochrome-8").with_(shape=tuple(shape)), target, seed)
+
+
 def mono_work(size: Sequence[int], propagation: str = "periodic") -> Work:
     """A case for all libraries: one wavelength, one modulator, 3 planes, mean squared error of intensity."""
     system = hv.load("holochrome-8-1slm-open").with_(

@@ -158,7 +158,7 @@ def wait(pid: int, limit_s: float) -> int | None:
 def prepare(folder: Path, plan: dict[str, Any], faults: dict[str, Any]) -> None:
     """Writes rig, plan and what is hidden; the faults of the bench may differ from start to start."""
     folder.mkdir(exist_ok=True)
-    hidden = {"seed": 3, "settle": 0.02, "laser_log": "../lasers.txt", "faults": faults}
+    hidden = {"seed": 3, "settle": 0.02, "laser_log": "lasers.txt", "faults": faults}
     for name, table in (("rig", RIG), ("plan", plan), ("hidden", hidden)):
         (folder / f"{name}.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
 
@@ -214,7 +214,7 @@ def _reported_as_taken(folder: Path) -> int | None:
 
 def laser_state(folder: Path) -> str:
     """The last line of the bench's log of its lasers, once it says that they are off, or after some seconds."""
-    log = folder.parent / "lasers.txt"
+    log = folder / "lasers.txt"
     for _ in range(500):
         line = log.read_text(encoding="utf-8").splitlines()[-1] if log.exists() else "off: never on"
         if line.startswith("off"):
@@ -232,7 +232,7 @@ def run_once(number: int, root: Path, chance: random.Random, whole: Captures, du
         way = WAYS[(number + done) % len(WAYS)]
         faults = {"seed": chance.randrange(2**31), **_FAULTS, **(_BREAKS if way == "device" else {})}
         prepare(folder, plan, faults)
-        (root / "lasers.txt").unlink(missing_ok=True)
+        (folder / "lasers.txt").unlink(missing_ok=True)
         before = parts(folder)
         code = interrupt(folder, way, chance, duration_s)
         if code == 0:  # it was faster
@@ -279,7 +279,7 @@ def _finish(number: int, folder: Path, plan: dict[str, Any], whole: Captures, ou
     different = [name for name in names if not np.array_equal(getattr(captures, name), getattr(whole, name))]
     if different:
         out.wrong.append(f"run {number}: {', '.join(different)} differ")
-    left = {path.name for path in folder.iterdir()} - {"out.h5", "rig.toml", "plan.toml", "hidden.toml"}
+    left = {path.name for path in folder.iterdir()} - {"out.h5", "rig.toml", "plan.toml", "hidden.toml", "lasers.txt"}
     if left - {"out.h5.finished"}:
         out.wrong.append(f"run {number}: {', '.join(left)} left over")
 

@@ -4,8 +4,8 @@ Its modules take some tenths of a second to import. Ctrl-C in that time, and whi
 a traceback; there is nothing to save.
 """
 
+import _signal as signal  # type: ignore[import-not-found]  # what `signal` wraps, which takes longer to load
 import os
-import signal
 import sys
 
 

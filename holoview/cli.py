@@ -11,12 +11,13 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from holoview.commands.exit_codes import EXIT_USER_ERROR
-from holoview.commands.output_files import check_files
+from holoview.commands.output_files import LOCKS, check_files
 from holoview.commands.streams import console_streams
 from holoview.commands.supervisor import is_supervised, supervise
 from holoview.util.errors import UserError
 from holoview.util.memory_limit import memory_setting
 from holoview.util.openmp import share_the_machine
+from holoview.util.output_locks import OutputLocks
 from holoview.util.signals import exit_code_of, handled_signals, raise_interrupted
 from holoview.util.version import __version__
 
@@ -73,8 +74,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(words: list[str]) -> int:
     """Carries out the command; what prevents it is one line on stderr."""
     try:
-        with handled_signals(raise_interrupted):
+        with handled_signals(raise_interrupted), OutputLocks() as locks:
             args = _parser(words[0] if words else "").parse_args(words)
+            setattr(args, LOCKS, locks)
             check_files(args)
             with memory_setting(getattr(args, "memory", None)):
                 code: int = args.run(args)

@@ -16,6 +16,7 @@ from holoview.model.effects.registry import load_user_effects
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.numerics.image_region import Region
+from holoview.util import units
 from holoview.util.data_text import parse_toml_value
 from holoview.util.errors import UserError
 
@@ -92,6 +93,16 @@ def parse_region(text: str) -> Region:
         raise UserError("--region", f'"{text}"', expected="x,y,width,height in whole samples, e.g. 100,80,64,64")
     x, y, width, height = map(int, parts)
     return x, y, width, height
+
+
+def parse_lengths(text: str, flag: str) -> list[float]:
+    """Lengths (m) that are separated by commas; a number without a unit has that of the last one: 2,3,4mm.
+
+    flag: for the error message. Raises UserError for text of another kind.
+    """
+    parts = [part.strip() for part in text.split(",")]
+    unit = parts[-1].lstrip("+-.0123456789 ")
+    return [units.parse(part if part[-1:].isalpha() else f"{part} {unit}", flag) for part in parts]
 
 
 def parse_duration(text: str) -> float:

@@ -2,7 +2,8 @@
 
 `cli` checks the arguments of every command (`check_files`). A command that derives further names from them, such as
 that of each focal plane, checks these as soon as it knows them. No output may be one of the inputs or another output,
-also by way of a link, and every output must be possible to write.
+also by way of a link, and every output must be possible to write. From then on until the command ends, no other
+holoview writes them (`OutputLocks`).
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ from holoview.commands.console import print_stderr
 from holoview.commands.exit_codes import EXIT_FAILED
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError, check_writable
+from holoview.util.output_locks import OutputLocks
 from holoview.util.rescue import save_elsewhere
 
+LOCKS = "output_locks"  # the destination of the command's `OutputLocks`
 _FILES = "files"  # the destination in argparse's namespace of all `FileArgument`s
 _TOGETHER = ({"--checkpoint", "--resume"}, {"--resume"})  # a run that goes on from a checkpoint goes on writing to it
 _MAX_BASES = 30  # that are followed; no sensible preset is based on more
@@ -32,7 +35,8 @@ _MAX_BASES = 30  # that are followed; no sensible preset is based on more
 class FileArgument:
     """An argument that names files: its destination in argparse's namespace, its flag, and what it is for.
 
-    kind: "input", "output" or "folder" (to write to). suffix: that an output must have; "" if the command checks it.
+    kind: "input", "output", "folder" (to write to) or "shared folder" (which several commands may write to at a time).
+    suffix: that an output must have; "" if the command checks it.
     """
 
     dest: str
@@ -54,9 +58,12 @@ def add_output(parser: argparse._ActionsContainer, *names: str, suffix: str, **o
     _declare(parser, parser.add_argument(*names, type=Path, **options), "output", suffix)
 
 
-def add_output_folder(parser: argparse._ActionsContainer, *names: str, **options: Any) -> None:
-    """Adds an argument with the name of a folder to write to; it is made if it is missing."""
-    _declare(parser, parser.add_argument(*names, type=Path, **options), "folder")
+def add_output_folder(parser: argparse._ActionsContainer, *names: str, is_shared: bool = False, **options: Any) -> None:
+    """Adds an argument with the name of a folder to write to; it is made if it is missing.
+
+    is_shared: several commands may write to it at a time.
+    """
+    _declare(parser, parser.add_argument(*names, type=Path, **options), "shared folder" if is_shared else "folder")
 
 
 def _declare(parser: argparse._ActionsContainer, action: argparse.Action, kind: str, suffix: str = "") -> None:
@@ -66,7 +73,7 @@ def _declare(parser: argparse._ActionsContainer, action: argparse.Action, kind: 
 
 
 def check_files(args: argparse.Namespace, derived: Mapping[str, Iterable[Path]] | None = None) -> None:
-    """Raises UserError unless all outputs can be written and are neither inputs nor one another.
+    """Raises UserError unless all outputs can be written, are neither inputs nor one another, and nobody writes them.
 
     derived: outputs by the flag that they follow from, in place of the argument's own value.
     """
@@ -79,7 +86,7 @@ def check_files(args: argparse.Namespace, derived: Mapping[str, Iterable[Path]] 
         for file in (path, *_named_by_preset(path))
     ]
     for argument, path in given:
-        if argument.kind == "folder":
+        if argument.kind in ("folder", "shared folder"):
             _check_folder(path)
         elif argument.suffix:
             check_suffix(path, argument.suffix)
@@ -96,6 +103,20 @@ def check_files(args: argparse.Namespace, derived: Mapping[str, Iterable[Path]] 
         for found, name, other in others:
             if {flag, name} not in _TOGETHER and _is_same_or_inside(path, other):
                 raise UserError(f"{flag} {path}", found, expected="a file of its own", remedy="choose another name")
+    hold_outputs(args, [path for argument, path in given if argument.kind == "folder"])
+    hold_outputs(args, [path for flag, path in outputs if flag not in left_to_command])
+
+
+def hold_outputs(args: argparse.Namespace, paths: Iterable[Path]) -> None:
+    """Keeps other programs from writing these files and folders until the command ends.
+
+    Of processes that share one command (--sharded), the first holds them. Raises UserError if a program writes one now.
+    """
+    locks: OutputLocks | None = getattr(args, LOCKS, None)
+    is_first = not getattr(args, "sharded", False) or os.environ.get("RANK", "0") == "0"
+    if locks is not None and is_first:
+        for path in paths:
+            locks.hold(path)
 
 
 def _paths(value: Any) -> Iterator[Path]:

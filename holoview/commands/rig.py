@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from holoview.commands.console import print_stderr, progress_bar
-from holoview.commands.output_files import add_input, add_output_folder
+from holoview.commands.output_files import add_input, add_output_folder, hold_outputs
 from holoview.model.effects.effect_table import EffectTable
 from holoview.rig import RigDescription, open_rig, read_rig
 from holoview.rig.align.alignment import find_geometry, laser_for_alignment
@@ -123,6 +123,7 @@ def _align(args: argparse.Namespace) -> int:
     rig = read_rig(args.rig, is_placed=False)
     output = placement_path(rig.path)
     check_writable(output)
+    hold_outputs(args, [output])
     with open_rig(rig) as devices:
         with progress_bar("aligning") as report:
             found = find_geometry(rig, devices, report)

@@ -6,6 +6,7 @@ Therefore buffers are never destroyed explicitly, only released, and `check_aliv
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -21,6 +22,8 @@ from holoview.util.errors import UserError
 Constants = Mapping[str, int | float | bool]
 SUBGROUP, TIMESTAMPS, INT64 = "subgroup", "timestamp-query", "shader-int64"
 """Optional features: subgroup operations (shuffles), timestamp queries, and 64-bit integers."""
+_MAX_PIPELINES = 256
+"""Compiled shaders that are kept: some ten viewers' worth. A software adapter takes about 1.3 MB for each."""
 _UNIFORM_ALIGNMENT = 16
 _COPY_ALIGNMENT = 4
 _REQUESTED_LIMITS = (
@@ -68,14 +71,17 @@ class Device:
     """A wgpu device with checks before each native call that could abort the process.
 
     `raw` is the wgpu device, for what this class doesn't wrap (textures, drawing). `limits` are the limits that all
-    sizes are checked against.
+    sizes are checked against. Of the compiled shaders, the `max_pipelines` that were asked for last are kept.
     """
 
-    def __init__(self, raw: Any, info: AdapterInfo, limits: Mapping[str, int]) -> None:
+    def __init__(
+        self, raw: Any, info: AdapterInfo, limits: Mapping[str, int], max_pipelines: int = _MAX_PIPELINES
+    ) -> None:
         self.raw = raw
         self.info = info
         self.limits = limits
-        self._pipelines: dict[tuple[Any, ...], Pipeline] = {}
+        self._max_pipelines = max_pipelines
+        self._pipelines: OrderedDict[tuple[Any, ...], Pipeline] = OrderedDict()
         self._fence: Buffer | None = None
 
     @property
@@ -136,7 +142,7 @@ class Device:
             raise _out_of_memory("device", _COPY_ALIGNMENT) from error
 
     def pipeline(self, source: ShaderSource, constants: Constants | None = None, entry: str = "main") -> Pipeline:
-        """The compute pipeline of `source` with values for its override constants, compiled at the first call only.
+        """The compute pipeline of `source` with values for its override constants, compiled unless it is still kept.
 
         Raises ShaderError if the shader doesn't compile, and DeviceLost.
         """
@@ -144,6 +150,9 @@ class Device:
         key = (source, entry, tuple(sorted(values.items())))
         if key not in self._pipelines:
             self._pipelines[key] = self._compile(source, values, entry)
+        self._pipelines.move_to_end(key)
+        while len(self._pipelines) > self._max_pipelines:
+            self._pipelines.popitem(last=False)
         return self._pipelines[key]
 
     def _compile(self, source: ShaderSource, constants: dict[str, int | float | bool], entry: str) -> Pipeline:

@@ -17,6 +17,7 @@ latest_task           a worker thread that runs only the latest request
 call_queue            calls from any thread to the owner's
 messages              a log of messages to the user
 optimisation_job      optimises patterns as a job with preview
+optimisation_choices  what a user has chosen for the next optimisation
 scheme_comparison     compares two colour schemes by speckle contrast
 rendering             renders focal planes on a job's thread
 quick_system          a simplified system for previews

@@ -13,7 +13,7 @@ import json
 import weakref
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,9 @@ from holoview.model.pupil_path import PupilPath
 from holoview.model.system import System
 from holoview.session.document import Document, as_readonly_drive
 from holoview.session.history import HistoryStep
+from holoview.session.optimisation_choices import OptimisationChoices, choices_from_table
 from holoview.session.target_spec import TargetSpec, example_target
+from holoview.session.unfinished_optimisation import UnfinishedOptimisation, read_rest
 from holoview.session.view_settings import ViewSettings
 from holoview.session.view_settings_table import (
     finite,
@@ -71,13 +73,14 @@ class SessionData:
     """The data of a session that are saved.
 
     steps: of the history, up to the present and undone ones; position: index of the present step. snapshots: by name.
-    unfinished: the best result so far of an optimisation that was running.
+    unfinished: an optimisation that was running. choices: for the next one.
     """
 
     steps: tuple[HistoryStep, ...]
     position: int
     snapshots: Mapping[str, Document]
-    unfinished: Document | None = None
+    unfinished: UnfinishedOptimisation | None = None
+    choices: OptimisationChoices = field(default_factory=OptimisationChoices)
 
     @property
     def present(self) -> Document:
@@ -116,7 +119,10 @@ class SessionArchive:
             "position": data.position,
             "steps": steps,
             "snapshots": {name: table_of(document) for name, document in data.snapshots.items()},
-            "unfinished": None if data.unfinished is None else table_of(data.unfinished),
+            "unfinished": None
+            if (unfinished := data.unfinished) is None
+            else table_of(unfinished.best) | {"rest": unfinished.rest_table()},
+            "choices": asdict(data.choices),
             "systems": systems,
             "targets": targets,
             "pupil_paths": paths,
@@ -229,10 +235,10 @@ def _read_table(folder: Path, table: Mapping[str, Any]) -> tuple[SessionData, li
     if not steps:
         raise UserError(str(folder), "no step of it can be read", expected="a saved session")
     snapshots = {name: reader.document(entry, f'snapshot "{name}"') for name, entry in table["snapshots"].items()}
-    entry = table.get("unfinished")
-    unfinished = None if entry is None else reader.document(entry, "unfinished optimisation")
+    unfinished = reader.unfinished(table.get("unfinished"))
     readable = {name: document for name, document in snapshots.items() if document is not None}
-    return SessionData(tuple(steps), position, readable, unfinished), reader.unreadable
+    choices = reader.choices(table.get("choices", {}))
+    return SessionData(tuple(steps), position, readable, unfinished, choices), reader.unreadable
 
 
 def _reason(error: Exception) -> str:
@@ -265,6 +271,25 @@ class _Reader:
         except _DAMAGE as error:
             self.unreadable.append(f"{what}: {_reason(error)}")
             return None
+
+    def choices(self, table: Mapping[str, Any]) -> OptimisationChoices:
+        """Choices for the next optimisation; the usual ones where they can't be read, which is then noted."""
+        try:
+            return choices_from_table(table)
+        except _DAMAGE as error:
+            self.unreadable.append(f"choices for the next optimisation: {_reason(error)}")
+            return OptimisationChoices()
+
+    def unfinished(self, entry: Mapping[str, Any] | None) -> UnfinishedOptimisation | None:
+        """An optimisation that was running; without what was left of it where that can't be read."""
+        best = None if entry is None else self.document(entry, "unfinished optimisation")
+        if entry is None or best is None:
+            return None
+        try:
+            return UnfinishedOptimisation(best, read_rest(entry.get("rest")))
+        except _DAMAGE as error:
+            self.unreadable.append(f"unfinished optimisation: {_reason(error)}")
+            return UnfinishedOptimisation(best)
 
     def _system(self, key: str) -> System:
         if key not in self._systems:

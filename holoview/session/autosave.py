@@ -13,6 +13,7 @@ from typing import Any
 from holoview.session.archive import SessionArchive, SessionData
 from holoview.session.changes import Change
 from holoview.session.editing_session import EditingSession
+from holoview.session.unfinished_optimisation import unfinished_optimisation
 from holoview.util.errors import UserError
 
 SAVE_DELAY_S = 0.4
@@ -20,7 +21,7 @@ SAVE_DELAY_S = 0.4
 RETRY_S = 2.0
 """From a save that failed until it is tried again."""
 _CLOSE_TIMEOUT_S = 30.0
-_SAVED_KINDS = frozenset({"system", "drive", "look", "target", "snapshots", "history"})
+_SAVED_KINDS = frozenset({"system", "drive", "look", "target", "snapshots", "history", "choices"})
 
 
 class Autosave:
@@ -81,7 +82,13 @@ class Autosave:
         if not change.kinds & _SAVED_KINDS:
             return
         session = self._session
-        data = SessionData(session.history, session.history_position, session.snapshots, session.preview_document)
+        data = SessionData(
+            session.history,
+            session.history_position,
+            session.snapshots,
+            unfinished_optimisation(session),
+            session.optimisation_choices,
+        )
         with self._condition:
             self._pending = data
             self._condition.notify_all()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from holoview.session.document import Document
 
-CHANGE_KINDS = ("system", "drive", "look", "target", "jobs", "messages", "snapshots", "history")
+CHANGE_KINDS = ("system", "drive", "look", "target", "jobs", "messages", "snapshots", "history", "choices")
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from holoview.session.document import Document, Drive, is_same_document, middle_
 from holoview.session.history import History, HistoryStep
 from holoview.session.jobs import JobManager
 from holoview.session.messages import MessageLog
+from holoview.session.optimisation_choices import OptimisationChoices
 from holoview.session.scene import Scene, resolve_scene
 from holoview.session.target_builder import TargetBuilder
 from holoview.session.target_spec import TargetSpec
@@ -70,6 +71,7 @@ class EditingSession:
     def _set_up(self, history: History, snapshots: Mapping[str, Document], wake: Callable[[], None]) -> None:
         self.wake, self.version, self.save_problem = wake, 0, ""
         self._history, self._snapshots = history, dict(snapshots)
+        self._choices = OptimisationChoices()
         self._inbox, self._listeners = CallQueue(), Listeners()
         self._preview: tuple[Document, Document] | None = None
         self.messages = MessageLog(lambda: self._notify("messages"))
@@ -157,6 +159,17 @@ class EditingSession:
     def end_gesture(self) -> None:
         """Ends a drag: the next edit is a separate step of undo, even with the same merge key."""
         self._history.end_gesture()
+
+    @property
+    def optimisation_choices(self) -> OptimisationChoices:
+        """What is chosen for the next optimisation; undo leaves it as it is."""
+        return self._choices
+
+    def choose_optimisation(self, choices: OptimisationChoices) -> None:
+        """Chooses for the next optimisation."""
+        if choices != self._choices:
+            self._choices = choices
+            self._notify("choices")
 
     # --- undo -------------------------------------------------------------------------------------------------------
 

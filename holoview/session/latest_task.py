@@ -28,7 +28,8 @@ class LatestTask(Generic[T]):
     @property
     def is_busy(self) -> bool:
         """Whether a request is being run or waits."""
-        return self._is_working or self._request is not None
+        with self._condition:
+            return self._is_working or self._request is not None
 
     def submit(self, work: Callable[[], T], on_result: Callable[[T], None]) -> None:
         """Runs `work` on the thread; the owner then calls `on_result` with what it returned."""
@@ -57,4 +58,5 @@ class LatestTask(Generic[T]):
             except Exception as error:  # any exception is reported to the owner, as nobody waits for this thread
                 call = partial(self._on_error, error)
             self._deliver(call)
-            self._is_working = False
+            with self._condition:
+                self._is_working = False

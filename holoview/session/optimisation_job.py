@@ -14,14 +14,15 @@ from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.optimise.iteration_state import IterationState
 from holoview.optimise.memory import with_compact_grid
+from holoview.optimise.optimised_eyes import OptimisedEyes, target_at_places
 from holoview.optimise.settings import Settings
 from holoview.session.document import Document, Drive
 from holoview.session.editing_session import EditingSession
 from holoview.session.jobs import BackgroundJob, JobControl
+from holoview.session.optimisation_choices import START_PATTERNS, OptimisationChoices
 from holoview.util import units
 from holoview.util.errors import UserError
 
-START_PATTERNS = ("now", "random", "smooth")
 _QUICK_PIXELS = 100_000  # of a modulator, at most, in a quick optimisation
 _PREVIEW_INTERVAL_S = 0.25  # between previews, at least
 
@@ -31,15 +32,16 @@ class OptimisationRequest:
     """What to optimise, and how.
 
     settings: of the optimiser. scheme: a colour scheme that the system is changed to first. start_patterns: "now" for
-    the present ones, "random", or "smooth". preview_every: iterations between previews. superpixel: modulator pixels a
-    side that are driven together, which optimises superpixel² times fewer pixels. only_plane_m: a single focal plane to
-    optimise for; None for all of the system. device: of torch, "auto" for the fastest. Raises UserError for invalid
-    values.
+    the present ones, "random", or "smooth". eyes: for which ones; that of the system by default. preview_every:
+    iterations between previews. superpixel: modulator pixels a side that are driven together, which optimises
+    superpixel² times fewer pixels. only_plane_m: a single focal plane to optimise for; None for all of the system.
+    device: of torch, "auto" for the fastest. Raises UserError for invalid values.
     """
 
     settings: Settings = field(default_factory=Settings)
     scheme: str | None = None
     start_patterns: str = "random"
+    eyes: OptimisedEyes = field(default_factory=OptimisedEyes)
     preview_every: int = 3
     superpixel: int = 1
     only_plane_m: float | None = None
@@ -70,11 +72,20 @@ class OptimisationJob(BackgroundJob):
     """An optimisation in the background.
 
     `stop_and_keep` ends it early with the best result so far; `cancel` ends it and leaves the patterns unchanged.
+    start_drive: patterns that "now" stands for; those of the document `start` when None.
     progress: one entry for each iteration.
     """
 
-    def __init__(self, session: EditingSession, request: OptimisationRequest, start: Document, system: System) -> None:
+    def __init__(
+        self,
+        session: EditingSession,
+        request: OptimisationRequest,
+        start: Document,
+        system: System,
+        start_drive: Drive | None = None,
+    ) -> None:
         super().__init__("Optimise", session.call_on_owner, session.wake)
+        self._start_drive = start.drive if start_drive is None else start_drive
         self.request, self.start_document, self.system = request, start, system
         self.progress: list[OptimisationProgress] = []
         self._session, self._keep = session, Event()
@@ -95,16 +106,18 @@ class OptimisationJob(BackgroundJob):
         from holoview.optimise.solve import iterate  # slow start: it imports torch, which a viewer doesn't begin with
         from holoview.optimise.torch_device import resolve_torch_device
 
-        request, target_spec, drive = self.request, self.start_document.target_spec, self.start_document.drive
+        request, target_spec, drive = self.request, self.start_document.target_spec, self._start_drive
         assert target_spec is not None
         control.report(0, request.settings.iterations, "building the target")
         system = with_superpixels(self.system, request.superpixel)
         system = system if request.only_plane_m is None else system.edit({"planes": [request.only_plane_m]})
-        stack = target_spec.build(system).stack
+        system = request.eyes.aimed(system)
+        places = request.eyes.places_in(system)
+        settings, stack = places.in_settings(request.settings), target_at_places(target_spec, system, places)
         control.report(0, request.settings.iterations, "preparing")
         start = drive if request.start_patterns == "now" and drive.shape == system.drive_shape else None
         state, previewed_at, device = None, 0.0, resolve_torch_device(request.device)
-        for state in iterate(with_compact_grid(system), stack, request.settings, start, device=device):
+        for state in iterate(with_compact_grid(system), stack, settings, start, device=device):
             self._report(control, state)
             is_due = state.iteration % request.preview_every == 0 and monotonic() - previewed_at >= _PREVIEW_INTERVAL_S
             if is_due or state.iteration == 0:
@@ -128,7 +141,8 @@ class OptimisationJob(BackgroundJob):
         drive = _expand_superpixels(state.best.drive, factor, self.system.modulators[0].shape)
         pixels = f" with {factor} x {factor} pixels as one" if factor > 1 else ""
         plane = "" if plane_m is None else f" for {units.format_rounded(plane_m, 'mm')}"
-        origin = f"optimised{pixels}{plane}, {state.iteration} iterations, PSNR {state.best_psnr_db:.1f} dB"
+        eyes = f" for {text}" if (text := self.request.eyes.description) else ""
+        origin = f"optimised{pixels}{plane}{eyes}, {state.iteration} iterations, PSNR {state.best_psnr_db:.1f} dB"
         system = with_lasers_of(self.system, state.best.system)
         return replace(self.start_document, system=system, drive=drive, origin=origin, path=None)
 
@@ -173,10 +187,26 @@ def start_optimisation(session: EditingSession, request: OptimisationRequest | N
     if request.start_patterns in ("random", "smooth"):
         request = replace(request, settings=replace(request.settings, begin=request.start_patterns))
     system = session.system if request.scheme is None else with_scheme(session.system, request.scheme)
+    request.eyes.places_in(request.eyes.aimed(system))  # an eye that there isn't is refused before the job begins
     session.edit("Exposure for a picture", view_settings=session.document.view_settings_for_picture)
-    job = OptimisationJob(session, request, session.document, system)
+    return run_optimisation(session, OptimisationJob(session, request, session.document, system))
+
+
+def run_optimisation(session: EditingSession, job: OptimisationJob) -> OptimisationJob:
+    """Starts an optimisation of a session, which shows its preview until it ends."""
     session.jobs.start("Optimise", job.run, job.commit, on_end=lambda: session.set_preview(None), job=job)
     return job
+
+
+def chosen_optimisation(choices: OptimisationChoices, system: System) -> OptimisationRequest:
+    """The optimisation that a user has chosen, for a system. Raises UserError for invalid choices."""
+    settings = Settings(iterations=choices.iterations, loss=choices.loss or None, eyebox=choices.eyebox)
+    return OptimisationRequest(
+        settings,
+        scheme=choices.scheme or None,
+        start_patterns=choices.start_patterns,
+        eyes=choices.eyes_for(system),
+    )
 
 
 def running_optimisation(session: EditingSession) -> OptimisationJob | None:

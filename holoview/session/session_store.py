@@ -19,16 +19,18 @@ from typing import Any
 
 import psutil
 
-from holoview.session.archive import SESSION_FILE, is_of_other_version, read_metadata, read_session
+from holoview.session.archive import SESSION_FILE, SessionData, is_of_other_version, read_metadata, read_session
 from holoview.session.autosave import Autosave
 from holoview.session.damaged_state import is_aside, set_aside
 from holoview.session.document import Document
 from holoview.session.editing_session import EditingSession
 from holoview.session.history import History
 from holoview.session.preferences import Preferences, state_folder
+from holoview.session.unfinished_optimisation import UnfinishedOptimisation, continue_optimisation
 from holoview.session.view_settings_table import finite, text
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError, make_folder, write_file
+from holoview.util.process_start import process_start
 
 _LOCK = "lock.json"
 _MAX_FOLDERS_A_SECOND = 10_000
@@ -49,21 +51,32 @@ class SavedSession:
 
         The result of an unfinished optimisation becomes a snapshot. Raises UserError when nothing can be read.
         """
-        history, snapshots, unreadable = self._read()
-        return _report_unreadable(EditingSession.from_history(history, snapshots, wake), unreadable)
+        session, _ = self.restore_with_unfinished(wake)
+        return session
+
+    def restore_with_unfinished(
+        self, wake: Callable[[], None] = lambda: None
+    ) -> tuple[EditingSession, UnfinishedOptimisation | None]:
+        """As `restore`, with the optimisation that was running."""
+        data, history, snapshots, unreadable = self._read()
+        session = EditingSession.from_history(history, snapshots, wake)
+        session.choose_optimisation(data.choices)
+        return _report_unreadable(session, unreadable), data.unfinished
 
     def restore_into(self, session: EditingSession) -> None:
         """As `restore`, into an open session. Raises UserError; then that session is unchanged."""
-        history, snapshots, unreadable = self._read()
+        data, history, snapshots, unreadable = self._read()
         session.load_history(history, snapshots)
+        session.choose_optimisation(data.choices)
         _report_unreadable(session, unreadable)
 
-    def _read(self) -> tuple[History, dict[str, Document], list[str]]:
+    def _read(self) -> tuple[SessionData, History, dict[str, Document], list[str]]:
+        """What is saved; its history; its snapshots, with an unfinished optimisation; and what can't be read."""
         data, unreadable = read_session(self.folder)
         snapshots = dict(data.snapshots)
         if data.unfinished is not None:
-            snapshots["Unfinished optimisation"] = data.unfinished
-        return History.from_steps(list(data.steps), data.position), snapshots, unreadable
+            snapshots["Unfinished optimisation"] = data.unfinished.best
+        return data, History.from_steps(list(data.steps), data.position), snapshots, unreadable
 
 
 def _report_unreadable(session: EditingSession, unreadable: list[str]) -> EditingSession:
@@ -97,16 +110,19 @@ class SessionStore:
     def take_over(self, pid: int) -> EditingSession | None:
         """The session of a process that crashed, which is this process's from now on; None if it saved none.
 
-        It stays saved until the session that continues it is closed. Raises UserError when nothing can be read.
+        It stays saved until the session that continues it is closed. An optimisation that was running goes on. Raises
+        UserError when nothing can be read.
         """
         saved = next((saved for saved in self.crashed_sessions() if _owner_pid(saved.folder) == pid), None)
         if saved is None:
             return None
-        session = saved.restore()
+        session, unfinished = saved.restore_with_unfinished()
         with suppress(WriteError):  # on a full disk; it is offered again if this process crashes too
             _lock(saved.folder)
         self._taken_over.append(saved)
         session.messages.post(f"The viewer crashed. This is your work, with {len(session.history) - 1} edits to undo.")
+        if unfinished is not None:  # once the window can be told of its progress
+            session.call_on_owner(partial(continue_optimisation, session, unfinished))
         return session
 
     def set_damaged_aside(self) -> list[str]:
@@ -184,7 +200,7 @@ def _is_locked(folder: Path) -> bool:
 
 def _lock(folder: Path) -> None:
     """Notes that this process writes to a folder. Raises WriteError."""
-    write_file(folder / _LOCK, json.dumps({"pid": os.getpid(), "since": psutil.Process().create_time()}))
+    write_file(folder / _LOCK, json.dumps({"pid": os.getpid(), "since": process_start(os.getpid())}))
 
 
 def _owner(folder: Path) -> dict[str, Any]:
@@ -207,6 +223,6 @@ def _is_owner_alive(folder: Path) -> bool:
     """Whether the process that locked a folder still runs; the start time tells apart a later process with its id."""
     try:
         owner = _owner(folder)
-        return bool(abs(psutil.Process(owner["pid"]).create_time() - owner["since"]) < 1.0)
+        return bool(process_start(int(owner["pid"])) == owner["since"])
     except (*_UNREADABLE, psutil.Error):
         return False

@@ -62,7 +62,7 @@ class TargetBuilder:
         images, error = built
         self._cache |= {replace(request, plane_m=z).key: image for z, image in images.items()}
         self._cache.setdefault(request.key, None)
-        while len(self._cache) > _MAX_CACHED_IMAGES:
+        while len(self._cache) > max(_MAX_CACHED_IMAGES, len(images) + 1):  # this request's own images stay
             self._cache.pop(next(iter(self._cache)))
         if error is not None:
             self._on_error(error, "target")

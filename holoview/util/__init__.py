@@ -18,6 +18,7 @@ signals           signals that ask the program to end; processes that end with t
 threads           the end of a program whose threads may still be at work
 control_groups    Linux's control groups, which limit processes
 cpu_count         number of CPUs that this process may use
+processor_share   which share of the processor this thread has got
 openmp            how torch's threads wait for each other
 version           version of the installed package
 """

@@ -2,7 +2,8 @@
 
 Readers know from declared sizes what a file needs, and simulations know it from their plan. `require_memory` refuses
 what exceeds the limit: a share of the machine's free memory, or of what the process's control group has left, or what
-`--memory` states. The environment variable HOLOVIEW_MEMORY states the same, and passes it on to worker processes.
+`--memory` states. The environment variable HOLOVIEW_MEMORY states the same. Worker processes get equal shares of what
+is left of it, so that all of them together stay below the limit.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ FREE_SHARE = 0.75
 
 VARIABLE = "HOLOVIEW_MEMORY"
 """The environment variable with the most memory that the process may take in all, such as "8GB"."""
+
+WORKER_BYTES = 400_000_000
+"""What a worker process takes before its work: one that has imported torch and the studies takes 250 to 330 MB."""
 
 _UNITS = {"": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _UNITS |= {"KIB": 2**10, "MIB": 2**20, "GIB": 2**30, "TIB": 2**40}
@@ -101,6 +105,23 @@ def require_memory(where: str, needed: float, remedy: str = "make it smaller") -
         limit = f"{format_size(allowed)} are left of the {stated.strip()} that were allowed"
     more = f"{remedy}, or allow more, e.g. --memory {_round_up(needed)}"
     raise UserError(where, f"needs about {format_size(needed)} of memory, but {limit}", remedy=more)
+
+
+def workers_within_memory(workers: int, needed: float = 0.0) -> int:
+    """As many of `workers` processes as fit into what this process may still take, at least 1.
+
+    needed: bytes that the work of each takes.
+    """
+    return max(1, min(workers, int(allowed_bytes() // (WORKER_BYTES + needed))))
+
+
+def worker_share(workers: int, allowed: int | None = None) -> str:
+    """The limit of each of so many processes, as HOLOVIEW_MEMORY states it: equal shares of what may still be taken.
+
+    allowed: bytes that they share; what this process may still take if None.
+    """
+    share = (allowed_bytes() if allowed is None else allowed) // workers
+    return f"{max(share // 10**6, 1)}MB"
 
 
 def _round_up(needed: float) -> str:

@@ -17,7 +17,7 @@ SPIN_COUNT = 1000
 
 
 def share_the_machine(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Lets OpenMP's threads sleep early, and starts no more of them than a container grants CPUs.
+    """Lets OpenMP's threads sleep early, and starts no more of them, and of Mesa's, than a container grants CPUs.
 
     environment: where to set this; what it says already is kept.
     """
@@ -26,3 +26,4 @@ def share_the_machine(environment: MutableMapping[str, str] = os.environ) -> Non
     granted = process_cpu_count()
     if granted < affine_cpu_count():
         environment.setdefault("OMP_NUM_THREADS", str(granted))
+        environment.setdefault("LP_NUM_THREADS", str(granted))  # of Mesa's renderer on the processor

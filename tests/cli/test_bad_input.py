@@ -157,8 +157,8 @@ PICTURES: list[tuple[list[str], list[str]]] = [
 ]
 
 NUMBERS: list[tuple[list[str], list[str]]] = [
-    ([*RENDER, "--plane", "-1mm"], ["--plane", "-1mm is behind the modulator", "expected 0 mm or more"]),
-    ([*RENDER, "--plane=-1mm"], ["--plane", "-1mm is behind the modulator"]),
+    ([*RENDER, "--plane", "-1mm"], ["--plane", "-1mm lies before the last modulator", "expected 0 mm or more"]),
+    ([*RENDER, "--plane=-1mm"], ["--plane", "-1mm lies before the last modulator"]),
     ([*RENDER, "--plane", "nan"], ["--plane", '"nan"', "a number and a unit"]),
     ([*RENDER, "--plane", "10"], ["--plane", '"10" has no unit']),
     ([*RENDER, "--plane", "1e9mm"], ["planes[0]", "1e+09 mm is out of range", "between 0 mm and 1000 mm"]),

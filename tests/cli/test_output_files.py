@@ -23,12 +23,13 @@ from holoview.io.png import write_pattern
 from holoview.model import preset
 from holoview.util.errors import UserError
 from holoview.util.file_writer import WriteError, write_file
+from holoview.util.output_locks import OutputLocks
 
 Run = Callable[..., Any]
 posix = pytest.mark.skipif(sys.platform == "win32", reason="POSIX links")
 SMALL = ["--set", "shape=[24,32]"]
 OPTIMISE = ["optimise", "simultaneous", "picture.png", *SMALL, "--iterations", "1"]
-FILES = ("input", "output", "folder")
+FILES = ("input", "output", "folder", "shared folder")
 
 
 @pytest.fixture(autouse=True)
@@ -287,3 +288,23 @@ def test_a_result_that_no_place_takes_is_the_user_s_to_save(tmp_path: Path, monk
     _full_from_now_on(monkeypatch, tmp_path)
     with pytest.raises(WriteError, match="No space left"):
         ResultSaver().save(tmp_path / "a", lambda path: write_file(path, b"x"))
+
+
+@pytest.mark.parametrize(
+    ("words", "written"),
+    [
+        ([*OPTIMISE, "-o", "o.safetensors"], "o.safetensors"),
+        (OPTIMISE, "simultaneous-picture.safetensors"),
+        ([*OPTIMISE, "--checkpoint", "k.safetensors"], "k.safetensors"),
+        (["render", "simultaneous", *SMALL, "--backend", "torch"], "simultaneous.png"),
+        (["study", "gamut", "--quick", "--shape", "24x32", "-o", "out"], "out"),
+        (["study", "gamut", "--quick", "--shape", "24x32"], "out/study-gamut"),
+    ],
+)
+def test_what_another_program_writes_is_refused(words: list[str], written: str, holoview: Run, folder: Path) -> None:
+    with OutputLocks() as other:
+        other.hold(folder / written)
+        before = sorted(folder.iterdir())
+        outcome = holoview(*words)
+    assert outcome.code == 2 and "is being written by another holoview (process" in outcome.err
+    assert sorted(folder.iterdir()) == before

@@ -165,6 +165,8 @@ def options() -> Iterator[Case]:
                 yield files_case(
                     "options", f"diagnose --{flag} {value[:20]!r}", captures, *diagnose, f"--{flag}={value}"
                 )
+        for known in (f"distance.distance_error={value}", f"nosuch.parameter={value}"):
+            yield files_case("options", f"--known {known[:30]!r}", captures, *diagnose, "--known", known)
         calibrate = ("calibrate", "captures.h5", "-o", "o.toml")
         for flag in ("batch", "rate", "held-out", "pixels-a-node", "epochs"):
             if not (flag == "epochs" and value in ("0",)):
@@ -176,6 +178,8 @@ def options() -> Iterator[Case]:
                     "--epochs=1",
                     f"--{flag}={value}",
                 )
+    for known in ("gap.gap_error=0.1mm", "slm_alignment.shift_x=1um"):  # of a second modulator, which isn't there
+        yield files_case("options", f"--known {known}", captures, *diagnose, "--known", known)
     for path in ("a\x00b", "a" * 5000, "/dev/null", "/dev/zero", "."):
         yield files_case(
             "options", f"picture {path[:20]!r}", bench, "optimise", "bench.toml", path, "--iterations", "1"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable, Iterator
-from functools import cache
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +72,9 @@ _DAMAGES: tuple[Callable[[bytearray, Random], None], ...] = (
     *(_flip, _extreme, _early, _truncate, _repeat, _remove, _change_number, _change_number),
 )
 
+PLANNED = ("measure", "rig.toml", "--plan", "plan.toml", "--dry-run", "-o", "o.h5")
+"""Reads a rig and a plan, and opens no device."""
+
 COMMANDS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "presets": ("picture", "bench.toml", ("render", "bench.toml", *TORCH)),
     "PNG": ("picture", "picture.png", ("optimise", "bench.toml", "picture.png", "--iterations=1", "--json")),
@@ -94,6 +97,13 @@ COMMANDS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "tables": ("folder", "captures.csv", ("captures", "import", ".", "-o", "o.h5")),
     "benches": ("folder", "bench.toml", ("captures", "import", ".", "-o", "o.h5")),
     "sweeps": ("sweep", "sweep.csv", ("calibrate", "lut", "sweep.csv", "--json")),
+    "rigs": ("rig", "rig.toml", PLANNED),
+    "plans": ("rig", "plan.toml", PLANNED),
+    "placements": ("rig", "rig.placement.toml", ("rig", "show", "rig.toml")),
+    "known placements": (
+        *("rig", "rig.placement.toml"),
+        ("diagnose", "captures.h5", "--known", "rig.placement.toml", "--workers=1", "--time=1s", "--json=o.json"),
+    ),
 }
 """For each family the kind of valid files, the one that is damaged, and the command that reads it."""
 
@@ -128,6 +138,18 @@ def damaged_job(rng: Random) -> Case:
         ResultStore(Path()).load(job)
 
     return Case("jobs", file, _preparation("job", file, rng), call=read)
+
+
+def damaged_virtual_bench(rng: Random) -> Case:
+    """What a virtual bench really is, with damage; a bench reads it in a process of its own."""
+
+    def read() -> None:
+        from holoview.rig import read_rig
+        from holoview.rig.virtual.virtual_settings import read_virtual_settings
+
+        read_virtual_settings(read_rig("rig.toml"))
+
+    return Case("virtual benches", "hidden.toml", _preparation("rig", "hidden.toml", rng), call=read)
 
 
 def _preparation(kind: str, file: str, rng: Random) -> Callable[[Path], None]:
@@ -219,13 +241,14 @@ def _random_effect(rng: Random) -> str:
     return f"{effect.id}.{parameter.name}={value}"
 
 
-def random_cases(seed: int) -> Iterator[Case]:
-    """Cases without end, the families in turn."""
+def random_cases(seed: int, families: Sequence[str] | None = None) -> Iterator[Case]:
+    """Cases without end, the families in turn; all families if None."""
     rng = np.random.default_rng(seed)
+    makers = [(family, partial(damaged, family, rng)) for family in COMMANDS]
+    makers += [("sessions", partial(damaged_session, rng)), ("jobs", partial(damaged_job, rng))]
+    makers += [("virtual benches", partial(damaged_virtual_bench, rng))]
+    makers += [("options", partial(random_option, rng))] * 3
+    chosen = [make for family, make in makers if families is None or family in families]
     while True:
-        for family in COMMANDS:
-            yield damaged(family, rng)
-        yield damaged_session(rng)
-        yield damaged_job(rng)
-        for _ in range(3):
-            yield random_option(rng)
+        for make in chosen:
+            yield make()

@@ -31,7 +31,9 @@ ACCEPTABLE = ("clear", "worked")
 _PRELOADED = (
     *("holoview.cli", "holoview.engine.torch_executor", "holoview.optics.frame_inputs", "holoview.session.archive"),
     *("holoview.effects.calibration.calibration_file", "holoview.io.hologram", "holoview.study.store"),
+    *("holoview.rig.virtual.virtual_settings", "holoview.diagnose.pipeline"),
     *(f"holoview.commands.{name}" for name in ("info", "render", "optimise", "captures", "calibrate", "diagnose")),
+    *(f"holoview.commands.{name}" for name in ("rig", "measure")),
 )
 _POLL_S = 0.01
 
@@ -40,7 +42,7 @@ _POLL_S = 0.01
 class Limits:
     """Wall and processor time (s) that a case may take, and memory beyond that of the process that forks it (bytes)."""
 
-    wall_s: float = 60.0
+    wall_s: float = 180.0
     cpu_s: int = 20
     memory: int = 1_400_000_000
 

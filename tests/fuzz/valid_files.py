@@ -24,9 +24,11 @@ from holoview.model import preset
 from holoview.model.system import System
 from holoview.optimise.settings import Settings
 from holoview.optimise.solve import iterate
+from holoview.rig.placement import Measured, Placement, write_placement
 from holoview.session.archive import SessionArchive, SessionData
 from holoview.session.editing_session import EditingSession
 from holoview.targets.picture import read_picture
+from tests.rig.conftest import write_rig
 
 SHAPE = (12, 16)
 BENCH = """
@@ -154,6 +156,40 @@ def _sweep(folder: Path) -> None:
     shutil.copy(Path(__file__).parents[1] / "data" / "lcos_820nm_first_order_power.csv", folder / "sweep.csv")
 
 
+def _rig(folder: Path) -> None:
+    """rig.toml, its placement, its hidden table, a plan, and captures whose diagnosis may begin with the placement."""
+    write_rig(folder / "rig.toml", {"slm2": None, "geometry": {}, "virtual": {"bench": "hidden.toml"}})
+    (folder / "hidden.toml").write_text(
+        'seed = 3\nprnu = 0.01\n[effects.distance]\ndistance_error = "0.1 mm"\n[faults]\nlatency = 0.001\n',
+        encoding="utf-8",
+    )
+    (folder / "plan.toml").write_text(_PLAN, encoding="utf-8")
+    write_placement(folder / "rig.placement.toml", _PLACEMENT)
+    _captures(folder)
+
+
+_HIDDEN = """
+seed = 3
+prnu = 0.01
+[effects.distance]
+distance_error = "0.1 mm"
+[faults]
+latency = 0.001
+"""
+_PLAN = """
+each = 2
+seed = 1
+wavelengths = ["450 nm", "638 nm"]
+distances = ["3 mm", "4 mm"]
+"""
+_MEASURED = {
+    **dict.fromkeys(("rotation", "shift_y", "shift_x", "walk_y", "walk_x", "stage_offset"), Measured(1e-6, 1e-7)),
+    "stage_scale": Measured(0.01, 0.001),
+    "pitch": Measured(3.9e-6, 1e-9),
+}
+_PLACEMENT = Placement("rotate_180", None, (0, 0), (32, 48), (16, 24), (32, 48), _MEASURED)
+
+
 def _job(folder: Path) -> None:
     Image.fromarray(np.full((4, 5, 3), 7, np.uint8)).save(folder / "job-seen.png")
     text = {"format": "holoview-result", "numbers": {"psnr": 20.0}, "pictures": {"seen": "job-seen.png"}}
@@ -172,6 +208,7 @@ _MAKERS = {
     "folder": _folder,
     "sweep": _sweep,
     "job": _job,
+    "rig": _rig,
 }
 
 

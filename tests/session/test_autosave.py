@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 import tests.session.conftest as bench
@@ -71,6 +72,26 @@ def test_a_killed_program_loses_nothing(tmp_path: Path) -> None:
     assert session.snapshots["before"].drive is session.drive, "steps share their patterns as before"
     store.discard(saved)
     assert store.crashed_sessions() == []
+
+
+def test_a_clock_that_is_set_takes_no_session_from_its_owner(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clock that jumps changes when processes seem to have begun, and the dates of what is saved."""
+    store, session = SessionStore(tmp_path), EditingSession(bench.small_system())
+    autosave = store.start_autosave(session)
+    session.change("Gap", {"gap": 2e-3})
+    assert autosave.flush()
+    for jump_s in (7200.0, -7200.0):
+        present, started = time.time(), psutil.Process().create_time()
+        with monkeypatch.context() as clock:
+            clock.setattr(time, "time", lambda now=present + jump_s: now)
+            clock.setattr(psutil.Process, "create_time", lambda self, began=started + jump_s: began)
+            assert store.crashed_sessions() == [], "its owner is still alive"
+            session.change("Gap", {"gap": 2e-3 + 1e-7 * jump_s / 7200})
+            assert autosave.flush()
+            assert len(store.saved_sessions()) == 1 and len(store.saved_sessions()[0].restore().history) >= 2
+    assert autosave.close() is None
+    session.close()
+    assert store.last_session() is not None
 
 
 def _wait_for_a_later_save(folder: Path, timeout_s: float = 60.0) -> None:

@@ -22,15 +22,15 @@ def _four_of_eight(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_threads_sleep_early_and_are_as_many_as_the_container_grants() -> None:
     environment: dict[str, str] = {}
     share_the_machine(environment)
-    assert environment == {"GOMP_SPINCOUNT": str(SPIN_COUNT), "OMP_NUM_THREADS": "4"}
+    assert environment == {"GOMP_SPINCOUNT": str(SPIN_COUNT), "OMP_NUM_THREADS": "4", "LP_NUM_THREADS": "4"}
 
 
 @pytest.mark.usefixtures("_four_of_eight")
 @pytest.mark.parametrize(
     "stated",
     [
-        {"GOMP_SPINCOUNT": "infinite", "OMP_NUM_THREADS": "7"},
-        {"OMP_WAIT_POLICY": "active", "OMP_NUM_THREADS": "7"},
+        {"GOMP_SPINCOUNT": "infinite", "OMP_NUM_THREADS": "7", "LP_NUM_THREADS": "3"},
+        {"OMP_WAIT_POLICY": "active", "OMP_NUM_THREADS": "7", "LP_NUM_THREADS": "3"},
     ],
 )
 def test_what_the_user_states_is_kept(stated: dict[str, str]) -> None:

@@ -11,7 +11,7 @@ rig.toml names a file of secrets, or holds them itself:
     prnu = 0.01                   # and exposure_jitter, camera_jitter, wavelength_jitter: standard deviations
     trigger_jitter = 0.001        # s: exposures begin late by the absolute value of a normal number
     camera_drift = "0.5 um"       # and power_drift: random walks, standard deviations after an hour
-    laser_log = "lasers.txt"      # a line for each switching of a laser, for tests
+    laser_log = "lasers.txt"      # a line for each switching of a laser, for tests; a file of this folder
     [effects.gap]
     gap_error = "0.1 mm"
     [faults]                      # what devices do wrong, see `faults`
@@ -25,6 +25,7 @@ Where they are beside that is an effect: `camera_alignment`, `slm_alignment`, `d
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,7 +34,7 @@ from typing import Any
 from holoview.captures.turns import TURNS, turned_shape
 from holoview.captures.virtual_measurement import Nuisances
 from holoview.model.effects.effect_table import EffectTable
-from holoview.model.field_types import Choice, FieldType, Number
+from holoview.model.field_types import FieldType, Number
 from holoview.rig.description import RigDescription
 from holoview.rig.virtual.drift import DriftSettings
 from holoview.rig.virtual.faults import FaultSettings, FaultTable
@@ -44,6 +45,7 @@ from holoview.util.input_file import read_text
 _EXPECTED = "what a virtual bench really is, in TOML"
 _TURNED = ("slm1", "slm2", "camera")
 _SHARE = Number(low=0.0, high=1.0)
+_LASER_LOG = re.compile(r"lasers[A-Za-z0-9_-]{0,40}\.txt")
 
 
 class PlacementTable:
@@ -63,6 +65,18 @@ class PlacementTable:
         return value
 
 
+class LaserLogName:
+    """Field type of the log of the lasers, which is written: a stranger's bench mustn't choose another file."""
+
+    def parse(self, value: Any, where: str) -> str:
+        if not (isinstance(value, str) and _LASER_LOG.fullmatch(value)):
+            raise UserError(where, f"{value!r}", expected='"lasers.txt", or letters and digits between these words')
+        return value
+
+    def to_toml(self, value: str) -> str:
+        return value
+
+
 _KEYS: dict[str, FieldType] = {
     "seed": Number(low=0, high=2**31),
     "settle": Number(low=0.0, high=100.0),
@@ -75,7 +89,7 @@ _KEYS: dict[str, FieldType] = {
     "trigger_jitter": Number(low=0.0, high=100.0),
     "camera_drift": Number("um", low=0.0, high=1e-3),
     "power_drift": _SHARE,
-    "laser_log": Choice(),
+    "laser_log": LaserLogName(),
     "faults": FaultTable(),
     "effects": EffectTable(),
     "placement": PlacementTable(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,12 @@ CLASSES = {"slm1": "Slm", "camera": "Camera", "lasers": "Lasers", "stage": "Stag
 REST = '[limits]\npower = 0.8\nexposure = [1e-5, 0.5]\nstage = ["1 mm", "15 mm"]\n[geometry]\nfocal_length = "100 mm"\n'
 
 WriteRig = Callable[..., RigDescription]
+
+
+@pytest.fixture(autouse=True)
+def _no_guard(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the process that guards lasers, which takes half a second to start: `test_laser_guard` has it."""
+    monkeypatch.setattr(import_module("holoview.rig.open_rig"), "GuardedLasers", lambda lasers, rig_path: lasers)
 
 
 @pytest.fixture

@@ -178,6 +178,10 @@ def test_equal_settings_give_equal_counts(make_rig: MakeRig) -> None:
         ({"virtual.effects": {"gab": {}}}, "gab"),
         ({"virtual.bench": "x.toml"}, r"virtual\.bench: isn't the only key"),
         ({"virtual": {"bench": "x.toml"}}, r"x\.toml"),
+        *(
+            ({"virtual.laser_log": name}, r"virtual\.laser_log: ")
+            for name in ("../lasers.txt", "/etc/lasers.txt", "rig.toml", "lasers", "lasers.txt/x", "lasers\0.txt", 3)
+        ),
     ],
 )
 def test_wrong_settings_are_named(make_rig: MakeRig, changes: dict[str, Any], words: str) -> None:
