@@ -1,5 +1,5 @@
 # make demo   set up everything, make a hologram of the shipped picture and render what an eye sees
-# make test   set up everything, check style and types, run the tests (two files at a time: TESTS_AT_ONCE=2)
+# make test   set up everything, check style and types, run the tests (two files at a time; one: TESTS_AT_ONCE=0)
 # make test-processors  repeat the tests that depend most on the processor as if on others
 # make test-pythons  install holoview with Python 3.12 and 3.13, where they are found, and run tests there
 # make package  build the source distribution and the wheel into dist/
@@ -15,7 +15,7 @@
 
 BIN := .venv/bin
 OUT ?= out/demo
-TESTS_AT_ONCE ?= 0
+TESTS_AT_ONCE ?= 2
 export TORCH_INDEX
 
 help:
@@ -31,7 +31,7 @@ demo: .venv/holoview.stamp
 test: lint
 	@bash .ci/adapter
 	@bash .ci/window
-	$(BIN)/python -m pytest -n $(TESTS_AT_ONCE) --dist loadfile
+	$(BIN)/python -m pytest -n $(TESTS_AT_ONCE) --dist loadfile --no-loadscope-reorder
 
 test-processors: .venv/holoview.stamp
 	@bash .ci/adapter

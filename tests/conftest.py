@@ -1,16 +1,46 @@
-"""Fixtures that all tests share: one open graphics device, and a guard that fails a test on a wgpu warning."""
+"""What all tests share: their order, one open graphics device, and a guard that fails a test on a wgpu warning."""
 
 from __future__ import annotations
 
+import ctypes
 import logging
+import os
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+
+# Before numpy and torch are loaded, and for the programs that tests start: on grids this small, threads that share
+# their cores with other processes mostly wait for each other.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import psutil
 import torch
 
 from holoview.gpu.device import Device, open_device
 from holoview.model.effects.registry import without_user_effects
 from holoview.util.errors import UserError
+
+LONGEST = (
+    "docs/test_tutorials.py",
+    "diagnose/test_bad_captures.py",
+    "captures/records/test_search.py",
+    "study/test_studies.py",
+    "diagnose/test_hidden.py",
+    "gui/test_panels.py",
+    "cli/test_diagnose.py",
+    "parity/test_stages.py",
+)
+"""Files that take long, begun first: of several processes none then works on one of them when the others have ended."""
+
+_MUCH_MEMORY = 64 << 20  # bytes by which a file's tests may leave the process larger
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest files first; the others in their order."""
+    place = {str(Path(__file__).parent / name): number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(str(item.path), len(place)))
 
 
 class _Collector(logging.Handler):
@@ -37,11 +67,30 @@ def wgpu_log() -> Iterator[list[str]]:
 
 @pytest.fixture(scope="session", autouse=True)
 def _one_thread() -> Iterator[None]:
-    """On grids this small, threads that share their cores with other processes mostly wait for each other."""
+    """Whatever the environment says, torch's sums are those of one thread."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(threads)
+
+
+@pytest.fixture(autouse=True)
+def _one_thread_again(_one_thread: None) -> Iterator[None]:
+    """Where a test, or what it calls, has set another number, the next test has one thread all the same."""
+    yield
+    torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _free_memory_given_back() -> Iterator[None]:
+    """GNU's allocator keeps what is freed between what is in use: gigabytes after some hundred files."""
+    process = psutil.Process()
+    before = process.memory_info().rss
+    yield
+    if sys.platform == "linux" and process.memory_info().rss > before + _MUCH_MEMORY:
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+        if trim is not None:
+            trim(0)
 
 
 @pytest.fixture

@@ -5,14 +5,22 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+import pytest
+
 import holoview
+from tests.conftest import LONGEST
 
 PACKAGE = Path(holoview.__file__).resolve().parent
-TREES = {
-    str(path.relative_to(PACKAGE)): ast.parse(path.read_text(encoding="utf-8"))
-    for path in sorted(PACKAGE.rglob("*.py"))
-}
 MOST_LINES, MOST_FUNCTION_LINES = 330, 60
+
+
+@pytest.fixture(scope="module")
+def trees() -> dict[str, ast.Module]:
+    """The syntax of every module by its path."""
+    return {
+        str(path.relative_to(PACKAGE)): ast.parse(path.read_text(encoding="utf-8"))
+        for path in sorted(PACKAGE.rglob("*.py"))
+    }
 
 
 def test_at_most_eight_modules_stand_loose_at_the_root() -> None:
@@ -20,30 +28,35 @@ def test_at_most_eight_modules_stand_loose_at_the_root() -> None:
     assert len(loose) <= 8, loose
 
 
-def test_every_module_says_in_its_first_sentence_what_it_is_for() -> None:
-    first = {name: (ast.get_docstring(tree) or "").split("\n\n")[0].rstrip() for name, tree in TREES.items()}
+def test_every_module_says_in_its_first_sentence_what_it_is_for(trees: dict[str, ast.Module]) -> None:
+    first = {name: (ast.get_docstring(tree) or "").split("\n\n")[0].rstrip() for name, tree in trees.items()}
     assert [name for name, text in first.items() if not text.endswith((".", ":")) or len(text.split()) < 4] == []
 
 
-def test_files_and_functions_are_short_enough_to_hold_one_concept() -> None:
-    assert [name for name, tree in TREES.items() if tree.body[-1].end_lineno > MOST_LINES] == []  # type: ignore[operator]
+def test_files_and_functions_are_short_enough_to_hold_one_concept(trees: dict[str, ast.Module]) -> None:
+    assert [name for name, tree in trees.items() if tree.body[-1].end_lineno > MOST_LINES] == []  # type: ignore[operator]
     functions = {
         f"{name}: {node.name}": node.body[-1].end_lineno - node.lineno  # type: ignore[operator]
-        for name, tree in TREES.items()
+        for name, tree in trees.items()
         for node in ast.walk(tree)
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
     }
     assert [name for name, lines in functions.items() if lines >= MOST_FUNCTION_LINES] == []
 
 
-def test_every_public_function_and_class_has_a_docstring() -> None:
+def test_every_public_function_and_class_has_a_docstring(trees: dict[str, ast.Module]) -> None:
     """Overriding methods take theirs from what they override."""
     missing = [
         f"{name}: {node.name}"
-        for name, tree in TREES.items()
+        for name, tree in trees.items()
         for node in tree.body
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
         and not node.name.startswith("_")
         and ast.get_docstring(node) is None
     ]
     assert missing == []
+
+
+def test_the_files_whose_tests_begin_first_are_there() -> None:
+    folder = Path(__file__).parents[1]
+    assert [name for name in LONGEST if not (folder / name).is_file()] == []

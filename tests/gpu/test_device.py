@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import re
 import subprocess
 import sys
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,7 @@ from numpy.typing import NDArray
 import holoview.gpu
 from holoview.gpu import device as device_module
 from holoview.gpu.adapter import MIB, REQUIRED_LIMITS, AdapterInfo, check_limits, choose_adapter, native_adapters
-from holoview.gpu.device import Device, DeviceLost, open_device
+from holoview.gpu.device import Device, DeviceLost, Pipeline, open_device
 from holoview.gpu.recorder import CommandRecorder, Dispatch, check_workgroups, workgroup_grid
 from holoview.gpu.shader import GeneratedWgsl, link
 from holoview.util.errors import UserError
@@ -200,9 +202,12 @@ fn main() { counter[0] = counter[0] * 10u + step; }
 """
 
 
+def _count(device: Device, step: int) -> Pipeline:
+    return device.pipeline(link(GeneratedWgsl("count", COUNT_UP)), {"step": step})
+
+
 def _counting(device: Device, counter: Any, step: int) -> Dispatch:
-    pipeline = device.pipeline(link(GeneratedWgsl("count", COUNT_UP)), {"step": step})
-    return Dispatch.bind(device, pipeline, [[], [counter]], (1, 1, 1))
+    return Dispatch.bind(device, _count(device, step), [[], [counter]], (1, 1, 1))
 
 
 @gpu
@@ -226,6 +231,16 @@ def test_a_pipeline_is_compiled_once_for_the_same_source_and_constants(device: D
     )
     assert first is again
     assert first is not other
+
+
+@gpu
+def test_pipelines_that_nobody_has_asked_for_lately_are_given_back(device: Device) -> None:
+    """A viewer whose sizes change compiles others for each, and would keep all of them for as long as it runs."""
+    small = Device(device.raw, device.info, device.limits, max_pipelines=2)
+    compiled = [weakref.ref(_count(small, step)) for step in (1, 2, 1, 3)]
+    gc.collect()
+    assert [kept() is not None for kept in compiled] == [True, False, True, True]
+    assert compiled[0]() is compiled[2]() is _count(small, 1)
 
 
 @gpu

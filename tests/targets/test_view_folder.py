@@ -81,7 +81,7 @@ def test_a_light_field_is_seen_by_the_eye_of_the_bench(tmp_path: Path, bench: Be
         (GRID + "size = 3\n", "views.toml: size: unknown key"),
         (GRID.replace("0.5 mm", "0 mm"), "views.toml: spacing: 0 mm is out of range"),
         (GRID.replace("0.5 mm", "1 kg"), "views.toml: spacing: "),
-        (GRID + 'zero_disparity = "-1 mm"\n', "views.toml: zero_disparity: .*behind the modulator"),
+        (GRID + 'zero_disparity = "-1 mm"\n', "views.toml: zero_disparity: .*before the last modulator"),
         ("rows =", "views.toml: isn't TOML"),
         (GRID.replace("3", "4"), r"holds 6 pictures and lacks those of row and column 1-4, 2-4; expected 8, one for"),
         (GRID.replace("2", "1"), "holds 6 pictures; expected 3"),
