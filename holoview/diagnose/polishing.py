@@ -35,7 +35,7 @@ def refine_leaders_along_axes(
     What is far off lacks a cause: with it, other values of the causes that it has would be best. is_costly_far: also
     costly ones that aren't quite near.
     """
-    config = context.config.selection
+    config, near_chi2 = context.config.selection, context.config.ranking.near_chi2
     for _ in range(config.axis_rounds):
         if result.best.chi2_per_pixel < config.floor_chi2:
             break
@@ -44,7 +44,7 @@ def refine_leaders_along_axes(
             c.fit
             for c in result.candidates[: config.axis_candidates]
             if c.excess < max_excess
-            and (is_costly_far or c.excess < config.settled_excess or not is_costly(context, c.fit))
+            and (is_costly_far or c.chi2_per_pixel < near_chi2 or not is_costly(context, c.fit))
         ]
         leaders = [f for f in helpful if not is_very_costly(context, f) and _is_near(context, f)]
         if not leaders:
