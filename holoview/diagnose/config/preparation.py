@@ -57,9 +57,9 @@ class BudgetConfig:
     longest step of a pair, its causes fitted without each other, took 20 of 80 s."""
 
     max_fields: int = 32_000
-    """[fields] After so many a search begins nothing new unless it is thorough. Evidence: measured: about two minutes of
-    one core for 128 × 96 modulator pixels, which is a minute of two; with half of it 4 of 23 pairs on 64 × 48 pixels
-    were missed, which searches without this limit found in 29 to 58 s."""
+    """[fields] After so many a search begins nothing new unless it is thorough. Evidence: measured: two minutes of one
+    core for 128 × 96 modulator pixels, or one of two cores; with half as many, 4 of 23 pairs on 64 × 48 pixels were
+    missed, which searches without a limit found in 29 to 139 s."""
 
     usual_samples: int = 256 * 192
     """[samples] Of a field up to which `max_fields` holds; larger fields are fewer in proportion. Evidence: measured:
