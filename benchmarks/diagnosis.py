@@ -81,11 +81,7 @@ def cases(families: list[str], sizes: list[str], only: list[str], repeats: int, 
         for family in families:
             for size in sizes if family in ("singles", "pairs", "deleted") else ["-"]:
                 for k, name in enumerate(names if family in ("singles", "deleted") else range(_count(family, names))):
-                    seed = (
-                        first_seed + 1000 * repeat + 37 * k + 7 * list(SIZES).index(size)
-                        if size in SIZES
-                        else k + 1000 * repeat
-                    )
+                    seed = first_seed + 1000 * repeat + 37 * k + 7 * (list(SIZES).index(size) if size in SIZES else 3)
                     rng = np.random.default_rng(seed)
                     hidden = _hidden(family, name, names, rng)
                     facts = replace(system, planes_m=np.array(_planes(hidden) or system.planes_m))
