@@ -194,8 +194,16 @@ class _Search:
         return hypothesis([*others, ValueOrder(column, permutation, orders[0].values)])
 
     def _is_better(self, score: TrialScore, base: TrialScore) -> bool:
-        """Whether a hypothesis beats another by more than the best of all that were tried does by chance."""
+        """Whether a hypothesis beats another by more than the best of all that were tried does by chance.
+
+        Where the tested captures don't decide, rougher ones are asked too: smooth speckle looks much the same at
+        another wavelength.
+        """
         gain, sigmas = score.gain_over(base)
+        if self._settings.undecided < sigmas < self._chance_sigmas(score):
+            more = [*self._chosen.tested, *self._chosen.confirmed]
+            wider, base = self.trials.score([score.hypothesis, base.hypothesis], more)
+            gain, sigmas = wider.gain_over(base)
         if gain < self._settings.min_gain or sigmas < self._chance_sigmas(score):
             return False
         return all(self._improves_every_value(score, c) for c in score.hypothesis if isinstance(c, ValueOrder))
