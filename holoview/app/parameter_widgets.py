@@ -16,6 +16,7 @@ from holoview.util import units
 _RESET_MULTIPLE = 3.0  # the limit of a slider, as a multiple of the value that a right click restores
 _MAX_RATIO = 1000.0  # of the limits of a kind, up to which a slider covers its whole range
 _PRIOR_MULTIPLE = 5.0  # the limit of an effect's slider, as a multiple of the parameter's prior
+_TOOLTIP_EM = 26.0  # width of tooltips, in heights of the font: about that of a panel
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,16 @@ def _rounded(shown: float) -> float:
 def tooltip(text: str) -> None:
     """Shows a tooltip while the pointer rests on the last item."""
     if text and imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip | imgui.HoveredFlags_.allow_when_disabled):
-        imgui.set_tooltip(text)
+        show_tooltip(text)
+
+
+def show_tooltip(text: str) -> None:
+    """Shows a tooltip in this frame; lines that are longer than a panel is wide are wrapped."""
+    if imgui.begin_tooltip():
+        imgui.push_text_wrap_pos(_TOOLTIP_EM * imgui.get_font_size())
+        imgui.text_unformatted(text)
+        imgui.pop_text_wrap_pos()
+        imgui.end_tooltip()
 
 
 def _tooltip_and_reset(doc: str) -> bool:

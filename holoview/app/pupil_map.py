@@ -8,6 +8,7 @@ from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.laser_colours import laser_colour
+from holoview.app.parameter_widgets import tooltip
 from holoview.session.eye_edits import eye_of, eyebox_half_m, move_pupil, pupil_diameter_m, resize_pupil
 
 _SIZE_PX = 150.0
@@ -54,8 +55,8 @@ def handle_pupil(context: AppContext, middle: imgui.ImVec2, scale: float) -> Non
         context.attempt(move_pupil, session, place)
     if imgui.is_item_deactivated():
         session.end_gesture()
-    if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip) and not imgui.is_item_active():
-        imgui.set_tooltip("The pupil in the eyebox: drag it; the wheel changes its diameter.")
+    if not imgui.is_item_active():
+        tooltip("The pupil in the eyebox: drag it; the wheel changes its diameter.")
 
 
 def draw_eyeboxes(context: AppContext, middle: imgui.ImVec2, scale: float) -> None:

@@ -94,7 +94,7 @@ def _scores_text(context: AppContext) -> str:
     xyz = context.side_renderers.xyz(NOW)
     target = None if xyz is None else context.session.target_at()
     if xyz is None or target is None:
-        return ""
+        return "   PSNR follows" if context.session.target_builder.is_building else ""
     psnr_db = context.live_psnr.get(xyz, target, image_psnr_db)
     text = "" if psnr_db is None else f"   PSNR {psnr_db:.1f} dB"
     document, name = context.session.document, context.session.view_settings.score

@@ -9,7 +9,7 @@ from holoview.app import plots, theme
 from holoview.app.context import AppContext
 from holoview.app.parameter_widgets import tooltip
 from holoview.metrics.speckle import independent_patterns
-from holoview.session.eye_edits import dioptres_of, pupil_diameter_m
+from holoview.session.eye_edits import dioptres_text, pupil_diameter_m
 from holoview.session.retinal_curve import RetinalCurve
 
 _CONES = imgui.ImVec4(0.45, 0.80, 0.50, 1.0)
@@ -22,9 +22,9 @@ def draw_retinal_state(context: AppContext) -> None:
     session = context.session
     if session.system.eye is None:
         return
-    dioptres = dioptres_of(session.system, session.view_settings.plane_m) + 0.0
+    dioptres = dioptres_text(session.system, session.view_settings.plane_m)
     pupil_mm = pupil_diameter_m(session.system) * 1e3
-    imgui.text_wrapped(f"On the retina, focused at {dioptres:.2f} D, pupil {pupil_mm:.3g} mm:")
+    imgui.text_wrapped(f"On the retina, focused at {dioptres}, pupil {pupil_mm:.3g} mm:")
 
 
 def draw_retinal_curve(context: AppContext) -> None:

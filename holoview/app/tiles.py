@@ -8,7 +8,7 @@ from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.viewport import DeviceImage, Viewport, visible_area_of
-from holoview.session.eye_edits import dioptres_of
+from holoview.session.eye_edits import dioptres_text
 from holoview.session.view_settings import ViewSettings
 
 _CHOSEN = imgui.IM_COL32(80, 160, 245, 255)
@@ -46,7 +46,7 @@ class PlaneTiles:
     def _draw_label(self, canvas: imgui.ImDrawList, corner: imgui.ImVec2, name: str, plane_m: float) -> None:
         """The plane in mm, with an eye also in dioptres."""
         system = self._context.session.system
-        text = name if system.eye is None else f"{name}\n{dioptres_of(system, plane_m) + 0.0:.2f} D"
+        text = name if system.eye is None else f"{name}\n{dioptres_text(system, plane_m)}"
         size = imgui.calc_text_size(text)
         end = imgui.ImVec2(corner.x + size.x + 8, corner.y + size.y + 2)
         canvas.add_rect_filled(corner, end, _LABEL_BACKGROUND, 2)

@@ -47,7 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="penalty on an unevenly lit eyebox for all holograms (0: none)",
     )
     parser.add_argument(
-        "--pupils", metavar="LIST", help="diameters of the pupils that look, e.g. 2,3,4mm (eye, retinal-speckle)"
+        "--pupils", metavar="LIST", help="diameters of the pupils that look, e.g. 2,3,4mm (eye, pupil, retinal-speckle)"
     )
     parser.add_argument(
         "--scores",

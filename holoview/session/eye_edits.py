@@ -69,6 +69,11 @@ def dioptres_of(system: System, plane_m: float) -> float:
     return float(eye_of(system).dioptres(plane_m, system.planes_m))
 
 
+def dioptres_text(system: System, plane_m: float) -> str:
+    """That vergence with its unit; planes that differ by rounding alone read alike."""
+    return f"{round(round(dioptres_of(system, plane_m), 9), 2) + 0.0:.2f} D"
+
+
 def plane_of(system: System, dioptres: float) -> float:
     """The plane that appears at a vergence."""
     return float(eye_of(system).plane_m(dioptres, system.planes_m))

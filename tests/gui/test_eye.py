@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from imgui_bundle import imgui
 
 from holoview.app.panels import ALL
 from holoview.app.panels.eye import EyePanel
@@ -15,7 +16,7 @@ from holoview.app.panels.focus import FocusPanel
 from holoview.app.panels.image import ImagePanel
 from holoview.model.pupil_path import PupilPath
 from holoview.session.derived_images import eyebox_xyz
-from holoview.session.eye_edits import dioptres_of, eyebox_half_m, move_pupil
+from holoview.session.eye_edits import dioptres_of, dioptres_text, eyebox_half_m, move_pupil
 from holoview.session.focal_plane import focus_at
 from holoview.session.target_spec import TargetSpec
 from holoview.session.view_settings import ACHROMATIC, NOW, TARGET
@@ -69,6 +70,25 @@ def test_accommodation_moves_the_focal_plane(eye_gui: Gui) -> None:
     plane_m = eye_gui.session.view_settings.plane_m
     assert dioptres_of(eye_gui.session.system, plane_m) > 0.625
     assert plane_m > 10e-3  # nearer to the viewer
+
+
+def test_a_long_tooltip_is_wrapped_and_all_of_it_in_the_window(eye_gui: Gui) -> None:
+    place = eye_gui.item_position("accommodation", 0.9)
+    eye_gui.move(place)
+    eye_gui.move(place)
+    eye_gui.draw_frames(60)  # a second, after which tooltips have come
+    window = imgui.internal.find_window_by_name("##Tooltip_00")
+    assert window is not None and window.was_active
+    sentence = "Dioptres at which the eye is focused at its reference wavelength: 0 is infinity, 4 is 25 cm."
+    assert window.size.x < 0.9 * imgui.calc_text_size(sentence).x
+    assert window.pos.x >= 0 and window.pos.x + window.size.x <= 900
+
+
+def test_a_plane_reads_alike_however_it_was_reached(eye_gui: Gui) -> None:
+    system = eye_gui.session.system
+    texts = {dioptres_text(system, 10e-3 + change) for change in (-1e-18, 0.0, 1e-18)}
+    assert texts == {"0.62 D"}  # 0.625, of which rounding takes the even digit
+    assert dioptres_text(system, float(system.planes_m.min()) - 1e-9) == "0.00 D"
 
 
 def test_the_pupil_is_dragged_over_the_eyebox(eye_gui: Gui) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from threading import Event
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from holoview.colour import xyz_to_linear_srgb
 from holoview.metrics.flip import flip
 from holoview.metrics.ms_ssim import ms_ssim
 from holoview.session.file_reader import target_from_pixels
+from holoview.session.target_builder import _TargetRequest
 from holoview.session.view_settings import NOW
 from tests.gui.conftest import Gui
 
@@ -39,6 +41,20 @@ def test_a_command_puts_a_score_beside_the_psnr(scored: Gui) -> None:
     assert describe_image(scored.context).endswith(f" dB   MS-SSIM {ms_ssim(*_light(scored)).mean:.3f}")
     scored.context.commands.run("Score: PSNR alone")
     assert describe_image(scored.context).endswith(" dB")
+
+
+def test_the_line_says_that_the_target_is_still_being_built(gui: Gui, monkeypatch: pytest.MonkeyPatch) -> None:
+    begin, build = Event(), _TargetRequest.build
+    monkeypatch.setattr(_TargetRequest, "build", lambda request: begin.wait(60.0) and build(request))
+    gui.draw_until_idle()
+    assert "PSNR" not in describe_image(gui.context)
+    gui.session.edit("Target", target_spec=target_from_pixels(np.full((64, 96, 3), 128, np.uint8)))
+    gui.draw_frames(3)
+    assert describe_image(gui.context).endswith("   PSNR follows")
+    begin.set()
+    assert gui.session.wait_until_idle()
+    gui.draw_until_idle()
+    assert describe_image(gui.context).endswith(" dB")
 
 
 def test_the_visual_angle_follows_the_eyepiece(scored: Gui) -> None:

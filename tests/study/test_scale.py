@@ -44,7 +44,10 @@ def test_every_target_is_a_picture_with_or_without_depth(name: str) -> None:
         (["--eyebox", "nan"], "--eyebox: 'nan'; expected a number from 0 to"),
         (["--shape", "96"], '--shape: "96"; expected rows and columns'),
         (["--shape", "1x16"], "--shape"),
-        (["--pupils", "3mm"], "--pupils: the study schemes doesn't have it; expected one of eye, retinal-speckle"),
+        (
+            ["--pupils", "3mm"],
+            "--pupils: the study schemes doesn't have it; expected one of eye, pupil, retinal-",
+        ),
         (["--scores", "flip"], "--scores: the study schemes doesn't have it; expected one of eye, pupil"),
     ],
     ids=lambda value: str(value[0]) if isinstance(value, list) else "",
@@ -62,7 +65,7 @@ def test_impossible_changes_are_named(
     [
         ("eye", ["--pupils", "2,0mm"], "--pupils: 0 mm is out of range; expected between 0.5 mm and 12 mm"),
         ("eye", ["--pupils", "wide"], '--pupils: "wide'),
-        ("pupil", ["--pupils", "3mm"], "--pupils: the study pupil doesn't have it"),
+        ("eyebox", ["--pupils", "3mm"], "--pupils: the study eyebox doesn't have it"),
     ],
 )
 def test_impossible_pupils_are_named(
@@ -74,9 +77,9 @@ def test_impossible_pupils_are_named(
 
 
 def test_pupils_and_scores_are_chosen() -> None:
-    eye, speckle = (studies_by_name()[name] for name in ("eye", "retinal-speckle"))
+    eye, pupil, speckle = (studies_by_name()[name] for name in ("eye", "pupil", "retinal-speckle"))
     chosen = QUICK.with_changes(pupils_m=(3e-3, 4e-3), scores=("ms_ssim",))
-    for job in eye.jobs(chosen, 0):
+    for job in (*eye.jobs(chosen, 0), *pupil.jobs(chosen, 0)):
         assert job.settings["pupils_mm"] == [3.0, 4.0] and job.settings["scores"] == ["ms_ssim"]
     assert {job.settings["pupil_mm"] for job in speckle.jobs(chosen, 0)} == {3.0, 4.0}
 

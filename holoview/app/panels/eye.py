@@ -120,7 +120,7 @@ def _draw_pupil(context: AppContext, eye: Eye) -> None:
             context,
             "Pupil",
             "eye.pupil",
-            number_field("pupil", PUPIL, pupil_diameter_m(system), 3e-3, "Its diameter.", PUPIL_RANGE_M),
+            number_field("pupil", PUPIL, pupil_diameter_m(system), 3e-3, "Diameter of the pupil.", PUPIL_RANGE_M),
         )
     context.record_item_rect("eye.pupil")
     for key, value in (("pupil_y", eye.pupil_y_m), ("pupil_x", eye.pupil_x_m)):

@@ -8,8 +8,9 @@ from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
+from holoview.app.parameter_widgets import tooltip
 from holoview.app.plane_strip import PlaneStrip
-from holoview.session.eye_edits import dioptres_of
+from holoview.session.eye_edits import dioptres_text
 from holoview.session.focal_plane import focus_at, focus_at_next_plane, focus_range_m, step_focus
 
 _SWEEP_S = 3.0  # from the first plane to the last
@@ -65,11 +66,10 @@ class FocusPanel(Panel):
             imgui.SliderFlags_.no_round_to_format,
         )
         context.record_item_rect("plane")
-        if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip(
-                "Distance of the focal plane behind the last modulator: larger is nearer to the viewer. "
-                "Ctrl+click: exact entry."
-            )
+        tooltip(
+            "Distance of the focal plane behind the last modulator: larger is nearer to the viewer. "
+            "Ctrl+click: exact entry."
+        )
         if changed:
             self.is_playing = False
             context.attempt(focus_at, context.session, shown * 1e-3)
@@ -93,4 +93,4 @@ def _slider_text(context: AppContext) -> str:
     """The format of the slider's value, with an eye followed by its dioptres."""
     if context.session.system.eye is None:
         return "%.3f mm"
-    return f"%.3f mm   {dioptres_of(context.session.system, context.session.view_settings.plane_m):.2f} D"
+    return f"%.3f mm   {dioptres_text(context.session.system, context.session.view_settings.plane_m)}"

@@ -8,6 +8,7 @@ from imgui_bundle import imgui
 
 from holoview.app.context import AppContext
 from holoview.app.panel import Panel
+from holoview.app.parameter_widgets import tooltip
 
 
 class HistoryPanel(Panel):
@@ -46,8 +47,7 @@ class HistoryPanel(Panel):
         clicked, _ = imgui.selectable(f"{label}##{index}", index == position)
         if is_undone:
             imgui.pop_style_color()
-        if imgui.is_item_hovered(imgui.HoveredFlags_.for_tooltip):
-            imgui.set_tooltip(f"{time.strftime('%H:%M:%S', time.localtime(when))}; click to go here")
+        tooltip(f"{time.strftime('%H:%M:%S', time.localtime(when))}; click to go here")
         if clicked:
             context.attempt(context.session.go_to_step, index)
         if index == position != self._scrolled_to:

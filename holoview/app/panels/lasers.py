@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from holoview.app.context import AppContext
 from holoview.app.laser_colours import EYE_RANGE_M, laser_colour
 from holoview.app.panel import Panel
-from holoview.app.parameter_widgets import tooltip
+from holoview.app.parameter_widgets import show_tooltip, tooltip
 from holoview.colour import cone_fundamentals
 from holoview.model import preset
 from holoview.model.system import System
@@ -105,7 +105,7 @@ class LasersPanel(Panel):
         pixel = implot.plot_to_pixels(nm, height)
         context.item_rects[f"laser {index}"] = (pixel.x - 6, pixel.y - 6, pixel.x + 6, pixel.y + 6)
         if hovered and not held:
-            imgui.set_tooltip(f"laser {index + 1}: {nm:.4g} nm, power {height * scale:.4g}\ndrag: wavelength and power")
+            show_tooltip(f"laser {index + 1}: {nm:.4g} nm, power {height * scale:.4g}\ndrag: wavelength and power")
         if moved:
             power = min(max(y, 0.0), 1.1) * scale
             _edit_laser(

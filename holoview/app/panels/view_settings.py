@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
@@ -30,9 +31,11 @@ _PAGE_DOCS = {
     "image": "What is seen at the focal plane.",
     "planes": "All focal planes of the bench beside each other.",
     "phase": "The pattern on a modulator, as phase at the laser in the middle; a turn of hue is a wave.",
-    "spectrum": "Where the light leaves to: the eyebox, around the modulator's first order.",
+    "spectrum": "Where the light leaves to, around the modulator's first order.",
     "target": "What the hologram should show at the focal plane.",
 }
+_PAGE_NAMES = {"spectrum": "eyebox"}
+_COLOUR_NAMES = {"": "grey"}
 _COMPARE_DOCS = {
     "off": "One image.",
     "hold": "A; B while its key is held.",
@@ -57,9 +60,7 @@ class ViewPanel(Panel):
         add(
             "False colour", lambda: _cycle(context, "false_colour", FALSE_COLOURS), "Image", "K", "For single channels."
         )
-        add(
-            "Next page", lambda: _cycle(context, "page", PAGES), "Image", "G", "Image, planes, phase, spectrum, target."
-        )
+        add("Next page", lambda: _cycle(context, "page", PAGES), "Image", "G", "Image, planes, phase, eyebox, target.")
         for name, keys in (("off", "Escape"), ("wipe", "W"), ("side-by-side", "S"), ("difference", "D"), ("hold", "H")):
             title = "No comparison" if name == "off" else f"Compare: {name}"
             action = partial(_compare, context, name)
@@ -76,7 +77,7 @@ class ViewPanel(Panel):
     def draw(self, context: AppContext) -> None:
         view = context.session.view_settings
         imgui.push_item_width(imgui.get_content_region_avail().x * 0.62)
-        _combo(context, "page", PAGES, view.page, _PAGE_DOCS)
+        _combo(context, "page", PAGES, view.page, _PAGE_DOCS, names=_PAGE_NAMES)
         self._draw_tone(context, view)
         if view.page == "phase":
             self._draw_pattern_choice(context, view)
@@ -92,9 +93,8 @@ class ViewPanel(Panel):
             context, "channel", CHANNELS, view.channel, {}, "What is shown of the colours: all, or a single channel."
         )
         if view.channel != "colour":
-            _combo(
-                context, "false_colour", FALSE_COLOURS, view.false_colour, {}, "A colour map for the single channel."
-            )
+            doc = "A colour map for the single channel."
+            _combo(context, "false_colour", FALSE_COLOURS, view.false_colour, {}, doc, _COLOUR_NAMES)
         changed, low, high = imgui.drag_float_range2(
             "black, white", view.low, view.high, 0.005, -10.0, 10.0, "%.3f", "%.3f", imgui.SliderFlags_.always_clamp
         )
@@ -181,12 +181,19 @@ def _slider(
 
 
 def _combo(
-    context: AppContext, field: str, options: tuple[str, ...], value: str, docs: dict[str, str], doc: str = ""
+    context: AppContext,
+    field: str,
+    options: tuple[str, ...],
+    value: str,
+    docs: Mapping[str, str],
+    doc: str = "",
+    names: Mapping[str, str] | None = None,
 ) -> None:
-    label = field.replace("_", " ")
-    if imgui.begin_combo(label, value or "grey"):
+    """A field of the view settings; names: of options that are shown under another name."""
+    label, names = field.replace("_", " "), names or {}
+    if imgui.begin_combo(label, names.get(value, value)):
         for option in options:
-            if imgui.selectable(option or "grey", option == value)[0]:
+            if imgui.selectable(names.get(option, option), option == value)[0]:
                 context.edit_view(label.capitalize(), **{field: option})
             if option in docs:
                 tooltip(docs[option])

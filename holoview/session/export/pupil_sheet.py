@@ -11,7 +11,7 @@ from holoview.report.contact_sheet import CaptionedTile, contact_sheet
 from holoview.session.editing_session import EditingSession
 from holoview.session.export.png_images import png_metadata
 from holoview.session.export.suffix import with_default_suffix
-from holoview.session.eye_edits import dioptres_of, eye_of, eyebox_half_m, pupil_diameter_m
+from holoview.session.eye_edits import dioptres_text, eye_of, eyebox_half_m, pupil_diameter_m
 from holoview.session.jobs import BackgroundJob, JobControl
 from holoview.session.rendering import render_each
 from holoview.session.tone_mapping import tone_map
@@ -30,8 +30,8 @@ def save_pupil_sheet(session: EditingSession, path: Path) -> BackgroundJob:
     steps = positions(_SIDE, _SPACING * eyebox_half_m(system, float(system.wavelengths_m.min()))).tolist()
     places = [(eye.pupil_y_m + y, eye.pupil_x_m + x) for y in steps for x in steps]
     plane_m = document.view_settings.plane_m
-    dioptres = dioptres_of(system, plane_m) + 0.0
-    title = f"Through a pupil of {pupil_diameter_m(system) * 1e3:.3g} mm, focused at {dioptres:.2f} D, from nine places"
+    dioptres = dioptres_text(system, plane_m)
+    title = f"Through a pupil of {pupil_diameter_m(system) * 1e3:.3g} mm, focused at {dioptres}, from nine places"
 
     def work(control: JobControl) -> Path:
         views = [(with_pupil_at(system, place), plane_m) for place in places]

@@ -1,4 +1,4 @@
-"""What an eye sees whose pupil isn't where the hologram expects it."""
+"""What an eye sees whose pupil isn't where, or isn't as large as, the hologram expects it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from holoview.colour import SRGB_TO_XYZ
 from holoview.metrics.image_quality import measure_image_quality
+from holoview.metrics.psnr import psnr_linear_srgb
 from holoview.model.system import System
 from holoview.numerics.fft_grid import positions
+from holoview.optimise.iteration_state import IterationState
 from holoview.study.claims import SHOWN
 from holoview.study.hologram_jobs import has_settings, job_system, job_target, mean_curve, optimise_job
 from holoview.study.hologram_study import aimed_jobs
@@ -33,7 +37,7 @@ from holoview.study.study import (
     StudyJob,
     StudyPicture,
 )
-from holoview.view import simulate
+from holoview.view import View, simulate
 
 _KINDS = {
     "planes": "focal planes",
@@ -41,102 +45,173 @@ _KINDS = {
     "one place": "a pupil on the axis",
     "places": "3 x 3 places of the pupil",
 }
-_PUPIL_MM = 2.0
+_PUPIL_MM = 2.0  # of holograms that are optimised for a pupil, and of the pupil beside the axis
 _SPACING_M = 0.6e-3
 _PLACES_MM = (0.0, 0.3, 0.6, 0.9, 1.2)  # of the pupil, along x; at 1.15 mm its middle is at the edge of blue's eyebox
+_PUPILS_MM = (1.0, 2.0, 3.0, 4.0, 6.0)  # on the axis
 _EYEBOX = 0.03
-_KEYS = ("psnr_db", "luminance", "speckle_contrast")
+_AXES = {
+    "psnr_db": "PSNR (dB)",
+    "matched_psnr_db": "PSNR at the target's brightness (dB)",
+    "brightness": "luminance / that of the target",
+    "speckle_contrast": "speckle contrast σ/μ",
+}
+
+_Look = tuple[float, float]
+"""The place of a pupil along x and its diameter, in mm."""
 
 
 class _Pupil(Study):
     name = "pupil"
-    title = "A pupil beside the axis"
+    title = "A pupil beside the axis, small and large"
     summary = (
-        "A hologram of 8 wavelengths seen through a pupil of 2 mm that moves through the eyebox, by an eye with "
-        "chromatic aberration that moves as a whole: PSNR against the scene as it is seen from there, brightness and "
-        "speckle, for holograms that were optimised for focal planes, with an even eyebox, for one place of the pupil, "
-        "and for nine. Places between those that were optimised show whether it holds there too."
+        "A hologram of 8 wavelengths seen through a pupil of 2 mm that moves through the eyebox, and through pupils of "
+        "1 to 6 mm on the axis, by an eye with chromatic aberration that moves as a whole: PSNR against the scene as "
+        "it is seen from there, brightness and speckle, for holograms that were optimised for focal planes, with an "
+        "even eyebox, for one place of the pupil, and for nine. Places between those that were optimised, and "
+        "diameters other than 2 mm, show whether it holds there too."
     )
     quick_note = "Quick: 128 x 96 samples, 3 planes and 40 iterations."
-    options = ("scores",)
-    revision = 2
+    options = ("pupils", "scores")
+    revision = 3
 
     def jobs(self, scale: StudyScale, seed: int) -> list[StudyJob]:
-        return aimed_jobs(self, ("holochrome-8",), scale, seed, _KINDS, **score_settings(scale))
+        pupils = {"pupils_mm": [round(1e3 * d, 6) for d in scale.pupils_m] or list(_PUPILS_MM)}
+        return aimed_jobs(self, ("holochrome-8",), scale, seed, _KINDS, **score_settings(scale), **pupils)
 
     def run_job(self, settings: Mapping[str, Any], status: StatusCallback) -> JobResult:
-        system, kind = job_system(settings), settings["optimised_for"]
-        aimed = _seen_from(system, 0.0) if kind in ("one place", "places") else system
-        options = {**settings, **({"eyebox": _EYEBOX} if kind == "even" else {})}
-        stacks = [job_target(aimed, settings, aimed.planes_m)]
-        if kind == "places":
-            steps = positions(3, _SPACING_M).tolist()
-            places = [(y, x) for y in steps for x in steps]
-            stacks = [job_target(_seen_from(system, x, y), settings, system.planes_m) for y, x in places]
-            options["options"] = {"pupil_places_m": places}
-        state = optimise_job(aimed, np.concatenate(stacks), options, status)
-        numbers: dict[str, Any] = {"place_mm": list(_PLACES_MM), **{key: [] for key in (*_KEYS, *settings["scores"])}}
+        state, looks = _optimised(settings, status), _looks(settings)
+        numbers: dict[str, Any] = {"place_mm": [x for x, _ in looks], "pupil_mm": [d for _, d in looks]}
+        numbers |= {key: [] for key in (*_AXES, *settings["scores"])}
         pictures = {}
-        for x_mm in _PLACES_MM:
-            status(f"scoring, pupil at {x_mm:g} mm")
-            seen_by = _seen_from(state.best.system, x_mm * 1e-3)
+        for look in looks:
+            status(f"scoring, {_named(look)}")
+            seen_by = _seen_from(state.best.system, look)
             view = simulate(seen_by, state.best.drive, backend="torch")
             target = job_target(seen_by, settings, seen_by.planes_m)
-            quality = measure_image_quality(view, target)
-            figures = (quality.psnr.mean_db, float(view.xyz[..., 1].mean()), quality.mean_speckle_contrast)
-            found = dict(zip(_KEYS, figures, strict=True)) | score_numbers(view, target, settings)
-            for key, figure in found.items():
+            for key, figure in (_measured(view, target) | score_numbers(view, target, settings)).items():
                 numbers[key].append(figure)
-            pictures[f"{x_mm:g} mm"] = view.srgb8[len(view.srgb8) // 2]
+            pictures[_named(look)] = view.srgb8[len(view.srgb8) // 2]
         return JobResult(numbers, pictures)
 
     def analyse(self, results: Results) -> Findings:
-        figures, scores = [], score_names(results)
-        axes = dict(zip(_KEYS, ("PSNR (dB)", "mean luminance", "speckle contrast σ/μ"), strict=True))
-        for key, axis in (axes | {name: score_axis(name) for name in scores}).items():
-            curves = {what: (_PLACES_MM, mean_curve(results, key, optimised_for=kind)) for kind, what in _KINDS.items()}
-            caption = f"Seen through a pupil of {_PUPIL_MM:g} mm, optimised for …"
-            figures.append(StudyFigure(key, caption, line_plot(curves, "place of the pupil (mm)", axis)))
-        rows = [
-            {key: job.settings[key] for key in ("optimised_for", "target", "seed")}
-            | {"place_mm": place, **{key: result.numbers[key][i] for key in (*_KEYS, *scores)}}
-            for job, result in results
-            for i, place in enumerate(_PLACES_MM)
-        ]
-        notes = notes_on_scores(results)
-        return Findings(rows=rows, claims=_claims(results), plots=figures, pictures=_pictures(results), notes=notes)
+        return Findings(
+            rows=_rows(results),
+            claims=[*_place_claims(results), *_size_claims(results)],
+            plots=_plots(results),
+            pictures=_pictures(results),
+            notes=notes_on_scores(results),
+        )
 
 
-def _seen_from(system: System, x_m: float, y_m: float = 0.0) -> System:
-    eye = {"pupil": _PUPIL_MM * 1e-3, "pupil_y": y_m, "pupil_x": x_m, "chromatic_axis": "pupil"}
-    return system.with_(eye=eye)
+def _looks(settings: Mapping[str, Any]) -> list[_Look]:
+    """All pupils that look at a hologram, each once: those beside the axis, and the further ones on it."""
+    sizes = [(0.0, pupil_mm) for pupil_mm in settings["pupils_mm"]]
+    return list(dict.fromkeys([*((x_mm, _PUPIL_MM) for x_mm in _PLACES_MM), *sizes]))
 
 
-def _claims(results: Results) -> list[Claim]:
+def _named(look: _Look) -> str:
+    return f"pupil of {look[1]:g} mm at {look[0]:g} mm"
+
+
+def _seen_from(system: System, look: _Look, y_mm: float = 0.0) -> System:
+    x_m, diameter_m, y_m = 1e-3 * look[0], 1e-3 * look[1], 1e-3 * y_mm
+    return system.with_(eye={"pupil": diameter_m, "pupil_y": y_m, "pupil_x": x_m, "chromatic_axis": "pupil"})
+
+
+def _optimised(settings: Mapping[str, Any], status: StatusCallback) -> IterationState:
+    """A hologram for what a job's settings say that it is optimised for."""
+    system, kind = job_system(settings), settings["optimised_for"]
+    aimed = _seen_from(system, (0.0, _PUPIL_MM)) if kind in ("one place", "places") else system
+    options = {**settings, **({"eyebox": _EYEBOX} if kind == "even" else {})}
+    stacks = [job_target(aimed, settings, aimed.planes_m)]
+    if kind == "places":
+        steps = positions(3, _SPACING_M).tolist()
+        places = [(y, x) for y in steps for x in steps]
+        eyes = [_seen_from(system, (1e3 * x, _PUPIL_MM), 1e3 * y) for y, x in places]
+        stacks = [job_target(eye, settings, system.planes_m) for eye in eyes]
+        options["options"] = {"pupil_places_m": places}
+    return optimise_job(aimed, np.concatenate(stacks), options, status)
+
+
+def _measured(view: View, target: NDArray[np.floating]) -> dict[str, float]:
+    """What the table has of a view but for scores: fidelity as it is and as bright as the target, light, speckle."""
+    quality = measure_image_quality(view, target)
+    brightness = float(view.xyz[..., 1].mean() / (np.asarray(target) @ SRGB_TO_XYZ.T)[..., 1].mean())
+    matched = psnr_linear_srgb(view.rgb / brightness, target)
+    figures = (quality.psnr.mean_db, matched.mean_db, brightness, quality.mean_speckle_contrast)
+    return dict(zip(_AXES, figures, strict=True))
+
+
+def _curve(results: Results, key: str, kind: str, *, sizes: bool = False) -> tuple[list[float], NDArray[np.float64]]:
+    """Places of the pupil of 2 mm, or diameters on the axis (mm), rising, and the mean of a number there."""
+    looks, values = _looks(results[0][0].settings), mean_curve(results, key, optimised_for=kind)
+    chosen = sorted(
+        (look[sizes], i) for i, look in enumerate(looks) if (look[0] == 0.0 if sizes else look[1] == _PUPIL_MM)
+    )
+    return [at for at, _ in chosen], values[[i for _, i in chosen]]
+
+
+def _rows(results: Results) -> list[dict[str, Any]]:
+    """A row for each hologram and pupil."""
+    keys = ("place_mm", "pupil_mm", *_AXES, *score_names(results))
+    return [
+        {key: job.settings[key] for key in ("optimised_for", "target", "seed")}
+        | {key: result.numbers[key][i] for key in keys}
+        for job, result in results
+        for i in range(len(result.numbers["place_mm"]))
+    ]
+
+
+def _plots(results: Results) -> list[StudyFigure]:
+    """Each number against the place of the pupil, then each against its diameter."""
+    axes = _AXES | {name: score_axis(name) for name in score_names(results)}
+    plots = []
+    for sizes, name, caption, along in (
+        (False, "{}", f"Seen through a pupil of {_PUPIL_MM:g} mm, optimised for …", "place of the pupil (mm)"),
+        (True, "{}-by-size", "Seen through pupils on the axis, optimised for …", "diameter of the pupil (mm)"),
+    ):
+        for key, axis in axes.items():
+            curves = {what: _curve(results, key, kind, sizes=sizes) for kind, what in _KINDS.items()}
+            plots.append(StudyFigure(name.format(key), caption, line_plot(curves, along, axis)))
+    return plots
+
+
+def _place_claims(results: Results) -> list[Claim]:
     claims = []
     for kind, what in _KINDS.items():
-        psnr, luminance = (mean_curve(results, key, optimised_for=kind) for key in _KEYS[:2])
-        edge = f"brightness at {_PLACES_MM[-1]:g} mm {luminance[-1] / luminance[0]:.0%}"
+        (places_mm, psnr), (_, brightness) = (_curve(results, key, kind) for key in ("psnr_db", "brightness"))
         text = (
-            f"{psnr[0]:.1f} dB on the axis, {psnr[1]:.1f} at {_PLACES_MM[1]:g} mm, "
-            f"{psnr[2]:.1f} at {_PLACES_MM[2]:g} mm; {edge}"
+            f"{psnr[0]:.1f} dB on the axis, {psnr[1]:.1f} at {places_mm[1]:g} mm, {psnr[2]:.1f} at "
+            f"{places_mm[2]:g} mm; {brightness[-1] / brightness[0]:.0%} of the light at {places_mm[-1]:g} mm"
         )
-        claims.append(Claim(f"optimised for {what}", "", text, SHOWN))
+        claims.append(Claim(f"optimised for {what}, seen from beside the axis", "", text, SHOWN))
+    return claims
+
+
+def _size_claims(results: Results) -> list[Claim]:
+    claims = []
+    for kind, what in _KINDS.items():
+        pupils_mm, psnr = _curve(results, "psnr_db", kind, sizes=True)
+        contrast = _curve(results, "speckle_contrast", kind, sizes=True)[1]
+        text = ", ".join(f"{db:.1f} dB at {d:g} mm" for d, db in zip(pupils_mm, psnr, strict=True))
+        text += f"; speckle contrast {contrast[0]:.2f} to {contrast[-1]:.2f}"
+        claims.append(Claim(f"optimised for {what}, pupils on the axis", "", text, SHOWN))
     return claims
 
 
 def _pictures(results: Results) -> list[StudyPicture]:
-    """What each pupil position sees at the middle plane, for the first target and seed."""
+    """What each pupil sees at the middle plane, for the first target and seed."""
     first = {key: results[0][0].settings[key] for key in ("target", "seed")}
     return [
         StudyPicture(
             f"{job.settings['optimised_for'].replace(' ', '-')}-{i}",
-            f"{_KINDS[job.settings['optimised_for']]}, pupil at {place}",
+            f"{_KINDS[job.settings['optimised_for']]}, {name}",
             pixels,
         )
         for job, result in results
         if has_settings(job, **first)
-        for i, (place, pixels) in enumerate(result.pictures.items())
+        for i, (name, pixels) in enumerate(result.pictures.items())
     ]
 
 
