@@ -14,6 +14,7 @@ from rendercanvas.utils.asyncs import sleep
 
 from holoview.app.app import App
 from holoview.app.desktop import connect_desktop
+from holoview.app.end_in_time import end_in_time
 from holoview.app.input_driver import InputDriver
 from holoview.app.panels.rig import open_rig
 from holoview.app.progressive_renderer import ProgressiveRenderer
@@ -192,7 +193,12 @@ def _run_loop(app: App, store: SessionStore | None, loop: Any, run: Callable[[],
     autosave, interruption = None if store is None else store.start_autosave(app.session), Interruption()
     app.session.wake = partial(_wake_window, loop, app)
     loop.add_task(compute_loop, app, name="compute")
-    with handled_signals(interruption.ask) as take_signals:
+
+    def save() -> bool:
+        """Called on another thread, where the window's can't be waited for."""
+        return not app.context.has_rig and (autosave is None or autosave.close() is None)
+
+    with handled_signals(interruption.ask) as take_signals, end_in_time(save):
         loop.add_task(_close_at_signal, app, interruption, take_signals, name="signals")
         try:
             run()

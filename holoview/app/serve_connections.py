@@ -17,6 +17,24 @@ _REQUEST_S = 10.0
 _PING_S = 20.0
 _LARGEST_MESSAGE = 1 << 18  # bytes of an event, such as text that is pasted
 _SPARE_CONNECTIONS = 32  # of requests for pages and scripts, beside those of the clients
+_LAST_S = 0.5  # that a client has at the end of the server to read what it was sent
+_SHUTDOWN_S = 2  # after which the server ends whatever still goes on, such as a handshake of TLS
+
+
+class EndsInTime:
+    """Drops a connection soon after the server has ended it, also where the client doesn't read.
+
+    uvicorn waits for such a client without limit. To be joined to its protocols. last_s: that the client has.
+    """
+
+    last_s = _LAST_S
+    loop: Any
+    transport: Any
+
+    def shutdown(self) -> None:
+        """Called when the server ends."""
+        super().shutdown()  # type: ignore[misc]
+        self.loop.call_later(self.last_s, self.transport.abort)
 
 
 class TimedRequests:
@@ -99,8 +117,8 @@ def make_server(
     timed = {"request_s": request_s, "done": requests.h11.DONE}
     config = uvicorn.Config(
         application,
-        http=type("TimedHttp", (TimedRequests, requests.H11Protocol), timed),
-        ws=type("WatchedHttp", (WatchedWebSocket, sockets.WebSocketsSansIOProtocol), {}),
+        http=type("TimedHttp", (TimedRequests, EndsInTime, requests.H11Protocol), timed),
+        ws=type("WatchedHttp", (WatchedWebSocket, EndsInTime, sockets.WebSocketsSansIOProtocol), {}),
         ws_max_size=_LARGEST_MESSAGE,
         ws_ping_interval=ping_s,
         ws_ping_timeout=ping_s,
@@ -108,6 +126,7 @@ def make_server(
         lifespan="on",
         server_header=False,
         timeout_notify=1,
+        timeout_graceful_shutdown=_SHUTDOWN_S,
         limit_concurrency=clients + _SPARE_CONNECTIONS,
         ssl_certfile=certificate,
         ssl_keyfile=key,
