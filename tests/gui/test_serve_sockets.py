@@ -8,7 +8,7 @@ import ssl
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,10 +46,9 @@ async def _echo(scope: Any, receive: Any, send: Any) -> None:
 
 @dataclass(frozen=True)
 class Running:
-    """A server that runs. port: on this machine. end: ends it and waits for that."""
+    """A server that runs. port: on this machine."""
 
     port: int
-    end: Callable[[], None]
 
     def answer(self, head: str, wait_s: float = SECONDS) -> str:
         """What comes back for the lines of a request until the connection is closed or silent."""
@@ -72,18 +71,14 @@ def running(options: ServeOptions | None = None, **times: float) -> Iterator[Run
     with socket.create_server(("127.0.0.1", 0)) as listener:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, name="server")
         thread.start()
-
-        def end() -> None:
-            server.should_exit = True
-            thread.join(SECONDS)
-
         try:
             until = time.monotonic() + SECONDS
             while not server.started and time.monotonic() < until:
                 time.sleep(0.01)
-            yield Running(listener.getsockname()[1], end)
+            yield Running(listener.getsockname()[1])
         finally:
-            end()
+            server.should_exit = True
+            thread.join(SECONDS)
     assert not thread.is_alive()
 
 
