@@ -205,8 +205,11 @@ def _run_loop(app: App, store: SessionStore | None, loop: Any, run: Callable[[],
         finally:
             take_signals()
             failed = app.window.error
-            keeps = failed is None  # after a failure, the session is offered for recovery
-            unsaved = autosave.close() if autosave is not None and keeps else None
+            unsaved = None
+            if autosave is not None and failed is None:
+                unsaved = autosave.close()
+            elif autosave is not None:  # the session is offered for recovery
+                autosave.flush()
             app.close()
     if isinstance(failed, DeviceLost):
         raise failed
@@ -244,14 +247,21 @@ def _wake_window(loop: Any, app: App) -> None:
 
 
 async def compute_loop(app: App) -> None:
-    """Computes slices and yields to the window's loop in between; sleeps while there is nothing to compute."""
-    while not app.window.canvas.get_closed():
-        app.redraw_if_due()
-        is_more_to_do = app.compute_slice()
-        until = time.perf_counter() + _LONGEST_FRAME_S
-        while app.awaits_frame and time.perf_counter() < until:  # an image is shown before the next one is begun
-            await sleep(_FRAME_POLL_S)
-        await sleep(0 if is_more_to_do else app.context.side_renderers.wait_s or _IDLE_S)
+    """Computes slices and yields to the window's loop in between; sleeps while there is nothing to compute.
+
+    Ends with the window, which it closes if the device was lost.
+    """
+    try:
+        while not app.window.canvas.get_closed():
+            app.window.device.check_alive()  # a canvas that lost it in the middle of a frame may ask for no other frame
+            app.redraw_if_due()
+            is_more_to_do = app.compute_slice()
+            until = time.perf_counter() + _LONGEST_FRAME_S
+            while app.awaits_frame and time.perf_counter() < until:  # an image is shown before the next one is begun
+                await sleep(_FRAME_POLL_S)
+            await sleep(0 if is_more_to_do else app.context.side_renderers.wait_s or _IDLE_S)
+    except DeviceLost as error:
+        app.window.end(error)
 
 
 async def _close_after_image(app: App, on_image: Callable[[], None]) -> None:

@@ -7,6 +7,7 @@ server is made.
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -97,19 +98,30 @@ class WatchedWebSocket:
         self.transport.abort()
 
 
+class EndsWhenOver:
+    """Ends the server as soon as the viewer is over. To be joined to uvicorn's `Server`."""
+
+    is_over: Callable[[], bool]
+
+    async def on_tick(self, counter: int) -> bool:
+        """Called ten times a second; returns whether to end."""
+        return self.is_over() or bool(await super().on_tick(counter))  # type: ignore[misc]
+
+
 def make_server(
     application: Application,
     clients: int,
     certificate: Path | None = None,
     key: Path | None = None,
     *,
+    is_over: Callable[[], bool] = lambda: False,
     request_s: float = _REQUEST_S,
     ping_s: float = _PING_S,
 ) -> Any:
     """A `uvicorn.Server` of an application for a number of clients, with TLS if there is a certificate.
 
-    request_s: in which a request has to arrive. ping_s: after which a WebSocket is pinged, and in which it has to
-    answer. Raises UserError without the extra "serve".
+    is_over: whether it is to end. request_s: in which a request has to arrive. ping_s: after which a WebSocket is
+    pinged, and in which it has to answer. Raises UserError without the extra "serve".
     """
     uvicorn = import_optional("uvicorn", "--serve")
     requests = import_optional("uvicorn.protocols.http.h11_impl", "--serve")
@@ -125,10 +137,9 @@ def make_server(
         log_level="warning",
         lifespan="on",
         server_header=False,
-        timeout_notify=1,
         timeout_graceful_shutdown=_SHUTDOWN_S,
         limit_concurrency=clients + _SPARE_CONNECTIONS,
         ssl_certfile=certificate,
         ssl_keyfile=key,
     )
-    return uvicorn.Server(config)
+    return type("ViewerServer", (EndsWhenOver, uvicorn.Server), {"is_over": staticmethod(is_over)})(config)
