@@ -5,8 +5,9 @@
 
 A process serves the viewer; this one plays the browser: it moves, clicks, drags, turns the wheel, presses keys, types,
 changes the size of the window, and closes the connection and opens it again. Without --look it doesn't touch what
-opens and writes files: the bar of menus, and keys with Ctrl other than undo and redo. The processor time of a frame is
-that of the whole process, and so is little changed by other programs.
+opens and writes files: the bar of menus, and keys with Ctrl other than undo, redo and the optimisation. The processor
+time of a frame is that of the whole process, and so is little changed by other programs. At last the viewer gets a
+Ctrl-C while a page is connected.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import random
+import signal
 import tempfile
 import time
 from dataclasses import dataclass
@@ -25,7 +27,7 @@ import psutil
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from tests.gui.served import Served, serving
+from tests.gui.served import SECONDS, Served, serving
 from tests.gui.test_served import browser_cookie
 
 _KEYS = [*"abcdefghijklmnopqrstuvwxyz0123456789?+-", "Escape", "Enter", "Tab", "F1", "Delete", " "]
@@ -95,7 +97,7 @@ class RandomUser:
 
     def _press(self) -> None:
         is_control = self._rng.random() < 0.3
-        keys = _KEYS if self._is_free or not is_control else ["z", "y"]
+        keys = _KEYS if self._is_free or not is_control else ["z", "y", "Enter"]
         key = self._rng.choice([key for key in keys if not (is_control and key == "q")])
         modifiers = ["Control"] if is_control else []
         for modifier in modifiers:
@@ -174,11 +176,24 @@ def _cpu_s(process: psutil.Process) -> float:
     return float(times.user + times.system)
 
 
+def end_s(served: Served) -> float:
+    """Seconds from Ctrl-C until the viewer has ended, with a page that is connected."""
+    cookie = {"Cookie": browser_cookie(served.address, served.token)}
+    with connect(f"ws://{served.address}/", additional_headers=cookie, max_size=None) as browser:
+        RandomUser(browser, random.Random(), False)
+        time.sleep(1.0)
+        began = time.monotonic()
+        served.process.send_signal(signal.SIGINT)
+        served.process.wait(SECONDS)
+        return time.monotonic() - began
+
+
 def summary(samples: list[Sample]) -> str:
-    """Medians of the second and of the last quarter."""
-    quarter = max(len(samples) // 4, 1)
+    """Medians of each quarter of the time."""
+    count = len(samples)
     lines = [f"{'quarter':<8} {'memory MB':>10} {'handles':>8} {'threads':>8} {'ms a frame':>11}"]
-    for name, part in (("second", samples[quarter : 2 * quarter] or samples), ("last", samples[-quarter:])):
+    for number, name in enumerate(("first", "second", "third", "last")):
+        part = samples[number * count // 4 : (number + 1) * count // 4] or samples
         memory, handles, threads = (median(getattr(s, key) for s in part) for key in ("memory", "handles", "threads"))
         frame_ms = 1e3 * sum(s.cpu_s for s in part) / max(sum(s.frames for s in part), 1)
         lines.append(f"{name:<8} {memory / _MB:>10.0f} {handles:>8.0f} {threads:>8.0f} {frame_ms:>11.0f}")
@@ -186,7 +201,7 @@ def summary(samples: list[Sample]) -> str:
 
 
 def main() -> None:
-    """Prints a row each half a minute, and a comparison of the second with the last quarter."""
+    """Prints a row each half a minute, a comparison of the quarters, and how long the viewer took to end."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=1)
@@ -195,6 +210,7 @@ def main() -> None:
     print(f"{'minutes':>7} {'memory MB':>10} {'handles':>8} {'threads':>8} {'frames':>8} {'ms a frame':>10}")
     with tempfile.TemporaryDirectory() as folder, serving(Path(folder), *(["--look"] if args.look else [])) as served:
         print(summary(soak(served, args.minutes, random.Random(args.seed), args.look)), flush=True)
+        print(f"ended {end_s(served):.1f} s after Ctrl-C", flush=True)
 
 
 if __name__ == "__main__":

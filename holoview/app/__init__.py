@@ -1,5 +1,6 @@
 """The viewer: panels over an editing session, drawn by Dear ImGui on the device that renders the holograms.
 
+end_in_time           ends it soon after Ctrl-C, whatever a driver does
 startup               a thread that opens the device and computes the first picture
 launch                opens device and session as the command line asks
 run                   runs the viewer on a screen, off screen by a script, or in a browser

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any, TypeVar
 
@@ -81,11 +82,11 @@ class App:
         self._stop_listening = session.add_listener(self._on_change)
 
     def _callbacks(self) -> LayoutCallbacks:
-        context = self.context
+        context, messages = self.context, self.session.messages
         return LayoutCallbacks(
             apply_theme=lambda: theme.apply(context.theme),
-            draw_menus=partial(draw_menus, context),
-            draw_status=partial(draw_status, context),
+            draw_menus=DrawGuard("menus", partial(draw_menus, context), messages).draw,
+            draw_status=DrawGuard("status", partial(draw_status, context), messages).draw,
             before_frame=self.before_frame,
             after_frame=self.after_frame,
         )
@@ -116,7 +117,8 @@ class App:
         for overlay in self._overlays:
             overlay.draw()
         self.toasts.draw()
-        self._measure()
+        with suppress(UserError):  # while nothing can be displayed, there is nothing to measure
+            self._measure()
         self.awaits_frame = False
         self.has_shown_image |= self.context.side_renderers.picture(NOW) is not None
 

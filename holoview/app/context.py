@@ -153,6 +153,11 @@ class AppContext:
         if self.store is not None:
             self.attempt(self.store.preferences.set, "theme", name)
 
+    @property
+    def has_rig(self) -> bool:
+        """Whether there may be devices to close."""
+        return self._rig is not None
+
     def close_rig(self) -> str:
         """Switches the lasers off and closes the devices; returns why lasers may be on, or ""."""
         return "" if self._rig is None else self._rig.close()

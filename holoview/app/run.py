@@ -14,6 +14,7 @@ from rendercanvas.utils.asyncs import sleep
 
 from holoview.app.app import App
 from holoview.app.desktop import connect_desktop
+from holoview.app.end_in_time import end_in_time
 from holoview.app.input_driver import InputDriver
 from holoview.app.panels.rig import open_rig
 from holoview.app.progressive_renderer import ProgressiveRenderer
@@ -192,15 +193,23 @@ def _run_loop(app: App, store: SessionStore | None, loop: Any, run: Callable[[],
     autosave, interruption = None if store is None else store.start_autosave(app.session), Interruption()
     app.session.wake = partial(_wake_window, loop, app)
     loop.add_task(compute_loop, app, name="compute")
-    with handled_signals(interruption.ask) as take_signals:
+
+    def save() -> bool:
+        """Called on another thread, where the window's can't be waited for."""
+        return not app.context.has_rig and (autosave is None or autosave.close() is None)
+
+    with handled_signals(interruption.ask) as take_signals, end_in_time(save):
         loop.add_task(_close_at_signal, app, interruption, take_signals, name="signals")
         try:
             run()
         finally:
             take_signals()
             failed = app.window.error
-            keeps = failed is None  # after a failure, the session is offered for recovery
-            unsaved = autosave.close() if autosave is not None and keeps else None
+            unsaved = None
+            if autosave is not None and failed is None:
+                unsaved = autosave.close()
+            elif autosave is not None:  # the session is offered for recovery
+                autosave.flush()
             app.close()
     if isinstance(failed, DeviceLost):
         raise failed
@@ -238,14 +247,21 @@ def _wake_window(loop: Any, app: App) -> None:
 
 
 async def compute_loop(app: App) -> None:
-    """Computes slices and yields to the window's loop in between; sleeps while there is nothing to compute."""
-    while not app.window.canvas.get_closed():
-        app.redraw_if_due()
-        is_more_to_do = app.compute_slice()
-        until = time.perf_counter() + _LONGEST_FRAME_S
-        while app.awaits_frame and time.perf_counter() < until:  # an image is shown before the next one is begun
-            await sleep(_FRAME_POLL_S)
-        await sleep(0 if is_more_to_do else app.context.side_renderers.wait_s or _IDLE_S)
+    """Computes slices and yields to the window's loop in between; sleeps while there is nothing to compute.
+
+    Ends with the window, which it closes if the device was lost.
+    """
+    try:
+        while not app.window.canvas.get_closed():
+            app.window.device.check_alive()  # a canvas that lost it in the middle of a frame may ask for no other frame
+            app.redraw_if_due()
+            is_more_to_do = app.compute_slice()
+            until = time.perf_counter() + _LONGEST_FRAME_S
+            while app.awaits_frame and time.perf_counter() < until:  # an image is shown before the next one is begun
+                await sleep(_FRAME_POLL_S)
+            await sleep(0 if is_more_to_do else app.context.side_renderers.wait_s or _IDLE_S)
+    except DeviceLost as error:
+        app.window.end(error)
 
 
 async def _close_after_image(app: App, on_image: Callable[[], None]) -> None:

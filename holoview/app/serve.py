@@ -55,15 +55,8 @@ def serve(
     with _listening(address) as listener:
         port = listener.getsockname()[1]
         cookie = f"holoview-{port}"  # cookies know hosts, not ports
-        server = make_server(
-            guarded(asgi, token, cookie, address, options), options.clients, options.certificate, options.key
-        )
-
-        async def check_is_over() -> None:
-            """Called once a second: rendercanvas handles the keyboard interrupt itself and closes its canvas."""
-            server.should_exit = server.should_exit or is_over()
-
-        server.config.callback_notify = check_is_over
+        application = guarded(asgi, token, cookie, address, options)
+        server = make_server(application, options.clients, options.certificate, options.key, is_over=is_over)
         if warning := options.warning(address):
             began(warning)
         began(address.url(port, token, options.scheme))

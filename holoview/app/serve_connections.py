@@ -7,6 +7,7 @@ server is made.
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,24 @@ _REQUEST_S = 10.0
 _PING_S = 20.0
 _LARGEST_MESSAGE = 1 << 18  # bytes of an event, such as text that is pasted
 _SPARE_CONNECTIONS = 32  # of requests for pages and scripts, beside those of the clients
+_LAST_S = 0.5  # that a client has at the end of the server to read what it was sent
+_SHUTDOWN_S = 2  # after which the server ends whatever still goes on, such as a handshake of TLS
+
+
+class EndsInTime:
+    """Drops a connection soon after the server has ended it, also where the client doesn't read.
+
+    uvicorn waits for such a client without limit. To be joined to its protocols. last_s: that the client has.
+    """
+
+    last_s = _LAST_S
+    loop: Any
+    transport: Any
+
+    def shutdown(self) -> None:
+        """Called when the server ends."""
+        super().shutdown()  # type: ignore[misc]
+        self.loop.call_later(self.last_s, self.transport.abort)
 
 
 class TimedRequests:
@@ -79,19 +98,30 @@ class WatchedWebSocket:
         self.transport.abort()
 
 
+class EndsWhenOver:
+    """Ends the server as soon as the viewer is over. To be joined to uvicorn's `Server`."""
+
+    is_over: Callable[[], bool]
+
+    async def on_tick(self, counter: int) -> bool:
+        """Called ten times a second; returns whether to end."""
+        return self.is_over() or bool(await super().on_tick(counter))  # type: ignore[misc]
+
+
 def make_server(
     application: Application,
     clients: int,
     certificate: Path | None = None,
     key: Path | None = None,
     *,
+    is_over: Callable[[], bool] = lambda: False,
     request_s: float = _REQUEST_S,
     ping_s: float = _PING_S,
 ) -> Any:
     """A `uvicorn.Server` of an application for a number of clients, with TLS if there is a certificate.
 
-    request_s: in which a request has to arrive. ping_s: after which a WebSocket is pinged, and in which it has to
-    answer. Raises UserError without the extra "serve".
+    is_over: whether it is to end. request_s: in which a request has to arrive. ping_s: after which a WebSocket is
+    pinged, and in which it has to answer. Raises UserError without the extra "serve".
     """
     uvicorn = import_optional("uvicorn", "--serve")
     requests = import_optional("uvicorn.protocols.http.h11_impl", "--serve")
@@ -99,17 +129,17 @@ def make_server(
     timed = {"request_s": request_s, "done": requests.h11.DONE}
     config = uvicorn.Config(
         application,
-        http=type("TimedHttp", (TimedRequests, requests.H11Protocol), timed),
-        ws=type("WatchedHttp", (WatchedWebSocket, sockets.WebSocketsSansIOProtocol), {}),
+        http=type("TimedHttp", (TimedRequests, EndsInTime, requests.H11Protocol), timed),
+        ws=type("WatchedHttp", (WatchedWebSocket, EndsInTime, sockets.WebSocketsSansIOProtocol), {}),
         ws_max_size=_LARGEST_MESSAGE,
         ws_ping_interval=ping_s,
         ws_ping_timeout=ping_s,
         log_level="warning",
         lifespan="on",
         server_header=False,
-        timeout_notify=1,
+        timeout_graceful_shutdown=_SHUTDOWN_S,
         limit_concurrency=clients + _SPARE_CONNECTIONS,
         ssl_certfile=certificate,
         ssl_keyfile=key,
     )
-    return uvicorn.Server(config)
+    return type("ViewerServer", (EndsWhenOver, uvicorn.Server), {"is_over": staticmethod(is_over)})(config)

@@ -37,6 +37,15 @@ class ServedCanvas(RenderCanvas):  # type: ignore[misc]
         if kind in _USES and id != self._active_client:
             self._activate(id)
         super()._on_event(event, id)
+        if kind == "resize":
+            self._schedule_maybe_draw()
+
+    def _maybe_draw(self) -> None:
+        """Draws once a page has told its size: the panels would be laid out for a window of one pixel."""
+        if self._sizes:
+            super()._maybe_draw()
+        else:
+            self._pending_maybe_draw = False
 
     def _change_pages(self, event: dict[str, Any]) -> None:
         """Pages were opened or closed; the one that is used stays the active one."""

@@ -117,8 +117,7 @@ class Window:
                 self._has_more = False
                 immapp.manual_render.render()
         except DeviceLost as error:
-            self.error = error
-            self.canvas.close()
+            self.end(error)
             return
         except BaseException as error:
             self.error = error
@@ -129,6 +128,11 @@ class Window:
         elif self._settling > 0 or self._input.has_pending:
             self._settling = max(self._settling - 1, 0)
             self.canvas.request_draw()
+
+    def end(self, error: DeviceLost) -> None:
+        """Closes the window, since the device was lost."""
+        self.error = error
+        self.canvas.close()
 
     def close(self) -> None:
         """Ends ImGui and closes the canvas."""

@@ -17,6 +17,7 @@ from typing import Any
 
 from holoview.commands.exit_codes import EXIT_DEVICE_LOST
 from holoview.util.signals import end_with_parent, handled_signals
+from holoview.util.threads import leave
 
 Program = Callable[[Sequence[str]], int]
 
@@ -68,7 +69,7 @@ def _run(program: Program, words: Sequence[str]) -> None:
     if hasattr(os, "setpgrp"):
         os.setpgrp()  # Ctrl-C in a terminal reaches the process that supervises alone, which passes it on
     end_with_parent()
-    sys.exit(program(words))
+    leave(program(words))
 
 
 @contextmanager

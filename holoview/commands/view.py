@@ -16,11 +16,10 @@ from holoview.model import preset
 from holoview.model.scheme import with_scheme
 from holoview.model.system import System
 from holoview.util.errors import UserError
-from holoview.util.threads import wait_for_threads
+from holoview.util.threads import is_left, last_work_s, wait_for_threads
 
 _PRESET = "holochrome-8"
 _SIZES = (320, 16384)
-_LAST_WORK_S = 10.0  # that a closed window waits for work in the background
 _REMEDY = "install the library that is missing; on Debian and Ubuntu: apt-get install libx11-6 libxext6"
 
 
@@ -117,7 +116,8 @@ def run(args: argparse.Namespace) -> int:
         print_stderr(f"holoview: {error.where}: {error.found}; your work is saved")
         return EXIT_DEVICE_LOST
     finally:
-        wait_for_threads(_LAST_WORK_S)
+        if not is_left():
+            wait_for_threads(last_work_s())
     return 0
 
 

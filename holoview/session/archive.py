@@ -133,6 +133,9 @@ class SessionArchive:
             if path.stem not in content:
                 with suppress(OSError):  # on a disk that is read-only by now
                     path.unlink(missing_ok=True)
+        kept = set(systems.values())
+        self._systems = {system: toml for system, toml in self._systems.items() if toml in kept}
+        self._names = {key: entry for key, entry in self._names.items() if entry[0]() is not None}
 
     def _document_table(self, document: Document, systems: dict[str, str], targets: dict[str, Any]) -> dict[str, Any]:
         """The JSON of a document but its view; system and target are added to the tables that all documents share."""
@@ -297,8 +300,6 @@ class _Reader:
         return self._systems[key]
 
     def _array(self, name: str) -> NDArray[np.float32]:
-        if not name.isalnum():
-            raise ValueError(f'"{name}" is no name of an object')
         if name not in self._arrays:
             if not (isinstance(name, str) and name.isalnum()):
                 raise UserError("object", f"{name!r}", expected="a name of letters and digits")

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from threading import Condition, Thread
+from threading import Condition, Lock, Thread
 from typing import Any
 
 from holoview.session.archive import SessionArchive, SessionData
@@ -42,7 +42,9 @@ class Autosave:
         self.folder = folder
         self._session, self._open_folder, self._on_closed = session, open_folder, on_closed
         self._archive = SessionArchive(folder)
-        self._condition = Condition()
+        self._condition, self._closing = Condition(), Lock()
+        self._is_closed = False
+        self._unsaved: Exception | None = None
         self._pending: SessionData | None = None
         self._failure: Exception | None = None
         self._attempts = 0
@@ -64,8 +66,15 @@ class Autosave:
     def close(self) -> Exception | None:
         """Saves for the last time; returns why that failed, None if all is saved.
 
-        The folder of a session without edits is deleted. What was saved before a failure is kept as after a crash.
+        The folder of a session without edits is deleted. What was saved before a failure is kept as after a crash. May
+        be called on any thread, and again, which says the same.
         """
+        with self._closing:
+            if not self._is_closed:
+                self._unsaved, self._is_closed = self._close(), True
+            return self._unsaved
+
+    def _close(self) -> Exception | None:
         self._remove_listener()
         with self._condition:
             self._is_closing = True

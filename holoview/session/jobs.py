@@ -7,11 +7,12 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from holoview.util.threads import last_work_s
+
 T = TypeVar("T")
 CallOnOwner = Callable[[Callable[[], None]], None]
 """Has the owner's thread make a call."""
 
-_CLOSE_TIMEOUT_S = 10.0
 _MAX_ENDED_JOBS = 20
 
 
@@ -198,9 +199,9 @@ class JobManager:
             job.cancel()
 
     def close(self) -> None:
-        """Cancels all jobs and waits for them: a thread inside a native library may abort an exiting process."""
+        """Cancels all jobs and waits a little: a thread inside a native library may abort an exiting process."""
         self.cancel_all()
-        until = time.monotonic() + _CLOSE_TIMEOUT_S
+        until = time.monotonic() + last_work_s()
         for job in self.active:
             job.join(max(until - time.monotonic(), 0.0))
 

@@ -23,8 +23,11 @@ class LimitNotes:
         return self._notes
 
     def notes(self) -> tuple[str, ...]:
-        """Each limit as a sentence; for a bench that can't be computed at all, that alone."""
-        document = self._session.displayed_document
+        """Each limit as a sentence; for a bench that can't be computed or displayed at all, that alone."""
+        try:
+            document = self._session.displayed_document
+        except UserError as error:  # such as of lasers all of which are muted
+            return (str(error),)
         key = (document.system, document.view_settings.plane_m)
         if self._known is None or key != self._known:
             self._known, self._notes = key, _notes(*key)

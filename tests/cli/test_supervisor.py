@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import psutil
@@ -135,3 +136,19 @@ def test_the_program_ends_when_the_process_that_supervises_is_killed(tmp_path: P
     process.wait(SECONDS)
     program.wait(SECONDS)
     assert not program.is_running()
+
+
+def _work_on(words: Sequence[str]) -> int:
+    """Ends while threads of a pool have work for a minute."""
+    pool = ThreadPoolExecutor(1)
+    for _ in range(60):
+        pool.submit(time.sleep, SECONDS / 60)
+    print("ended", end="")
+    return 5
+
+
+def test_it_ends_although_threads_have_work_left(capfd: pytest.CaptureFixture[str]) -> None:
+    began = time.monotonic()
+    assert supervise(_work_on, ["view"]) == 5
+    assert time.monotonic() - began < SECONDS / 2
+    assert capfd.readouterr().out == "ended"

@@ -99,6 +99,10 @@ COMMANDS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "sweeps": ("sweep", "sweep.csv", ("calibrate", "lut", "sweep.csv", "--json")),
     "rigs": ("rig", "rig.toml", PLANNED),
     "plans": ("rig", "plan.toml", PLANNED),
+    "exposure tables": (
+        *("rig", "exposures.csv"),
+        ("measure", "rig.toml", "--plan", "exposures.csv", "--dry-run", "-o", "o.h5"),
+    ),
     "placements": ("rig", "rig.placement.toml", ("rig", "show", "rig.toml")),
     "known placements": (
         *("rig", "rig.placement.toml"),

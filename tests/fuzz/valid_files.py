@@ -157,13 +157,14 @@ def _sweep(folder: Path) -> None:
 
 
 def _rig(folder: Path) -> None:
-    """rig.toml, its placement, its hidden table, a plan, and captures whose diagnosis may begin with the placement."""
+    """rig.toml, its placement and hidden table, a plan, exposures, and captures for a diagnosis with the placement."""
     write_rig(folder / "rig.toml", {"slm2": None, "geometry": {}, "virtual": {"bench": "hidden.toml"}})
     (folder / "hidden.toml").write_text(
         'seed = 3\nprnu = 0.01\n[effects.distance]\ndistance_error = "0.1 mm"\n[faults]\nlatency = 0.001\n',
         encoding="utf-8",
     )
     (folder / "plan.toml").write_text(_PLAN, encoding="utf-8")
+    (folder / "exposures.csv").write_text(_EXPOSURES, encoding="utf-8")
     write_placement(folder / "rig.placement.toml", _PLACEMENT)
     _captures(folder)
 
@@ -182,6 +183,7 @@ seed = 1
 wavelengths = ["450 nm", "638 nm"]
 distances = ["3 mm", "4 mm"]
 """
+_EXPOSURES = "wavelength_nm,power,exposure_s\n450,0.5,0.01\n638,1,0.02\n"
 _MEASURED = {
     **dict.fromkeys(("rotation", "shift_y", "shift_x", "walk_y", "walk_x", "stage_offset"), Measured(1e-6, 1e-7)),
     "stage_scale": Measured(0.01, 0.001),

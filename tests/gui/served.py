@@ -7,9 +7,9 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from holoview.session.session_store import SessionStore
@@ -36,6 +36,12 @@ class Served:
         assert self.process.stdout is not None
         return next(found[0] for line in self.process.stdout if (found := re.search(r"http://\S+", line)))
 
+    def restarted(self) -> Served:
+        """The same viewer once it has started anew by itself, with another token."""
+        found = re.search(r"http://(\S+)/\?token=(\S+)", self.next_url())
+        assert found is not None
+        return replace(self, address=found[1], token=found[2])
+
     def edits(self) -> list[str]:
         """What was done in the viewer and not undone, as far as it has been saved."""
         found = SessionStore(self.folder / "holoview").saved_sessions()
@@ -43,10 +49,18 @@ class Served:
         return [step.label for session in sessions for step in session.history[1 : session.history_position + 1]]
 
 
+PROGRAM = ("-m", "holoview.cli")
+
+
 @contextmanager
-def serving(folder: Path, *options: str, end: int = signal.SIGINT) -> Iterator[Served]:
-    """Runs `holoview view --serve` with its state in `folder`; the signal `end` ends it in good order."""
-    command = [sys.executable, "-m", "holoview.cli", "view", "--serve", "127.0.0.1:0", "--set", "shape=[32, 48]"]
+def serving(
+    folder: Path, *options: str, end: int = signal.SIGINT, program: Sequence[str] = PROGRAM
+) -> Iterator[Served]:
+    """Runs `holoview view --serve` with its state in `folder`; the signal `end` ends it in good order.
+
+    program: arguments of Python that run `holoview`.
+    """
+    command = [sys.executable, *program, "view", "--serve", "127.0.0.1:0", "--set", "shape=[32, 48]"]
     folders = {key: str(folder) for key in ("XDG_STATE_HOME", "XDG_CACHE_HOME")}
     process = subprocess.Popen(
         [*command, *options], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=os.environ | folders

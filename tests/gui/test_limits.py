@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import pytest
@@ -36,6 +37,22 @@ def test_a_bench_that_leaves_nothing_keeps_the_picture_and_says_why(make_gui: Ca
     gui.session.undo()
     gui.draw_until_idle()
     assert gui.context.limit_notes.notes() == ()
+
+
+def test_an_optimisation_that_switches_the_only_laser_shown_off_leaves_the_window_alive(
+    make_gui: Callable[..., Gui],
+) -> None:
+    gui = make_gui()
+    gui.draw_until_idle()
+    gui.session.edit_view("Solo", solo=0)
+    document = gui.session.document
+    dark = document.system.edit({"amplitudes": [0.0, 1.0, 1.0]})
+    gui.session.set_preview(document, dataclasses.replace(document, system=dark))
+    gui.draw_frames(3)
+    assert "none is left on" in gui.context.limit_notes.notes()[0] and "limits" in gui.context.item_rects
+    gui.session.set_preview(None)
+    gui.draw_until_idle()
+    assert gui.app.window.error is None and gui.context.limit_notes.notes() == ()
 
 
 def test_limits_are_found_out_once_for_each_bench(

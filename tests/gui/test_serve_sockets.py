@@ -63,7 +63,7 @@ class Running:
 
 
 @contextmanager
-def _running(options: ServeOptions | None = None, **times: float) -> Iterator[Running]:
+def running(options: ServeOptions | None = None, **times: float) -> Iterator[Running]:
     """A guarded server on a thread of its own, on a free port of this machine."""
     options = options or ServeOptions()
     application = guarded(_echo, "right", "holoview", Address(), options)
@@ -95,7 +95,7 @@ def _status(answer: str) -> int:
 
 def test_a_name_that_was_made_to_point_here_is_refused() -> None:
     """DNS rebinding: the browser believes that the viewer belongs to the other site, and says its name."""
-    with _running() as server:
+    with running() as server:
         for host in ("evil.example", f"evil.example:{server.port}", "127.0.0.1.evil.example", "", "[::1", "192.0.2.1"):
             answer = server.answer(_get(host=host))
             assert _status(answer) in (400, 421) and "<title>" not in answer, host
@@ -111,7 +111,7 @@ def test_a_name_that_was_made_to_point_here_is_refused() -> None:
 
 
 def test_a_page_of_another_origin_is_refused() -> None:
-    with _running() as server:
+    with running() as server:
         origin = f"http://127.0.0.1:{server.port}"
         for wrong in ("http://evil.example", "null", "http://127.0.0.1:1", f"{origin}.evil.example", "http://[::1"):
             with pytest.raises(InvalidStatus, match="403"):
@@ -123,7 +123,7 @@ def test_a_page_of_another_origin_is_refused() -> None:
 
 
 def test_names_of_a_reverse_proxy_are_allowed_when_told() -> None:
-    with _running(ServeOptions(host_names=("viewer.example.org",))) as server:
+    with running(ServeOptions(host_names=("viewer.example.org",))) as server:
         assert _status(server.answer(_get(host="Viewer.example.org"))) == 200
         assert _status(server.answer(_get(host="other.example.org"))) == 421
         with server.websocket(origin="https://viewer.example.org") as page:  # the proxy passes its own name for Host
@@ -134,7 +134,7 @@ def test_names_of_a_reverse_proxy_are_allowed_when_told() -> None:
 
 
 def test_every_answer_forbids_other_sites_to_show_or_load_it() -> None:
-    with _running() as server:
+    with running() as server:
         for path in ("/", "/inner"):
             answer = server.answer(_get(path)).lower()
             assert "frame-ancestors 'none'" in answer and "nosniff" in answer and "no-referrer" in answer
@@ -143,7 +143,7 @@ def test_every_answer_forbids_other_sites_to_show_or_load_it() -> None:
 
 
 def test_the_cookie_is_for_encrypted_connections_where_a_proxy_encrypts() -> None:
-    with _running() as server:
+    with running() as server:
         plain = server.answer(_get("/?token=right", more=""))
         assert "SameSite=Strict\r\n" in plain
         assert "SameSite=Strict; Secure\r\n" in server.answer(_get("/?token=right", more="x-forwarded-proto: https\n"))
@@ -156,15 +156,15 @@ def test_the_cookie_is_for_encrypted_connections_where_a_proxy_encrypts() -> Non
     "sent", ["", "GET / HTTP/1.1\r\nhost: 127.0", "POST / HTTP/1.1\r\nhost: x\r\ncontent-length: 9\r\n\r\n"]
 )
 def test_a_connection_that_sends_no_whole_request_is_closed(sent: str) -> None:
-    with _running(request_s=0.3) as server, _connected(server) as slow:
+    with running(request_s=0.3) as server, connected(server) as slow:
         slow.sendall(sent.encode())
         assert _reads_to_its_end(slow)
 
 
 def test_a_request_that_comes_byte_by_byte_is_closed_too() -> None:
     with (
-        _running(request_s=0.5) as server,
-        _connected(server) as slow,
+        running(request_s=0.5) as server,
+        connected(server) as slow,
         pytest.raises(OSError, match=r"reset|pipe|abort"),
     ):
         slow.sendall(b"GET / HTTP/1.1\r\nx: ")
@@ -174,7 +174,7 @@ def test_a_request_that_comes_byte_by_byte_is_closed_too() -> None:
 
 
 def test_after_an_answer_the_next_request_has_its_own_time() -> None:
-    with _running(request_s=0.5) as server, _connected(server) as slow:
+    with running(request_s=0.5) as server, connected(server) as slow:
         slow.sendall(_get().replace("connection: close\n", "").replace("\n", "\r\n").encode())
         assert b"200" in slow.recv(1 << 16)
         slow.sendall(b"GET / HT")
@@ -182,9 +182,9 @@ def test_after_an_answer_the_next_request_has_its_own_time() -> None:
 
 
 def test_a_page_that_answers_no_ping_is_dropped_and_its_place_is_free() -> None:
-    with _running(ServeOptions(clients=1), ping_s=0.3) as server:
+    with running(ServeOptions(clients=1), ping_s=0.3) as server:
         with socket.create_connection(("127.0.0.1", server.port), timeout=SECONDS) as silent:
-            silent.sendall(_upgrade())
+            silent.sendall(upgrade())
             assert b"101" in silent.recv(4096)
             assert _reads_to_its_end(silent)
         with server.websocket() as page:
@@ -193,7 +193,7 @@ def test_a_page_that_answers_no_ping_is_dropped_and_its_place_is_free() -> None:
 
 
 def test_a_page_that_nobody_uses_is_closed_and_one_in_use_is_not() -> None:
-    with _running(ServeOptions(idle_min=1.5 / 60)) as server, server.websocket() as used, server.websocket() as idle:
+    with running(ServeOptions(idle_min=1.5 / 60)) as server, server.websocket() as used, server.websocket() as idle:
         idle.send('{"type": "_framefeedback"}')  # pages send these by themselves
         with pytest.raises(ConnectionClosed) as closed:
             while True:
@@ -208,7 +208,7 @@ def test_a_page_that_nobody_uses_is_closed_and_one_in_use_is_not() -> None:
 
 
 def test_messages_that_are_too_long_end_a_connection() -> None:
-    with _running() as server, server.websocket() as page:
+    with running() as server, server.websocket() as page:
         page.send("x" * (1 << 18))
         assert len(page.recv(SECONDS)) == 1 << 18
         with pytest.raises(ConnectionClosed):
@@ -220,7 +220,7 @@ def test_messages_that_are_too_long_end_a_connection() -> None:
 
 
 def test_one_client_too_many_is_told_and_gets_the_place_that_becomes_free() -> None:
-    with _running(ServeOptions(clients=2)) as server:
+    with running(ServeOptions(clients=2)) as server:
         with server.websocket() as first, server.websocket():
             with server.websocket() as third, pytest.raises(ConnectionClosed) as refused:
                 third.recv(SECONDS)
@@ -262,7 +262,7 @@ def test_with_a_certificate_connections_are_encrypted(certificate: tuple[Path, P
     options = ServeOptions(certificate=certificate[0], key=certificate[1])
     assert options.scheme == "https" and Address().url(8443, "t", options.scheme) == "https://127.0.0.1:8443/?token=t"
     trust = ssl.create_default_context(cafile=certificate[0])
-    with _running(options) as server:
+    with running(options) as server:
         with trust.wrap_socket(
             socket.create_connection(("127.0.0.1", server.port), timeout=SECONDS), server_hostname="127.0.0.1"
         ) as connection:
@@ -303,7 +303,7 @@ def test_files_that_make_no_certificate_are_a_users_mistake(certificate: tuple[P
 # --- helpers --------------------------------------------------------------------------------------------------------
 
 
-def _upgrade() -> bytes:
+def upgrade() -> bytes:
     lines = (
         "GET / HTTP/1.1",
         "host: 127.0.0.1",
@@ -316,7 +316,7 @@ def _upgrade() -> bytes:
     return "".join(f"{line}\r\n" for line in (*lines, "")).encode()
 
 
-def _connected(server: Running) -> socket.socket:
+def connected(server: Running) -> socket.socket:
     return socket.create_connection(("127.0.0.1", server.port), timeout=SECONDS)
 
 

@@ -48,10 +48,10 @@ def browser_cookie(address: str, token: str) -> str:
     return cookie
 
 
-def next_frame(browser: ClientConnection) -> np.ndarray:
-    """The next picture; the browser says that it has shown it."""
+def next_frame(browser: ClientConnection, timeout_s: float = _SECONDS) -> np.ndarray:
+    """The next picture; the browser says that it has shown it. Raises TimeoutError where none comes in time."""
     while True:
-        message = json.loads(browser.recv(timeout=_SECONDS))
+        message = json.loads(browser.recv(timeout=timeout_s))
         if message.get("type") != "framebufferdata":
             continue
         data = browser.recv(timeout=_SECONDS)

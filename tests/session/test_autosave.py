@@ -16,7 +16,7 @@ import psutil
 import pytest
 
 import tests.session.conftest as bench
-from holoview.session.archive import SessionArchive
+from holoview.session.archive import SessionArchive, SessionData
 from holoview.session.editing_session import EditingSession
 from holoview.session.preferences import Preferences
 from holoview.session.session_store import SessionStore
@@ -327,3 +327,14 @@ def test_recent_files_are_newest_first_and_those_that_are_there(tmp_path: Path) 
     preferences.add_recent_file(files[0])
     files[2].unlink()
     assert Preferences(tmp_path / "preferences.json").recent_files == (files[0], files[1])
+
+
+def test_an_hour_of_edits_doesnt_fill_the_memory_of_the_archive(tmp_path: Path) -> None:
+    """Systems and patterns that no step of the history refers to any more are forgotten, on the disk and here."""
+    archive, session = SessionArchive(tmp_path), EditingSession(bench.small_system())
+    for n in range(20):
+        system = session.system.edit({"gap": 1e-3 + n * 1e-5})
+        session.edit("Gap", undoable=False, system=system, drive=np.full(session.drive.shape, n / 20, np.float32))
+        archive.write(SessionData(session.history, session.history_position, {}), {})
+    assert len(list(tmp_path.glob("objects/*"))) == 1
+    assert len(archive._systems) == 1 and len(archive._names) == 1

@@ -1,0 +1,38 @@
+"""The program `holoview`, whose viewer loses its graphics device when a file appears; for `benchmarks.device_loss`."""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from holoview.cli import main
+from holoview.commands.supervisor import supervise
+
+LOSE = "HOLOVIEW_BENCHMARK_LOSE"
+"""The environment variable that names the file."""
+
+
+def viewer(words: Sequence[str]) -> int:
+    """Runs `holoview`."""
+    threading.Thread(target=_lose_device, args=(Path(os.environ[LOSE]),), daemon=True).start()
+    return main(words)
+
+
+def _lose_device(told: Path) -> None:
+    while not told.exists():
+        time.sleep(0.02)
+    from holoview.gpu.device import Device  # the start of the viewer isn't to wait for it
+
+    devices = [found for found in gc.get_objects() if isinstance(found, Device)]
+    told.unlink()
+    for device in devices:
+        device.raw.destroy()
+
+
+if __name__ == "__main__":
+    sys.exit(supervise(viewer, sys.argv[1:]))

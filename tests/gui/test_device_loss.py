@@ -1,0 +1,17 @@
+"""A viewer whose graphics device is lost at any moment starts again with its work."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.device_loss import recovery
+from holoview.gpu.device import Device
+
+pytestmark = pytest.mark.gpu
+
+
+@pytest.mark.parametrize("optimises", [False, True])
+def test_the_work_is_back_after_the_device_was_lost(device: Device, tmp_path: Path, optimises: bool) -> None:
+    recovery(tmp_path, ("--new", "--set", "shape=[96, 128]"), optimises)

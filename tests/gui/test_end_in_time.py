@@ -1,0 +1,71 @@
+"""A viewer ends soon after Ctrl-C, also while its window's thread can't be interrupted, with its work saved."""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from holoview.app.end_in_time import end_in_time
+from holoview.util.signals import handled_signals
+
+SECONDS = 60.0
+_GRACE_S = 0.2
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs signals")
+
+
+def _work_in_a_library(folder: Path, saves: bool) -> None:
+    """Is inside a library for several seconds while the signal comes, as in a driver; then goes on."""
+
+    def save() -> bool:
+        (folder / "saved").touch()
+        return saves
+
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    with handled_signals(lambda _: None), end_in_time(save, _GRACE_S):
+        (folder / "begun").touch()
+        hashlib.pbkdf2_hmac("sha256", b"", b"", 6_000_000)
+    (folder / "went on").touch()
+    sys.exit(7)
+
+
+def _interrupted(folder: Path, number: int, saves: bool = True) -> int | None:
+    """The exit code of the process that works and gets a signal."""
+    process = multiprocessing.get_context("spawn").Process(target=_work_in_a_library, args=(folder, saves))
+    process.start()
+    until = time.monotonic() + SECONDS
+    while not (folder / "begun").exists():
+        assert time.monotonic() < until and process.is_alive()
+        time.sleep(0.01)
+    assert process.pid is not None
+    os.kill(process.pid, number)
+    process.join(SECONDS)
+    return process.exitcode
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
+def test_it_ends_while_a_library_works(tmp_path: Path, number: int, code: int) -> None:
+    assert _interrupted(tmp_path, number) == code
+    assert (tmp_path / "saved").exists() and not (tmp_path / "went on").exists()
+
+
+def test_it_goes_on_where_the_work_cant_be_saved_so(tmp_path: Path) -> None:
+    assert _interrupted(tmp_path, signal.SIGINT, saves=False) == 7
+    assert (tmp_path / "saved").exists() and (tmp_path / "went on").exists()
+
+
+def test_a_process_that_nobody_supervises_is_left_alone() -> None:
+    before = signal.set_wakeup_fd(-1)
+    try:
+        with end_in_time(lambda: False, _GRACE_S):
+            assert signal.set_wakeup_fd(-1) == -1, "this process isn't supervised: its signals are its own"
+    finally:
+        signal.set_wakeup_fd(before)
