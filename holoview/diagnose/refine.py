@@ -16,6 +16,7 @@ from holoview.diagnose.fit_improvements import (
     search_along_axes,
 )
 from holoview.diagnose.search_context import SearchContext
+from holoview.model.effects.effect import Effect
 
 
 def refine_fit(context: SearchContext, fit: CandidateFit, *, include_fine: bool = False) -> CandidateFit:
@@ -23,13 +24,11 @@ def refine_fit(context: SearchContext, fit: CandidateFit, *, include_fine: bool 
     config = context.config.fits
     effects = [context.effects[name] for name in fit.causes]
     indices, values = context.split.fine, fit.values
-    error = context.relative_model_error(values)
-    if error > config.tolerant_min_error:
-        tolerant = context.half_tolerant_comparison(indices, error)
-        refined = local_fit(effects, values, tolerant, config, include_fine=include_fine)
-        values = refined.values
-        if context.relative_model_error(values) > config.far_error:
-            return refined
+    if (error := context.relative_model_error(values)) > config.tolerant_min_error:
+        tolerant, error = _fit_tolerantly(context, effects, fit, error, include_fine)
+        if error > config.far_error:
+            return tolerant
+        values = tolerant.values
     comparison = context.model_weighted_comparison(indices, values)
     refined = local_fit(
         effects,
@@ -43,6 +42,23 @@ def refine_fit(context: SearchContext, fit: CandidateFit, *, include_fine: bool 
     for improve in (refit_with_longer_steps, refine_hard_edges, drop_negligible_values):
         refined = improve(effects, refined, comparison, config)
     return refined
+
+
+def _fit_tolerantly(
+    context: SearchContext, effects: Sequence[Effect], fit: CandidateFit, error: float, include_fine: bool
+) -> tuple[CandidateFit, float]:
+    """A fit that tolerates a share of the present error, and the error that it leaves; repeated while that is large.
+
+    Each repetition tolerates less, so that a large fault is approached from further away than one fit comes from.
+    """
+    config = context.config.fits
+    for _ in range(config.tolerant_rounds):
+        comparison, before = context.half_tolerant_comparison(context.split.fine, error), error
+        fit = local_fit(effects, fit.values, comparison, config, include_fine=include_fine)
+        error = context.relative_model_error(fit.values)
+        if error <= config.far_error or error > config.tolerant_gain * before:
+            break
+    return fit, error
 
 
 def refine_along_axes(context: SearchContext, fit: CandidateFit) -> CandidateFit:
