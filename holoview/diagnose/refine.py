@@ -20,19 +20,20 @@ from holoview.model.effects.effect import Effect
 
 
 def refine_fit(context: SearchContext, fit: CandidateFit, *, include_fine: bool = False) -> CandidateFit:
-    """A joint fit of all causes on the fine captures; with tolerant weights alone where that leaves a large error."""
+    """A joint fit of all causes on the fine captures; with tolerant weights alone where that leaves a large error.
+
+    It isn't worse on the coarse captures than the fit that it began with, unless both leave a small error there.
+    """
     config = context.config.fits
     effects = [context.effects[name] for name in fit.causes]
-    indices, values = context.split.fine, fit.values
-    if (error := context.relative_model_error(values)) > config.tolerant_min_error:
-        tolerant, error = _fit_tolerantly(context, effects, fit, error, include_fine)
+    if (error := context.relative_model_error(fit.values)) > config.tolerant_min_error:
+        fit, error = _fit_tolerantly(context, effects, fit, error, include_fine)
         if error > config.far_error:
-            return tolerant
-        values = tolerant.values
-    comparison = context.model_weighted_comparison(indices, values)
+            return fit
+    comparison = context.model_weighted_comparison(context.split.fine, fit.values)
     refined = local_fit(
         effects,
-        values,
+        fit.values,
         comparison,
         config,
         iterations=config.final_iterations,
@@ -41,6 +42,8 @@ def refine_fit(context: SearchContext, fit: CandidateFit, *, include_fine: bool 
     )
     for improve in (refit_with_longer_steps, refine_hard_edges, drop_negligible_values):
         refined = improve(effects, refined, comparison, config)
+    if error > config.tolerant_min_error and context.relative_model_error(refined.values) > error:
+        return fit
     return refined
 
 
@@ -50,13 +53,16 @@ def _fit_tolerantly(
     """A fit that tolerates a share of the present error, and the error that it leaves; repeated while that is large.
 
     Each repetition tolerates less, so that a large fault is approached from further away than one fit comes from.
+    Rough captures can lead astray where another cause is missing; a fit that leaves more than before isn't taken.
     """
     config = context.config.fits
     for _ in range(config.tolerant_rounds):
-        comparison, before = context.half_tolerant_comparison(context.split.fine, error), error
-        fit = local_fit(effects, fit.values, comparison, config, include_fine=include_fine)
-        error = context.relative_model_error(fit.values)
-        if error <= config.far_error or error > config.tolerant_gain * before:
+        comparison = context.half_tolerant_comparison(context.split.fine, error)
+        fitted = local_fit(effects, fit.values, comparison, config, include_fine=include_fine)
+        before, left = error, context.relative_model_error(fitted.values)
+        if left < before:
+            fit, error = fitted, left
+        if error <= config.far_error or left > config.tolerant_gain * before:
             break
     return fit, error
 
